@@ -1,0 +1,171 @@
+//! CiA 402 as the wire of the ECM-SK shows it: statusword, controlword, the state machine's states, the modes.
+//!
+//! Source: CiA 402-2 (IEC 61800-7-201) 7 and 8; what real drives answered is in SK-7 (`...37h` when on).
+
+use core::fmt;
+
+/// Index of the controlword.
+pub const CONTROLWORD: u16 = 0x6040;
+/// Index of the statusword.
+pub const STATUSWORD: u16 = 0x6041;
+/// Index of the modes of operation.
+pub const MODES_OF_OPERATION: u16 = 0x6060;
+/// Index of the error code.
+pub const ERROR_CODE: u16 = 0x603F;
+/// What the second axis of a two-channel HSP adds to every index (SK-3).
+pub const SECOND_AXIS_OFFSET: u16 = 0x800;
+
+/// State of a CiA 402 drive, decoded from its statusword.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DriveState {
+    /// Initialising.
+    NotReadyToSwitchOn,
+    /// Power stage off; the way up starts with Shutdown (0x06).
+    SwitchOnDisabled,
+    /// Waiting for Switch on (0x07).
+    ReadyToSwitchOn,
+    /// Power stage ready, no torque; waiting for Enable operation (0x0F).
+    SwitchedOn,
+    /// The motor follows its targets.
+    OperationEnabled,
+    /// Braking after a quick stop.
+    QuickStopActive,
+    /// Reacting to a fault.
+    FaultReactionActive,
+    /// Faulted; left by a fault reset only.
+    Fault,
+}
+
+impl DriveState {
+    /// The field's name for the state.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NotReadyToSwitchOn => "Not ready to switch on",
+            Self::SwitchOnDisabled => "Switch on disabled",
+            Self::ReadyToSwitchOn => "Ready to switch on",
+            Self::SwitchedOn => "Switched on",
+            Self::OperationEnabled => "Operation enabled",
+            Self::QuickStopActive => "Quick stop active",
+            Self::FaultReactionActive => "Fault reaction active",
+            Self::Fault => "Fault",
+        }
+    }
+}
+
+impl fmt::Display for DriveState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Statusword, object 0x6041.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Statusword(pub u16);
+
+impl Statusword {
+    /// Bit 3: fault.
+    pub const FAULT: u16 = 1 << 3;
+    /// Bit 4: voltage enabled.
+    pub const VOLTAGE_ENABLED: u16 = 1 << 4;
+    /// Bit 5: quick stop (0 = quick stop is active).
+    pub const QUICK_STOP: u16 = 1 << 5;
+    /// Bit 7: warning.
+    pub const WARNING: u16 = 1 << 7;
+    /// Bit 9: remote, the controlword is processed.
+    pub const REMOTE: u16 = 1 << 9;
+    /// Bit 10: target reached.
+    pub const TARGET_REACHED: u16 = 1 << 10;
+    /// Bit 11: internal limit active.
+    pub const INTERNAL_LIMIT: u16 = 1 << 11;
+    /// Bit 12: in CSP, CSV, CST the drive follows its target; in homing: homing attained.
+    pub const BIT12: u16 = 1 << 12;
+    /// Bit 13: in CSP a following error; in homing: homing error.
+    pub const BIT13: u16 = 1 << 13;
+
+    /// The state the word shows, or `None` for a pattern CiA 402 does not define.
+    pub const fn state(self) -> Option<DriveState> {
+        match (self.0 & 0x4F, self.0 & 0x6F) {
+            (0x00, _) => Some(DriveState::NotReadyToSwitchOn),
+            (0x40, _) => Some(DriveState::SwitchOnDisabled),
+            (_, 0x21) => Some(DriveState::ReadyToSwitchOn),
+            (_, 0x23) => Some(DriveState::SwitchedOn),
+            (_, 0x27) => Some(DriveState::OperationEnabled),
+            (_, 0x07) => Some(DriveState::QuickStopActive),
+            (0x0F, _) => Some(DriveState::FaultReactionActive),
+            (0x08, _) => Some(DriveState::Fault),
+            _ => None,
+        }
+    }
+
+    /// Whether the drive is in Operation enabled.
+    pub const fn is_enabled(self) -> bool {
+        self.0 & 0x6F == 0x27
+    }
+}
+
+/// Controlword, object 0x6040: the commands of the CiA 402 state machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Controlword(pub u16);
+
+impl Controlword {
+    /// Disable voltage: to Switch on disabled.
+    pub const DISABLE_VOLTAGE: Self = Self(0x00);
+    /// Shutdown: to Ready to switch on.
+    pub const SHUTDOWN: Self = Self(0x06);
+    /// Switch on (from Operation enabled: Disable operation).
+    pub const SWITCH_ON: Self = Self(0x07);
+    /// Enable operation.
+    pub const ENABLE_OPERATION: Self = Self(0x0F);
+    /// Bit 4: in homing, start.
+    pub const HOMING_START: u16 = 1 << 4;
+    /// Bit 7: fault reset, on its rising edge.
+    pub const FAULT_RESET: u16 = 1 << 7;
+}
+
+/// A mode of operation the ECM-SK uses (0x6060, UG17 2.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Mode {
+    /// Homing.
+    Homing = 6,
+    /// Cyclic synchronous position.
+    Csp = 8,
+    /// Cyclic synchronous velocity.
+    Csv = 9,
+    /// Cyclic synchronous torque.
+    Cst = 10,
+}
+
+impl Mode {
+    /// The mode of an 0x6060 value, `None` for one the ECM-SK does not use.
+    pub const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            6 => Some(Self::Homing),
+            8 => Some(Self::Csp),
+            9 => Some(Self::Csv),
+            10 => Some(Self::Cst),
+            _ => None,
+        }
+    }
+
+    /// The value of 0x6060.
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// The field's abbreviation.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Homing => "HM",
+            Self::Csp => "CSP",
+            Self::Csv => "CSV",
+            Self::Cst => "CST",
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}

@@ -1,0 +1,132 @@
+//! CANopen over EtherCAT: where an object stands and how an SDO transfer fails.
+//!
+//! Used on the wire of the ECM-SK (SDO slot), by the simulated slaves and by every bus; no I/O, no state.
+
+use core::fmt;
+
+/// Where an entry stands in a slave's object dictionary: `0x6041:0` is index 0x6041, sub-index 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ObjectAddress {
+    /// Index, 0x0000..=0xFFFF.
+    pub index: u16,
+    /// Sub-index, 0..=255.
+    pub sub: u8,
+}
+
+impl ObjectAddress {
+    /// `index:sub`.
+    pub const fn new(index: u16, sub: u8) -> Self {
+        Self { index, sub }
+    }
+}
+
+impl fmt::Display for ObjectAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X}:{}", self.index, self.sub)
+    }
+}
+
+/// How many bytes an expedited SDO moves: what the ECM-SK can carry (UG17 2.1.9).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SdoSize {
+    /// 8 bits.
+    One = 1,
+    /// 16 bits.
+    Two = 2,
+    /// 32 bits.
+    Four = 4,
+}
+
+impl SdoSize {
+    /// 1, 2 or 4 bytes; `None` for any other number.
+    pub const fn from_bytes(n: u8) -> Option<Self> {
+        match n {
+            1 => Some(Self::One),
+            2 => Some(Self::Two),
+            4 => Some(Self::Four),
+            _ => None,
+        }
+    }
+
+    /// 1, 2 or 4.
+    pub const fn bytes(self) -> u8 {
+        self as u8
+    }
+
+    /// The bits of a value that this size carries.
+    pub const fn mask(self) -> u32 {
+        match self {
+            Self::One => 0xFF,
+            Self::Two => 0xFFFF,
+            Self::Four => 0xFFFF_FFFF,
+        }
+    }
+}
+
+/// An SDO abort code (ETG.1000.6, table "SDO abort codes"; the same as CiA 301).
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct AbortCode(pub u32);
+
+macro_rules! abort_codes {
+    ($($(#[$meta:meta])* $name:ident = $code:literal, $text:literal;)*) => {
+        impl AbortCode {
+            $(#[doc = $text] pub const $name: Self = Self($code);)*
+
+            /// The standard's text, or `None` for a code it does not define.
+            pub const fn text(self) -> Option<&'static str> {
+                match self.0 {
+                    $($code => Some($text),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+abort_codes! {
+    TOGGLE_BIT = 0x0503_0000, "toggle bit not changed";
+    TIMEOUT = 0x0504_0000, "SDO protocol timeout";
+    COMMAND = 0x0504_0001, "client or server command specifier not valid or unknown";
+    OUT_OF_MEMORY = 0x0504_0005, "out of memory";
+    UNSUPPORTED_ACCESS = 0x0601_0000, "unsupported access to an object";
+    WRITE_ONLY = 0x0601_0001, "attempt to read a write-only object";
+    READ_ONLY = 0x0601_0002, "attempt to write a read-only object";
+    SUB_INDEX_READ_ONLY = 0x0601_0003, "sub-index cannot be written, sub-index 0 must be 0 for write access";
+    COMPLETE_ACCESS = 0x0601_0004, "complete access not supported for objects of variable length";
+    OBJECT_TOO_LONG = 0x0601_0005, "object length exceeds mailbox size";
+    MAPPED = 0x0601_0006, "object mapped to RxPDO, SDO download blocked";
+    NO_OBJECT = 0x0602_0000, "object does not exist in the object dictionary";
+    NOT_MAPPABLE = 0x0604_0041, "object cannot be mapped into the PDO";
+    PDO_LENGTH = 0x0604_0042, "number and length of the objects to be mapped would exceed the PDO length";
+    PARAMETER_INCOMPATIBLE = 0x0604_0043, "general parameter incompatibility";
+    INTERNAL_INCOMPATIBLE = 0x0604_0047, "general internal incompatibility in the device";
+    HARDWARE = 0x0606_0000, "access failed due to a hardware error";
+    LENGTH = 0x0607_0010, "data type does not match, length of service parameter does not match";
+    TOO_LONG = 0x0607_0012, "data type does not match, length of service parameter too high";
+    TOO_SHORT = 0x0607_0013, "data type does not match, length of service parameter too low";
+    NO_SUB_INDEX = 0x0609_0011, "sub-index does not exist";
+    VALUE_RANGE = 0x0609_0030, "value range of parameter exceeded";
+    VALUE_HIGH = 0x0609_0031, "value of parameter written too high";
+    VALUE_LOW = 0x0609_0032, "value of parameter written too low";
+    MAX_LESS_THAN_MIN = 0x0609_0036, "maximum value is less than minimum value";
+    GENERAL = 0x0800_0000, "general error";
+    STORE = 0x0800_0020, "data cannot be transferred or stored to the application";
+    LOCAL_CONTROL = 0x0800_0021, "data cannot be transferred or stored because of local control";
+    DEVICE_STATE = 0x0800_0022, "data cannot be transferred or stored because of the present device state";
+    NO_DICTIONARY = 0x0800_0023, "object dictionary dynamic generation fails or no object dictionary is present";
+}
+
+impl fmt::Display for AbortCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.text() {
+            Some(text) => write!(f, "0x{:08X} ({text})", self.0),
+            None => write!(f, "0x{:08X}", self.0),
+        }
+    }
+}
+
+impl fmt::Debug for AbortCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "AbortCode({self})")
+    }
+}

@@ -1,0 +1,126 @@
+//! What happened to commands, counted, so that nothing is lost in silence.
+
+use std::fmt;
+
+use crate::fieldbus::Ns;
+use crate::sk::{CommandId, Malformed};
+
+/// Why a command was not executed (SK-4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Reason {
+    /// The id is none of the 22.
+    UnknownId,
+    /// The command does not belong into that kind of slot, or does not suit that kind of slave.
+    WrongSlot,
+    /// The state does not allow it.
+    WrongState,
+    /// An argument no guide allows.
+    BadArgument(Malformed),
+    /// CSP, CSV or CST in another mode than DRIVE_MODE's or 0x6060's.
+    WrongMode,
+    /// An SDO transfer is under way.
+    SdoBusy,
+    /// GO_HOME for a drive that is not in mode 6.
+    NotInHomingMode,
+    /// GO_HOME while another slave is homing.
+    HomingElsewhere,
+}
+
+impl Reason {
+    /// Kinds of reason.
+    pub const KINDS: usize = 8;
+
+    /// Names of the kinds, in the order of [`Counters::rejected`].
+    pub const NAMES: [&'static str; Self::KINDS] = [
+        "unknown_id",
+        "wrong_slot",
+        "wrong_state",
+        "bad_argument",
+        "wrong_mode",
+        "sdo_busy",
+        "not_in_homing_mode",
+        "homing_elsewhere",
+    ];
+
+    /// Index into [`Counters::rejected`].
+    pub const fn kind(self) -> usize {
+        match self {
+            Self::UnknownId => 0,
+            Self::WrongSlot => 1,
+            Self::WrongState => 2,
+            Self::BadArgument(_) => 3,
+            Self::WrongMode => 4,
+            Self::SdoBusy => 5,
+            Self::NotInHomingMode => 6,
+            Self::HomingElsewhere => 7,
+        }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownId => f.write_str("no such command"),
+            Self::WrongSlot => f.write_str("not a command for this slot or this kind of slave"),
+            Self::WrongState => f.write_str("not allowed in this state"),
+            Self::BadArgument(what) => what.fmt(f),
+            Self::WrongMode => f.write_str("the drive is in another mode (see DRIVE_MODE and 0x6060)"),
+            Self::SdoBusy => f.write_str("an SDO transfer is under way"),
+            Self::NotInHomingMode => f.write_str("the drive is not in homing mode (write 0x6060 = 6 first)"),
+            Self::HomingElsewhere => f.write_str("another slave is homing"),
+        }
+    }
+}
+
+/// A rejected command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rejection {
+    /// When, in board time.
+    pub at: Ns,
+    /// Slot it stood in.
+    pub slot: u8,
+    /// Its id.
+    pub id: CommandId,
+    /// Why.
+    pub reason: Reason,
+}
+
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} in slot {} rejected at {} us: {}", self.id, self.slot, self.at / 1000, self.reason)
+    }
+}
+
+/// Counters of a board since it booted, outside the wire.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Command frames that arrived.
+    pub frames: u64,
+    /// Reports made.
+    pub reports: u64,
+    /// Commands rejected, by [`Reason::kind`].
+    pub rejected: [u64; Reason::KINDS],
+    /// Commands that came for a slave while it was homing.
+    pub ignored_homing: u64,
+    /// Targets that came before Operation enabled.
+    pub discarded_before_enabled: u64,
+    /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
+    pub cleared: u64,
+    /// Frames that found the FIFO full.
+    pub full: u64,
+    /// Frames with a wrong CRC.
+    pub crc: u64,
+    /// Frames that did not arrive completely.
+    pub incomplete: u64,
+    /// FIFO entries executed.
+    pub executed: u64,
+    /// Cycles in OP in which the FIFO was empty.
+    pub underruns: u64,
+}
+
+impl Counters {
+    /// All rejections.
+    pub fn rejected_total(&self) -> u64 {
+        self.rejected.iter().sum()
+    }
+}

@@ -1,0 +1,320 @@
+//! How the EC01M model reaches its slaves: the seam behind which a simulator, an ECM-XF or a network card stands.
+//!
+//! A bus never blocks and never asks for the time: what takes long (scan, configure, states, SDO) is started as a
+//! [`Job`] and polled; process data are pushed and polled once a cycle. Who owns the cycle differs and is said by
+//! [`Fieldbus::pacing`]:
+//!
+//! - [`Pacing::Runner`]: our runner decides when a cycle is; one [`Outputs`] goes in, one [`CycleDone`] comes out.
+//! - [`Pacing::Bus`]: the bus runs its own cycle and takes outputs ahead, up to a depth. One poll may find that any
+//!   number of cycles have passed, and the inputs of a cycle belong to outputs pushed some cycles ago, whose id rides
+//!   along.
+
+#[cfg(feature = "sim")]
+pub mod sim;
+
+use crate::cia402::{Controlword, Mode, Statusword};
+use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::sk::{CycleTime, DriveSync};
+
+/// Slaves a board can drive at most (12-byte slots).
+pub const MAX_SLAVES: usize = 40;
+/// Axes of one slave at most: a two-channel HSP has two.
+pub const MAX_AXES: usize = 2;
+
+/// A point in the board's time, nanoseconds since it was switched on, or a span of it.
+pub type Ns = u64;
+
+/// Who owns the cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pacing {
+    /// Our runner: one push and one poll a cycle.
+    Runner,
+    /// The bus, which takes up to `depth` outputs ahead.
+    Bus {
+        /// Outputs the bus can hold.
+        depth: u16,
+    },
+}
+
+/// EtherCAT state of a slave (AL state).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum AlState {
+    /// Init: no mailbox, no process data.
+    #[default]
+    Init = 1,
+    /// Pre-operational: mailbox.
+    PreOp = 2,
+    /// Safe-operational: mailbox and inputs.
+    SafeOp = 4,
+    /// Operational: mailbox, inputs and outputs.
+    Op = 8,
+}
+
+/// A set of slaves, numbered from 1 in the order of the cable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SlaveSet(u64);
+
+impl SlaveSet {
+    /// No slave.
+    pub const EMPTY: Self = Self(0);
+
+    /// Slaves 1..=n.
+    pub const fn first(n: u8) -> Self {
+        Self((1 << n as u64) - 1)
+    }
+
+    /// Whether `slave` (from 1) is in the set.
+    pub const fn contains(self, slave: u8) -> bool {
+        slave >= 1 && self.0 & (1 << (slave as u64 - 1)) != 0
+    }
+
+    /// Puts `slave` (from 1) in.
+    pub const fn insert(&mut self, slave: u8) {
+        self.0 |= 1 << (slave as u64 - 1);
+    }
+
+    /// Takes `slave` (from 1) out.
+    pub const fn remove(&mut self, slave: u8) {
+        self.0 &= !(1 << (slave as u64 - 1));
+    }
+
+    /// Whether there is no slave in it.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// How many slaves are in it.
+    pub const fn len(self) -> u8 {
+        self.0.count_ones() as u8
+    }
+
+    /// The slaves in order.
+    pub fn iter(self) -> impl Iterator<Item = u8> {
+        (1..=MAX_SLAVES as u8).filter(move |slave| self.contains(*slave))
+    }
+}
+
+/// What a slave is used as; it fixes its process data (SK-7, table).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// Not used: stays in PreOP.
+    Unused,
+    /// Servo drive in CSP, CSV or CST.
+    Drive(Mode),
+    /// Stepper, CSP.
+    Step(Mode),
+    /// Pulse module in CSP or CSV.
+    Hsp(Mode),
+    /// 16 + 16 inputs and outputs.
+    Io,
+}
+
+/// How one slave is to be configured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlaveConfig {
+    /// What it is used as.
+    pub role: Role,
+    /// Its synchronisation.
+    pub sync: DriveSync,
+}
+
+/// What a bus needs to know before SafeOP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BusConfig {
+    /// EtherCAT cycle in OP.
+    pub cycle: CycleTime,
+    /// Slave n is `slaves[n - 1]`; entries beyond the slaves found are without effect.
+    pub slaves: [SlaveConfig; MAX_SLAVES],
+}
+
+/// An SDO transfer of up to 4 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SdoRequest {
+    /// Slave, from 1. It may be absent: the transfer then ends in a timeout.
+    pub slave: u8,
+    /// Object.
+    pub object: ObjectAddress,
+    /// `None`: read. `Some`: write that many bytes of that value.
+    pub write: Option<(SdoSize, u32)>,
+    /// After this time without an answer the transfer ends with [`AbortCode::TIMEOUT`].
+    pub timeout_ns: Ns,
+}
+
+/// Something that takes more than a cycle. A bus does one at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(clippy::large_enum_variant, reason = "a job is made a few times in a board's life and never stored in bulk")]
+pub enum Job {
+    /// Find the slaves. Whatever was configured before is forgotten, and every slave goes to Init.
+    Scan,
+    /// Map the process data and write the mode, in PreOP.
+    Configure(BusConfig),
+    /// Bring these slaves to a state.
+    State {
+        /// The state.
+        target: AlState,
+        /// Who.
+        slaves: SlaveSet,
+        /// After this time the change has failed.
+        timeout_ns: Ns,
+    },
+    /// Move an SDO.
+    Sdo(SdoRequest),
+}
+
+/// How a job ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JobDone {
+    /// That many slaves were found, 0..=40.
+    Scan {
+        /// Slaves.
+        found: u8,
+    },
+    /// The slaves are configured, or the first one that refused.
+    Configure(Result<(), Refusal>),
+    /// The slaves are in the state asked for, or the first one that is not.
+    State(Result<(), Refusal>),
+    /// The value (read: zero-extended; written: as requested), or the abort code.
+    Sdo(Result<u32, AbortCode>),
+}
+
+/// A slave that does not follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Slave, from 1.
+    pub slave: u8,
+    /// Its AL status code (ETG.1000.6 table 11), 0 if it said nothing.
+    pub al_status: u16,
+    /// The SDO that it aborted, if it was one.
+    pub abort: Option<(ObjectAddress, AbortCode)>,
+}
+
+/// The bus is at another job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Busy;
+
+/// What the master sends to one axis in a cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AxisOut {
+    /// 0x6040.
+    pub controlword: Controlword,
+    /// Digital outputs: 0x60FE of an HSP, the 16 outputs of an IO slave.
+    pub outputs: u16,
+    /// The target that the role maps: 0x607A in CSP (counts), 0x60FF in CSV, 0x6071 in CST (0.1 % of rated torque).
+    pub target: i32,
+}
+
+/// What one axis sends back in a cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AxisIn {
+    /// 0x6041.
+    pub statusword: Statusword,
+    /// 0x6077, 0.1 % of rated torque.
+    pub torque: i16,
+    /// 0x6064, counts.
+    pub position: i32,
+    /// 0x603F.
+    pub error_code: u16,
+    /// Digital inputs: 0x60FD of an HSP, the 16 inputs of an IO slave.
+    pub inputs: u16,
+}
+
+/// Process data to one slave.
+pub type SlaveOut = [AxisOut; MAX_AXES];
+/// Process data from one slave.
+pub type SlaveIn = [AxisIn; MAX_AXES];
+
+/// Process data of one cycle to all slaves.
+#[derive(Clone, Debug)]
+pub struct Outputs {
+    /// The engine's number for this set; it comes back in [`CycleDone::outputs`].
+    pub id: u64,
+    /// Slave n is `slaves[n - 1]`.
+    pub slaves: [SlaveOut; MAX_SLAVES],
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        Self { id: 0, slaves: [[AxisOut::default(); MAX_AXES]; MAX_SLAVES] }
+    }
+}
+
+/// Process data of one cycle from all slaves.
+#[derive(Clone, Debug)]
+pub struct Inputs {
+    /// Slave n is `slaves[n - 1]`; a slave that did not answer keeps what stood here.
+    pub slaves: [SlaveIn; MAX_SLAVES],
+    /// Slaves that did not answer in this cycle although they were found.
+    pub lost: SlaveSet,
+}
+
+impl Default for Inputs {
+    fn default() -> Self {
+        Self { slaves: [[AxisIn::default(); MAX_AXES]; MAX_SLAVES], lost: SlaveSet::EMPTY }
+    }
+}
+
+/// A cycle that has passed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CycleDone {
+    /// When it was, in board time.
+    pub at: Ns,
+    /// The outputs that this cycle carried; `None`: the bus had none and repeated the last ones.
+    pub outputs: Option<u64>,
+    /// Working counter of the process data.
+    pub working_counter: u16,
+    /// The working counter if every slave answers.
+    pub expected_working_counter: u16,
+    /// When the bus would like the next cycle (distributed clocks may nudge our runner); `None`: as planned.
+    pub next_deadline: Option<Ns>,
+}
+
+/// Why a bus takes no outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BusError {
+    /// No room: [`Fieldbus::room`] was 0.
+    #[error("the bus takes no more outputs ahead (it holds {held}); push again when a cycle has passed")]
+    Full {
+        /// Outputs held.
+        held: u16,
+    },
+    /// There is no bus: cable cut before the first slave, interface down.
+    #[error("the bus is down; check the cable to the first slave")]
+    Down,
+}
+
+/// A way to run an EtherCAT network. See the module's page for who calls what when.
+pub trait Fieldbus: Send {
+    /// Who owns the cycle. Never changes.
+    fn pacing(&self) -> Pacing;
+
+    /// Starts a job.
+    ///
+    /// # Errors
+    /// [`Busy`] while another one is under way.
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
+
+    /// The end of the job under way, once.
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone>;
+
+    /// Gives up the job under way, if any; it then never ends.
+    fn cancel_job(&mut self);
+
+    /// Sets of outputs the bus would take now. [`Pacing::Runner`]: 1, or 0 while the bus is down.
+    fn room(&self) -> u16;
+
+    /// Sets of outputs taken and not yet sent.
+    fn held(&self) -> u16;
+
+    /// Throws away the outputs held and says how many they were.
+    fn discard_ahead(&mut self) -> u16;
+
+    /// Hands outputs over.
+    ///
+    /// # Errors
+    /// [`BusError`] if there is no room or no bus; nothing was taken then.
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError>;
+
+    /// The next cycle that has passed by `now`, with what the slaves sent in it; `None`: none (any more).
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
+}

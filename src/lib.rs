@@ -1,0 +1,15 @@
+//! The ECM-SK (chip EC01M), an EtherCAT master on a board: its protocol, its exact software model, links to it.
+#![cfg_attr(not(feature = "std"), no_std)]
+
+pub mod cia402;
+pub mod coe;
+pub mod sk;
+
+#[cfg(feature = "std")]
+pub mod engine;
+#[cfg(feature = "std")]
+pub mod fieldbus;
+#[cfg(feature = "std")]
+pub mod link;
+#[cfg(feature = "sim")]
+pub mod slave;

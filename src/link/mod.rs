@@ -1,0 +1,193 @@
+//! How a host talks to one ECM: the seam [`Link`], the URI that names one, and the links and wrappers there are.
+
+pub mod uri;
+
+use std::time::Duration;
+
+use crate::sk::{Frame, SlotSize};
+
+/// How long a call may wait.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wait {
+    /// Until it is done, the board is lost or the link is closed.
+    Forever,
+    /// At most that long.
+    For(Duration),
+    /// Not at all.
+    Now,
+}
+
+/// Which direction of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dir {
+    /// Commands to the board.
+    Write,
+    /// Reports from the board.
+    Read,
+}
+
+impl std::fmt::Display for Dir {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Write => "write",
+            Self::Read => "read",
+        })
+    }
+}
+
+/// What a link says of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LinkInfo {
+    /// The URI in its normal form.
+    pub name: String,
+    /// The board's slot size, if the link knows it.
+    pub slot: Option<SlotSize>,
+    /// Whether time is virtual: it passes by calls only, and no wait takes real time.
+    pub virtual_time: bool,
+    /// Default limit of a read, from `read_timeout_ms`.
+    pub read_wait: Wait,
+    /// Default limit of a write, from `write_timeout_ms`.
+    pub write_wait: Wait,
+}
+
+/// When a command frame was handed over: nanoseconds on the link's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Stamp(pub u64);
+
+/// What is known of a report besides its bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadMeta {
+    /// When it was made, on the link's clock.
+    pub at: Stamp,
+    /// Its number since the link was opened, from 0; a gap means reports that were dropped.
+    pub sequence: u64,
+    /// Reports dropped so far because nobody read them.
+    pub dropped: u64,
+}
+
+/// Counters of a link since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkStats {
+    /// Frames written.
+    pub written: u64,
+    /// Reports handed out.
+    pub read: u64,
+    /// Reports dropped because nobody read them (the oldest goes first).
+    pub reports_dropped: u64,
+    /// Writes that ended with an error.
+    pub write_errors: u64,
+    /// Reads that ended with an error.
+    pub read_errors: u64,
+    /// Frames that a recording could not take.
+    pub record_dropped: u64,
+    /// The board's own counters, where the link can see them (the engine's links).
+    pub board: Option<crate::engine::Counters>,
+}
+
+/// Why a link call failed. Every variant says what happened, to what, and what to do.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LinkError {
+    /// The URI or one of its keys is wrong.
+    #[error(transparent)]
+    Uri(#[from] uri::UriError),
+    /// The link is not part of this build, or not yet of any.
+    #[error("link `{scheme}:` is not in this build; {hint}")]
+    Unsupported {
+        /// Scheme.
+        scheme: String,
+        /// What to do.
+        hint: String,
+    },
+    /// No board answers.
+    #[error("no board at `{name}`: {reason}")]
+    NoBoard {
+        /// Which link.
+        name: String,
+        /// What was found instead and what to do.
+        reason: String,
+    },
+    /// Somebody else has it open.
+    #[error("`{name}` is in use{by}; close it there, or give this board a `name=` of its own")]
+    InUse {
+        /// Which link.
+        name: String,
+        /// By whom, ` by ...`, where known.
+        by: String,
+    },
+    /// The wait's limit has passed.
+    #[error("{dir} timed out after {waited:?}: {what}")]
+    Timeout {
+        /// Which call.
+        dir: Dir,
+        /// The limit.
+        waited: Duration,
+        /// What was waited for.
+        what: &'static str,
+    },
+    /// No report will come by itself: on a virtual clock nothing else can happen while one waits.
+    #[error(
+        "the board has been silent since {since_ns} ns of its time ({cycles} cycles); plug the cable to the first slave, then read again"
+    )]
+    Silent {
+        /// When the last report was made.
+        since_ns: u64,
+        /// Cycles without one.
+        cycles: u64,
+    },
+    /// The board went away (unplugged, SW_RESET).
+    #[error("the board at `{name}` is gone: {reason}; open it again")]
+    Lost {
+        /// Which link.
+        name: String,
+        /// Why.
+        reason: &'static str,
+    },
+    /// The link was closed, by this or another thread.
+    #[error("the link is closed; open it first")]
+    Closed,
+    /// The call was ended by [`Link::cancel`].
+    #[error("the {dir} was cancelled")]
+    Cancelled {
+        /// Which call.
+        dir: Dir,
+    },
+    /// The operating system said no.
+    #[error("{what}: {message}")]
+    Io {
+        /// What was tried, on what.
+        what: String,
+        /// The system's words.
+        message: String,
+    },
+}
+
+/// A way to exchange frames with one ECM.
+///
+/// Frames move whole and untouched. Reader, writer and closer may be three threads; every wait ends by its limit, by
+/// loss of the board or by [`Link::close`].
+pub trait Link: Send + Sync {
+    /// What the link is.
+    fn info(&self) -> LinkInfo;
+
+    /// Hands a command frame to the board.
+    ///
+    /// # Errors
+    /// [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`], [`LinkError::Cancelled`], [`LinkError::Io`];
+    /// the frame was not taken then.
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
+
+    /// The oldest report not yet read; `out` is left alone if there is none.
+    ///
+    /// # Errors
+    /// As [`Link::write`], and [`LinkError::Silent`] on a virtual clock.
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError>;
+
+    /// Ends the waits under way in one direction, at once; later calls are not touched.
+    fn cancel(&self, dir: Dir);
+
+    /// Ends every wait and gives the board back. Closing twice is harmless.
+    fn close(&self);
+
+    /// Counters since the link was opened.
+    fn stats(&self) -> LinkStats;
+}

@@ -1,0 +1,1 @@
+//! A readable line per slot.

@@ -1,0 +1,141 @@
+//! A frame: the 512 bytes that travel each way, and views of them by slot size.
+
+use super::crc::{CRC_BYTE, CrcError, CrcPolicy, frame_crc};
+use super::slot::{RawSlot, Slot12, Slot16, SlotSize, Slots};
+use super::{MasterCommand, SdoCommand, SlotCommand};
+
+/// Bytes of a USB report; a 12-byte board uses the first 504 of them.
+pub const FRAME_LEN: usize = 512;
+
+/// One command or response frame, 512 bytes, carried whole whatever the slot size.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Frame {
+    bytes: [u8; FRAME_LEN],
+}
+
+impl Frame {
+    /// All zero: GET_STATUS in every slot, no CRC.
+    pub const fn new() -> Self {
+        Self { bytes: [0; FRAME_LEN] }
+    }
+
+    /// The bytes given, as they are.
+    pub const fn from_bytes(bytes: [u8; FRAME_LEN]) -> Self {
+        Self { bytes }
+    }
+
+    /// The first 512 of `bytes`; where there are fewer the rest is 0.
+    pub fn from_prefix(bytes: &[u8]) -> Self {
+        let mut frame = Self::new();
+        let n = bytes.len().min(FRAME_LEN);
+        frame.bytes[..n].copy_from_slice(&bytes[..n]);
+        frame
+    }
+
+    /// All 512 bytes.
+    pub const fn bytes(&self) -> &[u8; FRAME_LEN] {
+        &self.bytes
+    }
+
+    /// All 512 bytes, to be changed.
+    pub const fn bytes_mut(&mut self) -> &mut [u8; FRAME_LEN] {
+        &mut self.bytes
+    }
+
+    /// The bytes that count for a board of this slot size: 504 or 512.
+    pub fn wire(&self, size: SlotSize) -> &[u8] {
+        &self.bytes[..size.frame_len()]
+    }
+
+    /// The slots, seen in place.
+    pub fn slots(&self, size: SlotSize) -> Slots<'_> {
+        match size {
+            SlotSize::Bytes12 => Slots::Narrow(bytemuck::from_bytes(&self.bytes[..size_of::<[Slot12; 42]>()])),
+            SlotSize::Bytes16 => Slots::Wide(bytemuck::from_bytes(&self.bytes[..size_of::<[Slot16; 32]>()])),
+        }
+    }
+
+    /// Slot `i` as numbers.
+    ///
+    /// # Panics
+    /// If a frame of this size has no slot `i`.
+    pub fn slot(&self, size: SlotSize, i: usize) -> RawSlot {
+        self.slots(size).get(i)
+    }
+
+    /// Writes slot `i`, all its bytes; in 12-byte mode `data3` has no place and is left out.
+    ///
+    /// # Panics
+    /// If a frame of this size has no slot `i`.
+    pub fn put(&mut self, size: SlotSize, i: usize, slot: &RawSlot) {
+        assert!(i < size.slots(), "slot {i} of {}", size.slots());
+        let at = i * size.bytes();
+        match size {
+            SlotSize::Bytes12 => self.bytes[at..at + 12].copy_from_slice(bytemuck::bytes_of(&slot.to_narrow())),
+            SlotSize::Bytes16 => self.bytes[at..at + 16].copy_from_slice(bytemuck::bytes_of(&slot.to_wide())),
+        }
+    }
+
+    /// Writes a command for the board itself into slot 0; byte 3, the CRC, is set to 0.
+    pub fn put_master(&mut self, size: SlotSize, command: &MasterCommand) {
+        self.put(size, 0, &command.encode());
+    }
+
+    /// Writes a command for a slave, 1..=40 (30).
+    ///
+    /// # Panics
+    /// If a frame of this size has no slot for that slave.
+    pub fn put_slave(&mut self, size: SlotSize, slave: usize, command: &SlotCommand) {
+        assert!((1..=size.max_slaves()).contains(&slave), "slave {slave} of {}", size.max_slaves());
+        self.put(size, slave, &command.encode());
+    }
+
+    /// Writes a command into the SDO slot.
+    pub fn put_sdo(&mut self, size: SlotSize, command: &SdoCommand) {
+        self.put(size, size.sdo_slot(), &command.encode());
+    }
+
+    /// Byte 3.
+    pub const fn crc_byte(&self) -> u8 {
+        self.bytes[CRC_BYTE]
+    }
+
+    /// The CRC-8 that belongs into byte 3.
+    pub fn crc(&self, size: SlotSize) -> u8 {
+        frame_crc(self.wire(size))
+    }
+
+    /// Puts the CRC-8 into byte 3. Do it last.
+    pub fn fill_crc(&mut self, size: SlotSize) {
+        self.bytes[CRC_BYTE] = self.crc(size);
+    }
+
+    /// Checks byte 3.
+    ///
+    /// # Errors
+    /// [`CrcError`] if byte 3 is not the frame's CRC; under [`CrcPolicy::AbsentAllowed`] a 0 passes.
+    pub fn check_crc(&self, size: SlotSize, policy: CrcPolicy) -> Result<(), CrcError> {
+        let found = self.crc_byte();
+        if found == 0 && policy == CrcPolicy::AbsentAllowed {
+            return Ok(());
+        }
+        let expected = self.crc(size);
+        if found == expected { Ok(()) } else { Err(CrcError { expected, found }) }
+    }
+}
+
+impl Default for Frame {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl core::fmt::Debug for Frame {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "Frame[")?;
+        for byte in self.bytes.iter().take(16) {
+            write!(f, "{byte:02x}")?;
+        }
+        write!(f, "..]")
+    }
+}

@@ -1,0 +1,78 @@
+//! The ids of the 22 commands (UG17 1.8, table 1.3).
+
+use core::fmt;
+
+macro_rules! command_ids {
+    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
+        /// Byte 0 of a command slot. Any byte is one: a code that no guide lists survives as [`CommandId::Unknown`].
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum CommandId {
+            $($(#[$doc])* #[doc = concat!("`", $text, "`, ", stringify!($code), ".")] #[doc(alias = $text)] $name,)*
+            /// A code that is none of the 22.
+            Unknown(u8),
+        }
+
+        impl CommandId {
+            /// The 22 commands in the order of their codes.
+            pub const ALL: [Self; 22] = [$(Self::$name,)*];
+
+            /// The id with that code.
+            pub const fn from_code(code: u8) -> Self {
+                match code {
+                    $($code => Self::$name,)*
+                    other => Self::Unknown(other),
+                }
+            }
+
+            /// The code on the wire.
+            pub const fn code(self) -> u8 {
+                match self {
+                    $(Self::$name => $code,)*
+                    Self::Unknown(code) => code,
+                }
+            }
+
+            /// The guides' name, `UNKNOWN` for a code they do not list.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$name => $text,)*
+                    Self::Unknown(_) => "UNKNOWN",
+                }
+            }
+        }
+    };
+}
+
+command_ids! {
+    GetStatus = 0x00, "GET_STATUS";
+    SetState = 0x01, "SET_STATE";
+    SetAxis = 0x02, "SET_AXIS";
+    SetDc = 0x03, "SET_DC";
+    SetEx = 0x04, "SET_EX";
+    SetFifo = 0x05, "SET_FIFO";
+    DriveMode = 0x06, "DRIVE_MODE";
+    SdoRead = 0x07, "SDO_RD";
+    SdoWrite = 0x08, "SDO_WR";
+    AlarmClear = 0x10, "ALM_CLR";
+    ServoOn = 0x11, "SV_ON";
+    ServoOff = 0x12, "SV_OFF";
+    IoRead = 0x13, "IO_RD";
+    IoWrite = 0x14, "IO_WR";
+    Csp = 0x15, "CSP";
+    Csv = 0x16, "CSV";
+    Cst = 0x17, "CST";
+    GoHome = 0x18, "GO_HOME";
+    AbortHome = 0x19, "ABORT_HOME";
+    LocalRead = 0x21, "LIO_RD";
+    LocalWrite = 0x22, "LIO_WR";
+    SoftReset = 0xBB, "SW_RESET";
+}
+
+impl fmt::Display for CommandId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown(code) => write!(f, "UNKNOWN(0x{code:02X})"),
+            known => f.write_str(known.name()),
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! A slot as bytes: 12 or 16 of them, a value of run time, and the layouts that lie in it.
+
+use bytemuck::{Pod, Zeroable};
+
+/// An unsigned or signed little-endian integer that may stand at any address.
+macro_rules! little_endian {
+    ($($(#[$doc:meta])* $name:ident($int:ty, $n:literal);)*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+        #[repr(transparent)]
+        pub struct $name([u8; $n]);
+
+        impl $name {
+            /// From the host's order.
+            pub const fn new(value: $int) -> Self {
+                Self(value.to_le_bytes())
+            }
+
+            /// In the host's order.
+            pub const fn get(self) -> $int {
+                <$int>::from_le_bytes(self.0)
+            }
+        }
+
+        impl From<$int> for $name {
+            fn from(value: $int) -> Self {
+                Self::new(value)
+            }
+        }
+    )*};
+}
+
+little_endian! {
+    /// `u16`, little endian, alignment 1.
+    U16Le(u16, 2);
+    /// `u32`, little endian, alignment 1.
+    U32Le(u32, 4);
+    /// `i32`, little endian, alignment 1.
+    I32Le(i32, 4);
+}
+
+/// How many bytes a slot has: CONFIG2 of the board, a value of run time (SK-1).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SlotSize {
+    /// 12 bytes: 42 slots, 504 bytes, up to 40 slaves (CONFIG2 low or floating, the default).
+    #[default]
+    Bytes12,
+    /// 16 bytes: 32 slots, 512 bytes, up to 30 slaves (CONFIG2 high).
+    Bytes16,
+}
+
+impl SlotSize {
+    /// Both sizes.
+    pub const ALL: [Self; 2] = [Self::Bytes12, Self::Bytes16];
+
+    /// 12 or 16.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::Bytes12 => 12,
+            Self::Bytes16 => 16,
+        }
+    }
+
+    /// The size with that number of bytes, if there is one.
+    pub const fn from_bytes(n: usize) -> Option<Self> {
+        match n {
+            12 => Some(Self::Bytes12),
+            16 => Some(Self::Bytes16),
+            _ => None,
+        }
+    }
+
+    /// Slots of a frame: 42 or 32 (`DEF_MA_MAX`).
+    #[doc(alias = "DEF_MA_MAX")]
+    pub const fn slots(self) -> usize {
+        match self {
+            Self::Bytes12 => 42,
+            Self::Bytes16 => 32,
+        }
+    }
+
+    /// Bytes of a frame: 504 or 512.
+    pub const fn frame_len(self) -> usize {
+        self.bytes() * self.slots()
+    }
+
+    /// Slaves a board can drive: 40 or 30.
+    pub const fn max_slaves(self) -> usize {
+        self.slots() - 2
+    }
+
+    /// The slot for SDO transfers, the last one: 41 or 31.
+    pub const fn sdo_slot(self) -> usize {
+        self.slots() - 1
+    }
+}
+
+/// The twelve bytes that every slot has: `u16 CMD` (as two bytes), `u16 Parm`, `u32 Data1`, `u32 Data2`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Slot12 {
+    /// Byte 0: command id (low byte of `CMD`).
+    pub id: u8,
+    /// Byte 1: command index, mode or error code (high byte of `CMD`).
+    pub index: u8,
+    /// Bytes 2..3. In slot 0 byte 2 is an argument and byte 3 the CRC: never compare them as one number there.
+    pub parm: U16Le,
+    /// Bytes 4..7.
+    pub data1: U32Le,
+    /// Bytes 8..11.
+    pub data2: U32Le,
+}
+
+/// A slot of 16 bytes: the twelve and `u32 Data3`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Slot16 {
+    /// Bytes 0..11.
+    pub slot: Slot12,
+    /// Bytes 12..15, reserved but for the two-channel HSP.
+    pub data3: U32Le,
+}
+
+/// The layout of a two-channel HSP in a 16-byte slot, both ways (UG17 2.1.15, table 2.16).
+///
+/// A command's fields are targets and outputs, a response's positions and inputs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TwoChannelSlot {
+    /// Byte 0: command id.
+    pub id: u8,
+    /// Byte 1: command index or mode.
+    pub index: u8,
+    /// Bytes 2..3: statusword of axis 1 in a response.
+    pub parm: U16Le,
+    /// Bytes 4..7: target or position of axis 1.
+    pub counts1: I32Le,
+    /// Bytes 8..9: outputs or inputs of axis 1.
+    pub bits1: U16Le,
+    /// Bytes 10..13: target or position of axis 2 (unaligned).
+    pub counts2: I32Le,
+    /// Bytes 14..15: outputs or inputs of axis 2.
+    pub bits2: U16Le,
+}
+
+const _: () = assert!(size_of::<Slot12>() == 12 && align_of::<Slot12>() == 1);
+const _: () = assert!(size_of::<Slot16>() == 16 && align_of::<Slot16>() == 1);
+const _: () = assert!(size_of::<TwoChannelSlot>() == 16 && align_of::<TwoChannelSlot>() == 1);
+const _: () = assert!(size_of::<Slot12>() * 42 == 504 && size_of::<Slot16>() * 32 == 512);
+const _: () = assert!(SlotSize::Bytes12.frame_len() == 504 && SlotSize::Bytes16.frame_len() == 512);
+
+/// A slot's content as numbers of the host, the same for both sizes; `data3` is 0 in 12-byte mode.
+///
+/// It is what survives when a slot cannot be given a meaning.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct RawSlot {
+    /// Byte 0: command id.
+    pub id: u8,
+    /// Byte 1: command index, mode or error code.
+    pub index: u8,
+    /// Bytes 2..3.
+    #[doc(alias = "Pram")]
+    pub parm: u16,
+    /// Bytes 4..7.
+    pub data1: u32,
+    /// Bytes 8..11.
+    pub data2: u32,
+    /// Bytes 12..15.
+    pub data3: u32,
+}
+
+impl RawSlot {
+    /// All zero: GET_STATUS, a slot that asks for nothing.
+    pub const ZERO: Self = Self { id: 0, index: 0, parm: 0, data1: 0, data2: 0, data3: 0 };
+
+    /// As the two-channel layout sees the same 16 bytes.
+    pub fn two_channel(&self) -> TwoChannelSlot {
+        bytemuck::cast(self.to_wide())
+    }
+
+    /// From the two-channel layout.
+    pub fn from_two_channel(slot: TwoChannelSlot) -> Self {
+        Self::from(&bytemuck::cast::<_, Slot16>(slot))
+    }
+
+    /// Bits 0..15 of `data2`: bytes 8..9.
+    pub const fn data2_low(&self) -> u16 {
+        self.data2 as u16
+    }
+
+    /// Bits 16..31 of `data2`: bytes 10..11.
+    pub const fn data2_high(&self) -> u16 {
+        (self.data2 >> 16) as u16
+    }
+
+    /// The first twelve bytes as they stand on the wire.
+    pub fn to_narrow(&self) -> Slot12 {
+        Slot12 {
+            id: self.id,
+            index: self.index,
+            parm: self.parm.into(),
+            data1: self.data1.into(),
+            data2: self.data2.into(),
+        }
+    }
+
+    /// The sixteen bytes as they stand on the wire.
+    pub fn to_wide(&self) -> Slot16 {
+        Slot16 { slot: self.to_narrow(), data3: self.data3.into() }
+    }
+}
+
+impl From<&Slot12> for RawSlot {
+    fn from(s: &Slot12) -> Self {
+        Self { id: s.id, index: s.index, parm: s.parm.get(), data1: s.data1.get(), data2: s.data2.get(), data3: 0 }
+    }
+}
+
+impl From<&Slot16> for RawSlot {
+    fn from(s: &Slot16) -> Self {
+        Self { data3: s.data3.get(), ..Self::from(&s.slot) }
+    }
+}
+
+/// A frame's slots, seen in place.
+#[derive(Clone, Copy, Debug)]
+pub enum Slots<'a> {
+    /// 42 slots of 12 bytes.
+    Narrow(&'a [Slot12; 42]),
+    /// 32 slots of 16 bytes.
+    Wide(&'a [Slot16; 32]),
+}
+
+impl<'a> Slots<'a> {
+    /// The content of slot `i`.
+    ///
+    /// # Panics
+    /// If the frame has no slot `i`.
+    pub fn get(&self, i: usize) -> RawSlot {
+        match self {
+            Self::Narrow(s) => RawSlot::from(&s[i]),
+            Self::Wide(s) => RawSlot::from(&s[i]),
+        }
+    }
+
+    /// The first twelve bytes of slot `i`, in place.
+    ///
+    /// # Panics
+    /// If the frame has no slot `i`.
+    pub fn head(&self, i: usize) -> &'a Slot12 {
+        match self {
+            Self::Narrow(s) => &s[i],
+            Self::Wide(s) => &s[i].slot,
+        }
+    }
+
+    /// All slots in order.
+    pub fn iter(&self) -> impl Iterator<Item = RawSlot> + use<'a> {
+        let slots = *self;
+        let n = match slots {
+            Self::Narrow(_) => 42,
+            Self::Wide(_) => 32,
+        };
+        (0..n).map(move |i| slots.get(i))
+    }
+}

@@ -24,11 +24,13 @@ pub enum Reason {
     NotInHomingMode,
     /// GO_HOME while another slave is homing.
     HomingElsewhere,
+    /// There is no slave at that place, or it is declared as none.
+    NoSlave,
 }
 
 impl Reason {
     /// Kinds of reason.
-    pub const KINDS: usize = 8;
+    pub const KINDS: usize = 9;
 
     /// Names of the kinds, in the order of [`Counters::rejected`].
     pub const NAMES: [&'static str; Self::KINDS] = [
@@ -40,6 +42,7 @@ impl Reason {
         "sdo_busy",
         "not_in_homing_mode",
         "homing_elsewhere",
+        "no_slave",
     ];
 
     /// Index into [`Counters::rejected`].
@@ -53,6 +56,7 @@ impl Reason {
             Self::SdoBusy => 5,
             Self::NotInHomingMode => 6,
             Self::HomingElsewhere => 7,
+            Self::NoSlave => 8,
         }
     }
 }
@@ -68,6 +72,7 @@ impl fmt::Display for Reason {
             Self::SdoBusy => f.write_str("an SDO transfer is under way"),
             Self::NotInHomingMode => f.write_str("the drive is not in homing mode (write 0x6060 = 6 first)"),
             Self::HomingElsewhere => f.write_str("another slave is homing"),
+            Self::NoSlave => f.write_str("no slave at that place (see SET_AXIS and the slave count it answers)"),
         }
     }
 }
@@ -114,13 +119,40 @@ pub struct Counters {
     pub incomplete: u64,
     /// FIFO entries executed.
     pub executed: u64,
-    /// Cycles in OP in which the FIFO was empty.
-    pub underruns: u64,
+    /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
+    pub idle_cycles: u64,
 }
 
 impl Counters {
     /// All rejections.
     pub fn rejected_total(&self) -> u64 {
         self.rejected.iter().sum()
+    }
+}
+
+/// The last rejections, for people: the wire does not show them.
+#[derive(Clone, Debug)]
+pub(super) struct RejectionLog {
+    ring: [Option<Rejection>; Self::KEPT],
+    total: u64,
+}
+
+impl RejectionLog {
+    /// Rejections kept.
+    const KEPT: usize = 32;
+
+    pub(super) const fn new() -> Self {
+        Self { ring: [None; Self::KEPT], total: 0 }
+    }
+
+    pub(super) fn push(&mut self, rejection: Rejection) {
+        self.ring[(self.total % Self::KEPT as u64) as usize] = Some(rejection);
+        self.total += 1;
+    }
+
+    /// Rejections from number `from` on that are still kept, oldest first.
+    pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Rejection> {
+        let oldest = self.total.saturating_sub(Self::KEPT as u64).max(from);
+        (oldest..self.total).filter_map(|n| self.ring[(n % Self::KEPT as u64) as usize])
     }
 }

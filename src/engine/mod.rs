@@ -1,5 +1,382 @@
-//! The EC01M: an exact model of the chip over any [`crate::fieldbus::Fieldbus`]. Plain data and pure steps.
+//! The EC01M: an exact model of the chip over any [`Fieldbus`]. Plain data and pure steps.
+//!
+//! [`Engine::host`] takes a command frame with the time of its arrival, [`Engine::cycle`] runs one EtherCAT cycle and
+//! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
+//! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
 
+mod axis;
+mod board;
 mod counters;
+mod execute;
+mod fifo;
+mod handover;
+mod jobs;
+mod network;
+mod realtime;
+mod report;
+mod reports;
+mod sdo;
+mod stepped;
+mod sync;
+mod threaded;
 
+use std::collections::VecDeque;
+
+pub use board::Board;
 pub use counters::{Counters, Reason, Rejection};
+pub use realtime::RealTime;
+pub use reports::Report;
+pub use stepped::{Stepped, Stop};
+pub use threaded::{Lateness, Threaded};
+
+use crate::cia402::Mode;
+use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role};
+use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind, SlotSize, StateByte};
+use axis::Axis;
+use counters::RejectionLog;
+use fifo::CommandFifo;
+use network::Network;
+use sdo::SdoSlot;
+
+/// Which firmware of the EC01M is modelled (SK-3).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Firmware {
+    /// 1.7: byte 1 of a slave's slot is the command index, the full count counts commands.
+    #[default]
+    V17,
+    /// 1.5: byte 1 of a slave's slot is the drive's mode of operation, the full count counts 32-bit words.
+    V15,
+}
+
+/// What a board is, apart from what programs tell it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EngineConfig {
+    /// CONFIG2.
+    pub slot: SlotSize,
+    /// Firmware.
+    pub firmware: Firmware,
+    /// How long a change of state may take. SK-4 [OURS]: 10 s.
+    pub state_timeout_ns: Ns,
+    /// How long a slave may take for an SDO. SK-6 [OURS]: 1 s.
+    pub sdo_timeout_ns: Ns,
+}
+
+impl Default for EngineConfig {
+    fn default() -> Self {
+        Self {
+            slot: SlotSize::Bytes12,
+            firmware: Firmware::V17,
+            state_timeout_ns: 10_000_000_000,
+            sdo_timeout_ns: 1_000_000_000,
+        }
+    }
+}
+
+/// The switches of SET_EX.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct CrcSwitches {
+    check_commands: bool,
+    fill_responses: bool,
+}
+
+/// SK-1 [OURS]: the factory setting.
+const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
+
+/// What a slave's slot shows of the command executed last.
+#[derive(Clone, Copy, Debug, Default)]
+struct Head {
+    id: u8,
+    index: u8,
+    /// The command was IO_WR: Data1 of the answer is this output image.
+    output_image: Option<u16>,
+}
+
+/// What the outputs with one id stood for: the heads that an answer to them shows.
+#[derive(Clone, Debug)]
+struct Executed {
+    heads: [Head; MAX_SLAVES],
+}
+
+/// What a board forgets at SW_RESET.
+struct Volatile {
+    switches: CrcSwitches,
+    kinds: [SlaveKind; MAX_SLAVES],
+    modes: [(Mode, DriveSync); MAX_SLAVES],
+    cycle: CycleTime,
+    network: Network,
+    /// Roles as they were configured on the way to SafeOP.
+    roles: [Role; MAX_SLAVES],
+    /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
+    modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
+    axes: [[Axis; MAX_AXES]; MAX_SLAVES],
+    sdo: SdoSlot,
+    /// Byte 0 and bytes 4..7 of slot 0 outside OP.
+    master_id: CommandId,
+    master_result: u32,
+    crc_errors: u8,
+    local_outputs: u8,
+    heads: [Head; MAX_SLAVES],
+    response: Frame,
+}
+
+impl Volatile {
+    fn new(switches: CrcSwitches) -> Self {
+        Self {
+            switches,
+            kinds: [SlaveKind::default(); MAX_SLAVES],
+            modes: [(Mode::Csp, DriveSync::DcSync); MAX_SLAVES],
+            cycle: CycleTime::DEFAULT,
+            network: Network::default(),
+            roles: [Role::Unused; MAX_SLAVES],
+            modes_written: [[0; MAX_AXES]; MAX_SLAVES],
+            axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
+            sdo: SdoSlot::new(),
+            master_id: CommandId::GetStatus,
+            master_result: 0,
+            crc_errors: 0,
+            local_outputs: 0,
+            heads: [Head::default(); MAX_SLAVES],
+            response: Frame::new(),
+        }
+    }
+}
+
+/// The EC01M.
+pub struct Engine {
+    config: EngineConfig,
+    pacing: Pacing,
+    /// Switches that the next boot takes over.
+    remembered: CrcSwitches,
+    v: Volatile,
+    fifo: CommandFifo,
+    entry: Frame,
+    job: Option<jobs::Work>,
+    cancel_job: bool,
+    discard_ahead: bool,
+    outputs: Outputs,
+    inputs: Inputs,
+    next_output_id: u64,
+    /// What outputs under way stood for, by their id modulo the length.
+    executed: Vec<Executed>,
+    /// Ids of outputs that carried a FIFO entry and have not been sent yet.
+    ahead: VecDeque<u64>,
+    /// Heads that the report shows: those of the newest outputs that were sent.
+    shown: [Head; MAX_SLAVES],
+    local_inputs: u8,
+    boots: u64,
+    counters: Counters,
+    log: RejectionLog,
+}
+
+impl Engine {
+    /// A board that was just switched on, over a bus of that pacing.
+    pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
+        let depth = match pacing {
+            Pacing::Runner => 1,
+            Pacing::Bus { depth } => usize::from(depth),
+        };
+        Self {
+            config,
+            pacing,
+            remembered: FACTORY_CRC,
+            v: Volatile::new(FACTORY_CRC),
+            fifo: CommandFifo::new(),
+            entry: Frame::new(),
+            job: None,
+            cancel_job: false,
+            discard_ahead: false,
+            outputs: Outputs::default(),
+            inputs: Inputs::default(),
+            next_output_id: 0,
+            executed: vec![Executed { heads: [Head::default(); MAX_SLAVES] }; depth + 1],
+            ahead: VecDeque::with_capacity(depth + 1),
+            shown: [Head::default(); MAX_SLAVES],
+            local_inputs: 0,
+            boots: 1,
+            counters: Counters::default(),
+            log: RejectionLog::new(),
+        }
+    }
+
+    /// What the board is.
+    pub const fn config(&self) -> &EngineConfig {
+        &self.config
+    }
+
+    /// Whether the host interface talks: PreOP was reached since the board booted.
+    pub const fn talks(&self) -> bool {
+        self.v.network.talks()
+    }
+
+    /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was open before a
+    /// boot is dead.
+    pub const fn boots(&self) -> u64 {
+        self.boots
+    }
+
+    /// Byte 2 of slot 0.
+    pub const fn state(&self) -> StateByte {
+        self.v.network.state_byte()
+    }
+
+    /// Slaves found at boot.
+    pub const fn slaves_found(&self) -> u8 {
+        self.v.network.found()
+    }
+
+    /// Time between two reports: the EtherCAT cycle in OP, the default cycle before (SK-9).
+    pub const fn period_ns(&self) -> Ns {
+        if self.v.network.in_op() { self.v.cycle.ns() } else { CycleTime::DEFAULT.ns() }
+    }
+
+    /// Free entries of the command FIFO, wherever the entries lie.
+    pub fn fifo_free(&self) -> u16 {
+        self.fifo.free(self.ahead.len() as u16)
+    }
+
+    /// Counters since the board was switched on; SW_RESET does not touch them.
+    pub const fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Rejections from number `from` (of [`Counters::rejected_total`]) on, as far as they are still kept.
+    pub fn rejections_since(&self, from: u64) -> impl Iterator<Item = Rejection> {
+        self.log.since(from)
+    }
+
+    /// The chip's six inputs, bit k is input k (SK-8).
+    pub const fn set_local_inputs(&mut self, bits: u8) {
+        self.local_inputs = bits & 0x3F;
+    }
+
+    /// The chip's six outputs as LIO_WR wrote them.
+    pub const fn local_outputs(&self) -> u8 {
+        self.v.local_outputs
+    }
+
+    /// A command frame has arrived completely.
+    pub fn host(&mut self, frame: &Frame, at: Ns) {
+        if !self.talks() {
+            return;
+        }
+        let size = self.config.slot;
+        self.counters.frames += 1;
+        if self.v.switches.check_commands && frame.crc(size) != frame.crc_byte() {
+            self.v.crc_errors = self.v.crc_errors.wrapping_add(1);
+            self.counters.crc += 1;
+            return;
+        }
+        if !self.v.network.in_op() {
+            return self.execute(frame, at);
+        }
+        // SK-5 [OURS]: these three act on arrival, before queueing and also when the FIFO is full.
+        let boots = self.boots;
+        let slot = frame.slot(size, 0);
+        if execute::acts_on_arrival(CommandId::from_code(slot.id)) {
+            self.execute_master(&slot, at);
+        }
+        if self.boots != boots {
+            return;
+        }
+        let ahead = self.ahead.len() as u16;
+        if !self.fifo.push(frame, ahead, self.config.firmware, size) {
+            self.counters.full += 1;
+        }
+    }
+
+    /// Runs one cycle at `now`: the bus's jobs, one FIFO entry, process data, and the report, which goes to `report`
+    /// with the time it belongs to. Says whether a cycle passed at all: with the cable cut before the first slave none
+    /// does, and there is no report.
+    pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
+        self.run_jobs(now, bus);
+        if std::mem::take(&mut self.discard_ahead) {
+            bus.discard_ahead();
+            self.counters.cleared += self.ahead.len() as u64;
+            self.ahead.clear();
+        }
+        if self.v.network.in_op() {
+            self.push_outputs(now, bus);
+        }
+        let mut passed = false;
+        while let Some(done) = bus.poll(now, &mut self.inputs) {
+            passed = true;
+            self.complete(&done);
+            if self.talks() {
+                self.counters.reports += 1;
+                report(&self.v.response, done.at);
+            }
+            if self.pacing == Pacing::Runner {
+                break;
+            }
+        }
+        passed
+    }
+
+    fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        for _ in 0..bus.room() {
+            let has_entry = self.take_entry(now);
+            let changed = self.refresh_outputs();
+            // A bus that owns its cycle repeats the last outputs by itself.
+            if self.pacing != Pacing::Runner && !has_entry && (!changed || bus.held() > 0) {
+                return;
+            }
+            let id = self.next_output_id;
+            self.outputs.id = id;
+            let n = self.executed.len() as u64;
+            self.executed[(id % n) as usize].heads = self.v.heads;
+            if bus.push(&self.outputs).is_err() {
+                return;
+            }
+            self.next_output_id += 1;
+            if has_entry {
+                self.ahead.push_back(id);
+            }
+        }
+    }
+
+    fn take_entry(&mut self, now: Ns) -> bool {
+        let mut entry = std::mem::take(&mut self.entry);
+        let taken = self.fifo.take(self.ahead.len() as u16, &mut entry);
+        if taken {
+            self.counters.executed += 1;
+            self.execute(&entry, now);
+        } else {
+            self.counters.idle_cycles += 1;
+        }
+        self.entry = entry;
+        taken
+    }
+
+    /// Copies the axes' outputs to the process image; says whether anything changed.
+    fn refresh_outputs(&mut self) -> bool {
+        let mut changed = false;
+        for (image, axes) in self.outputs.slaves.iter_mut().zip(&self.v.axes).take(self.v.network.found().into()) {
+            for (out, axis) in image.iter_mut().zip(axes) {
+                changed |= *out != axis.out;
+                *out = axis.out;
+            }
+        }
+        changed
+    }
+
+    /// SW_RESET: all variables but the switches of SET_EX, which take effect now. The interface talks again when the
+    /// boot has reached PreOP.
+    fn reset(&mut self) {
+        self.counters.cleared += u64::from(self.fifo.reset());
+        self.discard_ahead = true;
+        self.v = Volatile::new(self.remembered);
+        self.cancel_job = true;
+        self.shown = [Head::default(); MAX_SLAVES];
+        self.boots += 1;
+    }
+
+    fn clear_fifo(&mut self) {
+        self.counters.cleared += u64::from(self.fifo.clear());
+        self.discard_ahead = true;
+    }
+
+    /// Whether commands for that slave's slot have somebody to go to.
+    fn role(&self, slave: usize) -> Role {
+        if slave <= usize::from(self.v.network.found()) { self.v.roles[slave - 1] } else { Role::Unused }
+    }
+}

@@ -1,0 +1,92 @@
+//! One CiA 402 axis as the board drives it: the walk of SV_ON and SV_OFF, and targets that never jump.
+
+use crate::cia402::{Controlword, DriveState, Mode};
+use crate::fieldbus::{AxisIn, AxisOut};
+
+/// Where the board wants the axis to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Power {
+    /// Off, or fallen off by itself: the controlword stays at Disable voltage.
+    #[default]
+    Down,
+    /// SV_ON under way.
+    Rising,
+    /// Operation enabled was reached; the controlword holds it.
+    Up,
+    /// SV_OFF under way.
+    Falling,
+}
+
+/// Process data and walk of one axis.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Axis {
+    power: Power,
+    /// What goes to the drive.
+    pub(super) out: AxisOut,
+    /// The statusword said Operation enabled in the last cycle.
+    enabled: bool,
+}
+
+impl Axis {
+    /// SV_ON. A Fault is not reset by it, and a request made in Fault is not kept: it would start the motor on a later
+    /// ALM_CLR [OURS].
+    pub(super) fn switch_on(&mut self) {
+        if self.power != Power::Up {
+            self.power = Power::Rising;
+        }
+    }
+
+    /// SV_OFF.
+    pub(super) fn switch_off(&mut self) {
+        if self.power != Power::Down {
+            self.power = Power::Falling;
+        }
+    }
+
+    /// Takes a target if the axis follows targets now; false: it is not in Operation enabled by the board's own SV_ON.
+    pub(super) fn aim(&mut self, target: i32) -> bool {
+        let follows = self.enabled && self.power == Power::Up;
+        if follows {
+            self.out.target = target;
+        }
+        follows
+    }
+
+    /// A cycle's answer: the next step of a walk, and the target that holds the axis where it is while it does not
+    /// follow (SK-7 [OURS]: 0x607A = actual position, 0x60FF = 0, 0x6071 = 0).
+    ///
+    /// Once enabled the last such target stays until the first motion command: a load that pulls does not take the
+    /// target along.
+    pub(super) fn answer(&mut self, input: &AxisIn, mode: Mode, in_mode: bool) {
+        let state = input.statusword.state();
+        self.enabled = state == Some(DriveState::OperationEnabled) && in_mode;
+        self.walk(state);
+        if !self.enabled {
+            self.out.target = match mode {
+                Mode::Csp => input.position,
+                _ => 0,
+            };
+        }
+    }
+
+    fn walk(&mut self, state: Option<DriveState>) {
+        use DriveState::*;
+        let Some(state) = state else { return };
+        let (power, controlword) = match (self.power, state) {
+            (Power::Rising, SwitchOnDisabled) => (Power::Rising, Controlword::SHUTDOWN),
+            (Power::Rising, ReadyToSwitchOn) => (Power::Rising, Controlword::SWITCH_ON),
+            (Power::Rising, SwitchedOn) => (Power::Rising, Controlword::ENABLE_OPERATION),
+            (Power::Rising | Power::Up, OperationEnabled) => (Power::Up, Controlword::ENABLE_OPERATION),
+            (Power::Rising, NotReadyToSwitchOn) => return,
+            (Power::Rising, QuickStopActive) => (Power::Rising, Controlword::DISABLE_VOLTAGE),
+            (Power::Falling, OperationEnabled) => (Power::Falling, Controlword::SWITCH_ON),
+            (Power::Falling, SwitchedOn) => (Power::Falling, Controlword::SHUTDOWN),
+            (Power::Falling, ReadyToSwitchOn) => (Power::Falling, Controlword::DISABLE_VOLTAGE),
+            // A fault ends a walk, and a drive that leaves Operation enabled by itself is not brought back by the
+            // board [OURS]: the motor starts by SV_ON alone.
+            _ => (Power::Down, Controlword::DISABLE_VOLTAGE),
+        };
+        self.power = power;
+        self.out.controlword = controlword;
+    }
+}

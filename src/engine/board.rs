@@ -1,0 +1,88 @@
+//! A board: the engine, the bus it drives, and the time it has reached. What a runner runs.
+
+use super::{Engine, EngineConfig};
+use crate::fieldbus::{Fieldbus, Ns};
+use crate::sk::Frame;
+
+/// An EC01M with its network. Plain state: nothing happens to it but by these calls.
+pub struct Board {
+    engine: Engine,
+    bus: Box<dyn Fieldbus>,
+    now: Ns,
+    next_cycle: Ns,
+    last_report: Ns,
+    silent_cycles: u64,
+}
+
+impl Board {
+    /// A board that is switched on now, at time 0.
+    pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>) -> Self {
+        let engine = Engine::new(config, bus.pacing());
+        let next_cycle = engine.period_ns();
+        Self { engine, bus, now: 0, next_cycle, last_report: 0, silent_cycles: 0 }
+    }
+
+    /// The engine.
+    pub const fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// The engine, for what lies outside the wire.
+    pub const fn engine_mut(&mut self) -> &mut Engine {
+        &mut self.engine
+    }
+
+    /// The board's time, nanoseconds since it was switched on.
+    pub const fn now(&self) -> Ns {
+        self.now
+    }
+
+    /// When the next cycle is due.
+    pub const fn next_cycle(&self) -> Ns {
+        self.next_cycle
+    }
+
+    /// When the last report was made, and the cycles without one since: more than 0 while the cable before the first
+    /// slave is cut.
+    pub const fn silence(&self) -> (Ns, u64) {
+        (self.last_report, self.silent_cycles)
+    }
+
+    /// A command frame arrives at `at`; cycles due by then run first.
+    pub fn host(&mut self, frame: &Frame, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
+        self.advance(at, report);
+        self.engine.host(frame, at);
+    }
+
+    /// Time passes until `to`: every cycle that is due runs.
+    pub fn advance(&mut self, to: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
+        while self.next_cycle <= to {
+            self.cycle(report);
+        }
+        self.now = self.now.max(to);
+    }
+
+    /// The next cycle runs, at its time.
+    pub fn cycle(&mut self, report: &mut dyn FnMut(&Frame, Ns)) {
+        let at = self.next_cycle;
+        let reports = self.engine.counters().reports;
+        self.engine.cycle(at, &mut *self.bus, report);
+        self.now = at;
+        self.next_cycle = at + self.engine.period_ns();
+        if self.engine.counters().reports > reports || !self.engine.talks() {
+            self.last_report = at;
+            self.silent_cycles = 0;
+        } else {
+            self.silent_cycles += 1;
+        }
+    }
+
+    /// Lets a board boot: time passes until the host interface talks, at most `limit_ns`. Says whether it does.
+    pub fn boot(&mut self, limit_ns: Ns) -> bool {
+        let end = self.now + limit_ns;
+        while !self.engine.talks() && self.next_cycle <= end {
+            self.cycle(&mut |_, _| {});
+        }
+        self.engine.talks()
+    }
+}

@@ -1,0 +1,214 @@
+//! Executing a command frame: what each command does, and why one is rejected (SK-4).
+
+use super::{CrcSwitches, Engine, Head, Reason, Rejection};
+use crate::cia402::Mode;
+use crate::fieldbus::{MAX_AXES, Ns, Role};
+use crate::sk::{
+    CommandId, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand, SlotCommand,
+};
+
+/// In OP these do not wait in the FIFO (SK-5 [OURS]).
+pub(super) const fn acts_on_arrival(id: CommandId) -> bool {
+    matches!(id, CommandId::SetFifo | CommandId::SetState | CommandId::SoftReset)
+}
+
+/// The states that allow a command: the table of UG17 1.8.
+const fn allowed_in(id: CommandId, state: MasterState) -> bool {
+    use CommandId::*;
+    use MasterState::*;
+    match id {
+        GetStatus | SetState | LocalRead | LocalWrite | SoftReset => true,
+        SetAxis | SetDc | DriveMode => matches!(state, Init | PreOp),
+        SetEx => matches!(state, Init | PreOp | SafeOp),
+        SdoRead | SdoWrite => matches!(state, PreOp | SafeOp | Op),
+        SetFifo | AlarmClear | ServoOn | ServoOff | IoRead | IoWrite | Csp | Csv | Cst | GoHome | AbortHome => {
+            matches!(state, Op)
+        }
+        Unknown(_) => false,
+    }
+}
+
+/// The three kinds of slot.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Place {
+    Master,
+    Slave,
+    Sdo,
+}
+
+/// Where a command belongs: the columns of UG17 1.8.
+const fn belongs(id: CommandId, place: Place) -> bool {
+    use CommandId::*;
+    match id {
+        GetStatus => true,
+        SetState | SetAxis | SetDc | SetEx | SetFifo | LocalRead | LocalWrite | SoftReset => {
+            matches!(place, Place::Master)
+        }
+        SdoRead | SdoWrite => matches!(place, Place::Sdo),
+        DriveMode | AlarmClear | ServoOn | ServoOff | IoRead | IoWrite | Csp | Csv | Cst | GoHome | AbortHome => {
+            matches!(place, Place::Slave)
+        }
+        Unknown(_) => false,
+    }
+}
+
+impl Engine {
+    /// Executes all slots of a frame, in their order; nothing in one slot disturbs another.
+    pub(super) fn execute(&mut self, frame: &Frame, at: Ns) {
+        let size = self.config.slot;
+        let slots = frame.slots(size);
+        let boots = self.boots;
+        let master = slots.get(0);
+        if !(self.v.network.in_op() && acts_on_arrival(CommandId::from_code(master.id))) {
+            self.execute_master(&master, at);
+        }
+        if self.boots != boots {
+            return;
+        }
+        for slave in 1..=size.max_slaves() {
+            self.execute_slave(slave, &slots.get(slave), at);
+        }
+        self.execute_sdo(&slots.get(size.sdo_slot()), at);
+    }
+
+    pub(super) fn execute_master(&mut self, slot: &RawSlot, at: Ns) {
+        let id = CommandId::from_code(slot.id);
+        let done = self.admit(id, Place::Master).and_then(|()| {
+            let command = MasterCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
+            self.run_master(&command, at)
+        });
+        match done {
+            Ok(result) => {
+                self.v.master_id = id;
+                if id != CommandId::GetStatus {
+                    self.v.master_result = result;
+                }
+            }
+            Err(reason) => self.reject(0, id, reason, at),
+        }
+    }
+
+    /// What bytes 4..7 of the answer show; SK-2 [OURS]: 0 after a command without a result.
+    fn run_master(&mut self, command: &MasterCommand, at: Ns) -> Result<u32, Reason> {
+        match *command {
+            MasterCommand::GetStatus | MasterCommand::Other(_) => {}
+            MasterCommand::SetState(target) => {
+                if !self.v.network.request(target, at + self.config.state_timeout_ns) {
+                    return Err(Reason::WrongState);
+                }
+            }
+            MasterCommand::SetAxis { group, kinds } => {
+                let first = usize::from(group) * 8;
+                for (place, kind) in self.v.kinds.iter_mut().skip(first).zip(kinds) {
+                    *place = kind;
+                }
+                let in_init = self.v.network.state() == Some(MasterState::Init);
+                return Ok(if in_init { 0 } else { self.v.network.found().into() });
+            }
+            MasterCommand::SetDc { cycle, shift: _ } => self.v.cycle = cycle,
+            MasterCommand::SetEx { check_commands, fill_responses } => {
+                self.remembered = CrcSwitches { check_commands, fill_responses };
+            }
+            MasterCommand::SetFifo(FifoAction::Clear) => self.clear_fifo(),
+            MasterCommand::SetFifo(FifoAction::Threshold(free)) => self.fifo.set_threshold(free),
+            MasterCommand::LocalRead => return Ok(self.local_inputs.into()),
+            MasterCommand::LocalWrite(bits) => self.v.local_outputs = bits,
+            MasterCommand::SoftReset => self.reset(),
+        }
+        Ok(0)
+    }
+
+    fn execute_slave(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
+        let head = Head { id: slot.id, index: slot.index, output_image: None };
+        if slot.id == CommandId::GetStatus.code() {
+            self.v.heads[slave - 1] = head;
+            return;
+        }
+        let id = CommandId::from_code(slot.id);
+        let done = self.admit(id, Place::Slave).and_then(|()| {
+            let command = SlotCommand::decode(slot).map_err(Reason::BadArgument)?;
+            self.run_slave(slave, &command.command)
+        });
+        match done {
+            Ok(output_image) => self.v.heads[slave - 1] = Head { output_image, ..head },
+            Err(reason) => {
+                // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
+                if self.v.network.in_op() {
+                    self.v.heads[slave - 1] = Head::default();
+                }
+                self.reject(slave, id, reason, at);
+            }
+        }
+    }
+
+    /// Says the output image that the answer shows, for IO_WR.
+    fn run_slave(&mut self, slave: usize, command: &SlaveCommand) -> Result<Option<u16>, Reason> {
+        if let SlaveCommand::DriveMode { mode, sync } = *command {
+            self.v.modes[slave - 1] = (mode, sync);
+            return Ok(None);
+        }
+        let role = self.role(slave);
+        let axes = match role {
+            Role::Unused => return Err(Reason::NoSlave),
+            Role::Io => 0,
+            Role::Drive(_) | Role::Step(_) => 1,
+            Role::Hsp(_) => MAX_AXES,
+        };
+        match (*command, role) {
+            (SlaveCommand::GetStatus, _) => {}
+            (SlaveCommand::ServoOn, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_on),
+            (SlaveCommand::ServoOff, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_off),
+            (SlaveCommand::Csp(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csp, mode, &motion)?,
+            _ => return Err(Reason::WrongSlot),
+        }
+        Ok(None)
+    }
+
+    fn each_axis(&mut self, slave: usize, axes: usize, act: impl Fn(&mut super::Axis)) {
+        self.v.axes[slave - 1][..axes].iter_mut().for_each(act);
+    }
+
+    /// A target: accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value.
+    fn aim(&mut self, slave: usize, wanted: Mode, configured: Mode, motion: &Motion) -> Result<(), Reason> {
+        let written = self.v.modes_written[slave - 1][0];
+        if configured != wanted || written != wanted.code() {
+            return Err(Reason::WrongMode);
+        }
+        if !self.v.axes[slave - 1][0].aim(motion.first.target) {
+            self.counters.discarded_before_enabled += 1;
+        }
+        Ok(())
+    }
+
+    fn execute_sdo(&mut self, slot: &RawSlot, at: Ns) {
+        if slot.id == CommandId::GetStatus.code() {
+            return;
+        }
+        let id = CommandId::from_code(slot.id);
+        let done = self.admit(id, Place::Sdo).and_then(|()| {
+            let command = SdoCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
+            self.v.sdo.command(command)
+        });
+        if let Err(reason) = done {
+            self.reject(self.config.slot.sdo_slot(), id, reason, at);
+        }
+    }
+
+    fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
+        if let CommandId::Unknown(_) = id {
+            return Err(Reason::UnknownId);
+        }
+        if !belongs(id, place) {
+            return Err(Reason::WrongSlot);
+        }
+        match self.v.network.state() {
+            Some(state) if allowed_in(id, state) => Ok(()),
+            _ => Err(Reason::WrongState),
+        }
+    }
+
+    fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
+        self.counters.rejected[reason.kind()] += 1;
+        self.log.push(Rejection { at, slot: slot as u8, id, reason });
+    }
+}

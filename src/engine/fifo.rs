@@ -1,0 +1,89 @@
+//! The command FIFO of OP (SK-5): 160 frames, a threshold, a full count.
+
+use super::Firmware;
+use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
+
+/// Frames waiting for their cycle.
+#[derive(Clone, Debug)]
+pub(super) struct CommandFifo {
+    ring: Vec<Frame>,
+    head: usize,
+    len: u16,
+    threshold: u16,
+    full_count: u16,
+}
+
+/// "160 is the default: taking starts with the first entry."
+const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
+
+/// SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504 bytes (UG15n) and 128 for one of 512 [OURS];
+/// firmware 1.7 counts commands [OURS].
+const fn full_count_step(firmware: Firmware, size: SlotSize) -> u16 {
+    match firmware {
+        Firmware::V17 => 1,
+        Firmware::V15 => (size.frame_len() / 4) as u16,
+    }
+}
+
+impl CommandFifo {
+    pub(super) fn new() -> Self {
+        Self {
+            ring: vec![Frame::new(); FIFO_ENTRIES as usize],
+            head: 0,
+            len: 0,
+            threshold: DEFAULT_THRESHOLD,
+            full_count: 0,
+        }
+    }
+
+    /// Entries that could still come, when `ahead` of those taken out have not been sent yet.
+    pub(super) const fn free(&self, ahead: u16) -> u16 {
+        FIFO_ENTRIES.saturating_sub(self.len + ahead)
+    }
+
+    /// The count of slot 0, bytes 10..11; wraps.
+    pub(super) const fn full_count(&self) -> u16 {
+        self.full_count
+    }
+
+    /// Queues a frame, or raises the full count and says false.
+    pub(super) fn push(&mut self, frame: &Frame, ahead: u16, firmware: Firmware, size: SlotSize) -> bool {
+        if self.free(ahead) == 0 {
+            self.full_count = self.full_count.wrapping_add(full_count_step(firmware, size));
+            return false;
+        }
+        let at = (self.head + self.len as usize) % self.ring.len();
+        self.ring[at].clone_from(frame);
+        self.len += 1;
+        true
+    }
+
+    /// The next entry to execute, copied to `out`; false while there is none or the threshold holds it back.
+    pub(super) fn take(&mut self, ahead: u16, out: &mut Frame) -> bool {
+        if self.len == 0 || self.free(ahead) >= self.threshold {
+            return false;
+        }
+        self.threshold = DEFAULT_THRESHOLD;
+        out.clone_from(&self.ring[self.head]);
+        self.head = (self.head + 1) % self.ring.len();
+        self.len -= 1;
+        true
+    }
+
+    /// SET_FIFO 2. SK-5 [OURS]: above 160 counts as 160.
+    pub(super) fn set_threshold(&mut self, free: u32) {
+        self.threshold = free.min(FIFO_ENTRIES.into()) as u16;
+    }
+
+    /// SW_RESET: as new. Says how many entries went.
+    pub(super) fn reset(&mut self) -> u16 {
+        self.full_count = 0;
+        self.clear()
+    }
+
+    /// SET_FIFO 1: content and threshold go, the full count stays. Says how many entries went.
+    pub(super) fn clear(&mut self) -> u16 {
+        self.threshold = DEFAULT_THRESHOLD;
+        std::mem::take(&mut self.len)
+    }
+}

@@ -1,0 +1,149 @@
+//! The hand-over between host threads and the runner's thread: command frames in, reports out.
+//!
+//! Neither side holds a lock across a wait or for longer than it takes to copy a frame. Everything is allocated when the
+//! hand-over is made. The locks come from the parent module, so that a test can run the same file on a scheduler that
+//! tries the interleavings.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use super::reports::{Report, ReportQueue};
+use super::stepped::Stop;
+use super::sync::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
+use crate::fieldbus::Ns;
+use crate::sk::Frame;
+
+/// Frames that can be under way between two visits of the runner. A full inbox makes a writer wait, as a USB device
+/// that does not accept does.
+pub(super) const INBOX_FRAMES: usize = 256;
+
+/// A way a wait ends other than by success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Phase {
+    Open,
+    Over(Stop),
+}
+
+struct Inbox {
+    frames: VecDeque<(Frame, Ns)>,
+    phase: Phase,
+    cancels: u64,
+}
+
+struct Outbox {
+    reports: ReportQueue,
+    phase: Phase,
+    cancels: u64,
+}
+
+/// Both directions.
+pub(super) struct Handover {
+    inbox: Mutex<Inbox>,
+    space: Condvar,
+    outbox: Mutex<Outbox>,
+    news: Condvar,
+}
+
+impl Handover {
+    pub(super) fn new(queue: usize) -> Self {
+        Self {
+            inbox: Mutex::new(Inbox { frames: VecDeque::with_capacity(INBOX_FRAMES), phase: Phase::Open, cancels: 0 }),
+            space: Condvar::new(),
+            outbox: Mutex::new(Outbox { reports: ReportQueue::new(queue), phase: Phase::Open, cancels: 0 }),
+            news: Condvar::new(),
+        }
+    }
+
+    /// Host: hands a frame over that arrives at `at`, waiting for room until `end`.
+    pub(super) fn send(&self, frame: &Frame, at: Ns, end: Option<Instant>) -> Result<(), Stop> {
+        let mut inbox = lock(&self.inbox);
+        let cancels = inbox.cancels;
+        loop {
+            match inbox.phase {
+                Phase::Over(stop) => return Err(stop),
+                Phase::Open if inbox.cancels != cancels => return Err(Stop::Cancelled),
+                Phase::Open if inbox.frames.len() < INBOX_FRAMES => break,
+                Phase::Open => inbox = wait_until(&self.space, inbox, end)?,
+            }
+        }
+        inbox.frames.push_back((frame.clone(), at));
+        Ok(())
+    }
+
+    /// Host: the oldest report, waiting for one until `end`.
+    pub(super) fn receive(&self, out: &mut Frame, end: Option<Instant>) -> Result<Report, Stop> {
+        let mut outbox = lock(&self.outbox);
+        let cancels = outbox.cancels;
+        loop {
+            match outbox.phase {
+                Phase::Over(stop) => return Err(stop),
+                Phase::Open if outbox.cancels != cancels => return Err(Stop::Cancelled),
+                Phase::Open => {}
+            }
+            if let Some(report) = outbox.reports.pop(out) {
+                return Ok(report);
+            }
+            outbox = wait_until(&self.news, outbox, end)?;
+        }
+    }
+
+    /// Runner: the oldest frame that has arrived.
+    pub(super) fn next_frame(&self, out: &mut Frame) -> Option<Ns> {
+        let mut inbox = lock(&self.inbox);
+        let was_full = inbox.frames.len() == INBOX_FRAMES;
+        let (frame, at) = inbox.frames.pop_front()?;
+        drop(inbox);
+        out.clone_from(&frame);
+        if was_full {
+            self.space.notify_all();
+        }
+        Some(at)
+    }
+
+    /// Runner: a report was made.
+    pub(super) fn publish(&self, frame: &Frame, at: Ns) {
+        lock(&self.outbox).reports.push(frame, at);
+        self.news.notify_one();
+    }
+
+    /// Ends every wait now and to come, in both directions. The first reason stays.
+    pub(super) fn end(&self, why: Stop) {
+        for phase in [&mut lock(&self.inbox).phase, &mut lock(&self.outbox).phase] {
+            if *phase == Phase::Open {
+                *phase = Phase::Over(why);
+            }
+        }
+        self.space.notify_all();
+        self.news.notify_all();
+    }
+
+    /// Ends the writes that wait now.
+    pub(super) fn cancel_writes(&self) {
+        lock(&self.inbox).cancels += 1;
+        self.space.notify_all();
+    }
+
+    /// Ends the reads that wait now.
+    pub(super) fn cancel_reads(&self) {
+        lock(&self.outbox).cancels += 1;
+        self.news.notify_all();
+    }
+
+    /// Reports dropped so far.
+    pub(super) fn dropped(&self) -> u64 {
+        lock(&self.outbox).reports.dropped()
+    }
+}
+
+fn wait_until<'a, T>(
+    condvar: &Condvar,
+    guard: MutexGuard<'a, T>,
+    end: Option<Instant>,
+) -> Result<MutexGuard<'a, T>, Stop> {
+    let Some(end) = end else { return Ok(wait(condvar, guard)) };
+    let left = end.saturating_duration_since(Instant::now());
+    if left == Duration::ZERO {
+        return Err(Stop::Timeout);
+    }
+    Ok(wait_for(condvar, guard, left))
+}

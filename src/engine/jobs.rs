@@ -1,0 +1,182 @@
+//! What takes longer than a cycle: the engine's side of the bus's jobs.
+
+use super::network::Step;
+use super::{Axis, Engine};
+use crate::cia402::{MODES_OF_OPERATION, Mode, SECOND_AXIS_OFFSET};
+use crate::fieldbus::{
+    AlState, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveConfig, SlaveSet,
+};
+use crate::sk::{DriveSync, MasterState, SlaveKind};
+
+/// What the bus is doing for us.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Work {
+    Network(Step),
+    HostSdo,
+}
+
+const fn al_state(state: MasterState) -> AlState {
+    match state {
+        MasterState::Init => AlState::Init,
+        MasterState::PreOp => AlState::PreOp,
+        MasterState::SafeOp => AlState::SafeOp,
+        MasterState::Op => AlState::Op,
+    }
+}
+
+impl Engine {
+    /// Takes the end of the job under way and starts the next one.
+    pub(super) fn run_jobs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        if std::mem::take(&mut self.cancel_job) && self.job.take().is_some() {
+            bus.cancel_job();
+        }
+        if let Some(work) = self.job
+            && let Some(done) = bus.poll_job(now)
+        {
+            self.job = None;
+            self.finish(work, done);
+        }
+        self.give_up_late_or_obsolete(now, bus);
+        if self.job.is_none() {
+            self.start_next(now, bus);
+        }
+    }
+
+    /// A change has its time (SK-4 [OURS]: 10 s) whatever the bus does, and a way up that nobody wants any more ends.
+    fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        let Some(Work::Network(step)) = self.job else { return };
+        if self.v.network.deadline().is_some_and(|deadline| now >= deadline) {
+            self.v.network.fail(step);
+        } else if !self.v.network.is_obsolete(step) {
+            return;
+        }
+        bus.cancel_job();
+        self.job = None;
+    }
+
+    fn start_next(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        while let Some(step) = self.v.network.next_step() {
+            let Some(job) = self.network_job(step, now) else {
+                // Nobody has to move: the state is reached.
+                self.step_done(step);
+                continue;
+            };
+            if bus.start(job, now).is_ok() {
+                self.job = Some(Work::Network(step));
+            }
+            return;
+        }
+        if let Some(request) = self.v.sdo.start(self.config.sdo_timeout_ns)
+            && bus.start(Job::Sdo(request), now).is_ok()
+        {
+            self.job = Some(Work::HostSdo);
+        }
+    }
+
+    fn network_job(&mut self, step: Step, now: Ns) -> Option<Job> {
+        let timeout_ns = match self.v.network.deadline() {
+            Some(deadline) => deadline.saturating_sub(now),
+            None => self.config.state_timeout_ns,
+        };
+        let (target, slaves) = match step {
+            Step::Scan => return Some(Job::Scan),
+            Step::Configure => return Some(Job::Configure(self.bus_config())),
+            Step::Boot => (MasterState::PreOp, self.all_slaves()),
+            Step::Move(to @ (MasterState::Init | MasterState::PreOp)) => (to, self.all_slaves()),
+            Step::Move(to) => (to, self.used_slaves()),
+        };
+        if slaves.is_empty() {
+            return None;
+        }
+        Some(Job::State { target: al_state(target), slaves, timeout_ns })
+    }
+
+    fn all_slaves(&self) -> SlaveSet {
+        SlaveSet::first(self.v.network.found())
+    }
+
+    /// SK-4 [OURS]: a found slave declared as none stays in PreOP and is not waited for.
+    fn used_slaves(&self) -> SlaveSet {
+        let mut slaves = self.all_slaves();
+        for slave in 1..=self.v.network.found() {
+            if self.v.roles[usize::from(slave) - 1] == Role::Unused {
+                slaves.remove(slave);
+            }
+        }
+        slaves
+    }
+
+    fn bus_config(&mut self) -> BusConfig {
+        let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync };
+        let mut config = BusConfig { cycle: self.v.cycle, slaves: [unused; MAX_SLAVES] };
+        for n in 0..usize::from(self.v.network.found()) {
+            let (mode, sync) = self.v.modes[n];
+            let role = match self.v.kinds[n] {
+                SlaveKind::Drive => Role::Drive(mode),
+                SlaveKind::Step => Role::Step(mode),
+                SlaveKind::Hsp => Role::Hsp(mode),
+                SlaveKind::Io => Role::Io,
+                SlaveKind::None => Role::Unused,
+            };
+            config.slaves[n] = SlaveConfig { role, sync };
+        }
+        for (role, slave) in self.v.roles.iter_mut().zip(&config.slaves) {
+            *role = slave.role;
+        }
+        config
+    }
+
+    fn finish(&mut self, work: Work, done: JobDone) {
+        match (work, done) {
+            (Work::Network(Step::Scan), JobDone::Scan { found }) => {
+                self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
+            }
+            (Work::Network(step), JobDone::Configure(Ok(())) | JobDone::State(Ok(()))) => self.step_done(step),
+            (Work::Network(step), _) => self.v.network.fail(step),
+            (Work::HostSdo, JobDone::Sdo(result)) => self.sdo_done(result),
+            (Work::HostSdo, _) => {}
+        }
+    }
+
+    fn step_done(&mut self, step: Step) {
+        let was_op = self.v.network.in_op();
+        if step == Step::Configure {
+            self.modes_configured();
+        }
+        self.v.network.done(step);
+        if was_op != self.v.network.in_op() {
+            // OP begins and ends with an empty FIFO and with axes that ask for nothing.
+            self.clear_fifo();
+            self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
+        }
+    }
+
+    /// "At PreOP -> SafeOP the board writes DRIVE_MODE's value" to 0x6060.
+    fn modes_configured(&mut self) {
+        for (written, role) in self.v.modes_written.iter_mut().zip(&self.v.roles) {
+            if let Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode) = role {
+                *written = [mode.code(); MAX_AXES];
+            }
+        }
+    }
+
+    fn sdo_done(&mut self, result: Result<u32, crate::coe::AbortCode>) {
+        let written_well = result.is_ok();
+        let Some(transfer) = self.v.sdo.finish(result) else { return };
+        let Some((_, value)) = transfer.write else { return };
+        if !written_well || transfer.object.sub != 0 {
+            return;
+        }
+        let axis = match transfer.object.index {
+            MODES_OF_OPERATION => 0,
+            index if index == MODES_OF_OPERATION + SECOND_AXIS_OFFSET => 1,
+            _ => return,
+        };
+        self.v.modes_written[usize::from(transfer.slave) - 1][axis] = value as u8;
+    }
+
+    /// Whether the mode that DRIVE_MODE chose is the one that 0x6060 has.
+    pub(super) fn in_mode(&self, slave: usize, axis: usize, mode: Mode) -> bool {
+        self.v.modes_written[slave - 1][axis] == mode.code()
+    }
+}

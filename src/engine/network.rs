@@ -1,0 +1,191 @@
+//! The network's state (SK-4): boot, changes on the way up and down, failures. Decides which job the bus does next.
+
+use crate::fieldbus::Ns;
+use crate::sk::{MasterState, StateByte};
+
+/// A step of boot or of a change: what the bus is asked to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// Look for slaves.
+    Scan,
+    /// Bring all slaves found to PreOP, at boot.
+    Boot,
+    /// Map process data, on the way from PreOP to SafeOP.
+    Configure,
+    /// Bring the slaves to that state.
+    Move(MasterState),
+}
+
+/// A change under way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Change {
+    target: MasterState,
+    deadline: Ns,
+    configured: bool,
+}
+
+/// Where the network is and where it goes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Network {
+    /// The last state that all slaves reached; `None` before the first.
+    reached: Option<MasterState>,
+    failed: bool,
+    found: u8,
+    scanned: bool,
+    /// PreOP was reached since the board booted: USB and SPI talk.
+    talks: bool,
+    change: Option<Change>,
+}
+
+impl Network {
+    /// The state by which commands are allowed.
+    pub(super) const fn state(&self) -> Option<MasterState> {
+        self.reached
+    }
+
+    pub(super) const fn in_op(&self) -> bool {
+        matches!(self.reached, Some(MasterState::Op))
+    }
+
+    /// Byte 2 of slot 0.
+    pub(super) const fn state_byte(&self) -> StateByte {
+        match self.reached {
+            Some(state) if !self.failed => StateByte::reached(state),
+            None if !self.failed => StateByte::NETWORK_INIT,
+            last_good => StateByte::failed(last_good),
+        }
+    }
+
+    /// Whether the host interface is up.
+    pub(super) const fn talks(&self) -> bool {
+        self.talks
+    }
+
+    /// Slaves found at boot.
+    pub(super) const fn found(&self) -> u8 {
+        self.found
+    }
+
+    /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
+    ///
+    /// A request during a change replaces its target. A request for the state the network is in acknowledges a
+    /// failure.
+    pub(super) fn request(&mut self, target: MasterState, deadline: Ns) -> bool {
+        let Some(state) = self.reached else { return false };
+        if state == MasterState::Init && target > MasterState::PreOp {
+            return false;
+        }
+        let configured = self.change.is_some_and(|change| change.configured);
+        if target == state && !self.failed && self.change.is_none() {
+            return true;
+        }
+        self.change = Some(Change { target, deadline, configured });
+        true
+    }
+
+    /// What the bus is to do next; `None`: nothing.
+    pub(super) fn next_step(&self) -> Option<Step> {
+        let Some(state) = self.reached else {
+            return Some(if self.scanned { Step::Boot } else { Step::Scan });
+        };
+        let change = self.change?;
+        Some(match (state, change.target) {
+            (from, to) if to <= from => Step::Move(to),
+            (MasterState::Init, _) => Step::Move(MasterState::PreOp),
+            (MasterState::PreOp, _) if !change.configured => Step::Configure,
+            (MasterState::PreOp, _) => Step::Move(MasterState::SafeOp),
+            _ => Step::Move(MasterState::Op),
+        })
+    }
+
+    /// Whether the step under way no longer leads to the target: the way up was given up.
+    pub(super) fn is_obsolete(&self, step: Step) -> bool {
+        match (step, self.change, self.reached) {
+            (Step::Configure, Some(change), Some(state)) => change.target <= state,
+            (Step::Move(to), Some(change), Some(state)) => to > state && change.target <= state,
+            _ => false,
+        }
+    }
+
+    /// When the change under way has failed.
+    pub(super) fn deadline(&self) -> Option<Ns> {
+        self.change.map(|change| change.deadline)
+    }
+
+    pub(super) fn scanned(&mut self, found: u8) {
+        self.found = found;
+        self.scanned = found > 0;
+        self.failed = found == 0;
+    }
+
+    /// A step ended well. Says what was reached, if a state was.
+    pub(super) fn done(&mut self, step: Step) -> Option<MasterState> {
+        let state = match step {
+            Step::Scan => return None,
+            Step::Configure => {
+                if let Some(change) = &mut self.change {
+                    change.configured = true;
+                }
+                return None;
+            }
+            Step::Boot => MasterState::PreOp,
+            Step::Move(to) => to,
+        };
+        self.reached = Some(state);
+        self.talks |= step == Step::Boot;
+        match &mut self.change {
+            Some(change) if change.target == state => self.change = None,
+            Some(change) => change.configured = false,
+            None => {}
+        }
+        if self.change.is_none() {
+            self.failed = false;
+        }
+        Some(state)
+    }
+
+    /// A step failed, or took too long: the change ends where it is, without retries. At boot the board looks for
+    /// slaves again.
+    pub(super) fn fail(&mut self, step: Step) {
+        self.failed = true;
+        self.change = None;
+        if matches!(step, Step::Scan | Step::Boot) {
+            self.scanned = false;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(state: MasterState) -> Network {
+        Network { reached: Some(state), found: 1, scanned: true, talks: true, ..Network::default() }
+    }
+
+    /// SK-4: the steps of every way from one state to another.
+    #[test]
+    fn every_way_is_walked_step_by_step() {
+        use MasterState::*;
+        let ways: [(MasterState, MasterState, &[Step]); 9] = [
+            (PreOp, Op, &[Step::Configure, Step::Move(SafeOp), Step::Move(Op)]),
+            (PreOp, SafeOp, &[Step::Configure, Step::Move(SafeOp)]),
+            (SafeOp, Op, &[Step::Move(Op)]),
+            (Init, PreOp, &[Step::Move(PreOp)]),
+            (Op, SafeOp, &[Step::Move(SafeOp)]),
+            (Op, PreOp, &[Step::Move(PreOp)]),
+            (Op, Init, &[Step::Move(Init)]),
+            (SafeOp, Init, &[Step::Move(Init)]),
+            (PreOp, PreOp, &[]),
+        ];
+        for (from, to, steps) in ways {
+            let mut network = at(from);
+            assert!(network.request(to, 0));
+            for step in steps {
+                assert_eq!(network.next_step(), Some(*step), "{from} to {to}");
+                network.done(*step);
+            }
+            assert_eq!((network.next_step(), network.state()), (None, Some(to)), "{from} to {to}");
+        }
+    }
+}

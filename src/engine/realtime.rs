@@ -1,0 +1,102 @@
+//! What the runner's thread asks of the operating system: exact sleeps, and optionally priority and locked memory.
+
+use std::time::{Duration, Instant};
+
+/// Wishes that the system may refuse; a refusal is a warning, not an error.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RealTime {
+    /// SCHED_FIFO priority of the runner's thread, 1..=99.
+    pub priority: Option<u8>,
+    /// Lock the process's memory (mlockall), so that no page fault delays a cycle.
+    pub lock_memory: bool,
+}
+
+impl RealTime {
+    /// Applies the wishes to the calling thread. The texts are warnings: what was refused and what to do.
+    #[cfg(target_os = "linux")]
+    pub(super) fn apply(self) -> Vec<String> {
+        use rustix::mm::{MlockAllFlags, mlockall};
+        use thread_priority::{
+            RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+            set_thread_priority_and_policy, thread_native_id,
+        };
+
+        let mut warnings = Vec::new();
+        if let Some(priority) = self.priority {
+            let set = ThreadPriorityValue::try_from(priority).map_err(|e| e.to_string()).and_then(|value| {
+                set_thread_priority_and_policy(
+                    thread_native_id(),
+                    ThreadPriority::Crossplatform(value),
+                    ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+                )
+                .map_err(|e| format!("{e:?}"))
+            });
+            if let Err(e) = set {
+                warnings.push(format!(
+                    "priority={priority} was refused ({e}): cycles may be late; allow it with `ulimit -r {priority}` or CAP_SYS_NICE"
+                ));
+            }
+        }
+        if self.lock_memory
+            && let Err(e) = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
+        {
+            warnings.push(format!(
+                "lock_memory was refused ({e}): page faults may delay cycles; allow it with `ulimit -l unlimited` or CAP_IPC_LOCK"
+            ));
+        }
+        warnings
+    }
+
+    /// Applies the wishes to the calling thread. The texts are warnings: what was refused and what to do.
+    #[cfg(not(target_os = "linux"))]
+    pub(super) fn apply(self) -> Vec<String> {
+        let asked = [("priority", self.priority.is_some()), ("lock_memory", self.lock_memory)];
+        asked
+            .into_iter()
+            .filter(|(_, asked)| *asked)
+            .map(|(key, _)| format!("{key} is not available on this system and was left out"))
+            .collect()
+    }
+}
+
+/// The clock of the runner, and absolute sleeps on it.
+pub(super) struct Clock {
+    #[cfg(target_os = "linux")]
+    zero: rustix::time::Timespec,
+    start: Instant,
+}
+
+impl Clock {
+    pub(super) fn start() -> Self {
+        Self {
+            #[cfg(target_os = "linux")]
+            zero: rustix::time::clock_gettime(rustix::time::ClockId::Monotonic),
+            start: Instant::now(),
+        }
+    }
+
+    /// Time since the start.
+    pub(super) fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    /// Sleeps until that time since the start; not at all if it has passed.
+    #[cfg(target_os = "linux")]
+    pub(super) fn sleep_until(&self, at: Duration) {
+        use rustix::thread::{ClockId, clock_nanosleep_absolute};
+        let nanos = self.zero.tv_nsec as i64 + i64::from(at.subsec_nanos());
+        let request = rustix::time::Timespec {
+            tv_sec: self.zero.tv_sec + at.as_secs() as i64 + nanos / 1_000_000_000,
+            tv_nsec: (nanos % 1_000_000_000) as _,
+        };
+        while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
+    }
+
+    /// Sleeps until that time since the start; not at all if it has passed.
+    #[cfg(not(target_os = "linux"))]
+    pub(super) fn sleep_until(&self, at: Duration) {
+        if let Some(left) = at.checked_sub(self.now()) {
+            std::thread::sleep(left);
+        }
+    }
+}

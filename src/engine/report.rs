@@ -1,0 +1,117 @@
+//! The answer of a cycle: the axes' next steps, and the response frame (SK-2, SK-3).
+
+use super::{Engine, Firmware, Head};
+use crate::fieldbus::{CycleDone, MAX_AXES, Role};
+use crate::sk::{
+    DriveResponse, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterResponse, RawSlot, SlaveResponse,
+};
+
+impl Engine {
+    /// A cycle has passed: `self.inputs` holds what the slaves sent.
+    pub(super) fn complete(&mut self, done: &CycleDone) {
+        if let Some(id) = done.outputs {
+            while self.ahead.front().is_some_and(|entry| *entry <= id) {
+                self.ahead.pop_front();
+            }
+            let n = self.executed.len() as u64;
+            self.shown = self.executed[(id % n) as usize].heads;
+        }
+        if self.v.network.in_op() {
+            self.answer_axes();
+            self.refresh_slave_slots();
+        } else {
+            self.refresh_heads();
+        }
+        let size = self.config.slot;
+        let sdo = *self.v.sdo.answer();
+        self.v.response.put(size, size.sdo_slot(), &sdo);
+        self.v.response.put(size, 0, &self.master_response().encode());
+        if self.v.switches.fill_responses {
+            self.v.response.fill_crc(size);
+        }
+    }
+
+    fn master_response(&self) -> MasterResponse {
+        let op = self.v.network.in_op();
+        MasterResponse {
+            id: if op { MASTER_CYCLIC } else { self.v.master_id.code() },
+            // SK-2: the CRC error count; the 1.5 profile keeps 0 [OURS].
+            error: match self.config.firmware {
+                Firmware::V17 => self.v.crc_errors,
+                Firmware::V15 => 0,
+            },
+            state: self.v.network.state_byte(),
+            result: self.v.master_result,
+            fifo_free: if op { self.fifo_free() } else { 0 },
+            full_count: if op { self.fifo.full_count() } else { 0 },
+        }
+    }
+
+    fn answer_axes(&mut self) {
+        for slave in 1..=usize::from(self.v.network.found()) {
+            let (mode, axes) = match self.role(slave) {
+                Role::Drive(mode) | Role::Step(mode) => (mode, 1),
+                Role::Hsp(mode) => (mode, MAX_AXES),
+                Role::Io | Role::Unused => continue,
+            };
+            for axis in 0..axes {
+                let in_mode = self.in_mode(slave, axis, mode);
+                self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, in_mode);
+            }
+        }
+    }
+
+    /// In OP every slave's slot is refreshed in every cycle, whatever the command was.
+    fn refresh_slave_slots(&mut self) {
+        let size = self.config.slot;
+        for slave in 1..=size.max_slaves() {
+            let slot = self.slave_slot(slave);
+            self.v.response.put(size, slave, &slot);
+        }
+    }
+
+    fn slave_slot(&self, slave: usize) -> RawSlot {
+        let Head { id, index, output_image } = self.shown[slave - 1];
+        let role = self.role(slave);
+        let input = &self.inputs.slaves[slave - 1];
+        let index = match (self.config.firmware, role) {
+            (Firmware::V17, _) => index,
+            (Firmware::V15, Role::Drive(_) | Role::Step(_) | Role::Hsp(_)) => self.v.modes_written[slave - 1][0],
+            (Firmware::V15, Role::Io | Role::Unused) => 0,
+        };
+        let head = SlaveResponse { id, index };
+        match role {
+            Role::Unused => RawSlot { id, index, ..RawSlot::ZERO },
+            Role::Drive(_) | Role::Step(_) => DriveResponse {
+                head,
+                statusword: input[0].statusword,
+                position: input[0].position,
+                torque: input[0].torque,
+                error_code: input[0].error_code,
+            }
+            .encode(),
+            Role::Hsp(_) => HspResponse {
+                head,
+                statusword: input[0].statusword,
+                first: HspAxis { position: input[0].position, inputs: input[0].inputs },
+                second: HspAxis { position: input[1].position, inputs: input[1].inputs },
+            }
+            .encode(self.config.slot),
+            Role::Io => IoResponse { head, bits: output_image.unwrap_or(input[0].inputs) }.encode(),
+        }
+    }
+
+    /// Outside OP a slot shows the id and index of its last command and keeps the rest.
+    fn refresh_heads(&mut self) {
+        let size = self.config.slot;
+        for slave in 1..=size.max_slaves() {
+            let Head { id, index, .. } = self.v.heads[slave - 1];
+            let slot = self.v.response.slot(size, slave);
+            let index = match self.config.firmware {
+                Firmware::V17 => index,
+                Firmware::V15 => slot.index,
+            };
+            self.v.response.put(size, slave, &RawSlot { id, index, ..slot });
+        }
+    }
+}

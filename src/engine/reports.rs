@@ -1,0 +1,69 @@
+//! Reports nobody has read yet: the newest are kept, the oldest go first and are counted (LIB, as Windows does).
+
+use crate::fieldbus::Ns;
+use crate::sk::Frame;
+
+/// A report as a reader gets it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Report {
+    /// When it was made, in board time.
+    pub at: Ns,
+    /// Its number since the host interface was opened, from 0.
+    pub sequence: u64,
+    /// Reports dropped so far because nobody read them.
+    pub dropped: u64,
+}
+
+/// A ring of reports; allocates when it is made and never again.
+pub(super) struct ReportQueue {
+    ring: Vec<(Frame, Ns)>,
+    /// Sequence number of the oldest one kept.
+    first: u64,
+    len: usize,
+    dropped: u64,
+}
+
+impl ReportQueue {
+    pub(super) fn new(capacity: usize) -> Self {
+        Self { ring: vec![(Frame::new(), 0); capacity.max(1)], first: 0, len: 0, dropped: 0 }
+    }
+
+    pub(super) const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Reports dropped so far.
+    pub(super) const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    pub(super) fn push(&mut self, frame: &Frame, at: Ns) {
+        if self.len == self.ring.len() {
+            self.first += 1;
+            self.len -= 1;
+            self.dropped += 1;
+        }
+        let place = self.place(self.first + self.len as u64);
+        self.ring[place].0.clone_from(frame);
+        self.ring[place].1 = at;
+        self.len += 1;
+    }
+
+    /// The oldest one.
+    pub(super) fn pop(&mut self, out: &mut Frame) -> Option<Report> {
+        if self.is_empty() {
+            return None;
+        }
+        let place = self.place(self.first);
+        let (frame, at) = &self.ring[place];
+        out.clone_from(frame);
+        let report = Report { at: *at, sequence: self.first, dropped: self.dropped };
+        self.first += 1;
+        self.len -= 1;
+        Some(report)
+    }
+
+    fn place(&self, sequence: u64) -> usize {
+        (sequence % self.ring.len() as u64) as usize
+    }
+}

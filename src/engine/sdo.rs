@@ -1,0 +1,79 @@
+//! The SDO slot (SK-6): one transfer at a time, the answer stays until the next one ends.
+
+use super::Reason;
+use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::fieldbus::{Ns, SdoRequest};
+use crate::sk::{CommandId, RawSlot, SdoCommand, SdoResponse};
+
+/// A transfer the host asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Transfer {
+    pub(super) slave: u8,
+    pub(super) object: ObjectAddress,
+    /// Size, and the value as it stood in Data2.
+    pub(super) write: Option<(SdoSize, u32)>,
+}
+
+impl Transfer {
+    const fn id(&self) -> CommandId {
+        match self.write {
+            None => CommandId::SdoRead,
+            Some(_) => CommandId::SdoWrite,
+        }
+    }
+}
+
+/// What stands in the slot, and what is under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SdoSlot {
+    answer: RawSlot,
+    waiting: Option<Transfer>,
+    running: Option<Transfer>,
+}
+
+impl SdoSlot {
+    pub(super) const fn new() -> Self {
+        Self { answer: RawSlot::ZERO, waiting: None, running: None }
+    }
+
+    /// The slot of a response.
+    pub(super) const fn answer(&self) -> &RawSlot {
+        &self.answer
+    }
+
+    /// Takes a command of the host. SK-6 [OURS]: a request while a transfer is under way is rejected.
+    pub(super) fn command(&mut self, command: SdoCommand) -> Result<(), Reason> {
+        let transfer = match command {
+            SdoCommand::Read { slave, object } => Transfer { slave, object, write: None },
+            SdoCommand::Write { slave, object, size, value } => Transfer { slave, object, write: Some((size, value)) },
+            SdoCommand::GetStatus | SdoCommand::Other(_) => return Ok(()),
+        };
+        if self.waiting.is_some() || self.running.is_some() {
+            return Err(Reason::SdoBusy);
+        }
+        self.waiting = Some(transfer);
+        Ok(())
+    }
+
+    /// Starts the transfer that waits, if one does.
+    pub(super) fn start(&mut self, timeout_ns: Ns) -> Option<SdoRequest> {
+        let Transfer { slave, object, write } = self.waiting.take()?;
+        self.running = Some(Transfer { slave, object, write });
+        Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
+    }
+
+    /// The transfer under way has ended; says which it was.
+    pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<Transfer> {
+        let transfer = self.running.take()?;
+        let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
+        self.answer = match result {
+            // The answer to a write repeats Data2 as it was sent: programs compare all of it (LIB, habits).
+            Ok(read) => {
+                let value = transfer.write.map_or(read, |(_, value)| value);
+                SdoResponse::Done { id, slave, object, value }.encode()
+            }
+            Err(code) => SdoResponse::Aborted { id, slave, object, code }.encode(),
+        };
+        Some(transfer)
+    }
+}

@@ -1,0 +1,218 @@
+//! The runner of the real clock: a thread that runs cycles at absolute deadlines.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::handover::Handover;
+use super::realtime::{Clock, RealTime};
+use super::reports::Report;
+use super::stepped::Stop;
+use super::{Board, Counters, Rejection};
+use crate::fieldbus::Ns;
+use crate::sk::Frame;
+
+/// The runner looks for frames at least this often, however long the cycle is; closing takes no longer either.
+const VISIT: Duration = Duration::from_millis(5);
+/// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
+/// time leaves the gap out, and it is counted [OURS].
+const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
+/// Rejections kept for the host's log between two looks.
+const REJECTIONS_KEPT: usize = 32;
+
+/// How late the runner's cycles began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lateness {
+    /// Cycles run.
+    pub cycles: u64,
+    /// The latest begin, nanoseconds after its deadline.
+    pub worst_ns: u64,
+    /// Time that was left out because the host was away, nanoseconds.
+    pub skipped_ns: u64,
+}
+
+/// What the runner shows of the board, besides reports.
+struct Shown {
+    counters: Counters,
+    rejections: Vec<Rejection>,
+}
+
+struct Shared {
+    handover: Handover,
+    stop: AtomicBool,
+    shown: Mutex<Shown>,
+    cycles: AtomicU64,
+    worst_ns: AtomicU64,
+    skipped_ns: AtomicU64,
+}
+
+/// A board on the real clock.
+pub struct Threaded {
+    shared: Arc<Shared>,
+    clock: Arc<Clock>,
+    /// Board time when the clock started.
+    zero: Ns,
+    host: Duration,
+    /// When the next write may arrive, on the clock.
+    next_write: Mutex<Duration>,
+    thread: Mutex<Option<JoinHandle<Board>>>,
+}
+
+impl Threaded {
+    /// Opens the board's host interface and starts its thread. A write takes `host_ns`, and the newest `queue` reports
+    /// are kept.
+    ///
+    /// # Errors
+    /// The system's, if it gives no thread; the board is lost then.
+    pub fn start(board: Board, host_ns: Ns, queue: usize, wishes: RealTime) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared {
+            handover: Handover::new(queue),
+            stop: AtomicBool::new(false),
+            shown: Mutex::new(Shown {
+                counters: *board.engine().counters(),
+                rejections: Vec::with_capacity(REJECTIONS_KEPT),
+            }),
+            cycles: AtomicU64::new(0),
+            worst_ns: AtomicU64::new(0),
+            skipped_ns: AtomicU64::new(0),
+        });
+        let clock = Arc::new(Clock::start());
+        let zero = board.now();
+        let thread = std::thread::Builder::new().name("ecmsk-board".into()).spawn({
+            let (shared, clock) = (Arc::clone(&shared), Arc::clone(&clock));
+            move || {
+                for warning in wishes.apply() {
+                    log::warn!("{warning}");
+                }
+                run(board, &shared, &clock)
+            }
+        })?;
+        Ok(Self {
+            shared,
+            clock,
+            zero,
+            host: Duration::from_nanos(host_ns),
+            next_write: Mutex::default(),
+            thread: Mutex::new(Some(thread)),
+        })
+    }
+
+    /// Hands a frame over, waiting at most `limit` for room; says when it arrived, in board time.
+    ///
+    /// # Errors
+    /// [`Stop`]; the frame was not taken.
+    pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
+        let end = limit.map(|limit| Instant::now() + limit);
+        let arrival = {
+            let mut next = self.next_write.lock().unwrap_or_else(PoisonError::into_inner);
+            let arrival = self.clock.now().max(*next);
+            *next = arrival + self.host;
+            arrival
+        };
+        if arrival > self.clock.now() {
+            self.clock.sleep_until(arrival);
+        }
+        let at = self.zero + arrival.as_nanos() as Ns;
+        self.shared.handover.send(frame, at, end)?;
+        Ok(at)
+    }
+
+    /// The oldest report not read yet, waiting at most `limit` for one; `None`: no limit.
+    ///
+    /// # Errors
+    /// [`Stop`].
+    pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
+        self.shared.handover.receive(out, limit.map(|limit| Instant::now() + limit))
+    }
+
+    /// Ends the writes that wait now.
+    pub fn cancel_writes(&self) {
+        self.shared.handover.cancel_writes();
+    }
+
+    /// Ends the reads that wait now.
+    pub fn cancel_reads(&self) {
+        self.shared.handover.cancel_reads();
+    }
+
+    /// Counters of the board as of its last cycle, and the reports dropped so far.
+    pub fn counters(&self) -> (Counters, u64) {
+        let shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        (shown.counters, self.shared.handover.dropped())
+    }
+
+    /// Takes the rejections since the last look.
+    pub fn take_rejections(&self) -> Vec<Rejection> {
+        self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).rejections.drain(..).collect()
+    }
+
+    /// How late cycles were so far.
+    pub fn lateness(&self) -> Lateness {
+        Lateness {
+            cycles: self.shared.cycles.load(Ordering::Relaxed),
+            worst_ns: self.shared.worst_ns.load(Ordering::Relaxed),
+            skipped_ns: self.shared.skipped_ns.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Ends every wait, stops the thread and gives the board back, once.
+    pub fn close(&self) -> Option<Board> {
+        self.shared.handover.end(Stop::Closed);
+        self.shared.stop.store(true, Ordering::Release);
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+        thread.join().ok()
+    }
+}
+
+impl Drop for Threaded {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+/// The thread: visits the inbox, runs the cycles that are due, sleeps until the next.
+fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
+    let boots = board.engine().boots();
+    let zero = board.now();
+    let mut frame = Frame::new();
+    // Gaps that the board's time left out: how much later than its own time the clock is.
+    let mut skipped = Duration::ZERO;
+    let mut visit = Duration::ZERO;
+    while !shared.stop.load(Ordering::Acquire) {
+        let due = skipped + Duration::from_nanos(board.next_cycle() - zero);
+        visit = due.min(visit + VISIT);
+        clock.sleep_until(visit);
+        let now = clock.now();
+        if let Some(gap) = now.checked_sub(due + LONGEST_CATCH_UP) {
+            skipped += gap;
+            shared.skipped_ns.fetch_add(gap.as_nanos() as u64, Ordering::Relaxed);
+            visit = now;
+            continue;
+        }
+        let mut publish = |frame: &Frame, at| shared.handover.publish(frame, at);
+        let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
+        while let Some(at) = shared.handover.next_frame(&mut frame) {
+            board.host(&frame, at.clamp(board.now(), board_now.max(board.now())), &mut publish);
+        }
+        if now >= due {
+            shared.cycles.fetch_add(1, Ordering::Relaxed);
+            shared.worst_ns.fetch_max((now - due).as_nanos() as u64, Ordering::Relaxed);
+            board.advance(board_now, &mut publish);
+            show(&board, shared);
+        }
+        if board.engine().boots() != boots {
+            shared.handover.end(Stop::Rebooted);
+        }
+    }
+    board
+}
+
+/// Copies counters and new rejections out, if nobody is looking at them right now.
+fn show(board: &Board, shared: &Shared) {
+    let Ok(mut shown) = shared.shown.try_lock() else { return };
+    let seen = shown.counters.rejected_total();
+    shown.counters = *board.engine().counters();
+    let room = REJECTIONS_KEPT - shown.rejections.len();
+    shown.rejections.extend(board.engine().rejections_since(seen).take(room));
+}

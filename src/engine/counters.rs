@@ -130,28 +130,60 @@ impl Counters {
     }
 }
 
-/// The last rejections, for people: the wire does not show them.
+/// Something that people may want to read, because the wire does not show it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A command was not executed.
+    Rejected(Rejection),
+    /// SET_DC came with a Data2 that no guide prints; it was accepted (SK-4 [OURS]).
+    OddDcShift {
+        /// When, in board time.
+        at: Ns,
+        /// Data2.
+        data2: u32,
+    },
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Rejected(rejection) => rejection.fmt(f),
+            Self::OddDcShift { at, data2 } => write!(
+                f,
+                "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
+                at / 1000
+            ),
+        }
+    }
+}
+
+/// The last events.
 #[derive(Clone, Debug)]
-pub(super) struct RejectionLog {
-    ring: [Option<Rejection>; Self::KEPT],
+pub(super) struct EventLog {
+    ring: [Option<Event>; Self::KEPT],
     total: u64,
 }
 
-impl RejectionLog {
-    /// Rejections kept.
+impl EventLog {
+    /// Events kept.
     const KEPT: usize = 32;
 
     pub(super) const fn new() -> Self {
         Self { ring: [None; Self::KEPT], total: 0 }
     }
 
-    pub(super) fn push(&mut self, rejection: Rejection) {
-        self.ring[(self.total % Self::KEPT as u64) as usize] = Some(rejection);
+    pub(super) fn push(&mut self, event: Event) {
+        self.ring[(self.total % Self::KEPT as u64) as usize] = Some(event);
         self.total += 1;
     }
 
-    /// Rejections from number `from` on that are still kept, oldest first.
-    pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Rejection> {
+    /// Events so far.
+    pub(super) const fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// Events from number `from` on that are still kept, oldest first.
+    pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Event> {
         let oldest = self.total.saturating_sub(Self::KEPT as u64).max(from);
         (oldest..self.total).filter_map(|n| self.ring[(n % Self::KEPT as u64) as usize])
     }

@@ -1,10 +1,11 @@
 //! Executing a command frame: what each command does, and why one is rejected (SK-4).
 
-use super::{CrcSwitches, Engine, Head, Reason, Rejection};
+use super::{CrcSwitches, Engine, Event, Head, Reason, Rejection};
 use crate::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, Ns, Role};
 use crate::sk::{
-    CommandId, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand, SlotCommand,
+    CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand,
+    SlotCommand,
 };
 
 /// In OP these do not wait in the FIFO (SK-5 [OURS]).
@@ -105,7 +106,12 @@ impl Engine {
                 let in_init = self.v.network.state() == Some(MasterState::Init);
                 return Ok(if in_init { 0 } else { self.v.network.found().into() });
             }
-            MasterCommand::SetDc { cycle, shift: _ } => self.v.cycle = cycle,
+            MasterCommand::SetDc { cycle, shift } => {
+                self.v.cycle = cycle;
+                if let DcShift::Other(data2) = shift {
+                    self.log.push(Event::OddDcShift { at, data2 });
+                }
+            }
             MasterCommand::SetEx { check_commands, fill_responses } => {
                 self.remembered = CrcSwitches { check_commands, fill_responses };
             }
@@ -209,6 +215,6 @@ impl Engine {
 
     fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
         self.counters.rejected[reason.kind()] += 1;
-        self.log.push(Rejection { at, slot: slot as u8, id, reason });
+        self.log.push(Event::Rejected(Rejection { at, slot: slot as u8, id, reason }));
     }
 }

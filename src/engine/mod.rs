@@ -23,7 +23,7 @@ mod threaded;
 use std::collections::VecDeque;
 
 pub use board::Board;
-pub use counters::{Counters, Reason, Rejection};
+pub use counters::{Counters, Event, Reason, Rejection};
 pub use realtime::RealTime;
 pub use reports::Report;
 pub use stepped::{Stepped, Stop};
@@ -33,7 +33,7 @@ use crate::cia402::Mode;
 use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind, SlotSize, StateByte};
 use axis::Axis;
-use counters::RejectionLog;
+use counters::EventLog;
 use fifo::CommandFifo;
 use network::Network;
 use sdo::SdoSlot;
@@ -165,7 +165,7 @@ pub struct Engine {
     local_inputs: u8,
     boots: u64,
     counters: Counters,
-    log: RejectionLog,
+    log: EventLog,
 }
 
 impl Engine {
@@ -194,7 +194,7 @@ impl Engine {
             local_inputs: 0,
             boots: 1,
             counters: Counters::default(),
-            log: RejectionLog::new(),
+            log: EventLog::new(),
         }
     }
 
@@ -239,8 +239,13 @@ impl Engine {
         &self.counters
     }
 
-    /// Rejections from number `from` (of [`Counters::rejected_total`]) on, as far as they are still kept.
-    pub fn rejections_since(&self, from: u64) -> impl Iterator<Item = Rejection> {
+    /// Events so far: rejections and other things that the wire does not show.
+    pub const fn events_total(&self) -> u64 {
+        self.log.total()
+    }
+
+    /// Events from number `from` on, oldest first; only the last 32 are kept.
+    pub fn events_since(&self, from: u64) -> impl Iterator<Item = Event> {
         self.log.since(from)
     }
 

@@ -84,7 +84,7 @@ impl Clock {
     #[cfg(target_os = "linux")]
     pub(super) fn sleep_until(&self, at: Duration) {
         use rustix::thread::{ClockId, clock_nanosleep_absolute};
-        let nanos = self.zero.tv_nsec as i64 + i64::from(at.subsec_nanos());
+        let nanos = self.zero.tv_nsec + i64::from(at.subsec_nanos());
         let request = rustix::time::Timespec {
             tv_sec: self.zero.tv_sec + at.as_secs() as i64 + nanos / 1_000_000_000,
             tv_nsec: (nanos % 1_000_000_000) as _,

@@ -9,7 +9,7 @@ use super::handover::Handover;
 use super::realtime::{Clock, RealTime};
 use super::reports::Report;
 use super::stepped::Stop;
-use super::{Board, Counters, Rejection};
+use super::{Board, Counters, Event};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
@@ -18,8 +18,8 @@ const VISIT: Duration = Duration::from_millis(5);
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
 /// time leaves the gap out, and it is counted [OURS].
 const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
-/// Rejections kept for the host's log between two looks.
-const REJECTIONS_KEPT: usize = 32;
+/// Events kept for the host's log between two looks.
+const EVENTS_KEPT: usize = 32;
 
 /// How late the runner's cycles began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,7 +35,8 @@ pub struct Lateness {
 /// What the runner shows of the board, besides reports.
 struct Shown {
     counters: Counters,
-    rejections: Vec<Rejection>,
+    events: Vec<Event>,
+    events_total: u64,
 }
 
 struct Shared {
@@ -71,7 +72,8 @@ impl Threaded {
             stop: AtomicBool::new(false),
             shown: Mutex::new(Shown {
                 counters: *board.engine().counters(),
-                rejections: Vec::with_capacity(REJECTIONS_KEPT),
+                events: Vec::with_capacity(EVENTS_KEPT),
+                events_total: board.engine().events_total(),
             }),
             cycles: AtomicU64::new(0),
             worst_ns: AtomicU64::new(0),
@@ -142,9 +144,9 @@ impl Threaded {
         (shown.counters, self.shared.handover.dropped())
     }
 
-    /// Takes the rejections since the last look.
-    pub fn take_rejections(&self) -> Vec<Rejection> {
-        self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).rejections.drain(..).collect()
+    /// Takes the events since the last look.
+    pub fn take_events(&self) -> Vec<Event> {
+        self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).events.drain(..).collect()
     }
 
     /// How late cycles were so far.
@@ -208,11 +210,14 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     board
 }
 
-/// Copies counters and new rejections out, if nobody is looking at them right now.
+/// Copies counters and new events out, if nobody is looking at them right now.
 fn show(board: &Board, shared: &Shared) {
     let Ok(mut shown) = shared.shown.try_lock() else { return };
-    let seen = shown.counters.rejected_total();
-    shown.counters = *board.engine().counters();
-    let room = REJECTIONS_KEPT - shown.rejections.len();
-    shown.rejections.extend(board.engine().rejections_since(seen).take(room));
+    let engine = board.engine();
+    shown.counters = *engine.counters();
+    let seen = std::mem::replace(&mut shown.events_total, engine.events_total());
+    if engine.events_total() > seen {
+        let room = EVENTS_KEPT - shown.events.len();
+        shown.events.extend(engine.events_since(seen).take(room));
+    }
 }

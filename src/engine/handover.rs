@@ -13,19 +13,16 @@ use super::sync::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// Frames that can be under way between two visits of the runner. A full inbox makes a writer wait, as a USB device
-/// that does not accept does.
-pub(super) const INBOX_FRAMES: usize = 256;
-
-/// A way a wait ends other than by success.
+/// Whether calls still do their work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Phase {
+enum Phase {
     Open,
     Over(Stop),
 }
 
 struct Inbox {
     frames: VecDeque<(Frame, Ns)>,
+    room: usize,
     phase: Phase,
     cancels: u64,
 }
@@ -45,9 +42,11 @@ pub(super) struct Handover {
 }
 
 impl Handover {
-    pub(super) fn new(queue: usize) -> Self {
+    /// Room for `room` frames between two visits of the runner, and for `queue` reports nobody has read. A full inbox
+    /// makes a writer wait, as a USB device that does not accept does.
+    pub(super) fn new(room: usize, queue: usize) -> Self {
         Self {
-            inbox: Mutex::new(Inbox { frames: VecDeque::with_capacity(INBOX_FRAMES), phase: Phase::Open, cancels: 0 }),
+            inbox: Mutex::new(Inbox { frames: VecDeque::with_capacity(room), room, phase: Phase::Open, cancels: 0 }),
             space: Condvar::new(),
             outbox: Mutex::new(Outbox { reports: ReportQueue::new(queue), phase: Phase::Open, cancels: 0 }),
             news: Condvar::new(),
@@ -62,7 +61,7 @@ impl Handover {
             match inbox.phase {
                 Phase::Over(stop) => return Err(stop),
                 Phase::Open if inbox.cancels != cancels => return Err(Stop::Cancelled),
-                Phase::Open if inbox.frames.len() < INBOX_FRAMES => break,
+                Phase::Open if inbox.frames.len() < inbox.room => break,
                 Phase::Open => inbox = wait_until(&self.space, inbox, end)?,
             }
         }
@@ -90,7 +89,7 @@ impl Handover {
     /// Runner: the oldest frame that has arrived.
     pub(super) fn next_frame(&self, out: &mut Frame) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
-        let was_full = inbox.frames.len() == INBOX_FRAMES;
+        let was_full = inbox.frames.len() == inbox.room;
         let (frame, at) = inbox.frames.pop_front()?;
         drop(inbox);
         out.clone_from(&frame);

@@ -15,6 +15,8 @@ use crate::sk::Frame;
 
 /// The runner looks for frames at least this often, however long the cycle is; closing takes no longer either.
 const VISIT: Duration = Duration::from_millis(5);
+/// Frames a host can hand over between two visits: more than can come in that time.
+const INBOX_FRAMES: usize = 256;
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
 /// time leaves the gap out, and it is counted [OURS].
 const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
@@ -68,7 +70,7 @@ impl Threaded {
     /// The system's, if it gives no thread; the board is lost then.
     pub fn start(board: Board, host_ns: Ns, queue: usize, wishes: RealTime) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
-            handover: Handover::new(queue),
+            handover: Handover::new(INBOX_FRAMES, queue),
             stop: AtomicBool::new(false),
             shown: Mutex::new(Shown {
                 counters: *board.engine().counters(),

@@ -1,5 +1,6 @@
 //! How a host talks to one ECM: the seam [`Link`], the URI that names one, and the links and wrappers there are.
 
+pub mod engine;
 pub mod uri;
 
 use std::time::Duration;

@@ -1,0 +1,270 @@
+//! The link to an EC01M in this process: the engine over a bus, on the real clock or on a virtual one.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::engine::{Board, Counters, Event, RealTime, Stepped, Stop, Threaded};
+use crate::fieldbus::Ns;
+use crate::sk::Frame;
+
+/// What takes the board when its link is closed: a real board does not vanish with the program either.
+pub type Keeper = Box<dyn Fn(Board) + Send + Sync>;
+
+/// How a board's host interface is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RunOptions {
+    /// Time passes by calls only.
+    pub virtual_time: bool,
+    /// What a write takes of the board's time: one USB microframe.
+    pub host_ns: Ns,
+    /// Reports kept while nobody reads.
+    pub queue: usize,
+    /// Limit of a read that names none.
+    pub read_wait: Wait,
+    /// Limit of a write that names none.
+    pub write_wait: Wait,
+    /// What the runner asks of the system (real clock only).
+    pub real_time: RealTime,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self {
+            virtual_time: true,
+            host_ns: 125_000,
+            queue: 32,
+            read_wait: Wait::Forever,
+            write_wait: Wait::For(Duration::from_secs(5)),
+            real_time: RealTime::default(),
+        }
+    }
+}
+
+enum Runner {
+    Stepped(Box<Stepped>),
+    Threaded(Threaded),
+}
+
+/// A link to a board in this process.
+pub struct EngineLink {
+    info: LinkInfo,
+    runner: Runner,
+    keeper: Option<Keeper>,
+    closed: AtomicBool,
+    /// The board's counters when the link was closed.
+    last: OnceLock<(Counters, u64)>,
+    counts: Counts,
+    /// Events of the board that were logged.
+    logged: AtomicU64,
+}
+
+#[derive(Default)]
+struct Counts {
+    written: AtomicU64,
+    read: AtomicU64,
+    write_errors: AtomicU64,
+    read_errors: AtomicU64,
+}
+
+impl EngineLink {
+    /// Opens the host interface of a board that talks. `name` is what messages call it; `keeper` gets the board back.
+    ///
+    /// # Errors
+    /// [`LinkError::NoBoard`] if the board does not talk: it goes to `keeper` then. [`LinkError::Io`] if the system
+    /// gives no thread.
+    pub fn open(name: &str, board: Board, options: RunOptions, keeper: Option<Keeper>) -> Result<Self, LinkError> {
+        if !board.engine().talks() {
+            let reason = if board.engine().state().is_failed() {
+                "it finds no slave (UG17 4.2.1); give it some with `slaves=`"
+            } else {
+                "it is booting; open it again in a moment"
+            };
+            if let Some(keep) = keeper {
+                keep(board);
+            }
+            return Err(LinkError::NoBoard { name: name.into(), reason: reason.into() });
+        }
+        let info = LinkInfo {
+            name: name.into(),
+            slot: Some(board.engine().config().slot),
+            virtual_time: options.virtual_time,
+            read_wait: options.read_wait,
+            write_wait: options.write_wait,
+        };
+        let logged = AtomicU64::new(board.engine().events_total());
+        let runner = if options.virtual_time {
+            Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
+        } else {
+            let threaded = Threaded::start(board, options.host_ns, options.queue, options.real_time);
+            Runner::Threaded(threaded.map_err(|e| LinkError::Io {
+                what: format!("start the thread of `{name}`"),
+                message: format!("{e}; free some threads (`ulimit -u`) and open it again"),
+            })?)
+        };
+        Ok(Self {
+            info,
+            runner,
+            keeper,
+            closed: AtomicBool::new(false),
+            last: OnceLock::new(),
+            counts: Counts::default(),
+            logged,
+        })
+    }
+
+    /// How late the cycles were so far; `None` on virtual time, where none is.
+    pub fn lateness(&self) -> Option<crate::engine::Lateness> {
+        match &self.runner {
+            Runner::Threaded(threaded) => Some(threaded.lateness()),
+            Runner::Stepped(_) => None,
+        }
+    }
+
+    fn error(&self, stop: Stop, dir: Dir, wait: Wait) -> LinkError {
+        match stop {
+            Stop::Timeout => LinkError::Timeout {
+                dir,
+                waited: limit(wait).unwrap_or_default(),
+                what: match dir {
+                    Dir::Write => "the board takes no more frames",
+                    Dir::Read => "no report came",
+                },
+            },
+            Stop::Silent { since, cycles } => LinkError::Silent { since_ns: since, cycles },
+            Stop::Rebooted => LinkError::Lost { name: self.info.name.clone(), reason: "it was reset (SW_RESET)" },
+            Stop::Closed => LinkError::Closed,
+            Stop::Cancelled => LinkError::Cancelled { dir },
+        }
+    }
+
+    /// Logs what the board did not execute, from the host's thread: the cyclic path does not log.
+    fn log_events(&self) {
+        if !log::log_enabled!(log::Level::Warn) {
+            return;
+        }
+        match &self.runner {
+            Runner::Threaded(threaded) => threaded.take_events().iter().for_each(log_event),
+            Runner::Stepped(stepped) => {
+                stepped.look(|board, _| {
+                    let from = self.logged.swap(board.engine().events_total(), Ordering::Relaxed);
+                    board.engine().events_since(from).for_each(|event| log_event(&event));
+                });
+            }
+        }
+    }
+
+    fn board_counters(&self) -> Option<(Counters, u64)> {
+        if let Some(last) = self.last.get() {
+            return Some(*last);
+        }
+        match &self.runner {
+            Runner::Threaded(threaded) => Some(threaded.counters()),
+            Runner::Stepped(stepped) => stepped.look(|board, dropped| (*board.engine().counters(), dropped)),
+        }
+    }
+}
+
+fn log_event(event: &Event) {
+    log::warn!("{event}");
+}
+
+fn limit(wait: Wait) -> Option<Duration> {
+    match wait {
+        Wait::Forever => None,
+        Wait::For(limit) => Some(limit),
+        Wait::Now => Some(Duration::ZERO),
+    }
+}
+
+impl Link for EngineLink {
+    fn info(&self) -> LinkInfo {
+        self.info.clone()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let done = match &self.runner {
+            Runner::Stepped(stepped) => stepped.write(frame),
+            Runner::Threaded(threaded) => threaded.write(frame, limit(wait)),
+        };
+        self.log_events();
+        match done {
+            Ok(at) => {
+                self.counts.written.fetch_add(1, Ordering::Relaxed);
+                Ok(Stamp(at))
+            }
+            Err(stop) => {
+                self.counts.write_errors.fetch_add(1, Ordering::Relaxed);
+                Err(self.error(stop, Dir::Write, wait))
+            }
+        }
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let done = match &self.runner {
+            Runner::Stepped(stepped) => stepped.read(out, limit(wait)),
+            Runner::Threaded(threaded) => threaded.read(out, limit(wait)),
+        };
+        self.log_events();
+        match done {
+            Ok(report) => {
+                self.counts.read.fetch_add(1, Ordering::Relaxed);
+                Ok(ReadMeta { at: Stamp(report.at), sequence: report.sequence, dropped: report.dropped })
+            }
+            Err(stop) => {
+                self.counts.read_errors.fetch_add(1, Ordering::Relaxed);
+                Err(self.error(stop, Dir::Read, wait))
+            }
+        }
+    }
+
+    fn cancel(&self, dir: Dir) {
+        // On virtual time no call waits.
+        if let Runner::Threaded(threaded) = &self.runner {
+            match dir {
+                Dir::Write => threaded.cancel_writes(),
+                Dir::Read => threaded.cancel_reads(),
+            }
+        }
+    }
+
+    fn close(&self) {
+        if self.closed.swap(true, Ordering::AcqRel) {
+            return;
+        }
+        self.log_events();
+        let dropped = self.board_counters().map_or(0, |(_, dropped)| dropped);
+        let board = match &self.runner {
+            Runner::Stepped(stepped) => stepped.close(),
+            Runner::Threaded(threaded) => threaded.close(),
+        };
+        if let Some(board) = &board {
+            // Closing happens once, so the cell is empty.
+            let _ = self.last.set((*board.engine().counters(), dropped));
+        }
+        if let (Some(board), Some(keep)) = (board, &self.keeper) {
+            keep(board);
+        }
+    }
+
+    fn stats(&self) -> LinkStats {
+        let board = self.board_counters();
+        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        LinkStats {
+            written: count(&self.counts.written),
+            read: count(&self.counts.read),
+            reports_dropped: board.as_ref().map_or(0, |(_, dropped)| *dropped),
+            write_errors: count(&self.counts.write_errors),
+            read_errors: count(&self.counts.read_errors),
+            record_dropped: 0,
+            board: board.map(|(counters, _)| counters),
+        }
+    }
+}
+
+impl Drop for EngineLink {
+    fn drop(&mut self) {
+        self.close();
+    }
+}

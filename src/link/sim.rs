@@ -1,0 +1,79 @@
+//! The link `sim:`: an EC01M with simulated slaves in this process.
+
+use std::time::Duration;
+
+use super::boards::{self, Key};
+use super::engine::{EngineLink, Keeper, RunOptions};
+use super::options::{Clock, CommonOptions, SimOptions};
+use super::uri::LinkUri;
+use super::{LinkError, Share};
+use crate::engine::{Board, EngineConfig, RealTime};
+use crate::fieldbus::Ns;
+use crate::fieldbus::sim::SimBus;
+
+/// How long a board may take to boot before it counts as one that finds no slave, in its own time.
+const BOOT_LIMIT_NS: Ns = 60_000_000_000;
+/// LIB: what a failed open costs a board on virtual time [OURS], so that a loop that opens again after SW_RESET ends.
+const FAILED_OPEN_NS: Ns = 50_000_000;
+
+/// Opens the board that the URI describes: one that this process has already, if `share` finds it, else a new one that
+/// has been switched on long ago.
+pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
+    let options = SimOptions::from_uri(uri)?;
+    let name = uri.to_string();
+    let key = match (&options.name, share) {
+        (Some(name), _) => Some(Key::Name(name.clone())),
+        (None, Share::ByUri) => Some(Key::Options(Box::new(options.clone()))),
+        (None, Share::ByName) => None,
+    };
+    let found = match &key {
+        Some(key) => boards::claim(key, &options, &name)?,
+        None => None,
+    };
+    let board = match found {
+        None => switch_on(&options),
+        Some((board, since)) => catch_up(board, since.elapsed(), &options),
+    };
+    let keeper = key.clone().map(|key| Box::new(move |board| boards::park(&key, board)) as Keeper);
+    let link = EngineLink::open(&name, board, run_options(&options, common), keeper);
+    if let (Err(LinkError::Io { .. }), Some(key)) = (&link, &key) {
+        boards::forget(key);
+    }
+    link
+}
+
+fn switch_on(options: &SimOptions) -> Board {
+    let config = EngineConfig {
+        slot: options.slot,
+        firmware: options.firmware,
+        state_timeout_ns: options.state_timeout.as_nanos() as Ns,
+        sdo_timeout_ns: options.sdo_timeout.as_nanos() as Ns,
+    };
+    let slaves = options.slaves.iter().map(|slave| slave.model.build()).collect();
+    let mut board = Board::new(config, Box::new(SimBus::new(slaves)));
+    board.boot(BOOT_LIMIT_NS);
+    board
+}
+
+/// What happened to a board while nobody had it.
+fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
+    let away = match options.clock {
+        Clock::Real => away.min(options.catch_up).as_nanos() as Ns,
+        Clock::Virtual if board.engine().talks() => 0,
+        Clock::Virtual => FAILED_OPEN_NS,
+    };
+    let now = board.now() + away;
+    board.advance(now, &mut |_, _| {});
+    board
+}
+
+fn run_options(options: &SimOptions, common: &CommonOptions) -> RunOptions {
+    RunOptions {
+        virtual_time: options.clock == Clock::Virtual,
+        host_ns: Ns::from(options.host_us) * 1000,
+        queue: common.queue,
+        read_wait: common.read_wait(),
+        write_wait: common.write_wait(),
+        real_time: RealTime { priority: options.priority, lock_memory: options.lock_memory },
+    }
+}

@@ -1,0 +1,196 @@
+//! A host beside a board: sends typed commands, reads typed answers, lets time pass. No link, no runner.
+
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::{Fieldbus, Ns};
+use ecmsk::sk::{
+    DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot, SdoCommand,
+    SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
+};
+
+/// What a write takes: one USB microframe.
+pub const MICROFRAME: Ns = 125_000;
+/// No change in these tests takes longer than this many reports.
+const PATIENCE: usize = 30_000;
+
+/// A board and its newest report.
+pub struct Host {
+    pub board: Board,
+    pub size: SlotSize,
+    pub report: Frame,
+    /// Reports so far.
+    pub reports: u64,
+}
+
+impl Host {
+    /// A board that has booted.
+    pub fn new(config: EngineConfig, bus: impl Fieldbus + 'static) -> Self {
+        let mut board = Board::new(config, Box::new(bus));
+        assert!(board.boot(60_000_000_000), "the board does not talk");
+        Self { board, size: config.slot, report: Frame::new(), reports: 0 }
+    }
+
+    /// Sends a frame; it arrives a microframe later.
+    pub fn send(&mut self, frame: &Frame) -> &mut Self {
+        let at = self.board.now() + MICROFRAME;
+        let Self { board, report, reports, .. } = self;
+        board.host(frame, at, &mut |frame, _| {
+            report.clone_from(frame);
+            *reports += 1;
+        });
+        self
+    }
+
+    /// Sends a frame that was put together by `build`.
+    pub fn build(&mut self, build: impl FnOnce(&mut Frame, SlotSize)) -> &mut Self {
+        let mut frame = Frame::new();
+        build(&mut frame, self.size);
+        self.send(&frame)
+    }
+
+    /// Sends a command for the board itself.
+    pub fn master(&mut self, command: MasterCommand) -> &mut Self {
+        self.build(|frame, size| frame.put_master(size, &command))
+    }
+
+    /// Sends a command for one slave, index 0.
+    pub fn slave(&mut self, slave: usize, command: SlaveCommand) -> &mut Self {
+        self.build(|frame, size| frame.put_slave(size, slave, &command.into()))
+    }
+
+    /// Sends an SDO command.
+    pub fn sdo(&mut self, command: SdoCommand) -> &mut Self {
+        self.build(|frame, size| frame.put_sdo(size, &command))
+    }
+
+    /// Sends a slot as it is.
+    pub fn raw(&mut self, slot: usize, raw: RawSlot) -> &mut Self {
+        self.build(|frame, size| frame.put(size, slot, &raw))
+    }
+
+    /// Sends a frame that asks for nothing.
+    pub fn idle(&mut self) -> &mut Self {
+        self.send(&Frame::new())
+    }
+
+    /// Lets one cycle pass; says whether it brought a report.
+    pub fn cycle(&mut self) -> bool {
+        let before = self.reports;
+        let Self { board, report, reports, .. } = self;
+        board.cycle(&mut |frame, _| {
+            report.clone_from(frame);
+            *reports += 1;
+        });
+        self.reports > before
+    }
+
+    /// Lets `n` cycles pass.
+    pub fn cycles(&mut self, n: usize) -> &mut Self {
+        for _ in 0..n {
+            self.cycle();
+        }
+        self
+    }
+
+    /// Lets cycles pass until `done` says so.
+    pub fn until(&mut self, what: &str, mut done: impl FnMut(&Self) -> bool) -> &mut Self {
+        for _ in 0..PATIENCE {
+            if done(self) {
+                return self;
+            }
+            self.cycle();
+        }
+        panic!("never: {what}; newest answer {:?}", self.answer());
+    }
+
+    /// Slot 0 of the newest report.
+    pub fn answer(&self) -> MasterResponse {
+        MasterResponse::decode(&self.report.slot(self.size, 0))
+    }
+
+    /// A drive's slot of the newest report.
+    pub fn drive(&self, slave: usize) -> DriveResponse {
+        DriveResponse::decode(&self.report.slot(self.size, slave))
+    }
+
+    /// The SDO slot of the newest report.
+    pub fn sdo_answer(&self) -> SdoResponse {
+        SdoResponse::decode(&self.report.slot(self.size, self.size.sdo_slot()))
+    }
+
+    pub fn state(&self) -> StateByte {
+        self.answer().state
+    }
+
+    /// Declares slaves 1..=n drives, the others none.
+    pub fn declare_drives(&mut self, n: usize) -> &mut Self {
+        for group in 0..5u8 {
+            let mut kinds = [SlaveKind::None; 8];
+            for (k, kind) in kinds.iter_mut().enumerate() {
+                if usize::from(group) * 8 + k < n {
+                    *kind = SlaveKind::Drive;
+                }
+            }
+            self.master(MasterCommand::SetAxis { group, kinds });
+        }
+        self
+    }
+
+    /// Asks for a state and waits until the state byte shows it.
+    pub fn go(&mut self, state: MasterState) -> &mut Self {
+        self.master(MasterCommand::SetState(state));
+        self.until(&format!("state {state}"), |host| host.state() == StateByte::reached(state))
+    }
+
+    /// OP with `n` drives in CSP.
+    pub fn op(&mut self, n: usize) -> &mut Self {
+        self.declare_drives(n).go(MasterState::Op).drained()
+    }
+
+    /// Waits until the FIFO is empty.
+    pub fn drained(&mut self) -> &mut Self {
+        self.cycle();
+        self.until("an empty FIFO", |host| host.answer().fifo_free == FIFO_ENTRIES)
+    }
+
+    /// Waits until the drive shows Operation enabled after an SV_ON.
+    pub fn servo_on(&mut self, slave: usize) -> &mut Self {
+        self.slave(slave, SlaveCommand::ServoOn);
+        self.until("Operation enabled", |host| host.drive(slave).statusword.is_enabled())
+    }
+
+    /// Sends a target position.
+    pub fn csp(&mut self, slave: usize, target: i32) -> &mut Self {
+        self.slave(slave, SlaveCommand::Csp(Motion::to(target)))
+    }
+
+    /// Reads an object to its end.
+    pub fn read_object(&mut self, slave: u8, index: u16, sub: u8) -> Result<u32, AbortCode> {
+        self.transfer(SdoCommand::Read { slave, object: ObjectAddress::new(index, sub) })
+    }
+
+    /// Writes an object to its end.
+    pub fn write_object(
+        &mut self,
+        slave: u8,
+        index: u16,
+        sub: u8,
+        size: SdoSize,
+        value: u32,
+    ) -> Result<u32, AbortCode> {
+        self.transfer(SdoCommand::Write { slave, object: ObjectAddress::new(index, sub), size, value })
+    }
+
+    /// One transfer; the slot must not show the same answer already.
+    fn transfer(&mut self, command: SdoCommand) -> Result<u32, AbortCode> {
+        self.cycle();
+        let before = self.sdo_answer();
+        self.sdo(command);
+        self.until("the end of an SDO transfer", |host| host.sdo_answer() != before);
+        match self.sdo_answer() {
+            SdoResponse::Done { value, .. } => Ok(value),
+            SdoResponse::Aborted { code, .. } => Err(code),
+            other => panic!("{other:?}"),
+        }
+    }
+}

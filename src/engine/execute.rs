@@ -132,7 +132,7 @@ impl Engine {
         }
         let id = CommandId::from_code(slot.id);
         let done = self.admit(id, Place::Slave).and_then(|()| {
-            let command = SlotCommand::decode(slot).map_err(Reason::BadArgument)?;
+            let command = SlotCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
             self.run_slave(slave, &command.command)
         });
         match done {

@@ -54,3 +54,29 @@ impl fmt::Display for CrcError {
 }
 
 impl core::error::Error for CrcError {}
+
+/// What byte 3 of a frame says, for a display; whether a frame may pass is [`CrcPolicy`]'s question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CrcStatus {
+    /// Byte 3 is the frame's CRC, this value (which may be 0).
+    Right(u8),
+    /// Byte 3 is 0, and that is not the frame's CRC: most likely nobody filled it in.
+    Absent {
+        /// What the frame's bytes give.
+        expected: u8,
+    },
+    /// Byte 3 is neither 0 nor the frame's CRC.
+    Wrong(CrcError),
+}
+
+impl fmt::Display for CrcStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Right(crc) => write!(f, "CRC 0x{crc:02X} ok"),
+            Self::Absent { .. } => f.write_str("CRC absent"),
+            Self::Wrong(CrcError { expected, found }) => {
+                write!(f, "CRC 0x{found:02X} wrong (expected 0x{expected:02X})")
+            }
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! A frame: the 512 bytes that travel each way, and views of them by slot size.
 
-use super::crc::{CRC_BYTE, CrcError, CrcPolicy, frame_crc};
+use super::crc::{CRC_BYTE, CrcError, CrcPolicy, CrcStatus, frame_crc};
 use super::slot::{RawSlot, Slot12, Slot16, SlotSize, Slots};
 use super::{MasterCommand, SdoCommand, SlotCommand};
 
@@ -87,7 +87,7 @@ impl Frame {
     /// If a frame of this size has no slot for that slave.
     pub fn put_slave(&mut self, size: SlotSize, slave: usize, command: &SlotCommand) {
         assert!((1..=size.max_slaves()).contains(&slave), "slave {slave} of {}", size.max_slaves());
-        self.put(size, slave, &command.encode());
+        self.put(size, slave, &command.encode(size));
     }
 
     /// Writes a command into the SDO slot.
@@ -121,6 +121,15 @@ impl Frame {
         }
         let expected = self.crc(size);
         if found == expected { Ok(()) } else { Err(CrcError { expected, found }) }
+    }
+
+    /// What byte 3 says, for a display.
+    pub fn crc_status(&self, size: SlotSize) -> CrcStatus {
+        match self.check_crc(size, CrcPolicy::Strict) {
+            Ok(()) => CrcStatus::Right(self.crc_byte()),
+            Err(CrcError { expected, found: 0 }) => CrcStatus::Absent { expected },
+            Err(error) => CrcStatus::Wrong(error),
+        }
     }
 }
 

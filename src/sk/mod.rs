@@ -13,6 +13,7 @@
 //! assert_eq!(frame.bytes()[..5], [0x01, 0, 0, 0xE7, 0x02]);
 //! ```
 
+pub mod argument;
 pub mod command;
 pub mod crc;
 pub mod dump;
@@ -21,11 +22,10 @@ pub mod id;
 pub mod response;
 pub mod slot;
 
-pub use command::{
-    AxisTarget, CycleTime, DcShift, DriveSync, FifoAction, Malformed, MasterCommand, Motion, SdoCommand, SlaveCommand,
-    SlaveKind, SlotCommand,
-};
-pub use crc::{CrcError, CrcPolicy};
+pub use argument::{CycleTime, DcShift, DriveSync, FifoAction, Malformed, SlaveKind};
+pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
+pub use crc::{CrcError, CrcPolicy, CrcStatus};
+pub use dump::{CommandDump, ResponseDump};
 pub use frame::{FRAME_LEN, Frame};
 pub use id::CommandId;
 pub use response::{

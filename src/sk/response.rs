@@ -79,9 +79,9 @@ impl StateByte {
         }
     }
 
-    /// Whether bit 4 is set: no slave found, or a slave does not reach the state asked for.
+    /// No slave found, or a slave does not reach the state asked for: any value but 0, 1, 2, 4 and 8 (SK-2).
     pub const fn is_failed(self) -> bool {
-        self.0 & Self::FAILED != 0
+        self.0 != Self::NETWORK_INIT.0 && MasterState::from_request(self.0 as u32).is_none()
     }
 
     /// The state by which commands are allowed: the low nibble's, `None` for "network initialising" and unknown values.
@@ -100,7 +100,7 @@ impl fmt::Display for StateByte {
             (Self::FAILED, _) => f.write_str("no slave found"),
             (_, Some(state)) if self.is_failed() => write!(f, "{state} (a slave failed)"),
             (_, Some(state)) => state.fmt(f),
-            (other, None) => write!(f, "unknown state 0x{other:02X}"),
+            (other, None) => write!(f, "unknown 0x{other:02X} (no slave found, or a slave failed)"),
         }
     }
 }
@@ -279,7 +279,7 @@ const SDO_ABORTED: u16 = 0x8000;
 /// The SDO slot of a response: the last transfer that ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoResponse {
-    /// No transfer has ended since the board came up.
+    /// No transfer has ended since the board came up: the slot is all zero.
     Empty,
     /// An object was read or written.
     Done {
@@ -314,9 +314,7 @@ impl SdoResponse {
         let object = ObjectAddress::new((slot.data1 >> 16) as u16, slot.data1 as u8);
         let slave = slot.parm as u8;
         match (id, slot.parm & !(SDO_ABORTED | 0xFF), slot.data1 & 0xFF00) {
-            (CommandId::GetStatus, ..) if slot.parm == 0 && slot.data1 == 0 && slot.data2 == 0 && slot.data3 == 0 => {
-                Self::Empty
-            }
+            (CommandId::GetStatus, ..) if slot.is_zero() => Self::Empty,
             (CommandId::SdoRead | CommandId::SdoWrite, 0, 0) if slot.parm & SDO_ABORTED != 0 => {
                 Self::Aborted { id, slave, object, code: AbortCode(slot.data2) }
             }

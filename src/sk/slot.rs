@@ -173,6 +173,11 @@ impl RawSlot {
     /// All zero: GET_STATUS, a slot that asks for nothing.
     pub const ZERO: Self = Self { id: 0, index: 0, parm: 0, data1: 0, data2: 0, data3: 0 };
 
+    /// Whether every byte is 0: a command slot that asks for nothing, a response slot nobody has answered in.
+    pub const fn is_zero(&self) -> bool {
+        self.id == 0 && self.index == 0 && self.parm == 0 && self.data1 == 0 && self.data2 == 0 && self.data3 == 0
+    }
+
     /// As the two-channel layout sees the same 16 bytes.
     pub fn two_channel(&self) -> TwoChannelSlot {
         bytemuck::cast(self.to_wide())

@@ -1,0 +1,179 @@
+//! The arguments of commands as types that cannot hold a wrong value, and why a slot has no meaning.
+
+use core::fmt;
+
+/// What kind of slave a slot drives: a nibble of SET_AXIS (UG17 2.1.3).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum SlaveKind {
+    /// Servo drive.
+    Drive = 0,
+    /// 16 + 16 digital inputs and outputs: the default of every slot.
+    #[default]
+    Io = 1,
+    /// NEXTW high-speed pulse module, one or two channels.
+    Hsp = 2,
+    /// Stepper (OBS).
+    Step = 3,
+    /// No slave.
+    None = 0xF,
+}
+
+impl SlaveKind {
+    /// The kind of a nibble, `None` for 4..=14.
+    pub const fn from_nibble(nibble: u8) -> Option<Self> {
+        match nibble {
+            0 => Some(Self::Drive),
+            1 => Some(Self::Io),
+            2 => Some(Self::Hsp),
+            3 => Some(Self::Step),
+            0xF => Some(Self::None),
+            _ => None,
+        }
+    }
+
+    /// 0..=3 or 0xF.
+    pub const fn nibble(self) -> u8 {
+        self as u8
+    }
+
+    /// The guides' name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drive => "DRIVE",
+            Self::Io => "IO",
+            Self::Hsp => "HSP",
+            Self::Step => "STEP",
+            Self::None => "None",
+        }
+    }
+}
+
+/// An EtherCAT cycle time SET_DC accepts: 250 us * 2^n, n in 0..=11 (UG17 2.1.4; at most 1 s: OURS).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CycleTime(u32);
+
+impl CycleTime {
+    /// The board's default, 1000 us.
+    pub const DEFAULT: Self = Self(1000);
+    /// SK-4 [OURS]: no cycle is longer than a second.
+    const MAX_US: u32 = 1_000_000;
+
+    /// Checks the time: `None` unless it is 250 * 2^n us and at most 1 s.
+    pub const fn from_us(us: u32) -> Option<Self> {
+        if us <= Self::MAX_US && us.is_multiple_of(250) && (us / 250).is_power_of_two() { Some(Self(us)) } else { None }
+    }
+
+    /// Microseconds.
+    pub const fn us(self) -> u32 {
+        self.0
+    }
+
+    /// Nanoseconds.
+    pub const fn ns(self) -> u64 {
+        self.0 as u64 * 1000
+    }
+}
+
+/// Data2 of SET_DC.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DcShift {
+    /// 0xFFFF, as applications send it.
+    Auto,
+    /// 0xFFFF0000, as the guide's text prints it; the same meaning.
+    AutoHigh,
+    /// Any other value: accepted, without effect.
+    Other(u32),
+}
+
+impl DcShift {
+    pub(super) const fn from_raw(raw: u32) -> Self {
+        match raw {
+            0xFFFF => Self::Auto,
+            0xFFFF_0000 => Self::AutoHigh,
+            other => Self::Other(other),
+        }
+    }
+
+    pub(super) const fn raw(self) -> u32 {
+        match self {
+            Self::Auto => 0xFFFF,
+            Self::AutoHigh => 0xFFFF_0000,
+            Self::Other(raw) => raw,
+        }
+    }
+}
+
+/// What SET_FIFO does (UG17 2.1.6).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FifoAction {
+    /// 1: drop the content and the threshold.
+    Clear,
+    /// 2: take nothing out until the free space falls below this; not 0.
+    Threshold(u32),
+}
+
+/// DRIVE_TYPE of DRIVE_MODE (UG17 2.1.7).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum DriveSync {
+    /// 0: each slave runs on its own clock.
+    FreeRun = 0,
+    /// 1: synchronised by distributed clocks, the default.
+    #[default]
+    DcSync = 1,
+}
+
+/// Why a slot with a known id has no meaning. The engine rejects such a command with this as the reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Malformed {
+    /// SET_STATE: Data1 is none of 1, 2, 4, 8.
+    State(u32),
+    /// SET_AXIS: byte 2 is above 4.
+    Group(u8),
+    /// SET_AXIS: the nibble of this slave is 4..=14.
+    Kind {
+        /// Slave, 1..=40.
+        slave: u8,
+        /// The nibble.
+        nibble: u8,
+    },
+    /// SET_DC: Data1 is not 250 us * 2^n or more than 1 s.
+    CycleTime(u32),
+    /// SET_FIFO: byte 2 is neither 1 nor 2.
+    FifoAction(u8),
+    /// SET_FIFO 2 with Data1 = 0, a threshold that could never fire.
+    ZeroThreshold,
+    /// DRIVE_MODE: Data1 is none of 8, 9, 10.
+    DriveMode(u32),
+    /// DRIVE_MODE: Data2 is neither 0 nor 1.
+    DriveType(u32),
+    /// SDO_RD, SDO_WR: the slave number is 0 or above 40 (30).
+    SdoSlave(u16),
+    /// SDO_RD, SDO_WR: the low half of Data1 is above 255.
+    SubIndex(u16),
+    /// SDO_WR: the high byte of Parm is none of 1, 2, 4.
+    SdoSize(u8),
+}
+
+impl fmt::Display for Malformed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::State(v) => write!(f, "state {v} is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
+            Self::Group(v) => write!(f, "group {v} is above 4"),
+            Self::Kind { slave, nibble } => {
+                write!(f, "slave {slave} has kind 0x{nibble:X}: none of 0 drive, 1 IO, 2 HSP, 3 STEP, F none")
+            }
+            Self::CycleTime(v) => write!(f, "cycle time {v} us is not 250 us * 2^n up to 1 s"),
+            Self::FifoAction(v) => write!(f, "FIFO action {v} is neither 1 clear nor 2 threshold"),
+            Self::ZeroThreshold => write!(f, "FIFO threshold 0 could never be reached"),
+            Self::DriveMode(v) => write!(f, "mode {v} is none of 8 CSP, 9 CSV, 10 CST"),
+            Self::DriveType(v) => write!(f, "drive type {v} is neither 0 free run nor 1 DC sync"),
+            Self::SdoSlave(v) => write!(f, "the board has no slave {v}"),
+            Self::SubIndex(v) => write!(f, "sub-index {v} is above 255"),
+            Self::SdoSize(v) => write!(f, "object size {v} is none of 1, 2, 4 bytes"),
+        }
+    }
+}
+
+impl core::error::Error for Malformed {}

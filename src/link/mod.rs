@@ -1,5 +1,9 @@
 //! How a host talks to one ECM: the seam [`Link`], the URI that names one, and the links and wrappers there are.
 
+pub mod config;
+pub mod keys;
+pub mod options;
+pub mod slaves;
 pub mod uri;
 
 use std::time::Duration;
@@ -90,6 +94,9 @@ pub enum LinkError {
     /// The URI or one of its keys is wrong.
     #[error(transparent)]
     Uri(#[from] uri::UriError),
+    /// The file that names the link cannot be used.
+    #[error(transparent)]
+    Config(#[from] config::ConfigError),
     /// The link is not part of this build, or not yet of any.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {

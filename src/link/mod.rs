@@ -1,8 +1,17 @@
 //! How a host talks to one ECM: the seam [`Link`], the URI that names one, and the links and wrappers there are.
 
+#[cfg(feature = "sim")]
+mod boards;
+pub mod config;
 pub mod engine;
+pub mod keys;
+pub mod options;
+#[cfg(feature = "sim")]
+mod sim;
+pub mod slaves;
 pub mod uri;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::sk::{Frame, SlotSize};
@@ -91,6 +100,9 @@ pub enum LinkError {
     /// The URI or one of its keys is wrong.
     #[error(transparent)]
     Uri(#[from] uri::UriError),
+    /// The file that names the link cannot be used.
+    #[error(transparent)]
+    Config(#[from] config::ConfigError),
     /// The link is not part of this build, or not yet of any.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {
@@ -191,4 +203,50 @@ pub trait Link: Send + Sync {
 
     /// Counters since the link was opened.
     fn stats(&self) -> LinkStats;
+}
+
+/// Which boards of this process a link finds again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Share {
+    /// Those with the same `name=`: a link without a name is a board of its own, which ends with it.
+    ByName,
+    /// Those with the same name or, without one, with the same options: the library for applications, where a program
+    /// that closes and opens again finds its board as it was.
+    ByUri,
+}
+
+/// Opens the link of that URI.
+///
+/// ```
+/// use ecmsk::link::{self, Share, Wait};
+/// use ecmsk::sk::{Frame, MasterResponse, MasterState, SlotSize, StateByte};
+///
+/// let board = link::open("sim:?slaves=drive*2&clock=virtual", Share::ByName)?;
+/// let mut report = Frame::new();
+/// board.read(&mut report, Wait::Forever)?;
+/// let answer = MasterResponse::decode(&report.slot(SlotSize::Bytes12, 0));
+/// assert_eq!(answer.state, StateByte::reached(MasterState::PreOp));
+/// # Ok::<(), ecmsk::link::LinkError>(())
+/// ```
+///
+/// # Errors
+/// [`LinkError::Uri`], [`LinkError::Unsupported`], [`LinkError::NoBoard`], [`LinkError::InUse`], [`LinkError::Io`].
+pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+    let uri = uri::LinkUri::parse(uri)?;
+    let options = options::CommonOptions::from_uri(&uri)?;
+    let link: Arc<dyn Link> = match uri.scheme() {
+        #[cfg(feature = "sim")]
+        keys::Scheme::Sim => Arc::new(sim::open(&uri, &options, share)?),
+        other => {
+            let _ = share;
+            return Err(LinkError::Unsupported {
+                scheme: other.name().into(),
+                hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \
+                       `ecmsk link help` lists the links there are"
+                    .into(),
+            });
+        }
+    };
+    let _ = options;
+    Ok(link)
 }

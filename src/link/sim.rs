@@ -5,11 +5,14 @@ use std::time::Duration;
 use super::boards::{self, Key};
 use super::engine::{EngineLink, Keeper, RunOptions};
 use super::options::{Clock, CommonOptions, SimOptions};
+use super::slaves::SlaveModel;
 use super::uri::LinkUri;
 use super::{LinkError, Share};
 use crate::engine::{Board, EngineConfig, RealTime};
 use crate::fieldbus::Ns;
 use crate::fieldbus::sim::SimBus;
+use crate::slave::Slave;
+use crate::slave::drive::{Drive, DriveConfig};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -49,10 +52,16 @@ fn switch_on(options: &SimOptions) -> Board {
         state_timeout_ns: options.state_timeout.as_nanos() as Ns,
         sdo_timeout_ns: options.sdo_timeout.as_nanos() as Ns,
     };
-    let slaves = options.slaves.iter().map(|slave| slave.model.build()).collect();
+    let slaves = options.slaves.iter().map(|slave| build(slave.model)).collect();
     let mut board = Board::new(config, Box::new(SimBus::new(slaves)));
     board.boot(BOOT_LIMIT_NS);
     board
+}
+
+fn build(model: SlaveModel) -> Box<dyn Slave> {
+    match model {
+        SlaveModel::Drive => Box::new(Drive::new(DriveConfig::default())),
+    }
 }
 
 /// What happened to a board while nobody had it.

@@ -1,6 +1,314 @@
-//! The URI that names a link.
+//! The URI that names a link: `scheme:path?key=value&key=value`.
+//!
+//! Parsing yields only what is valid: known keys, each once, each with a value its row of the table ([`KEYS`]) allows.
+//! What is kept is the normal form, so two URIs that mean the same are equal and print the same:
+//!
+//! ```
+//! use ecmsk::link::uri::LinkUri;
+//!
+//! let uri = LinkUri::parse("sim:?fw=1.7&clock=virtual&slaves=drive,drive,drive")?;
+//! assert_eq!(uri.to_string(), "sim:?slaves=drive*3&clock=virtual");
+//! # Ok::<(), ecmsk::link::uri::UriError>(())
+//! ```
+//!
+//! [`KEYS`]: super::keys::KEYS
 
-/// placeholder
+use std::fmt;
+use std::str::FromStr;
+
+use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
+
+use super::keys::{Key, Scheme, WHERE_TO_LOOK};
+use super::slaves;
+use crate::sk::SlotSize;
+
+/// What is written as `%XX` between colon and question mark.
+const IN_PATH: &AsciiSet = &CONTROLS.add(b' ').add(b'"').add(b'#').add(b'%').add(b'<').add(b'>').add(b'?').add(b'`');
+/// What is written as `%XX` in a key or a value.
+const IN_VALUE: &AsciiSet = &IN_PATH.add(b'&').add(b'=').add(b'\'').add(b'{').add(b'}').add(b'|').add(b'^');
+
+/// A link's name, in normal form.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct LinkUri {
+    scheme: Scheme,
+    path: String,
+    /// In the order of the table, without those that have their default; then, for a scheme that is not in this build,
+    /// keys that the table does not have, by name.
+    keys: Vec<(String, String)>,
+}
+
+/// What is wrong with a link's URI.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("bad uri")]
-pub struct UriError;
+pub enum UriError {
+    /// There is no colon.
+    #[error("link `{text}` has no scheme; allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}")]
+    NoScheme {
+        /// The link.
+        text: String,
+        /// Every scheme.
+        allowed: String,
+    },
+    /// A scheme nobody knows.
+    #[error("link `{text}`: unknown scheme `{scheme}`;{suggestion} allowed: {allowed}; {WHERE_TO_LOOK}")]
+    UnknownScheme {
+        /// The link.
+        text: String,
+        /// What stands before the colon.
+        scheme: String,
+        /// ` did you mean ..?` or nothing.
+        suggestion: String,
+        /// Every scheme.
+        allowed: String,
+    },
+    /// The typed options of one scheme were asked of a link of another.
+    #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
+    OtherScheme {
+        /// The link.
+        uri: String,
+        /// What it should be.
+        expected: Scheme,
+    },
+    /// Something stands before the question mark where nothing may.
+    #[error("`{scheme}:` takes nothing but keys, found `{path}`; allowed: {scheme}:?key=value; {WHERE_TO_LOOK}")]
+    UnexpectedPath {
+        /// Scheme.
+        scheme: Scheme,
+        /// What was found.
+        path: String,
+    },
+    /// A part of the query without `=`.
+    #[error("`{part}` in a `{scheme}:` link is no `key=value`; {hint}; {WHERE_TO_LOOK}")]
+    NotKeyValue {
+        /// Scheme.
+        scheme: Scheme,
+        /// The part.
+        part: String,
+        /// The values of that key or all keys.
+        hint: String,
+    },
+    /// A key that links of this scheme do not have.
+    #[error("`{scheme}:` has no key `{key}` (value `{value}`);{hint} allowed: {allowed}; {WHERE_TO_LOOK}")]
+    UnknownKey {
+        /// Scheme.
+        scheme: Scheme,
+        /// Key.
+        key: String,
+        /// Its value.
+        value: String,
+        /// ` did you mean ..?`, why it is not there, or nothing.
+        hint: String,
+        /// Every key.
+        allowed: String,
+    },
+    /// A key given twice.
+    #[error("key `{key}` is given twice, with `{first}` and `{second}`; allowed: once; {WHERE_TO_LOOK}")]
+    DuplicateKey {
+        /// Key.
+        key: String,
+        /// Its first value.
+        first: String,
+        /// Its second value.
+        second: String,
+    },
+    /// A value that the key does not take.
+    #[error("key `{key}` does not take `{value}`; {why}; {WHERE_TO_LOOK}")]
+    BadValue {
+        /// Key.
+        key: String,
+        /// Its value.
+        value: String,
+        /// Why not, and what is allowed.
+        why: String,
+    },
+    /// Percent-encoded bytes that are no text.
+    #[error("`{part}` is not UTF-8 once %XX are decoded; allowed: UTF-8; {WHERE_TO_LOOK}")]
+    NotUtf8 {
+        /// The part as it stands in the link.
+        part: String,
+    },
+}
+
+impl LinkUri {
+    /// Reads a URI; white space around it does not count.
+    ///
+    /// A scheme that is not in this build is no error here: opening the link says so. The keys that only such a scheme
+    /// has are then kept as they are.
+    ///
+    /// # Errors
+    /// [`UriError`], which names the key, its value and what is allowed.
+    pub fn parse(text: &str) -> Result<Self, UriError> {
+        let text = text.trim();
+        let Some((scheme, rest)) = text.split_once(':') else {
+            return Err(UriError::NoScheme { text: text.to_owned(), allowed: scheme_names() });
+        };
+        let scheme = Scheme::from_name(scheme).ok_or_else(|| UriError::UnknownScheme {
+            text: text.to_owned(),
+            scheme: scheme.to_owned(),
+            suggestion: suggestion(scheme, Scheme::ALL.map(Scheme::name)),
+            allowed: scheme_names(),
+        })?;
+        let (path, query) = rest.split_once('?').unwrap_or((rest, ""));
+        let path = decode(path)?;
+        if !path.is_empty() && scheme.path().is_none() {
+            return Err(UriError::UnexpectedPath { scheme, path });
+        }
+        let mut uri = Self { scheme, path, keys: Vec::new() };
+        if !query.is_empty() {
+            for part in query.split('&') {
+                uri.add(part)?;
+            }
+        }
+        uri.check_slaves()?;
+        uri.normalize();
+        Ok(uri)
+    }
+
+    /// How the board is reached.
+    pub const fn scheme(&self) -> Scheme {
+        self.scheme
+    }
+
+    /// What stands between the colon and the question mark, decoded; empty for `sim:`.
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// The keys that do not have their default, decoded, in the order of the normal form.
+    pub fn keys(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.keys.iter().map(|(key, value)| (key.as_str(), value.as_str()))
+    }
+
+    /// The value of a key: as given, else its default.
+    pub fn value(&self, key: &str) -> Option<&str> {
+        let given = self.keys().find(|(name, _)| *name == key).map(|(_, value)| value);
+        given.or_else(|| Key::find(self.scheme, key)?.default)
+    }
+
+    /// The value of a key, read as a type; `None` if it is not given and has no default.
+    pub(super) fn typed<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>, UriError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        // The table has let this value pass: the type can hold less than the table allows only if the two disagree.
+        let why = || Key::find(self.scheme, key).map(|row| row.syntax.allowed()).unwrap_or_default();
+        let bad = || UriError::BadValue { key: key.to_owned(), value: value.to_owned(), why: why() };
+        read(value).map(Some).ok_or_else(bad)
+    }
+
+    /// As [`typed`](Self::typed), for a key that has a default.
+    pub(super) fn required<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<T, UriError> {
+        self.typed(key, read)?.ok_or_else(|| self.unknown_key(key, ""))
+    }
+
+    fn add(&mut self, part: &str) -> Result<(), UriError> {
+        let scheme = self.scheme;
+        let Some((key, value)) = part.split_once('=') else {
+            let part = decode(part)?;
+            let hint = match Key::find(scheme, &part) {
+                Some(row) => format!("write {part}=VALUE; {}", row.syntax.allowed()),
+                None => format!("allowed: {}", key_names(scheme)),
+            };
+            return Err(UriError::NotKeyValue { scheme, part, hint });
+        };
+        let (key, value) = (decode(key)?, decode(value)?);
+        let value = match Key::find(scheme, &key) {
+            Some(row) => {
+                row.syntax.normal(&value).map_err(|why| UriError::BadValue { key: key.clone(), value, why })?
+            }
+            None if scheme.in_build() || key.starts_with(FAULT) => return Err(self.unknown_key(&key, &value)),
+            None => value,
+        };
+        if let Some((_, first)) = self.keys.iter().find(|(name, _)| *name == key) {
+            return Err(UriError::DuplicateKey { key, first: first.clone(), second: value });
+        }
+        self.keys.push((key, value));
+        Ok(())
+    }
+
+    /// Wider slots leave room for fewer slaves.
+    fn check_slaves(&self) -> Result<(), UriError> {
+        let Some(list) = self.value("slaves") else { return Ok(()) };
+        let slot = self.typed("slot", slot_size)?.unwrap_or_default();
+        let bad = |why| UriError::BadValue { key: "slaves".to_owned(), value: list.to_owned(), why };
+        // A scheme that is not in this build may have a key of that name and another syntax.
+        if self.scheme.in_build() && slaves::parse(list).map_err(bad)?.len() > slot.max_slaves() {
+            return Err(bad(slaves::too_many(slot)));
+        }
+        Ok(())
+    }
+
+    fn normalize(&mut self) {
+        let scheme = self.scheme;
+        self.keys.retain(|(key, value)| Key::find(scheme, key).is_none_or(|row| row.default != Some(value.as_str())));
+        let place = |name: &str| Key::of(scheme).position(|row| row.name == name).unwrap_or(usize::MAX);
+        self.keys.sort_by(|(a, _), (b, _)| place(a).cmp(&place(b)).then_with(|| a.cmp(b)));
+    }
+
+    fn unknown_key(&self, key: &str, value: &str) -> UriError {
+        let hint = if key.starts_with(FAULT) {
+            " faults are not in this build yet;".to_owned()
+        } else {
+            suggestion(key, Key::of(self.scheme).map(|row| row.name))
+        };
+        UriError::UnknownKey {
+            scheme: self.scheme,
+            key: key.to_owned(),
+            value: value.to_owned(),
+            hint,
+            allowed: key_names(self.scheme),
+        }
+    }
+}
+
+impl FromStr for LinkUri {
+    type Err = UriError;
+
+    fn from_str(text: &str) -> Result<Self, UriError> {
+        Self::parse(text)
+    }
+}
+
+/// The normal form: keys in the order of the table, defaults left out. It parses back to the same.
+impl fmt::Display for LinkUri {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.scheme, utf8_percent_encode(&self.path, IN_PATH))?;
+        for (i, (key, value)) in self.keys.iter().enumerate() {
+            let before = if i == 0 { '?' } else { '&' };
+            write!(f, "{before}{}={}", utf8_percent_encode(key, IN_VALUE), utf8_percent_encode(value, IN_VALUE))?;
+        }
+        Ok(())
+    }
+}
+
+/// Keys of the wrapper that injects faults.
+const FAULT: &str = "fault.";
+
+/// A slot size as links write it.
+pub(super) fn slot_size(value: &str) -> Option<SlotSize> {
+    SlotSize::from_bytes(value.parse().ok()?)
+}
+
+fn decode(part: &str) -> Result<String, UriError> {
+    let decoded = percent_decode_str(part).decode_utf8();
+    decoded.map(Into::into).map_err(|_| UriError::NotUtf8 { part: part.to_owned() })
+}
+
+fn scheme_names() -> String {
+    Scheme::ALL.map(|scheme| format!("{scheme}:")).join(", ")
+}
+
+fn key_names(scheme: Scheme) -> String {
+    Key::of(scheme).map(|row| row.name).collect::<Vec<_>>().join(", ")
+}
+
+/// Words longer than this get no suggestion: comparing takes time that grows with the square of the length.
+const LONGEST_TYPO: usize = 64;
+
+/// ` did you mean ..?` if one of the words is near: at most every third letter differs. [OURS]
+fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
+    if word.len() > LONGEST_TYPO {
+        return String::new();
+    }
+    let word = word.to_lowercase();
+    let distances = known.into_iter().map(|name| (strsim::osa_distance(&word, name), name));
+    let near = distances.filter(|(distance, name)| *distance <= name.len().max(word.len()) / 3);
+    near.min_by_key(|(distance, _)| *distance).map(|(_, name)| format!(" did you mean `{name}`?")).unwrap_or_default()
+}

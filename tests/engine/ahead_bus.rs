@@ -2,9 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ecmsk::fieldbus::{
-    AlState, Busy, BusError, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing,
-};
+use ecmsk::fieldbus::{AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::sk::CycleTime;
 
 /// Another bus behind a FIFO of outputs and a pipeline of answers.
@@ -109,7 +107,8 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         }
         let done = self.inner.poll(at, &mut fresh)?;
         self.answers.push_back((CycleDone { outputs: id, ..done }, fresh));
-        let seen = if self.answers.len() > self.pipeline { self.answers.pop_front()? } else { return self.poll(now, inputs) };
+        let seen =
+            if self.answers.len() > self.pipeline { self.answers.pop_front()? } else { return self.poll(now, inputs) };
         inputs.clone_from(&seen.1);
         Some(CycleDone { at, ..seen.0 })
     }

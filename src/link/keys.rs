@@ -1,0 +1,358 @@
+//! The schemes and keys of a link URI: the one table that the parser, the defaults and [`help`] are made from.
+
+use std::fmt;
+
+use super::slaves;
+
+/// Where every error about a link points to.
+pub(super) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
+
+/// What stands before the colon: how the board is reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Scheme {
+    /// A simulated board in this process.
+    Sim,
+    /// A real ECM-SK on USB.
+    Usb,
+    /// A real ECM-SK on SPI.
+    Spi,
+    /// A board that another machine serves.
+    Tcp,
+    /// A board whose network is a model of an ECM-XF.
+    XfSim,
+    /// A board whose network runs in an ECM-XF on SPI.
+    XfSpi,
+    /// A board whose network runs on a network interface of this machine.
+    Nic,
+}
+
+impl Scheme {
+    /// Every scheme there is a name for, whether it is in this build or not.
+    pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::Nic];
+
+    /// What stands before the colon.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sim => "sim",
+            Self::Usb => "usb",
+            Self::Spi => "spi",
+            Self::Tcp => "tcp",
+            Self::XfSim => "xf-sim",
+            Self::XfSpi => "xf-spi",
+            Self::Nic => "nic",
+        }
+    }
+
+    /// The scheme of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|scheme| scheme.name() == name)
+    }
+
+    /// Whether this build can open such a link. The names of the others are known, so that an error can say so.
+    pub const fn in_build(self) -> bool {
+        match self {
+            Self::Sim => cfg!(feature = "sim"),
+            Self::Usb | Self::Spi | Self::Tcp | Self::XfSim | Self::XfSpi | Self::Nic => false,
+        }
+    }
+
+    /// What stands between the colon and the question mark; `None`: nothing may.
+    pub const fn path(self) -> Option<&'static str> {
+        match self {
+            Self::Sim | Self::Usb | Self::XfSim => None,
+            Self::Spi | Self::XfSpi => Some("/dev/spidevB.C"),
+            Self::Tcp => Some("//HOST:PORT"),
+            Self::Nic => Some("INTERFACE"),
+        }
+    }
+
+    const fn meaning(self) -> &'static str {
+        match self {
+            Self::Sim => "a simulated board in this process",
+            Self::Usb => "a real ECM-SK on USB",
+            Self::Spi => "a real ECM-SK on SPI",
+            Self::Tcp => "a board that another machine serves",
+            Self::XfSim => "a board over a model of an ECM-XF",
+            Self::XfSpi => "a board over an ECM-XF on SPI",
+            Self::Nic => "a board over a network interface of this machine",
+        }
+    }
+}
+
+impl fmt::Display for Scheme {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What a key's value looks like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Syntax {
+    /// One of these words.
+    Choice(&'static [&'static str]),
+    /// A whole decimal number in this range, both ends included.
+    Number(u64, u64),
+    /// A path of a file.
+    File,
+    /// 1 to 64 letters, digits, `-`, `_` and `.`.
+    Name,
+    /// A list of simulated slaves, see [`slaves`](super::slaves).
+    Slaves,
+}
+
+/// Longest name of a board. [OURS]
+const NAME_MAX: usize = 64;
+
+impl Syntax {
+    /// The value in its normal form.
+    ///
+    /// # Errors
+    /// Why it is none and what is allowed.
+    pub fn normal(self, value: &str) -> Result<String, String> {
+        let normal = match self {
+            Self::Choice(words) => words.contains(&value).then(|| value.to_owned()),
+            Self::Number(min, max) => {
+                // `parse` alone would let a plus sign pass.
+                let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
+                let number = value.parse::<u64>().ok().filter(|n| digits && (min..=max).contains(n));
+                number.map(|n| n.to_string())
+            }
+            Self::File => (!value.is_empty() && !value.contains('\0')).then(|| value.to_owned()),
+            Self::Name => {
+                let plain = value.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b));
+                (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
+            }
+            Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
+        };
+        normal.ok_or_else(|| self.allowed())
+    }
+
+    /// `allowed: ` and what is, for an error.
+    pub fn allowed(self) -> String {
+        match self {
+            Self::Choice(words) => format!("allowed: {}", words.join(", ")),
+            Self::Number(min, max) => format!("allowed: a whole number from {min} to {max}"),
+            Self::File => "allowed: the path of a file".to_owned(),
+            Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
+            Self::Slaves => format!("allowed: {}", slaves::form()),
+        }
+    }
+
+    /// What stands for the value in the help.
+    fn placeholder(self) -> String {
+        match self {
+            Self::Choice(words) => words.join("|"),
+            Self::Number(min, max) => format!("{min}..{max}"),
+            Self::File => "FILE".to_owned(),
+            Self::Name => "NAME".to_owned(),
+            Self::Slaves => "LIST".to_owned(),
+        }
+    }
+}
+
+/// One key of a link URI.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Key {
+    /// Its name.
+    pub name: &'static str,
+    /// The schemes that take it.
+    pub schemes: &'static [Scheme],
+    /// What its value looks like.
+    pub syntax: Syntax,
+    /// The value that holds where the key is not given, in normal form; `None`: there is none, and `meaning` says what
+    /// that means.
+    pub default: Option<&'static str>,
+    /// A value it takes, other than the default.
+    pub example: &'static str,
+    /// What it does, with the unit.
+    pub meaning: &'static str,
+}
+
+impl Key {
+    /// The row for a key of a link of that scheme.
+    pub fn find(scheme: Scheme, name: &str) -> Option<&'static Self> {
+        Self::of(scheme).find(|key| key.name == name)
+    }
+
+    /// The keys that a link of that scheme takes, in the order of the table.
+    pub fn of(scheme: Scheme) -> impl Iterator<Item = &'static Self> {
+        KEYS.iter().filter(move |key| key.schemes.contains(&scheme))
+    }
+}
+
+/// An hour and a day: the largest limits of time. [OURS]
+const HOUR_MS: u64 = 3_600_000;
+const DAY_MS: u64 = 24 * HOUR_MS;
+
+/// Links whose board is the model in this process, so that its slot size is a setting.
+const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::Nic];
+/// Links to a board that somebody else has set up.
+const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Spi, Scheme::Tcp];
+const SIM: &[Scheme] = &[Scheme::Sim];
+
+const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
+
+/// Every key, in the order of a URI's normal form.
+///
+/// Values without a source are [OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
+/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, and the ends of every range.
+pub const KEYS: &[Key] = &[
+    Key {
+        name: "slaves",
+        schemes: SIM,
+        syntax: Syntax::Slaves,
+        default: Some("drive*2"),
+        example: "drive*3",
+        meaning: "the slaves on the network, in order, e.g. drive*3; none: a board that finds no slave",
+    },
+    Key {
+        name: "slot",
+        schemes: MODELLED,
+        syntax: SLOT,
+        default: Some("12"),
+        example: "16",
+        meaning: "bytes of a slot (CONFIG2): 12 for up to 40 slaves, 16 for up to 30",
+    },
+    Key {
+        name: "slot",
+        schemes: FOUND,
+        syntax: SLOT,
+        default: None,
+        example: "16",
+        meaning: "bytes of a slot (CONFIG2); not given: the link does not say",
+    },
+    Key {
+        name: "clock",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["real", "virtual"]),
+        default: Some("real"),
+        example: "virtual",
+        meaning: "virtual: the board's time passes by calls only, so that hours pass in seconds",
+    },
+    Key {
+        name: "fw",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["1.7", "1.5"]),
+        default: Some("1.7"),
+        example: "1.5",
+        meaning: "the firmware that is modelled",
+    },
+    Key {
+        name: "name",
+        schemes: SIM,
+        syntax: Syntax::Name,
+        default: None,
+        example: "left-arm",
+        meaning: "a name of its own for this board; not given: the board without a name",
+    },
+    Key {
+        name: "host_us",
+        schemes: SIM,
+        syntax: Syntax::Number(0, 1_000_000),
+        default: Some("125"),
+        example: "0",
+        meaning: "how long a write takes, in us",
+    },
+    Key {
+        name: "state_timeout_ms",
+        schemes: SIM,
+        syntax: Syntax::Number(1, HOUR_MS),
+        default: Some("10000"),
+        example: "2000",
+        meaning: "how long a change of state may take, in ms",
+    },
+    Key {
+        name: "sdo_timeout_ms",
+        schemes: SIM,
+        syntax: Syntax::Number(1, HOUR_MS),
+        default: Some("1000"),
+        example: "100",
+        meaning: "how long a slave may take for an SDO, in ms",
+    },
+    Key {
+        name: "priority",
+        schemes: SIM,
+        syntax: Syntax::Number(1, 99),
+        default: None,
+        example: "50",
+        meaning: "real-time priority (SCHED_FIFO) of the cycle's thread; not given: an ordinary thread",
+    },
+    Key {
+        name: "lock_memory",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["no", "yes"]),
+        default: Some("no"),
+        example: "yes",
+        meaning: "keep the process in memory (mlockall), so that no cycle waits for a page",
+    },
+    Key {
+        name: "catch_up_ms",
+        schemes: SIM,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: Some("60000"),
+        example: "0",
+        meaning: "how much of the time that a board was closed it runs through when opened again, in ms",
+    },
+    Key {
+        name: "queue",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(1, 65_536),
+        default: Some("32"),
+        example: "1",
+        meaning: "reports kept while nobody reads: the newest ones",
+    },
+    Key {
+        name: "record",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::File,
+        default: None,
+        example: "/tmp/board.pcapng",
+        meaning: "write every frame to that file, for Wireshark and `ecmsk`; not given: no recording",
+    },
+    Key {
+        name: "read_timeout_ms",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: None,
+        example: "100",
+        meaning: "a read fails after that time, in ms; not given: it waits until there is a report",
+    },
+    Key {
+        name: "write_timeout_ms",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: Some("5000"),
+        example: "100",
+        meaning: "a write that the board does not accept fails after that time, in ms",
+    },
+];
+
+/// The text of `ecmsk link help`: what a link looks like, every scheme, every key with its default.
+pub fn help() -> String {
+    use fmt::Write as _;
+
+    let mut text = String::from(
+        "A link names a board and the way to it:\n\n    \
+         scheme:path?key=value&key=value        for example  sim:?slaves=drive*3&clock=virtual\n\n\
+         In a value, write % & ? # and blanks as %25 %26 %3F %23 %20.\n\nSchemes:\n",
+    );
+    for scheme in Scheme::ALL {
+        let form = format!("{scheme}:{}", scheme.path().unwrap_or_default());
+        let later = if scheme.in_build() { "" } else { " (not in this build yet)" };
+        // Writing to a String does not fail.
+        let _ = writeln!(text, "  {form:<24} {}{later}", scheme.meaning());
+    }
+    text.push_str("\nKeys:\n");
+    for key in KEYS {
+        let form = format!("{}={}", key.name, key.syntax.placeholder());
+        let whose = if key.schemes.len() == Scheme::ALL.len() {
+            "any link".to_owned()
+        } else {
+            key.schemes.iter().map(|scheme| format!("{scheme}:")).collect::<Vec<_>>().join(" ")
+        };
+        let default = key.default.map(|value| format!("; default {value}")).unwrap_or_default();
+        let _ = writeln!(text, "  {form}\n      {} [{whose}{default}]", key.meaning);
+    }
+    let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
+    text
+}

@@ -1,0 +1,101 @@
+//! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network.
+
+use crate::sk::SlotSize;
+
+/// A model of a slave that this build has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SlaveModel {
+    /// A CiA 402 servo drive.
+    Drive,
+}
+
+impl SlaveModel {
+    /// Every model of this build.
+    pub const ALL: [Self; 1] = [Self::Drive];
+
+    /// Its name in a link.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drive => "drive",
+        }
+    }
+}
+
+/// Kinds whose names are known, but which are in no build yet: digital IO, stepper, pulse module with one and with two
+/// channels, Xinje DP3CL.
+const LATER: [&str; 5] = ["io", "step", "hsp", "hsp2", "dp3cl"];
+
+/// The value for a network without slaves; an empty value means the same.
+const NONE: &str = "none";
+
+/// Slaves that a board can have at most: those of 12-byte slots.
+const MAX: usize = SlotSize::Bytes12.max_slaves();
+
+/// One simulated slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SlaveSpec {
+    /// What it is.
+    pub model: SlaveModel,
+}
+
+/// What a list looks like.
+pub(super) fn form() -> String {
+    format!(
+        "a comma list of kinds, each with *N if there are N in a row: {}; {NONE} for no slave; at most {MAX} slaves, {} with slot=16",
+        kinds(),
+        SlotSize::Bytes16.max_slaves()
+    )
+}
+
+/// The slaves of a list, one entry for each.
+///
+/// # Errors
+/// Why it is none and what is allowed.
+pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
+    let mut slaves = Vec::new();
+    if list.is_empty() || list == NONE {
+        return Ok(slaves);
+    }
+    for item in list.split(',') {
+        let (kind, count) = match item.split_once('*') {
+            Some((kind, count)) => (kind, parse_count(item, count)?),
+            None => (item, 1),
+        };
+        let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
+            let state = if LATER.contains(&kind) { "not in this build yet" } else { "unknown" };
+            format!("kind `{kind}` is {state}; allowed: {}", kinds())
+        })?;
+        slaves.extend(std::iter::repeat_n(SlaveSpec { model }, count));
+        if slaves.len() > MAX {
+            return Err(too_many(SlotSize::Bytes12));
+        }
+    }
+    Ok(slaves)
+}
+
+/// A list in its normal form: neighbours of one kind are counted.
+pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
+    if slaves.is_empty() {
+        return NONE.to_owned();
+    }
+    let runs = slaves.chunk_by(|a, b| a == b).map(|run| match run.len() {
+        1 => run[0].model.name().to_owned(),
+        n => format!("{}*{n}", run[0].model.name()),
+    });
+    runs.collect::<Vec<_>>().join(",")
+}
+
+/// Why a list is too long for a board of that slot size.
+pub(super) fn too_many(slot: SlotSize) -> String {
+    format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
+}
+
+fn parse_count(item: &str, count: &str) -> Result<usize, String> {
+    let digits = count.bytes().all(|b| b.is_ascii_digit());
+    let number = count.parse().ok().filter(|n| digits && (1..=MAX).contains(n));
+    number.ok_or_else(|| format!("in `{item}`, allowed: a whole number from 1 to {MAX} after the *"))
+}
+
+fn kinds() -> String {
+    SlaveModel::ALL.map(SlaveModel::name).join(", ")
+}

@@ -1,0 +1,325 @@
+//! The URI that names a link: grammar, defaults, normal form, errors, help.
+
+use std::path::Path;
+use std::time::Duration;
+
+use ecmsk::engine::Firmware;
+use ecmsk::link::keys::{KEYS, Scheme, help};
+use ecmsk::link::options::{Clock, CommonOptions, SimOptions};
+use ecmsk::link::slaves::SlaveModel;
+use ecmsk::link::uri::{LinkUri, UriError};
+use ecmsk::link::{LinkError, Wait};
+use ecmsk::sk::SlotSize;
+use proptest::prelude::*;
+
+fn uri(text: &str) -> LinkUri {
+    LinkUri::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"))
+}
+
+fn sim(text: &str) -> SimOptions {
+    SimOptions::from_uri(&uri(text)).unwrap_or_else(|error| panic!("{text}: {error}"))
+}
+
+fn common(text: &str) -> CommonOptions {
+    CommonOptions::from_uri(&uri(text)).unwrap_or_else(|error| panic!("{text}: {error}"))
+}
+
+/// The error's words, which must name all of `parts` and where to look.
+fn refused(text: &str, parts: &[&str]) -> UriError {
+    let error = LinkUri::parse(text).expect_err(text);
+    let words = error.to_string();
+    for part in parts.iter().chain(&["allowed: ", "ecmsk link help"]) {
+        assert!(words.contains(part), "{text}: `{words}` does not say `{part}`");
+    }
+    error
+}
+
+/// SK-1.1 slots have 12 bytes by default
+/// LIB-35 a read waits without end by default
+/// LIB-38 the limit of a write is 5000 ms by default
+/// LIB-55 32 reports are kept by default
+#[test]
+fn defaults_are_those_of_the_specification() {
+    let common = common("sim:");
+    assert_eq!(common.slot, Some(SlotSize::Bytes12));
+    assert_eq!(common.queue, 32);
+    assert_eq!(common.record, None);
+    assert_eq!(common.read_wait(), Wait::Forever);
+    assert_eq!(common.write_wait(), Wait::For(Duration::from_millis(5000)));
+
+    let sim = sim("sim:");
+    assert_eq!(sim.slaves.iter().map(|slave| slave.model).collect::<Vec<_>>(), [SlaveModel::Drive; 2]);
+    assert_eq!(sim.slot, SlotSize::Bytes12);
+    assert_eq!(sim.clock, Clock::Real);
+    assert_eq!(sim.firmware, Firmware::V17);
+    assert_eq!(sim.name, None);
+    assert_eq!(sim.host_us, 125);
+    assert_eq!(sim.state_timeout, Duration::from_secs(10));
+    assert_eq!(sim.sdo_timeout, Duration::from_secs(1));
+    assert_eq!(sim.priority, None);
+    assert!(!sim.lock_memory);
+    assert_eq!(sim.catch_up, Duration::from_secs(60));
+}
+
+/// LIB-36 `read_timeout_ms` limits a read
+/// LIB-38 `write_timeout_ms` limits a write
+#[test]
+fn every_key_reaches_its_option() {
+    let text = "sim:?slaves=drive*3&slot=16&clock=virtual&fw=1.5&name=left-arm.1&host_us=0&state_timeout_ms=20\
+                &sdo_timeout_ms=30&priority=99&lock_memory=yes&catch_up_ms=0&queue=1&record=/tmp/a%20b.pcapng\
+                &read_timeout_ms=40&write_timeout_ms=50";
+    let common = common(text);
+    assert_eq!(common.slot, Some(SlotSize::Bytes16));
+    assert_eq!(common.queue, 1);
+    assert_eq!(common.record.as_deref(), Some(Path::new("/tmp/a b.pcapng")));
+    assert_eq!(common.read_timeout, Some(Duration::from_millis(40)));
+    assert_eq!(common.read_wait(), Wait::For(Duration::from_millis(40)));
+    assert_eq!(common.write_timeout, Duration::from_millis(50));
+
+    let sim = sim(text);
+    assert_eq!(sim.slaves.len(), 3);
+    assert_eq!(sim.slot, SlotSize::Bytes16);
+    assert_eq!(sim.clock, Clock::Virtual);
+    assert_eq!(sim.firmware, Firmware::V15);
+    assert_eq!(sim.name.as_deref(), Some("left-arm.1"));
+    assert_eq!(sim.host_us, 0);
+    assert_eq!(sim.state_timeout, Duration::from_millis(20));
+    assert_eq!(sim.sdo_timeout, Duration::from_millis(30));
+    assert_eq!(sim.priority, Some(99));
+    assert!(sim.lock_memory);
+    assert_eq!(sim.catch_up, Duration::ZERO);
+}
+
+#[test]
+fn the_table_the_parser_and_the_help_agree() {
+    let help = help();
+    for key in KEYS {
+        assert!(!key.schemes.is_empty(), "{}", key.name);
+        for scheme in key.schemes {
+            let bare = uri(&format!("{scheme}:"));
+            assert_eq!(bare.value(key.name), key.default, "{scheme}: {}", key.name);
+
+            let example = uri(&format!("{scheme}:?{}={}", key.name, key.example));
+            assert_eq!(example.value(key.name), Some(key.example), "{scheme}: {}", key.name);
+            assert_ne!(example, bare, "the example of {} is its default", key.name);
+
+            if let Some(default) = key.default {
+                let explicit = uri(&format!("{scheme}:?{}={default}", key.name));
+                assert_eq!(explicit, bare, "the default of {} in its normal form", key.name);
+            }
+        }
+        assert!(help.contains(&format!("\n  {}=", key.name)), "the help lacks {}", key.name);
+        assert!(help.contains(key.meaning), "the help lacks what {} means", key.name);
+        if let Some(default) = key.default {
+            assert!(help.contains(&format!("; default {default}]")), "the help lacks the default of {}", key.name);
+        }
+    }
+    for scheme in Scheme::ALL {
+        assert_eq!(Scheme::from_name(scheme.name()), Some(scheme));
+        let line = help.lines().find(|line| line.starts_with(&format!("  {scheme}:"))).expect("a line per scheme");
+        assert_eq!(line.contains("not in this build yet"), !scheme.in_build(), "{line}");
+    }
+}
+
+#[test]
+fn no_key_stands_twice_in_the_table_for_one_scheme() {
+    for scheme in Scheme::ALL {
+        let names: Vec<_> = KEYS.iter().filter(|key| key.schemes.contains(&scheme)).map(|key| key.name).collect();
+        let mut unique = names.clone();
+        unique.sort_unstable();
+        unique.dedup();
+        assert_eq!(unique.len(), names.len(), "{scheme}: {names:?}");
+    }
+}
+
+#[test]
+fn the_normal_form_is_sorted_without_defaults_and_encoded() {
+    for (text, normal) in [
+        ("sim:", "sim:"),
+        ("  sim:?\n", "sim:"),
+        ("sim:?queue=32&fw=1.7&slaves=drive,drive", "sim:"),
+        ("sim:?clock=virtual&slaves=drive,drive*2", "sim:?slaves=drive*3&clock=virtual"),
+        ("sim:?slaves=", "sim:?slaves=none"),
+        ("sim:?slaves=none", "sim:?slaves=none"),
+        ("sim:?slaves=drive", "sim:?slaves=drive"),
+        ("sim:?slaves=drive*1", "sim:?slaves=drive"),
+        ("sim:?host_us=0007", "sim:?host_us=7"),
+        ("sim:?write_timeout_ms=1&read_timeout_ms=0", "sim:?read_timeout_ms=0&write_timeout_ms=1"),
+        ("sim:?record=/tmp/a b&queue=1", "sim:?queue=1&record=/tmp/a%20b"),
+        ("sim:?record=100%&queue=1", "sim:?queue=1&record=100%25"),
+        ("sim:?rec%6Frd=a%26b%3D%3F%23", "sim:?record=a%26b%3D%3F%23"),
+        ("sim:?record=a=b", "sim:?record=a%3Db"),
+        ("usb:?serial=A%20B&queue=1", "usb:?queue=1&serial=A%20B"),
+        ("usb:?slot=12", "usb:?slot=12"),
+        ("spi:/dev/spidev0.0?speed=24M&busy=gpiochip0/25", "spi:/dev/spidev0.0?busy=gpiochip0/25&speed=24M"),
+        ("tcp://host:4711", "tcp://host:4711"),
+        ("nic:eth 1%3f", "nic:eth%201%3F"),
+    ] {
+        let parsed = uri(text);
+        assert_eq!(parsed.to_string(), normal, "{text}");
+        assert_eq!(uri(normal), parsed, "{text}");
+    }
+}
+
+#[test]
+fn scheme_path_and_keys_are_given_out_decoded() {
+    let parsed = uri("nic:eth%201?record=a%26b&queue=7");
+    assert_eq!((parsed.scheme(), parsed.path()), (Scheme::Nic, "eth 1"));
+    assert_eq!(parsed.keys().collect::<Vec<_>>(), [("queue", "7"), ("record", "a&b")]);
+    assert_eq!(parsed.value("write_timeout_ms"), Some("5000"));
+    assert_eq!(parsed.value("nonsense"), None);
+    assert_eq!("sim:".parse::<LinkUri>(), LinkUri::parse("sim:"));
+}
+
+/// SK-1.3 up to 40 slaves with 12-byte slots, 30 with 16-byte slots
+#[test]
+fn a_board_takes_40_slaves_or_30() {
+    assert_eq!(sim("sim:?slaves=drive*40").slaves.len(), 40);
+    assert_eq!(sim("sim:?slot=16&slaves=drive*30").slaves.len(), 30);
+    assert_eq!(sim("sim:?slaves=").slaves.len(), 0);
+    assert_eq!(sim("sim:?slaves=none").slaves.len(), 0);
+    refused("sim:?slaves=drive*40,drive", &["`slaves`", "`drive*40,drive`", "at most 40 slaves"]);
+    refused("sim:?slot=16&slaves=drive*31", &["`slaves`", "`drive*31`", "at most 30 slaves with slot=16"]);
+    refused("sim:?slaves=drive*31&slot=16", &["`slaves`", "`drive*31`", "at most 30 slaves with slot=16"]);
+}
+
+#[test]
+fn kinds_of_slaves_that_are_not_in_the_build_are_refused_by_name() {
+    for kind in ["io", "step", "hsp", "hsp2", "dp3cl"] {
+        let why = format!("kind `{kind}` is not in this build yet; allowed: drive");
+        refused(&format!("sim:?slaves=drive*3,{kind}*2"), &["`slaves`", &why]);
+    }
+    refused("sim:?slaves=servo", &["`servo`", "unknown", "allowed: drive"]);
+    for list in ["drive*0", "drive*", "drive*41", "drive*+1", "drive*99999999999999999999", "drive*1*2"] {
+        refused(&format!("sim:?slaves={list}"), &["`slaves`", list, "from 1 to 40"]);
+    }
+    for list in [",", "drive,", "Drive", "drive ,drive", "none,drive"] {
+        refused(&format!("sim:?slaves={list}"), &["`slaves`", list, "unknown"]);
+    }
+}
+
+#[test]
+fn an_error_names_key_value_and_what_is_allowed() {
+    refused("", &["no scheme", "sim:", "usb:"]);
+    refused("sim", &["`sim`", "no scheme"]);
+    refused("xyz:?a=b", &["`xyz`", "sim:", "usb:", "xf-spi:"]);
+    refused("Sim:", &["`Sim`", "did you mean `sim`?"]);
+    refused("xfsim:", &["`xfsim`", "did you mean `xf-sim`?"]);
+    refused("sim:left", &["`left`", "sim:?key=value"]);
+    refused("sim://left?slot=12", &["`//left`"]);
+    refused("sim:?slavs=drive", &["`slavs`", "`drive`", "did you mean `slaves`?", "lock_memory"]);
+    refused("sim:?timeout=4", &["`timeout`", "`4`", "write_timeout_ms"]);
+    refused("sim:?fault.drop=3", &["`fault.drop`", "`3`", "not in this build yet"]);
+    refused("usb:?fault.drop=3", &["`fault.drop`", "`3`", "not in this build yet"]);
+    refused("sim:?lock_memory", &["`lock_memory`", "no, yes"]);
+    refused("sim:?nonsense", &["`nonsense`", "slaves, slot"]);
+    refused("sim:?queue=1&&slot=12", &["``"]);
+    refused("sim:?queue=1&", &["``"]);
+    refused("sim:?=1", &["key ``", "`1`"]);
+    refused("sim:?queue=1&queue=2", &["`queue`", "twice", "`1`", "`2`"]);
+    refused("sim:?queue=1&q%75eue=1", &["`queue`", "twice"]);
+    refused("sim:?record=%FF", &["`%FF`", "UTF-8"]);
+    refused("sim:?record=", &["`record`", "path of a file"]);
+    refused("sim:?record=a%00b", &["`record`", "path of a file"]);
+    refused("sim:?slot=14", &["`slot`", "`14`", "12, 16"]);
+    refused("sim:?clock=fake", &["`clock`", "`fake`", "real, virtual"]);
+    refused("sim:?fw=1.6", &["`fw`", "`1.6`", "1.7, 1.5"]);
+    refused("sim:?lock_memory=maybe", &["`lock_memory`", "`maybe`", "no, yes"]);
+    refused("sim:?name=", &["`name`", "1 to 64 letters"]);
+    refused("sim:?name=a/b", &["`name`", "`a/b`"]);
+    refused(&format!("sim:?name={}", "n".repeat(65)), &["`name`"]);
+    for (key, below, above, range) in [
+        ("host_us", None, "1000001", "from 0 to 1000000"),
+        ("state_timeout_ms", Some("0"), "3600001", "from 1 to 3600000"),
+        ("sdo_timeout_ms", Some("0"), "3600001", "from 1 to 3600000"),
+        ("priority", Some("0"), "100", "from 1 to 99"),
+        ("catch_up_ms", None, "86400001", "from 0 to 86400000"),
+        ("queue", Some("0"), "65537", "from 1 to 65536"),
+        ("read_timeout_ms", None, "86400001", "from 0 to 86400000"),
+        ("write_timeout_ms", None, "86400001", "from 0 to 86400000"),
+    ] {
+        for value in [above, "-1", "+1", "1.5", "1s", "", " 1", "18446744073709551616"].into_iter().chain(below) {
+            refused(&format!("sim:?{key}={value}"), &[&format!("`{key}`"), &format!("`{value}`"), range]);
+        }
+    }
+}
+
+#[test]
+fn a_link_error_says_what_the_uri_error_says() {
+    let error = refused("sim:?slot=14", &[]);
+    let words = error.to_string();
+    assert_eq!(LinkError::from(error).to_string(), words);
+}
+
+#[test]
+fn the_options_of_sim_are_not_read_from_another_scheme() {
+    let error = SimOptions::from_uri(&uri("usb:?queue=4")).expect_err("usb");
+    assert_eq!(error, UriError::OtherScheme { uri: "usb:?queue=4".into(), expected: Scheme::Sim });
+    assert_eq!(common("usb:").slot, None);
+    assert_eq!(common("usb:?slot=16").slot, Some(SlotSize::Bytes16));
+}
+
+/// A key of that scheme with a value it takes.
+fn any_key(scheme: Scheme) -> impl Strategy<Value = (&'static str, String)> {
+    let rows: Vec<_> = KEYS.iter().filter(|key| key.schemes.contains(&scheme)).collect();
+    (proptest::sample::select(rows), any::<u64>(), "\\PC{1,12}").prop_map(|(row, number, text)| {
+        let candidates = [text, number.to_string(), (number % 40).to_string(), row.example.to_owned()];
+        let from = (number % 4) as usize;
+        let fits = candidates[from..].iter().find_map(|value| row.syntax.normal(value).ok());
+        (row.name, fits.expect("at least the example fits"))
+    })
+}
+
+/// A link of any scheme: scheme, path, keys, each once.
+fn any_link() -> impl Strategy<Value = (Scheme, String, Vec<(&'static str, String)>)> {
+    proptest::sample::select(&Scheme::ALL[..]).prop_flat_map(|scheme| {
+        let path = if scheme.path().is_some() { "\\PC{0,12}" } else { "" };
+        let keys = proptest::collection::vec(any_key(scheme), 0..8).prop_map(|mut keys| {
+            let mut seen = Vec::new();
+            keys.retain(|(key, _)| {
+                !seen.contains(key) && {
+                    seen.push(*key);
+                    true
+                }
+            });
+            keys
+        });
+        (Just(scheme), path, keys)
+    })
+}
+
+fn encode(text: &str) -> String {
+    text.bytes().map(|byte| format!("%{byte:02x}")).collect()
+}
+
+proptest! {
+    #[test]
+    fn a_uri_prints_as_what_parses_to_the_same((scheme, path, keys) in any_link()) {
+        let query: Vec<_> = keys.iter().map(|(key, value)| format!("{}={}", encode(key), encode(value))).collect();
+        let text = format!("{scheme}:{}?{}", encode(&path), query.join("&"));
+        let parsed = LinkUri::parse(&text).map_err(|error| TestCaseError::fail(format!("{text}: {error}")))?;
+        prop_assert_eq!((parsed.scheme(), parsed.path()), (scheme, path.as_str()));
+        for (key, value) in &keys {
+            prop_assert_eq!(parsed.value(key), Some(value.as_str()));
+        }
+
+        let normal = parsed.to_string();
+        let again = LinkUri::parse(&normal).map_err(|error| TestCaseError::fail(format!("{normal}: {error}")))?;
+        prop_assert_eq!(&again, &parsed);
+        prop_assert_eq!(again.to_string(), normal);
+        prop_assert!(CommonOptions::from_uri(&parsed).is_ok());
+        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme == Scheme::Sim);
+    }
+
+    #[test]
+    fn no_text_makes_the_parser_panic(text in any::<String>(), rest in ".{0,40}") {
+        let _ = LinkUri::parse(&text);
+        for scheme in Scheme::ALL {
+            for text in [format!("{scheme}:{rest}"), format!("{scheme}:?{rest}"), format!("{scheme}:?slaves={rest}")] {
+                if let Ok(parsed) = LinkUri::parse(&text) {
+                    prop_assert_eq!(LinkUri::parse(&parsed.to_string()), Ok(parsed));
+                }
+            }
+        }
+    }
+}

@@ -1,1 +1,75 @@
-fn main() {}
+//! The project's chores, one verb each: `cargo xtask help`. They run on Linux.
+
+mod bench;
+mod command;
+mod demo;
+mod error;
+mod features;
+mod fuzz;
+mod needs;
+mod project;
+mod stage;
+mod test;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use error::Error;
+use project::Project;
+
+/// The project's chores.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", version)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Everything that a change has to pass
+    Test(test::Arguments),
+    /// Run the C++ program of README on a simulated board and plot what it did
+    Demo,
+    /// Install the library, its headers and the tool into a folder
+    Stage(stage::Arguments),
+    /// Write docs/FEATURES.md from docs/RULES.md and the tests that name its rules
+    Features(features::Arguments),
+    /// Feed the decoders random bytes
+    Fuzz(fuzz::Arguments),
+    /// Measure against the baselines; figures go to target/bench.json
+    Bench(bench::Arguments),
+}
+
+fn main() -> ExitCode {
+    let verb = Arguments::parse().verb;
+    match Project::find().and_then(|project| run(verb, &project)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(verb: Verb, project: &Project) -> Result<(), Error> {
+    match verb {
+        Verb::Test(arguments) => test::run(project, &arguments),
+        Verb::Demo => demo::run(project),
+        Verb::Stage(arguments) => stage::run(project, &arguments),
+        Verb::Features(arguments) => features::run(project, &arguments),
+        Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
+        Verb::Bench(arguments) => bench::run(project, &arguments),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Arguments::command().debug_assert();
+    }
+}

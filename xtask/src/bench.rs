@@ -1,0 +1,126 @@
+//! `cargo xtask bench`: runs the benches, compares their figures with the targets, writes target/bench.json.
+
+use std::fmt;
+use std::fs;
+
+use serde::{Deserialize, Serialize};
+
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The bench to run, a file of benches/ without its extension; `*` stands for any letters
+    #[arg(default_value = "*")]
+    bench: String,
+}
+
+/// A line of a bench: a pair with its target, or a fact, which has a value and its unit.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Figure {
+    name: String,
+    /// Median time of ours.
+    ours_ns: Option<f64>,
+    /// Median time of the baseline.
+    baseline_ns: Option<f64>,
+    /// Median of ours against the baseline, block by block.
+    ratio: Option<f64>,
+    /// The ratio must not be above this.
+    target: Option<f64>,
+    /// However large the ratio: ours passes if it is not longer than the baseline by more than this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    allowance_ns: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    value: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    unit: Option<String>,
+}
+
+impl Figure {
+    /// Whether the target is met; a fact has none.
+    fn holds(&self) -> bool {
+        let (Some(ratio), Some(target)) = (self.ratio, self.target) else { return true };
+        let allowed = match (self.ours_ns, self.baseline_ns, self.allowance_ns) {
+            (Some(ours), Some(baseline), Some(allowance)) => ours - baseline <= allowance,
+            _ => false,
+        };
+        ratio <= target || allowed
+    }
+}
+
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:<20}", self.name)?;
+        if let (Some(ours), Some(baseline), Some(ratio), Some(target)) =
+            (self.ours_ns, self.baseline_ns, self.ratio, self.target)
+        {
+            write!(f, "{ours:>14.1} ns {baseline:>14.1} ns {ratio:>8.3} {target:>8.3}")?;
+            if let Some(allowance) = self.allowance_ns {
+                write!(f, " or +{allowance:.0} ns")?;
+            }
+            write!(f, "  {}", if self.holds() { "met" } else { "MISSED" })?;
+        }
+        if let (Some(value), Some(unit)) = (self.value, &self.unit) {
+            write!(f, "{value:>14.1} {unit}")?;
+        }
+        Ok(())
+    }
+}
+
+pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    println!("building and measuring; keep the machine quiet meanwhile");
+    let mut cargo = project.cargo();
+    let said = command::output(cargo.args(["bench", "--quiet", "--workspace", "--bench", &arguments.bench]))?;
+    let figures = read(&String::from_utf8_lossy(&said))?;
+    if figures.is_empty() {
+        return Err(Error::NoFigures);
+    }
+
+    println!("{:<20}{:>17} {:>17} {:>8} {:>8}", "name", "ours", "baseline", "ratio", "target");
+    for figure in &figures {
+        println!("{figure}");
+    }
+    let path = project.target.join("bench.json");
+    let text = serde_json::to_string_pretty(&figures).expect("numbers and names always serialise");
+    fs::write(&path, text + "\n").map_err(Error::file("write", &path))?;
+    println!("written to {}", project.shown(&path));
+
+    let misses = figures.iter().filter(|figure| !figure.holds()).count();
+    let pairs = figures.iter().filter(|figure| figure.ratio.is_some()).count();
+    if misses == 0 { Ok(()) } else { Err(Error::Slow { misses, pairs }) }
+}
+
+/// The figures among what the benches print: a line that is a JSON object is one.
+fn read(said: &str) -> Result<Vec<Figure>, Error> {
+    let lines = said.lines().filter(|line| line.starts_with('{'));
+    lines
+        .map(|line| serde_json::from_str(line).map_err(|source| Error::Figure { line: line.to_owned(), source }))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAIR: &str = r#"{"name":"a","ours_ns":30.0,"baseline_ns":10.0,"ratio":3.0,"target":2.0}"#;
+
+    #[test]
+    fn a_ratio_above_its_target_misses() {
+        let figure = |from: &str, to: &str| read(&PAIR.replace(from, to)).unwrap().remove(0);
+        assert!(!figure("", "").holds());
+        assert!(figure("\"ratio\":3.0", "\"ratio\":2.0").holds());
+        assert!(figure("2.0}", "2.0,\"allowance_ns\":20.0}").holds());
+        assert!(!figure("2.0}", "2.0,\"allowance_ns\":19.9}").holds());
+    }
+
+    #[test]
+    fn lines_that_are_no_figures_are_passed_over_and_broken_ones_are_errors() {
+        let fact =
+            r#"{"name":"b","ours_ns":null,"baseline_ns":null,"ratio":null,"target":null,"value":4.0,"unit":"bytes"}"#;
+        let figures = read(&format!("measuring\n{PAIR}\n\n{fact}\n")).unwrap();
+        assert_eq!(figures.len(), 2);
+        assert!(figures[1].holds() && figures[1].to_string().ends_with("4.0 bytes"));
+        assert!(read("{\"name\":3}").is_err());
+    }
+}

@@ -1,0 +1,46 @@
+//! What can go wrong in a chore. Every message ends with the next step.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a chore stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error("cannot start `{command}`: {source}; is it installed and on PATH?")]
+    Start { command: String, source: io::Error },
+    #[error("this failed ({status}); repeat it with:\n    {command}")]
+    Failed { command: String, status: String },
+    #[error("cannot {doing} {}: {source}", path.display())]
+    File { doing: &'static str, path: PathBuf, source: io::Error },
+    #[error("`{command}` printed what cannot be read ({source}); is this cargo older than the project's rust-version?")]
+    Output { command: String, source: serde_json::Error },
+    #[error("{missing} not found; install it with:\n    {install}")]
+    Missing { missing: String, install: String },
+    #[error("{}:{line}: {problem}", path.display())]
+    Rules { path: PathBuf, line: usize, problem: String },
+    #[error("{} is no Rust that can be read ({problem}); `cargo check` says more", path.display())]
+    Rust { path: PathBuf, problem: String },
+    #[error("{0}")]
+    Features(String),
+    #[error("there is no fuzz target {name}; there are: {known}")]
+    NoFuzzTarget { name: String, known: String },
+    #[error("fuzz target {target} found a failure; its last words are above. Look at it again with:\n    {again}")]
+    Fuzz { target: String, again: String },
+    #[error("fuzz target {target} stopped without a figure; everything it said: {}", log.display())]
+    FuzzSilent { target: String, log: PathBuf },
+    #[error("a line of a bench is no figure: {line}\n    ({source}); print figures by benches/common")]
+    Figure { line: String, source: serde_json::Error },
+    #[error("no bench printed a figure; is the name right? They are the files of benches/")]
+    NoFigures,
+    #[error(
+        "{misses} of {pairs} figures miss their target; a busy machine? Measure again with:\n    cargo xtask bench"
+    )]
+    Slow { misses: usize, pairs: usize },
+}
+
+impl Error {
+    /// For `map_err` on an operation on a file.
+    pub fn file(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::File { doing, path: path.to_owned(), source }
+    }
+}

@@ -1,0 +1,89 @@
+//! Ids of rules: `SK-5.3` for the board, `LIB-7` for the library.
+
+use std::fmt;
+use std::iter;
+
+/// An id as it is written; it need not be one of docs/RULES.md.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct RuleId(String);
+
+impl fmt::Display for RuleId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// All ids in `text`, whole ones alone: `SK-5.25` does not name SK-5.2, and `SK-5` is a section and no rule.
+pub fn ids_in(text: &str) -> impl Iterator<Item = RuleId> + '_ {
+    let mut rest = text;
+    iter::from_fn(move || {
+        loop {
+            let start = [rest.find("SK-"), rest.find("LIB-")].into_iter().flatten().min()?;
+            let joined = rest[..start].ends_with(|c: char| c.is_alphanumeric() || c == '-' || c == '_');
+            let len = id_len(&rest[start..]);
+            let (word, after) = rest[start..].split_at(len.unwrap_or(3));
+            rest = after;
+            if len.is_some() && !joined {
+                return Some(RuleId(word.to_owned()));
+            }
+        }
+    })
+}
+
+/// The id that is `text`, all of it.
+pub fn id_of(text: &str) -> Option<RuleId> {
+    (id_len(text) == Some(text.len())).then(|| RuleId(text.to_owned()))
+}
+
+/// Length of the id that `text` begins with.
+fn id_len(text: &str) -> Option<usize> {
+    let (prefix, dotted) = if text.starts_with("SK-") { ("SK-", true) } else { ("LIB-", false) };
+    let mut len = prefix.len() + number_len(text.strip_prefix(prefix)?)?;
+    let mut dots = 0;
+    while let Some(more) = text[len..].strip_prefix('.').and_then(number_len) {
+        len += 1 + more;
+        dots += 1;
+    }
+    let ends = !text[len..].starts_with(|c: char| c.is_alphanumeric() || c == '_');
+    (ends && (dots > 0) == dotted).then_some(len)
+}
+
+/// Length of the decimal number that `text` begins with.
+fn number_len(text: &str) -> Option<usize> {
+    let len = text.bytes().take_while(u8::is_ascii_digit).count();
+    (len > 0).then_some(len)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(text: &str) -> Vec<String> {
+        ids_in(text).map(|id| id.to_string()).collect()
+    }
+
+    #[test]
+    fn ids_are_found_whole() {
+        assert_eq!(
+            found("SK-5.3 A full FIFO takes no entry; see also LIB-12, SK-1.1."),
+            ["SK-5.3", "LIB-12", "SK-1.1"]
+        );
+        assert_eq!(found("SK-5.25"), ["SK-5.25"]);
+        assert_eq!(found("(SK-5.3)(LIB-7):SK-11.10"), ["SK-5.3", "LIB-7", "SK-11.10"]);
+    }
+
+    #[test]
+    fn what_only_looks_like_an_id_is_none() {
+        for text in ["SK-5 [OURS]", "ECM-SK-5.3", "TASK-5.3", "SK-5.3a", "SK-5.3_x", "SK-x.1", "LIB-", "LIB-3x", "SK-"]
+        {
+            assert_eq!(found(text), [""; 0], "{text}");
+        }
+    }
+
+    #[test]
+    fn an_id_with_a_part_too_many_is_kept_so_that_it_is_reported_as_unknown() {
+        assert_eq!(found("SK-5.3.1"), ["SK-5.3.1"]);
+        assert_eq!(id_of("SK-5.3").map(|id| id.to_string()).as_deref(), Some("SK-5.3"));
+        assert_eq!(id_of("SK-5.3 "), None);
+    }
+}

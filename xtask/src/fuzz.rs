@@ -1,0 +1,159 @@
+//! `cargo xtask fuzz`: the targets of fuzz/ on the installed toolchain, each for a while.
+//!
+//! fuzz/ is laid out as cargo-fuzz has it, which asks for a nightly toolchain (it wants sanitizers). What libFuzzer needs
+//! of the compiler, counters in the code that it can read, the stable one gives too.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::SystemTime;
+
+use crate::error::Error;
+use crate::needs::CXX;
+use crate::project::Project;
+use crate::{command, needs};
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// How long each target runs
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    seconds: u32,
+    /// Run this target only
+    target: Option<String>,
+}
+
+/// Coverage as libFuzzer reads it: a counter per edge, a table of their places, and the operands of comparisons.
+/// One unit, so that all counters lie in one piece; debug assertions, so that an overflow is found.
+const RUSTFLAGS: [&str; 8] = [
+    "-Cpasses=sancov-module",
+    "-Cllvm-args=-sanitizer-coverage-level=4",
+    "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
+    "-Cllvm-args=-sanitizer-coverage-pc-table",
+    "-Cllvm-args=-sanitizer-coverage-trace-compares",
+    "--cfg=fuzzing",
+    "-Cdebug-assertions",
+    "-Ccodegen-units=1",
+];
+
+pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    let folder = project.root.join("fuzz");
+    let targets = choose(targets(&folder)?, arguments.target.as_deref())?;
+    needs::require(project, &[CXX])?;
+    println!("building {}", targets.join(", "));
+    let programs = build(project, &folder, &targets)?;
+    for target in &targets {
+        println!("{target}: {} s ...", arguments.seconds);
+        let rate = fuzz(&folder, target, &programs.join(target), arguments.seconds)?;
+        println!("{target}: {rate} executions per second, no failure");
+    }
+    Ok(())
+}
+
+/// The names of all targets.
+fn targets(folder: &Path) -> Result<Vec<String>, Error> {
+    let folder = folder.join("fuzz_targets");
+    let entries =
+        fs::read_dir(&folder).and_then(Iterator::collect::<Result<Vec<_>, _>>).map_err(Error::file("list", &folder))?;
+    let sources = entries.iter().map(fs::DirEntry::path).filter(|path| path.extension().is_some_and(|end| end == "rs"));
+    let mut names: Vec<String> = sources.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned())).collect();
+    names.sort();
+    Ok(names)
+}
+
+fn choose(targets: Vec<String>, wanted: Option<&str>) -> Result<Vec<String>, Error> {
+    match wanted {
+        None => Ok(targets),
+        Some(name) if targets.iter().any(|target| target == name) => Ok(vec![name.to_owned()]),
+        Some(name) => Err(Error::NoFuzzTarget { name: name.to_owned(), known: targets.join(", ") }),
+    }
+}
+
+/// Builds the targets and gives the folder of the programs.
+fn build(project: &Project, folder: &Path, targets: &[String]) -> Result<PathBuf, Error> {
+    // With a triple named the flags do not reach build scripts, which could not be linked with them.
+    let triple = host_triple()?;
+    let built = folder.join("target");
+    let mut cargo = project.cargo();
+    cargo.current_dir(folder).env("RUSTFLAGS", RUSTFLAGS.join(" ")).env("CARGO_TARGET_DIR", &built);
+    cargo.args(["build", "--quiet", "--release", "--target", &triple]);
+    for target in targets {
+        cargo.args(["--bin", target]);
+    }
+    command::run(&mut cargo)?;
+    Ok(built.join(triple).join("release"))
+}
+
+fn host_triple() -> Result<String, Error> {
+    let mut rustc = Command::new("rustc");
+    let said = command::output(rustc.arg("-vV"))?;
+    let said = String::from_utf8_lossy(&said);
+    let host = said.lines().find_map(|line| line.strip_prefix("host: "));
+    host.map(str::to_owned).ok_or_else(|| Error::Failed { command: command::shown(&rustc), status: "no host".into() })
+}
+
+/// Runs one target; gives its executions per second as libFuzzer prints them.
+fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<String, Error> {
+    let [corpus, artifacts] = ["corpus", "artifacts"].map(|name| folder.join(name).join(target));
+    for folder in [&corpus, &artifacts] {
+        fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+    }
+    let log = artifacts.join("log");
+    let said = File::create(&log).map_err(Error::file("make", &log))?;
+    let before = SystemTime::now();
+
+    let mut run = Command::new(program);
+    run.arg(format!("-max_total_time={seconds}")).arg(format!("-artifact_prefix={}/", artifacts.display()));
+    run.args(["-print_final_stats=1", "-max_len=4096", "-timeout=10"]).arg(&corpus).stderr(said);
+    let status = run.status().map_err(|source| Error::Start { command: command::shown(&run), source })?;
+
+    let said = fs::read(&log).map_err(Error::file("read", &log))?;
+    let said = String::from_utf8_lossy(&said);
+    if !status.success() {
+        let lines: Vec<&str> = said.lines().collect();
+        println!("{}", lines[lines.len().saturating_sub(40)..].join("\n"));
+        return Err(failure(target, program, &artifacts, before));
+    }
+    let rate = said.lines().find_map(|line| line.strip_prefix("stat::average_exec_per_sec:"));
+    rate.map(|rate| rate.trim().to_owned()).ok_or_else(|| Error::FuzzSilent { target: target.to_owned(), log })
+}
+
+/// The error of a run that ended badly, with the input that did it.
+fn failure(target: &str, program: &Path, artifacts: &Path, before: SystemTime) -> Error {
+    let mut inputs: Vec<(SystemTime, PathBuf)> = Vec::new();
+    for entry in fs::read_dir(artifacts).into_iter().flatten().flatten() {
+        if let Ok(changed) = entry.metadata().and_then(|data| data.modified())
+            && entry.file_name() != "log"
+            && changed >= before
+        {
+            inputs.push((changed, entry.path()));
+        }
+    }
+    let mut again = Command::new(program);
+    again.args(inputs.into_iter().max().map(|(_, input)| input));
+    Error::Fuzz { target: target.to_owned(), again: command::shown(&again) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_is_chosen_by_its_name() {
+        let all = || vec!["a".to_owned(), "b".to_owned()];
+        assert_eq!(choose(all(), None).unwrap(), all());
+        assert_eq!(choose(all(), Some("b")).unwrap(), ["b"]);
+        assert!(choose(all(), Some("c")).unwrap_err().to_string().ends_with("a, b"));
+    }
+
+    #[test]
+    fn every_target_has_its_place_in_the_manifest() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz");
+        let manifest = fs::read_to_string(folder.join("Cargo.toml")).unwrap();
+        let targets = targets(&folder).unwrap();
+        assert!(!targets.is_empty());
+        for target in targets {
+            let path = format!("name = \"{target}\"\npath = \"fuzz_targets/{target}.rs\"\n");
+            assert!(manifest.contains(&path), "fuzz/Cargo.toml lacks [[bin]] for {target}");
+        }
+    }
+}

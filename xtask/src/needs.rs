@@ -1,0 +1,145 @@
+//! Programs that a chore needs beside cargo: looked for, installed where we may, named where we may not.
+
+use std::process::Command;
+
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+/// A program, and where it comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Need {
+    /// What answers to `--version` when it is there.
+    pub program: &'static str,
+    source: Source,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Source {
+    /// Packages of Debian, by their names there.
+    Debian(&'static [&'static str]),
+    /// A component of the Rust toolchain; the program is a verb of cargo.
+    Rustup(&'static str),
+}
+
+pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
+pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debian(&["pkg-config"]) };
+/// memcheck reads the symbols of the dynamic linker, which are in libc6-dbg.
+pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };
+pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
+pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
+
+impl Need {
+    fn is_there(&self, project: &Project) -> bool {
+        match self.source {
+            Source::Debian(_) => command::succeeds(Command::new(self.program).arg("--version")),
+            Source::Rustup(_) => command::succeeds(project.cargo().args([self.program, "--version"])),
+        }
+    }
+}
+
+/// Sees to it that `needs` are there as far as that is possible, says what it installs, and gives back what is missing
+/// still. Debian's packages are installed by root alone.
+pub fn set_up(project: &Project, needs: &[Need]) -> Vec<Need> {
+    let mut missing = missing(project, needs);
+    if missing.is_empty() {
+        return missing;
+    }
+    if let Err(error) = install(&missing) {
+        println!("{error}");
+    }
+    missing.retain(|need| !need.is_there(project));
+    missing
+}
+
+/// As [`set_up`], for a chore that cannot do without.
+pub fn require(project: &Project, needs: &[Need]) -> Result<(), Error> {
+    let missing = set_up(project, needs);
+    if missing.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Missing { missing: names(&missing), install: install_line(&missing) })
+}
+
+/// Installs what this user may install.
+fn install(needs: &[Need]) -> Result<(), Error> {
+    let components = components(needs);
+    if !components.is_empty() && command::succeeds(Command::new("rustup").arg("--version")) {
+        println!("installing components of the Rust toolchain: {}", components.join(" "));
+        command::run(Command::new("rustup").args(["component", "add"]).args(components))?;
+    }
+    let packages = packages(needs);
+    if !packages.is_empty() && is_root() && command::succeeds(Command::new("apt-get").arg("--version")) {
+        println!("installing packages: {}", packages.join(" "));
+        command::run(apt_get().arg("update"))?;
+        command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
+    }
+    Ok(())
+}
+
+fn apt_get() -> Command {
+    let mut apt = Command::new("apt-get");
+    apt.env("DEBIAN_FRONTEND", "noninteractive").arg("-qq");
+    apt
+}
+
+fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
+    let mut missing = Vec::new();
+    for need in needs {
+        if !missing.contains(need) && !need.is_there(project) {
+            missing.push(*need);
+        }
+    }
+    missing
+}
+
+/// The shell line that installs `needs`.
+pub fn install_line(needs: &[Need]) -> String {
+    let mut lines = Vec::new();
+    if !packages(needs).is_empty() {
+        lines.push(format!("sudo apt-get install -y {}", packages(needs).join(" ")));
+    }
+    if !components(needs).is_empty() {
+        lines.push(format!("rustup component add {}", components(needs).join(" ")));
+    }
+    lines.join(" && ")
+}
+
+/// The programs, for a message.
+pub fn names(needs: &[Need]) -> String {
+    needs.iter().map(|need| need.program).collect::<Vec<_>>().join(", ")
+}
+
+fn packages(needs: &[Need]) -> Vec<&'static str> {
+    let packages = needs.iter().filter_map(|need| match need.source {
+        Source::Debian(packages) => Some(packages),
+        Source::Rustup(_) => None,
+    });
+    packages.flatten().copied().collect()
+}
+
+fn components(needs: &[Need]) -> Vec<&'static str> {
+    let components = needs.iter().filter_map(|need| match need.source {
+        Source::Rustup(component) => Some(component),
+        Source::Debian(_) => None,
+    });
+    components.collect()
+}
+
+fn is_root() -> bool {
+    Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_install_line_names_packages_and_components() {
+        assert_eq!(
+            install_line(&[CXX, VALGRIND, CLIPPY]),
+            "sudo apt-get install -y g++ valgrind libc6-dbg && rustup component add clippy"
+        );
+        assert_eq!(install_line(&[PKG_CONFIG]), "sudo apt-get install -y pkg-config");
+    }
+}

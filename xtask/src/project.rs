@@ -1,0 +1,54 @@
+//! Where the project lies, and its cargo.
+
+use std::env;
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::Command;
+
+use serde::Deserialize;
+
+use crate::command;
+use crate::error::Error;
+
+/// The checkout that a chore works on.
+pub struct Project {
+    /// Its root.
+    pub root: PathBuf,
+    /// Where cargo builds to.
+    pub target: PathBuf,
+}
+
+#[derive(Deserialize)]
+struct Metadata {
+    workspace_root: PathBuf,
+    target_directory: PathBuf,
+}
+
+impl Project {
+    /// The workspace around the current directory.
+    pub fn find() -> Result<Self, Error> {
+        let mut ask = Command::new(cargo_program());
+        ask.args(["metadata", "--no-deps", "--format-version=1"]);
+        let answer = command::output(&mut ask)?;
+        let metadata: Metadata = serde_json::from_slice(&answer)
+            .map_err(|source| Error::Output { command: command::shown(&ask), source })?;
+        Ok(Self { root: metadata.workspace_root, target: metadata.target_directory })
+    }
+
+    /// cargo at the root of the project.
+    pub fn cargo(&self) -> Command {
+        let mut cargo = Command::new(cargo_program());
+        cargo.current_dir(&self.root);
+        cargo
+    }
+
+    /// `path` as a user at the root would write it.
+    pub fn shown<'a>(&self, path: &'a std::path::Path) -> std::path::Display<'a> {
+        path.strip_prefix(&self.root).unwrap_or(path).display()
+    }
+}
+
+/// The cargo that runs this, so that `cargo +toolchain xtask` stays with its toolchain.
+fn cargo_program() -> OsString {
+    env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}

@@ -1,0 +1,139 @@
+//! `cargo xtask stage`: the library, its headers, its pkg-config file and the tool, as they are installed.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Folder that gets bin/, include/ and lib/; it is made if it is not there
+    #[arg(long, value_name = "DIR")]
+    prefix: PathBuf,
+    /// Build profile of cargo
+    #[arg(long, default_value = "release")]
+    profile: String,
+}
+
+/// The name that programs ask the dynamic linker for; the library's build script gives it the same.
+const SONAME: &str = "libNEXTWUSBLib.so.0";
+/// The name that `-lNEXTWUSBLib` finds.
+const LINK_NAME: &str = "libNEXTWUSBLib.so";
+const ARCHIVE: &str = "libNEXTWUSBLib.a";
+/// What Rust's standard library needs of a program that links the archive.
+const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
+
+pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    build_into(project, &arguments.prefix, &arguments.profile)?;
+    println!("installed into {}", arguments.prefix.display());
+    Ok(())
+}
+
+/// Builds with `profile` and installs into `prefix`.
+pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(), Error> {
+    // One after the other: built together, the library would get the features that only the tool needs.
+    for package in ["NEXTWUSBLib", "ecmsk"] {
+        command::run(project.cargo().args(["build", "--quiet", "--profile", profile, "--package", package]))?;
+    }
+    let built = project.target.join(profile_folder(profile));
+
+    let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
+    let pkgconfig = lib.join("pkgconfig");
+    for folder in [&bin, &include, &pkgconfig] {
+        fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+    }
+    copy(&built.join("ecmsk"), &bin.join("ecmsk"))?;
+    copy(&built.join(LINK_NAME), &lib.join(SONAME))?;
+    copy(&built.join(ARCHIVE), &lib.join(ARCHIVE))?;
+    link(SONAME, &lib.join(LINK_NAME))?;
+    for header in headers(&project.root.join("include"))? {
+        copy(&header, &include.join(header.file_name().unwrap_or_default()))?;
+    }
+
+    let prefix = prefix.canonicalize().map_err(Error::file("find", prefix))?;
+    let file = pkgconfig.join("nextwusblib.pc");
+    fs::write(&file, pkgconfig_file(&prefix)).map_err(Error::file("write", &file))
+}
+
+/// cargo's folder for a profile: its own names but for the built-in ones.
+fn profile_folder(profile: &str) -> &str {
+    match profile {
+        "dev" | "test" => "debug",
+        "bench" => "release",
+        named => named,
+    }
+}
+
+/// Replaces `to` by a copy of `from`: a program that runs from `to` goes on with what it has.
+fn copy(from: &Path, to: &Path) -> Result<(), Error> {
+    remove(to)?;
+    fs::copy(from, to).map(drop).map_err(Error::file("copy", from))
+}
+
+fn link(target: &str, at: &Path) -> Result<(), Error> {
+    remove(at)?;
+    symlink(target, at).map_err(Error::file("make the link", at))
+}
+
+fn remove(path: &Path) -> Result<(), Error> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::file("replace", path)(error)),
+        _ => Ok(()),
+    }
+}
+
+fn headers(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let entries = fs::read_dir(folder).and_then(Iterator::collect::<io::Result<Vec<_>>>);
+    let mut files: Vec<PathBuf> =
+        entries.map_err(Error::file("list", folder))?.iter().map(fs::DirEntry::path).collect();
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "h"));
+    files.sort();
+    Ok(files)
+}
+
+fn pkgconfig_file(prefix: &Path) -> String {
+    // pkg-config splits its flags at blanks that have no backslash before them.
+    let prefix = prefix.display().to_string().replace('\\', r"\\").replace(' ', r"\ ");
+    let version = env!("CARGO_PKG_VERSION");
+    format!(
+        "prefix={prefix}
+libdir=${{prefix}}/lib
+includedir=${{prefix}}/include
+
+Name: NEXTWUSBLib
+Description: Drop-in NEXTWUSBLib for the ECM-SK (EC01M)
+Version: {version}
+Libs: -L${{libdir}} -lNEXTWUSBLib
+Libs.private: {PRIVATE_LIBS}
+Cflags: -I${{includedir}}
+"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pkgconfig_file_names_the_prefix_with_its_blanks() {
+        let file = pkgconfig_file(Path::new("/opt/two words"));
+        assert!(file.starts_with("prefix=/opt/two\\ words\n"), "{file}");
+        assert!(file.contains("\nLibs: -L${libdir} -lNEXTWUSBLib\n"), "{file}");
+    }
+
+    #[test]
+    fn a_copy_replaces_a_file_and_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let [from, to, behind] = ["from", "to", "behind"].map(|name| folder.path().join(name));
+        fs::write(&from, "new").unwrap();
+        fs::write(&behind, "kept").unwrap();
+        symlink(&behind, &to).unwrap();
+        copy(&from, &to).unwrap();
+        assert_eq!(fs::read_to_string(&to).unwrap(), "new");
+        assert_eq!(fs::read_to_string(&behind).unwrap(), "kept");
+    }
+}

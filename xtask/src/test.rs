@@ -1,0 +1,172 @@
+//! `cargo xtask test`: every part in order, each with its time, up to the first that fails; what this machine cannot run
+//! is skipped and listed at the end.
+
+use std::time::{Duration, Instant};
+
+use crate::error::Error;
+use crate::needs::{CLIPPY, CXX, Need, PKG_CONFIG, RUSTFMT, VALGRIND};
+use crate::project::Project;
+use crate::{command, features, needs, stage};
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Add the parts that need more than this machine: a guest system or Wine (there are none yet)
+    #[arg(long)]
+    all: bool,
+}
+
+/// One step of the test.
+struct Part {
+    name: &'static str,
+    /// Without these the part is skipped.
+    needs: &'static [Need],
+    run: fn(&Site) -> Result<(), Error>,
+}
+
+/// What a part works with.
+struct Site<'a> {
+    project: &'a Project,
+    /// Of all that the parts need, what is not there.
+    missing: &'a [Need],
+}
+
+const PARTS: &[Part] = &[
+    Part { name: "format", needs: &[RUSTFMT], run: format },
+    Part { name: "lints", needs: &[CLIPPY], run: lints },
+    Part { name: "wire format without std", needs: &[], run: no_std },
+    Part { name: "documentation", needs: &[], run: documentation },
+    Part { name: "rules and features", needs: &[], run: rules },
+    Part { name: "fuzz targets compile", needs: &[CXX], run: fuzz_targets },
+    Part { name: "library, headers and tool in place", needs: &[], run: staged },
+    Part { name: "tests", needs: &[], run: tests },
+];
+
+/// What `--all` adds.
+const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[];
+
+/// Tests that need more than Rust stand in modules of these names, so that they can be left out by name.
+struct Gate {
+    module: &'static str,
+    needs: &'static [Need],
+}
+
+const GATES: &[Gate] = &[
+    Gate { module: "needs_cxx", needs: &[CXX, PKG_CONFIG] },
+    Gate { module: "needs_valgrind", needs: &[CXX, PKG_CONFIG, VALGRIND] },
+];
+
+impl Site<'_> {
+    fn lacks(&self, needs: &[Need]) -> Vec<Need> {
+        needs.iter().copied().filter(|need| self.missing.contains(need)).collect()
+    }
+
+    fn closed_gates(&self) -> impl Iterator<Item = &'static Gate> {
+        GATES.iter().filter(|gate| !self.lacks(gate.needs).is_empty())
+    }
+}
+
+pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    let beyond = if arguments.all { PARTS_BEYOND_THIS_MACHINE } else { &[] };
+    let parts: Vec<&Part> = PARTS.iter().chain(beyond).collect();
+
+    let needed: Vec<Need> =
+        parts.iter().flat_map(|part| part.needs).chain(GATES.iter().flat_map(|gate| gate.needs)).copied().collect();
+    let missing = needs::set_up(project, &needed);
+    let site = Site { project, missing: &missing };
+
+    let begin = Instant::now();
+    let mut skipped = Vec::new();
+    for (number, part) in parts.iter().enumerate() {
+        let title = format!("[{}/{}] {}", number + 1, parts.len(), part.name);
+        let lacking = site.lacks(part.needs);
+        if !lacking.is_empty() {
+            println!("{title}: skipped");
+            skipped.push((part.name.to_owned(), lacking));
+            continue;
+        }
+        println!("{title} ...");
+        let started = Instant::now();
+        let result = (part.run)(&site);
+        let verdict = if result.is_ok() { "passed" } else { "FAILED" };
+        println!("{title}: {verdict} after {}", seconds(started.elapsed()));
+        result?;
+    }
+    skipped
+        .extend(site.closed_gates().map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
+
+    println!("\nall that ran passed, in {}", seconds(begin.elapsed()));
+    if !skipped.is_empty() {
+        println!("skipped:");
+        for (what, lacking) in skipped {
+            println!("  {what}: no {}; to enable: {}", needs::names(&lacking), needs::install_line(&lacking));
+        }
+    }
+    Ok(())
+}
+
+fn seconds(time: Duration) -> String {
+    format!("{:.1} s", time.as_secs_f64())
+}
+
+fn format(site: &Site) -> Result<(), Error> {
+    command::run(site.project.cargo().args(["fmt", "--all", "--check"]))?;
+    command::run(site.project.cargo().args(["fmt", "--check", "--manifest-path=fuzz/Cargo.toml"]))
+}
+
+fn lints(site: &Site) -> Result<(), Error> {
+    command::run(site.project.cargo().args(["clippy", "--quiet", "--workspace", "--all-targets", "--", "-Dwarnings"]))
+}
+
+fn no_std(site: &Site) -> Result<(), Error> {
+    command::run(site.project.cargo().args(["check", "--quiet", "--package=ecmsk", "--lib", "--no-default-features"]))
+}
+
+fn documentation(site: &Site) -> Result<(), Error> {
+    let mut cargo = site.project.cargo();
+    command::run(cargo.env("RUSTDOCFLAGS", "-Dwarnings").args(["doc", "--quiet", "--workspace", "--no-deps"]))
+}
+
+fn rules(site: &Site) -> Result<(), Error> {
+    features::check(site.project)
+}
+
+fn fuzz_targets(site: &Site) -> Result<(), Error> {
+    command::run(site.project.cargo().args(["check", "--quiet", "--manifest-path=fuzz/Cargo.toml"]))
+}
+
+fn staged(site: &Site) -> Result<(), Error> {
+    stage::build_into(site.project, &site.project.target.join("xtask/stage"), "dev")
+}
+
+fn tests(site: &Site) -> Result<(), Error> {
+    let mut cargo = site.project.cargo();
+    cargo.args(["test", "--quiet", "--workspace"]);
+    let mut closed = site.closed_gates().peekable();
+    if closed.peek().is_some() {
+        cargo.arg("--");
+    }
+    for gate in closed {
+        cargo.arg(format!("--skip={}::", gate.module));
+    }
+    command::run(&mut cargo)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn site<'a>(project: &'a Project, missing: &'a [Need]) -> Site<'a> {
+        Site { project, missing }
+    }
+
+    #[test]
+    fn a_gate_closes_when_one_of_its_needs_is_missing() {
+        let project = Project { root: "/".into(), target: "/target".into() };
+        let closed =
+            |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
+        assert!(closed(&[]).is_empty());
+        assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
+        assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_valgrind"]);
+        assert!(closed(&[CLIPPY]).is_empty());
+    }
+}

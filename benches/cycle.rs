@@ -1,0 +1,155 @@
+//! `cycle_40_csp`: a cycle of the modelled board with 40 drives in CSP: host frame decoded, FIFO, engine, simulated drives,
+//! response with CRC. The baseline is what it cannot do without, in one plain loop: two CRCs, 40 slots copied, 40 plants
+//! moved. Also memory with 40 drives in OP, and virtual cycles a second.
+
+mod common;
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::sk::{
+    DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind, SlotSize,
+    StateByte, crc::frame_crc,
+};
+use ecmsk::slave::plant::{Effort, Motor, Plant};
+use ecmsk::slave::{Drive, DriveConfig, Slave};
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+const DRIVES: usize = 40;
+const CYCLE_NS: u64 = 1_000_000;
+/// Counts in a cycle: the axes move all the time.
+const STEP: i32 = 20;
+/// They turn back after so many cycles.
+const STROKE: i32 = 1000;
+
+fn main() {
+    let memory_before = resident_kib();
+    let mut board = board_in_op();
+    common::fact("memory_40_drives_op", resident_kib() - memory_before, "KiB");
+
+    let mut command = Frame::new();
+    let mut report = Frame::new();
+    let mut path = Path::default();
+    let mut ours = || {
+        path.advance();
+        for slave in 1..=DRIVES {
+            command.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(path.target)).into());
+        }
+        command.fill_crc(SIZE);
+        let at = board.next_cycle() - 1;
+        board.host(black_box(&command), at, &mut |_, _| {});
+        board.cycle(&mut |frame, _| report.clone_from(frame));
+        black_box(&report);
+    };
+    let mut plain = PlainLoop::new();
+    common::pair("cycle_40_csp", 3.0, &mut ours, || plain.cycle());
+
+    let cycles = 20_000;
+    let start = Instant::now();
+    (0..cycles).for_each(|_| ours());
+    common::fact("virtual_cycles_per_second_40_drives", f64::from(cycles) / start.elapsed().as_secs_f64(), "1/s");
+    let answer = MasterResponse::decode(&report.slot(SIZE, 0));
+    assert_eq!(
+        (answer.state, answer.full_count),
+        (StateByte::reached(MasterState::Op), 0),
+        "the bench's board ran well"
+    );
+}
+
+/// A target that goes to and fro.
+#[derive(Default)]
+struct Path {
+    target: i32,
+    n: i32,
+}
+
+impl Path {
+    fn advance(&mut self) {
+        self.target += if self.n % (2 * STROKE) < STROKE { STEP } else { -STEP };
+        self.n += 1;
+    }
+}
+
+struct PlainLoop {
+    command: Frame,
+    report: Frame,
+    plants: Vec<Plant>,
+    path: Path,
+}
+
+impl PlainLoop {
+    fn new() -> Self {
+        Self {
+            command: Frame::new(),
+            report: Frame::new(),
+            plants: vec![Plant::new(&Motor::default(), 0); DRIVES],
+            path: Path::default(),
+        }
+    }
+
+    fn cycle(&mut self) {
+        let from = self.path.target;
+        self.path.advance();
+        let by = f64::from(self.path.target - from);
+        black_box(frame_crc(black_box(self.command.wire(SIZE))));
+        for (n, plant) in self.plants.iter_mut().enumerate() {
+            plant.run(Effort::Position { from: from.into(), fraction: 0.0, by }, CYCLE_NS);
+            let at = (n + 1) * SIZE.bytes();
+            self.report.bytes_mut()[at..at + 12].copy_from_slice(&self.command.bytes()[at..at + 12]);
+        }
+        let crc = frame_crc(self.report.wire(SIZE));
+        self.report.bytes_mut()[3] = crc;
+        black_box(&self.report);
+    }
+}
+
+fn board_in_op() -> Board {
+    let drives = (0..DRIVES).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>).collect();
+    let mut board = Board::new(EngineConfig::default(), Box::new(SimBus::new(drives)));
+    assert!(board.boot(60_000_000_000));
+    for group in 0..5 {
+        send(&mut board, |frame| {
+            frame.put_master(SIZE, &MasterCommand::SetAxis { group, kinds: [SlaveKind::Drive; 8] });
+        });
+    }
+    send(&mut board, |frame| frame.put_master(SIZE, &MasterCommand::SetState(MasterState::Op)));
+    cycle_until(&mut board, |report| {
+        MasterResponse::decode(&report.slot(SIZE, 0)).state == StateByte::reached(MasterState::Op)
+    });
+    send(&mut board, |frame| {
+        for slave in 1..=DRIVES {
+            frame.put_slave(SIZE, slave, &SlaveCommand::ServoOn.into());
+        }
+    });
+    cycle_until(&mut board, |report| {
+        (1..=DRIVES).all(|slave| DriveResponse::decode(&report.slot(SIZE, slave)).statusword.is_enabled())
+    });
+    board
+}
+
+fn send(board: &mut Board, build: impl FnOnce(&mut Frame)) {
+    let mut frame = Frame::new();
+    build(&mut frame);
+    let at = board.now();
+    board.host(&frame, at, &mut |_, _| {});
+}
+
+fn cycle_until(board: &mut Board, done: impl Fn(&Frame) -> bool) {
+    for _ in 0..100_000 {
+        let mut reached = false;
+        board.cycle(&mut |report, _| reached = done(report));
+        if reached {
+            return;
+        }
+    }
+    panic!("the bench's board does not come up");
+}
+
+/// This process's memory, `VmRSS` of proc(5).
+fn resident_kib() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or_default();
+    line.split_whitespace().next().and_then(|kib| kib.parse().ok()).unwrap_or_default()
+}

@@ -1,1 +1,211 @@
-//! sim
+//! A network of simulated slaves, paced by our runner.
+//!
+//! A cycle is one [`Fieldbus::poll`] at a later time than the one before: the frame passes every slave (inputs are what
+//! was measured at the end of the previous cycle), then the time since the last poll passes in every slave.
+//!
+//! **Working counter.** As an LRW over the whole image: a slave in OP counts 3 (2 for its outputs, 1 for its inputs),
+//! one in SafeOP 1, any other nothing.
+//!
+//! **Lost slaves** \[OURS]. A slave in SafeOP or OP that does not answer a cycle (cable cut before it, silent, fallen to
+//! a lower state by itself) is lost: its inputs keep their values, and it stays lost, also when it could answer again,
+//! until a [`Job::State`] brings it back. A slave in Init or PreOP is lost only while it does not answer.
+//!
+//! **A cut before the first slave** silences the bus: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
+//! goes on passing in the slaves.
+//!
+//! Allocates when it is made, never in a cycle.
+
+mod handle;
+mod jobs;
+mod timing;
+
+pub use handle::{Shafts, SimHandle};
+pub use timing::Timing;
+
+use super::{
+    AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing, SlaveSet,
+};
+use crate::slave::Slave;
+use jobs::Running;
+
+/// A place in the cable.
+struct Station {
+    slave: Box<dyn Slave>,
+    /// The AL state that a job brought it to.
+    brought: AlState,
+}
+
+/// The simulated bus.
+pub struct SimBus {
+    /// In the order of the cable.
+    stations: Vec<Station>,
+    timing: Timing,
+    handle: SimHandle,
+    found: u8,
+    lost: SlaveSet,
+    outputs: Outputs,
+    held: bool,
+    /// The time that has passed in the slaves.
+    clock: Ns,
+    job: Option<Running>,
+}
+
+impl SimBus {
+    /// A network of these slaves in the order of the cable, switched on at time 0. Those beyond the 40th are never
+    /// found.
+    pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
+        let stations = slaves.into_iter().map(|slave| Station { slave, brought: AlState::Init }).collect();
+        let mut bus = Self {
+            stations,
+            timing: Timing::default(),
+            handle: SimHandle::default(),
+            found: 0,
+            lost: SlaveSet::EMPTY,
+            outputs: Outputs::default(),
+            held: false,
+            clock: 0,
+            job: None,
+        };
+        bus.publish_shafts();
+        bus
+    }
+
+    /// The same with other durations of its jobs.
+    pub fn with_timing(mut self, timing: Timing) -> Self {
+        self.timing = timing;
+        self
+    }
+
+    /// What scripts and tests hold on to, from any thread.
+    pub fn handle(&self) -> SimHandle {
+        self.handle.clone()
+    }
+
+    /// Whether a slave (from 1) is reached by frames and answers them.
+    fn answers(&self, slave: u8) -> bool {
+        slave <= self.handle.reach() && !self.handle.is_silent(slave)
+    }
+
+    fn is_down(&self) -> bool {
+        self.handle.reach() == 0
+    }
+
+    fn station(&mut self, slave: u8) -> &mut Station {
+        &mut self.stations[usize::from(slave) - 1]
+    }
+
+    /// The AL state that a slave (from 1) really is in.
+    fn state(&self, slave: u8) -> AlState {
+        self.stations[usize::from(slave) - 1].slave.state()
+    }
+
+    /// Finds out who is lost; see the module's page.
+    fn look_for_lost(&mut self) {
+        for slave in 1..=self.found {
+            let brought = self.stations[usize::from(slave) - 1].brought;
+            if !self.answers(slave) || self.state(slave) < brought {
+                self.lost.insert(slave);
+            } else if brought < AlState::SafeOp {
+                self.lost.remove(slave);
+            }
+        }
+    }
+
+    /// The frame passes every slave.
+    fn exchange(&mut self, inputs: &mut Inputs) -> CycleDone {
+        let (mut working_counter, mut expected_working_counter) = (0, 0);
+        for (n, station) in self.stations.iter_mut().enumerate().take(self.found.into()) {
+            let (outputs, count) = match station.brought {
+                AlState::Op => (Some(&self.outputs.slaves[n]), 3),
+                AlState::SafeOp => (None, 1),
+                AlState::Init | AlState::PreOp => continue,
+            };
+            expected_working_counter += count;
+            if !self.lost.contains(n as u8 + 1) {
+                station.slave.exchange(outputs, &mut inputs.slaves[n]);
+                working_counter += count;
+            }
+        }
+        inputs.lost = self.lost;
+        let outputs = std::mem::take(&mut self.held).then_some(self.outputs.id);
+        CycleDone { at: self.clock, outputs, working_counter, expected_working_counter, next_deadline: None }
+    }
+
+    fn raise_faults(&mut self) {
+        let stations = &mut self.stations;
+        self.handle.take_faults(|slave, axis, fault| {
+            if let Some(station) = stations.get_mut(usize::from(slave).wrapping_sub(1)) {
+                station.slave.raise_fault(axis, fault);
+            }
+        });
+    }
+
+    fn publish_shafts(&mut self) {
+        let shafts = self.stations.iter().map(|station| [station.slave.shaft(0), station.slave.shaft(1)]);
+        self.handle.publish(self.clock, shafts.take(MAX_SLAVES));
+    }
+}
+
+impl Fieldbus for SimBus {
+    fn pacing(&self) -> Pacing {
+        Pacing::Runner
+    }
+
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        if self.job.is_some() {
+            return Err(Busy);
+        }
+        self.job = Some(self.begin(job, now));
+        Ok(())
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        let mut job = self.job.take()?;
+        let done = self.advance(&mut job, now);
+        if done.is_none() {
+            self.job = Some(job);
+        }
+        done
+    }
+
+    fn cancel_job(&mut self) {
+        self.job = None;
+    }
+
+    fn room(&self) -> u16 {
+        u16::from(!self.held && !self.is_down())
+    }
+
+    fn held(&self) -> u16 {
+        self.held.into()
+    }
+
+    fn discard_ahead(&mut self) -> u16 {
+        std::mem::take(&mut self.held).into()
+    }
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        if self.is_down() {
+            return Err(BusError::Down);
+        }
+        if self.held {
+            return Err(BusError::Full { held: 1 });
+        }
+        self.outputs.clone_from(outputs);
+        self.held = true;
+        Ok(())
+    }
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        let dt_ns = now.checked_sub(self.clock).filter(|dt_ns| *dt_ns > 0)?;
+        self.clock = now;
+        self.look_for_lost();
+        let done = (!self.is_down()).then(|| self.exchange(inputs));
+        self.raise_faults();
+        for station in &mut self.stations {
+            station.slave.step(dt_ns);
+        }
+        self.publish_shafts();
+        done
+    }
+}

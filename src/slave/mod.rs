@@ -1,4 +1,17 @@
 //! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
+//!
+//! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
+//! [`plant`] joined to an [`axis`]. [`drive`] is a servo drive made of them.
+
+pub mod al;
+pub mod axis;
+pub mod dictionary;
+pub mod drive;
+pub mod plant;
+pub mod state_machine;
+
+pub use drive::{Drive, DriveConfig};
+pub use state_machine::DeviceFault;
 
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
@@ -16,6 +29,18 @@ pub struct SdoValue {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AlStatus(pub u16);
 
+/// AL status codes (ETG.1000.6 table 11).
+impl AlStatus {
+    /// Invalid requested state change.
+    pub const INVALID_CHANGE: Self = Self(0x0011);
+    /// Sync manager watchdog.
+    pub const WATCHDOG: Self = Self(0x001B);
+    /// Invalid output configuration.
+    pub const INVALID_OUTPUTS: Self = Self(0x001D);
+    /// Invalid input configuration.
+    pub const INVALID_INPUTS: Self = Self(0x001E);
+}
+
 /// One simulated slave: state machine of the application layer, mailbox, process data and physics.
 ///
 /// Time passes only in [`Slave::step`]. Arithmetic is integers or `+ - * /` and `sqrt` of `f64`, so that every target
@@ -23,6 +48,9 @@ pub struct AlStatus(pub u16);
 pub trait Slave: Send {
     /// Its name for people, e.g. `drive`.
     fn name(&self) -> &str;
+
+    /// The AL state it is in. It may fall back by itself, e.g. when its process data stay away.
+    fn state(&self) -> AlState;
 
     /// Whether it can enter that state now; it has entered it if the answer is `Ok`.
     ///
@@ -54,4 +82,16 @@ pub trait Slave: Send {
 
     /// `dt_ns` pass.
     fn step(&mut self, dt_ns: Ns);
+
+    /// A fault happens in the device, on an axis (from 0). False: it has no such axis.
+    fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
+        let _ = (axis, fault);
+        false
+    }
+
+    /// Where the shaft of an axis (from 0) really is, counts; `None`: it has no such axis.
+    fn shaft(&self, axis: usize) -> Option<i64> {
+        let _ = axis;
+        None
+    }
 }

@@ -1,0 +1,168 @@
+//! What scripts and tests do to a simulated bus while it runs, from any thread.
+//!
+//! A cycle reads atomics and takes locks only by trying: a thread that holds one delays a fault or a snapshot by a
+//! cycle, never the cycle itself. Jobs, which are no part of a cycle, take the script's lock, which is never held for
+//! longer than an assignment.
+
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::coe::AbortCode;
+use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
+use crate::slave::{AlStatus, DeviceFault};
+
+/// Where the shafts really are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shafts {
+    /// End of the cycle in which they were there, board time.
+    pub at: Ns,
+    /// Slave n is `positions[n - 1]`, one entry for each axis, counts; `None`: no such axis.
+    pub positions: [[Option<i64>; MAX_AXES]; MAX_SLAVES],
+}
+
+/// What one slave is made to do.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Orders {
+    /// A state that it refuses, and why.
+    pub(super) refuse: Option<(AlState, AlStatus)>,
+    pub(super) sdo_delay_ns: Ns,
+    pub(super) sdo_abort: Option<AbortCode>,
+}
+
+struct Shared {
+    /// Slaves that the cable reaches.
+    reach: AtomicU8,
+    /// Bit n - 1: slave n does not answer.
+    silent: AtomicU64,
+    has_faults: AtomicBool,
+    /// Slave, axis, fault; not yet raised.
+    faults: Mutex<Vec<(u8, usize, DeviceFault)>>,
+    orders: Mutex<[Orders; MAX_SLAVES]>,
+    shafts: Mutex<Shafts>,
+}
+
+/// A handle on a [`super::SimBus`]; clones are handles on the same bus. Slaves are numbered from 1; what is said of a
+/// slave that the bus does not have is without effect.
+#[derive(Clone)]
+pub struct SimHandle(Arc<Shared>);
+
+impl Default for SimHandle {
+    fn default() -> Self {
+        let positions = [[None; MAX_AXES]; MAX_SLAVES];
+        Self(Arc::new(Shared {
+            reach: AtomicU8::new(u8::MAX),
+            silent: AtomicU64::new(0),
+            has_faults: AtomicBool::new(false),
+            faults: Mutex::new(Vec::new()),
+            orders: Mutex::new([Orders::default(); MAX_SLAVES]),
+            shafts: Mutex::new(Shafts { at: 0, positions }),
+        }))
+    }
+}
+
+impl SimHandle {
+    /// Cuts the cable after that many slaves. 0: before the first one, so that the bus is silent.
+    pub fn cut_after(&self, slaves: u8) {
+        self.0.reach.store(slaves, Ordering::Relaxed);
+    }
+
+    /// Makes the cable whole.
+    pub fn heal(&self) {
+        self.cut_after(u8::MAX);
+    }
+
+    /// A slave stops answering, while frames still pass it and time passes in it; or it answers again.
+    pub fn silence(&self, slave: u8, silent: bool) {
+        let bit = bit_of(slave);
+        if silent {
+            self.0.silent.fetch_or(bit, Ordering::Relaxed);
+        } else {
+            self.0.silent.fetch_and(!bit, Ordering::Relaxed);
+        }
+    }
+
+    /// A slave refuses to enter a state, with that AL status code; `None`: it enters every state that it can.
+    pub fn refuse(&self, slave: u8, state: Option<(AlState, AlStatus)>) {
+        self.order(slave, |orders| orders.refuse = state);
+    }
+
+    /// SDO transfers with a slave take that much longer; beyond the timeout of the request they fail. 0: no delay.
+    pub fn delay_sdo(&self, slave: u8, ns: Ns) {
+        self.order(slave, |orders| orders.sdo_delay_ns = ns);
+    }
+
+    /// A slave aborts every SDO transfer with that code, and does nothing of it; `None`: no longer.
+    pub fn abort_sdo(&self, slave: u8, code: Option<AbortCode>) {
+        self.order(slave, |orders| orders.sdo_abort = code);
+    }
+
+    /// A fault happens in a slave, on an axis (from 0), in the next cycle.
+    pub fn raise_fault(&self, slave: u8, axis: usize, fault: DeviceFault) {
+        lock(&self.0.faults).push((slave, axis, fault));
+        self.0.has_faults.store(true, Ordering::Release);
+    }
+
+    /// Where the shafts were at the end of a cycle, all at the same time.
+    pub fn shafts(&self) -> Shafts {
+        lock(&self.0.shafts).clone()
+    }
+
+    /// Where one shaft was at the end of a cycle, counts; `None`: there is no such axis.
+    pub fn shaft(&self, slave: u8, axis: usize) -> Option<i64> {
+        let place = usize::from(slave).checked_sub(1)?;
+        *lock(&self.0.shafts).positions.get(place)?.get(axis)?
+    }
+
+    pub(super) fn reach(&self) -> u8 {
+        self.0.reach.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn is_silent(&self, slave: u8) -> bool {
+        self.0.silent.load(Ordering::Relaxed) & bit_of(slave) != 0
+    }
+
+    pub(super) fn orders(&self, slave: u8) -> Orders {
+        lock(&self.0.orders)[usize::from(slave) - 1]
+    }
+
+    /// Hands out the faults not yet raised, unless a thread is just adding one.
+    pub(super) fn take_faults(&self, mut raise: impl FnMut(u8, usize, DeviceFault)) {
+        if !self.0.has_faults.load(Ordering::Acquire) {
+            return;
+        }
+        let Ok(mut faults) = self.0.faults.try_lock() else { return };
+        self.0.has_faults.store(false, Ordering::Release);
+        for (slave, axis, fault) in faults.drain(..) {
+            raise(slave, axis, fault);
+        }
+    }
+
+    /// Keeps the shafts of a cycle, unless a thread is just reading those of the one before.
+    pub(super) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; MAX_AXES]>) {
+        let Ok(mut shafts) = self.0.shafts.try_lock() else { return };
+        shafts.at = at;
+        for (shown, position) in shafts.positions.iter_mut().zip(positions) {
+            *shown = position;
+        }
+    }
+
+    fn order(&self, slave: u8, change: impl FnOnce(&mut Orders)) {
+        if let Some(place) = usize::from(slave).checked_sub(1)
+            && let Some(orders) = lock(&self.0.orders).get_mut(place)
+        {
+            change(orders);
+        }
+    }
+}
+
+fn bit_of(slave: u8) -> u64 {
+    match slave {
+        1..=64 => 1 << (slave - 1),
+        _ => 0,
+    }
+}
+
+/// A panic elsewhere leaves plain data behind, which is as good as before.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,352 @@
+//! One axis of a drive: state machine, plant and the cyclic modes CSP, CSV and CST between them.
+//!
+//! A target is reached evenly over the time of the step that follows it: [`Axis::step`] is called once after each
+//! exchange of process data, with the length of the cycle, and the demand moves from where it was to the new target
+//! meanwhile. The axis thus lags its targets by one cycle, and needs no word on how long a cycle is.
+//!
+//! Positions are `i64` counts inside and wrap to the `i32` of objects 0x6064 and 0x607A: a target means the position
+//! nearest to the present demand that has those low 32 bits, so an axis may turn in one direction for ever.
+
+use super::plant::{Effort, Motor, Plant};
+use super::state_machine::{DeviceFault, OptionCodes, Power, Ramp, StateMachine, TransitionTimes};
+use crate::cia402::{DriveState, Mode, Statusword};
+use crate::fieldbus::{AxisIn, Ns};
+
+/// Error code of a following error (CiA 402-2, 0x603F).
+pub const FOLLOWING_ERROR: u16 = 0x8611;
+/// Value of 0x6065 that switches the following error off (CiA 402-2).
+pub const NO_FOLLOWING_WINDOW: u32 = u32::MAX;
+/// \[OURS] The state machine and the following error are looked at about that often; short cycles: once a cycle.
+const SLICE_NS: Ns = 1_000_000;
+/// \[OURS] Bit 10 in CST: the torque is that near to its target, as a part of the rated one.
+const TORQUE_REACHED: f64 = 0.01;
+
+/// What an axis reads of its drive's objects. Times in ms, the rest in counts, counts/s and counts/s².
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// 0x6065; [`NO_FOLLOWING_WINDOW`]: off.
+    pub following_window: u32,
+    /// 0x6066.
+    pub following_timeout_ms: u16,
+    /// 0x607D:1 and :2. \[OURS] Off unless the first is less than the second.
+    pub position_limits: (i32, i32),
+    /// 0x607F. \[OURS] It limits every mode.
+    pub max_velocity: u32,
+    /// 0x6072, 0.1 % of rated.
+    pub max_torque: u16,
+    /// 0x6084, the slow-down ramp.
+    pub slow_down: u32,
+    /// 0x6085, the quick-stop ramp.
+    pub quick_stop: u32,
+    /// 0x605A to 0x605E.
+    pub options: OptionCodes,
+}
+
+/// Targets of the cyclic modes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Targets {
+    /// 0x607A, counts.
+    pub position: i32,
+    /// 0x60FF, counts/s.
+    pub velocity: i32,
+    /// 0x6071, 0.1 % of rated.
+    pub torque: i16,
+}
+
+/// What the motor is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Motion {
+    Off,
+    Follow,
+    Brake,
+    Hold,
+}
+
+/// What the loops follow.
+#[derive(Clone, Copy, Debug)]
+struct Demand {
+    whole: i64,
+    fraction: f64,
+    velocity: f64,
+}
+
+/// The axis.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    machine: StateMachine,
+    plant: Plant,
+    settings: Settings,
+    limits: Option<(i64, i64)>,
+    mode: Mode,
+    targets: Targets,
+    motion: Motion,
+    demand: Demand,
+    /// How long the following error has been outside its window.
+    outside_ns: Ns,
+    /// A software position limit holds the target back.
+    held_back: bool,
+    reached: bool,
+    position_reached: i64,
+    velocity_reached: f64,
+    measured: AxisIn,
+}
+
+impl Axis {
+    /// An axis at power-on, its shaft at `position`, in CSP.
+    pub fn new(motor: &Motor, times: TransitionTimes, settings: Settings, position: i64) -> Self {
+        let mut axis = Self {
+            machine: StateMachine::new(times, settings.options),
+            plant: Plant::new(motor, position),
+            settings,
+            limits: None,
+            mode: Mode::Csp,
+            targets: Targets { position: position as i32, ..Targets::default() },
+            motion: Motion::Off,
+            demand: Demand { whole: position, fraction: 0.0, velocity: 0.0 },
+            outside_ns: 0,
+            held_back: false,
+            reached: false,
+            // [OURS] Bit 10: within a thousandth of a turn in CSP, within 10 rpm in CSV.
+            position_reached: i64::from(motor.counts_per_turn / 1000).max(1),
+            velocity_reached: f64::from(motor.counts_per_turn) / 6.0,
+            measured: AxisIn::default(),
+        };
+        axis.set(settings);
+        axis.measure();
+        axis
+    }
+
+    /// The objects are new.
+    pub fn set(&mut self, settings: Settings) {
+        let (low, high) = settings.position_limits;
+        self.limits = (low < high && (low, high) != (i32::MIN, i32::MAX)).then_some((low.into(), high.into()));
+        self.plant.set_limits(settings.max_velocity, settings.max_torque);
+        self.machine.set_options(settings.options);
+        self.settings = settings;
+    }
+
+    /// The state machine.
+    pub const fn machine(&self) -> &StateMachine {
+        &self.machine
+    }
+
+    /// The state machine, to command it.
+    pub const fn machine_mut(&mut self) -> &mut StateMachine {
+        &mut self.machine
+    }
+
+    /// The shaft.
+    pub const fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The mode in force (0x6061).
+    pub const fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Changes the mode, at once and in any state \[OURS]. The targets are then such that the axis holds where it is,
+    /// until new ones come.
+    pub fn set_mode(&mut self, mode: Mode) {
+        if mode != self.mode {
+            self.mode = mode;
+            self.targets = Targets { position: self.plant.position() as i32, ..Targets::default() };
+            self.motion = Motion::Off;
+        }
+    }
+
+    /// The targets.
+    pub const fn targets(&self) -> &Targets {
+        &self.targets
+    }
+
+    /// The targets, to set them.
+    pub const fn targets_mut(&mut self) -> &mut Targets {
+        &mut self.targets
+    }
+
+    /// What was measured at the end of the last step.
+    pub const fn measured(&self) -> &AxisIn {
+        &self.measured
+    }
+
+    /// Position demand (0x6062), counts.
+    pub const fn demand(&self) -> i64 {
+        self.demand.whole
+    }
+
+    /// Following error (0x60F4): demand - actual, counts.
+    pub const fn following_error(&self) -> i64 {
+        self.demand.whole.wrapping_sub(self.plant.position())
+    }
+
+    /// `dt_ns` pass, in which the targets are reached.
+    pub fn step(&mut self, dt_ns: Ns) {
+        let slices = ((dt_ns + SLICE_NS / 2) / SLICE_NS).max(1);
+        let slice = dt_ns / slices;
+        let mut left = dt_ns;
+        while left > 0 {
+            let ns = if left < 2 * slice { left } else { slice };
+            self.slice(ns, left);
+            left -= ns;
+        }
+        self.measure();
+    }
+
+    /// `ns` pass out of `left` until the targets are due.
+    fn slice(&mut self, ns: Ns, left: Ns) {
+        self.machine.step(ns, self.has_stopped());
+        match self.machine.power() {
+            Power::Off => {
+                self.plant.run(Effort::Coast, ns);
+                self.motion = Motion::Off;
+                self.demand_here();
+            }
+            Power::Follow => {
+                if self.motion != Motion::Follow {
+                    self.motion = Motion::Follow;
+                    self.demand_here();
+                }
+                match self.mode {
+                    Mode::Csv => self.follow_velocity(ns, left),
+                    Mode::Cst => self.follow_torque(ns),
+                    _ => self.follow_position(ns, left),
+                }
+            }
+            Power::Stop(ramp) => self.brake(ramp, ns),
+        }
+    }
+
+    fn has_stopped(&self) -> bool {
+        match self.motion {
+            Motion::Off => self.plant.is_at_standstill(),
+            Motion::Hold => true,
+            Motion::Follow | Motion::Brake => false,
+        }
+    }
+
+    /// The demand is where the shaft is and as fast.
+    fn demand_here(&mut self) {
+        self.demand = Demand { whole: self.plant.position(), fraction: 0.0, velocity: self.plant.velocity() };
+        self.outside_ns = 0;
+        self.reached = false;
+        self.held_back = false;
+    }
+
+    fn follow_position(&mut self, ns: Ns, left: Ns) {
+        let way = self.targets.position.wrapping_sub(self.demand.whole as i32);
+        let wanted = self.demand.whole.wrapping_add(way.into());
+        let target = self.limits.map_or(wanted, |(low, high)| wanted.clamp(low, high));
+        self.held_back = target != wanted;
+        let Demand { whole, fraction, .. } = self.demand;
+        let remaining = target.wrapping_sub(whole) as f64 - fraction;
+        let by = if ns == left { remaining } else { remaining * (ns as f64 / left as f64) };
+        self.plant.run(Effort::Position { from: whole, fraction, by }, ns);
+        if ns == left {
+            (self.demand.whole, self.demand.fraction) = (target, 0.0);
+        } else {
+            let moved = fraction + by;
+            self.demand.whole = whole.wrapping_add(moved as i64);
+            self.demand.fraction = moved - (moved as i64) as f64;
+        }
+        self.reached =
+            remaining == 0.0 && self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
+        self.watch_following_error(ns);
+    }
+
+    /// CiA 402-2: outside the window for longer than the timeout is a fault. 0x6066 = 0: at once.
+    fn watch_following_error(&mut self, ns: Ns) {
+        let Settings { following_window, following_timeout_ms, .. } = self.settings;
+        let outside = self.following_error().unsigned_abs() > following_window.into();
+        if !outside || following_window == NO_FOLLOWING_WINDOW {
+            self.outside_ns = 0;
+            return;
+        }
+        self.outside_ns += ns;
+        if self.outside_ns > Ns::from(following_timeout_ms) * 1_000_000 {
+            self.machine.raise(DeviceFault { code: FOLLOWING_ERROR, resettable: true });
+        }
+    }
+
+    fn follow_velocity(&mut self, ns: Ns, left: Ns) {
+        let target = f64::from(self.targets.velocity);
+        let from = self.demand.velocity;
+        let to = if ns == left { target } else { from + (target - from) * (ns as f64 / left as f64) };
+        self.plant.run(Effort::Velocity { from, to }, ns);
+        self.demand_here();
+        self.demand.velocity = to;
+        self.reached = (target - self.plant.velocity()).abs() <= self.velocity_reached;
+    }
+
+    fn follow_torque(&mut self, ns: Ns) {
+        let target = f64::from(self.targets.torque) / 1000.0;
+        self.plant.run(Effort::Torque(target), ns);
+        self.demand_here();
+        self.reached = (target - self.plant.torque()).abs() <= TORQUE_REACHED;
+    }
+
+    fn brake(&mut self, ramp: Ramp, ns: Ns) {
+        if self.motion == Motion::Hold {
+            let Demand { whole, fraction, .. } = self.demand;
+            return self.plant.run(Effort::Position { from: whole, fraction, by: 0.0 }, ns);
+        }
+        if self.motion != Motion::Brake {
+            self.motion = Motion::Brake;
+            self.demand_here();
+        }
+        let deceleration = match ramp {
+            Ramp::SlowDown => f64::from(self.settings.slow_down),
+            Ramp::QuickStop => f64::from(self.settings.quick_stop),
+            Ramp::TorqueLimit => self.plant.torque_as_acceleration(),
+        };
+        let from = self.demand.velocity;
+        let cut = deceleration * (ns as f64 / 1e9);
+        let to = if from > cut {
+            from - cut
+        } else if from < -cut {
+            from + cut
+        } else {
+            0.0
+        };
+        self.plant.run(Effort::Velocity { from, to }, ns);
+        self.demand_here();
+        self.demand.velocity = to;
+        if to == 0.0 && self.plant.is_at_standstill() {
+            self.motion = Motion::Hold;
+        }
+    }
+
+    fn measure(&mut self) {
+        let torque = rounded(self.plant.torque() * 1000.0);
+        self.measured = AxisIn {
+            statusword: self.statusword(),
+            torque: torque.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
+            position: self.plant.position() as i32,
+            error_code: self.machine.fault().map_or(0, |fault| fault.code),
+            inputs: 0,
+        };
+    }
+
+    /// Bits 10 to 13 on top of the state's. Off or braking: bits 10 to 12 are 0 \[OURS].
+    fn statusword(&self) -> Statusword {
+        let mut word = self.machine.status_bits();
+        if self.motion == Motion::Follow && self.machine.state() == DriveState::OperationEnabled {
+            word |= Statusword::BIT12;
+            if self.reached {
+                word |= Statusword::TARGET_REACHED;
+            }
+            if self.held_back || self.plant.is_limited() {
+                word |= Statusword::INTERNAL_LIMIT;
+            }
+        }
+        if self.machine.fault().is_some_and(|fault| fault.code == FOLLOWING_ERROR) {
+            word |= Statusword::BIT13;
+        }
+        Statusword(word)
+    }
+}
+
+/// The nearest integer, halves away from 0.
+pub(super) fn rounded(x: f64) -> i64 {
+    (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i64
+}

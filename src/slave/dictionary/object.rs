@@ -1,0 +1,315 @@
+//! One row of an object dictionary, written as a chain of constant functions.
+
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::fieldbus::AlState;
+
+/// Data type of an object (ETG.1000.6 5.6.7, CiA 301 7.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DataType {
+    /// BOOLEAN, one byte in an SDO.
+    Bool,
+    /// INTEGER8.
+    I8,
+    /// UNSIGNED8.
+    U8,
+    /// INTEGER16.
+    I16,
+    /// UNSIGNED16.
+    U16,
+    /// INTEGER32.
+    I32,
+    /// UNSIGNED32.
+    U32,
+    /// VISIBLE_STRING, of which an upload carries the first 4 bytes.
+    Text,
+}
+
+impl DataType {
+    /// Bytes an SDO moves.
+    pub const fn bytes(self) -> u8 {
+        match self {
+            Self::Bool | Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::Text => 4,
+        }
+    }
+
+    /// Least and greatest value.
+    pub const fn range(self) -> (i64, i64) {
+        match self {
+            Self::Bool => (0, 1),
+            Self::I8 => (i8::MIN as i64, i8::MAX as i64),
+            Self::U8 => (0, u8::MAX as i64),
+            Self::I16 => (i16::MIN as i64, i16::MAX as i64),
+            Self::U16 => (0, u16::MAX as i64),
+            Self::I32 => (i32::MIN as i64, i32::MAX as i64),
+            Self::U32 | Self::Text => (0, u32::MAX as i64),
+        }
+    }
+
+    /// The number that the low bytes of `bits` mean.
+    pub(super) const fn decode(self, bits: u32) -> i64 {
+        match self {
+            Self::Bool | Self::U8 => bits as u8 as i64,
+            Self::I8 => bits as i8 as i64,
+            Self::I16 => bits as i16 as i64,
+            Self::U16 => bits as u16 as i64,
+            Self::I32 => bits as i32 as i64,
+            Self::U32 | Self::Text => bits as i64,
+        }
+    }
+
+    /// The number as it goes over the wire, zero-extended.
+    pub(super) const fn encode(self, number: i64) -> u32 {
+        match self.bytes() {
+            1 => number as u8 as u32,
+            2 => number as u16 as u32,
+            _ => number as u32,
+        }
+    }
+}
+
+/// Who may do what with an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Read only.
+    ReadOnly,
+    /// Read and write.
+    ReadWrite,
+    /// Write only.
+    WriteOnly,
+    /// Read always; write only up to that AL state.
+    ReadWriteUpTo(AlState),
+}
+
+/// Which process data an object may be part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PdoDirection {
+    /// Master to slave.
+    Rx,
+    /// Slave to master.
+    Tx,
+}
+
+/// Says whether a value may be stored at an address.
+type Accept<D> = fn(&D, ObjectAddress, i64) -> Result<(), AbortCode>;
+
+/// Writes a live value, or refuses.
+type Setter<D> = fn(&mut D, i64) -> Result<(), AbortCode>;
+
+/// Where a value is.
+pub(super) enum Cell<D: 'static> {
+    Stored { accept: Option<Accept<D>>, changed: Option<fn(&mut D)> },
+    Live { get: fn(&D) -> i64, set: Option<Setter<D>> },
+    Text(&'static str),
+}
+
+// Written out because a derive would ask for `D: Copy`.
+impl<D> Clone for Cell<D> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<D> Copy for Cell<D> {}
+
+/// One row: an object, or a run of sub-indices that differ in their values only.
+///
+/// A row begins as a read-only, stored, unmapped value of 0 with the range of its type; the chained functions say what
+/// is different.
+pub struct Object<D: 'static> {
+    pub(super) index: u16,
+    pub(super) first_sub: u8,
+    pub(super) count: u8,
+    pub(super) name: &'static str,
+    pub(super) data: DataType,
+    pub(super) access: Access,
+    pub(super) pdo: Option<PdoDirection>,
+    pub(super) min: i64,
+    pub(super) max: i64,
+    pub(super) default: i64,
+    pub(super) cell: Cell<D>,
+}
+
+impl<D> Clone for Object<D> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<D> Copy for Object<D> {}
+
+macro_rules! begin_row {
+    ($($function:ident $data:ident $words:literal;)*) => {
+        $(#[doc = concat!("A row of type ", $words, ".")]
+        pub const fn $function(index: u16, sub: u8, name: &'static str) -> Self {
+            Self::row(index, sub, name, DataType::$data)
+        })*
+    };
+}
+
+impl<D> Object<D> {
+    begin_row! {
+        bool Bool "BOOLEAN";
+        i8 I8 "INTEGER8";
+        u8 U8 "UNSIGNED8";
+        i16 I16 "INTEGER16";
+        u16 U16 "UNSIGNED16";
+        i32 I32 "INTEGER32";
+        u32 U32 "UNSIGNED32";
+    }
+
+    /// A read-only text.
+    pub const fn text(index: u16, sub: u8, name: &'static str, text: &'static str) -> Self {
+        let mut row = Self::row(index, sub, name, DataType::Text);
+        row.cell = Cell::Text(text);
+        row
+    }
+
+    const fn row(index: u16, first_sub: u8, name: &'static str, data: DataType) -> Self {
+        let (min, max) = data.range();
+        let cell = Cell::Stored { accept: None, changed: None };
+        let (access, pdo) = (Access::ReadOnly, None);
+        Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, cell }
+    }
+
+    /// The row stands for that many sub-indices, from its own on.
+    pub const fn array(mut self, count: u8) -> Self {
+        self.count = count;
+        self
+    }
+
+    /// Can be written.
+    pub const fn rw(mut self) -> Self {
+        self.access = Access::ReadWrite;
+        self
+    }
+
+    /// Can be written, not read.
+    pub const fn wo(mut self) -> Self {
+        self.access = Access::WriteOnly;
+        self
+    }
+
+    /// Can be written up to that AL state.
+    pub const fn rw_up_to(mut self, highest: AlState) -> Self {
+        self.access = Access::ReadWriteUpTo(highest);
+        self
+    }
+
+    /// May be mapped into an RxPDO.
+    pub const fn rx(mut self) -> Self {
+        self.pdo = Some(PdoDirection::Rx);
+        self
+    }
+
+    /// May be mapped into a TxPDO.
+    pub const fn tx(mut self) -> Self {
+        self.pdo = Some(PdoDirection::Tx);
+        self
+    }
+
+    /// The values a download may write, `min..=max`.
+    pub const fn range(mut self, min: i64, max: i64) -> Self {
+        self.min = min;
+        self.max = max;
+        self
+    }
+
+    /// The stored value at power-on.
+    pub const fn default(mut self, value: i64) -> Self {
+        self.default = value;
+        self
+    }
+
+    /// The value is in the device: `get` reads it. A live row cannot be written unless it has a
+    /// [`setter`](Self::setter) too.
+    pub const fn live(mut self, get: fn(&D) -> i64) -> Self {
+        self.cell = Cell::Live { get, set: None };
+        self
+    }
+
+    /// How a live value is written; the function may refuse.
+    pub const fn setter(mut self, set: Setter<D>) -> Self {
+        self.cell = match self.cell {
+            Cell::Live { get, .. } => Cell::Live { get, set: Some(set) },
+            _ => panic!("only a live row has a setter"),
+        };
+        self
+    }
+
+    /// A check that a value must pass, besides its range, before it is stored.
+    pub const fn accept(mut self, accept: Accept<D>) -> Self {
+        self.cell = match self.cell {
+            Cell::Stored { changed, .. } => Cell::Stored { accept: Some(accept), changed },
+            _ => panic!("only a stored row has a check of its own"),
+        };
+        self
+    }
+
+    /// What is to be done after a download has changed the stored value.
+    pub const fn changed(mut self, changed: fn(&mut D)) -> Self {
+        self.cell = match self.cell {
+            Cell::Stored { accept, .. } => Cell::Stored { accept, changed: Some(changed) },
+            _ => panic!("only a stored row can be told that it changed"),
+        };
+        self
+    }
+
+    /// Address of the row's first sub-index.
+    pub const fn address(&self) -> ObjectAddress {
+        ObjectAddress::new(self.index, self.first_sub)
+    }
+
+    /// How many sub-indices the row stands for.
+    pub const fn count(&self) -> u8 {
+        self.count
+    }
+
+    /// Its name for people.
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Its data type.
+    pub const fn data_type(&self) -> DataType {
+        self.data
+    }
+
+    /// Who may do what.
+    pub const fn access(&self) -> Access {
+        self.access
+    }
+
+    /// Which process data it may be part of.
+    pub const fn pdo(&self) -> Option<PdoDirection> {
+        self.pdo
+    }
+}
+
+/// Stops the compiler if a table is not in order: addresses ascend without overlap, ranges fit their types, defaults
+/// their ranges, and what can be written has a place for it.
+pub const fn check<D>(objects: &[Object<D>]) {
+    let mut n = 0;
+    let mut free_from = 0;
+    while n < objects.len() {
+        let object = &objects[n];
+        let at = ((object.index as u32) << 8) + object.first_sub as u32;
+        assert!(at >= free_from, "objects must ascend by index and sub-index");
+        assert!(object.count > 0 && object.first_sub as u32 + object.count as u32 <= 256, "too many sub-indices");
+        free_from = at + object.count as u32;
+        let (min, max) = object.data.range();
+        assert!(min <= object.min && object.min <= object.max && object.max <= max, "range outside the data type");
+        assert!(min <= object.default && object.default <= max, "default outside the data type");
+        let read_only = matches!(object.access, Access::ReadOnly);
+        if !read_only {
+            assert!(object.min <= object.default && object.default <= object.max || object.is_live(), "bad default");
+            assert!(!matches!(object.cell, Cell::Text(_) | Cell::Live { set: None, .. }), "nowhere to write to");
+        }
+        n += 1;
+    }
+}
+
+impl<D> Object<D> {
+    const fn is_live(&self) -> bool {
+        matches!(self.cell, Cell::Live { .. })
+    }
+}

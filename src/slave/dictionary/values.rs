@@ -1,0 +1,111 @@
+//! Stored values of a device and the handles by which it reads them.
+
+use std::marker::PhantomData;
+
+use super::object::{Cell, DataType, Object};
+
+/// A type that a stored value can have.
+pub trait Value: Copy {
+    /// Its data type in a table.
+    const DATA: DataType;
+
+    /// From the low bits.
+    fn from_bits(bits: u32) -> Self;
+
+    /// Zero-extended.
+    fn to_bits(self) -> u32;
+}
+
+macro_rules! values {
+    ($($rust:ident $unsigned:ident $data:ident;)*) => {
+        $(impl Value for $rust {
+            const DATA: DataType = DataType::$data;
+
+            fn from_bits(bits: u32) -> Self {
+                bits as Self
+            }
+
+            fn to_bits(self) -> u32 {
+                (self as $unsigned).into()
+            }
+        })*
+    };
+}
+
+values! {
+    i8 u8 I8;
+    u8 u8 U8;
+    i16 u16 I16;
+    u16 u16 U16;
+    i32 u32 I32;
+    u32 u32 U32;
+}
+
+impl Value for bool {
+    const DATA: DataType = DataType::Bool;
+
+    fn from_bits(bits: u32) -> Self {
+        bits & 1 != 0
+    }
+
+    fn to_bits(self) -> u32 {
+        self.into()
+    }
+}
+
+/// Where a stored value of type `T` stands in [`Values`]; made by [`slot`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot<T> {
+    cell: u16,
+    value: PhantomData<T>,
+}
+
+/// The slot of a stored object, to be assigned to a constant.
+///
+/// # Panics
+/// If the table has no stored object of that type at that address: in a constant, when compiling.
+pub const fn slot<D, T: Value>(objects: &[Object<D>], index: u16, sub: u8) -> Slot<T> {
+    let mut cell = 0;
+    let mut n = 0;
+    while n < objects.len() {
+        let object = &objects[n];
+        if object.index == index && sub >= object.first_sub && sub - object.first_sub < object.count {
+            assert!(object.data as u8 == T::DATA as u8, "the object has another data type");
+            assert!(matches!(object.cell, Cell::Stored { .. }), "the object is not a stored one");
+            return Slot { cell: cell + (sub - object.first_sub) as u16, value: PhantomData };
+        }
+        cell += object.count as u16;
+        n += 1;
+    }
+    panic!("no such object")
+}
+
+/// The stored values of one device, one cell for each sub-index of its table. Allocates when it is made, never after.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Values(Box<[u32]>);
+
+impl Values {
+    /// The defaults of a table.
+    pub fn new<D>(objects: &[Object<D>]) -> Self {
+        let defaults = objects.iter().flat_map(|object| (0..object.count).map(|_| object.data.encode(object.default)));
+        Self(defaults.collect())
+    }
+
+    /// A value.
+    pub fn get<T: Value>(&self, slot: Slot<T>) -> T {
+        T::from_bits(self.0[usize::from(slot.cell)])
+    }
+
+    /// Writes a value; for the device itself, which is bound neither by access nor by range.
+    pub fn set<T: Value>(&mut self, slot: Slot<T>, value: T) {
+        self.0[usize::from(slot.cell)] = value.to_bits();
+    }
+
+    pub(super) fn bits(&self, cell: usize) -> u32 {
+        self.0[cell]
+    }
+
+    pub(super) fn set_bits(&mut self, cell: usize, bits: u32) {
+        self.0[cell] = bits;
+    }
+}

@@ -1,0 +1,315 @@
+//! The state machine of a CiA 402 drive (CiA 402-2, IEC 61800-7-201, 7.1): states, transitions 0 to 16, option codes.
+//!
+//! It decides nothing about motion: it says what the power stage does ([`Power`]) and is told whether the shaft stands
+//! still. Transitions that take a real drive some time take it here too, so that programs have to poll.
+
+use crate::cia402::{Controlword, DriveState, Statusword};
+use crate::fieldbus::Ns;
+
+/// A fault of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceFault {
+    /// Error code, as in 0x603F.
+    pub code: u16,
+    /// Whether a fault reset clears it; if not, it stays until the device is switched off.
+    pub resettable: bool,
+}
+
+/// How long a drive takes for its transitions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TransitionTimes {
+    /// Transition 1, self test: from power-on to Switch on disabled.
+    pub self_test_ns: Ns,
+    /// Transition 3: the power stage charges.
+    pub switch_on_ns: Ns,
+    /// Transition 4: the motor is energised and the brake opens.
+    pub enable_ns: Ns,
+}
+
+impl Default for TransitionTimes {
+    /// \[OURS] Times of a small servo drive.
+    fn default() -> Self {
+        Self { self_test_ns: 100_000_000, switch_on_ns: 10_000_000, enable_ns: 40_000_000 }
+    }
+}
+
+/// Objects 0x605A to 0x605E, as written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OptionCodes {
+    /// 0x605A, 0..=8.
+    pub quick_stop: i16,
+    /// 0x605B, 0..=1.
+    pub shutdown: i16,
+    /// 0x605C, 0..=1.
+    pub disable_operation: i16,
+    /// 0x605E, 0..=4.
+    pub fault_reaction: i16,
+}
+
+/// How a drive brakes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ramp {
+    /// On the slow-down ramp, 0x6084.
+    SlowDown,
+    /// On the quick-stop ramp, 0x6085.
+    QuickStop,
+    /// With all the torque there is.
+    TorqueLimit,
+}
+
+impl Ramp {
+    /// The ramp of option codes 1..=4 (and 5..=8 of the quick stop); `None` for 0: the motor coasts.
+    const fn of_option(code: i16) -> Option<Self> {
+        match code {
+            1 | 5 => Some(Self::SlowDown),
+            2 | 6 => Some(Self::QuickStop),
+            // Current limit and voltage limit.
+            3 | 4 | 7 | 8 => Some(Self::TorqueLimit),
+            _ => None,
+        }
+    }
+}
+
+/// What the power stage does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Power {
+    /// Nothing: the motor has no torque.
+    Off,
+    /// The motor follows its targets.
+    Follow,
+    /// The motor brakes to standstill and is held there.
+    Stop(Ramp),
+}
+
+/// Commands of the controlword (CiA 402-2 table "command coding").
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Command {
+    Shutdown,
+    SwitchOn,
+    EnableOperation,
+    DisableVoltage,
+    QuickStop,
+    /// Bit 7 is set: the other bits mean nothing.
+    None,
+}
+
+impl Command {
+    const fn of(word: Controlword) -> Self {
+        let word = word.0;
+        if word & Controlword::FAULT_RESET != 0 {
+            Self::None
+        } else if word & 0b0010 == 0 {
+            Self::DisableVoltage
+        } else if word & 0b0100 == 0 {
+            Self::QuickStop
+        } else if word & 0b0001 == 0 {
+            Self::Shutdown
+        } else if word & 0b1000 == 0 {
+            Self::SwitchOn
+        } else {
+            Self::EnableOperation
+        }
+    }
+}
+
+/// The state machine.
+#[derive(Clone, Debug)]
+pub struct StateMachine {
+    times: TransitionTimes,
+    options: OptionCodes,
+    state: DriveState,
+    controlword: Controlword,
+    /// Bit 7 has risen since the last step.
+    reset_requested: bool,
+    /// A transition that takes time: where to, and how much of it is left.
+    waiting: Option<(DriveState, Ns)>,
+    /// In Operation enabled: the motor brakes before the state changes to the one named.
+    braking: Option<(Ramp, DriveState)>,
+    /// In Quick stop active: the way leads down whatever the option code says.
+    gives_up: bool,
+    /// In Fault reaction active: how the motor brakes.
+    reaction: Option<Ramp>,
+    fault: Option<DeviceFault>,
+}
+
+impl StateMachine {
+    /// A drive at power-on (transition 0).
+    pub const fn new(times: TransitionTimes, options: OptionCodes) -> Self {
+        Self {
+            times,
+            options,
+            state: DriveState::NotReadyToSwitchOn,
+            controlword: Controlword(0),
+            reset_requested: false,
+            waiting: None,
+            braking: None,
+            gives_up: false,
+            reaction: None,
+            fault: None,
+        }
+    }
+
+    /// The state.
+    pub const fn state(&self) -> DriveState {
+        self.state
+    }
+
+    /// The controlword as it came last.
+    pub const fn controlword(&self) -> Controlword {
+        self.controlword
+    }
+
+    /// The fault that keeps the drive in Fault.
+    pub const fn fault(&self) -> Option<DeviceFault> {
+        self.fault
+    }
+
+    /// Objects 0x605A to 0x605E are new.
+    pub const fn set_options(&mut self, options: OptionCodes) {
+        self.options = options;
+    }
+
+    /// A controlword has come. It acts in the next [`StateMachine::step`].
+    pub const fn command(&mut self, word: Controlword) {
+        if word.0 & !self.controlword.0 & Controlword::FAULT_RESET != 0 {
+            self.reset_requested = true;
+        }
+        self.controlword = word;
+    }
+
+    /// A fault (transition 13). One that comes while another is there is shown instead of it.
+    pub fn raise(&mut self, fault: DeviceFault) {
+        let resettable = fault.resettable && self.fault.is_none_or(|earlier| earlier.resettable);
+        self.fault = Some(DeviceFault { resettable, ..fault });
+        if matches!(self.state, DriveState::FaultReactionActive | DriveState::Fault) {
+            return;
+        }
+        self.reaction = match self.power() {
+            Power::Off => None,
+            _ => Ramp::of_option(self.options.fault_reaction),
+        };
+        self.go(DriveState::FaultReactionActive);
+    }
+
+    /// Nobody commands the drive any more.
+    ///
+    /// \[OURS] It brakes as by a quick stop and ends in Switch on disabled; the controlword reads Quick stop.
+    pub fn lose_master(&mut self) {
+        self.controlword = Controlword(0b0010);
+        if matches!(self.state, DriveState::OperationEnabled | DriveState::QuickStopActive) {
+            self.gives_up = true;
+        }
+    }
+
+    /// What the power stage does now.
+    pub fn power(&self) -> Power {
+        match self.state {
+            DriveState::OperationEnabled => self.braking.map_or(Power::Follow, |(ramp, _)| Power::Stop(ramp)),
+            DriveState::QuickStopActive => Ramp::of_option(self.options.quick_stop).map_or(Power::Off, Power::Stop),
+            DriveState::FaultReactionActive => self.reaction.map_or(Power::Off, Power::Stop),
+            _ => Power::Off,
+        }
+    }
+
+    /// Statusword bits 0..=6 and 9: the state, voltage (there once the self test is over) and remote.
+    ///
+    /// In Operation enabled the low byte is 37h, in Switch on disabled 50h (SK-7 \[OBS]).
+    pub const fn status_bits(&self) -> u16 {
+        let state = match self.state {
+            DriveState::NotReadyToSwitchOn => return 0,
+            DriveState::SwitchOnDisabled => 0x40,
+            DriveState::ReadyToSwitchOn => 0x21,
+            DriveState::SwitchedOn => 0x23,
+            DriveState::OperationEnabled => 0x27,
+            DriveState::QuickStopActive => 0x07,
+            DriveState::FaultReactionActive => 0x0F,
+            DriveState::Fault => 0x08,
+        };
+        state | Statusword::VOLTAGE_ENABLED | Statusword::REMOTE
+    }
+
+    /// `dt_ns` pass; at most one transition ends in them. `standstill`: the shaft does not move.
+    pub fn step(&mut self, dt_ns: Ns, standstill: bool) {
+        use DriveState::*;
+        let reset = std::mem::take(&mut self.reset_requested);
+        let command = Command::of(self.controlword);
+        match (self.state, command) {
+            (NotReadyToSwitchOn, _) => self.go_after(SwitchOnDisabled, self.times.self_test_ns, dt_ns), // 1
+            (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn),                          // 2
+            (ReadyToSwitchOn | SwitchedOn, Command::DisableVoltage | Command::QuickStop) => self.go(SwitchOnDisabled), // 7, 10
+            (ReadyToSwitchOn, Command::SwitchOn | Command::EnableOperation) => {
+                self.go_after(SwitchedOn, self.times.switch_on_ns, dt_ns); // 3
+            }
+            (SwitchedOn, Command::EnableOperation) => self.go_after(OperationEnabled, self.times.enable_ns, dt_ns), // 4
+            (SwitchedOn, Command::Shutdown) => self.go(ReadyToSwitchOn),                                            // 6
+            (OperationEnabled, _) => self.step_enabled(command, standstill),
+            (QuickStopActive, _) => self.step_quick_stop(command, standstill),
+            (FaultReactionActive, _) => {
+                if self.power() == Power::Off || standstill {
+                    self.go(Fault); // 14
+                }
+            }
+            (Fault, _) => {
+                if reset && self.fault.is_none_or(|fault| fault.resettable) {
+                    self.fault = None;
+                    self.go(SwitchOnDisabled); // 15
+                }
+            }
+            // What was under way is no longer asked for.
+            (SwitchOnDisabled | ReadyToSwitchOn | SwitchedOn, _) => self.waiting = None,
+        }
+    }
+
+    fn step_enabled(&mut self, command: Command, standstill: bool) {
+        use DriveState::*;
+        let (option, target) = match command {
+            Command::DisableVoltage => return self.go(SwitchOnDisabled), // 9
+            Command::QuickStop => return self.go(QuickStopActive),       // 11
+            Command::SwitchOn => (self.options.disable_operation, SwitchedOn), // 5
+            Command::Shutdown => (self.options.shutdown, ReadyToSwitchOn), // 8
+            Command::EnableOperation => {
+                self.braking = None;
+                return;
+            }
+            Command::None => return,
+        };
+        let was_braking = self.braking.is_some();
+        self.braking = Ramp::of_option(option).map(|ramp| (ramp, target));
+        if self.braking.is_none() || was_braking && standstill {
+            self.go(target);
+        }
+    }
+
+    fn step_quick_stop(&mut self, command: Command, standstill: bool) {
+        use DriveState::*;
+        let stays = matches!(self.options.quick_stop, 5..=8) && !self.gives_up;
+        if command == Command::DisableVoltage {
+            self.go(SwitchOnDisabled); // 12
+        } else if command == Command::EnableOperation && stays {
+            self.go(OperationEnabled); // 16
+        } else if !stays && (self.power() == Power::Off || standstill) {
+            self.go(SwitchOnDisabled); // 12
+        }
+    }
+
+    fn go_after(&mut self, target: DriveState, takes_ns: Ns, dt_ns: Ns) {
+        let left = match self.waiting {
+            Some((to, left)) if to == target => left,
+            _ => takes_ns,
+        };
+        if left <= dt_ns {
+            self.go(target);
+        } else {
+            self.waiting = Some((target, left - dt_ns));
+        }
+    }
+
+    fn go(&mut self, target: DriveState) {
+        self.waiting = None;
+        self.braking = None;
+        if target == DriveState::SwitchOnDisabled {
+            self.gives_up = false;
+        }
+        self.state = target;
+    }
+}

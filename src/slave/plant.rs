@@ -98,14 +98,16 @@ struct Span {
     share: f64,
     /// 1 / length of the span, 1/s.
     rate: f64,
-    /// Speed change that the velocity loop asks for, for each unit of speed error.
+    /// Speed change that the velocity loop asks for: taken off for each unit of speed,
     gain: f64,
+    /// and put on for each unit of speed wanted, with what viscous friction will take of it.
+    gain_wanted: f64,
     /// Greatest speed change that the torque allows.
     torque: f64,
     /// Speed change that dry friction takes.
     friction: f64,
-    /// Speed lost to viscous friction, for each unit of speed.
-    viscous: f64,
+    /// The part of it that the drive puts on, for each unit of speed wanted.
+    friction_wanted: f64,
     /// What viscous friction leaves of the speed.
     decay: f64,
     /// Torque, as a part of the rated one, for each unit of speed change.
@@ -226,9 +228,10 @@ impl Plant {
             share: 1.0 / f64::from(substeps),
             rate: 1.0 / seconds,
             gain: self.velocity_gain * h,
+            gain_wanted: (self.velocity_gain + self.viscous_rate) * h,
             torque: self.torque_limit * self.acceleration * h,
             friction: self.dry_friction * self.acceleration * h,
-            viscous: self.viscous_rate * h,
+            friction_wanted: self.dry_friction * self.acceleration * h / FRICTION_FADE,
             decay: 1.0 / (1.0 + self.viscous_rate * h),
             torque_per_change: 1.0 / (self.acceleration * h),
         }
@@ -291,8 +294,8 @@ impl Plant {
 
     /// The velocity loop: the speed change to ask for, with what friction will take of it.
     fn change_for(&self, span: &Span, wanted: f64) -> f64 {
-        let dry = within(wanted * (span.friction / FRICTION_FADE), span.friction);
-        span.gain * (wanted - self.velocity) + (dry + span.viscous * wanted)
+        let dry = within(span.friction_wanted * wanted, span.friction);
+        (span.gain_wanted * wanted - span.gain * self.velocity) + dry
     }
 
     /// One sub-step: the motor changes the speed, friction takes its part, the shaft moves.

@@ -124,7 +124,7 @@ impl<'a> CommandDump<'a> {
 /// A response frame, readable. `Display` prints the lines of [`Self::lines`].
 ///
 /// What kind of slave a slot belongs to is not on the wire. With [`Self::kinds`] every slot is read as what it is.
-/// Without, a slot is read as follows, and its [`SlotKind`] says how sure that is [OURS]:
+/// Without, a slot is read as follows, and its [`SlotKind`] says how sure that is `[OURS]`:
 /// - id IO_RD or IO_WR: an IO slave, no other has these; id CST: a drive, no other has it;
 /// - bytes 12..15 not 0: a two-channel HSP, guessed;
 /// - the id of another drive command, or Parm (the statusword, if it is one) not 0: a drive, guessed. A stepper's slot

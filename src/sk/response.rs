@@ -63,7 +63,7 @@ pub struct StateByte(pub u8);
 impl StateByte {
     /// 0: the board looks for slaves.
     pub const NETWORK_INIT: Self = Self(0);
-    /// SK-2 [OURS]: set beside the last good state when slaves were not found or did not follow.
+    /// SK-2 `[OURS]`: set beside the last good state when slaves were not found or did not follow.
     pub const FAILED: u8 = 0x10;
 
     /// A state reached.
@@ -273,7 +273,7 @@ impl HspResponse {
     }
 }
 
-/// SK-6 [OURS]: set in Parm of the SDO slot when the transfer was aborted and Data2 holds the code.
+/// SK-6 `[OURS]`: set in Parm of the SDO slot when the transfer was aborted and Data2 holds the code.
 const SDO_ABORTED: u16 = 0x8000;
 
 /// The SDO slot of a response: the last transfer that ended.

@@ -64,7 +64,7 @@ fn nibbles() {
     for size in SlotSize::ALL {
         for (group, place, nibble) in (0..=4).flat_map(|g| (0..8).flat_map(move |p| (0..16).map(move |n| (g, p, n)))) {
             let slave = group * 8 + place + 1;
-            let data1 = 0xFFFF_FFFF & !(0xF << (4 * place)) | u32::from(nibble) << (4 * place);
+            let data1 = !(0xF << (4 * place)) | (u32::from(nibble) << (4 * place));
             let mut kinds = [SlaveKind::None; 8];
             let wanted = match nibble {
                 0 => Ok(SlaveKind::Drive),

@@ -260,6 +260,29 @@ fn aborted_transfer() {
     }
 }
 
+/// SK-4.17, SK-4.18, SK-6.13 What is not exactly such an answer is none, and survives as it is: any other bit of Parm
+/// or of the sub-index's half, any other id, and an empty slot in which a single bit is set.
+#[test]
+fn what_is_no_sdo_answer() {
+    let answer = RawSlot { id: 0x07, index: 0, parm: 3, data1: 0x6041_0000, data2: 5, data3: 0 };
+    assert!(matches!(SdoResponse::decode(&answer), SdoResponse::Done { .. }));
+    let parms = (8..15).map(|bit| RawSlot { parm: 3 | 1 << bit, ..answer });
+    let subs = (8..16).map(|bit| RawSlot { data1: answer.data1 | 1 << bit, ..answer });
+    let ids = (0..=255).filter(|id| !matches!(id, 7 | 8)).map(|id| RawSlot { id, ..answer });
+    let nearly_empty = [
+        RawSlot { index: 1, ..RawSlot::ZERO },
+        RawSlot { parm: 0x8000, ..RawSlot::ZERO },
+        RawSlot { data1: 1, ..RawSlot::ZERO },
+        RawSlot { data2: 1, ..RawSlot::ZERO },
+        RawSlot { data3: 1, ..RawSlot::ZERO },
+    ];
+    for raw in parms.chain(subs).chain(ids).chain(nearly_empty) {
+        let other = SdoResponse::decode(&raw);
+        assert_eq!(other, SdoResponse::Other(raw));
+        assert_eq!(other.encode(), raw);
+    }
+}
+
 /// A frame is built from fewer or more bytes than it has without touching what is not there.
 #[test]
 fn frames_from_slices() {

@@ -56,7 +56,7 @@ pub struct CycleTime(u32);
 impl CycleTime {
     /// The board's default, 1000 us.
     pub const DEFAULT: Self = Self(1000);
-    /// SK-4 [OURS]: no cycle is longer than a second.
+    /// SK-4 `[OURS]`: no cycle is longer than a second.
     const MAX_US: u32 = 1_000_000;
 
     /// Checks the time: `None` unless it is 250 * 2^n us and at most 1 s.

@@ -3,6 +3,20 @@
 //!
 //! A slot that cannot be given a meaning is not lost: an id that does not belong into that kind of slot survives as
 //! `Other`, a known id with an argument no guide allows is [`Malformed`].
+//!
+//! ```
+//! use ecmsk::coe::{ObjectAddress, SdoSize};
+//! use ecmsk::sk::{Frame, Malformed, SdoCommand, SlotSize};
+//!
+//! let size = SlotSize::Bytes16;
+//! let homing = ObjectAddress::new(0x6060, 0);
+//! let mut frame = Frame::new();
+//! frame.put_sdo(size, &SdoCommand::Write { slave: 31, object: homing, size: SdoSize::One, value: 6 });
+//!
+//! let slot = frame.slot(size, size.sdo_slot());
+//! assert_eq!(SdoCommand::decode(&slot, size), Err(Malformed::SdoSlave(31)));
+//! assert_eq!(Malformed::SdoSlave(31).to_string(), "the board has no slave 31");
+//! ```
 
 use super::argument::{CycleTime, DcShift, DriveSync, FifoAction, Malformed, SlaveKind};
 use super::id::CommandId;

@@ -123,8 +123,25 @@ impl<'a> CommandDump<'a> {
 
 /// A response frame, readable. `Display` prints the lines of [`Self::lines`].
 ///
+/// ```
+/// use ecmsk::sk::dump::{SlaveData, SlotMeaning};
+/// use ecmsk::sk::{Frame, ResponseDump, SlotSize};
+///
+/// let mut report = Frame::new();
+/// report.bytes_mut()[..3].copy_from_slice(&[0xBF, 0, 0x08]);
+/// report.bytes_mut()[24..30].copy_from_slice(&[0x13, 0, 0, 0, 0xEF, 0xBE]);
+/// let dump = ResponseDump::new(&report, SlotSize::Bytes12);
+/// let (slot, line) = dump.lines().last().unwrap();
+/// assert_eq!((slot, line.to_string().as_str()), (2, "slave 2  IO_RD IO inputs 0xBEEF"));
+/// if let SlotMeaning::SlaveResponse(reading) = line.meaning
+///     && let SlaveData::Io(io) = reading.data
+/// {
+///     assert_eq!(io.bits, 0xBEEF);
+/// }
+/// ```
+///
 /// What kind of slave a slot belongs to is not on the wire. With [`Self::kinds`] every slot is read as what it is.
-/// Without, a slot is read as follows, and its [`SlotKind`] says how sure that is [OURS]:
+/// Without, a slot is read as follows, and its [`SlotKind`] says how sure that is `[OURS]`:
 /// - id IO_RD or IO_WR: an IO slave, no other has these; id CST: a drive, no other has it;
 /// - bytes 12..15 not 0: a two-channel HSP, guessed;
 /// - the id of another drive command, or Parm (the statusword, if it is one) not 0: a drive, guessed. A stepper's slot

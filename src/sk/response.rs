@@ -1,4 +1,29 @@
 //! Responses with their meaning: what slot 0, the slaves' slots and the SDO slot of a response frame say.
+//!
+//! ```
+//! use ecmsk::cia402::DriveState;
+//! use ecmsk::sk::{CrcError, CrcPolicy, DriveResponse, Frame, MasterResponse, MasterState, SlotSize};
+//!
+//! /// The position of slave 1 in counts, once it is on.
+//! fn position(report: &Frame) -> Result<Option<i32>, CrcError> {
+//!     let size = SlotSize::Bytes12;
+//!     report.check_crc(size, CrcPolicy::AbsentAllowed)?;
+//!     let board = MasterResponse::decode(&report.slot(size, 0));
+//!     let drive = DriveResponse::decode(&report.slot(size, 1));
+//!     let on = drive.statusword.state() == Some(DriveState::OperationEnabled);
+//!     Ok((board.state.state() == Some(MasterState::Op) && on).then_some(drive.position))
+//! }
+//!
+//! let mut report = Frame::new();
+//! report.bytes_mut()[..3].copy_from_slice(&[0xBF, 0, 0x08]);
+//! report.bytes_mut()[12..20].copy_from_slice(&[0x15, 0, 0x37, 0x16, 0x2A, 0, 0, 0]);
+//! assert_eq!(position(&report), Ok(Some(42)));
+//! report.bytes_mut()[3] = 1;
+//! assert!(position(&report).is_err());
+//! ```
+//!
+//! What kind a slave is, and so which of the types a slot is to be read with, is not on the wire: the application said
+//! it itself, with SET_AXIS.
 
 use core::fmt;
 
@@ -63,7 +88,7 @@ pub struct StateByte(pub u8);
 impl StateByte {
     /// 0: the board looks for slaves.
     pub const NETWORK_INIT: Self = Self(0);
-    /// SK-2 [OURS]: set beside the last good state when slaves were not found or did not follow.
+    /// SK-2 `[OURS]`: set beside the last good state when slaves were not found or did not follow.
     pub const FAILED: u8 = 0x10;
 
     /// A state reached.
@@ -273,7 +298,7 @@ impl HspResponse {
     }
 }
 
-/// SK-6 [OURS]: set in Parm of the SDO slot when the transfer was aborted and Data2 holds the code.
+/// SK-6 `[OURS]`: set in Parm of the SDO slot when the transfer was aborted and Data2 holds the code.
 const SDO_ABORTED: u16 = 0x8000;
 
 /// The SDO slot of a response: the last transfer that ended.

@@ -1,0 +1,51 @@
+//! A controller without an operating system: C code of a firmware calls three functions: fill the frame that goes
+//! out over SPI, read the frame that came in, show a frame on a small screen.
+//!
+//! A program has one panic handler and std brings its own. So that this crate builds with this one means that nothing
+//! in it, ecmsk and what it stands on included, links std.
+#![no_std]
+
+#[cfg(feature = "link-std")]
+extern crate std;
+
+mod exchange;
+
+use core::panic::PanicInfo;
+
+use ecmsk::sk::FRAME_LEN;
+
+/// Fills `frame` with the commands of one cycle: slave 1 goes to `target`, counts.
+// SAFETY: nothing else that a firmware links has this name.
+#[unsafe(no_mangle)]
+pub extern "C" fn controller_command(frame: &mut [u8; FRAME_LEN], target: i32, index: u8) {
+    frame.copy_from_slice(exchange::command(target, index).bytes());
+}
+
+/// Reads slave 1's position, counts, out of `frame` into `position`; 0 if it was done, else a number that says why not.
+// SAFETY: nothing else that a firmware links has this name.
+#[unsafe(no_mangle)]
+pub extern "C" fn controller_response(frame: &[u8; FRAME_LEN], position: &mut i32) -> i32 {
+    match exchange::position(frame) {
+        Ok(found) => {
+            *position = found;
+            0
+        }
+        Err(refusal) => refusal as i32,
+    }
+}
+
+/// Writes the dump of `frame` into `screen`, as far as it fits, and says how many bytes that are.
+// SAFETY: nothing else that a firmware links has this name.
+#[unsafe(no_mangle)]
+pub extern "C" fn controller_show(frame: &[u8; FRAME_LEN], screen: &mut [u8; 160]) -> usize {
+    let shown = exchange::Screen::<160>::showing(&ecmsk::sk::Frame::from_bytes(*frame));
+    screen[..shown.text().len()].copy_from_slice(shown.text());
+    shown.text().len()
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {
+        core::hint::spin_loop();
+    }
+}

@@ -103,7 +103,10 @@ fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<Str
 
     let mut run = Command::new(program);
     run.arg(format!("-max_total_time={seconds}")).arg(format!("-artifact_prefix={}/", artifacts.display()));
-    run.args(["-print_final_stats=1", "-max_len=4096", "-timeout=10"]).arg(&corpus).stderr(said);
+    run.args(["-print_final_stats=1", "-timeout=10"]).arg(&corpus).stderr(said);
+    // What is found goes to the corpus; seeds, if there are, are only read.
+    let seeds = folder.join("seeds").join(target);
+    run.args(seeds.is_dir().then_some(seeds));
     let status = run.status().map_err(|source| Error::Start { command: command::shown(&run), source })?;
 
     let said = fs::read(&log).map_err(Error::file("read", &log))?;

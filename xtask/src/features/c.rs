@@ -116,8 +116,8 @@ fn pieces(text: &str) -> Vec<Piece<'_>> {
             let len = rest.find('\n').unwrap_or(rest.len());
             pieces.push(Piece::Comment(&rest[..len]));
             len
-        } else if rest.starts_with("/*") {
-            let len = rest[2..].find("*/").map_or(rest.len(), |end| end + 4);
+        } else if let Some(opened) = rest.strip_prefix("/*") {
+            let len = opened.find("*/").map_or(rest.len(), |end| end + "/**/".len());
             pieces.push(Piece::Comment(&rest[..len]));
             len
         } else if c == '\n' {

@@ -3,6 +3,7 @@
 pub mod config;
 pub mod keys;
 pub mod options;
+pub mod record;
 pub mod slaves;
 pub mod uri;
 

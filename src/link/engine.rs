@@ -90,6 +90,7 @@ impl EngineLink {
             name: name.into(),
             slot: Some(board.engine().config().slot),
             virtual_time: options.virtual_time,
+            opened_at: Stamp(board.now()),
             read_wait: options.read_wait,
             write_wait: options.write_wait,
         };

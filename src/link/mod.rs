@@ -6,6 +6,7 @@ pub mod config;
 pub mod engine;
 pub mod keys;
 pub mod options;
+pub mod record;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
@@ -54,6 +55,8 @@ pub struct LinkInfo {
     pub slot: Option<SlotSize>,
     /// Whether time is virtual: it passes by calls only, and no wait takes real time.
     pub virtual_time: bool,
+    /// When the link was opened, on its own clock.
+    pub opened_at: Stamp,
     /// Default limit of a read, from `read_timeout_ms`.
     pub read_wait: Wait,
     /// Default limit of a write, from `write_timeout_ms`.
@@ -247,6 +250,11 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
             });
         }
     };
-    let _ = options;
-    Ok(link)
+    match &options.record {
+        None => Ok(link),
+        Some(path) => {
+            let meta = record::RecordMeta::of(&link.info());
+            Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
+        }
+    }
 }

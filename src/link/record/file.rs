@@ -1,0 +1,69 @@
+//! The file of a recording.
+//!
+//! A program that opens its board again, as it must after SW_RESET or when a cable was pulled, does not lose what was
+//! recorded before [OURS]: the first recording of a process replaces the file, later ones to the same file append a
+//! section to it, which pcapng allows. Two recordings into one file at a time are refused.
+
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Files that this process has recorded to.
+static RECORDED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Opens the file of a recording, for this recording alone.
+pub(super) fn open(path: &Path) -> io::Result<WholeWrites> {
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(false);
+    #[cfg(windows)]
+    {
+        use std::os::windows::fs::OpenOptionsExt;
+        const FILE_SHARE_READ: u32 = 1;
+        options.share_mode(FILE_SHARE_READ);
+    }
+    let mut file = options.open(path)?;
+    // Windows' locks would keep readers out too; there the share mode keeps other writers out.
+    #[cfg(not(windows))]
+    if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
+        return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another recording is being written to it"));
+    }
+    let mut good = None;
+    // A pipe or a device has no length.
+    if file.metadata()?.is_file() {
+        let first = RECORDED.lock().unwrap_or_else(PoisonError::into_inner).insert(std::path::absolute(path)?);
+        if first {
+            file.set_len(0)?;
+        }
+        good = Some(file.seek(SeekFrom::End(0))?);
+    }
+    Ok(WholeWrites { file, good })
+}
+
+/// A file that holds every write whole or not at all: what a full disk has cut is taken back.
+pub(super) struct WholeWrites {
+    file: File,
+    /// Length after the last write that went well; `None` for what has no length.
+    good: Option<u64>,
+}
+
+impl Write for WholeWrites {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write_all(bytes);
+        if let Some(good) = &mut self.good {
+            match written {
+                Ok(()) => *good += bytes.len() as u64,
+                Err(_) => {
+                    // If this fails too, the error of the write is the one to tell.
+                    let _ = self.file.set_len(*good).and_then(|()| self.file.seek(SeekFrom::Start(*good)));
+                }
+            }
+        }
+        written.map(|()| bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}

@@ -1,0 +1,76 @@
+//! What a recording says of itself: a comment in the header of its section.
+
+use std::fmt;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use crate::link::options::Clock;
+use crate::link::uri::slot_size;
+use crate::link::{LinkInfo, Stamp};
+use crate::sk::SlotSize;
+
+/// First word of the comment.
+const MARK: &str = "ecmsk";
+/// Last field of the comment: all the rest is the link.
+const LINK: &str = "link=";
+/// Longest link that is written out; the field that holds the comment ends at 65535 bytes.
+const LINK_MAX: usize = 60_000;
+
+/// What a recording says of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordMeta {
+    /// Slot size, if the link knows it.
+    pub slot: Option<SlotSize>,
+    /// Whether times are those of a clock on the wall.
+    pub clock: Clock,
+    /// Nanoseconds that were added to the link's time to make the times in the file. On the real clock these are
+    /// nanoseconds since 1970-01-01; on a virtual clock nothing is added.
+    pub base_ns: u64,
+    /// The link's URI in normal form.
+    pub link: String,
+}
+
+impl RecordMeta {
+    /// For a link that is just being opened and whose clock shows `link_time`.
+    pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
+        let (clock, base_ns) = if info.virtual_time {
+            (Clock::Virtual, 0)
+        } else {
+            // A clock before 1970 is one that was never set.
+            let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
+            (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
+        };
+        Self { slot: info.slot, clock, base_ns, link: info.name.clone() }
+    }
+
+    /// Reads the comment back; `None` if it is somebody else's. Fields that are not known are passed over.
+    pub(super) fn from_comment(comment: &str) -> Option<Self> {
+        let rest = comment.strip_prefix(MARK)?.strip_prefix(' ')?;
+        let (fields, link) = rest.split_at_checked(rest.find(LINK)?)?;
+        let mut meta = Self { slot: None, clock: Clock::Real, base_ns: 0, link: link[LINK.len()..].to_owned() };
+        for field in fields.split(' ') {
+            match field.split_once('=') {
+                Some(("slot", value)) => meta.slot = slot_size(value),
+                Some(("clock", "virtual")) => meta.clock = Clock::Virtual,
+                Some(("base_ns", value)) => meta.base_ns = value.parse().ok()?,
+                _ => {}
+            }
+        }
+        Some(meta)
+    }
+}
+
+/// The comment: `ecmsk slot=12 clock=virtual base_ns=0 link=sim:?slaves=drive*3`.
+impl fmt::Display for RecordMeta {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{MARK}")?;
+        if let Some(slot) = self.slot {
+            write!(f, " slot={}", slot.bytes())?;
+        }
+        let clock = match self.clock {
+            Clock::Real => "real",
+            Clock::Virtual => "virtual",
+        };
+        let link = &self.link[..self.link.floor_char_boundary(LINK_MAX)];
+        write!(f, " clock={clock} base_ns={} {LINK}{link}", self.base_ns)
+    }
+}

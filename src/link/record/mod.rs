@@ -1,0 +1,161 @@
+//! Recordings: a [`Link`] around a link that writes every frame to a pcapng file, and the way back.
+//!
+//! A recording opens in Wireshark and looks like a capture of the board's USB traffic by Linux' usbmon. What the host
+//! writes is the submission of a transfer to endpoint 0x02, what it reads the completion of one from 0x81. Times are
+//! nanoseconds of the link's clock, moved to the calendar where that clock is real ([`RecordMeta::base_ns`]).
+//! [`Recording`] reads such a file back, and captures of a real board as well.
+
+mod container;
+mod file;
+mod meta;
+mod reader;
+mod usbmon;
+mod writer;
+
+use std::io::{self, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::thread::{self, JoinHandle};
+
+pub use meta::RecordMeta;
+pub use reader::{RecordError, Recorded, Recording};
+
+use super::options::Clock;
+use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::sk::Frame;
+use writer::{Capture, Entry};
+
+/// Frames that may wait for a slow disk, in memory that is taken at the start: both directions of a 250 us cycle for a
+/// second. [OURS]
+pub const QUEUE: usize = 8192;
+
+/// A link that records.
+///
+/// A frame is in the recording once the call that moved it has succeeded. On the real clock the caller never waits for
+/// the disk: a frame for which there is no room is counted in [`LinkStats::record_dropped`]. On a virtual clock it
+/// waits, as no time passes meanwhile, and nothing is lost. When the disk is full the recording ends, whole, and all
+/// further frames are counted.
+///
+/// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by some 100 ms.
+pub struct RecordLink {
+    inner: Arc<dyn Link>,
+    base_ns: u64,
+    may_wait: bool,
+    dropped: Arc<AtomicU64>,
+    /// Held by every call while it may still record; taken away by [`Link::close`].
+    entries: RwLock<Option<SyncSender<Entry>>>,
+    writer: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl RecordLink {
+    /// Records `inner` to the file at `path`. The process's first recording to a file replaces it; later ones append.
+    ///
+    /// # Errors
+    /// [`LinkError::Io`] naming the file if it cannot be written or another recording is writing to it.
+    pub fn new(inner: Arc<dyn Link>, path: &Path, meta: &RecordMeta) -> Result<Self, LinkError> {
+        let name = path.display().to_string();
+        let file = file::open(path).map_err(|error| cannot_record(&name, &error))?;
+        Self::to_sink(inner, &name, Box::new(file), meta, QUEUE)
+    }
+
+    /// Records `inner` to anything that takes bytes; up to `queue` frames wait for it. `name` is for messages.
+    ///
+    /// # Errors
+    /// [`LinkError::Io`] if the headers cannot be written or there can be no more threads.
+    pub fn to_sink(
+        inner: Arc<dyn Link>,
+        name: &str,
+        sink: Box<dyn Write + Send>,
+        meta: &RecordMeta,
+        queue: usize,
+    ) -> Result<Self, LinkError> {
+        let failed = |error: io::Error| cannot_record(name, &error);
+        let dropped = Arc::new(AtomicU64::new(0));
+        let capture = Capture::begin(name.to_owned(), sink, meta, Arc::clone(&dropped)).map_err(failed)?;
+        let (sender, receiver) = sync_channel(queue.max(1));
+        let writer = thread::Builder::new().name("ecmsk-record".to_owned());
+        let writer = writer.spawn(move || writer::run(&receiver, capture)).map_err(failed)?;
+        Ok(Self {
+            inner,
+            base_ns: meta.base_ns,
+            may_wait: meta.clock == Clock::Virtual,
+            dropped,
+            entries: RwLock::new(Some(sender)),
+            writer: Mutex::new(Some(writer)),
+        })
+    }
+
+    fn record(&self, entries: Option<&SyncSender<Entry>>, dir: Dir, at: Stamp, frame: &Frame) {
+        let entry = Entry { at_ns: self.base_ns.saturating_add(at.0), dir, frame: frame.clone() };
+        let taken = match entries {
+            Some(entries) if self.may_wait => entries.send(entry).is_ok(),
+            Some(entries) => entries.try_send(entry).is_ok(),
+            None => false,
+        };
+        if !taken {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Ends the recording once no call can add to it.
+    fn finish(&self) {
+        drop(self.entries.write().unwrap_or_else(PoisonError::into_inner).take());
+        // A second closer waits here until the first one's file is complete.
+        let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(writer) = writer.take() {
+            // The thread ends by itself; that it panicked cannot be told to anybody here.
+            let _ = writer.join();
+        }
+    }
+}
+
+impl Link for RecordLink {
+    fn info(&self) -> LinkInfo {
+        self.inner.info()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let at = self.inner.write(frame, wait)?;
+        self.record(entries.as_ref(), Dir::Write, at, frame);
+        Ok(at)
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let meta = self.inner.read(out, wait)?;
+        self.record(entries.as_ref(), Dir::Read, meta.at, out);
+        Ok(meta)
+    }
+
+    fn cancel(&self, dir: Dir) {
+        self.inner.cancel(dir);
+    }
+
+    fn close(&self) {
+        // First, so that no call holds `entries` across a wait any more.
+        self.inner.close();
+        self.finish();
+    }
+
+    fn stats(&self) -> LinkStats {
+        let mut stats = self.inner.stats();
+        stats.record_dropped += self.dropped.load(Ordering::Relaxed);
+        stats
+    }
+}
+
+impl Drop for RecordLink {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+fn cannot_record(name: &str, error: &io::Error) -> LinkError {
+    LinkError::Io {
+        what: format!("cannot record to {name}"),
+        message: format!("{error}; name another file with record= or leave it out"),
+    }
+}

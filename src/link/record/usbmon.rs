@@ -1,0 +1,147 @@
+//! The header that Linux' usbmon puts before the bytes of a USB transfer: the wire file of recordings.
+//!
+//! LINKTYPE_USB_LINUX_MMAPPED (220) has all 64 bytes, LINKTYPE_USB_LINUX (189) the first 48. Numbers have the byte
+//! order of the file around them. Source: Documentation/usb/usbmon.rst of Linux, `struct usbmon_packet`.
+
+use bytemuck::{Pod, Zeroable};
+use pcap_file::{DataLink, Endianness};
+
+use crate::link::Dir;
+use crate::sk::FRAME_LEN;
+
+/// Bytes of the header in a recording.
+pub(super) const HEADER_LEN: usize = size_of::<RawHeader>();
+/// Bytes of the header without the fields for isochronous transfers.
+const SHORT_HEADER_LEN: usize = 48;
+
+/// The board's endpoints (SK-9).
+const OUT: u8 = 0x02;
+const IN: u8 = 0x81;
+/// Bit of an endpoint's number: to the host.
+const TO_HOST: u8 = 0x80;
+
+/// Events: a transfer is handed to the controller, a transfer has ended.
+const SUBMIT: u8 = b'S';
+const COMPLETE: u8 = b'C';
+/// Kind of transfer.
+const INTERRUPT: u8 = 1;
+/// There is no setup packet.
+const NO_SETUP: u8 = b'-';
+/// The data follow.
+const DATA_PRESENT: u8 = 0;
+/// Status of a transfer under way: -EINPROGRESS.
+const IN_PROGRESS: i32 = -115;
+
+/// Bus and device number that a recording gives the board, as usbmon has none to give. [OURS]
+const BUS: u16 = 1;
+const DEVICE: u8 = 1;
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct RawHeader {
+    id: [u8; 8],
+    event: u8,
+    transfer: u8,
+    endpoint: u8,
+    device: u8,
+    bus: [u8; 2],
+    flag_setup: u8,
+    flag_data: u8,
+    seconds: [u8; 8],
+    microseconds: [u8; 4],
+    status: [u8; 4],
+    length: [u8; 4],
+    captured: [u8; 4],
+    setup: [u8; 8],
+    interval: [u8; 4],
+    start_frame: [u8; 4],
+    transfer_flags: [u8; 4],
+    descriptors: [u8; 4],
+}
+
+const _: () = assert!(HEADER_LEN == 64 && align_of::<RawHeader>() == 1);
+const _: () = assert!(std::mem::offset_of!(RawHeader, interval) == SHORT_HEADER_LEN);
+
+/// The header before a frame, little endian: the submission of an OUT transfer or the completion of an IN transfer,
+/// both with all 512 bytes.
+pub(super) fn header(dir: Dir, id: u64, at_ns: u64) -> [u8; HEADER_LEN] {
+    let (event, endpoint, status) = match dir {
+        Dir::Write => (SUBMIT, OUT, IN_PROGRESS),
+        Dir::Read => (COMPLETE, IN, 0),
+    };
+    let length = (FRAME_LEN as u32).to_le_bytes();
+    bytemuck::cast(RawHeader {
+        id: id.to_le_bytes(),
+        event,
+        transfer: INTERRUPT,
+        endpoint,
+        device: DEVICE,
+        bus: BUS.to_le_bytes(),
+        flag_setup: NO_SETUP,
+        flag_data: DATA_PRESENT,
+        seconds: (at_ns / 1_000_000_000).to_le_bytes(),
+        microseconds: ((at_ns % 1_000_000_000 / 1000) as u32).to_le_bytes(),
+        status: status.to_le_bytes(),
+        length,
+        captured: length,
+        setup: [0; 8],
+        interval: 1_u32.to_le_bytes(),
+        start_frame: [0; 4],
+        transfer_flags: [0; 4],
+        descriptors: [0; 4],
+    })
+}
+
+/// A transfer that carries data in the direction of its endpoint, over an interrupt endpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Transfer<'a> {
+    pub dir: Dir,
+    pub bus: u16,
+    pub device: u8,
+    /// Bytes that were moved or are to be; a capture may hold fewer of them.
+    pub length: u32,
+    pub data: &'a [u8],
+}
+
+/// Whether packets of that link type begin with this header.
+pub(super) const fn is_usbmon(link_type: DataLink) -> bool {
+    header_len(link_type).is_some()
+}
+
+/// The transfer in a packet of that link type; `None` if the packet is something else: another kind of transfer or
+/// event, or no usbmon packet at all.
+pub(super) fn transfer(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<Transfer<'_>> {
+    let (start, data) = packet.split_at_checked(header_len(link_type)?)?;
+    let mut bytes = [0; HEADER_LEN];
+    bytes[..start.len()].copy_from_slice(start);
+    let header: RawHeader = bytemuck::cast(bytes);
+    let dir = match (header.event, header.endpoint & TO_HOST) {
+        (SUBMIT, 0) => Dir::Write,
+        (COMPLETE, TO_HOST) => Dir::Read,
+        _ => return None,
+    };
+    if header.transfer != INTERRUPT || header.flag_data != DATA_PRESENT {
+        return None;
+    }
+    let captured = usize::try_from(number(order, header.captured)).ok()?.min(data.len());
+    let bus = match order {
+        Endianness::Little => u16::from_le_bytes(header.bus),
+        Endianness::Big => u16::from_be_bytes(header.bus),
+    };
+    Some(Transfer { dir, bus, device: header.device, length: number(order, header.length), data: &data[..captured] })
+}
+
+const fn header_len(link_type: DataLink) -> Option<usize> {
+    match link_type {
+        DataLink::USB_LINUX => Some(SHORT_HEADER_LEN),
+        DataLink::USB_LINUX_MMAPPED => Some(HEADER_LEN),
+        _ => None,
+    }
+}
+
+const fn number(order: Endianness, bytes: [u8; 4]) -> u32 {
+    match order {
+        Endianness::Little => u32::from_le_bytes(bytes),
+        Endianness::Big => u32::from_be_bytes(bytes),
+    }
+}

@@ -24,7 +24,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 fn exports_table() -> Result<(), Box<dyn Error>> {
     let list = fs::read_to_string("exports.txt")?;
-    let names: Vec<&str> = list.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')).collect();
+    let names: Vec<&str> =
+        list.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')).collect();
     let mut table = String::from("const _: &[*const ()] = &[\n");
     for name in names {
         writeln!(table, "    {name} as *const (),")?;

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use ecmsk::link::{Link, LinkError, Wait};
+use ecmsk::link::{Link, Wait};
 use ecmsk::sk::Frame;
 
 use crate::error::{CallError, lock};
@@ -97,3 +97,6 @@ impl VendorBoard {
         Ok(report)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -14,42 +14,36 @@ use crate::error::CallError;
 use crate::handles::Handles;
 use crate::{connect, shutdown, vendor};
 
-/// How a call ended. Negative: it failed, and `ecmsk_last_error` says why.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(i32)]
-#[allow(non_camel_case_types, reason = "a name of the C ABI")]
-pub enum ecmsk_result {
-    /// Done.
-    ECMSK_OK = 0,
-    /// An argument is NULL, of length 0, or not what the function takes; a URI that is wrong.
-    ECMSK_ERROR_ARGUMENT = -1,
-    /// The handle is of no open board.
-    ECMSK_ERROR_HANDLE = -2,
-    /// The limit of the wait has passed.
-    ECMSK_ERROR_TIMEOUT = -3,
-    /// On a virtual clock: no report will come by waiting.
-    ECMSK_ERROR_SILENT = -4,
-    /// The board is gone: close it and open it again.
-    ECMSK_ERROR_LOST = -5,
-    /// The board was closed, by this or another thread, or never opened.
-    ECMSK_ERROR_CLOSED = -6,
-    /// No board answers.
-    ECMSK_ERROR_NO_BOARD = -7,
-    /// Somebody else has the board.
-    ECMSK_ERROR_IN_USE = -8,
-    /// This build, or this link, cannot do that.
-    ECMSK_ERROR_UNSUPPORTED = -9,
-    /// The operating system said no.
-    ECMSK_ERROR_IO = -10,
-    /// A defect of this library.
-    ECMSK_ERROR_INTERNAL = -11,
-}
+/// How a call ended: `ECMSK_OK`, or a negative number, and then `ecmsk_last_error` says why in words.
+pub type EcmskResult = i32;
 
-use ecmsk_result::*;
+/// Done.
+pub const ECMSK_OK: i32 = 0;
+/// An argument is NULL, of length 0, or not what the function takes; a URI that is wrong.
+pub const ECMSK_ERROR_ARGUMENT: i32 = -1;
+/// The handle is of no open board.
+pub const ECMSK_ERROR_HANDLE: i32 = -2;
+/// The limit of the wait has passed.
+pub const ECMSK_ERROR_TIMEOUT: i32 = -3;
+/// On a virtual clock: no report will come by waiting.
+pub const ECMSK_ERROR_SILENT: i32 = -4;
+/// The board is gone: close it and open it again.
+pub const ECMSK_ERROR_LOST: i32 = -5;
+/// The board was closed, by this or another thread, or never opened.
+pub const ECMSK_ERROR_CLOSED: i32 = -6;
+/// No board answers.
+pub const ECMSK_ERROR_NO_BOARD: i32 = -7;
+/// Somebody else has the board.
+pub const ECMSK_ERROR_IN_USE: i32 = -8;
+/// This build, or this link, cannot do that.
+pub const ECMSK_ERROR_UNSUPPORTED: i32 = -9;
+/// The operating system said no.
+pub const ECMSK_ERROR_IO: i32 = -10;
+/// A defect of this library.
+pub const ECMSK_ERROR_INTERNAL: i32 = -11;
 
 /// An open board. Never followed as a pointer: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
-#[allow(non_camel_case_types, reason = "a name of the C ABI")]
-pub struct ecmsk_board {
+pub struct EcmskBoard {
     _private: [u8; 0],
 }
 
@@ -70,7 +64,7 @@ static HANDLES: Handles = Handles::new();
 /// # Safety
 /// `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut ecmsk_board) -> ecmsk_result {
+pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBoard) -> EcmskResult {
     code(entry!(ecmsk_open(), {
         if board.is_null() {
             return Err(CallError::Null { argument: "board", expected: "a pointer for the handle" });
@@ -92,7 +86,7 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut ecmsk_b
 /// # Safety
 /// None: any value may be passed.
 #[unsafe(no_mangle)]
-pub extern "C" fn ecmsk_close(board: *mut ecmsk_board) -> ecmsk_result {
+pub extern "C" fn ecmsk_close(board: *mut EcmskBoard) -> EcmskResult {
     let handle = board.addr();
     code(entry!(ecmsk_close(handle), {
         match handle {
@@ -109,7 +103,7 @@ pub extern "C" fn ecmsk_close(board: *mut ecmsk_board) -> ecmsk_result {
 /// # Safety
 /// None.
 #[unsafe(no_mangle)]
-pub extern "C" fn ecmsk_vendor_board() -> *mut ecmsk_board {
+pub extern "C" fn ecmsk_vendor_board() -> *mut EcmskBoard {
     std::ptr::without_provenance_mut(VENDOR)
 }
 
@@ -120,11 +114,11 @@ pub extern "C" fn ecmsk_vendor_board() -> *mut ecmsk_board {
 /// `data` is NULL or points to `length` readable bytes (512 if it is more). `board` may be any value.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecmsk_write(
-    board: *mut ecmsk_board,
+    board: *mut EcmskBoard,
     data: *const c_uchar,
     length: usize,
     timeout_ms: i64,
-) -> ecmsk_result {
+) -> EcmskResult {
     let handle = board.addr();
     code(entry!(ecmsk_write(handle, length, timeout_ms), {
         // SAFETY: as this function's own.
@@ -142,11 +136,11 @@ pub unsafe extern "C" fn ecmsk_write(
 /// `data` is NULL or points to `length` writable bytes (512 if it is more). `board` may be any value.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecmsk_read(
-    board: *mut ecmsk_board,
+    board: *mut EcmskBoard,
     data: *mut c_uchar,
     length: usize,
     timeout_ms: i64,
-) -> ecmsk_result {
+) -> EcmskResult {
     let handle = board.addr();
     code(entry!(ecmsk_read(handle, length, timeout_ms), {
         // SAFETY: as this function's own.
@@ -191,7 +185,7 @@ fn wait(timeout_ms: i64, link: Wait) -> Result<Wait, CallError> {
 }
 
 /// The code of a result; the error itself is kept already.
-pub fn code<T>(result: Result<T, CallError>) -> ecmsk_result {
+pub fn code<T>(result: Result<T, CallError>) -> EcmskResult {
     match result {
         Ok(_) => ECMSK_OK,
         Err(error) => match error {

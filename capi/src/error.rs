@@ -35,9 +35,7 @@ pub enum CallError {
         least: usize,
     },
     /// A timeout that is none.
-    #[error(
-        "a timeout of {found} ms; pass 0 or more, ECMSK_WAIT_FOREVER (-1) or ECMSK_WAIT_LINK (-2)"
-    )]
+    #[error("a timeout of {found} ms; pass 0 or more, ECMSK_WAIT_FOREVER (-1) or ECMSK_WAIT_LINK (-2)")]
     Timeout {
         /// What the caller passed.
         found: i64,

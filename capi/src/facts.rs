@@ -2,9 +2,9 @@
 
 use std::ffi::{CStr, CString, c_char};
 
-use ecmsk::engine::counters::Reason;
+use ecmsk::engine::Reason;
 
-use crate::boards::{code, ecmsk_board, ecmsk_result, find};
+use crate::boards::{EcmskBoard, EcmskResult, code, find};
 use crate::entry::entry;
 use crate::error::{self, CallError};
 
@@ -16,8 +16,7 @@ const _: () = assert!(Reason::KINDS <= ECMSK_REJECT_KINDS);
 /// number of bytes filled in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
-#[allow(non_camel_case_types, reason = "a name of the C ABI")]
-pub struct ecmsk_stats_t {
+pub struct EcmskStats {
     /// Bytes of this structure.
     pub size: u32,
     /// 0.
@@ -36,11 +35,10 @@ pub struct ecmsk_stats_t {
     pub record_dropped: u64,
 }
 
-/// What happened to commands on the board since it booted. `size` as in `ecmsk_stats_t`.
+/// What happened to commands on the board since it booted. `size` as in `ecmsk_stats`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
-#[allow(non_camel_case_types, reason = "a name of the C ABI")]
-pub struct ecmsk_counters_t {
+pub struct EcmskCounters {
     /// Bytes of this structure.
     pub size: u32,
     /// 0.
@@ -65,8 +63,8 @@ pub struct ecmsk_counters_t {
     pub incomplete: u64,
     /// FIFO entries executed.
     pub executed: u64,
-    /// Cycles in OP in which the FIFO was empty.
-    pub underruns: u64,
+    /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
+    pub idle_cycles: u64,
 }
 
 /// A structure that begins with its own size.
@@ -75,9 +73,9 @@ pub struct ecmsk_counters_t {
 /// `repr(C)`, made of integers without padding; the first four bytes are the `size`, set to that of the type.
 unsafe trait Versioned: Copy {}
 // SAFETY: see the declarations: u32, u32, then u64 only; `size` is set where they are made.
-unsafe impl Versioned for ecmsk_stats_t {}
+unsafe impl Versioned for EcmskStats {}
 // SAFETY: as above.
-unsafe impl Versioned for ecmsk_counters_t {}
+unsafe impl Versioned for EcmskCounters {}
 
 /// `size` and `reserved`: with less than that a structure holds nothing.
 const HEAD: usize = 8;
@@ -110,12 +108,12 @@ pub extern "C" fn ecmsk_last_error() -> *const c_char {
 /// # Safety
 /// `stats` is NULL or points to `stats->size` writable bytes. `board` may be any value.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecmsk_stats(board: *mut ecmsk_board, stats: *mut ecmsk_stats_t) -> ecmsk_result {
+pub unsafe extern "C" fn ecmsk_get_stats(board: *mut EcmskBoard, stats: *mut EcmskStats) -> EcmskResult {
     let handle = board.addr();
-    code(entry!(ecmsk_stats(handle), {
+    code(entry!(ecmsk_get_stats(handle), {
         let link = find(handle)?.link.stats();
-        let ours = ecmsk_stats_t {
-            size: size_of::<ecmsk_stats_t>() as u32,
+        let ours = EcmskStats {
+            size: size_of::<EcmskStats>() as u32,
             reserved: 0,
             written: link.written,
             read: link.read,
@@ -135,17 +133,17 @@ pub unsafe extern "C" fn ecmsk_stats(board: *mut ecmsk_board, stats: *mut ecmsk_
 /// # Safety
 /// `counters` is NULL or points to `counters->size` writable bytes. `board` may be any value.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecmsk_counters(board: *mut ecmsk_board, counters: *mut ecmsk_counters_t) -> ecmsk_result {
+pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *mut EcmskCounters) -> EcmskResult {
     let handle = board.addr();
-    code(entry!(ecmsk_counters(handle), {
+    code(entry!(ecmsk_get_counters(handle), {
         let link = &find(handle)?.link;
         let Some(board) = link.stats().board else {
             return Err(CallError::NoCounters { link: link.info().name });
         };
         let mut rejected = [0; ECMSK_REJECT_KINDS];
         rejected[..Reason::KINDS].copy_from_slice(&board.rejected);
-        let ours = ecmsk_counters_t {
-            size: size_of::<ecmsk_counters_t>() as u32,
+        let ours = EcmskCounters {
+            size: size_of::<EcmskCounters>() as u32,
             reserved: 0,
             frames: board.frames,
             reports: board.reports,
@@ -157,14 +155,14 @@ pub unsafe extern "C" fn ecmsk_counters(board: *mut ecmsk_board, counters: *mut 
             crc: board.crc,
             incomplete: board.incomplete,
             executed: board.executed,
-            underruns: board.underruns,
+            idle_cycles: board.idle_cycles,
         };
         // SAFETY: as this function's own.
         unsafe { give(ours, counters, "counters") }
     }))
 }
 
-/// The name of a reason for rejection, an index into `rejected` of `ecmsk_counters_t`, or NULL if there is none.
+/// The name of a reason for rejection, an index into `rejected` of `ecmsk_counters`, or NULL if there is none.
 ///
 /// # Safety
 /// None. The text lives as long as the library.
@@ -183,14 +181,14 @@ pub extern "C" fn ecmsk_reject_name(kind: u32) -> *const c_char {
 /// `buffer` is NULL (then `length` must be 0) or points to `length` writable bytes. `needed` is NULL or points to room
 /// for a `size_t`. `board` may be any value.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecmsk_link_name(
-    board: *mut ecmsk_board,
+pub unsafe extern "C" fn ecmsk_get_link_name(
+    board: *mut EcmskBoard,
     buffer: *mut c_char,
     length: usize,
     needed: *mut usize,
-) -> ecmsk_result {
+) -> EcmskResult {
     let handle = board.addr();
-    code(entry!(ecmsk_link_name(handle, length), {
+    code(entry!(ecmsk_get_link_name(handle, length), {
         if buffer.is_null() && length > 0 {
             return Err(CallError::Null { argument: "buffer", expected: "`length` bytes" });
         }

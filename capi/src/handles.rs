@@ -18,7 +18,7 @@ struct Table {
 }
 
 /// The first handle given out; those below are kept for boards that have a name of their own.
-pub const FIRST: usize = 0x10;
+pub(crate) const FIRST: usize = 0x10;
 
 impl Handles {
     /// No board.

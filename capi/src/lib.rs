@@ -18,7 +18,9 @@ mod shutdown;
 mod vendor;
 
 use boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};
-use facts::{ecmsk_counters, ecmsk_last_error, ecmsk_link_name, ecmsk_reject_name, ecmsk_stats, ecmsk_version};
+use facts::{
+    ecmsk_get_counters, ecmsk_get_link_name, ecmsk_get_stats, ecmsk_last_error, ecmsk_reject_name, ecmsk_version,
+};
 use vendor::{CloseECMUSB, ECMUSBRead, ECMUSBWrite, OpenECMUSB};
 
 // Names every function of `exports.txt`, so that one which is listed and not there does not compile.

@@ -26,7 +26,9 @@ fn register() {
     OWNER.store(process::id(), Ordering::Relaxed);
     // SAFETY: the function takes and returns nothing, lets no panic out, and the library stays in memory (`nodelete`).
     if unsafe { libc::atexit(at_exit) } != 0 {
-        log::warn!("no room for an exit handler: close the board before the program ends, or a recording lacks its end");
+        log::warn!(
+            "no room for an exit handler: close the board before the program ends, or a recording lacks its end"
+        );
     }
 }
 

@@ -30,15 +30,16 @@ impl OpenBoard {
 /// A call works on its own reference and holds no lock while it waits, so that reader, writer and closer may be any
 /// number of threads. Closing ends their waits.
 pub struct VendorBoard {
-    /// Held by the one thread that opens, so that two do not open the board twice.
-    opening: Mutex<()>,
+    /// Held by a thread that opens or closes, so that two do not open the board twice, and none finds it in use by a
+    /// link that is just being closed.
+    changing: Mutex<()>,
     current: Mutex<Option<Arc<OpenBoard>>>,
 }
 
 impl VendorBoard {
     /// Not open.
     pub const fn new() -> Self {
-        Self { opening: Mutex::new(()), current: Mutex::new(None) }
+        Self { changing: Mutex::new(()), current: Mutex::new(None) }
     }
 
     /// Opens the board by `connect`. Does nothing if it is open and there; a board that was lost is given back and
@@ -47,13 +48,13 @@ impl VendorBoard {
     /// # Errors
     /// What `connect` says.
     pub fn open(&self, connect: impl FnOnce() -> Result<Arc<dyn Link>, CallError>) -> Result<(), CallError> {
-        let _one_at_a_time = lock(&self.opening);
+        let _one_at_a_time = lock(&self.changing);
         if let Ok(board) = self.get() {
             match board.link.check() {
                 Ok(()) => return Ok(()),
                 Err(gone) => log::info!("opening again: {gone}"),
             }
-            self.close();
+            self.give_back();
         }
         let board = OpenBoard::new(connect()?);
         *lock(&self.current) = Some(board);
@@ -62,6 +63,12 @@ impl VendorBoard {
 
     /// Closes the board; reads and writes under way end with an error.
     pub fn close(&self) {
+        let _one_at_a_time = lock(&self.changing);
+        self.give_back();
+    }
+
+    /// [`Self::close`], without waiting for a thread that is just opening: for the end of the process.
+    pub fn give_back(&self) {
         let board = lock(&self.current).take();
         if let Some(board) = board {
             board.link.close();

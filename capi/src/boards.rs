@@ -164,9 +164,9 @@ pub fn find(handle: usize) -> Result<Arc<OpenBoard>, CallError> {
     }
 }
 
-/// Closes every board of this process.
+/// Closes every board of this process, at its end.
 pub fn close_all() {
-    vendor::BOARD.close();
+    vendor::BOARD.give_back();
     for board in HANDLES.drain() {
         board.link.close();
     }

@@ -193,23 +193,27 @@ pub fn code<T>(result: Result<T, CallError>) -> EcmskResult {
             | CallError::NoBytes
             | CallError::NotText { .. }
             | CallError::StructSize { .. }
-            | CallError::Timeout { .. }
-            | CallError::Config(_) => ECMSK_ERROR_ARGUMENT,
+            | CallError::Timeout { .. } => ECMSK_ERROR_ARGUMENT,
             CallError::Handle { .. } => ECMSK_ERROR_HANDLE,
             CallError::NotOpen => ECMSK_ERROR_CLOSED,
             CallError::NoCounters { .. } => ECMSK_ERROR_UNSUPPORTED,
             CallError::Panic(_) => ECMSK_ERROR_INTERNAL,
-            CallError::Link(link) => match link {
-                LinkError::Uri(_) => ECMSK_ERROR_ARGUMENT,
-                LinkError::Unsupported { .. } => ECMSK_ERROR_UNSUPPORTED,
-                LinkError::NoBoard { .. } => ECMSK_ERROR_NO_BOARD,
-                LinkError::InUse { .. } => ECMSK_ERROR_IN_USE,
-                LinkError::Timeout { .. } => ECMSK_ERROR_TIMEOUT,
-                LinkError::Silent { .. } => ECMSK_ERROR_SILENT,
-                LinkError::Lost { .. } => ECMSK_ERROR_LOST,
-                LinkError::Closed | LinkError::Cancelled { .. } => ECMSK_ERROR_CLOSED,
-                LinkError::Io { .. } => ECMSK_ERROR_IO,
-            },
+            CallError::Configured { error, .. } => link_code(&error),
+            CallError::Link(error) => link_code(&error),
         },
+    }
+}
+
+fn link_code(error: &LinkError) -> EcmskResult {
+    match error {
+        LinkError::Uri(_) | LinkError::Config(_) => ECMSK_ERROR_ARGUMENT,
+        LinkError::Unsupported { .. } => ECMSK_ERROR_UNSUPPORTED,
+        LinkError::NoBoard { .. } => ECMSK_ERROR_NO_BOARD,
+        LinkError::InUse { .. } => ECMSK_ERROR_IN_USE,
+        LinkError::Timeout { .. } => ECMSK_ERROR_TIMEOUT,
+        LinkError::Silent { .. } => ECMSK_ERROR_SILENT,
+        LinkError::Lost { .. } => ECMSK_ERROR_LOST,
+        LinkError::Closed | LinkError::Cancelled { .. } => ECMSK_ERROR_CLOSED,
+        LinkError::Io { .. } => ECMSK_ERROR_IO,
     }
 }

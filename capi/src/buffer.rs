@@ -72,3 +72,49 @@ fn checked(data: *const u8, length: usize) -> Result<usize, CallError> {
     }
     Ok(length.min(FRAME_LEN))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// LIB-50 A short write is filled up with 0; LIB-28 of a long one the first 512 bytes count.
+    #[test]
+    fn a_frame_has_the_callers_bytes_and_then_zeros() {
+        let bytes: Vec<u8> = (0..1000_u32).map(|n| 1 + (n % 255) as u8).collect();
+        for length in [1, 11, 12, 503, 504, 511, 512, 513, 1000] {
+            // SAFETY: `bytes` has at least `length` of them.
+            let frame = unsafe { frame_from(bytes.as_ptr(), length) }.expect("neither NULL nor empty");
+            let counts = length.min(FRAME_LEN);
+            assert_eq!(frame.bytes()[..counts], bytes[..counts], "{length}");
+            assert!(frame.bytes()[counts..].iter().all(|byte| *byte == 0), "{length}");
+        }
+    }
+
+    /// LIB-52 A read copies as many bytes as there is room for, and no more than a report has.
+    #[test]
+    fn a_report_fills_the_buffer_and_nothing_else() {
+        let report = Frame::from_bytes([0x11; FRAME_LEN]);
+        for length in [1, 503, 504, 511, 512, 513, 1000] {
+            let mut bytes = [0xA5_u8; 1100];
+            // SAFETY: `bytes` has more than `length` of them and outlives the buffer.
+            let buffer = unsafe { ReportBuffer::new(bytes.as_mut_ptr(), length) }.expect("neither NULL nor empty");
+            buffer.fill(&report);
+            let counts = length.min(FRAME_LEN);
+            assert!(bytes[..counts].iter().all(|byte| *byte == 0x11), "{length}");
+            assert!(bytes[counts..].iter().all(|byte| *byte == 0xA5), "{length}");
+        }
+    }
+
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each its own.
+    #[test]
+    fn null_and_nothing_are_errors() {
+        let mut byte = 0_u8;
+        // SAFETY: NULL is allowed, and of `byte` nothing is used.
+        unsafe {
+            assert!(matches!(frame_from(std::ptr::null(), 512), Err(CallError::Null { argument: "data", .. })));
+            assert!(matches!(frame_from(&raw const byte, 0), Err(CallError::NoBytes)));
+            assert!(ReportBuffer::new(std::ptr::null_mut(), 512).is_err());
+            assert!(ReportBuffer::new(&raw mut byte, 0).is_err());
+        }
+    }
+}

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use ecmsk::link::Link;
+use ecmsk::link::config::{self, Environment};
+use ecmsk::link::{self, Link, LinkError, Share};
 
 use crate::error::CallError;
 
@@ -11,10 +12,12 @@ use crate::error::CallError;
 /// again as it was left.
 ///
 /// # Errors
-/// [`CallError::Config`], [`CallError::Link`].
+/// [`CallError::Link`], [`CallError::Configured`].
 pub fn configured() -> Result<Arc<dyn Link>, CallError> {
-    let link = standin::resolve(library_dir())?;
-    Ok(standin::open(&link, standin::Share::ByUri)?)
+    let configured = config::find(&Environment::from_process(library_dir())).map_err(LinkError::from)?;
+    log::info!("link {}: {}", configured.source, configured.link);
+    link::open(&configured.link, Share::ByUri)
+        .map_err(|error| CallError::Configured { from: configured.source, error: error.into() })
 }
 
 /// The link of that URI. Boards are shared by their `name=` only.
@@ -22,7 +25,7 @@ pub fn configured() -> Result<Arc<dyn Link>, CallError> {
 /// # Errors
 /// [`CallError::Link`].
 pub fn named(uri: &str) -> Result<Arc<dyn Link>, CallError> {
-    Ok(standin::open(uri, standin::Share::ByName)?)
+    Ok(link::open(uri, Share::ByName)?)
 }
 
 /// The folder that this library was loaded from, as the loader names it; for the static library the program's.
@@ -50,19 +53,4 @@ fn library_dir() -> Option<PathBuf> {
 #[cfg(not(unix))]
 fn library_dir() -> Option<PathBuf> {
     None
-}
-
-mod standin {
-    use super::*;
-    use ecmsk::link::LinkError;
-    pub enum Share {
-        ByName,
-        ByUri,
-    }
-    pub fn open(_: &str, _: Share) -> Result<Arc<dyn Link>, LinkError> {
-        Err(LinkError::Unsupported { scheme: "sim".into(), hint: "later".into() })
-    }
-    pub fn resolve(_: Option<PathBuf>) -> Result<String, CallError> {
-        Err(CallError::Config(String::new()))
-    }
 }

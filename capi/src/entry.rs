@@ -92,7 +92,7 @@ mod tests {
     /// What OpenECMUSB failed with is known to every thread that had no error of its own.
     #[test]
     fn a_failed_open_is_known_to_other_threads() {
-        let error = CallError::Config("no such file".to_owned());
+        let error = CallError::NotOpen;
         error::remember_open(&error);
         std::thread::scope(|scope| {
             scope.spawn(|| {

@@ -5,6 +5,7 @@ use std::ffi::{CString, c_char};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecmsk::link::LinkError;
+use ecmsk::link::config::Source;
 
 /// Why a call of the C ABI failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -55,9 +56,14 @@ pub enum CallError {
         /// Name of the link.
         link: String,
     },
-    /// The configuration that names the link cannot be used.
-    #[error("{0}")]
-    Config(String),
+    /// The link that the configuration names does not open.
+    #[error("link {from}: {error}")]
+    Configured {
+        /// Who named it.
+        from: Source,
+        /// Why.
+        error: Box<LinkError>,
+    },
     /// The link failed.
     #[error(transparent)]
     Link(#[from] LinkError),

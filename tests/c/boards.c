@@ -34,7 +34,10 @@ static unsigned state_of(ecmsk_board *board)
 static void set_state(ecmsk_board *board, unsigned wanted)
 {
     int reads;
+    /* All slaves are drives. */
     memset(command, 0, sizeof command);
+    command[0].CMD = SET_AXIS;
+    CHECK(ecmsk_write(board, (unsigned char *)command, sizeof command, ECMSK_WAIT_FOREVER) == ECMSK_OK);
     command[0].CMD = SET_STATE;
     command[0].Data1 = wanted;
     CHECK(ecmsk_write(board, (unsigned char *)command, sizeof command, ECMSK_WAIT_FOREVER) == ECMSK_OK);

@@ -39,6 +39,9 @@ static inline bool master(unsigned short id, unsigned short parm, unsigned data1
     return write_command();
 }
 
+/* Says that every slave is a drive. Before SET_STATE: by default all are IO, and a drive does not go to SafeOP as IO. */
+static inline void declare_drives(void) { CHECK(master(SET_AXIS, 0, 0, 0)); }
+
 /* Asks for a state and reads until the board is there. */
 static inline void go_to(unsigned wanted)
 {

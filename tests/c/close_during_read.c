@@ -24,10 +24,8 @@ int main(void)
 
     CHECK(OpenECMUSB());
     CHECK(master(SET_DC, 0, 512000, 0xFFFF));
-    CHECK(master(SET_STATE, 0, STATE_OPERATIONAL, 0));
-    while (state() != STATE_OPERATIONAL) {
-        CHECK(read_response());
-    }
+    declare_drives();
+    go_to(STATE_OPERATIONAL);
     for (round = 0; round < 30; round++) {
         pthread_t thread;
         reading = 0;

@@ -9,6 +9,7 @@ int main(void)
     CHECK(OpenECMUSB());
     CHECK(read_response());
     CHECK(state() == STATE_PRE_OP);
+    declare_drives();
     go_to(STATE_OPERATIONAL);
 
     /* Goes on working: a second Open does not start anything anew. */

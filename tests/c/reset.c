@@ -7,6 +7,7 @@ int main(void)
     int tries;
 
     CHECK(OpenECMUSB());
+    declare_drives();
     go_to(STATE_OPERATIONAL);
     CHECK(master(SW_RESET, 0, 0, 0));
     memset(buffer, 0xA5, sizeof buffer);
@@ -24,6 +25,7 @@ int main(void)
     }
     CHECK(read_response());
     CHECK(state() == STATE_PRE_OP);
+    declare_drives();
     go_to(STATE_OPERATIONAL);
 
     /* The same without a single call between the reset and Open. */

@@ -5,11 +5,16 @@
 int main(void)
 {
     unsigned char buffer[512];
-    int reports = 0, timeouts = 0;
+    int reports = 0, timeouts = 0, reads;
 
     CHECK(OpenECMUSB());
     CHECK(master(SET_DC, 0, 512000, 0xFFFF));
-    go_to(STATE_OPERATIONAL);
+    declare_drives();
+    CHECK(master(SET_STATE, 0, STATE_OPERATIONAL, 0));
+    for (reads = 0; state() != STATE_OPERATIONAL; reads++) {
+        CHECK(reads < 20000);
+        read_response();
+    }
     while (reports < 2) {
         memset(buffer, 0xA5, sizeof buffer);
         if (ECMUSBRead(buffer, sizeof buffer)) {

@@ -2,11 +2,12 @@
 //! with the library and run with the link that the test names.
 #![allow(dead_code, reason = "every test uses its part")]
 
+use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 use std::{env, fs, io};
@@ -102,18 +103,21 @@ impl Language {
     }
 }
 
-/// Compiles a program against the shared library.
+/// Compiles a program against the shared library, once per test program.
 ///
 /// # Panics
 /// If it does not compile without a warning.
 pub fn compile(source: &Path, language: Language) -> Program {
-    let library = library();
+    static DONE: Mutex<BTreeMap<PathBuf, Arc<OnceLock<()>>>> = Mutex::new(BTreeMap::new());
     let stem = source.file_stem().expect("a file").to_string_lossy();
     let (Language::C(standard) | Language::Cpp(standard)) = language;
     let exe = out_dir().join(format!("{stem}-{}", standard.replace('+', "p")));
-    let mut compiler = language.compiler();
-    compiler.arg(source).arg("-o").arg(&exe).arg("-L").arg(&library.dir).args(["-lNEXTWUSBLib", "-pthread"]);
-    succeed(&mut compiler);
+    let once = Arc::clone(DONE.lock().unwrap_or_else(PoisonError::into_inner).entry(exe.clone()).or_default());
+    once.get_or_init(|| {
+        let mut compiler = language.compiler();
+        compiler.arg(source).arg("-o").arg(&exe).arg("-L").arg(&library().dir).args(["-lNEXTWUSBLib", "-pthread"]);
+        succeed(&mut compiler);
+    });
     Program { exe }
 }
 
@@ -188,6 +192,30 @@ fn on_library(mut command: Command, link: &str) -> Command {
         .env_remove("ECMSK_LOG")
         .current_dir(out_dir());
     command
+}
+
+/// Runs a program under valgrind's memcheck. It must end well, use no memory that is not its own or not set, and lose
+/// none.
+///
+/// # Panics
+/// If memcheck finds something, or is not there.
+pub fn memcheck(program: &Program, link: &str, arguments: &[&str]) -> String {
+    let tool = [
+        "--quiet",
+        "--error-exitcode=99",
+        "--leak-check=full",
+        // The stack of a thread that runs when the program ends is "possibly lost".
+        "--show-leak-kinds=definite",
+        "--errors-for-leak-kinds=definite",
+    ];
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        panic!(
+            "valgrind is not there; `apt-get install valgrind libc6-dbg`, or skip the tests in modules needs_valgrind"
+        );
+    }
+    let ended = run(program.under("valgrind", &tool, link).args(arguments));
+    assert_eq!(ended.stderr, "", "{} on {link}", program.exe.display());
+    ended.success()
 }
 
 /// Runs a command to its end.

@@ -128,6 +128,14 @@ impl Handover {
         self.news.notify_all();
     }
 
+    /// Whether calls still do their work.
+    pub(super) fn check(&self) -> Result<(), Stop> {
+        match lock(&self.outbox).phase {
+            Phase::Open => Ok(()),
+            Phase::Over(stop) => Err(stop),
+        }
+    }
+
     /// Reports dropped so far.
     pub(super) fn dropped(&self) -> u64 {
         lock(&self.outbox).reports.dropped()

@@ -105,6 +105,15 @@ impl Stepped {
         }
     }
 
+    /// Whether the interface is still there; no time passes.
+    ///
+    /// # Errors
+    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    pub fn check(&self) -> Result<(), Stop> {
+        let State { board, boots, .. } = &mut *self.lock();
+        alive(board, *boots).map(|_| ())
+    }
+
     /// Looks at the board and at the reports dropped so far; `None` once closed.
     pub fn look<T>(&self, look: impl FnOnce(&Board, u64) -> T) -> Option<T> {
         let state = self.lock();

@@ -130,6 +130,14 @@ impl Threaded {
         self.shared.handover.receive(out, limit.map(|limit| Instant::now() + limit))
     }
 
+    /// Whether the interface is still there; waits for nothing.
+    ///
+    /// # Errors
+    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    pub fn check(&self) -> Result<(), Stop> {
+        self.shared.handover.check()
+    }
+
     /// Ends the writes that wait now.
     pub fn cancel_writes(&self) {
         self.shared.handover.cancel_writes();

@@ -249,6 +249,14 @@ impl Link for EngineLink {
         }
     }
 
+    fn check(&self) -> Result<(), LinkError> {
+        match &self.runner {
+            Runner::Stepped(stepped) => stepped.check(),
+            Runner::Threaded(threaded) => threaded.check(),
+        }
+        .map_err(|stop| self.error(stop, Dir::Read, Wait::Now))
+    }
+
     fn stats(&self) -> LinkStats {
         let board = self.board_counters();
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);

@@ -204,6 +204,12 @@ pub trait Link: Send + Sync {
     /// Ends every wait and gives the board back. Closing twice is harmless.
     fn close(&self);
 
+    /// Whether the board is still there. Nothing is read, written or waited for.
+    ///
+    /// # Errors
+    /// [`LinkError::Lost`] once the board is gone, [`LinkError::Closed`] after [`Link::close`].
+    fn check(&self) -> Result<(), LinkError>;
+
     /// Counters since the link was opened.
     fn stats(&self) -> LinkStats;
 }

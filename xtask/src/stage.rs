@@ -26,6 +26,7 @@ const LINK_NAME: &str = "libNEXTWUSBLib.so";
 const ARCHIVE: &str = "libNEXTWUSBLib.a";
 /// What Rust's standard library needs of a program that links the archive.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
+const PKGCONFIG_TEMPLATE: &str = include_str!("../../capi/nextwusblib.pc.in");
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     build_into(project, &arguments.prefix, &arguments.profile)?;
@@ -98,20 +99,10 @@ fn headers(folder: &Path) -> Result<Vec<PathBuf>, Error> {
 fn pkgconfig_file(prefix: &Path) -> String {
     // pkg-config splits its flags at blanks that have no backslash before them.
     let prefix = prefix.display().to_string().replace('\\', r"\\").replace(' ', r"\ ");
-    let version = env!("CARGO_PKG_VERSION");
-    format!(
-        "prefix={prefix}
-libdir=${{prefix}}/lib
-includedir=${{prefix}}/include
-
-Name: NEXTWUSBLib
-Description: Drop-in NEXTWUSBLib for the ECM-SK (EC01M)
-Version: {version}
-Libs: -L${{libdir}} -lNEXTWUSBLib
-Libs.private: {PRIVATE_LIBS}
-Cflags: -I${{includedir}}
-"
-    )
+    PKGCONFIG_TEMPLATE
+        .replace("@PREFIX@", &prefix)
+        .replace("@VERSION@", env!("CARGO_PKG_VERSION"))
+        .replace("@PRIVATE_LIBS@", PRIVATE_LIBS)
 }
 
 #[cfg(test)]

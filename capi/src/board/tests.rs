@@ -1,0 +1,270 @@
+//! The board of OpenECMUSB over a link that can be made to block, to fail and to vanish.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Condvar, mpsc};
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::link::{Dir, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp};
+
+use super::*;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct State {
+    reports: u32,
+    readers: u32,
+    lost: bool,
+    closed: bool,
+    read_waits: [Option<Wait>; 2],
+    write_waits: [Option<Wait>; 2],
+}
+
+/// A link whose reads block until there is a report, it is lost, or closed.
+struct FakeLink {
+    state: Mutex<State>,
+    changed: Condvar,
+    read_wait: Wait,
+    write_wait: Wait,
+}
+
+impl FakeLink {
+    fn with_limits(read_wait: Wait, write_wait: Wait) -> Arc<Self> {
+        let state = Mutex::default();
+        Arc::new(Self { state, changed: Condvar::new(), read_wait, write_wait })
+    }
+
+    fn new() -> Arc<Self> {
+        Self::with_limits(Wait::Forever, Wait::For(Duration::from_secs(5)))
+    }
+
+    fn change(&self, change: impl FnOnce(&mut State)) {
+        change(&mut lock(&self.state));
+        self.changed.notify_all();
+    }
+
+    fn wait_until(&self, holds: impl Fn(&State) -> bool) -> State {
+        *self.changed.wait_while(lock(&self.state), |state| !holds(state)).expect("no panic under the lock")
+    }
+
+    fn state(&self) -> State {
+        *lock(&self.state)
+    }
+}
+
+fn usable(state: &State) -> Result<(), LinkError> {
+    match state {
+        State { closed: true, .. } => Err(LinkError::Closed),
+        State { lost: true, .. } => Err(LinkError::Lost { name: "fake:".to_owned(), reason: "unplugged" }),
+        _ => Ok(()),
+    }
+}
+
+impl Link for FakeLink {
+    fn info(&self) -> LinkInfo {
+        LinkInfo {
+            name: "fake:".to_owned(),
+            slot: None,
+            virtual_time: false,
+            read_wait: self.read_wait,
+            write_wait: self.write_wait,
+        }
+    }
+
+    fn write(&self, _: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let mut state = lock(&self.state);
+        state.write_waits = [Some(wait), state.write_waits[0]];
+        usable(&state).map(|()| Stamp(0))
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        self.change(|state| {
+            state.readers += 1;
+            state.read_waits = [Some(wait), state.read_waits[0]];
+        });
+        let mut state = self.wait_until(|state| usable(state).is_err() || state.reports > 0);
+        let result = usable(&state);
+        self.change(|now| {
+            now.readers -= 1;
+            now.reports = now.reports.saturating_sub(u32::from(result.is_ok()));
+            state = *now;
+        });
+        result?;
+        out.bytes_mut().fill(0xA5);
+        Ok(ReadMeta::default())
+    }
+
+    fn cancel(&self, _: Dir) {}
+
+    fn close(&self) {
+        self.change(|state| state.closed = true);
+    }
+
+    fn check(&self) -> Result<(), LinkError> {
+        usable(&lock(&self.state))
+    }
+
+    fn stats(&self) -> LinkStats {
+        LinkStats::default()
+    }
+}
+
+fn opened(link: &Arc<FakeLink>) -> VendorBoard {
+    let board = VendorBoard::new();
+    board.open(|| Ok(link.clone())).expect("opens");
+    board
+}
+
+fn no_second() -> Result<Arc<dyn Link>, CallError> {
+    panic!("the board must not be opened a second time")
+}
+
+/// LIB-41 Nothing is open before Open and after Close.
+#[test]
+fn calls_without_an_open_board_fail() {
+    let link = FakeLink::new();
+    let board = VendorBoard::new();
+    assert_eq!(board.read(), Err(CallError::NotOpen));
+    assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
+    board.open(|| Ok(link.clone())).expect("opens");
+    board.close();
+    assert_eq!(board.read(), Err(CallError::NotOpen));
+    assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
+}
+
+/// LIB-44 Open while open gives true and goes on working.
+#[test]
+fn opening_twice_keeps_the_board() {
+    let link = FakeLink::new();
+    let board = opened(&link);
+    board.open(no_second).expect("is open");
+    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert!(!link.state().closed);
+}
+
+/// LIB-42 A failed Open says so, leaves nothing open, and the next one may succeed.
+#[test]
+fn a_failed_open_can_be_repeated() {
+    let board = VendorBoard::new();
+    let none = LinkError::NoBoard { name: "fake:".to_owned(), reason: "not plugged in".to_owned() };
+    let failed = board.open(|| Err(none.clone().into()));
+    assert_eq!(failed, Err(CallError::Link(none)));
+    assert_eq!(board.read(), Err(CallError::NotOpen));
+    board.open(|| Ok(FakeLink::new())).expect("opens");
+    assert_eq!(board.write(&Frame::new()), Ok(()));
+}
+
+/// LIB-47 Close twice is harmless, and so is Close before any Open.
+#[test]
+fn closing_twice_is_harmless() {
+    let link = FakeLink::new();
+    VendorBoard::new().close();
+    let board = opened(&link);
+    board.close();
+    board.close();
+    assert!(link.state().closed);
+}
+
+/// LIB-35, LIB-38 A read has no limit and a write the link's, unless the link says otherwise.
+#[test]
+fn waits_are_those_of_the_link() {
+    let limits = (Wait::For(Duration::from_millis(7)), Wait::For(Duration::from_millis(9)));
+    for (read_wait, write_wait) in [(Wait::Forever, Wait::For(Duration::from_secs(5))), limits] {
+        let link = FakeLink::with_limits(read_wait, write_wait);
+        link.change(|state| state.reports = 1);
+        let board = opened(&link);
+        board.read().expect("a report");
+        board.write(&Frame::new()).expect("is taken");
+        assert_eq!(link.state().read_waits[0], Some(read_wait));
+        assert_eq!(link.state().write_waits[0], Some(write_wait));
+    }
+}
+
+/// LIB-48 Close ends a read that is blocked; LIB-26 a write passes by it.
+#[test]
+fn close_ends_a_blocked_read_and_a_write_passes_by() {
+    let link = FakeLink::new();
+    let board = opened(&link);
+    thread::scope(|scope| {
+        let reader = scope.spawn(|| board.read());
+        link.wait_until(|state| state.readers == 1);
+        assert_eq!(board.write(&Frame::new()), Ok(()));
+        board.open(no_second).expect("is open");
+        board.close();
+        assert_eq!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Closed)));
+    });
+}
+
+/// LIB-49 A lost board stays dead until Open is called; Close is not needed.
+#[test]
+fn a_lost_board_is_dead_until_it_is_opened_again() {
+    let link = FakeLink::new();
+    let board = opened(&link);
+    thread::scope(|scope| {
+        let reader = scope.spawn(|| board.read());
+        link.wait_until(|state| state.readers == 1);
+        link.change(|state| state.lost = true);
+        assert!(matches!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Lost { .. }))));
+    });
+    assert!(board.write(&Frame::new()).is_err());
+    assert!(board.read().is_err());
+
+    let again = FakeLink::new();
+    board.open(|| Ok(again.clone())).expect("opens");
+    assert!(link.state().closed, "the lost link is given back");
+    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert!(again.state().write_waits[0].is_some(), "the write went to the new link");
+}
+
+/// LIB-49 A loss that no call has met yet is seen by Open: a program may write SW_RESET and then call Open alone.
+#[test]
+fn open_sees_a_loss_that_no_call_has_met() {
+    let link = FakeLink::new();
+    let board = opened(&link);
+    link.change(|state| state.lost = true);
+    let none = LinkError::NoBoard { name: "fake:".to_owned(), reason: "it is booting".to_owned() };
+    assert_eq!(board.open(|| Err(none.clone().into())), Err(CallError::Link(none)));
+    board.open(|| Ok(FakeLink::new())).expect("opens");
+    assert_eq!(board.write(&Frame::new()), Ok(()));
+}
+
+/// LIB-44 Threads that open at the same time open the board once.
+#[test]
+fn threads_that_open_at_once_open_one_board() {
+    let board = VendorBoard::new();
+    let connects = AtomicUsize::new(0);
+    thread::scope(|scope| {
+        for _ in 0..8 {
+            scope.spawn(|| {
+                board.open(|| {
+                    connects.fetch_add(1, Ordering::Relaxed);
+                    Ok(FakeLink::new())
+                })
+            });
+        }
+    });
+    assert_eq!(connects.into_inner(), 1);
+}
+
+/// LIB-41 While another thread is still opening, calls fail at once and do not wait for it.
+#[test]
+fn calls_do_not_wait_for_an_open_under_way() {
+    let board = VendorBoard::new();
+    let (started, wait_started) = mpsc::channel();
+    let (go_on, wait_go_on) = mpsc::channel::<()>();
+    thread::scope(|scope| {
+        let board = &board;
+        let opener = scope.spawn(move || {
+            board.open(|| {
+                started.send(()).expect("the test waits for it");
+                wait_go_on.recv().expect("the test sends it");
+                Ok(FakeLink::new())
+            })
+        });
+        wait_started.recv().expect("the opener sends it");
+        assert_eq!(board.read(), Err(CallError::NotOpen));
+        assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
+        go_on.send(()).expect("the opener waits for it");
+        opener.join().expect("no panic").expect("opens");
+    });
+    assert_eq!(board.write(&Frame::new()), Ok(()));
+}

@@ -1,0 +1,120 @@
+//! The caller's memory: the only place where its pointers are followed.
+
+use std::ffi::{CStr, c_char};
+
+use ecmsk::sk::{FRAME_LEN, Frame};
+
+use crate::error::CallError;
+
+/// A command frame from the first `length` bytes at `data`: more than 512 count as 512, the rest of fewer is 0.
+///
+/// [OURS] The vendor's library fills with 0xCC and takes a length of 0 for one of those frames.
+///
+/// # Errors
+/// [`CallError::Null`], [`CallError::NoBytes`].
+///
+/// # Safety
+/// `data` is NULL or points to `length` readable bytes (512 of them if it is more).
+pub unsafe fn frame_from(data: *const u8, length: usize) -> Result<Frame, CallError> {
+    let length = checked(data, length)?;
+    // SAFETY: not NULL, and the caller vouches for `length` bytes; bytes have no alignment. The slice lives in this
+    // statement alone.
+    Ok(Frame::from_prefix(unsafe { std::slice::from_raw_parts(data, length) }))
+}
+
+/// Room for a report at `data`, of at most 512 bytes.
+pub struct ReportBuffer {
+    data: *mut u8,
+    length: usize,
+}
+
+impl ReportBuffer {
+    /// The buffer of `length` bytes at `data`; of more than 512 the first 512 are used.
+    ///
+    /// # Errors
+    /// [`CallError::Null`], [`CallError::NoBytes`].
+    ///
+    /// # Safety
+    /// `data` is NULL or points to `length` writable bytes (512 of them if it is more), for as long as this lives.
+    pub unsafe fn new(data: *mut u8, length: usize) -> Result<Self, CallError> {
+        Ok(Self { data, length: checked(data, length)? })
+    }
+
+    /// Copies the report into it, as much as there is room for.
+    pub fn fill(self, report: &Frame) {
+        // SAFETY: `new`'s caller vouches for `length` writable bytes, which is at most 512, the size of the report;
+        // the report is a local of ours, so the two do not overlap.
+        unsafe { std::ptr::copy_nonoverlapping(report.bytes().as_ptr(), self.data, self.length) }
+    }
+}
+
+/// The text at `text`.
+///
+/// # Errors
+/// [`CallError::Null`], [`CallError::NotText`].
+///
+/// # Safety
+/// `text` is NULL or points to bytes that end with a 0 and stay unchanged while the result is used.
+pub unsafe fn text_from<'a>(text: *const c_char, argument: &'static str) -> Result<&'a str, CallError> {
+    if text.is_null() {
+        return Err(CallError::Null { argument, expected: "a text that ends with 0" });
+    }
+    // SAFETY: not NULL, and the caller vouches for the rest.
+    unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| CallError::NotText { argument })
+}
+
+fn checked(data: *const u8, length: usize) -> Result<usize, CallError> {
+    if data.is_null() {
+        return Err(CallError::Null { argument: "data", expected: "a buffer of 504 or 512 bytes" });
+    }
+    if length == 0 {
+        return Err(CallError::NoBytes);
+    }
+    Ok(length.min(FRAME_LEN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// LIB-50 A short write is filled up with 0; LIB-28 of a long one the first 512 bytes count.
+    #[test]
+    fn a_frame_has_the_callers_bytes_and_then_zeros() {
+        let bytes: Vec<u8> = (0..1000_u32).map(|n| 1 + (n % 255) as u8).collect();
+        for length in [1, 11, 12, 503, 504, 511, 512, 513, 1000] {
+            // SAFETY: `bytes` has at least `length` of them.
+            let frame = unsafe { frame_from(bytes.as_ptr(), length) }.expect("neither NULL nor empty");
+            let counts = length.min(FRAME_LEN);
+            assert_eq!(frame.bytes()[..counts], bytes[..counts], "{length}");
+            assert!(frame.bytes()[counts..].iter().all(|byte| *byte == 0), "{length}");
+        }
+    }
+
+    /// LIB-52 A read copies as many bytes as there is room for, and no more than a report has.
+    #[test]
+    fn a_report_fills_the_buffer_and_nothing_else() {
+        let report = Frame::from_bytes([0x11; FRAME_LEN]);
+        for length in [1, 503, 504, 511, 512, 513, 1000] {
+            let mut bytes = [0xA5_u8; 1100];
+            // SAFETY: `bytes` has more than `length` of them and outlives the buffer.
+            let buffer = unsafe { ReportBuffer::new(bytes.as_mut_ptr(), length) }.expect("neither NULL nor empty");
+            buffer.fill(&report);
+            let counts = length.min(FRAME_LEN);
+            assert!(bytes[..counts].iter().all(|byte| *byte == 0x11), "{length}");
+            assert!(bytes[counts..].iter().all(|byte| *byte == 0xA5), "{length}");
+        }
+    }
+
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each its own.
+    #[test]
+    fn null_and_nothing_are_errors() {
+        let mut byte = 0_u8;
+        // SAFETY: NULL is allowed, and of `byte` nothing is used.
+        unsafe {
+            assert!(matches!(frame_from(std::ptr::null(), 512), Err(CallError::Null { argument: "data", .. })));
+            assert!(matches!(frame_from(&raw const byte, 0), Err(CallError::NoBytes)));
+            assert!(ReportBuffer::new(std::ptr::null_mut(), 512).is_err());
+            assert!(ReportBuffer::new(&raw mut byte, 0).is_err());
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The way into every exported function.
+
+use std::any::Any;
+use std::fmt::{Arguments, Debug};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
+
+use crate::error::{self, CallError};
+
+/// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
+///
+/// The body gives `Result<T, CallError>`, and so does the macro. A panic in it becomes [`CallError::Panic`]; an error
+/// is kept for `ecmsk_last_error`; the call is traced with the arguments named, pointers left out.
+macro_rules! entry {
+    ($name:ident($($argument:ident),*), $body:block) => {
+        $crate::entry::enter(
+            format_args!(concat!(stringify!($name), "(", $(stringify!($argument), "={:?} ",)* ")"), $($argument),*),
+            || $body,
+        )
+    };
+}
+pub(crate) use entry;
+
+/// What [`entry!`] stands for.
+pub fn enter<T: Debug>(call: Arguments<'_>, body: impl FnOnce() -> Result<T, CallError>) -> Result<T, CallError> {
+    set_up();
+    let result = catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(CallError::Panic(said(&*payload))));
+    match &result {
+        Ok(value) => log::trace!("{call} -> {value:?}"),
+        Err(error) => {
+            error::remember(error);
+            match error {
+                CallError::Panic(_) => log::error!("{call} -> {error}"),
+                _ => log::debug!("{call} -> {error}"),
+            }
+        }
+    }
+    result
+}
+
+/// Once per process: the log, if `ECMSK_LOG` asks for one, and silence of panics, which are errors of calls here.
+fn set_up() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let wanted = std::env::var("ECMSK_LOG").unwrap_or_default();
+        if !wanted.is_empty() {
+            // A program in Rust that links the static library may have a logger of its own, which then is used.
+            let _ = env_logger::Builder::new().parse_filters(&wanted).try_init();
+        }
+        // The tests of this crate want to see theirs.
+        #[cfg(not(test))]
+        std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));
+    });
+}
+
+fn said(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::CStr;
+
+    use super::*;
+
+    fn last_error() -> String {
+        // SAFETY: this thread fails no call before the text is copied.
+        unsafe { CStr::from_ptr(error::last()) }.to_string_lossy().into_owned()
+    }
+
+    /// A panic ends at the boundary, as an error with its message.
+    #[test]
+    fn a_panic_is_an_error() {
+        let length = 3;
+        let result: Result<(), CallError> = entry!(Tried(length), { panic!("slot {length}") });
+        assert_eq!(result, Err(CallError::Panic("slot 3".to_owned())));
+        assert!(last_error().contains("slot 3"), "{}", last_error());
+    }
+
+    /// An error is kept for the thread it happened in; success does not touch it.
+    #[test]
+    fn the_last_error_is_the_threads_own() {
+        let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes) });
+        let _ = entry!(Tried(), { Ok(()) });
+        assert_eq!(last_error(), CallError::NoBytes.to_string());
+        std::thread::scope(|scope| {
+            scope.spawn(|| assert_ne!(last_error(), CallError::NoBytes.to_string()));
+        });
+    }
+
+    /// What OpenECMUSB failed with is known to every thread that had no error of its own.
+    #[test]
+    fn a_failed_open_is_known_to_other_threads() {
+        let error = CallError::NotOpen;
+        error::remember_open(&error);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                assert_eq!(last_error(), error.to_string());
+                let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes) });
+                assert_eq!(last_error(), CallError::NoBytes.to_string());
+            });
+        });
+    }
+}

@@ -1,0 +1,118 @@
+//! Why a call failed, and the text of it that a program can ask for.
+
+use std::cell::RefCell;
+use std::ffi::{CString, c_char};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use ecmsk::link::LinkError;
+use ecmsk::link::config::Source;
+
+/// Why a call of the C ABI failed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CallError {
+    /// A pointer that must point somewhere.
+    #[error("`{argument}` is NULL; pass the address of {expected}")]
+    Null {
+        /// Name of the argument.
+        argument: &'static str,
+        /// What it should point to.
+        expected: &'static str,
+    },
+    /// A buffer of no bytes.
+    #[error("the length is 0; pass that of a frame, 504 or 512")]
+    NoBytes,
+    /// Text that is not UTF-8.
+    #[error("`{argument}` is not UTF-8")]
+    NotText {
+        /// Name of the argument.
+        argument: &'static str,
+    },
+    /// A structure whose `size` is not set.
+    #[error("`size` of the structure is {found}, less than {least}; set it to sizeof of the structure before the call")]
+    StructSize {
+        /// What the caller wrote there.
+        found: u32,
+        /// The least that makes sense.
+        least: usize,
+    },
+    /// A timeout that is none.
+    #[error("a timeout of {found} ms; pass 0 or more, ECMSK_WAIT_FOREVER (-1) or ECMSK_WAIT_LINK (-2)")]
+    Timeout {
+        /// What the caller passed.
+        found: i64,
+    },
+    /// The vendor's functions, before OpenECMUSB or after CloseECMUSB.
+    #[error("no board is open; call OpenECMUSB first and look whether it returns true")]
+    NotOpen,
+    /// A handle that no board has, or no longer.
+    #[error("no open board has the handle {handle:#x}; it was closed, or never came from ecmsk_open")]
+    Handle {
+        /// The value passed.
+        handle: usize,
+    },
+    /// The link sees no counters of the board.
+    #[error("`{link}` does not show the board's counters; a simulated board does")]
+    NoCounters {
+        /// Name of the link.
+        link: String,
+    },
+    /// The link that the configuration names does not open.
+    #[error("link {from}: {error}")]
+    Configured {
+        /// Who named it.
+        from: Source,
+        /// Why.
+        error: Box<LinkError>,
+    },
+    /// The link failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A defect of this library.
+    #[error("internal error: {0}; please report it with the output of ECMSK_LOG=trace")]
+    Panic(String),
+}
+
+thread_local! {
+    static THIS_THREAD: RefCell<Option<CString>> = const { RefCell::new(None) };
+}
+
+/// What the last OpenECMUSB that failed said, whichever thread it was.
+static LAST_OPEN: Mutex<Option<CString>> = Mutex::new(None);
+
+/// Keeps the error for [`last`].
+pub fn remember(error: &CallError) {
+    let text = as_c(error);
+    // A thread that is ending has no storage left; nobody can ask there either.
+    let _ = THIS_THREAD.try_with(|last| last.replace(Some(text)));
+}
+
+/// Keeps the error of an OpenECMUSB for every thread.
+pub fn remember_open(error: &CallError) {
+    *lock(&LAST_OPEN) = Some(as_c(error));
+}
+
+/// The text of this thread's last error; if it had none, of the last OpenECMUSB that failed; else empty.
+///
+/// Valid until the next call of this thread that fails, or that asks here.
+pub fn last() -> *const c_char {
+    THIS_THREAD
+        .try_with(|last| {
+            let mut last = last.borrow_mut();
+            if last.is_none() {
+                *last = lock(&LAST_OPEN).clone();
+            }
+            last.as_ref().map_or(c"".as_ptr(), |text| text.as_ptr())
+        })
+        .unwrap_or(c"".as_ptr())
+}
+
+fn as_c(error: &CallError) -> CString {
+    let mut text = error.to_string().into_bytes();
+    text.retain(|byte| *byte != 0);
+    CString::new(text).unwrap_or_default()
+}
+
+/// Locks, also after a panic of another holder: what these locks guard is whole between any two statements.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,38 @@
+//! The end of a program that does not close its boards: they are closed for it, so that their threads stop and a
+//! recording is complete.
+
+use std::sync::Once;
+
+/// Has all boards closed when this process exits. The first call counts.
+pub fn close_at_exit() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(register);
+}
+
+#[cfg(unix)]
+fn register() {
+    use std::process;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    static OWNER: AtomicU32 = AtomicU32::new(0);
+
+    extern "C" fn at_exit() {
+        // A child of fork has the boards without their threads: they are the parent's to close.
+        if process::id() == OWNER.load(Ordering::Relaxed) {
+            let _ = std::panic::catch_unwind(crate::boards::close_all);
+        }
+    }
+
+    OWNER.store(process::id(), Ordering::Relaxed);
+    // SAFETY: the function takes and returns nothing, lets no panic out, and the library stays in memory (`nodelete`).
+    if unsafe { libc::atexit(at_exit) } != 0 {
+        log::warn!(
+            "no room for an exit handler: close the board before the program ends, or a recording lacks its end"
+        );
+    }
+}
+
+/// Elsewhere (Windows) a library is told of the end when its threads are gone already, and nothing is left to close in
+/// order.
+#[cfg(not(unix))]
+fn register() {}

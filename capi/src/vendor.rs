@@ -1,0 +1,85 @@
+//! The four functions of the vendor's library. Existing programs link these names.
+//!
+//! Their `bool` is returned as a `u32` of 0 or 1: C++ looks at the lowest byte alone, .NET at one byte or all four.
+
+use std::ffi::{c_uchar, c_ulong};
+
+use crate::board::VendorBoard;
+use crate::buffer::{ReportBuffer, frame_from};
+use crate::entry::entry;
+use crate::error::{CallError, remember_open};
+use crate::{connect, shutdown};
+
+/// The board of these four functions.
+pub static BOARD: VendorBoard = VendorBoard::new();
+
+/// Opens the board that `ECMSK_LINK`, an `ecmsk.toml` or the default `usb:` names. 1 if it is open, also if it was
+/// already; 0 if not (`ecmsk_last_error` says why). A board that was lost is opened anew, without CloseECMUSB.
+///
+/// Source: UG17 4.2.1.
+#[unsafe(no_mangle)]
+pub extern "system" fn OpenECMUSB() -> u32 {
+    let result = entry!(OpenECMUSB(), {
+        shutdown::close_at_exit();
+        BOARD.open(connect::configured)
+    });
+    if let Err(error) = &result {
+        remember_open(error);
+    }
+    truth(&result)
+}
+
+/// Closes the board. Reads and writes under way in other threads return 0 at once. Harmless when nothing is open.
+///
+/// Source: UG17 4.2.2.
+#[unsafe(no_mangle)]
+pub extern "system" fn CloseECMUSB() {
+    // Nothing in it fails, and the caller would not learn of it.
+    let _ = entry!(CloseECMUSB(), {
+        BOARD.close();
+        Ok(())
+    });
+}
+
+/// Writes a command frame of `dwlength` bytes: of more than 512 the first 512, fewer are filled up with 0. 1 if the
+/// board took it; 0 if `data` is NULL, `dwlength` 0, nothing is open, the board is lost, or does not take it within
+/// the link's `write_timeout_ms`.
+///
+/// Source: UG17 4.2.3.
+///
+/// # Safety
+/// `data` is NULL or points to `dwlength` readable bytes (512 if it is more).
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulong) -> u32 {
+    truth(&entry!(ECMUSBWrite(dwlength), {
+        // SAFETY: as this function's own.
+        let frame = unsafe { frame_from(data, length(dwlength)) }?;
+        BOARD.write(&frame)
+    }))
+}
+
+/// Waits for a report and copies its first `dwlength` bytes (at most 512) to `data`. 1 if there was one; 0, and `data`
+/// as it was, if `data` is NULL, `dwlength` 0, nothing is open, the board is lost or closed meanwhile, or the link's
+/// `read_timeout_ms` has passed (by default there is no limit).
+///
+/// Source: UG17 4.2.4.
+///
+/// # Safety
+/// `data` is NULL or points to `dwlength` writable bytes (512 if it is more).
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) -> u32 {
+    truth(&entry!(ECMUSBRead(dwlength), {
+        // SAFETY: as this function's own.
+        let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
+        buffer.fill(&BOARD.read()?);
+        Ok(())
+    }))
+}
+
+fn truth(result: &Result<(), CallError>) -> u32 {
+    u32::from(result.is_ok())
+}
+
+fn length(dwlength: c_ulong) -> usize {
+    usize::try_from(dwlength).unwrap_or(usize::MAX)
+}

@@ -1,0 +1,32 @@
+/* With `read_timeout_ms` a read ends with false after that time, and leaves the buffer as it was. The cycle is half a
+ * second, the limit shorter. */
+#include "check.h"
+
+int main(void)
+{
+    unsigned char buffer[512];
+    int reports = 0, timeouts = 0, reads;
+
+    CHECK(OpenECMUSB());
+    CHECK(master(SET_DC, 0, 512000, 0xFFFF));
+    declare_drives();
+    CHECK(master(SET_STATE, 0, STATE_OPERATIONAL, 0));
+    for (reads = 0; state() != STATE_OPERATIONAL; reads++) {
+        CHECK(reads < 20000);
+        read_response();
+    }
+    while (reports < 2) {
+        memset(buffer, 0xA5, sizeof buffer);
+        if (ECMUSBRead(buffer, sizeof buffer)) {
+            reports++;
+            CHECK(buffer[2] == STATE_OPERATIONAL);
+        } else {
+            timeouts++;
+            CHECK(last_error_has("timed out"));
+            CHECK(is_filled_with(buffer, sizeof buffer, 0xA5));
+        }
+    }
+    CHECK(timeouts > 0);
+    puts("ok");
+    return 0;
+}

@@ -1,0 +1,195 @@
+//! What the functions of the library do, call by call, seen from C: every program in `tests/c/` is a user of the shared
+//! library and checks itself; the tests choose the link that it runs on.
+#![cfg(target_os = "linux")]
+
+mod support;
+
+/// Links that most programs run on: on virtual time every run is the same, on the real clock a thread runs the board.
+#[cfg(test)]
+const CLOCKS: [&str; 2] = ["sim:?slaves=drive*2&clock=virtual", "sim:?slaves=drive*2&clock=real"];
+
+/// Compiles `tests/c/NAME.c`.
+#[cfg(test)]
+fn c_program(name: &str) -> support::Program {
+    support::compile(&support::root().join("tests/c").join(name).with_extension("c"), support::Language::C("c99"))
+}
+
+/// Runs a program that checks itself and says `ok`. It must print nothing else, least of all the library in it.
+#[cfg(test)]
+fn passes(name: &str, link: &str, arguments: &[&str]) {
+    let ended = c_program(name).run(link, arguments);
+    assert_eq!(ended.stderr, "", "{name} on {link}");
+    assert_eq!(ended.success(), "ok\n", "{name} on {link}");
+}
+
+mod needs_cxx {
+    use std::fs;
+    use std::os::unix::fs::symlink;
+
+    use super::support::{self, out_dir};
+    use super::{CLOCKS, c_program, passes};
+
+    /// LIB-41 Read and write before Open and after Close give false at once and do not crash; LIB-54 they leave the buffer
+    /// alone; LIB-47 Close twice is harmless; LIB-20 a read right after Open works.
+    #[test]
+    fn calls_while_nothing_is_open_are_false() {
+        for link in CLOCKS {
+            passes("not_open", link, &[]);
+        }
+    }
+
+    /// LIB-28, LIB-52 A length above 512 counts as 512, and not a byte beyond is touched; a read copies min(n, 512) bytes.
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are false. LIB-6 `unsigned long` is taken whole.
+    #[test]
+    fn lengths_and_addresses() {
+        for link in CLOCKS {
+            passes("lengths", link, &[]);
+        }
+    }
+
+    /// LIB-44 Open while open is true and goes on working; LIB-47 Close twice is harmless; the board is found again as it
+    /// was left.
+    #[test]
+    fn open_twice_close_twice_open_again() {
+        for link in CLOCKS {
+            passes("open_close", link, &[]);
+        }
+    }
+
+    /// LIB-42 Open without a device gives false, and the reason can be asked for. SK-9.16 Open fails if no slave was found.
+    #[test]
+    fn an_open_that_fails_says_why() {
+        passes("open_fails", "sim:?slaves=&clock=virtual", &["no slave"]);
+        passes("open_fails", "usb:", &["from ECMSK_LINK", "`usb:` is not in this build", "sim:?slaves=drive*2"]);
+        passes("open_fails", "sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]);
+        passes("open_fails", "nonsense", &["from ECMSK_LINK", "nonsense"]);
+    }
+
+    /// LIB-48 Close during a blocked read: the read gives false.
+    #[test]
+    fn close_ends_a_read() {
+        passes("close_during_read", "sim:?slaves=drive&clock=real", &[]);
+    }
+
+    /// SK-4.34, LIB-49 SW_RESET drops the connection: calls are false until Open, and Close is not needed. LIB-43 On the virtual
+    /// clock a loop that opens again ends.
+    #[test]
+    fn a_reset_board_is_dead_until_open() {
+        for link in CLOCKS {
+            passes("reset", link, &[]);
+        }
+    }
+
+    /// LIB-36 With `read_timeout_ms` in the link a read gives false after that time; LIB-54 the buffer is left alone.
+    #[test]
+    fn a_read_with_a_limit_ends() {
+        for link in CLOCKS {
+            passes("timeout", &format!("{link}&read_timeout_ms=20"), &[]);
+        }
+    }
+
+    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted.
+    #[test]
+    fn unread_reports_are_kept_and_counted() {
+        passes("unread", "sim:?slaves=drive&clock=virtual", &[]);
+    }
+
+    /// LIB-39 Success is 1, and failure 0, in the whole register that `bool` comes back in.
+    #[test]
+    fn the_library_can_be_loaded_and_unloaded_by_name() {
+        let library = support::library().shared.to_string_lossy();
+        for link in CLOCKS {
+            passes("loaded", link, &[&library]);
+        }
+    }
+
+    /// LIB-41 A program that ends without Close ends, whatever its threads are at; a child of fork leaves its parent's board alone.
+    #[test]
+    fn programs_may_end_without_close() {
+        for link in CLOCKS {
+            passes("exit_open", link, &["return"]);
+            let ended = c_program("exit_open").run(link, ["exit"]);
+            assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{link}");
+            passes("exit_open", link, &["fork"]);
+        }
+    }
+
+    /// LIB-26, LIB-41 Eight threads that open, close, read and write at once: no crash, no hang, and the board works after it.
+    #[test]
+    fn eight_threads_at_once() {
+        for link in CLOCKS {
+            passes("stress", link, &[]);
+        }
+    }
+
+    /// Several boards at once by URI; LIB-41 handles that are closed or made up are errors; statistics, counters, names, timeouts.
+    #[test]
+    fn the_functions_beside_the_vendors() {
+        passes("boards", "sim:?slaves=drive*2&clock=virtual", &[]);
+    }
+
+    /// Nothing is printed unless `ECMSK_LOG` asks; then every call is traced and every failure has its reason.
+    #[test]
+    fn the_log_speaks_when_it_is_asked() {
+        let ended = support::run(c_program("not_open").command(CLOCKS[0]).env("ECMSK_LOG", "trace"));
+        assert!(ended.stderr.contains("OpenECMUSB() -> "), "{}", ended.stderr);
+        assert!(ended.stderr.contains("call OpenECMUSB first"), "{}", ended.stderr);
+        assert_eq!(ended.success(), "ok\n");
+        let ended = support::run(c_program("not_open").command(CLOCKS[0]).env("ECMSK_LOG", "error"));
+        assert_eq!(ended.stderr, "");
+    }
+
+    /// LIB-42 The link comes from `ECMSK_LINK`, then from `ecmsk.toml` beside the program, then beside the library; none: `usb:`.
+    #[test]
+    fn the_link_comes_from_variable_program_library_or_is_usb() {
+        let folder = out_dir().join("places");
+        let _ = fs::remove_dir_all(&folder);
+        let [program_dir, library_dir] = ["program", "library"].map(|name| folder.join(name));
+        for dir in [&program_dir, &library_dir] {
+            fs::create_dir_all(dir).expect("a folder in the target folder");
+        }
+        let original = c_program("which_link");
+        let program = support::Program { exe: program_dir.join("which_link") };
+        fs::hard_link(&original.exe, &program.exe).expect("the program in another folder");
+        symlink(&support::library().shared, library_dir.join("libNEXTWUSBLib.so.0")).expect("a symbolic link");
+        let says = |link: &str| {
+            let mut command = program.command(link);
+            command.env("LD_LIBRARY_PATH", &library_dir);
+            if link.is_empty() {
+                command.env_remove("ECMSK_LINK");
+            }
+            support::run(&mut command).stdout
+        };
+        let write = |dir: &std::path::Path, slaves: u32| {
+            let text = format!("link = \"sim:?slaves=drive*{slaves}\"\n");
+            fs::write(dir.join("ecmsk.toml"), text).expect("a file in the target folder");
+        };
+
+        assert!(says("").contains("`usb:`"), "{}", says(""));
+        write(&library_dir, 3);
+        assert!(says("").contains("drive*3"), "{}", says(""));
+        write(&program_dir, 4);
+        assert!(says("").contains("drive*4"), "{}", says(""));
+        assert!(says("sim:?slaves=drive*5").contains("drive*5"));
+        fs::write(program_dir.join("ecmsk.toml"), "link = 3\n").expect("a file in the target folder");
+        let wrong = says("");
+        assert!(wrong.contains("ecmsk.toml, line 1"), "{wrong}");
+    }
+}
+
+mod needs_valgrind {
+    use super::{CLOCKS, c_program, support};
+
+    /// LIB-28, LIB-52, LIB-54 The library touches no byte that is not the caller's or not set, and loses no memory.
+    #[test]
+    fn memcheck_finds_nothing() {
+        for (name, links) in [("not_open", &CLOCKS[..]), ("lengths", &CLOCKS[..1]), ("boards", &CLOCKS[..1])] {
+            for link in links {
+                assert_eq!(support::memcheck(&c_program(name), link, &[]), "ok\n", "{name} on {link}");
+            }
+        }
+        for how in ["return", "fork"] {
+            assert_eq!(support::memcheck(&c_program("exit_open"), CLOCKS[1], &[how]), "ok\n", "{how}");
+        }
+    }
+}

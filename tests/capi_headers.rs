@@ -1,0 +1,206 @@
+//! The headers in `include/`: valid C and C++, with the numbers, sizes and prototypes that programs rely on.
+#![cfg(unix)]
+
+mod support;
+
+mod needs_cxx {
+
+    use std::collections::BTreeMap;
+    use std::fmt::Write as _;
+    use std::fs;
+    use std::path::PathBuf;
+
+    use super::support;
+    use super::support::Language::{self, C, Cpp};
+    use ecmsk::cia402::Mode;
+    use ecmsk::sk::{CommandId, DriveSync, MasterState, SlaveKind, SlotSize, StateByte};
+
+    const VENDOR_HEADERS: [(&str, SlotSize); 3] = [
+        ("NEXTWUSBLib.h", SlotSize::Bytes12),
+        ("NEXTWUSBLib_12B.h", SlotSize::Bytes12),
+        ("NEXTWUSBLib_16B.h", SlotSize::Bytes16),
+    ];
+    const LANGUAGES: [Language; 7] =
+        [C("c99"), C("c11"), C("c17"), Cpp("c++98"), Cpp("c++11"), Cpp("c++17"), Cpp("c++20")];
+
+    /// Writes a source into the test's folder.
+    fn source(name: &str, language: Language, text: &str) -> PathBuf {
+        let extension = if matches!(language, C(_)) { "c" } else { "cpp" };
+        let path = support::out_dir().join(format!("{name}.{extension}"));
+        fs::write(&path, text).expect("a file in the target folder");
+        path
+    }
+
+    fn name_of(header: &str, language: Language) -> String {
+        let (C(standard) | Cpp(standard)) = language;
+        format!("{}-{}", header.replace('.', "_"), standard.replace('+', "p"))
+    }
+
+    /// Every macro of a vendor header with the number it stands for. The numbers are this project's own constants.
+    fn macros(size: SlotSize) -> BTreeMap<String, u32> {
+        let mut macros = BTreeMap::new();
+        let mut put = |name: &str, value: u32| assert_eq!(macros.insert(name.to_owned(), value), None, "{name} twice");
+        put("DEF_MA_MAX", size.slots() as u32);
+        put("NIC_INIT", StateByte::NETWORK_INIT.0.into());
+        for (name, state) in [
+            ("STATE_INIT", MasterState::Init),
+            ("STATE_PRE_OP", MasterState::PreOp),
+            ("STATE_SAFE_OP", MasterState::SafeOp),
+            ("STATE_OPERATIONAL", MasterState::Op),
+        ] {
+            put(name, state.code().into());
+        }
+        for id in CommandId::ALL {
+            put(id.name(), id.code().into());
+        }
+        for (name, mode) in
+            [("HOMING_MODE", Mode::Homing), ("CSP_MODE", Mode::Csp), ("CSV_MODE", Mode::Csv), ("CST_MODE", Mode::Cst)]
+        {
+            put(name, mode.code().into());
+        }
+        for (name, sync) in [("FREERUN", DriveSync::FreeRun), ("DCSYNC", DriveSync::DcSync)] {
+            put(name, sync as u32);
+        }
+        for kind in [SlaveKind::Drive, SlaveKind::Io, SlaveKind::Hsp, SlaveKind::Step, SlaveKind::None] {
+            put(kind.name(), kind.nibble().into());
+        }
+        macros
+    }
+
+    /// The members of `transData`: name, size, offset.
+    fn members(size: SlotSize) -> Vec<(&'static str, usize, usize)> {
+        let mut members = vec![("CMD", 2, 0), ("Parm", 2, 2), ("Data1", 4, 4), ("Data2", 4, 8)];
+        if size == SlotSize::Bytes16 {
+            members.push(("Data3", 4, 12));
+        }
+        members
+    }
+
+    /// A program that prints every number of a header and does not compile if a prototype is another one.
+    fn probe(header: &str, size: SlotSize) -> String {
+        let mut text = format!("#include \"{header}\"\n#include <stddef.h>\n#include <stdio.h>\n");
+        text.push_str(
+            "bool (*open_it)(void) = OpenECMUSB;\n\
+         void (*close_it)(void) = CloseECMUSB;\n\
+         bool (*write_it)(unsigned char *, unsigned long) = ECMUSBWrite;\n\
+         bool (*read_it)(unsigned char *, unsigned long) = ECMUSBRead;\n\
+         static transData slots[DEF_MA_MAX];\n\
+         static struct transData one;\n\
+         int main(void)\n{\n",
+        );
+        for name in macros(size).keys() {
+            writeln!(text, "    printf(\"{name} %lu\\n\", (unsigned long)({name}));").expect("text");
+        }
+        for (name, ..) in members(size) {
+            writeln!(
+                text,
+                "    printf(\"{name} %lu %lu %d\\n\", (unsigned long)sizeof one.{name}, \
+             (unsigned long)offsetof(struct transData, {name}), (one.{name} = 0, --one.{name} > 0));"
+            )
+            .expect("text");
+        }
+        text.push_str(
+        "    printf(\"sizeof %lu %lu %lu\\n\", (unsigned long)sizeof one, (unsigned long)sizeof slots, (unsigned long)sizeof(bool));\n\
+         \x20   return 0;\n}\n",
+    );
+        text
+    }
+
+    /// What the program must print.
+    fn expected(size: SlotSize) -> String {
+        let mut text = String::new();
+        for (name, value) in macros(size) {
+            writeln!(text, "{name} {value}").expect("text");
+        }
+        for (name, bytes, offset) in members(size) {
+            // 1: the member is unsigned.
+            writeln!(text, "{name} {bytes} {offset} 1").expect("text");
+        }
+        writeln!(text, "sizeof {} {} 1", size.bytes(), size.frame_len()).expect("text");
+        text
+    }
+
+    /// LIB-1, LIB-4, LIB-8, LIB-9, LIB-13, LIB-14, LIB-15, LIB-16, LIB-17, LIB-18, LIB-19 The three vendor headers compile without a
+    /// warning in every standard of C and C++ and mean what the wire format means; SK-1.6 the members have the library's names.
+    #[test]
+    fn vendor_headers_have_the_numbers_and_prototypes_of_the_wire_format() {
+        for (header, size) in VENDOR_HEADERS {
+            for language in LANGUAGES {
+                let name = name_of(header, language);
+                let program = support::compile(&source(&name, language, &probe(header, size)), language);
+                assert_eq!(program.run("sim:", [""; 0]).success(), expected(size), "{name}");
+            }
+        }
+    }
+
+    /// LIB-13, LIB-14, LIB-15, LIB-16, LIB-17 A vendor header defines the macros that programs know, and no other that could get in their way.
+    #[test]
+    fn vendor_headers_define_nothing_else() {
+        for (header, size) in VENDOR_HEADERS {
+            let text = fs::read_to_string(support::include_dir().join(header)).expect("the header");
+            let defined =
+                text.lines().filter_map(|line| line.strip_prefix("#define ")).filter_map(|line| line.split(' ').next());
+            let mut own: Vec<&str> = defined.filter(|name| !macros(size).contains_key(*name)).collect();
+            own.dedup();
+            assert_eq!(own, [format!("NEXTWUSBLIB_{}B_H", size.bytes()).as_str(), "NEXTWUSB_CALL"], "{header}");
+        }
+    }
+
+    /// LIB-9 `NEXTWUSBLib.h` is the 12-byte header under another name; a program may include both.
+    #[test]
+    fn the_header_of_the_guides_samples_is_the_12_byte_one() {
+        let read = |header| fs::read_to_string(support::include_dir().join(header)).expect("the header");
+        assert_eq!(read("NEXTWUSBLib.h"), read("NEXTWUSBLib_12B.h"));
+        let both = "#include \"NEXTWUSBLib.h\"\n#include \"NEXTWUSBLib_12B.h\"\nint main() { return 0; }\n";
+        support::compile(&source("both", Cpp("c++98"), both), Cpp("c++98"));
+    }
+
+    /// LIB-18 The two slot sizes cannot be mixed up in one source: that does not compile, and says why.
+    #[test]
+    fn both_slot_sizes_in_one_source_are_refused() {
+        let mixed = "#include \"NEXTWUSBLib_12B.h\"\n#include \"NEXTWUSBLib_16B.h\"\n";
+        let path = source("mixed", C("c99"), mixed);
+        let output = C("c99").compiler().arg("-fsyntax-only").arg(path).output().expect("the compiler runs");
+        assert!(!output.status.success());
+        assert!(String::from_utf8_lossy(&output.stderr).contains("not both"), "{output:?}");
+    }
+
+    /// LIB-19 Off Windows no calling convention is left; on Windows the functions are __stdcall and declared without dllimport.
+    #[test]
+    fn calling_conventions_are_windows_own() {
+        for (header, _) in VENDOR_HEADERS {
+            let path = support::include_dir().join(header);
+            let preprocess = |defines: &[&str]| {
+                let mut compiler = Cpp("c++17").compiler();
+                support::succeed(compiler.args(defines).args(["-E", "-P", "-x", "c++"]).arg(&path))
+            };
+            let here = preprocess(&["-U_WIN32"]);
+            assert!(here.contains("bool OpenECMUSB(void);"), "{here}");
+            assert!(!here.contains("__stdcall"), "{here}");
+            let windows = preprocess(&["-D_WIN32"]);
+            for prototype in [
+                "bool __stdcall OpenECMUSB(void);",
+                "void __stdcall CloseECMUSB(void);",
+                "bool __stdcall ECMUSBWrite(unsigned char *data, unsigned long dwlength);",
+                "bool __stdcall ECMUSBRead(unsigned char *data, unsigned long dwlength);",
+            ] {
+                assert!(windows.contains(prototype), "{prototype}\n{windows}");
+            }
+            assert!(windows.contains("extern \"C\""), "{windows}");
+            assert!(!windows.contains("dllimport"), "{windows}");
+        }
+    }
+
+    /// LIB-19 `ecmsk.h` compiles without a warning in every standard, beside a vendor header too, and its structures begin with their size.
+    #[test]
+    fn the_header_of_our_own_functions_compiles_everywhere() {
+        let text = "#include \"NEXTWUSBLib_12B.h\"\n#include \"ecmsk.h\"\n#include <stdio.h>\n\
+        int main(void)\n{\n    ecmsk_stats stats;\n    ecmsk_counters counters;\n\
+        \x20   printf(\"%d %d\\n\", (char *)&stats.size == (char *)&stats, (char *)&counters.size == (char *)&counters);\n\
+        \x20   return ecmsk_version() == NULL || sizeof stats.size != 4 || sizeof counters.size != 4;\n}\n";
+        for language in LANGUAGES {
+            let program = support::compile(&source(&name_of("ecmsk.h", language), language, text), language);
+            assert_eq!(program.run("sim:", [""; 0]).success(), "1 1\n");
+        }
+    }
+}

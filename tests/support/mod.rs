@@ -1,0 +1,278 @@
+//! C and C++ programs on the library of this build: it is built once, programs are compiled against `include/`, linked
+//! with the library and run with the link that the test names.
+#![allow(dead_code, reason = "every test uses its part")]
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+use std::{env, fs, io};
+
+/// No program of the tests takes longer than a fraction of this, valgrind included: one that does hangs.
+const HANG: Duration = Duration::from_secs(300);
+
+/// The root of the repository.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// `include/`.
+pub fn include_dir() -> PathBuf {
+    root().join("include")
+}
+
+/// A folder of this test program's own for what it makes.
+pub fn out_dir() -> PathBuf {
+    let program = env::current_exe().expect("the test knows its file");
+    let name = program.file_stem().expect("it has a name").to_string_lossy().into_owned();
+    // Without the hash that cargo appends.
+    let name = name.rsplit_once('-').map_or(name.as_str(), |(name, _)| name);
+    let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    fs::create_dir_all(&dir).expect("a folder in the target folder");
+    dir
+}
+
+/// The library as it was just built.
+pub struct Library {
+    /// `libNEXTWUSBLib.so`, as cargo names it.
+    pub shared: PathBuf,
+    /// `libNEXTWUSBLib.a`.
+    pub archive: PathBuf,
+    /// A folder with the library by the names that linker and loader look for.
+    pub dir: PathBuf,
+}
+
+/// Builds the library, once per test program, with the test's profile into the test's target folder.
+pub fn library() -> &'static Library {
+    static LIBRARY: OnceLock<Library> = OnceLock::new();
+    LIBRARY.get_or_init(|| {
+        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("it lies in the target folder");
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args(["build", "--quiet", "--package", "NEXTWUSBLib", "--target-dir"]).arg(target).current_dir(root());
+        let profile = if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            cargo.arg("--release");
+            "release"
+        };
+        let built = cargo.output().expect("cargo runs");
+        assert!(built.status.success(), "the library does not build:\n{}", String::from_utf8_lossy(&built.stderr));
+
+        let shared = target.join(profile).join("libNEXTWUSBLib.so");
+        let archive = target.join(profile).join("libNEXTWUSBLib.a");
+        let dir = out_dir().join("lib");
+        fs::create_dir_all(&dir).expect("a folder in the target folder");
+        link(&shared, &dir.join("libNEXTWUSBLib.so.0"));
+        link(Path::new("libNEXTWUSBLib.so.0"), &dir.join("libNEXTWUSBLib.so"));
+        Library { shared, archive, dir }
+    })
+}
+
+#[cfg(unix)]
+fn link(to: &Path, at: &Path) {
+    match fs::remove_file(at) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => panic!("{}: {error}", at.display()),
+        _ => std::os::unix::fs::symlink(to, at).expect("a symbolic link"),
+    }
+}
+
+/// A language as a compiler's option names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Language {
+    /// C of that standard.
+    C(&'static str),
+    /// C++ of that standard.
+    Cpp(&'static str),
+}
+
+impl Language {
+    /// `gcc` or `g++` with every warning an error.
+    pub fn compiler(self) -> Command {
+        let (program, variable, standard) = match self {
+            Self::C(standard) => ("gcc", "CC", standard),
+            Self::Cpp(standard) => ("g++", "CXX", standard),
+        };
+        let mut command = Command::new(env::var_os(variable).unwrap_or_else(|| program.into()));
+        command.arg(format!("-std={standard}")).args(["-Wall", "-Wextra", "-pedantic", "-Werror", "-g", "-O1"]);
+        command.arg("-I").arg(include_dir());
+        command
+    }
+}
+
+/// Compiles a program against the shared library, once per test program.
+///
+/// # Panics
+/// If it does not compile without a warning.
+pub fn compile(source: &Path, language: Language) -> Program {
+    static DONE: Mutex<BTreeMap<PathBuf, Arc<OnceLock<()>>>> = Mutex::new(BTreeMap::new());
+    let stem = source.file_stem().expect("a file").to_string_lossy();
+    let (Language::C(standard) | Language::Cpp(standard)) = language;
+    let exe = out_dir().join(format!("{stem}-{}", standard.replace('+', "p")));
+    let once = Arc::clone(DONE.lock().unwrap_or_else(PoisonError::into_inner).entry(exe.clone()).or_default());
+    once.get_or_init(|| {
+        let mut compiler = language.compiler();
+        compiler.arg(source).arg("-o").arg(&exe).arg("-L").arg(&library().dir).args(["-lNEXTWUSBLib", "-pthread"]);
+        succeed(&mut compiler);
+    });
+    Program { exe }
+}
+
+/// Runs a command to its end and gives its standard output.
+///
+/// # Panics
+/// If it cannot be started or ends with an error, with what it said.
+pub fn succeed(command: &mut Command) -> String {
+    let output = match command.output() {
+        Ok(output) => output,
+        Err(error) => panic!("{command:?}: {error}; install the packages that CONTRIBUTING.md names"),
+    };
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{command:?}: {}\n{said}", output.status);
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// A compiled program.
+pub struct Program {
+    /// Its file.
+    pub exe: PathBuf,
+}
+
+/// How a program ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// Its exit status.
+    pub status: ExitStatus,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+impl Ended {
+    /// The standard output of a program that ended well.
+    ///
+    /// # Panics
+    /// If it did not, with all that it said.
+    pub fn success(self) -> String {
+        assert!(self.status.success(), "{}\n--- stdout\n{}\n--- stderr\n{}", self.status, self.stdout, self.stderr);
+        self.stdout
+    }
+}
+
+impl Program {
+    /// The program with the link in `ECMSK_LINK`, the library of this build, and nothing of the user's configuration.
+    pub fn command(&self, link: &str) -> Command {
+        on_library(Command::new(&self.exe), link)
+    }
+
+    /// The same under another program, such as valgrind.
+    pub fn under(&self, tool: &str, args: &[&str], link: &str) -> Command {
+        let mut command = Command::new(tool);
+        command.args(args).arg(&self.exe);
+        on_library(command, link)
+    }
+
+    /// Runs it to its end.
+    pub fn run<A: AsRef<OsStr>>(&self, link: &str, args: impl IntoIterator<Item = A>) -> Ended {
+        run(self.command(link).args(args))
+    }
+}
+
+fn on_library(mut command: Command, link: &str) -> Command {
+    let nowhere = out_dir().join("no-configuration");
+    command
+        .env("LD_LIBRARY_PATH", &library().dir)
+        .env("ECMSK_LINK", link)
+        .env("XDG_CONFIG_HOME", &nowhere)
+        .env("HOME", &nowhere)
+        .env_remove("ECMSK_LOG")
+        .current_dir(out_dir());
+    command
+}
+
+/// Runs a program under valgrind's memcheck. It must end well, use no memory that is not its own or not set, and lose
+/// none.
+///
+/// # Panics
+/// If memcheck finds something, or is not there.
+pub fn memcheck(program: &Program, link: &str, arguments: &[&str]) -> String {
+    let tool = [
+        "--quiet",
+        "--error-exitcode=99",
+        "--leak-check=full",
+        // The stack of a thread that runs when the program ends is "possibly lost".
+        "--show-leak-kinds=definite",
+        "--errors-for-leak-kinds=definite",
+    ];
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        panic!(
+            "valgrind is not there; `apt-get install valgrind libc6-dbg`, or skip the tests in modules needs_valgrind"
+        );
+    }
+    let ended = run(program.under("valgrind", &tool, link).args(arguments));
+    assert_eq!(ended.stderr, "", "{} on {link}", program.exe.display());
+    ended.success()
+}
+
+/// Runs a command to its end.
+///
+/// # Panics
+/// If it cannot be started or does not end.
+pub fn run(command: &mut Command) -> Ended {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = match command.spawn() {
+        Ok(child) => child,
+        Err(error) => panic!("{command:?}: {error}"),
+    };
+    let stdout = drain(child.stdout.take().expect("piped"));
+    let stderr = drain(child.stderr.take().expect("piped"));
+    let status = wait(&mut child);
+    let [stdout, stderr] = [stdout, stderr].map(|thread| thread.join().expect("no panic"));
+    match status {
+        Some(status) => Ended { status, stdout, stderr },
+        None => panic!("{command:?} hangs\n--- stdout\n{stdout}\n--- stderr\n{stderr}"),
+    }
+}
+
+fn drain(mut from: impl Read + Send + 'static) -> thread::JoinHandle<String> {
+    thread::spawn(move || {
+        let mut bytes = Vec::new();
+        from.read_to_end(&mut bytes).expect("a pipe can be read");
+        String::from_utf8_lossy(&bytes).into_owned()
+    })
+}
+
+fn wait(child: &mut Child) -> Option<ExitStatus> {
+    let start = Instant::now();
+    while start.elapsed() < HANG {
+        if let Some(status) = child.try_wait().expect("a child can be waited for") {
+            return Some(status);
+        }
+        thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().expect("a child can be ended");
+    child.wait().expect("a child can be waited for");
+    None
+}
+
+/// Checks a program's output against `tests/snapshots/NAME.txt`. With `ECMSK_BLESS` set the file is written instead.
+///
+/// # Panics
+/// If they differ.
+pub fn snapshot(name: &str, actual: &str) {
+    let path = root().join("tests/snapshots").join(format!("{name}.txt"));
+    if env::var_os("ECMSK_BLESS").is_some() {
+        fs::create_dir_all(path.parent().expect("a folder")).expect("tests/snapshots");
+        fs::write(&path, actual).expect("the snapshot can be written");
+    }
+    let kept = fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        kept == actual,
+        "{} differs; look at it, and if it is right run the test with ECMSK_BLESS=1\n--- kept\n{kept}\n--- now\n{actual}",
+        path.display()
+    );
+}

@@ -259,7 +259,8 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     match &options.record {
         None => Ok(link),
         Some(path) => {
-            let meta = record::RecordMeta::of(&link.info());
+            let info = link.info();
+            let meta = record::RecordMeta::now(&info, info.opened_at);
             Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
         }
     }

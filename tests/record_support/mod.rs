@@ -49,6 +49,7 @@ impl Link for Echo {
             name: URI.to_owned(),
             slot: Some(SlotSize::Bytes12),
             virtual_time: self.virtual_time,
+            opened_at: Stamp(0),
             read_wait: Wait::Forever,
             write_wait: Wait::Now,
         }
@@ -95,6 +96,10 @@ impl Link for Echo {
     fn close(&self) {
         self.state.lock().unwrap().closed = true;
         self.changed.notify_all();
+    }
+
+    fn check(&self) -> Result<(), LinkError> {
+        if self.state.lock().unwrap().closed { Err(LinkError::Closed) } else { Ok(()) }
     }
 
     fn stats(&self) -> LinkStats {

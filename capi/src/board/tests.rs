@@ -65,6 +65,7 @@ impl Link for FakeLink {
             name: "fake:".to_owned(),
             slot: None,
             virtual_time: false,
+            opened_at: Stamp(0),
             read_wait: self.read_wait,
             write_wait: self.write_wait,
         }

@@ -140,6 +140,10 @@ impl Link for RecordLink {
         self.finish();
     }
 
+    fn check(&self) -> Result<(), LinkError> {
+        self.inner.check()
+    }
+
     fn stats(&self) -> LinkStats {
         let mut stats = self.inner.stats();
         stats.record_dropped += self.dropped.load(Ordering::Relaxed);

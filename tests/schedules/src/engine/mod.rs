@@ -164,6 +164,7 @@ fn cancel_and_loss_end_the_waits() {
                 assert!(matches!(ended, Err(Stop::Cancelled | Stop::Rebooted)), "{ended:?}");
             }
             assert_eq!(handover.send(&numbered(0, 2), 0, None), Err(Stop::Rebooted));
+            assert_eq!(handover.check(), Err(Stop::Rebooted));
         },
         SCHEDULES,
     );

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use arc_swap::{ArcSwapOption, Guard};
 use ecmsk::link::{Link, Wait};
 use ecmsk::sk::Frame;
 
@@ -33,13 +34,13 @@ pub struct VendorBoard {
     /// Held by a thread that opens or closes, so that two do not open the board twice, and none finds it in use by a
     /// link that is just being closed.
     changing: Mutex<()>,
-    current: Mutex<Option<Arc<OpenBoard>>>,
+    current: ArcSwapOption<OpenBoard>,
 }
 
 impl VendorBoard {
     /// Not open.
     pub const fn new() -> Self {
-        Self { changing: Mutex::new(()), current: Mutex::new(None) }
+        Self { changing: Mutex::new(()), current: ArcSwapOption::const_empty() }
     }
 
     /// Opens the board by `connect`. Does nothing if it is open and there; a board that was lost is given back and
@@ -57,7 +58,7 @@ impl VendorBoard {
             self.give_back();
         }
         let board = OpenBoard::new(connect()?);
-        *lock(&self.current) = Some(board);
+        self.current.store(Some(board));
         Ok(())
     }
 
@@ -69,8 +70,7 @@ impl VendorBoard {
 
     /// [`Self::close`], without waiting for a thread that is just opening: for the end of the process.
     pub fn give_back(&self) {
-        let board = lock(&self.current).take();
-        if let Some(board) = board {
+        if let Some(board) = self.current.swap(None) {
             board.link.close();
         }
     }
@@ -80,7 +80,13 @@ impl VendorBoard {
     /// # Errors
     /// [`CallError::NotOpen`].
     pub fn get(&self) -> Result<Arc<OpenBoard>, CallError> {
-        lock(&self.current).clone().ok_or(CallError::NotOpen)
+        self.current.load_full().ok_or(CallError::NotOpen)
+    }
+
+    /// Works with the open board, for as long as the call lasts: without the cost of a reference of its own.
+    fn with<T>(&self, work: impl FnOnce(&OpenBoard) -> Result<T, CallError>) -> Result<T, CallError> {
+        let board: Guard<Option<Arc<OpenBoard>>> = self.current.load();
+        work(board.as_deref().ok_or(CallError::NotOpen)?)
     }
 
     /// Hands a command frame to the board.
@@ -88,20 +94,15 @@ impl VendorBoard {
     /// # Errors
     /// [`CallError::NotOpen`], [`CallError::Link`].
     pub fn write(&self, frame: &Frame) -> Result<(), CallError> {
-        let board = self.get()?;
-        board.link.write(frame, board.write_wait)?;
-        Ok(())
+        self.with(|board| Ok(board.link.write(frame, board.write_wait).map(|_| ())?))
     }
 
     /// Waits for a report.
     ///
     /// # Errors
-    /// [`CallError::NotOpen`], [`CallError::Link`].
-    pub fn read(&self) -> Result<Frame, CallError> {
-        let board = self.get()?;
-        let mut report = Frame::new();
-        board.link.read(&mut report, board.read_wait)?;
-        Ok(report)
+    /// [`CallError::NotOpen`], [`CallError::Link`]; `report` is as it was then.
+    pub fn read(&self, report: &mut Frame) -> Result<(), CallError> {
+        self.with(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
     }
 }
 

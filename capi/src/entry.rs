@@ -31,7 +31,7 @@ pub fn enter<T: Debug>(call: Arguments<'_>, body: impl FnOnce() -> Result<T, Cal
             error::remember(error);
             match error {
                 CallError::Panic(_) => log::error!("{call} -> {error}"),
-                _ => log::debug!("{call} -> {error}"),
+                _ => log::warn!("{call} -> {error}"),
             }
         }
     }

@@ -4,6 +4,8 @@
 
 use std::ffi::{c_uchar, c_ulong};
 
+use ecmsk::sk::Frame;
+
 use crate::board::VendorBoard;
 use crate::buffer::{ReportBuffer, frame_from};
 use crate::entry::entry;
@@ -71,7 +73,9 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
     truth(&entry!(ECMUSBRead(dwlength), {
         // SAFETY: as this function's own.
         let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
-        buffer.fill(&BOARD.read()?);
+        let mut report = Frame::new();
+        BOARD.read(&mut report)?;
+        buffer.fill(&report);
         Ok(())
     }))
 }

@@ -124,11 +124,11 @@ fn no_second() -> Result<Arc<dyn Link>, CallError> {
 fn calls_without_an_open_board_fail() {
     let link = FakeLink::new();
     let board = VendorBoard::new();
-    assert_eq!(board.read(), Err(CallError::NotOpen));
+    assert_eq!(read(&board), Err(CallError::NotOpen));
     assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
     board.open(|| Ok(link.clone())).expect("opens");
     board.close();
-    assert_eq!(board.read(), Err(CallError::NotOpen));
+    assert_eq!(read(&board), Err(CallError::NotOpen));
     assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
 }
 
@@ -149,7 +149,7 @@ fn a_failed_open_can_be_repeated() {
     let none = LinkError::NoBoard { name: "fake:".to_owned(), reason: "not plugged in".to_owned() };
     let failed = board.open(|| Err(none.clone().into()));
     assert_eq!(failed, Err(CallError::Link(none)));
-    assert_eq!(board.read(), Err(CallError::NotOpen));
+    assert_eq!(read(&board), Err(CallError::NotOpen));
     board.open(|| Ok(FakeLink::new())).expect("opens");
     assert_eq!(board.write(&Frame::new()), Ok(()));
 }
@@ -173,7 +173,7 @@ fn waits_are_those_of_the_link() {
         let link = FakeLink::with_limits(read_wait, write_wait);
         link.change(|state| state.reports = 1);
         let board = opened(&link);
-        board.read().expect("a report");
+        read(&board).expect("a report");
         board.write(&Frame::new()).expect("is taken");
         assert_eq!(link.state().read_waits[0], Some(read_wait));
         assert_eq!(link.state().write_waits[0], Some(write_wait));
@@ -186,7 +186,7 @@ fn close_ends_a_blocked_read_and_a_write_passes_by() {
     let link = FakeLink::new();
     let board = opened(&link);
     thread::scope(|scope| {
-        let reader = scope.spawn(|| board.read());
+        let reader = scope.spawn(|| read(&board));
         link.wait_until(|state| state.readers == 1);
         assert_eq!(board.write(&Frame::new()), Ok(()));
         board.open(no_second).expect("is open");
@@ -201,13 +201,13 @@ fn a_lost_board_is_dead_until_it_is_opened_again() {
     let link = FakeLink::new();
     let board = opened(&link);
     thread::scope(|scope| {
-        let reader = scope.spawn(|| board.read());
+        let reader = scope.spawn(|| read(&board));
         link.wait_until(|state| state.readers == 1);
         link.change(|state| state.lost = true);
         assert!(matches!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Lost { .. }))));
     });
     assert!(board.write(&Frame::new()).is_err());
-    assert!(board.read().is_err());
+    assert!(read(&board).is_err());
 
     let again = FakeLink::new();
     board.open(|| Ok(again.clone())).expect("opens");
@@ -262,7 +262,7 @@ fn calls_do_not_wait_for_an_open_under_way() {
             })
         });
         wait_started.recv().expect("the opener sends it");
-        assert_eq!(board.read(), Err(CallError::NotOpen));
+        assert_eq!(read(&board), Err(CallError::NotOpen));
         assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
         go_on.send(()).expect("the opener waits for it");
         opener.join().expect("no panic").expect("opens");

@@ -135,7 +135,7 @@ fn a_recording_is_read_back() {
         let recorded = recorded.unwrap();
         let number = number as u64;
         assert_eq!(recorded.frame, frame(number / 2));
-        assert_eq!(recorded.dir, if number % 2 == 0 { Dir::Write } else { Dir::Read });
+        assert_eq!(recorded.dir, if number.is_multiple_of(2) { Dir::Write } else { Dir::Read });
         assert_eq!(recorded.at_ns, 1_000_000_000 + 125_000 * (number + 1));
     }
     assert_eq!(recording.missing(), 0);

@@ -120,7 +120,7 @@ fn brief(recorded: &[Recorded]) -> Vec<(u64, Dir, u16, u8)> {
     recorded.iter().map(|r| (r.at_ns, r.dir, r.bus, r.device)).collect()
 }
 
-/// SK-9.1 what usbmon captures of a real board, in every container, byte order, header and unit of time
+/// What usbmon captures of a real board, in every container, byte order, header and unit of time
 #[test]
 fn captures_of_a_real_board_are_read() {
     let expected = [(1_600_000_000_123_456_000, Dir::Write, 3, 7), (1_600_000_000_123_457_000, Dir::Read, 3, 7)];

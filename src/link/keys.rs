@@ -96,7 +96,7 @@ pub enum Syntax {
     File,
     /// 1 to 64 letters, digits, `-`, `_` and `.`.
     Name,
-    /// A list of simulated slaves, see [`slaves`](super::slaves).
+    /// A list of simulated slaves, see [`slaves`].
     Slaves,
 }
 

@@ -1,8 +1,9 @@
-//! A link that echoes, and places to record to.
+//! A link that echoes, places to record to, and a second opinion on what pcapng looks like.
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::{self, Write};
+use std::path::Path;
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Condvar, Mutex};
 
@@ -158,4 +159,52 @@ pub fn recording_of(pairs: u64) -> Vec<u8> {
 /// All frames of a recording that has no errors.
 pub fn frames(bytes: &[u8]) -> Vec<Recorded> {
     Recording::new(bytes, "bytes").unwrap().collect::<Result<_, _>>().unwrap()
+}
+
+pub fn record_to(path: &Path, clock: Clock) -> RecordLink {
+    RecordLink::new(Arc::new(Echo::new(clock == Clock::Virtual)), path, &meta(clock, 0)).unwrap()
+}
+
+pub fn read_file(path: &Path) -> Vec<Recorded> {
+    frames(&std::fs::read(path).unwrap())
+}
+
+/// Splits a little-endian pcapng file into type and body of its blocks.
+pub fn blocks(mut bytes: &[u8]) -> Vec<(u32, Vec<u8>)> {
+    let mut blocks = Vec::new();
+    while !bytes.is_empty() {
+        let length = u32_at(bytes, 4) as usize;
+        assert_eq!(length % 4, 0);
+        assert_eq!(u32_at(bytes, length - 4) as usize, length, "the length stands at both ends");
+        blocks.push((u32_at(bytes, 0), bytes[8..length - 4].to_vec()));
+        bytes = &bytes[length..];
+    }
+    blocks
+}
+
+/// The options in the rest of a block's body.
+pub fn options(mut bytes: &[u8]) -> BTreeMap<u16, Vec<u8>> {
+    let mut options = BTreeMap::new();
+    while !bytes.is_empty() {
+        let (code, length) = (u16_at(bytes, 0), usize::from(u16_at(bytes, 2)));
+        if code == 0 {
+            assert_eq!(bytes.len(), 4, "opt_endofopt is the last");
+            return options;
+        }
+        options.insert(code, bytes[4..4 + length].to_vec());
+        bytes = &bytes[4 + length.next_multiple_of(4)..];
+    }
+    panic!("no opt_endofopt");
+}
+
+pub fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap())
+}
+
+pub fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+}
+
+pub fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
 }

@@ -1,7 +1,7 @@
 //! The file around the packets of a capture: pcapng or the older pcap, read block by block from any source.
 //!
 //! The parsers of `pcap-file` do the reading. What stands between them and an arbitrary file is here: where in the file
-//! a block begins, units of time other than nanoseconds, and blocks that must not reach them.
+//! a block begins, units of time other than nanoseconds, and blocks that need not reach them.
 
 use std::borrow::Cow;
 use std::io::{ErrorKind, Read};
@@ -196,7 +196,7 @@ fn pcap_item<'a>(parser: &PcapParser, block: &'a [u8], offset: u64) -> Result<It
 /// One block, which the parser has measured.
 fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> Result<Item<'a>, PcapError> {
     let order = parser.section().endianness;
-    // The parser panics on some malformed blocks of kinds that do not matter here: it gets only those that do.
+    // The parser refuses a file for what is wrong with blocks that do not matter here: it gets only those that do.
     match field(order, block, BLOCK_TYPE)? {
         SECTION_HEADER_BLOCK => return Ok(section(parser.section())),
         INTERFACE_DESCRIPTION_BLOCK => {

@@ -44,7 +44,7 @@ pub struct RecordLink {
     base_ns: u64,
     may_wait: bool,
     dropped: Arc<AtomicU64>,
-    /// Held by every call while it may still record; taken away by [`Link::close`].
+    /// Taken away by [`Link::close`]. A call takes a clone before it begins: the recording ends when the last is gone.
     entries: RwLock<Option<SyncSender<Entry>>>,
     writer: Mutex<Option<JoinHandle<()>>>,
 }
@@ -87,7 +87,11 @@ impl RecordLink {
         })
     }
 
-    fn record(&self, entries: Option<&SyncSender<Entry>>, dir: Dir, at: Stamp, frame: &Frame) {
+    fn entries(&self) -> Option<SyncSender<Entry>> {
+        self.entries.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn record(&self, entries: Option<SyncSender<Entry>>, dir: Dir, at: Stamp, frame: &Frame) {
         let entry = Entry { at_ns: self.base_ns.saturating_add(at.0), dir, frame: frame.clone() };
         let taken = match entries {
             Some(entries) if self.may_wait => entries.send(entry).is_ok(),
@@ -99,7 +103,7 @@ impl RecordLink {
         }
     }
 
-    /// Ends the recording once no call can add to it.
+    /// Ends the recording once no call can add to it any more.
     fn finish(&self) {
         drop(self.entries.write().unwrap_or_else(PoisonError::into_inner).take());
         // A second closer waits here until the first one's file is complete.
@@ -117,16 +121,16 @@ impl Link for RecordLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let entries = self.entries();
         let at = self.inner.write(frame, wait)?;
-        self.record(entries.as_ref(), Dir::Write, at, frame);
+        self.record(entries, Dir::Write, at, frame);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let entries = self.entries();
         let meta = self.inner.read(out, wait)?;
-        self.record(entries.as_ref(), Dir::Read, meta.at, out);
+        self.record(entries, Dir::Read, meta.at, out);
         Ok(meta)
     }
 
@@ -135,7 +139,7 @@ impl Link for RecordLink {
     }
 
     fn close(&self) {
-        // First, so that no call holds `entries` across a wait any more.
+        // First, so that the calls under way end: the recording waits for them.
         self.inner.close();
         self.finish();
     }

@@ -30,7 +30,7 @@ pub fn run(project: &Project) -> Result<(), Error> {
     compiler
         .arg("-L")
         .arg(staged.join("lib"))
-        .args(["-lNEXTWUSBLib", "-Wl,-rpath,$ORIGIN/stage/lib", "-o"])
+        .args(["-lNEXTWUSBLib", "-Wl,--enable-new-dtags,-rpath,$ORIGIN/stage/lib", "-o"])
         .arg(&program);
     show_and_run(&mut compiler)?;
 

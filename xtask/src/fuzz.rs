@@ -22,14 +22,16 @@ pub struct Arguments {
     target: Option<String>,
 }
 
-/// Coverage as libFuzzer reads it: a counter per edge, a table of their places, and the operands of comparisons.
+/// Coverage as libFuzzer reads it: a counter per edge, a table of their places, and the operands of comparisons. Branches
+/// are not folded into one, so that each condition met is progress that shows.
 /// One unit, so that all counters lie in one piece; debug assertions, so that an overflow is found.
-const RUSTFLAGS: [&str; 8] = [
+const RUSTFLAGS: [&str; 9] = [
     "-Cpasses=sancov-module",
     "-Cllvm-args=-sanitizer-coverage-level=4",
     "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
     "-Cllvm-args=-sanitizer-coverage-pc-table",
     "-Cllvm-args=-sanitizer-coverage-trace-compares",
+    "-Cllvm-args=-simplifycfg-branch-fold-threshold=0",
     "--cfg=fuzzing",
     "-Cdebug-assertions",
     "-Ccodegen-units=1",

@@ -1,0 +1,163 @@
+//! Object dictionaries: types, access, ranges and the CoE abort codes of ETG.1000.6.
+#![cfg(feature = "sim")]
+
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::fieldbus::AlState;
+use ecmsk::slave::SdoValue;
+use ecmsk::slave::dictionary::{self, Device, Object, PdoDirection, Slot, Values, check, slot};
+
+/// A device with one object of every kind.
+struct Bench {
+    values: Values,
+    state: AlState,
+    live: i16,
+    written: u32,
+    told: u32,
+}
+
+type Row = Object<Bench>;
+
+const OBJECTS: &[Row] = &[
+    Row::bool(0x2000, 0, "Switch").rw().default(1),
+    Row::i8(0x2001, 0, "Small").rw().range(-5, 5),
+    Row::u8(0x2002, 0, "Record").default(4),
+    Row::u16(0x2002, 1, "Run").rw().array(3).default(7).accept(|_, at, value| {
+        if i64::from(at.sub) == value { Err(AbortCode::PARAMETER_INCOMPATIBLE) } else { Ok(()) }
+    }),
+    Row::i32(0x2002, 4, "After the run").rw().changed(|bench| bench.told += 1),
+    Row::u32(0x2003, 0, "Large").rw().rx(),
+    Row::i16(0x2004, 0, "Live").tx().live(|bench| bench.live.into()),
+    Row::u32(0x2005, 0, "Live and written").wo().live(|bench| bench.written.into()).setter(|bench, value| {
+        bench.written = value as u32;
+        Ok(())
+    }),
+    Row::u16(0x2006, 0, "Early").rw_up_to(AlState::PreOp),
+    Row::text(0x2007, 0, "Long name", "TEST bench"),
+    Row::text(0x2008, 0, "Short name", "ab"),
+];
+const _: () = check(OBJECTS);
+
+const SWITCH: Slot<bool> = slot(OBJECTS, 0x2000, 0);
+const SMALL: Slot<i8> = slot(OBJECTS, 0x2001, 0);
+const RUN: [Slot<u16>; 3] = [slot(OBJECTS, 0x2002, 1), slot(OBJECTS, 0x2002, 2), slot(OBJECTS, 0x2002, 3)];
+const AFTER: Slot<i32> = slot(OBJECTS, 0x2002, 4);
+
+impl Device for Bench {
+    fn objects() -> &'static [Row] {
+        OBJECTS
+    }
+
+    fn values(&self) -> &Values {
+        &self.values
+    }
+
+    fn values_mut(&mut self) -> &mut Values {
+        &mut self.values
+    }
+
+    fn al_state(&self) -> AlState {
+        self.state
+    }
+}
+
+fn bench() -> Bench {
+    Bench { values: Values::new(OBJECTS), state: AlState::PreOp, live: -2, written: 0, told: 0 }
+}
+
+fn read(bench: &Bench, index: u16, sub: u8) -> Result<SdoValue, AbortCode> {
+    dictionary::upload(bench, ObjectAddress::new(index, sub))
+}
+
+fn write(bench: &mut Bench, index: u16, sub: u8, size: SdoSize, value: u32) -> Result<(), AbortCode> {
+    dictionary::download(bench, ObjectAddress::new(index, sub), size, value)
+}
+
+const fn value(size: u8, bits: u32) -> Result<SdoValue, AbortCode> {
+    Ok(SdoValue { size, bits })
+}
+
+/// SK-6.12 Every way in which a transfer fails has its abort code, number for number.
+#[test]
+fn abort_codes() {
+    let upload = |index, sub| read(&bench(), index, sub).map(|_| ()).map_err(|code| code.0);
+    assert_eq!(upload(0x1FFF, 0), Err(0x0602_0000), "no object, before the first");
+    assert_eq!(upload(0x3000, 0), Err(0x0602_0000), "no object, after the last");
+    assert_eq!(upload(0x2000, 1), Err(0x0609_0011), "no sub-index");
+    assert_eq!(upload(0x2002, 5), Err(0x0609_0011), "no sub-index after a run");
+    assert_eq!(upload(0x2005, 0), Err(0x0601_0001), "write-only");
+
+    let download = |index, sub, size, bits| write(&mut bench(), index, sub, size, bits).map_err(|code| code.0);
+    assert_eq!(download(0x1FFF, 0, SdoSize::One, 0), Err(0x0602_0000), "no object");
+    assert_eq!(download(0x2001, 9, SdoSize::One, 0), Err(0x0609_0011), "no sub-index");
+    assert_eq!(download(0x2002, 0, SdoSize::One, 1), Err(0x0601_0002), "read-only");
+    assert_eq!(download(0x2004, 0, SdoSize::Two, 1), Err(0x0601_0002), "read-only, live");
+    assert_eq!(download(0x2007, 0, SdoSize::Four, 1), Err(0x0601_0002), "read-only, text");
+    assert_eq!(download(0x2001, 0, SdoSize::Two, 0), Err(0x0607_0012), "length too high");
+    assert_eq!(download(0x2002, 1, SdoSize::Four, 0), Err(0x0607_0012), "length too high");
+    assert_eq!(download(0x2002, 1, SdoSize::One, 0), Err(0x0607_0013), "length too low");
+    assert_eq!(download(0x2003, 0, SdoSize::Two, 0), Err(0x0607_0013), "length too low");
+    assert_eq!(download(0x2001, 0, SdoSize::One, 6), Err(0x0609_0031), "value too high");
+    assert_eq!(download(0x2001, 0, SdoSize::One, 0xFA), Err(0x0609_0032), "value too low: -6");
+    assert_eq!(download(0x2000, 0, SdoSize::One, 2), Err(0x0609_0031), "a BOOLEAN is 0 or 1");
+    assert_eq!(download(0x2002, 2, SdoSize::Two, 2), Err(0x0604_0043), "the row's own check");
+
+    let mut late = Bench { state: AlState::SafeOp, ..bench() };
+    assert_eq!(write(&mut late, 0x2006, 0, SdoSize::Two, 1).map_err(|code| code.0), Err(0x0800_0022), "AL state");
+    assert_eq!(read(&late, 0x2006, 0), value(2, 0), "and is as before");
+    late.state = AlState::PreOp;
+    assert_eq!(write(&mut late, 0x2006, 0, SdoSize::Two, 1), Ok(()));
+}
+
+/// SK-6.11 What is read has the object's size and is zero-extended; text is cut to 4 bytes.
+#[test]
+fn uploads() {
+    let mut bench = bench();
+    assert_eq!(read(&bench, 0x2000, 0), value(1, 1));
+    assert_eq!(read(&bench, 0x2002, 0), value(1, 4));
+    assert_eq!(read(&bench, 0x2002, 3), value(2, 7));
+    assert_eq!(read(&bench, 0x2004, 0), value(2, 0xFFFE), "-2, not extended by its sign");
+    assert_eq!(read(&bench, 0x2007, 0), value(4, u32::from_le_bytes(*b"TEST")));
+    assert_eq!(read(&bench, 0x2008, 0), value(2, u32::from_le_bytes(*b"ab\0\0")));
+    write(&mut bench, 0x2001, 0, SdoSize::One, 0xFFFF_FFFB).unwrap();
+    assert_eq!(read(&bench, 0x2001, 0), value(1, 0xFB), "only the byte that the size names");
+}
+
+/// A download reaches the device: stored values by their slots, live ones by their setters.
+#[test]
+fn downloads() {
+    let mut bench = bench();
+    assert!(bench.values.get(SWITCH));
+    write(&mut bench, 0x2000, 0, SdoSize::One, 0).unwrap();
+    write(&mut bench, 0x2001, 0, SdoSize::One, 0xFB).unwrap();
+    write(&mut bench, 0x2002, 2, SdoSize::Two, 0xBEEF).unwrap();
+    write(&mut bench, 0x2002, 4, SdoSize::Four, -70_000_i32 as u32).unwrap();
+    write(&mut bench, 0x2005, 0, SdoSize::Four, 0xDEAD_BEEF).unwrap();
+    assert!(!bench.values.get(SWITCH));
+    assert_eq!(bench.values.get(SMALL), -5);
+    assert_eq!(RUN.map(|slot| bench.values.get(slot)), [7, 0xBEEF, 7]);
+    assert_eq!((bench.values.get(AFTER), bench.told), (-70_000, 1));
+    assert_eq!(bench.written, 0xDEAD_BEEF);
+}
+
+/// A row says whether it may be mapped, and where.
+#[test]
+fn pdo_mappability() {
+    let directions: Vec<_> = OBJECTS.iter().filter_map(|row| Some((row.address().index, row.pdo()?))).collect();
+    assert_eq!(directions, [(0x2003, PdoDirection::Rx), (0x2004, PdoDirection::Tx)]);
+}
+
+/// A table out of order stops the compiler; the check itself is shown here at run time.
+#[test]
+fn tables_are_checked() {
+    let rejected = |rows: &'static [Row]| std::panic::catch_unwind(|| check(rows)).is_err();
+    const TWICE: &[Row] = &[Row::u8(0x2000, 0, "a"), Row::u8(0x2000, 0, "b")];
+    const OVERLAP: &[Row] = &[Row::u8(0x2000, 0, "a").array(3), Row::u8(0x2000, 2, "b")];
+    const UNSORTED: &[Row] = &[Row::u8(0x2001, 0, "a"), Row::u8(0x2000, 0, "b")];
+    const WIDE: &[Row] = &[Row::u8(0x2000, 0, "a").rw().range(0, 256)];
+    const OUTSIDE: &[Row] = &[Row::u8(0x2000, 0, "a").rw().range(1, 2)];
+    const NOWHERE: &[Row] = &[Row::u8(0x2000, 0, "a").rw().live(|bench| bench.told.into())];
+    for rows in [TWICE, OVERLAP, UNSORTED, WIDE, OUTSIDE, NOWHERE] {
+        assert!(rejected(rows), "{}", rows[0].name());
+    }
+    assert!(!rejected(OBJECTS));
+}

@@ -119,6 +119,11 @@ fn no_second() -> Result<Arc<dyn Link>, CallError> {
     panic!("the board must not be opened a second time")
 }
 
+fn read(board: &VendorBoard) -> Result<Frame, CallError> {
+    let mut report = Frame::new();
+    board.read(&mut report).map(|()| report)
+}
+
 /// LIB-41 Nothing is open before Open and after Close.
 #[test]
 fn calls_without_an_open_board_fail() {

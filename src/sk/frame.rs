@@ -26,9 +26,15 @@ impl Frame {
 
     /// The first 512 of `bytes`; where there are fewer the rest is 0.
     pub fn from_prefix(bytes: &[u8]) -> Self {
+        // The two lengths there are, known to the compiler, cost nothing but the copy.
+        if let Some(whole) = bytes.first_chunk::<FRAME_LEN>() {
+            return Self::from_bytes(*whole);
+        }
         let mut frame = Self::new();
-        let n = bytes.len().min(FRAME_LEN);
-        frame.bytes[..n].copy_from_slice(&bytes[..n]);
+        match bytes.first_chunk::<{ SlotSize::Bytes12.frame_len() }>() {
+            Some(narrow) if bytes.len() == narrow.len() => frame.bytes[..narrow.len()].copy_from_slice(narrow),
+            _ => frame.bytes[..bytes.len()].copy_from_slice(bytes),
+        }
         frame
     }
 

@@ -79,6 +79,8 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
+            // "None": the board is as after power-up.
+            Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.v.master_id = id;
                 if id != CommandId::GetStatus {
@@ -94,7 +96,7 @@ impl Engine {
         match *command {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}
             MasterCommand::SetState(target) => {
-                if !self.v.network.request(target, at + self.config.state_timeout_ns) {
+                if !self.v.network.request(target, at.saturating_add(self.config.state_timeout_ns)) {
                     return Err(Reason::WrongState);
                 }
             }

@@ -120,6 +120,7 @@ impl Engine {
             };
             config.slaves[n] = SlaveConfig { role, sync };
         }
+        self.v.cycle_in_op = config.cycle;
         for (role, slave) in self.v.roles.iter_mut().zip(&config.slaves) {
             *role = slave.role;
         }

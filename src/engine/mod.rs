@@ -104,7 +104,8 @@ struct Volatile {
     modes: [(Mode, DriveSync); MAX_SLAVES],
     cycle: CycleTime,
     network: Network,
-    /// Roles as they were configured on the way to SafeOP.
+    /// Cycle and roles as they were configured on the way to SafeOP.
+    cycle_in_op: CycleTime,
     roles: [Role; MAX_SLAVES],
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
@@ -127,6 +128,7 @@ impl Volatile {
             modes: [(Mode::Csp, DriveSync::DcSync); MAX_SLAVES],
             cycle: CycleTime::DEFAULT,
             network: Network::default(),
+            cycle_in_op: CycleTime::DEFAULT,
             roles: [Role::Unused; MAX_SLAVES],
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
@@ -226,7 +228,7 @@ impl Engine {
 
     /// Time between two reports: the EtherCAT cycle in OP, the default cycle before (SK-9).
     pub const fn period_ns(&self) -> Ns {
-        if self.v.network.in_op() { self.v.cycle.ns() } else { CycleTime::DEFAULT.ns() }
+        if self.v.network.in_op() { self.v.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
     /// Free entries of the command FIFO, wherever the entries lie.

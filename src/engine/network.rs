@@ -91,6 +91,8 @@ impl Network {
         let change = self.change?;
         Some(match (state, change.target) {
             (from, to) if to <= from => Step::Move(to),
+            // Some slaves may have gone further than others: all begin where all have been [OURS].
+            (from, _) if self.failed => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
             (MasterState::PreOp, _) if !change.configured => Step::Configure,
             (MasterState::PreOp, _) => Step::Move(MasterState::SafeOp),
@@ -132,14 +134,12 @@ impl Network {
             Step::Move(to) => to,
         };
         self.reached = Some(state);
+        self.failed = false;
         self.talks |= step == Step::Boot;
         match &mut self.change {
             Some(change) if change.target == state => self.change = None,
             Some(change) => change.configured = false,
             None => {}
-        }
-        if self.change.is_none() {
-            self.failed = false;
         }
         Some(state)
     }

@@ -1,15 +1,17 @@
 //! A host beside a board: sends typed commands, reads typed answers, lets time pass. No link, no runner.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::engine::{Board, Counters, EngineConfig, Event, Reason, Rejection};
 use ecmsk::fieldbus::{Fieldbus, Ns};
 use ecmsk::sk::{
-    DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot, SdoCommand,
-    SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
+    CommandId, DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot,
+    SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 
 /// What a write takes: one USB microframe.
 pub const MICROFRAME: Ns = 125_000;
+/// No boot in these tests takes longer.
+pub const BOOT_LIMIT: Ns = 60_000_000_000;
 /// No change in these tests takes longer than this many reports.
 const PATIENCE: usize = 30_000;
 
@@ -26,7 +28,7 @@ impl Host {
     /// A board that has booted.
     pub fn new(config: EngineConfig, bus: impl Fieldbus + 'static) -> Self {
         let mut board = Board::new(config, Box::new(bus));
-        assert!(board.boot(60_000_000_000), "the board does not talk");
+        assert!(board.boot(BOOT_LIMIT), "the board does not talk");
         Self { board, size: config.slot, report: Frame::new(), reports: 0 }
     }
 
@@ -41,10 +43,11 @@ impl Host {
         self
     }
 
-    /// Sends a frame that was put together by `build`.
+    /// Sends a frame that was put together by `build`, with its CRC.
     pub fn build(&mut self, build: impl FnOnce(&mut Frame, SlotSize)) -> &mut Self {
         let mut frame = Frame::new();
         build(&mut frame, self.size);
+        frame.fill_crc(self.size);
         self.send(&frame)
     }
 
@@ -70,7 +73,15 @@ impl Host {
 
     /// Sends a frame that asks for nothing.
     pub fn idle(&mut self) -> &mut Self {
-        self.send(&Frame::new())
+        self.build(|_, _| {})
+    }
+
+    /// Sends SW_RESET and waits until the board talks again; what it reported before is forgotten.
+    pub fn soft_reset(&mut self) -> &mut Self {
+        self.master(MasterCommand::SoftReset);
+        assert!(self.board.boot(BOOT_LIMIT), "the board does not talk after SW_RESET");
+        self.report = Frame::new();
+        self
     }
 
     /// Lets one cycle pass; says whether it brought a report.
@@ -120,6 +131,29 @@ impl Host {
 
     pub fn state(&self) -> StateByte {
         self.answer().state
+    }
+
+    /// A slot of the newest report as it is.
+    pub fn slot(&self, slot: usize) -> RawSlot {
+        self.report.slot(self.size, slot)
+    }
+
+    pub fn counters(&self) -> &Counters {
+        self.board.engine().counters()
+    }
+
+    /// Events so far: a mark for [`Host::rejections`].
+    pub fn mark(&self) -> u64 {
+        self.board.engine().events_total()
+    }
+
+    /// What was rejected since a mark: slot, id and reason.
+    pub fn rejections(&self, mark: u64) -> Vec<(u8, CommandId, Reason)> {
+        let events = self.board.engine().events_since(mark).filter_map(|event| match event {
+            Event::Rejected(Rejection { slot, id, reason, .. }) => Some((slot, id, reason)),
+            _ => None,
+        });
+        events.collect()
     }
 
     /// Declares slaves 1..=n drives, the others none.

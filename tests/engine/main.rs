@@ -1,7 +1,15 @@
 //! The EC01M model against the specification, over simulated slaves.
 
 mod ahead_bus;
+mod answers;
+mod commands;
+mod crc;
+mod failures;
 mod host;
+mod leaving;
+mod probe;
+mod slave_answers;
+mod states;
 
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::SimBus;

@@ -1,0 +1,246 @@
+//! Every command id in every state and every kind of slot, against the table of the guide.
+
+use std::ops::RangeInclusive;
+
+use ecmsk::engine::{EngineConfig, Reason};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::sk::{CommandId, MasterState, RawSlot, SdoResponse, SlaveKind, SlotSize};
+use ecmsk::slave::Slave;
+
+use crate::host::Host;
+use crate::probe::{AnySlave, drives};
+
+/// A kind of slot, and which slot of the tests' board is one. Its slaves are a drive, an IO slave, a pulse module, a
+/// stepper, and a slave declared as none; beyond them there are none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    Master,
+    Drive,
+    Io,
+    Hsp,
+    Step,
+    DeclaredNone,
+    Empty,
+    Sdo,
+}
+use Place::*;
+
+const PLACES: [Place; 8] = [Master, Drive, Io, Hsp, Step, DeclaredNone, Empty, Sdo];
+const KINDS: [SlaveKind; 6] =
+    [SlaveKind::Drive, SlaveKind::Io, SlaveKind::Hsp, SlaveKind::Step, SlaveKind::None, SlaveKind::Drive];
+
+impl Place {
+    fn slot(self, size: SlotSize) -> usize {
+        match self {
+            Master => 0,
+            Drive => 1,
+            Io => 2,
+            Hsp => 3,
+            Step => 4,
+            DeclaredNone => 5,
+            Empty => 6,
+            Sdo => size.sdo_slot(),
+        }
+    }
+
+    fn is_slave(self) -> bool {
+        !matches!(self, Master | Sdo)
+    }
+}
+
+const ALL: &[Place] = &PLACES;
+const E: &[Place] = &[Master];
+const S: &[Place] = &[Sdo];
+const I: &[Place] = &[Io];
+const D: &[Place] = &[Drive, Hsp, Step];
+const SLAVES: &[Place] = &[Drive, Io, Hsp, Step, DeclaredNone, Empty];
+
+/// UG17 1.8, table 1.3: id, name, slots, states (Init, PreOP, SafeOP, OP). DRIVE_MODE goes into any slave's slot, CSV
+/// not to a stepper, CST only to a drive.
+const TABLE: [(u8, &str, &[Place], &str); 22] = [
+    (0x00, "GET_STATUS", ALL, "ipso"),
+    (0x01, "SET_STATE", E, "ipso"),
+    (0x02, "SET_AXIS", E, "ip  "),
+    (0x03, "SET_DC", E, "ip  "),
+    (0x04, "SET_EX", E, "ips "),
+    (0x05, "SET_FIFO", E, "   o"),
+    (0x06, "DRIVE_MODE", SLAVES, "ip  "),
+    (0x07, "SDO_RD", S, " pso"),
+    (0x08, "SDO_WR", S, " pso"),
+    (0x10, "ALM_CLR", D, "   o"),
+    (0x11, "SV_ON", D, "   o"),
+    (0x12, "SV_OFF", D, "   o"),
+    (0x13, "IO_RD", I, "   o"),
+    (0x14, "IO_WR", I, "   o"),
+    (0x15, "CSP", D, "   o"),
+    (0x16, "CSV", &[Drive, Hsp], "   o"),
+    (0x17, "CST", &[Drive], "   o"),
+    (0x18, "GO_HOME", D, "   o"),
+    (0x19, "ABORT_HOME", D, "   o"),
+    (0x21, "LIO_RD", E, "ipso"),
+    (0x22, "LIO_WR", E, "ipso"),
+    (0xBB, "SW_RESET", E, "ipso"),
+];
+
+const STATES: [(MasterState, char); 4] =
+    [(MasterState::Init, 'i'), (MasterState::PreOp, 'p'), (MasterState::SafeOp, 's'), (MasterState::Op, 'o')];
+
+/// Why a command is rejected: any of what holds. Empty: it is accepted.
+fn reasons(id: u8, place: Place, state: char) -> Vec<Reason> {
+    let Some((.., places, states)) = TABLE.iter().find(|row| row.0 == id) else { return vec![Reason::UnknownId] };
+    let mut reasons = Vec::new();
+    if !states.contains(state) {
+        reasons.push(Reason::WrongState);
+    }
+    if !places.contains(&place) {
+        let nobody = matches!(place, DeclaredNone | Empty) && SLAVES.iter().any(|slave| places.contains(slave));
+        reasons.push(if nobody { Reason::NoSlave } else { Reason::WrongSlot });
+    }
+    reasons
+}
+
+/// Commands of later rules, whose effect in OP is not tested here: alarms, IO slaves, CSV, CST, homing, pulse modules and
+/// steppers.
+fn comes_later(id: u8, place: Place, state: char) -> bool {
+    state == 'o' && (matches!(place, Io | Hsp | Step) || place == Drive && matches!(id, 0x10 | 0x16..=0x19)) && id != 0
+}
+
+/// The command with arguments that every guide allows and that change nothing.
+fn valid(id: u8, state: MasterState) -> RawSlot {
+    let slot = RawSlot { id, ..RawSlot::ZERO };
+    match id {
+        0x01 => RawSlot { data1: state.code().into(), ..slot },
+        // Slaves 33 to 40.
+        0x02 => RawSlot { parm: 4, data1: 0x1111_1111, ..slot },
+        0x03 => RawSlot { data1: 1000, data2: 0xFFFF, ..slot },
+        0x04 => RawSlot { data1: 0x10, ..slot },
+        0x05 => RawSlot { parm: 2, data1: 160, ..slot },
+        0x06 => RawSlot { data1: 8, data2: 1, ..slot },
+        0x07 => RawSlot { parm: 1, data1: 0x1000_0000, ..slot },
+        0x08 => RawSlot { parm: 0x0401, data1: 0x6065_0000, data2: 30_000, ..slot },
+        _ => slot,
+    }
+}
+
+fn board(slot: SlotSize) -> Host {
+    let mut slaves = drives(1);
+    slaves.extend((0..4).map(|_| Box::<AnySlave>::default() as Box<dyn Slave>));
+    let mut host = Host::new(EngineConfig { slot, ..EngineConfig::default() }, SimBus::new(slaves));
+    let nibbles = KINDS.iter().rev().fold(0, |word, kind| word << 4 | u32::from(kind.nibble()));
+    host.raw(0, RawSlot { id: 0x02, data1: nibbles, ..RawSlot::ZERO });
+    host
+}
+
+/// What came of one command.
+struct Outcome {
+    rejections: Vec<(u8, CommandId, Reason)>,
+    counted: u64,
+    booted: bool,
+}
+
+fn send(host: &mut Host, slot: usize, command: RawSlot) -> Outcome {
+    let (mark, counted, boots) = (host.mark(), host.counters().rejected_total(), host.board.engine().boots());
+    host.raw(slot, command).cycle();
+    let engine = host.board.engine();
+    Outcome {
+        rejections: host.rejections(mark),
+        counted: engine.counters().rejected_total() - counted,
+        booted: engine.boots() > boots,
+    }
+}
+
+/// Sends ids in every place, in one state, and compares.
+fn compare(host: &mut Host, (state, letter): (MasterState, char), ids: RangeInclusive<u8>) {
+    let size = host.size;
+    for id in ids.filter(|id| *id != 0xBB) {
+        for place in PLACES {
+            let slot = place.slot(size);
+            let what = format!("{size:?} {state}: 0x{id:02X} in {place:?}");
+            let expected = reasons(id, place, letter);
+            if expected.is_empty() && comes_later(id, place, letter) {
+                continue;
+            }
+            // What the answer shows before.
+            host.idle().cycle();
+            let before = host.slot(slot);
+            let Outcome { rejections, counted, booted } = send(host, slot, valid(id, state));
+            assert!(!booted && host.state().0 == state.code(), "{what}");
+            if expected.is_empty() {
+                assert_eq!((rejections, counted), (vec![], 0), "{what}: accepted");
+                if place == Sdo && id != 0 {
+                    host.until(&what, |host| host.slot(slot).id == id);
+                    // So that the next one is seen, too.
+                    host.read_object(1, 0x1018, 1).unwrap();
+                } else if place.is_slave() || place == Master && letter != 'o' {
+                    assert_eq!(host.slot(slot).id, id, "{what}: the answer shows it");
+                }
+            } else {
+                let [(at, command, reason)] = rejections[..] else { panic!("{what}: {rejections:?}") };
+                assert_eq!((usize::from(at), command, counted), (slot, CommandId::from_code(id), 1), "{what}");
+                assert!(expected.contains(&reason), "{what}: {reason:?}, not {expected:?}");
+                if letter != 'o' || place == Sdo {
+                    assert_eq!(
+                        comparable(place, host.slot(slot)),
+                        comparable(place, before),
+                        "{what}: the answer stays"
+                    );
+                } else if place.is_slave() {
+                    assert_eq!(host.slot(slot).id, 0, "{what}");
+                } else {
+                    assert_eq!((host.slot(0).id, host.slot(0).data1), (0xBF, before.data1), "{what}");
+                }
+            }
+        }
+    }
+}
+
+/// Slot 0 without the CRC.
+fn comparable(place: Place, slot: RawSlot) -> RawSlot {
+    if place == Master { RawSlot { parm: slot.parm & 0xFF, ..slot } } else { slot }
+}
+
+fn compare_state(state: (MasterState, char)) {
+    for size in SlotSize::ALL {
+        let mut host = board(size);
+        host.go(state.0);
+        compare(&mut host, state, 0..=255);
+        // SW_RESET last: nowhere but in slot 0, and there in every state.
+        for place in PLACES.into_iter().rev() {
+            let Outcome { rejections, booted, .. } = send(&mut host, place.slot(size), valid(0xBB, state.0));
+            let accepted = reasons(0xBB, place, state.1).is_empty();
+            assert_eq!((rejections.is_empty(), booted), (accepted, accepted), "{size:?} {place:?}");
+        }
+    }
+}
+
+/// SK-4.1 SK-4.35 SK-4.36 SK-4.39 Every id in every kind of slot, in Init: the table of UG17 1.8.
+#[test]
+fn commands_in_init() {
+    compare_state(STATES[0]);
+}
+
+/// SK-4.1 SK-4.35 SK-4.36 SK-4.39 SK-4.41 In PreOP.
+#[test]
+fn commands_in_preop() {
+    compare_state(STATES[1]);
+}
+
+/// SK-4.1 SK-4.35 SK-4.36 SK-4.39 In SafeOP.
+#[test]
+fn commands_in_safeop() {
+    compare_state(STATES[2]);
+}
+
+/// SK-4.1 SK-4.35 SK-4.36 SK-4.37 SK-4.38 SK-4.39 In OP.
+#[test]
+fn commands_in_op() {
+    compare_state(STATES[3]);
+}
+
+/// SK-4.1 There are 22 commands, with the guide's names.
+#[test]
+fn the_table_has_the_guides_names() {
+    let named: Vec<(u8, &str)> = TABLE.iter().map(|row| (row.0, row.1)).collect();
+    let known: Vec<(u8, &str)> = CommandId::ALL.iter().map(|id| (id.code(), id.name())).collect();
+    assert_eq!(named, known);
+}

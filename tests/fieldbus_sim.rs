@@ -6,10 +6,10 @@ use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
 use ecmsk::fieldbus::{
     AlState, BusConfig, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
-    Refusal, Role, SdoRequest, SlaveConfig, SlaveSet,
+    Refusal, Role, SdoRequest, SlaveConfig, SlaveIn, SlaveOut, SlaveSet,
 };
 use ecmsk::sk::{CycleTime, DriveSync};
-use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Slave};
+use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, SdoValue, Slave};
 
 use AlState::*;
 
@@ -171,7 +171,11 @@ fn scan() {
     }
     let mut bench = Bench::in_state(3, Op);
     bench.handle.cut_after(2);
+    bench.poll();
+    assert_eq!(bench.inputs.lost, set(&[3]));
     assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 2 });
+    bench.poll();
+    assert_eq!(bench.inputs.lost, SlaveSet::EMPTY, "the third was not found");
     assert_eq!(bench.done(state(SafeOp, 2)), JobDone::State(refused(1, 0x001D)), "what was configured is forgotten");
     bench.handle.cut_after(0);
     assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 0 });
@@ -210,6 +214,21 @@ fn a_change_of_several_states() {
     assert_eq!(bench.done(state(SafeOp, 2)), JobDone::State(Ok(())), "one up, one down");
     let done = bench.poll().unwrap();
     assert_eq!((done.working_counter, done.expected_working_counter), (2, 2));
+}
+
+/// A slave that is further up than the others does not go down to wait for them.
+#[test]
+fn nobody_goes_down_on_the_way_up() {
+    let mut bench = Bench::in_state(2, SafeOp);
+    assert_eq!(bench.done(Job::State { target: Init, slaves: set(&[2]), timeout_ns: SECOND }), JobDone::State(Ok(())));
+    bench.bus.start(state(Op, 2), bench.now).unwrap();
+    let done = loop {
+        assert_eq!(bench.poll().map(|done| done.working_counter), Some(1));
+        if let Some(done) = bench.bus.poll_job(bench.now) {
+            break done;
+        }
+    };
+    assert_eq!(done, JobDone::State(refused(2, 0x001D)), "Init took its configuration");
 }
 
 /// A bus does one job at a time; a job that is given up never ends.
@@ -321,6 +340,22 @@ fn sdo_timeouts() {
     assert_eq!(bench.done(sdo(2, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)), "healed");
     let mut bench = Bench::in_state(1, Init);
     assert_eq!(bench.run(sdo(1, 0x1000, None)), timeout, "in Init");
+}
+
+/// What comes after its time is late, also if nobody asked in between.
+#[test]
+fn late_is_late() {
+    let mut bench = Bench::in_state(1, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    bench.handle.delay_sdo(1, 2 * SECOND);
+    let short = Job::State { target: SafeOp, slaves: SlaveSet::first(1), timeout_ns: 100 * MS };
+    for (job, done) in
+        [(sdo(1, 0x1000, None), JobDone::Sdo(Err(AbortCode::TIMEOUT))), (short, JobDone::State(refused(1, 0)))]
+    {
+        bench.bus.start(job, bench.now).unwrap();
+        bench.now += 10 * SECOND;
+        assert_eq!(bench.bus.poll_job(bench.now), Some(done));
+    }
 }
 
 /// Transfers can be made slow, late or failing.
@@ -515,6 +550,60 @@ fn a_silent_slave() {
     bench.reach(Op, 3);
     bench.cycle();
     assert_eq!((bench.inputs.lost, i64::from(bench.position(2))), (SlaveSet::EMPTY, stopped));
+}
+
+/// A slave that falls to a lower AL state by itself is lost, and its inputs keep their values.
+#[test]
+fn a_slave_that_falls_is_lost() {
+    /// A drive that falls to SafeOP some time after it has entered OP.
+    struct Falling(Drive, Ns);
+
+    impl Slave for Falling {
+        fn name(&self) -> &str {
+            "falling"
+        }
+        fn state(&self) -> AlState {
+            self.0.state()
+        }
+        fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+            self.0.enter(target)
+        }
+        fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
+            self.0.configure(config)
+        }
+        fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
+            self.0.upload(object)
+        }
+        fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
+            self.0.download(object, size, value)
+        }
+        fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
+            self.0.exchange(outputs, inputs);
+        }
+        fn step(&mut self, dt_ns: Ns) {
+            self.0.step(dt_ns);
+            if self.0.state() == Op {
+                self.1 = self.1.saturating_sub(dt_ns);
+                if self.1 == 0 {
+                    self.0.enter(SafeOp).expect("down is open");
+                }
+            }
+        }
+    }
+
+    let drive = || Drive::new(DriveConfig { position: 77, ..DriveConfig::default() });
+    let slaves: Vec<Box<dyn Slave>> = vec![Box::new(Falling(drive(), 10 * MS)), Box::new(drive())];
+    let mut bench = Bench { bus: SimBus::new(slaves), ..Bench::new(0) };
+    bench.done(Job::Scan);
+    bench.reach(PreOp, 2);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    bench.reach(Op, 2);
+    bench.cycles(10);
+    assert_eq!(bench.inputs.lost, SlaveSet::EMPTY);
+    bench.inputs.slaves[0][0].position = -1;
+    let done = bench.cycle();
+    assert_eq!((done.working_counter, done.expected_working_counter, bench.inputs.lost), (3, 6, set(&[1])));
+    assert_eq!([1, 2].map(|slave| bench.position(slave)), [-1, 77]);
 }
 
 /// A slave below SafeOP is lost while it does not answer, and no longer.

@@ -50,7 +50,11 @@ fn following_error(rig: &Rig) -> i64 {
 fn it_follows_a_ramp() {
     let mut rig = csp();
     let mut errors = Vec::new();
-    move_trapezoid(&mut rig, 300, |rig| errors.push(following_error(rig)));
+    move_trapezoid(&mut rig, 300, |rig| {
+        errors.push(following_error(rig));
+        let status = rig.status().0;
+        assert!(errors.len() > 690 || status & Statusword::TARGET_REACHED == 0, "{status:04X} on the way");
+    });
     for (cycles, expected) in [(100..190, 63..=68), (320..480, -2..=2), (600..690, -68..=-63)] {
         for cycle in cycles {
             assert!(expected.contains(&errors[cycle]), "cycle {cycle}: {} counts", errors[cycle]);

@@ -273,9 +273,8 @@ impl StateMachine {
             }
             Command::None => return,
         };
-        let was_braking = self.braking.is_some();
         self.braking = Ramp::of_option(option).map(|ramp| (ramp, target));
-        if self.braking.is_none() || was_braking && standstill {
+        if self.braking.is_none() || standstill {
             self.go(target);
         }
     }

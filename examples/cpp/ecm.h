@@ -24,7 +24,7 @@ const int SLAVES_PER_GROUP = 8;
 const int GROUPS = (MAX_SLAVES + SLAVES_PER_GROUP - 1) / SLAVES_PER_GROUP;
 
 const unsigned FIFO_SIZE = 160;
-// While moving, frames are written until the FIFO has no more free entries than this.
+// While moving, a program writes on as soon as that many entries are free: a pre-fill of ten cycles.
 const unsigned FIFO_MARK = 150;
 // Each costs a cycle of 1 ms: how long a program waits for a state, a drive, an SDO.
 const int STATE_TRIES = 1000;
@@ -199,7 +199,7 @@ inline bool SdoWrite(int slave, unsigned index, unsigned subindex, unsigned size
     return Sdo(SDO_WR, (unsigned short)(size << 8 | (unsigned)slave), index << 16 | subindex, &value);
 }
 
-// Writes a target for every axis, and after every second frame reads until the FIFO has more free entries than `mark`.
+// Writes a target for every axis, and after every second frame reads until the FIFO has `mark` free entries.
 inline void Csp(int axes, const int *targets, unsigned mark)
 {
     static unsigned frames = 0;
@@ -212,7 +212,7 @@ inline void Csp(int axes, const int *targets, unsigned mark)
     if (++frames % 2 == 0) {
         do
             ReadResp();
-        while (FifoFree() <= mark);
+        while (FifoFree() < mark);
     }
 }
 

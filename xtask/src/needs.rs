@@ -23,6 +23,7 @@ enum Source {
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
+pub const MAKE: Need = Need { program: "make", source: Source::Debian(&["make"]) };
 pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debian(&["pkg-config"]) };
 /// memcheck reads the symbols of the dynamic linker, which are in libc6-dbg.
 pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use crate::error::Error;
-use crate::needs::{CLIPPY, CXX, Need, PKG_CONFIG, RUSTFMT, VALGRIND};
+use crate::needs::{CLIPPY, CXX, MAKE, Need, PKG_CONFIG, RUSTFMT, VALGRIND};
 use crate::project::Project;
 use crate::{command, features, needs, stage};
 
@@ -51,8 +51,8 @@ struct Gate {
 }
 
 const GATES: &[Gate] = &[
-    Gate { module: "needs_cxx", needs: &[CXX, PKG_CONFIG] },
-    Gate { module: "needs_valgrind", needs: &[CXX, PKG_CONFIG, VALGRIND] },
+    Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
+    Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
 impl Site<'_> {

@@ -1,0 +1,267 @@
+//! `ecmsk dump`: frames made readable, from a recording or from hexadecimal digits.
+
+mod direction;
+mod frames;
+mod hex;
+mod json;
+mod slot_json;
+mod text;
+
+use std::collections::BTreeMap;
+use std::io::{self, BufRead, Read, Write};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use clap::ValueHint;
+use ecmsk::engine::Firmware;
+use ecmsk::link::Dir;
+use ecmsk::link::record::RecordMeta;
+use ecmsk::sk::SlotSize;
+
+use super::error::CliError;
+use super::kinds::{KindList, Kinds};
+use super::output;
+use super::recording::{self, Framed, Frames};
+use super::slot_size::{self, SizeFinder, SizeFrom};
+use frames::{Shown, Time, View};
+use hex::{HexError, HexFrame};
+use text::Numbering;
+
+/// Show the frames of a recording, or frames given as hexadecimal digits, in words or as JSON
+///
+/// Of a frame the slots that say something are shown. What a slave is, responses do not say: it is taken from --kinds,
+/// else from the SET_AXIS commands that were shown before, else guessed from the fields (`DRIVE?`).
+#[derive(clap::Args)]
+#[command(after_help = "\
+Hexadecimal input: one frame a line, 504 to 512 bytes; blanks do not count, `#` starts a comment, `>` in front is a
+frame to the board, `<` one from it. The direction of a line without either is that of --command or --response, else
+it is guessed from slot 0, and the output says so.
+
+Examples:
+  ecmsk dump run.pcapng --slot 1 | less
+  ecmsk dump run.pcapng --json | jq 'select(.direction == \"response\") | .slots[0].fifo_free_entries'
+  xxd -p -c 0 frame.bin | ecmsk dump --hex --command")]
+pub struct Args {
+    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon; `-` is standard input
+    #[arg(value_name = "FILE", required_unless_present = "hex", conflicts_with = "hex", value_hint = ValueHint::FilePath)]
+    file: Option<PathBuf>,
+
+    /// Read frames as hexadecimal digits from standard input, one a line
+    #[arg(long)]
+    hex: bool,
+
+    /// Lines without `>` or `<` are frames to the board
+    #[arg(long, conflicts_with = "file")]
+    command: bool,
+
+    /// Lines without `>` or `<` are frames from the board
+    #[arg(long, conflicts_with_all = ["file", "command"])]
+    response: bool,
+
+    /// Print one JSON object for each frame, each on a line of its own
+    #[arg(long)]
+    json: bool,
+
+    /// Show this slot alone, whatever it holds: 0 is the ECM, N is slave N, the last one is for SDOs; comma list
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    slot: Vec<u8>,
+
+    /// Show every slot
+    #[arg(long, conflicts_with = "slot")]
+    all: bool,
+
+    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, step, none
+    #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
+    kinds: Option<KindList>,
+
+    /// Firmware of the board, 1.7 or 1.5: with 1.5, byte 1 of a slave's response is its mode [default: what
+    /// the recording says, else 1.7]
+    #[arg(long, value_name = "1.7|1.5", value_parser = firmware)]
+    fw: Option<Firmware>,
+}
+
+/// Why a dump stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum DumpError {
+    /// Standard input gave no more.
+    #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
+    Input(io::Error),
+    /// A line is no frame.
+    #[error("line {line}: {problem}; put `#` before what is no frame")]
+    Line {
+        /// Its number, from 1.
+        line: u64,
+        /// What is wrong with it.
+        problem: HexError,
+    },
+    /// A line has no end.
+    #[error("line {line} is longer than {LONGEST_LINE} bytes; give one frame a line, as hexadecimal digits")]
+    LongLine {
+        /// Its number, from 1.
+        line: u64,
+    },
+    /// The frame is too short for the slot size.
+    #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
+    TooShort {
+        /// Its number, from 1.
+        line: u64,
+        /// Bytes on the line.
+        len: usize,
+    },
+    /// The frames have no such slot.
+    #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
+    NoSlot {
+        /// What was asked for.
+        slot: usize,
+        /// The frames' slot size.
+        size: SlotSize,
+    },
+}
+
+/// Bytes of a line at most, so that input that is no text does not fill the memory: a frame's digits, each between
+/// blanks, and a long comment. [OURS]
+const LONGEST_LINE: u64 = 64 * 1024;
+
+/// Shows the frames.
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let mut printer = Printer::new(args);
+    let shown = match &args.file {
+        Some(file) => dump_recording(args, file, &mut printer),
+        None => dump_hex(args, &mut printer),
+    };
+    // What came before an error is worth having.
+    printer.out.flush()?;
+    shown
+}
+
+fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(), CliError> {
+    let mut frames = Frames::open(file, args.slot_size)?;
+    // Slaves belong to a board, and a capture may have several.
+    let mut kinds = BTreeMap::new();
+    let mut section: Option<Section> = None;
+    for framed in &mut frames {
+        let framed = framed?;
+        let now = Section { board: framed.board(), meta: framed.meta.clone() };
+        if section.as_ref() != Some(&now) {
+            printer.section(&now)?;
+            section = Some(now);
+        }
+        let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref()));
+        let Framed { number, time_ns, recorded, size, .. } = framed;
+        let time = Some(Time { since_start_ns: time_ns, recorded_ns: recorded.at_ns });
+        let shown = Shown { number, time, direction: recorded.dir, guessed: false, size, frame: recorded.frame };
+        printer.print(&shown, kinds)?;
+    }
+    frames.note_missing();
+    Ok(())
+}
+
+fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
+    let direction = match (args.command, args.response) {
+        (true, _) => Some(Dir::Write),
+        (_, true) => Some(Dir::Read),
+        _ => None,
+    };
+    let mut sizes = SizeFinder::new(args.slot_size);
+    let mut kinds = Kinds::new(args.kinds.as_ref());
+    let mut noted = false;
+    let mut input = io::stdin().lock();
+    let mut bytes = Vec::new();
+    for line in 1.. {
+        bytes.clear();
+        let mut limited = (&mut input).take(LONGEST_LINE + 1);
+        match limited.read_until(b'\n', &mut bytes).map_err(DumpError::Input)? as u64 {
+            0 => break,
+            1..=LONGEST_LINE => {}
+            _ => return Err(DumpError::LongLine { line }.into()),
+        }
+        // What is not UTF-8 is no digit either, and is named by the error.
+        let found =
+            hex::parse(&String::from_utf8_lossy(&bytes)).map_err(|problem| DumpError::Line { line, problem })?;
+        let Some(HexFrame { frame, len, direction: prefix }) = found else { continue };
+        sizes.look(&frame, len);
+        let (size, from) = sizes.size_of(&frame, len);
+        if len < size.frame_len() {
+            return Err(DumpError::TooShort { line, len }.into());
+        }
+        if from == SizeFrom::Assumed && !std::mem::replace(&mut noted, true) {
+            recording::note_assumed(&format!("line {line}"), size);
+        }
+        let told = prefix.or(direction);
+        let direction = told.unwrap_or_else(|| direction::guess(&frame));
+        let shown = Shown { number: line, time: None, direction, guessed: told.is_none(), size, frame };
+        printer.print(&shown, &mut kinds)?;
+    }
+    Ok(())
+}
+
+/// Where frames come from: a new one is told in the text.
+#[derive(PartialEq, Eq)]
+struct Section {
+    /// Bus and device.
+    board: (u16, u8),
+    meta: Option<Rc<RecordMeta>>,
+}
+
+/// Where the output goes, and how.
+struct Printer {
+    out: io::BufWriter<io::StdoutLock<'static>>,
+    json: bool,
+    numbering: Numbering,
+    view: View,
+    /// What the user says of the firmware.
+    firmware: Option<Firmware>,
+}
+
+impl Printer {
+    fn new(args: &Args) -> Self {
+        Self {
+            out: output::stdout(),
+            json: args.json,
+            numbering: if args.hex { Numbering::Line } else { Numbering::Frame },
+            view: View {
+                slots: args.slot.iter().map(|slot| usize::from(*slot)).collect(),
+                all: args.all,
+                firmware: args.fw.unwrap_or_default(),
+            },
+            firmware: args.fw,
+        }
+    }
+
+    fn section(&mut self, section: &Section) -> Result<(), CliError> {
+        let told = recording::firmware(section.meta.as_deref());
+        self.view.firmware = self.firmware.or(told).unwrap_or_default();
+        if !self.json {
+            match &section.meta {
+                Some(meta) => writeln!(self.out, "# {}", recording::link_name(meta))?,
+                None => writeln!(self.out, "# bus {}, device {}", section.board.0, section.board.1)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn print(&mut self, shown: &Shown, kinds: &mut Kinds) -> Result<(), CliError> {
+        if let Some(slot) = self.view.slots.iter().copied().find(|slot| *slot >= shown.size.slots()) {
+            return Err(DumpError::NoSlot { slot, size: shown.size }.into());
+        }
+        let lines = self.view.lines(shown, kinds);
+        if self.json {
+            json::write(&mut self.out, shown, &lines)?;
+        } else {
+            text::write(&mut self.out, self.numbering, shown, &lines)?;
+        }
+        Ok(())
+    }
+}
+
+fn firmware(text: &str) -> Result<Firmware, String> {
+    match text {
+        "1.7" => Ok(Firmware::V17),
+        "1.5" => Ok(Firmware::V15),
+        _ => Err("allowed: 1.7, 1.5".to_owned()),
+    }
+}

@@ -1,0 +1,28 @@
+//! Which way a bare frame went.
+
+use ecmsk::link::Dir;
+use ecmsk::sk::{CommandId, Frame, MASTER_CYCLIC, MasterState, SlotSize, StateByte};
+
+/// Which way a frame went, by its slot 0, whose first bytes are the same for both slot sizes. [OURS]
+///
+/// - byte 0 is the master's cyclic response 0xBF: a response;
+/// - byte 2 is 0: a command; a response has the state there, and is not sent while that is 0 (SK-4);
+/// - SET_FIFO and SET_AXIS have an argument in byte 2. SET_FIFO is for OP alone, where responses have 0xBF: a command.
+///   In PreOP the response to SET_AXIS counts the slaves found in Data1, 1 to 40, where the command has nibbles: a
+///   response if it looks like that (eight nibbles rarely do), else a command;
+/// - anything else with byte 2 set: a response.
+pub fn guess(frame: &Frame) -> Dir {
+    let slot = frame.slot(SlotSize::Bytes12, 0);
+    let byte2 = slot.parm as u8;
+    let is_response = match CommandId::from_code(slot.id) {
+        _ if slot.id == MASTER_CYCLIC => true,
+        _ if byte2 == 0 => false,
+        CommandId::SetFifo => false,
+        CommandId::SetAxis => {
+            let counts_slaves = (1..=SlotSize::Bytes12.max_slaves()).contains(&(slot.data1 as usize));
+            counts_slaves && StateByte(byte2).state() == Some(MasterState::PreOp)
+        }
+        _ => true,
+    };
+    if is_response { Dir::Read } else { Dir::Write }
+}

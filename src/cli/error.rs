@@ -1,0 +1,51 @@
+//! Why a verb failed, and the exit code that says so.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use ecmsk::link::record::RecordError;
+
+/// Why the tool failed. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    /// Standard output took no more.
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(#[from] io::Error),
+    /// See [`RecordError`].
+    #[error(transparent)]
+    Recording(#[from] RecordError),
+    /// See [`super::dump::DumpError`].
+    #[error(transparent)]
+    Dump(#[from] super::dump::DumpError),
+    /// See [`super::plot::PlotError`].
+    #[error(transparent)]
+    Plot(#[from] super::plot::PlotError),
+    /// See [`super::exec::ExecError`].
+    #[cfg(unix)]
+    #[error(transparent)]
+    Exec(#[from] super::exec::ExecError),
+}
+
+impl CliError {
+    /// Tells the user, and gives the exit code.
+    ///
+    /// A reader that has seen enough (`ecmsk dump F | head`) is no failure: nothing is said then.
+    pub fn report(&self) -> ExitCode {
+        if let Self::Output(error) = self
+            && error.kind() == io::ErrorKind::BrokenPipe
+        {
+            return ExitCode::SUCCESS;
+        }
+        say("error", self);
+        match self {
+            #[cfg(unix)]
+            Self::Exec(error) => ExitCode::from(error.code()),
+            _ => ExitCode::FAILURE,
+        }
+    }
+}
+
+/// A line on standard error, `kind: what`. That nobody may be there to read it is not worth a panic.
+pub fn say(kind: &str, what: &dyn std::fmt::Display) {
+    let _ = writeln!(io::stderr(), "{kind}: {what}");
+}

@@ -1,0 +1,211 @@
+//! `ecmsk exec`: runs an existing program on the library of this build.
+//!
+//! A program that links NEXTWUSBLib finds it through the dynamic linker. A private folder with nothing but our library
+//! in it, first on `LD_LIBRARY_PATH`, makes that ours; `ECMSK_LINK` tells it which board.
+
+mod child;
+mod library;
+
+use std::ffi::{OsStr, OsString};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+use clap::ValueHint;
+use ecmsk::link::config::VARIABLE;
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::uri::{LinkUri, UriError};
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::error::say;
+use library::LibraryFolder;
+
+/// Run an existing program on the library of this build
+///
+/// The program is one that links NEXTWUSBLib for Linux; it is not changed. It sees this build's library first and,
+/// with --link, the board named there. Ctrl-C reaches the program alone.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk exec --link 'sim:?slaves=drive*2' -- ./program
+  ecmsk exec --link 'sim:?slaves=drive*2' --record run.pcapng -- ./program --its-own-option
+
+Exit code: the program's, 128 + n if signal n ended it; 125 if it could not be started because of something else than
+PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
+pub struct Args {
+    /// Board to give the program, see `ecmsk link help`; without it the library looks for its link as it always does
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Write every frame to this file, for `ecmsk dump`, `ecmsk plot` and Wireshark
+    #[arg(long, value_name = "FILE", requires = "link", value_hint = ValueHint::FilePath)]
+    record: Option<PathBuf>,
+
+    /// The library, or the folder it is in [default: beside this tool, then ../lib]
+    #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
+    library: Option<PathBuf>,
+
+    /// Say on standard error what is set for the program
+    #[arg(short, long)]
+    verbose: bool,
+
+    /// The program and its arguments
+    #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM", value_hint = ValueHint::CommandWithArguments)]
+    program: Vec<OsString>,
+}
+
+/// Why a program was not run.
+#[derive(Debug, thiserror::Error)]
+pub enum ExecError {
+    /// Neither the option nor the usual places have the library.
+    #[error(
+        "no {} in {}; build it with `cargo build -p NEXTWUSBLib`, or name it with --library", library::FILE_NAME, list(.looked_in)
+    )]
+    NoLibrary {
+        /// The folders.
+        looked_in: Vec<PathBuf>,
+    },
+    /// A file that no dynamic linker takes.
+    #[error("{} is no shared library ({reason}); name the {} of this build with --library", .file.display(), library::FILE_NAME)]
+    NotALibrary {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The private folder could not be made.
+    #[error("cannot make a folder for the library in {}: {source}; set TMPDIR to a folder that takes files", .place.display())]
+    Folder {
+        /// Where.
+        place: PathBuf,
+        /// The system's words.
+        source: io::Error,
+    },
+    /// `LD_LIBRARY_PATH` has no way to say this.
+    #[error("the dynamic linker cannot look into {}: it takes no `:`, `;` or `$`; set TMPDIR to another folder", .folder.display())]
+    UnlinkableFolder {
+        /// The private folder.
+        folder: PathBuf,
+    },
+    /// The link needs what this build does not have.
+    #[error("link `{link}` is not in this build; name a {}: link, see `ecmsk link help`", in_build())]
+    NotInBuild {
+        /// The link.
+        link: String,
+    },
+    /// The recording's file cannot stand in a link.
+    #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
+    Record {
+        /// The file.
+        file: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// The link does not take the recording.
+    #[error(transparent)]
+    Uri(#[from] UriError),
+    /// There is no such program.
+    #[error("{}: not found; {}", .program.display(), not_found_hint(.program))]
+    NotFound {
+        /// As given.
+        program: PathBuf,
+    },
+    /// The program is there and does not start.
+    #[error("{}: {source}; {hint}", .program.display())]
+    NotExecutable {
+        /// As given.
+        program: PathBuf,
+        /// The system's words.
+        source: io::Error,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// The system refuses something else.
+    #[error("cannot {what}: {source}; free some of the system's processes or files, then run it again")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// The system's words.
+        source: io::Error,
+    },
+}
+
+impl ExecError {
+    /// As `env`, `nohup` and shells have it; a wrong link is a wrong command line.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::NotFound { .. } => 127,
+            Self::NotExecutable { .. } => 126,
+            Self::Uri(_) | Self::NotInBuild { .. } => 2,
+            _ => 125,
+        }
+    }
+}
+
+/// Runs the program to its end.
+pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
+    // clap asks for one at least.
+    let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
+    let link = args.link.as_ref().map(|link| with_record(link, args.record.as_deref())).transpose()?;
+    // Named, so that it lives and its folder stays until the program has ended.
+    let library = LibraryFolder::make(&library::find(args.library.as_deref())?)?;
+    let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
+
+    let mut command = Command::new(program);
+    command.args(arguments).env(library::SEARCH_PATH, &search_path);
+    if let Some(link) = &link {
+        command.env(VARIABLE, link.to_string());
+    }
+    if args.verbose {
+        say("library", &library.library().display());
+        say(library::SEARCH_PATH, &search_path.display());
+        if let Some(link) = link.as_ref().map(LinkUri::to_string).or_else(|| std::env::var(VARIABLE).ok()) {
+            say(VARIABLE, &link);
+        }
+    }
+    let ended = child::run(&mut command, Path::new(program))?;
+    if args.verbose {
+        say("program", &ended);
+    }
+    Ok(ExitCode::from(child::exit_code(ended)))
+}
+
+/// The link, with its recording.
+fn with_record(link: &LinkUri, record: Option<&Path>) -> Result<LinkUri, ExecError> {
+    if !link.scheme().in_build() {
+        return Err(ExecError::NotInBuild { link: link.to_string() });
+    }
+    let Some(file) = record else { return Ok(link.clone()) };
+    let refuse = |reason: String| ExecError::Record { file: file.to_owned(), reason };
+    // The program may change its folder before it opens the board.
+    let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
+    let folder = absolute.parent().filter(|_| !absolute.is_dir());
+    if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
+        return Err(refuse("its folder does not exist".into()));
+    }
+    let text = absolute.to_str().ok_or_else(|| refuse("its name is not UTF-8".into()))?;
+    let (uri, value) = (link.to_string(), utf8_percent_encode(text, NON_ALPHANUMERIC));
+    let joint = if uri.contains('?') { '&' } else { '?' };
+    Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
+}
+
+fn in_build() -> String {
+    let names: Vec<_> = Scheme::ALL.into_iter().filter(|scheme| scheme.in_build()).map(Scheme::name).collect();
+    names.join(": or ")
+}
+
+fn list(folders: &[PathBuf]) -> String {
+    folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ")
+}
+
+fn not_found_hint(program: &Path) -> String {
+    let here = Path::new(".").join(program);
+    match program.components().count() {
+        1 if here.is_file() && program.as_os_str() != OsStr::new(".") => format!("write {}", here.display()),
+        1 => "give its path, or put its folder on PATH".into(),
+        _ if program.exists() => {
+            "it is there, but its interpreter or dynamic linker is not: look at it with `file`".into()
+        }
+        _ => "check the path".into(),
+    }
+}

@@ -1,0 +1,69 @@
+//! The command line: one file per verb, and what all verbs share.
+
+mod completions;
+mod dump;
+mod error;
+#[cfg(unix)]
+mod exec;
+mod kinds;
+mod link;
+mod output;
+mod plot;
+mod recording;
+mod slot_size;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use error::CliError;
+
+/// Shown at the end of `ecmsk --help`: scripts rely on these.
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done (also when whoever read the output has closed it)
+  1    failed; the last line on standard error says why and what to do
+  2    the command line is wrong
+  exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
+       125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
+
+/// Tools for the ECM-SK, an EtherCAT master on a board, and for its software model.
+#[derive(Parser)]
+#[command(name = "ecmsk", version, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    #[cfg(unix)]
+    Exec(exec::Args),
+    Dump(dump::Args),
+    Plot(plot::Args),
+    Link(link::Args),
+    Completions(completions::Args),
+}
+
+/// Runs the tool on the arguments of this process.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    env_logger::Builder::from_env(env_logger::Env::new().filter_or("ECMSK_LOG", "off")).init();
+    match cli.verb.run() {
+        Ok(code) => code,
+        Err(error) => error.report(),
+    }
+}
+
+impl Verb {
+    fn run(self) -> Result<ExitCode, CliError> {
+        match self {
+            #[cfg(unix)]
+            Self::Exec(args) => Ok(exec::run(&args)?),
+            Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
+        }
+    }
+}

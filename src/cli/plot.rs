@@ -1,0 +1,262 @@
+//! `ecmsk plot`: a recording as a picture, what was commanded and what the drives did.
+
+mod chart;
+mod decimate;
+mod follow;
+mod order;
+mod panel;
+mod series;
+mod style;
+mod survey;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use clap::ValueHint;
+use ecmsk::link::record::RecordError;
+use ecmsk::sk::SlotSize;
+use ecmsk::sk::dump::MAX_SLAVES;
+
+use super::error::{CliError, say};
+use super::recording::{Framed, Frames};
+use super::{output, slot_size};
+use order::InOrder;
+use series::Series;
+use survey::Survey;
+
+/// Axes that a plot can tell apart by their colours.
+pub const MAX_AXES: usize = 8;
+
+/// Plot a recording as SVG: target and actual position, torque and FIFO level over time
+///
+/// The plot shows the time in OP. Targets stand where they were sent; they wait in the FIFO before they are executed.
+/// Prints where the plot lies.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Times are seconds since the recording's first frame, as in `ecmsk dump`.
+
+Examples:
+  ecmsk plot run.pcapng
+  ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg")]
+pub struct Args {
+    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+
+    /// Where the plot goes; `-` is standard output [default: FILE with the ending .svg]
+    #[arg(short, long, value_name = "SVG", value_hint = ValueHint::FilePath)]
+    output: Option<PathBuf>,
+
+    /// Slaves to show, at most 8; comma list [default: those that were moved, else all drives]
+    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=MAX_SLAVES as i64))]
+    axes: Vec<u8>,
+
+    /// Leave out what is before this time, in seconds
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    from: Option<f64>,
+
+    /// Leave out what is after this time, in seconds
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    to: Option<f64>,
+
+    /// Show the following difference too: the target executed in a cycle minus the actual position reported by it
+    #[arg(long)]
+    difference: bool,
+
+    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+}
+
+/// Why there is no plot.
+#[derive(Debug, thiserror::Error)]
+pub enum PlotError {
+    /// A plot reads its recording twice.
+    #[error("a plot cannot read standard input; name a file")]
+    Stdin,
+    /// The network never ran.
+    #[error(
+        "{} has no response in OP ({frames} frames), and a plot shows what happens in OP; record a program that goes there, or look at this one with `ecmsk dump`",
+        .file.display()
+    )]
+    NoOp {
+        /// The recording.
+        file: PathBuf,
+        /// Frames it has.
+        frames: u64,
+    },
+    /// The times asked for lie elsewhere.
+    #[error("no time in OP is left: {asked}, and the recording is in OP from {op}; change --from or --to")]
+    NothingInRange {
+        /// The times asked for.
+        asked: String,
+        /// The times there are.
+        op: String,
+    },
+    /// More than colours.
+    #[error("{found} axes do not fit one plot, at most {MAX_AXES} do; name fewer with --axes")]
+    TooManyAxes {
+        /// Axes asked for.
+        found: usize,
+    },
+    /// There is nothing of that axis.
+    #[error("axis {axis} has no slot in frames of {}-byte slots; name axes from 1 to {} with --axes", .size.bytes(), .size.max_slaves())]
+    NoSuchAxis {
+        /// The axis.
+        axis: u8,
+        /// The frames' slot size.
+        size: SlotSize,
+    },
+    /// The plot would replace the recording.
+    #[error("the plot would replace the recording {}; name another file with -o", .file.display())]
+    SameFile {
+        /// The file.
+        file: PathBuf,
+    },
+    /// The plot cannot be written.
+    #[error("cannot write {}: {source}; name another file with -o", .file.display())]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// The system's words.
+        source: io::Error,
+    },
+    /// The picture could not be made.
+    #[error("cannot draw: {reason}; try fewer axes with --axes, or a shorter time with --from and --to")]
+    Draw {
+        /// The library's words.
+        reason: String,
+    },
+}
+
+/// Makes the plot.
+pub fn run(args: &Args) -> Result<(), CliError> {
+    if args.file == Path::new("-") {
+        return Err(PlotError::Stdin.into());
+    }
+    if args.axes.len() > MAX_AXES {
+        return Err(PlotError::TooManyAxes { found: args.axes.len() }.into());
+    }
+    let mut survey = Survey::default();
+    let (frames, damage) = walk(args, |framed| survey.frame(framed))?;
+    let Some(op) = survey.op() else {
+        return Err(match damage {
+            Some(damage) => damage.into(),
+            None => PlotError::NoOp { file: args.file.clone(), frames }.into(),
+        });
+    };
+    let axes = axes(args, &survey)?;
+    let window = op
+        .cut(args.from, args.to)
+        .ok_or_else(|| PlotError::NothingInRange { asked: asked(args.from, args.to), op: op.to_string() })?;
+    let mut series = Series::new(window, &axes, survey.board(), args.difference);
+    walk(args, |framed| series.frame(framed))?;
+    let drawing = chart::draw(
+        series.finish(),
+        &chart::Caption {
+            link: survey.link().unwrap_or_else(|| args.file.display().to_string()),
+            file: args.file.display().to_string(),
+            window,
+            frames,
+        },
+    )?;
+    if let Some(damage) = damage {
+        say("note", &damage);
+    }
+    write(args, &drawing)
+}
+
+/// Shows every frame of the recording in the order of time. Gives their number, and why the recording ends early if it
+/// does: a program that was killed leaves such a one, and what came before is whole.
+fn walk(args: &Args, mut show: impl FnMut(&Framed)) -> Result<(u64, Option<RecordError>), CliError> {
+    let mut order = InOrder::default();
+    let mut frames = 0;
+    let mut damage = None;
+    for framed in Frames::open(&args.file, args.slot_size)? {
+        match framed {
+            Ok(framed) => {
+                frames += 1;
+                order.push(framed).iter().for_each(&mut show);
+            }
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => damage = Some(error),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    while let Some(framed) = order.pop() {
+        show(&framed);
+    }
+    Ok((frames, damage))
+}
+
+/// The axes to show: as asked, else as found.
+fn axes(args: &Args, survey: &Survey) -> Result<Vec<u8>, PlotError> {
+    let size = survey.size();
+    if let Some(axis) = args.axes.iter().copied().find(|axis| usize::from(*axis) > size.max_slaves()) {
+        return Err(PlotError::NoSuchAxis { axis, size });
+    }
+    let mut axes = if args.axes.is_empty() { survey.axes() } else { args.axes.clone() };
+    axes.sort_unstable();
+    axes.dedup();
+    if axes.len() > MAX_AXES {
+        let (all, shown) = (axes.len(), style::list(&axes[..MAX_AXES]));
+        say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
+        axes.truncate(MAX_AXES);
+    }
+    Ok(axes)
+}
+
+fn write(args: &Args, drawing: &str) -> Result<(), CliError> {
+    let file = args.output.clone().unwrap_or_else(|| args.file.with_extension("svg"));
+    if file == Path::new("-") {
+        return Ok(output::print(drawing)?);
+    }
+    let same = fs::canonicalize(&file).ok().zip(fs::canonicalize(&args.file).ok()).is_some_and(|(a, b)| a == b);
+    if same {
+        return Err(PlotError::SameFile { file }.into());
+    }
+    fs::write(&file, drawing).map_err(|source| PlotError::Write { file: file.clone(), source })?;
+    Ok(output::print(format!("{}\n", file.display()))?)
+}
+
+fn asked(from: Option<f64>, to: Option<f64>) -> String {
+    match (from, to) {
+        (Some(from), Some(to)) => format!("asked for {from} s to {to} s"),
+        (Some(from), None) => format!("asked for {from} s and later"),
+        (None, Some(to)) => format!("asked for all until {to} s"),
+        (None, None) => "asked for all".to_owned(),
+    }
+}
+
+/// A stretch of time, both ends included: nanoseconds since the recording's first frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    from_ns: i64,
+    to_ns: i64,
+}
+
+impl Window {
+    const fn contains(self, at_ns: i64) -> bool {
+        self.from_ns <= at_ns && at_ns <= self.to_ns
+    }
+
+    /// The part between two times in seconds; `None` if nothing is left. What is no number leaves nothing.
+    fn cut(self, from: Option<f64>, to: Option<f64>) -> Option<Self> {
+        // A float becomes the nearest nanosecond there is.
+        let from_ns = from.map_or(self.from_ns, |s| self.from_ns.max((s * 1e9) as i64));
+        let to_ns = to.map_or(self.to_ns, |s| self.to_ns.min((s * 1e9) as i64));
+        let numbers = from.is_none_or(|s| !s.is_nan()) && to.is_none_or(|s| !s.is_nan());
+        (numbers && from_ns <= to_ns).then_some(Self { from_ns, to_ns })
+    }
+}
+
+impl std::fmt::Display for Window {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.3} s to {:.3} s", seconds(self.from_ns), seconds(self.to_ns))
+    }
+}
+
+/// Nanoseconds as seconds.
+fn seconds(ns: i64) -> f64 {
+    ns as f64 / 1e9
+}

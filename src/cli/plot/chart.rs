@@ -1,0 +1,169 @@
+//! Draws the panels.
+
+use std::fmt::Display;
+use std::ops::Range;
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::panel::{Look, Panel, panels};
+use super::series::Lines;
+use super::style::{self, at, px};
+use super::{PlotError, Window, seconds};
+
+/// What stands above the panels.
+pub struct Caption {
+    /// The link.
+    pub link: String,
+    /// The recording.
+    pub file: String,
+    /// The time shown.
+    pub window: Window,
+    /// Frames of the recording.
+    pub frames: u64,
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+
+/// The plot as SVG.
+pub fn draw(lines: Lines, caption: &Caption) -> Result<String, PlotError> {
+    let panels = panels(lines);
+    let heights: u32 = panels.iter().map(|panel| style::PANEL_HEAD + panel.height).sum();
+    let height = style::HEAD + heights + style::TIME_AXIS;
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (px(style::WIDTH), px(height))).into_drawing_area();
+        root.fill(&WHITE).map_err(failed)?;
+        let (head, mut rest) = root.split_vertically(at(style::HEAD));
+        draw_caption(&head, caption)?;
+        let last = panels.len().saturating_sub(1);
+        for (i, panel) in panels.iter().enumerate() {
+            let (head, below) = rest.split_vertically(at(style::PANEL_HEAD));
+            draw_head(&head, panel)?;
+            let time_axis = if i == last { style::TIME_AXIS } else { 0 };
+            let (area, below) = below.split_vertically(at(panel.height + time_axis));
+            draw_panel(&area, panel, times(caption.window), time_axis)?;
+            rest = below;
+        }
+        root.present().map_err(failed)?;
+    }
+    Ok(in_pixels(&svg, height))
+}
+
+/// The drawing is made on a finer grid: its size on the page is told in pixels.
+fn in_pixels(svg: &str, height: u32) -> String {
+    let fine = format!("width=\"{}\" height=\"{}\"", px(style::WIDTH), px(height));
+    let pixels = format!("width=\"{}\" height=\"{height}\"", style::WIDTH);
+    svg.replacen(&fine, &pixels, 1)
+}
+
+fn draw_caption(area: &Area<'_>, caption: &Caption) -> Result<(), PlotError> {
+    let width = style::WIDTH - style::RIGHT - 20;
+    let title = style::fitting(&caption.link, style::TITLE, width);
+    let stretch = format!(
+        "{} to {} s",
+        style::number(seconds(caption.window.from_ns), 3),
+        style::number(seconds(caption.window.to_ns), 3)
+    );
+    let about = format!("{} of {}, {} frames", stretch, caption.file, style::number(caption.frames as f64, 0));
+    let about = style::fitting(&about, style::TEXT, width);
+    write(area, &title, (20, 22), style::TITLE, style::INK, HPos::Left)?;
+    write(area, &about, (20, 46), style::TEXT, style::SOFT_INK, HPos::Left)
+}
+
+/// Of an item of a legend: length of the line, room before its text, room after it.
+const SAMPLE: u32 = 22;
+const GAP: u32 = 6;
+const BETWEEN: u32 = 16;
+
+/// The name at the left, the legend at the right.
+fn draw_head(area: &Area<'_>, panel: &Panel) -> Result<(), PlotError> {
+    let middle = style::PANEL_HEAD / 2 + 2;
+    write(area, &panel.name, (style::LEFT, middle), style::TEXT, style::INK, HPos::Left)?;
+    let item = |text: &str| SAMPLE + GAP + style::text_width(text, style::TEXT) + BETWEEN;
+    let legend: u32 = panel.legend.iter().map(|(_, text)| item(text)).sum();
+    let mut x = (style::WIDTH - style::RIGHT + BETWEEN).saturating_sub(legend);
+    for (look, text) in &panel.legend {
+        let sample = vec![(at(x), at(middle)), (at(x + SAMPLE), at(middle))];
+        area.draw(&PathElement::new(sample, stroke(*look))).map_err(failed)?;
+        write(area, text, (x + SAMPLE + GAP, middle), style::TEXT, style::SOFT_INK, HPos::Left)?;
+        x += item(text);
+    }
+    Ok(())
+}
+
+fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, time_axis: u32) -> Result<(), PlotError> {
+    let mut chart = ChartBuilder::on(area)
+        .set_label_area_size(LabelAreaPosition::Left, px(style::LEFT))
+        .set_label_area_size(LabelAreaPosition::Bottom, px(time_axis))
+        .margin_right(px(style::RIGHT))
+        .build_cartesian_2d(times.clone(), panel.range.clone())
+        .map_err(failed)?;
+    let numbers = ("sans-serif", style::text_size(style::TEXT)).into_font().color(&style::SOFT_INK);
+    let value_digits = style::digits(panel.range.end - panel.range.start);
+    let time_digits = style::digits(times.end - times.start);
+    let values = |value: &f64| style::number(*value, value_digits);
+    let seconds = |value: &f64| style::number(*value, time_digits);
+    let mut mesh = chart.configure_mesh();
+    mesh.x_labels(12)
+        .y_labels((panel.height / 24) as usize)
+        .max_light_lines(0)
+        .bold_line_style(style::GRID.stroke_width(px(1)))
+        .axis_style(style::FRAME.stroke_width(px(1)))
+        .label_style(numbers.clone())
+        .x_label_formatter(&seconds)
+        .y_label_formatter(&values)
+        .set_tick_mark_size(LabelAreaPosition::Left, px(4))
+        .set_tick_mark_size(LabelAreaPosition::Bottom, px(if time_axis == 0 { 0 } else { 4 }));
+    if time_axis > 0 {
+        mesh.x_desc("time (s)").axis_desc_style(numbers.color(&style::INK));
+    }
+    mesh.draw().map_err(failed)?;
+    let (bottom, top) = (panel.range.start, panel.range.end);
+    let marks = panel
+        .marks
+        .iter()
+        .map(|at| PathElement::new(vec![(*at, bottom), (*at, top)], style::ALARM.stroke_width(px(1))));
+    chart.draw_series(marks).map_err(failed)?;
+    for line in &panel.strokes {
+        let (alone, pieces): (Vec<_>, Vec<_>) = line.pieces.iter().partition(|piece| piece.len() == 1);
+        let style = stroke(line.look);
+        chart.draw_series(pieces.into_iter().map(|piece| PathElement::new(piece.clone(), style))).map_err(failed)?;
+        // A line needs two points to be seen.
+        let dots = alone.into_iter().flatten().map(|sample| Circle::new(*sample, px(2), style.filled()));
+        chart.draw_series(dots).map_err(failed)?;
+    }
+    Ok(())
+}
+
+fn write(
+    area: &Area<'_>,
+    text: &str,
+    (x, y): (u32, u32),
+    size: u32,
+    colour: RGBColor,
+    anchor: HPos,
+) -> Result<(), PlotError> {
+    let font = ("sans-serif", style::text_size(size)).into_font();
+    let style = font.color(&colour).pos(Pos::new(anchor, VPos::Center));
+    area.draw_text(text, &style, (at(x), at(y))).map_err(failed)
+}
+
+fn stroke(look: Look) -> ShapeStyle {
+    if look.pale {
+        look.colour.mix(0.35).stroke_width(px(5))
+    } else {
+        ShapeStyle { color: look.colour.to_rgba(), filled: false, stroke_width: px(3) / 2 }
+    }
+}
+
+/// The times shown; a single moment gets some room around.
+fn times(window: Window) -> Range<f64> {
+    let (from, to) = (seconds(window.from_ns), seconds(window.to_ns));
+    if to > from { from..to } else { from - 0.001..to + 0.001 }
+}
+
+fn failed(error: impl Display) -> PlotError {
+    PlotError::Draw { reason: error.to_string() }
+}

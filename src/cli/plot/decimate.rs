@@ -1,0 +1,123 @@
+//! A line over time, thinned to what a picture can show: of the samples that fall into one column of pixels the first,
+//! the least, the greatest and the last stay. Nothing that would be seen is lost, however long the recording is.
+
+use super::Window;
+
+/// A sample: nanoseconds, value.
+type Sample = (i64, f64);
+
+/// A line under construction.
+#[derive(Debug)]
+pub struct Line {
+    window: Window,
+    columns: i64,
+    /// The value stays until the next sample: the line has steps, not slopes.
+    hold: bool,
+    segments: Vec<Vec<Sample>>,
+    column: Option<Column>,
+    /// The value that stays, and since when.
+    held: Option<Sample>,
+    broken: bool,
+}
+
+/// The samples of one column of pixels.
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    number: i64,
+    first: Sample,
+    least: Sample,
+    greatest: Sample,
+    last: Sample,
+}
+
+impl Line {
+    /// A line across `window`, drawn `columns` pixels wide.
+    pub fn new(window: Window, columns: u32) -> Self {
+        let columns = i64::from(columns.max(1));
+        Self { window, columns, hold: false, segments: Vec::new(), column: None, held: None, broken: true }
+    }
+
+    /// A line whose value stays until the next sample.
+    pub fn holding(window: Window, columns: u32) -> Self {
+        Self { hold: true, ..Self::new(window, columns) }
+    }
+
+    /// The next sample; times do not fall. What is outside the window is not drawn.
+    pub fn push(&mut self, at_ns: i64, value: f64) {
+        if self.hold {
+            self.hold_until(at_ns);
+            self.held = Some((at_ns, value));
+        }
+        self.add((at_ns, value));
+    }
+
+    /// Nothing is known from here to the next sample.
+    pub fn interrupt(&mut self, at_ns: i64) {
+        self.hold_until(at_ns);
+        self.held = None;
+        self.broken = true;
+    }
+
+    /// The pieces of the line, seconds and values.
+    pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
+        self.hold_until(self.window.to_ns);
+        self.close_column();
+        let seconds = |(at_ns, value): Sample| (super::seconds(at_ns), value);
+        self.segments.into_iter().map(|segment| segment.into_iter().map(seconds).collect()).collect()
+    }
+
+    /// Draws the value held up to here, as far as that is in the window.
+    fn hold_until(&mut self, at_ns: i64) {
+        let Window { from_ns, to_ns } = self.window;
+        let Some((since_ns, value)) = self.held.filter(|(since_ns, _)| *since_ns <= to_ns && at_ns >= from_ns) else {
+            return;
+        };
+        self.add((since_ns.max(from_ns), value));
+        self.add((at_ns.min(to_ns), value));
+    }
+
+    fn add(&mut self, sample: Sample) {
+        if !self.window.contains(sample.0) {
+            return;
+        }
+        let number = self.column_of(sample.0);
+        match &mut self.column {
+            // A gap within a column of pixels cannot be seen.
+            Some(column) if column.number == number => {
+                column.last = sample;
+                if sample.1 < column.least.1 {
+                    column.least = sample;
+                }
+                if sample.1 > column.greatest.1 {
+                    column.greatest = sample;
+                }
+            }
+            _ => {
+                self.close_column();
+                if self.broken || self.segments.is_empty() {
+                    self.segments.push(Vec::new());
+                }
+                self.column = Some(Column { number, first: sample, least: sample, greatest: sample, last: sample });
+            }
+        }
+        self.broken = false;
+    }
+
+    fn column_of(&self, at_ns: i64) -> i64 {
+        let span = i128::from(self.window.to_ns) - i128::from(self.window.from_ns);
+        let into = i128::from(at_ns) - i128::from(self.window.from_ns);
+        // Within the columns, as `into` is within `span`.
+        (into * i128::from(self.columns) / span.max(1)) as i64
+    }
+
+    fn close_column(&mut self) {
+        let (Some(column), Some(segment)) = (self.column.take(), self.segments.last_mut()) else { return };
+        let mut samples = [column.first, column.least, column.greatest, column.last];
+        samples[1..3].sort_by_key(|sample| sample.0);
+        for sample in samples {
+            if segment.last() != Some(&sample) {
+                segment.push(sample);
+            }
+        }
+    }
+}

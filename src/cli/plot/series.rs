@@ -1,0 +1,208 @@
+//! The second look at a recording: the lines of the plot.
+
+use ecmsk::link::Dir;
+use ecmsk::sk::{
+    DriveResponse, FIFO_ENTRIES, FifoAction, MasterCommand, MasterResponse, SlaveCommand, SlaveKind, SlotCommand,
+};
+
+use super::decimate::Line;
+use super::follow::{Follow, Targets};
+use super::{Window, style, survey};
+use crate::cli::kinds::Kinds;
+use crate::cli::recording::Framed;
+
+/// Columns of pixels that a line is thinned to: the width of a diagram.
+const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
+
+/// A line in pieces, seconds and values.
+pub type Pieces = Vec<Vec<(f64, f64)>>;
+
+/// What there is to draw.
+pub struct Lines {
+    /// One for each axis.
+    pub axes: Vec<AxisLines>,
+    /// Free entries of the FIFO.
+    pub fifo_free: Pieces,
+    /// When the full count went up, seconds; near ones are one.
+    pub full: Vec<f64>,
+    /// Reports with a higher full count than the one before.
+    pub full_reports: u64,
+    /// Whether the differences were asked for.
+    pub with_difference: bool,
+}
+
+/// The lines of one axis.
+pub struct AxisLines {
+    /// Slave.
+    pub axis: u8,
+    /// Counts, as sent.
+    pub target: Pieces,
+    /// Counts.
+    pub position: Pieces,
+    /// Counts: the target executed minus the position, while the drive follows it.
+    pub difference: Pieces,
+    /// As the drive scales it.
+    pub target_velocity: Pieces,
+    /// Percent of rated, as sent.
+    pub target_torque: Pieces,
+    /// Percent of rated.
+    pub torque: Pieces,
+}
+
+/// The lines under construction.
+pub struct Series {
+    window: Window,
+    board: Option<(u16, u8)>,
+    axes: Vec<Axis>,
+    fifo_free: Line,
+    full: Line,
+    full_reports: u64,
+    full_count: Option<u16>,
+    in_op: bool,
+    kinds: Kinds,
+    follow: Option<Follow>,
+}
+
+struct Axis {
+    number: u8,
+    target: Line,
+    position: Line,
+    difference: Line,
+    target_velocity: Line,
+    target_torque: Line,
+    torque: Line,
+}
+
+impl Series {
+    /// Lines across `window` of these slaves of that board.
+    pub fn new(window: Window, axes: &[u8], board: Option<(u16, u8)>, with_difference: bool) -> Self {
+        let line = || Line::new(window, COLUMNS);
+        let held = || Line::holding(window, COLUMNS);
+        let axis = |number: &u8| Axis {
+            number: *number,
+            target: held(),
+            position: line(),
+            difference: line(),
+            target_velocity: held(),
+            target_torque: held(),
+            torque: line(),
+        };
+        Self {
+            window,
+            board,
+            axes: axes.iter().map(axis).collect(),
+            fifo_free: line(),
+            full: line(),
+            full_reports: 0,
+            full_count: None,
+            in_op: false,
+            kinds: Kinds::new(None),
+            follow: with_difference.then(Follow::default),
+        }
+    }
+
+    /// The next frame, in the order of time.
+    pub fn frame(&mut self, framed: &Framed) {
+        if self.board.is_some_and(|board| board != framed.board()) {
+            return;
+        }
+        match framed.recorded.dir {
+            Dir::Write => self.command(framed),
+            Dir::Read if survey::is_op(framed) => self.report(framed),
+            Dir::Read => self.outside_op(framed),
+        }
+    }
+
+    /// The lines.
+    pub fn finish(self) -> Lines {
+        let axis = |axis: Axis| AxisLines {
+            axis: axis.number,
+            target: axis.target.finish(),
+            position: axis.position.finish(),
+            difference: axis.difference.finish(),
+            target_velocity: axis.target_velocity.finish(),
+            target_torque: axis.target_torque.finish(),
+            torque: axis.torque.finish(),
+        };
+        Lines {
+            axes: self.axes.into_iter().map(axis).collect(),
+            fifo_free: self.fifo_free.finish(),
+            full: self.full.finish().into_iter().flatten().map(|(seconds, _)| seconds).collect(),
+            full_reports: self.full_reports,
+            with_difference: self.follow.is_some(),
+        }
+    }
+
+    fn command(&mut self, framed: &Framed) {
+        let (frame, size, at_ns) = (&framed.recorded.frame, framed.size, framed.time_ns);
+        self.kinds.command(frame, size);
+        if !self.in_op {
+            return;
+        }
+        let mut targets = Targets::default();
+        for (axis, target) in self.axes.iter_mut().zip(&mut targets) {
+            match SlotCommand::decode(&frame.slot(size, axis.number.into()), size).map(|slot| slot.command) {
+                Ok(SlaveCommand::Csp(motion)) => {
+                    *target = Some(motion.first.target);
+                    axis.target.push(at_ns, motion.first.target.into());
+                }
+                Ok(SlaveCommand::Csv(motion)) => axis.target_velocity.push(at_ns, motion.first.target.into()),
+                Ok(SlaveCommand::Cst(torque)) => axis.target_torque.push(at_ns, percent(torque)),
+                _ => {}
+            }
+        }
+        if let Some(follow) = &mut self.follow {
+            let master = MasterCommand::decode(&frame.slot(size, 0), size);
+            follow.command(&targets, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
+        }
+    }
+
+    fn report(&mut self, framed: &Framed) {
+        let (frame, size, at_ns) = (&framed.recorded.frame, framed.size, framed.time_ns);
+        self.kinds.response(frame, size);
+        self.in_op = true;
+        let master = MasterResponse::decode(&frame.slot(size, 0));
+        self.fifo_free.push(at_ns, master.fifo_free.min(FIFO_ENTRIES).into());
+        if self.full_count.replace(master.full_count).is_some_and(|before| before != master.full_count) {
+            self.full_reports += u64::from(self.window.contains(at_ns));
+            self.full.push(at_ns, 0.0);
+        }
+        let follow = self.follow.as_mut();
+        let in_force = follow.and_then(|follow| follow.report(master.fifo_free, master.full_count, master.error));
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            let number = usize::from(axis.number);
+            let drive = DriveResponse::decode(&frame.slot(size, number));
+            axis.position.push(at_ns, drive.position.into());
+            // An HSP has its inputs there.
+            if self.kinds.of(number) != Some(SlaveKind::Hsp) {
+                axis.torque.push(at_ns, percent(drive.torque));
+            }
+            match in_force.and_then(|targets| targets[i]).filter(|_| drive.statusword.is_enabled()) {
+                Some(target) => axis.difference.push(at_ns, f64::from(target) - f64::from(drive.position)),
+                None => axis.difference.interrupt(at_ns),
+            }
+        }
+    }
+
+    fn outside_op(&mut self, framed: &Framed) {
+        self.kinds.response(&framed.recorded.frame, framed.size);
+        if !std::mem::replace(&mut self.in_op, false) {
+            return;
+        }
+        let at_ns = framed.time_ns;
+        self.fifo_free.interrupt(at_ns);
+        if let Some(follow) = &mut self.follow {
+            follow.reset();
+        }
+        for axis in &mut self.axes {
+            let lines = [&mut axis.target, &mut axis.position, &mut axis.difference];
+            let more = [&mut axis.target_velocity, &mut axis.target_torque, &mut axis.torque];
+            lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
+        }
+    }
+}
+
+/// From 0.1 % of rated.
+fn percent(torque: i16) -> f64 {
+    f64::from(torque) / 10.0
+}

@@ -1,0 +1,120 @@
+//! The first look at a recording: when its board was in OP, and which axes were moved there.
+
+use ecmsk::link::Dir;
+use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotMeaning};
+use ecmsk::sk::{CommandId, MasterResponse, MasterState, SlaveKind, SlotSize};
+
+use super::Window;
+use crate::cli::kinds::Kinds;
+use crate::cli::recording::{self, Framed};
+
+/// What was found so far. Of a capture with several boards the one is looked at that is in OP first.
+pub struct Survey {
+    board: Option<(u16, u8)>,
+    size: SlotSize,
+    link: Option<String>,
+    op: Option<Window>,
+    in_op: bool,
+    kinds: Kinds,
+    /// Slaves that got a command for a drive in OP.
+    moved: [bool; MAX_SLAVES],
+    /// Slaves whose slot is a drive's in OP.
+    drives: [bool; MAX_SLAVES],
+}
+
+impl Default for Survey {
+    fn default() -> Self {
+        Self {
+            board: None,
+            size: SlotSize::default(),
+            link: None,
+            op: None,
+            in_op: false,
+            kinds: Kinds::new(None),
+            moved: [false; MAX_SLAVES],
+            drives: [false; MAX_SLAVES],
+        }
+    }
+}
+
+impl Survey {
+    /// The next frame, in the order of time.
+    pub fn frame(&mut self, framed: &Framed) {
+        if self.board.is_some_and(|board| board != framed.board()) {
+            return;
+        }
+        match framed.recorded.dir {
+            Dir::Write => self.command(framed),
+            Dir::Read => self.response(framed),
+        }
+    }
+
+    /// When the board was in OP, from the first response that says so to the last.
+    pub const fn op(&self) -> Option<Window> {
+        self.op
+    }
+
+    /// The board looked at.
+    pub fn board(&self) -> Option<(u16, u8)> {
+        self.board
+    }
+
+    /// Bytes of its slots.
+    pub const fn size(&self) -> SlotSize {
+        self.size
+    }
+
+    /// The link that was recorded first.
+    pub fn link(&self) -> Option<String> {
+        self.link.clone()
+    }
+
+    /// The slaves that were moved; if none was, those that are drives.
+    pub fn axes(&self) -> Vec<u8> {
+        let chosen = if self.moved.contains(&true) { &self.moved } else { &self.drives };
+        (1..).zip(chosen).filter(|(_, chosen)| **chosen).map(|(n, _)| n).collect()
+    }
+
+    fn command(&mut self, framed: &Framed) {
+        let (frame, size) = (&framed.recorded.frame, framed.size);
+        self.kinds.command(frame, size);
+        if !self.in_op {
+            return;
+        }
+        for (n, moved) in (1..=size.max_slaves()).zip(&mut self.moved) {
+            let id = CommandId::from_code(frame.slot(size, n).id);
+            *moved |=
+                matches!(id, CommandId::ServoOn | CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::GoHome);
+        }
+    }
+
+    fn response(&mut self, framed: &Framed) {
+        let (frame, size) = (&framed.recorded.frame, framed.size);
+        self.kinds.response(frame, size);
+        self.in_op = is_op(framed);
+        if !self.in_op {
+            return;
+        }
+        self.board.get_or_insert(framed.board());
+        self.size = size;
+        if self.link.is_none() {
+            self.link = framed.meta.as_deref().map(recording::link_name);
+        }
+        let at_ns = framed.time_ns;
+        self.op.get_or_insert(Window { from_ns: at_ns, to_ns: at_ns }).to_ns = at_ns;
+        let dump = ResponseDump::new(frame, size);
+        for (n, drive) in (1..=size.max_slaves()).zip(&mut self.drives) {
+            let guessed = || match dump.line(n)?.meaning {
+                SlotMeaning::SlaveResponse(reading) => reading.kind.kind(),
+                _ => None,
+            };
+            let kind = self.kinds.of(n).or_else(guessed);
+            *drive |= matches!(kind, Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp));
+        }
+    }
+}
+
+/// Whether a response says that the network runs, a failed slave or not.
+pub fn is_op(framed: &Framed) -> bool {
+    MasterResponse::decode(&framed.recorded.frame.slot(framed.size, 0)).state.state() == Some(MasterState::Op)
+}

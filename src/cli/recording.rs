@@ -1,0 +1,202 @@
+//! The frames of a recording, each with all that a verb needs to know of it.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::rc::Rc;
+
+use ecmsk::engine::Firmware;
+use ecmsk::link::record::{RecordError, RecordMeta, Recorded, Recording};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::sk::{FRAME_LEN, SlotSize};
+
+use super::error::say;
+use super::slot_size::{SizeFinder, SizeFrom};
+
+/// Frames that are looked at, at most, to find a slot size that the recording does not tell.
+const LOOK_AHEAD: usize = 1000;
+
+/// The name that stands for standard input.
+const STDIN: &str = "-";
+
+/// A frame of a recording.
+#[derive(Clone, Debug)]
+pub struct Framed {
+    /// Its number in the recording, from 1.
+    pub number: u64,
+    /// Nanoseconds since the recording's first frame. Less than 0 for a report that was read after that, but made before.
+    pub time_ns: i64,
+    /// As it was recorded.
+    pub recorded: Recorded,
+    /// Bytes of a slot.
+    pub size: SlotSize,
+    /// What the recording says of itself at this frame.
+    pub meta: Option<Rc<RecordMeta>>,
+}
+
+impl Framed {
+    /// Which board of a capture this is: its bus and device.
+    pub const fn board(&self) -> (u16, u8) {
+        (self.recorded.bus, self.recorded.device)
+    }
+}
+
+/// A frame as it was read, and what the recording says of itself there.
+type Raw = (Recorded, Option<Rc<RecordMeta>>);
+
+/// The frames of a recording, in the order of the file.
+pub struct Frames<R> {
+    recording: Recording<R>,
+    name: String,
+    sizes: SizeFinder,
+    /// Read to find the slot size, not handed out yet.
+    ahead: VecDeque<Result<Raw, RecordError>>,
+    meta: Option<Rc<RecordMeta>>,
+    first_ns: Option<u64>,
+    number: u64,
+    noted: bool,
+}
+
+impl Frames<Box<dyn Read>> {
+    /// Opens a file, `-` being standard input. `size`: what the user says of the slot size.
+    ///
+    /// # Errors
+    /// [`RecordError`] if it cannot be read or is no recording.
+    pub fn open(file: &Path, size: Option<SlotSize>) -> Result<Self, RecordError> {
+        if file == Path::new(STDIN) {
+            return Self::new(Box::new(std::io::stdin().lock()), "standard input", size);
+        }
+        let name = file.display().to_string();
+        match File::open(file) {
+            Ok(source) => Self::new(Box::new(source), &name, size),
+            Err(error) => Err(RecordError::Io { name, message: error.to_string() }),
+        }
+    }
+}
+
+impl<R: Read> Frames<R> {
+    /// Reads from any source; `name` is for messages.
+    ///
+    /// # Errors
+    /// [`RecordError`] if it does not begin like a recording.
+    pub fn new(source: R, name: &str, size: Option<SlotSize>) -> Result<Self, RecordError> {
+        let mut frames = Self {
+            recording: Recording::new(source, name)?,
+            name: name.to_owned(),
+            sizes: SizeFinder::new(size),
+            ahead: VecDeque::new(),
+            meta: None,
+            first_ns: None,
+            number: 0,
+            noted: size.is_some(),
+        };
+        frames.look_ahead();
+        Ok(frames)
+    }
+
+    /// The first frames, until they tell the slot size or the recording itself does.
+    fn look_ahead(&mut self) {
+        while self.ahead.len() < LOOK_AHEAD && !self.sizes.is_sure() {
+            let Some(found) = self.read() else { return };
+            let told = match &found {
+                Ok((_, meta)) if size_told(meta.as_deref()).is_some() => true,
+                Ok((recorded, _)) => {
+                    self.sizes.look(&recorded.frame, FRAME_LEN);
+                    false
+                }
+                Err(_) => true,
+            };
+            self.ahead.push_back(found);
+            if told {
+                return;
+            }
+        }
+    }
+
+    fn read(&mut self) -> Option<Result<Raw, RecordError>> {
+        let recorded = self.recording.next()?;
+        if self.recording.meta() != self.meta.as_deref() {
+            self.meta = self.recording.meta().cloned().map(Rc::new);
+        }
+        Some(recorded.map(|recorded| (recorded, self.meta.clone())))
+    }
+
+    /// By the user, else by the recording, else by the CRCs of all that was looked at; that nothing tells is noted once.
+    fn size(&mut self, meta: Option<&RecordMeta>) -> SlotSize {
+        match (self.sizes.given(), size_told(meta)) {
+            (Some(size), _) | (None, Some(size)) => size,
+            (None, None) => {
+                let (size, from) = self.sizes.size();
+                if from == SizeFrom::Assumed && !std::mem::replace(&mut self.noted, true) {
+                    note_assumed(&self.name, size);
+                }
+                size
+            }
+        }
+    }
+
+    /// Says on standard error how many frames are missing, if any are; known at the end only.
+    pub fn note_missing(&self) {
+        let missing = self.recording.missing();
+        if missing > 0 {
+            let name = &self.name;
+            say(
+                "note",
+                &format_args!("{name}: {missing} frames are missing; record to a faster disk to have them all"),
+            );
+        }
+    }
+}
+
+impl<R: Read> Iterator for Frames<R> {
+    type Item = Result<Framed, RecordError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let next = match self.ahead.pop_front() {
+            Some(next) => next,
+            None => self.read()?,
+        };
+        Some(next.map(|(recorded, meta)| {
+            let size = self.size(meta.as_deref());
+            let first_ns = *self.first_ns.get_or_insert(recorded.at_ns);
+            self.number += 1;
+            Framed { number: self.number, time_ns: since(first_ns, recorded.at_ns), recorded, size, meta }
+        }))
+    }
+}
+
+/// The firmware that the link of a recording names; that of a real board is not known.
+pub fn firmware(meta: Option<&RecordMeta>) -> Option<Firmware> {
+    let link = LinkUri::parse(&meta?.link).ok()?;
+    match link.value("fw")? {
+        "1.5" => Some(Firmware::V15),
+        _ => Some(Firmware::V17),
+    }
+}
+
+/// The link of a recording for people to read: without the recording's own file, and with nothing encoded.
+pub fn link_name(meta: &RecordMeta) -> String {
+    let Ok(link) = LinkUri::parse(&meta.link) else { return meta.link.clone() };
+    let keys = link.keys().filter(|(key, _)| *key != "record").map(|(key, value)| format!("{key}={value}"));
+    let keys = keys.collect::<Vec<_>>().join("&");
+    format!("{}:{}{}{keys}", link.scheme(), link.path(), if keys.is_empty() { "" } else { "?" })
+}
+
+/// Says on standard error that a slot size was assumed.
+pub fn note_assumed(whose: &str, size: SlotSize) {
+    let size = size.bytes();
+    say(
+        "note",
+        &format_args!("{whose}: no CRC tells the slot size, taken as {size} bytes; if it is not, give --slot-size"),
+    );
+}
+
+fn size_told(meta: Option<&RecordMeta>) -> Option<SlotSize> {
+    meta?.slot
+}
+
+/// `at - first`, as far as it goes; a damaged file may hold any times.
+fn since(first: u64, at: u64) -> i64 {
+    i64::try_from(i128::from(at) - i128::from(first)).unwrap_or(if at < first { i64::MIN } else { i64::MAX })
+}

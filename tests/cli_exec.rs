@@ -1,0 +1,423 @@
+//! `ecmsk exec`: what a program is given, and how its end comes back. Shell scripts stand for programs here; programs on
+//! the real library are in the module `needs_cxx`.
+#![cfg(all(feature = "cli", target_os = "linux"))]
+
+mod cli_support;
+mod support;
+
+use std::ffi::OsStr;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use cli_support::{Ran, ecmsk};
+use ecmsk::link::uri::LinkUri;
+use tempfile::TempDir;
+
+/// A folder with something that looks like the library, and one for temporary files.
+struct Place {
+    folder: TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        fs::create_dir(folder.path().join("tmp")).expect("a folder");
+        symlink(env!("CARGO_BIN_EXE_ecmsk"), folder.path().join("libNEXTWUSBLib.so")).expect("a link");
+        Self { folder }
+    }
+
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn tmp(&self) -> PathBuf {
+        self.path().join("tmp")
+    }
+
+    /// `ecmsk exec` with this library, in this folder.
+    fn exec(&self, options: &[&str]) -> Command {
+        let mut command = ecmsk(["exec", "--library"]);
+        command.arg(self.path()).args(options).env("TMPDIR", self.tmp()).current_dir(self.path());
+        command
+    }
+
+    /// Runs a shell script to its end; nothing is left behind.
+    fn run(&self, options: &[&str], script: &str) -> Ran {
+        let ran = self.exec(options).args(["--", "sh", "-c", script]).output().expect("the tool starts").into();
+        self.is_clean();
+        ran
+    }
+
+    #[track_caller]
+    fn is_clean(&self) {
+        let left: Vec<_> = fs::read_dir(self.tmp()).expect("a folder").flatten().map(|entry| entry.path()).collect();
+        assert_eq!(left, Vec::<PathBuf>::new(), "left behind");
+    }
+}
+
+/// The program gets the link in normal form, and nothing is said.
+#[test]
+fn the_link_reaches_the_program() {
+    let place = Place::new();
+    let link = "sim:?clock=virtual&slaves=drive,drive,drive&slot=12";
+    let out = place.run(&["--link", link], "echo \"$ECMSK_LINK\"").quiet();
+    assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
+}
+
+/// Without --link the library looks for its link as always: the variable is neither set nor taken away.
+#[test]
+fn without_a_link_the_environment_stays() {
+    let place = Place::new();
+    assert_eq!(place.run(&[], "echo \"${ECMSK_LINK-not set}\"").quiet(), "not set\n");
+    let script = ["--", "sh", "-c", "echo \"$ECMSK_LINK\""];
+    let mut command = place.exec(&[]);
+    let ran = Ran::from(command.args(script).env("ECMSK_LINK", "anything").output().expect("the tool starts"));
+    assert_eq!(ran.quiet(), "anything\n");
+}
+
+/// The first folder of the search path is private and has the library under both its names, nothing else.
+#[test]
+fn the_library_is_found_first() {
+    let place = Place::new();
+    let script = "first=${LD_LIBRARY_PATH%%:*}; stat -c %a \"$first\"; cd \"$first\"; for f in *; do echo \"$f\"; readlink \"$f\"; done";
+    let out = place.run(&["--link", "sim:"], script).quiet();
+    let library = fs::canonicalize(env!("CARGO_BIN_EXE_ecmsk")).expect("a file");
+    let library = library.display();
+    assert_eq!(out, format!("700\nlibNEXTWUSBLib.so\n{library}\nlibNEXTWUSBLib.so.0\n{library}\n"));
+}
+
+/// The user's search path stays behind it; an empty one, which would mean the current folder, is not kept.
+#[test]
+fn the_search_path_is_kept() {
+    let place = Place::new();
+    for (before, after) in [("/a:/b", ":/a:/b"), ("", "")] {
+        let mut command = place.exec(&[]);
+        command.args(["--", "sh", "-c", "echo \"$LD_LIBRARY_PATH\""]).env("LD_LIBRARY_PATH", before);
+        let out = Ran::from(command.output().expect("the tool starts")).quiet();
+        let own = out.trim_end().strip_suffix(after).expect("the user's folders stand at the end");
+        assert!(own.starts_with(place.tmp().to_str().expect("UTF-8")) && !own.contains(':'), "{out}");
+    }
+}
+
+/// The library: a file, or a folder that has it by either name.
+#[test]
+fn the_library_may_be_named() {
+    let place = Place::new();
+    let file = place.path().join("build-7.so");
+    fs::copy("/bin/sh", &file).expect("a copy");
+    let only_soname = place.path().join("runtime");
+    fs::create_dir(&only_soname).expect("a folder");
+    symlink(&file, only_soname.join("libNEXTWUSBLib.so.0")).expect("a link");
+    for name in [&file, &only_soname] {
+        let script = "readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so.0\"";
+        let mut command = ecmsk(["exec", "--library"]);
+        command.arg(name).args(["--", "sh", "-c", script]).env("TMPDIR", place.tmp());
+        let out = Ran::from(command.output().expect("the tool starts")).quiet();
+        assert_eq!(Path::new(out.trim_end()), fs::canonicalize(&file).expect("a file"));
+    }
+}
+
+/// Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them.
+#[test]
+fn the_library_is_looked_for_beside_the_tool() {
+    let place = Place::new();
+    let (bin, lib) = (place.path().join("stage/bin"), place.path().join("stage/lib"));
+    fs::create_dir_all(&bin).expect("a folder");
+    fs::create_dir_all(&lib).expect("a folder");
+    let tool = bin.join("ecmsk");
+    fs::copy(env!("CARGO_BIN_EXE_ecmsk"), &tool).expect("a copy");
+    let run = || {
+        let mut command = Command::new(&tool);
+        command.args(["exec", "--", "sh", "-c", "readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so\""]);
+        Ran::from(command.env("TMPDIR", place.tmp()).output().expect("the tool starts"))
+    };
+    let bin = fs::canonicalize(&bin).expect("a folder");
+    let lib = fs::canonicalize(&lib).expect("a folder");
+    run().failed(
+        125,
+        &["no libNEXTWUSBLib.so in", &format!("{} or {}", bin.display(), lib.display())],
+        "name it with --library",
+    );
+    for folder in [lib, bin] {
+        let library = folder.join("libNEXTWUSBLib.so");
+        fs::copy("/bin/sh", &library).expect("a copy");
+        assert_eq!(Path::new(run().quiet().trim_end()), library);
+    }
+}
+
+/// What is no library is an error of the tool: the dynamic linker would take another one without a word.
+#[test]
+fn what_is_no_library_is_refused() {
+    let place = Place::new();
+    let run = |library: &OsStr| {
+        let mut command = ecmsk(["exec", "--library"]);
+        command.arg(library).args(["--", "sh", "-c", "echo started"]).env("TMPDIR", place.tmp());
+        let ran = Ran::from(command.output().expect("the tool starts"));
+        assert_eq!(ran.out, "", "the program was started");
+        ran
+    };
+    let text = place.path().join("text.so");
+    fs::write(&text, "no library").expect("a file");
+    run(text.as_os_str()).failed(125, &["text.so is no shared library", "no ELF file"], "with --library");
+    fs::write(&text, "").expect("a file");
+    run(text.as_os_str()).failed(125, &["too short"], "with --library");
+    run(OsStr::new("/nowhere")).failed(125, &["no libNEXTWUSBLib.so in /nowhere"], "with --library");
+}
+
+/// --record stands in the link, encoded, with the whole path.
+#[test]
+fn record_is_part_of_the_link() {
+    let place = Place::new();
+    let name = "a run & 100 %?#=.pcapng";
+    let out = place.run(&["--link", "sim:?clock=virtual", "--record", name], "echo \"$ECMSK_LINK\"").quiet();
+    let link = LinkUri::parse(out.trim_end()).expect("a link");
+    let expected = fs::canonicalize(place.path()).expect("a folder").join(name);
+    assert_eq!(link.value("record").map(Path::new), Some(expected.as_path()));
+    assert_eq!(link.value("clock"), Some("virtual"));
+}
+
+/// A recording that cannot be made is an error before the program starts.
+#[test]
+fn wrong_recordings() {
+    let place = Place::new();
+    let refused = |record: &str, code, words: &[&str], next: &str| {
+        let ran = place.run(&["--link", "sim:", "--record", record], "echo started");
+        ran.failed(code, words, next);
+        assert_eq!(ran.out, "", "the program was started");
+    };
+    refused("nowhere/run.pcapng", 125, &["nowhere/run.pcapng", "its folder does not exist"], "with --record");
+    refused("tmp", 125, &["cannot record to tmp", "it is a folder"], "with --record");
+    let twice = place.run(&["--link", "sim:?record=a", "--record", "b"], "echo started");
+    twice.failed(2, &["`record` is given twice"], "ecmsk link help");
+    place.run(&["--record", "run.pcapng"], "echo started").misused(&["--link"]);
+}
+
+/// A wrong link is an error of the command line, and the program is not started.
+#[test]
+fn wrong_links() {
+    let place = Place::new();
+    for (link, words) in [
+        ("sim:?slavs=drive", ["slavs", "slaves"]),
+        ("sim:?slaves=drive*41", ["drive*41", "40"]),
+        ("bus:", ["unknown scheme `bus`", "sim:"]),
+        ("usb:", ["`usb:` is not in this build", "sim:"]),
+    ] {
+        let ran = place.run(&["--link", link], "echo started");
+        ran.misused(&words);
+        assert_eq!(ran.out, "", "{link}: the program was started");
+    }
+}
+
+/// The program's exit code is the tool's; 128 + n if signal n ended it.
+#[test]
+fn exit_codes() {
+    let place = Place::new();
+    for code in [0, 1, 3, 125, 255] {
+        let ran = place.run(&[], &format!("exit {code}"));
+        assert_eq!((ran.code, ran.err.as_str()), (Some(code), ""));
+    }
+    for (signal, code) in [("KILL", 137), ("TERM", 143), ("SEGV", 139)] {
+        let ran = place.run(&[], &format!("kill -{signal} $$"));
+        assert_eq!((ran.code, ran.err.as_str()), (Some(code), ""), "{signal}");
+    }
+}
+
+/// 127 for what is not there, 126 for what cannot be executed, each with what to do.
+#[test]
+fn programs_that_do_not_start() {
+    let place = Place::new();
+    let file = |name: &str, text: &str, mode| {
+        let file = place.path().join(name);
+        fs::write(&file, text).expect("a file");
+        fs::set_permissions(&file, fs::Permissions::from_mode(mode)).expect("permissions");
+    };
+    file("program", "#!/bin/sh\n", 0o644);
+    file("script", "#!/no/such/shell\n", 0o755);
+    file("rubbish", "\x01\x02\x03", 0o755);
+    let run = |program: &str| {
+        let ran = Ran::from(place.exec(&["--"]).arg(program).output().expect("the tool starts"));
+        place.is_clean();
+        ran
+    };
+    run("no-such-program").failed(127, &["no-such-program: not found"], "put its folder on PATH");
+    run("./no-such-program").failed(127, &["./no-such-program: not found"], "check the path");
+    run("program").failed(127, &["program: not found"], "write ./program");
+    run("./program").failed(126, &["./program: Permission denied"], "chmod +x");
+    run("/").failed(126, &["/: Permission denied"], "name the program in it");
+    run("./script").failed(127, &["./script: not found"], "its interpreter or dynamic linker is not");
+    run("./rubbish").failed(126, &["./rubbish: Exec format error"], "build it here");
+}
+
+/// Options behind the program are the program's, with or without `--`.
+#[test]
+fn arguments_are_passed_on() {
+    let place = Place::new();
+    for between in [&["--"][..], &[]] {
+        let mut command = place.exec(&["-v"]);
+        command.args(between).args(["printf", "%s|", "--link", "x y", "-v", "--help"]);
+        let ran = Ran::from(command.output().expect("the tool starts"));
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "--link|x y|-v|--help|"));
+    }
+    let nothing = Ran::from(place.exec(&[]).output().expect("the tool starts"));
+    nothing.misused(&["<PROGRAM>"]);
+}
+
+/// -v says what was set and how the program ended, on standard error alone.
+#[test]
+fn verbose() {
+    let place = Place::new();
+    let ran = place.run(&["-v", "--link", "sim:"], "echo out; exit 3");
+    assert_eq!((ran.code, ran.out.as_str()), (Some(3), "out\n"));
+    let library = fs::canonicalize(env!("CARGO_BIN_EXE_ecmsk")).expect("a file");
+    for line in [format!("library: {}", library.display()), "ECMSK_LINK: sim:".into(), "program: exit status: 3".into()]
+    {
+        assert!(ran.err.lines().any(|said| said == line), "`{line}` is missing in: {}", ran.err);
+    }
+    assert!(ran.err.contains(&format!("LD_LIBRARY_PATH: {}", place.tmp().display())), "{}", ran.err);
+}
+
+/// A folder for temporary files that cannot be used is named.
+#[test]
+fn wrong_temporary_folders() {
+    let place = Place::new();
+    let run = |tmp: &Path| {
+        let mut command = place.exec(&["--", "true"]);
+        Ran::from(command.env("TMPDIR", tmp).output().expect("the tool starts"))
+    };
+    let gone = place.path().join("gone");
+    run(&gone).failed(125, &["cannot make a folder", "gone"], "set TMPDIR");
+    let colon = place.path().join("a:b");
+    fs::create_dir(&colon).expect("a folder");
+    run(&colon).failed(125, &["cannot look into", "a:b"], "set TMPDIR");
+}
+
+/// A program inherits no ignored or blocked signal from the tool, and what the user ignores (`nohup`) stays ignored.
+#[test]
+fn signals_are_inherited_as_they_were() {
+    let place = Place::new();
+    let script = ["--", "sh", "-c", "cat /proc/self/status"];
+    // Signals above 31 are the C library's own.
+    let mask = |status: &str, name: &str| {
+        let mask = status.lines().find_map(|line| line.strip_prefix(name)).expect("a line");
+        u64::from_str_radix(mask.trim(), 16).expect("a mask") & 0x7FFF_FFFF
+    };
+    // What the environment of this test ignores is ignored by all; SIGPIPE only by programs in Rust, not by what they
+    // start.
+    let own = fs::read_to_string("/proc/self/status").expect("a file");
+    let ignored = mask(&own, "SigIgn:") & !(1 << 12);
+    let out = Ran::from(place.exec(&script).output().expect("the tool starts")).quiet();
+    assert_eq!((mask(&out, "SigBlk:"), mask(&out, "SigIgn:")), (0, ignored));
+
+    let inner = place.exec(&script);
+    let mut nohup = Command::new("sh");
+    nohup.args(["-c", "trap '' HUP INT; exec \"$@\"", "sh"]).arg(inner.get_program()).args(inner.get_args());
+    let ran = Ran::from(nohup.env("TMPDIR", place.tmp()).output().expect("the shell starts"));
+    assert_eq!(mask(&ran.quiet(), "SigIgn:"), ignored | 0b11);
+}
+
+/// Starts a script that says when it is ready, in a process group of its own, as a shell does.
+fn start(place: &Place, script: &str) -> Child {
+    let mut command = place.exec(&["--", "sh", "-c", script]);
+    let mut tool = command.stdout(Stdio::piped()).process_group(0).spawn().expect("the tool starts");
+    let mut line = String::new();
+    BufReader::new(tool.stdout.take().expect("a pipe")).read_line(&mut line).expect("a line");
+    assert_eq!(line, "ready\n");
+    tool
+}
+
+/// Sends a signal to a process, or with a minus to a group.
+fn kill(signal: &str, whom: &str) {
+    let sent = Command::new("kill").args([signal, "--", whom]).status().expect("kill starts");
+    assert!(sent.success(), "kill {signal} {whom}");
+}
+
+/// Ctrl-C goes to the whole group: the program decides, and its end is the tool's.
+#[test]
+fn ctrl_c_is_the_programs() {
+    let place = Place::new();
+    for (script, code) in [
+        ("trap 'exit 9' INT; echo ready; while :; do sleep 0.05; done", 9),
+        ("echo ready; exec sleep 300", 130),
+        ("trap '' INT; echo ready; sleep 0.3; exit 4", 4),
+    ] {
+        let mut tool = start(&place, script);
+        kill("-INT", &format!("-{}", tool.id()));
+        assert_eq!(tool.wait().expect("it ends").code(), Some(code), "{script}");
+        place.is_clean();
+    }
+}
+
+/// SIGTERM and SIGHUP that come to the tool alone are handed on.
+#[test]
+fn termination_is_handed_on() {
+    let place = Place::new();
+    for (signal, script, code) in [
+        ("-TERM", "trap 'exit 7' TERM; echo ready; while :; do sleep 0.05; done", 7),
+        ("-TERM", "echo ready; exec sleep 300", 143),
+        ("-HUP", "echo ready; exec sleep 300", 129),
+    ] {
+        let mut tool = start(&place, script);
+        kill(signal, &tool.id().to_string());
+        assert_eq!(tool.wait().expect("it ends").code(), Some(code), "{script}");
+        place.is_clean();
+    }
+}
+
+/// Programs in C on the library of this build.
+mod needs_cxx {
+    use super::cli_support::{Ran, ecmsk, run};
+    use super::support::{self, Language};
+    use super::*;
+
+    fn program(name: &str) -> PathBuf {
+        support::compile(&support::root().join("tests/c").join(name), Language::C("c99")).exe
+    }
+
+    fn exec(options: &[&str], program: &Path) -> Ran {
+        let mut command = ecmsk(["exec", "--library"]);
+        let nowhere = support::out_dir().join("no-configuration");
+        command.arg(&support::library().shared).args(options).arg("--").arg(program);
+        command.env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere);
+        command.output().expect("the tool starts").into()
+    }
+
+    /// LIB-1 A program that links the library runs on the board that the tool names.
+    #[test]
+    fn a_program_runs_on_the_board_named() {
+        let out = exec(&["--link", "sim:?slaves=drive*3&clock=virtual"], &program("which_link.c")).quiet();
+        assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
+    }
+
+    /// Without --link the library says what it would open by itself: a board on USB.
+    #[test]
+    fn without_a_link_the_library_decides() {
+        let ran = exec(&[], &program("which_link.c"));
+        assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
+        assert!(ran.out.contains("usb:"), "{}", ran.out);
+    }
+
+    /// LIB-1 SK-9.8 What a program did can be read and plotted afterwards.
+    #[test]
+    fn a_program_is_recorded() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("two axes.pcapng");
+        let path = file.to_str().expect("UTF-8");
+        let link = "sim:?slaves=drive*2&clock=virtual";
+        let out = exec(&["--link", link, "--record", path], &program("two_axes.c")).quiet();
+        assert_eq!(out, "ok\n");
+        let text = run(["dump", path]).quiet();
+        assert!(text.starts_with("# sim:?clock=virtual\n"), "{}", &text[..200]);
+        for line in ["SET_STATE OP", "slave 2  CSP target -50000", "slave 1  CSP DRIVE statusword", "position 100000,"]
+        {
+            assert!(text.contains(line), "`{line}` is missing");
+        }
+        let plot = folder.path().join("two axes.svg");
+        assert_eq!(run(["plot", path]).quiet(), format!("{}\n", plot.display()));
+        let svg = fs::read_to_string(plot).expect("a plot");
+        assert!(svg.contains("Axis 1: position (counts)") && svg.contains("Axis 2: position (counts)"));
+    }
+}

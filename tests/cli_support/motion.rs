@@ -1,0 +1,111 @@
+//! A run of a board in OP, made up for the tests: the host sends targets, they wait in a queue, the drives follow.
+
+use std::collections::VecDeque;
+
+use ecmsk::cia402::Statusword;
+use ecmsk::sk::{
+    DriveResponse, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind,
+    SlaveResponse, SlotSize, StateByte,
+};
+
+use super::recordings::Script;
+
+const MS: u64 = 1_000_000;
+/// Operation enabled, following its target.
+const ENABLED: Statusword = Statusword(0x1637);
+
+/// The made-up board and its host, 1 ms a cycle.
+pub struct Run {
+    pub script: Script,
+    size: SlotSize,
+    now_ns: u64,
+    free: u16,
+    full: u16,
+    waiting: VecDeque<Vec<i32>>,
+    targets: Vec<i32>,
+    pub positions: Vec<i32>,
+}
+
+impl Run {
+    /// A board with that many drives that is taken to OP.
+    pub fn new(size: SlotSize, axes: usize) -> Self {
+        let zeros = vec![0; axes];
+        let mut run = Self {
+            script: Script::default(),
+            size,
+            now_ns: 5 * MS,
+            free: 160,
+            full: 0,
+            waiting: VecDeque::new(),
+            targets: zeros.clone(),
+            positions: zeros,
+        };
+        for group in 0..axes.div_ceil(8) {
+            let kind = |k| if group * 8 + k < axes { SlaveKind::Drive } else { SlaveKind::None };
+            run.master(&MasterCommand::SetAxis { group: group as u8, kinds: std::array::from_fn(kind) });
+        }
+        run.report(MasterState::PreOp);
+        run.master(&MasterCommand::SetState(MasterState::Op));
+        run.report(MasterState::SafeOp);
+        run.report(MasterState::Op);
+        run
+    }
+
+    /// The host asks the board itself for something.
+    pub fn master(&mut self, command: &MasterCommand) {
+        let mut frame = Frame::new();
+        frame.put_master(self.size, command);
+        frame.fill_crc(self.size);
+        self.now_ns += MS / 8;
+        self.script.command(self.now_ns, frame);
+    }
+
+    /// The host sends targets, one for each axis; a full board takes none.
+    pub fn send(&mut self, targets: &[i32]) {
+        let mut frame = Frame::new();
+        for (slave, target) in (1..).zip(targets) {
+            frame.put_slave(self.size, slave, &SlaveCommand::Csp(Motion::to(*target)).into());
+        }
+        frame.fill_crc(self.size);
+        self.now_ns += MS / 8;
+        self.script.command(self.now_ns, frame);
+        if self.waiting.len() == 160 {
+            self.full += 1;
+        } else {
+            self.waiting.push_back(targets.to_vec());
+        }
+    }
+
+    /// A cycle: the next targets are executed, the drives go a tenth of the way, the host reads the report.
+    pub fn cycle(&mut self) {
+        if let Some(next) = self.waiting.pop_front() {
+            self.targets = next;
+        }
+        for (position, target) in self.positions.iter_mut().zip(&self.targets) {
+            *position += (*target - *position) / 10;
+        }
+        self.free = 160 - self.waiting.len() as u16;
+        self.report(MasterState::Op);
+    }
+
+    /// The host reads a report of that state, made at the next full millisecond.
+    pub fn report(&mut self, state: MasterState) {
+        self.now_ns = (self.now_ns / MS + 1) * MS;
+        let mut frame = Frame::new();
+        let op = state == MasterState::Op;
+        let id = if op { MASTER_CYCLIC } else { 0 };
+        let (fifo_free, full_count) = if op { (self.free, self.full) } else { (0, 0) };
+        let head = MasterResponse { id, state: StateByte::reached(state), fifo_free, full_count, ..Default::default() };
+        frame.put(self.size, 0, &head.encode());
+        if op {
+            for (i, (position, target)) in self.positions.iter().zip(&self.targets).enumerate() {
+                let torque = ((target - position) / 4).clamp(-3000, 3000) as i16;
+                let head = SlaveResponse { id: 0x15, index: 0 };
+                let drive = DriveResponse { head, statusword: ENABLED, position: *position, torque, error_code: 0 };
+                frame.put(self.size, i + 1, &drive.encode());
+            }
+        }
+        frame.fill_crc(self.size);
+        self.script.response(self.now_ns, frame);
+    }
+}

@@ -69,9 +69,9 @@ impl fmt::Display for Figure {
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    println!("building and measuring; keep the machine quiet meanwhile");
+    println!("keep the machine quiet meanwhile");
     let mut cargo = project.cargo();
-    let said = command::output(cargo.args(["bench", "--quiet", "--workspace", "--bench", &arguments.bench]))?;
+    let said = command::output(cargo.args(["bench", "--workspace", "--bench", &arguments.bench]))?;
     let figures = read(&String::from_utf8_lossy(&said))?;
     if figures.is_empty() {
         return Err(Error::NoFigures);
@@ -84,7 +84,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let path = project.target.join("bench.json");
     let text = serde_json::to_string_pretty(&figures).expect("numbers and names always serialise");
     fs::write(&path, text + "\n").map_err(Error::file("write", &path))?;
-    println!("written to {}", project.shown(&path));
+    println!("written to {}", project.relative(&path).display());
 
     let misses = figures.iter().filter(|figure| !figure.holds()).count();
     let pairs = figures.iter().filter(|figure| figure.ratio.is_some()).count();

@@ -1,5 +1,6 @@
 //! `cargo xtask demo`: the C++ program of README on a simulated board, and a plot of what it did.
 
+use std::env;
 use std::fs;
 use std::process::Command;
 
@@ -8,41 +9,37 @@ use crate::needs::CXX;
 use crate::project::Project;
 use crate::{command, needs, stage};
 
-const PROGRAM: &str = "two_axes_12b";
+const SOURCE: &str = "examples/cpp/two_axes_12b.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real";
 
 pub fn run(project: &Project) -> Result<(), Error> {
     needs::require(project, &[CXX])?;
-    let folder = project.target.join("demo");
+    // The commands are shown, so they are written as one would type them at the root.
+    env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
+    let target = project.relative(&project.target);
+    let folder = target.join("demo");
+    let [staged, program, recording, plot] =
+        ["stage", "two_axes_12b", "two_axes.pcapng", "two_axes.svg"].map(|name| folder.join(name));
+    let ecmsk = target.join("release/ecmsk");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
-    let staged = folder.join("stage");
-    let program = folder.join(PROGRAM);
-    let recording = folder.join("two_axes.pcapng");
-    let plot = folder.join("two_axes.svg");
-    let ecmsk = project.target.join("release/ecmsk");
 
-    println!("building the library and the tool");
     stage::build_into(project, &staged, "release")?;
 
-    let mut compiler = Command::new(CXX.program);
-    compiler.current_dir(&project.root).args(["-std=c++17", "-O2", "-Wall", "-Wextra", "-pthread"]);
-    compiler.arg(format!("examples/cpp/{PROGRAM}.cpp")).arg("-I").arg(staged.join("include"));
-    compiler
-        .arg("-L")
-        .arg(staged.join("lib"))
-        .args(["-lNEXTWUSBLib", "-Wl,--enable-new-dtags,-rpath,$ORIGIN/stage/lib", "-o"])
-        .arg(&program);
-    show_and_run(&mut compiler)?;
+    let mut compile = Command::new(CXX.program);
+    compile.args(["-std=c++17", "-O2", "-Wall", "-Wextra", "-pthread", SOURCE]);
+    compile.arg("-I").arg(staged.join("include")).arg("-L").arg(staged.join("lib"));
+    // A run path, so that it starts without `ecmsk exec` too; the new kind gives way to LD_LIBRARY_PATH.
+    compile.args(["-lNEXTWUSBLib", "-Wl,--enable-new-dtags,-rpath,$ORIGIN/stage/lib", "-o"]).arg(&program);
+    show_and_run(&mut compile)?;
 
     let mut exec = Command::new(&ecmsk);
-    exec.current_dir(&project.root).args(["exec", "--link", LINK, "--record"]).arg(&recording).arg("--").arg(&program);
+    exec.args(["exec", "--link", LINK, "--record"]).arg(&recording).arg("--").arg(&program);
     show_and_run(&mut exec)?;
 
-    let mut draw = Command::new(&ecmsk);
-    show_and_run(draw.current_dir(&project.root).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
+    show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
 
-    println!("\nthe recording: {}", project.shown(&recording));
-    println!("the plot:      {}", project.shown(&plot));
+    println!("\nthe recording: {}", recording.display());
+    println!("the plot:      {}", plot.display());
     Ok(())
 }
 

@@ -41,7 +41,6 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let folder = project.root.join("fuzz");
     let targets = choose(targets(&folder)?, arguments.target.as_deref())?;
     needs::require(project, &[CXX])?;
-    println!("building {}", targets.join(", "));
     let programs = build(project, &folder, &targets)?;
     for target in &targets {
         println!("{target}: {} s ...", arguments.seconds);
@@ -77,7 +76,7 @@ fn build(project: &Project, folder: &Path, targets: &[String]) -> Result<PathBuf
     let built = folder.join("target");
     let mut cargo = project.cargo();
     cargo.current_dir(folder).env("RUSTFLAGS", RUSTFLAGS.join(" ")).env("CARGO_TARGET_DIR", &built);
-    cargo.args(["build", "--quiet", "--release", "--target", &triple]);
+    cargo.args(["build", "--release", "--target", &triple]);
     for target in targets {
         cargo.args(["--bin", target]);
     }

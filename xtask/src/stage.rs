@@ -38,7 +38,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(), Error> {
     // One after the other: built together, the library would get the features that only the tool needs.
     for package in ["NEXTWUSBLib", "ecmsk"] {
-        command::run(project.cargo().args(["build", "--quiet", "--profile", profile, "--package", package]))?;
+        command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
     let built = project.target.join(profile_folder(profile));
 

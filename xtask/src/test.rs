@@ -114,17 +114,17 @@ fn format(site: &Site) -> Result<(), Error> {
 }
 
 fn lints(site: &Site) -> Result<(), Error> {
-    command::run(site.project.cargo().args(["clippy", "--quiet", "--workspace", "--all-targets", "--", "-Dwarnings"]))
+    command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))
 }
 
 fn no_std(site: &Site) -> Result<(), Error> {
-    command::run(site.project.cargo().args(["check", "--quiet", "--package=ecmsk", "--lib", "--no-default-features"]))
+    command::run(site.project.cargo().args(["check", "--package=ecmsk", "--lib", "--no-default-features"]))
 }
 
 fn documentation(site: &Site) -> Result<(), Error> {
     let doc = |flags: &str, packages: &[&str]| {
         let mut cargo = site.project.cargo();
-        command::run(cargo.env("RUSTDOCFLAGS", flags).args(["doc", "--quiet", "--no-deps"]).args(packages))
+        command::run(cargo.env("RUSTDOCFLAGS", flags).args(["doc", "--no-deps"]).args(packages))
     };
     doc("-Dwarnings", &["--package=ecmsk"])?;
     // The other packages have no Rust that others use: their documentation is for those who work on them.
@@ -139,7 +139,7 @@ fn rules(site: &Site) -> Result<(), Error> {
 }
 
 fn fuzz_targets(site: &Site) -> Result<(), Error> {
-    command::run(site.project.cargo().args(["check", "--quiet", "--manifest-path=fuzz/Cargo.toml"]))
+    command::run(site.project.cargo().args(["check", "--manifest-path=fuzz/Cargo.toml"]))
 }
 
 fn staged(site: &Site) -> Result<(), Error> {
@@ -148,14 +148,8 @@ fn staged(site: &Site) -> Result<(), Error> {
 
 fn tests(site: &Site) -> Result<(), Error> {
     let mut cargo = site.project.cargo();
-    cargo.args(["test", "--quiet", "--workspace"]);
-    let mut closed = site.closed_gates().peekable();
-    if closed.peek().is_some() {
-        cargo.arg("--");
-    }
-    for gate in closed {
-        cargo.arg(format!("--skip={}::", gate.module));
-    }
+    cargo.args(["test", "--workspace", "--", "--quiet"]);
+    cargo.args(site.closed_gates().map(|gate| format!("--skip={}::", gate.module)));
     command::run(&mut cargo)
 }
 

@@ -51,7 +51,7 @@ impl Figure {
 
 impl fmt::Display for Figure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:<20}", self.name)?;
+        write!(f, "{:<36}", self.name)?;
         if let (Some(ours), Some(baseline), Some(ratio), Some(target)) =
             (self.ours_ns, self.baseline_ns, self.ratio, self.target)
         {
@@ -77,7 +77,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         return Err(Error::NoFigures);
     }
 
-    println!("{:<20}{:>17} {:>17} {:>8} {:>8}", "name", "ours", "baseline", "ratio", "target");
+    println!("{:<36}{:>17} {:>17} {:>8} {:>8}", "name", "ours", "baseline", "ratio", "target");
     for figure in &figures {
         println!("{figure}");
     }

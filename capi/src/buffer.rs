@@ -8,7 +8,7 @@ use crate::error::CallError;
 
 /// A command frame from the first `length` bytes at `data`: more than 512 count as 512, the rest of fewer is 0.
 ///
-/// [OURS] The vendor's library fills with 0xCC and takes a length of 0 for one of those frames.
+/// \[OURS] The vendor's library fills with 0xCC and takes a length of 0 for one of those frames.
 ///
 /// # Errors
 /// [`CallError::Null`], [`CallError::NoBytes`].

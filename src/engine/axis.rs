@@ -29,7 +29,7 @@ pub(super) struct Axis {
 
 impl Axis {
     /// SV_ON. A Fault is not reset by it, and a request made in Fault is not kept: it would start the motor on a later
-    /// ALM_CLR [OURS].
+    /// ALM_CLR \[OURS].
     pub(super) fn switch_on(&mut self) {
         if self.power != Power::Up {
             self.power = Power::Rising;
@@ -53,7 +53,7 @@ impl Axis {
     }
 
     /// A cycle's answer: the next step of a walk, and the target that holds the axis where it is while it does not
-    /// follow (SK-7 [OURS]: 0x607A = actual position, 0x60FF = 0, 0x6071 = 0).
+    /// follow (SK-7 \[OURS]: 0x607A = actual position, 0x60FF = 0, 0x6071 = 0).
     ///
     /// Once enabled the last such target stays until the first motion command: a load that pulls does not take the
     /// target along.

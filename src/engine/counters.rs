@@ -135,7 +135,7 @@ impl Counters {
 pub enum Event {
     /// A command was not executed.
     Rejected(Rejection),
-    /// SET_DC came with a Data2 that no guide prints; it was accepted (SK-4 [OURS]).
+    /// SET_DC came with a Data2 that no guide prints; it was accepted (SK-4 \[OURS]).
     OddDcShift {
         /// When, in board time.
         at: Ns,

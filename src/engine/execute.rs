@@ -8,7 +8,7 @@ use crate::sk::{
     SlotCommand,
 };
 
-/// In OP these do not wait in the FIFO (SK-5 [OURS]).
+/// In OP these do not wait in the FIFO (SK-5 \[OURS]).
 pub(super) const fn acts_on_arrival(id: CommandId) -> bool {
     matches!(id, CommandId::SetFifo | CommandId::SetState | CommandId::SoftReset)
 }
@@ -91,7 +91,7 @@ impl Engine {
         }
     }
 
-    /// What bytes 4..7 of the answer show; SK-2 [OURS]: 0 after a command without a result.
+    /// What bytes 4..7 of the answer show; SK-2 \[OURS]: 0 after a command without a result.
     fn run_master(&mut self, command: &MasterCommand, at: Ns) -> Result<u32, Reason> {
         match *command {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}

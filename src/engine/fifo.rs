@@ -16,8 +16,8 @@ pub(super) struct CommandFifo {
 /// "160 is the default: taking starts with the first entry."
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
-/// SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504 bytes (UG15n) and 128 for one of 512 [OURS];
-/// firmware 1.7 counts commands [OURS].
+/// SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504 bytes (UG15n) and 128 for one of 512 \[OURS];
+/// firmware 1.7 counts commands \[OURS].
 const fn full_count_step(firmware: Firmware, size: SlotSize) -> u16 {
     match firmware {
         Firmware::V17 => 1,
@@ -70,7 +70,7 @@ impl CommandFifo {
         true
     }
 
-    /// SET_FIFO 2. SK-5 [OURS]: above 160 counts as 160.
+    /// SET_FIFO 2. SK-5 \[OURS]: above 160 counts as 160.
     pub(super) fn set_threshold(&mut self, free: u32) {
         self.threshold = free.min(FIFO_ENTRIES.into()) as u16;
     }

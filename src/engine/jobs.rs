@@ -42,7 +42,7 @@ impl Engine {
         }
     }
 
-    /// A change has its time (SK-4 [OURS]: 10 s) whatever the bus does, and a way up that nobody wants any more ends.
+    /// A change has its time (SK-4 \[OURS]: 10 s) whatever the bus does, and a way up that nobody wants any more ends.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let Some(Work::Network(step)) = self.job else { return };
         if self.v.network.deadline().is_some_and(|deadline| now >= deadline) {
@@ -95,7 +95,7 @@ impl Engine {
         SlaveSet::first(self.v.network.found())
     }
 
-    /// SK-4 [OURS]: a found slave declared as none stays in PreOP and is not waited for.
+    /// SK-4 \[OURS]: a found slave declared as none stays in PreOP and is not waited for.
     fn used_slaves(&self) -> SlaveSet {
         let mut slaves = self.all_slaves();
         for slave in 1..=self.v.network.found() {

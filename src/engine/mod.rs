@@ -55,9 +55,9 @@ pub struct EngineConfig {
     pub slot: SlotSize,
     /// Firmware.
     pub firmware: Firmware,
-    /// How long a change of state may take. SK-4 [OURS]: 10 s.
+    /// How long a change of state may take. SK-4 \[OURS]: 10 s.
     pub state_timeout_ns: Ns,
-    /// How long a slave may take for an SDO. SK-6 [OURS]: 1 s.
+    /// How long a slave may take for an SDO. SK-6 \[OURS]: 1 s.
     pub sdo_timeout_ns: Ns,
 }
 
@@ -79,7 +79,7 @@ struct CrcSwitches {
     fill_responses: bool,
 }
 
-/// SK-1 [OURS]: the factory setting.
+/// SK-1 \[OURS]: the factory setting.
 const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
 
 /// What a slave's slot shows of the command executed last.

@@ -41,7 +41,7 @@ impl SdoSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 [OURS]: a request while a transfer is under way is rejected.
+    /// Takes a command of the host. SK-6 \[OURS]: a request while a transfer is under way is rejected.
     pub(super) fn command(&mut self, command: SdoCommand) -> Result<(), Reason> {
         let transfer = match command {
             SdoCommand::Read { slave, object } => Transfer { slave, object, write: None },

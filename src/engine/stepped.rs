@@ -9,7 +9,7 @@ use super::reports::{Report, ReportQueue};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// A read on a virtual clock that looks without waiting costs this much of the board's time [OURS]: one USB
+/// A read on a virtual clock that looks without waiting costs this much of the board's time \[OURS]: one USB
 /// microframe. Else a program that polls would stop the clock.
 const LOOK_NS: Ns = 125_000;
 

@@ -18,7 +18,7 @@ const VISIT: Duration = Duration::from_millis(5);
 /// Frames a host can hand over between two visits: more than can come in that time.
 const INBOX_FRAMES: usize = 256;
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
-/// time leaves the gap out, and it is counted [OURS].
+/// time leaves the gap out, and it is counted \[OURS].
 const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
 /// Events kept for the host's log between two looks.
 const EVENTS_KEPT: usize = 32;

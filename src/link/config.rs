@@ -164,7 +164,7 @@ impl Environment {
 
 /// Which link to open.
 ///
-/// [OURS] An `ECMSK_LINK` that is empty counts as not set. A file that is there and wrong is an error, never passed
+/// \[OURS] An `ECMSK_LINK` that is empty counts as not set. A file that is there and wrong is an error, never passed
 /// over: the program would get another board than the one somebody has named.
 ///
 /// # Errors

@@ -100,7 +100,7 @@ pub enum Syntax {
     Slaves,
 }
 
-/// Longest name of a board. [OURS]
+/// Longest name of a board. \[OURS]
 const NAME_MAX: usize = 64;
 
 impl Syntax {
@@ -180,7 +180,7 @@ impl Key {
     }
 }
 
-/// An hour and a day: the largest limits of time. [OURS]
+/// An hour and a day: the largest limits of time. \[OURS]
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
@@ -194,7 +194,7 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
 /// Every key, in the order of a URI's normal form.
 ///
-/// Values without a source are [OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
+/// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
 /// `sdo_timeout_ms` (SK-6), `catch_up_ms`, and the ends of every range.
 pub const KEYS: &[Key] = &[
     Key {

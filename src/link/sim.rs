@@ -16,7 +16,7 @@ use crate::slave::drive::{Drive, DriveConfig};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// LIB: what a failed open costs a board on virtual time [OURS], so that a loop that opens again after SW_RESET ends.
+/// LIB: what a failed open costs a board on virtual time \[OURS], so that a loop that opens again after SW_RESET ends.
 const FAILED_OPEN_NS: Ns = 50_000_000;
 
 /// Opens the board that the URI describes: one that this process has already, if `share` finds it, else a new one that

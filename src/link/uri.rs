@@ -302,7 +302,7 @@ fn key_names(scheme: Scheme) -> String {
 /// Words longer than this get no suggestion: comparing takes time that grows with the square of the length.
 const LONGEST_TYPO: usize = 64;
 
-/// ` did you mean ..?` if one of the words is near: at most every third letter differs. [OURS]
+/// ` did you mean ..?` if one of the words is near: at most every third letter differs. \[OURS]
 fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
     if word.len() > LONGEST_TYPO {
         return String::new();

@@ -19,9 +19,9 @@ use pcap_file::{DataLink, Endianness, PcapError, TsResolution};
 use super::meta::RecordMeta;
 use super::reader::RecordError;
 
-/// Bytes that are read at a time. [OURS]
+/// Bytes that are read at a time. \[OURS]
 const CHUNK: usize = 64 * 1024;
-/// Longest block that is read into memory. [OURS] Real ones are a thousand times shorter.
+/// Longest block that is read into memory. \[OURS] Real ones are a thousand times shorter.
 const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
 
 const NS_PER_S: u128 = 1_000_000_000;

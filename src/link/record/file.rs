@@ -1,7 +1,7 @@
 //! The file of a recording.
 //!
 //! A program that opens its board again, as it must after SW_RESET or when a cable was pulled, does not lose what was
-//! recorded before [OURS]: the first recording of a process replaces the file, later ones to the same file append a
+//! recorded before \[OURS]: the first recording of a process replaces the file, later ones to the same file append a
 //! section to it, which pcapng allows. Two recordings into one file at a time are refused.
 
 use std::collections::BTreeSet;

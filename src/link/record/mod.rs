@@ -28,7 +28,7 @@ use crate::sk::Frame;
 use writer::{Capture, Entry};
 
 /// Frames that may wait for a slow disk, in memory that is taken at the start: both directions of a 250 us cycle for a
-/// second. [OURS]
+/// second. \[OURS]
 pub const QUEUE: usize = 8192;
 
 /// A link that records.

@@ -32,7 +32,7 @@ const DATA_PRESENT: u8 = 0;
 /// Status of a transfer under way: -EINPROGRESS.
 const IN_PROGRESS: i32 = -115;
 
-/// Bus and device number that a recording gives the board, as usbmon has none to give. [OURS]
+/// Bus and device number that a recording gives the board, as usbmon has none to give. \[OURS]
 const BUS: u16 = 1;
 const DEVICE: u8 = 1;
 

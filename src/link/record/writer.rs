@@ -19,9 +19,9 @@ use super::usbmon;
 use crate::link::Dir;
 use crate::sk::{FRAME_LEN, Frame};
 
-/// Bytes that go to the disk in one write. [OURS]
+/// Bytes that go to the disk in one write. \[OURS]
 const BATCH: usize = 64 * 1024;
-/// No frame waits longer than this for the disk. [OURS]
+/// No frame waits longer than this for the disk. \[OURS]
 const LINGER: Duration = Duration::from_millis(100);
 
 const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;

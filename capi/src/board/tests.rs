@@ -267,7 +267,7 @@ fn calls_do_not_wait_for_an_open_under_way() {
             })
         });
         wait_started.recv().expect("the opener sends it");
-        assert_eq!(read(&board), Err(CallError::NotOpen));
+        assert_eq!(read(board), Err(CallError::NotOpen));
         assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
         go_on.send(()).expect("the opener waits for it");
         opener.join().expect("no panic").expect("opens");

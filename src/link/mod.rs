@@ -243,25 +243,23 @@ pub enum Share {
 pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
     let options = options::CommonOptions::from_uri(&uri)?;
-    let link: Arc<dyn Link> = match uri.scheme() {
+    let link = connect(&uri, &options, share)?;
+    let Some(path) = &options.record else { return Ok(link) };
+    let info = link.info();
+    let meta = record::RecordMeta::now(&info, info.opened_at);
+    Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
+}
+
+#[cfg_attr(not(feature = "sim"), expect(unused_variables, reason = "no link of this build uses them"))]
+fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+    match uri.scheme() {
         #[cfg(feature = "sim")]
-        keys::Scheme::Sim => Arc::new(sim::open(&uri, &options, share)?),
-        other => {
-            let _ = share;
-            return Err(LinkError::Unsupported {
-                scheme: other.name().into(),
-                hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \
-                       `ecmsk link help` lists the links there are"
-                    .into(),
-            });
-        }
-    };
-    match &options.record {
-        None => Ok(link),
-        Some(path) => {
-            let info = link.info();
-            let meta = record::RecordMeta::now(&info, info.opened_at);
-            Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
-        }
+        keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
+        other => Err(LinkError::Unsupported {
+            scheme: other.name().into(),
+            hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \
+                   `ecmsk link help` lists the links there are"
+                .into(),
+        }),
     }
 }

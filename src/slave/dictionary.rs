@@ -80,7 +80,7 @@ pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, Abor
 
 /// SDO download.
 ///
-/// Checked in this order [OURS]: does the object exist, can it be written, does the size fit, does the AL state allow
+/// Checked in this order \[OURS]: does the object exist, can it be written, does the size fit, does the AL state allow
 /// it, is the value in range, and what the row's own check says.
 ///
 /// # Errors

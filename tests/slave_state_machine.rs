@@ -286,7 +286,7 @@ fn a_fault_reset_is_a_rising_edge() {
     assert_eq!((machine.state(), machine.fault()), (SwitchOnDisabled, None));
 }
 
-/// SK-7.12 A fault reset does not clear every alarm, and no later fault makes it do so.
+/// A fault reset does not clear every fault, and no later fault makes it do so.
 #[test]
 fn some_faults_stay() {
     let lasting = DeviceFault { code: 0x7120, resettable: false };

@@ -1,17 +1,16 @@
 //! What the slots of a response say: the board's own, those of slaves, and the SDO slot.
 
-use ecmsk::cia402::Mode;
-use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{EngineConfig, Firmware};
 use ecmsk::fieldbus::AlState;
 use ecmsk::sk::{
-    CycleTime, DcShift, DriveSync, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand,
-    SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
+    CycleTime, DcShift, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand,
+    SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::AlStatus;
 
 use crate::host::Host;
-use crate::probe::{Bench, MEASURED, any_slaves, drives};
+use crate::probe::{Bench, any_slaves, drives};
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 

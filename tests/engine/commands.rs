@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use ecmsk::engine::{EngineConfig, Reason};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::sk::{CommandId, MasterState, RawSlot, SdoResponse, SlaveKind, SlotSize};
+use ecmsk::sk::{CommandId, MasterState, RawSlot, SlaveKind, SlotSize};
 use ecmsk::slave::Slave;
 
 use crate::host::Host;

@@ -12,12 +12,24 @@ use ecmsk::sk::{
 use crate::host::Host;
 use crate::probe::{Bench, drives};
 
-/// The guide's words in code, bit by bit: x^8+x^2+x+1, from 0x5A, over the whole frame with byte 3 taken as 0.
+/// The guide's words in code: x^8+x^2+x+1 from 0x5A over the whole frame, its byte 3 taken as 0.
 pub fn crc8(wire: &[u8]) -> u8 {
-    wire.iter().enumerate().fold(0x5A, |crc, (at, byte)| {
-        let byte = if at == 3 { 0 } else { *byte };
-        (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 != 0 { crc << 1 ^ 0x07 } else { crc << 1 })
-    })
+    const STEPS: [u8; 256] = {
+        let mut steps = [0; 256];
+        let mut byte = 0;
+        while byte < 256 {
+            let (mut crc, mut bit) = (byte as u8, 0);
+            while bit < 8 {
+                crc = if crc & 0x80 != 0 { crc << 1 ^ 0x07 } else { crc << 1 };
+                bit += 1;
+            }
+            steps[byte] = crc;
+            byte += 1;
+        }
+        steps
+    };
+    let over = |crc: u8, bytes: &[u8]| bytes.iter().fold(crc, |crc, byte| STEPS[usize::from(crc ^ byte)]);
+    over(over(over(0x5A, &wire[..3]), &[0]), &wire[4..])
 }
 
 fn board(slot: SlotSize, firmware: Firmware) -> Bench {

@@ -8,6 +8,8 @@ mod failures;
 mod host;
 mod leaving;
 mod probe;
+mod random;
+mod rejections;
 mod slave_answers;
 mod states;
 

@@ -4,8 +4,8 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::{EngineConfig, Firmware};
 use ecmsk::sk::{
-    DriveSync, FIFO_ENTRIES, FifoAction, IoResponse, MasterCommand, MasterState, Motion, RawSlot, SdoCommand,
-    SdoResponse, SlaveCommand, SlaveKind, SlotSize,
+    DriveSync, FIFO_ENTRIES, IoResponse, MasterCommand, MasterState, RawSlot, SdoCommand, SdoResponse, SlaveCommand,
+    SlaveKind, SlotSize,
 };
 
 use crate::host::Host;

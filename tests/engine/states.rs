@@ -6,8 +6,8 @@ use ecmsk::engine::{Board, EngineConfig, Reason};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{AlState, Ns, Role, SlaveSet};
 use ecmsk::sk::{
-    CommandId, CycleTime, DcShift, DriveSync, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse,
-    MasterState, RawSlot, SlaveCommand, SlaveKind, SlotSize, StateByte,
+    CommandId, CycleTime, DcShift, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand,
+    SlaveKind, SlotSize, StateByte,
 };
 
 use crate::host::{BOOT_LIMIT, Host};

@@ -1,0 +1,306 @@
+//! Random frames at random times: nothing panics, every report is sound, and no frame is lost uncounted.
+
+use ecmsk::engine::{Board, Counters, EngineConfig, Firmware};
+use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
+use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlotSize};
+
+use crate::crc::crc8;
+use crate::host::{BOOT_LIMIT, MICROFRAME};
+use crate::probe::{any_slaves, drives};
+
+/// Frames of one run, at least.
+const FRAMES: u64 = 500;
+/// Runs for each size of slot: 10,000 frames.
+const RUNS: u64 = 20;
+
+/// Changes that are swift, so that frames come in every part of them.
+const SWIFT: Timing = Timing {
+    scan_ns: 2_000_000,
+    scan_slave_ns: 100_000,
+    configure_slave_ns: 1_000_000,
+    to_preop_ns: 3_000_000,
+    to_safeop_ns: 10_000_000,
+    to_op_ns: 3_000_000,
+    down_ns: 2_000_000,
+    change_slave_ns: 100_000,
+    retry_ns: 5_000_000,
+    sdo_ns: 3_000_000,
+};
+
+/// splitmix64: the same numbers on every machine.
+struct Dice(u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ z >> 31
+    }
+
+    /// 0..n.
+    fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+
+    fn one_in(&mut self, n: u64) -> bool {
+        self.below(n) == 0
+    }
+
+    fn pick<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len() as u64) as usize]
+    }
+
+    fn noise(&mut self) -> RawSlot {
+        let (a, b) = (self.next(), self.next());
+        RawSlot {
+            id: a as u8,
+            index: (a >> 8) as u8,
+            parm: (a >> 16) as u16,
+            data1: (a >> 32) as u32,
+            data2: b as u32,
+            data3: (b >> 32) as u32,
+        }
+    }
+
+    /// A command that a slot may well carry, with arguments of which many are right.
+    fn plausible(&mut self, slot: usize, size: SlotSize) -> RawSlot {
+        let noise = self.noise();
+        let (id, parm, data1) = if slot == 0 {
+            let id = self.pick(&[0x01, 0x02, 0x03, 0x04, 0x05, 0x05, 0x21, 0x22]);
+            let data1 = match id {
+                0x01 => self.pick(&[1, 2, 2, 4, 8, 8, 8, 8, 8, 3]),
+                0x02 => self.pick(&[0, 0, 0x1111_1111, 0xFFFF_FF00, 0x0000_3210, 0x4444_4444]),
+                0x03 => self.pick(&[250, 500, 1000, 2000, 16_000, 777]),
+                0x04 => self.pick(&[0x00, 0x01, 0x10, 0x10, 0x10, 0x11]),
+                0x05 => self.pick(&[0, 1, 20, 100, 160, 1000]),
+                _ => noise.data1,
+            };
+            (if self.one_in(100) { 0xBB } else { id }, self.pick(&[0, 1, 2, 2, 4, 5]), data1)
+        } else if slot == size.sdo_slot() {
+            let parm = u16::from(self.pick(&[0u8, 1, 2, 4])) << 8 | self.pick(&[0u16, 1, 2, 3, 39]);
+            (self.pick(&[0x07, 0x08]), parm, self.pick(&[0x6060_0000, 0x1018_0001, 0x6041_0000, 0x1234_0000]))
+        } else {
+            let ids = [0x06, 0x10, 0x11, 0x11, 0x12, 0x13, 0x14, 0x15, 0x15, 0x15, 0x16, 0x17, 0x18, 0x19];
+            let data1 = if self.one_in(2) { self.pick(&[8, 9, 10]) } else { noise.data1 };
+            (self.pick(&ids), noise.parm, data1)
+        };
+        RawSlot { id, parm, data1, ..noise }
+    }
+
+    fn frame(&mut self, size: SlotSize) -> Frame {
+        let mut frame = Frame::new();
+        match self.below(10) {
+            0 => frame.bytes_mut().iter_mut().for_each(|byte| *byte = self.next() as u8),
+            1 => {}
+            _ => {
+                for slot in 0..size.slots() {
+                    let odds = if slot == 0 || slot == size.sdo_slot() { 6 } else { 3 };
+                    if self.one_in(odds) {
+                        let raw = if self.one_in(20) { self.noise() } else { self.plausible(slot, size) };
+                        frame.put(size, slot, &raw);
+                    }
+                }
+            }
+        }
+        if !self.one_in(8) {
+            frame.bytes_mut()[3] = crc8(frame.wire(size));
+        }
+        frame
+    }
+}
+
+/// What a board must show, from what was sent to it.
+#[derive(Default)]
+struct Books {
+    /// Switches in force, and those of the next boot: check, fill.
+    switches: (bool, bool),
+    remembered: (bool, bool),
+    /// Frames that arrived in OP, those of them with a wrong CRC, and those that carried a SW_RESET out.
+    arrived: u64,
+    wrong: u64,
+    resets: u64,
+    /// Counters at the last boot.
+    boot: Counters,
+}
+
+struct Run {
+    config: EngineConfig,
+    board: Board,
+    books: Books,
+    what: String,
+}
+
+impl Run {
+    fn new(config: EngineConfig, bus: SimBus, what: String) -> Self {
+        let mut board = Board::new(config, Box::new(bus));
+        assert!(board.boot(BOOT_LIMIT));
+        let books = Books { switches: (false, true), remembered: (false, true), ..Books::default() };
+        Self { config, board, books, what }
+    }
+
+    /// Time passes; every report is looked at.
+    fn advance(&mut self, to: u64) {
+        while self.board.next_cycle() <= to {
+            let mut report = None;
+            self.board.cycle(&mut |frame, _| report = Some(frame.clone()));
+            if let Some(report) = report {
+                self.check_report(&report);
+            }
+        }
+        self.board.advance(to, &mut |_, _| unreachable!());
+        self.check_books();
+    }
+
+    fn check_report(&self, report: &Frame) {
+        let Self { config: EngineConfig { slot: size, firmware, .. }, board, books, what } = self;
+        let size = *size;
+        let counters = board.engine().counters();
+        let right = if books.switches.1 { crc8(report.wire(size)) } else { 0 };
+        assert_eq!(report.crc_byte(), right, "{what}: CRC");
+        let answer = MasterResponse::decode(&report.slot(size, 0));
+        let op = answer.state.0 & 0x0F == 8;
+        assert!(matches!(answer.state.0 & !0x10, 1 | 2 | 4 | 8), "{what}: state {:02X}", answer.state.0);
+        assert_eq!(answer.id == 0xBF, op, "{what}: id {:02X} in state {:02X}", answer.id, answer.state.0);
+        let crc_errors = if *firmware == Firmware::V17 { counters.crc - books.boot.crc } else { 0 };
+        assert_eq!(answer.error, crc_errors as u8, "{what}: error count");
+        let full_step = match firmware {
+            Firmware::V17 => 1,
+            Firmware::V15 => size.frame_len() as u64 / 4,
+        };
+        let full_count = ((counters.full - books.boot.full) * full_step) as u16;
+        let shown = (answer.fifo_free, answer.full_count);
+        assert_eq!(shown, if op { (board.engine().fifo_free(), full_count) } else { (0, 0) }, "{what}: FIFO");
+        assert_eq!(report.slot(size, 0).data3, 0, "{what}");
+        for slave in 1..=size.max_slaves() {
+            let id = report.slot(size, slave).id;
+            assert!(matches!(id, 0 | 0x06 | 0x10..=0x19), "{what}: id {id:02X} in slot {slave}");
+        }
+        let sdo = report.slot(size, size.sdo_slot());
+        assert!(matches!((sdo.id, sdo.index, sdo.data3), (0 | 7 | 8, 0, 0)), "{what}: {sdo:?}");
+    }
+
+    /// Every frame that arrived in OP is executed, full, cleared, wrong or still queued.
+    fn check_books(&self) {
+        let Self { board, books, what, .. } = self;
+        let counters = board.engine().counters();
+        let queued = u64::from(FIFO_ENTRIES - board.engine().fifo_free());
+        let known = counters.executed + counters.full + counters.cleared + books.wrong + books.resets + queued;
+        assert_eq!(books.arrived, known, "{what}: {counters:?}, {queued} queued, {} resets", books.resets);
+    }
+
+    fn send(&mut self, frame: &Frame) {
+        self.advance(self.board.now() + MICROFRAME);
+        let size = self.config.slot;
+        let (before, boots) = (*self.board.engine().counters(), self.board.engine().boots());
+        let (talks, op) = (self.board.engine().talks(), self.board.engine().state().0 & 0x0F == 8);
+        self.board.host(frame, self.board.now(), &mut |_, _| unreachable!());
+
+        let counters = *self.board.engine().counters();
+        assert_eq!(counters.frames - before.frames, u64::from(talks), "{}", self.what);
+        let wrong = talks && self.books.switches.0 && frame.crc_byte() != crc8(frame.wire(size));
+        assert_eq!(counters.crc - before.crc, u64::from(wrong), "{}", self.what);
+        let slot_0 = frame.slot(size, 0);
+        if talks && !wrong && !op && slot_0.id == 0x04 {
+            self.books.remembered = (slot_0.data1 & 0x01 != 0, slot_0.data1 & 0x10 != 0);
+        }
+        let reset = self.board.engine().boots() > boots;
+        assert_eq!(reset, talks && !wrong && slot_0.id == 0xBB, "{}", self.what);
+        if talks && op {
+            self.books.arrived += 1;
+            self.books.wrong += u64::from(wrong);
+            self.books.resets += u64::from(reset);
+        }
+        if reset {
+            self.books.switches = self.books.remembered;
+            self.books.boot = counters;
+        }
+        self.check_books();
+    }
+
+    fn send_master(&mut self, command: RawSlot) {
+        let mut frame = Frame::new();
+        frame.put(self.config.slot, 0, &command);
+        frame.fill_crc(self.config.slot);
+        self.send(&frame);
+    }
+
+    /// Switches the CRCs and boots.
+    fn switch_crc(&mut self, data1: u32) {
+        self.send_master(RawSlot { id: 0x04, data1, ..RawSlot::ZERO });
+        self.send_master(RawSlot { id: 0xBB, ..RawSlot::ZERO });
+        self.advance(self.board.now() + 50_000_000);
+    }
+
+    /// All slaves are drives; then OP.
+    fn to_op(&mut self) {
+        self.send_master(RawSlot { id: 0x02, ..RawSlot::ZERO });
+        self.send_master(RawSlot { id: 0x01, data1: 8, ..RawSlot::ZERO });
+        self.advance(self.board.now() + 50_000_000);
+    }
+
+    /// One step of a run.
+    fn step(&mut self, dice: &mut Dice, network: &SimHandle) {
+        if self.board.engine().state().0 != 8 && dice.one_in(4) {
+            self.to_op();
+        }
+        if dice.one_in(20) {
+            network.silence(2, dice.one_in(4));
+        }
+        for _ in 0..if dice.one_in(60) { dice.below(400) } else { 1 } {
+            self.send(&dice.frame(self.config.slot));
+        }
+        let cycles = if dice.one_in(20) { dice.below(100) } else { dice.below(3) };
+        self.advance(self.board.now() + cycles * 1_000_000);
+    }
+}
+
+fn run(size: SlotSize) {
+    let (mut frames, mut executed, mut cleared, mut full, mut wrong, mut resets) = (0, 0, 0, 0, 0, 0);
+    for seed in 0..RUNS {
+        let firmware = if seed % 2 == 0 { Firmware::V17 } else { Firmware::V15 };
+        let mut slaves = drives(3);
+        slaves.extend(any_slaves(2));
+        let bus = SimBus::new(slaves).with_timing(SWIFT);
+        let network = bus.handle();
+        let config = EngineConfig { slot: size, firmware, state_timeout_ns: 100_000_000, ..EngineConfig::default() };
+        let mut run = Run::new(config, bus, format!("{size:?}, seed {seed}"));
+        let mut dice = Dice(seed);
+        run.switch_crc(dice.pick(&[0x00, 0x01, 0x10, 0x11]));
+        while run.board.engine().counters().frames < FRAMES {
+            run.step(&mut dice, &network);
+        }
+        let counters = run.board.engine().counters();
+        frames += counters.frames;
+        executed += counters.executed;
+        cleared += counters.cleared;
+        full += counters.full;
+        wrong += run.books.wrong;
+        resets += run.books.resets;
+    }
+    // Nothing of it is for lack of such frames.
+    assert!(frames >= 10_000, "{frames}");
+    let seldom = [
+        ("executed", executed, 2000),
+        ("cleared", cleared, 500),
+        ("full", full, 100),
+        ("wrong", wrong, 100),
+        ("reset", resets, 5),
+    ];
+    for (what, n, at_least) in seldom {
+        assert!(n > at_least, "{what}: only {n}");
+    }
+}
+
+/// SK-4.44 Nothing is lost uncounted. SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 Every report is sound.
+/// SK-5.7 SK-5.8
+#[test]
+fn random_frames_in_12_byte_slots() {
+    run(SlotSize::Bytes12);
+}
+
+/// SK-4.44 SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 SK-5.7 SK-5.8 The same in 16-byte mode.
+#[test]
+fn random_frames_in_16_byte_slots() {
+    run(SlotSize::Bytes16);
+}

@@ -79,6 +79,8 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
+            // It has no answer, and all that would hold one is new.
+            Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.v.master_id = id;
                 if id != CommandId::GetStatus {

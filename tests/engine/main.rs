@@ -1,7 +1,12 @@
 //! The EC01M model against the specification, over simulated slaves.
 
 mod ahead_bus;
+mod entries;
+mod fifo;
 mod host;
+mod puppet;
+mod sdo;
+mod watch;
 
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::SimBus;

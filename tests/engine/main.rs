@@ -1,6 +1,7 @@
 //! The EC01M model against the specification, over simulated slaves.
 
 mod ahead_bus;
+mod drives;
 mod entries;
 mod fifo;
 mod host;

@@ -1,11 +1,13 @@
 //! The EC01M model against the specification, over simulated slaves.
 
 mod ahead_bus;
+mod bus_ahead;
 mod drives;
 mod entries;
 mod fifo;
 mod host;
 mod puppet;
+mod rig;
 mod sdo;
 mod watch;
 

@@ -123,7 +123,7 @@ pub enum DumpError {
 }
 
 /// Bytes of a line at most, so that input that is no text does not fill the memory: a frame's digits, each between
-/// blanks, and a long comment. [OURS]
+/// blanks, and a long comment. \[OURS]
 const LONGEST_LINE: u64 = 64 * 1024;
 
 /// Shows the frames.

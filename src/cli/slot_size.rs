@@ -53,7 +53,7 @@ impl SizeFinder {
         }
     }
 
-    /// The size by all frames seen. [OURS] A tie is 12 bytes, the board's default.
+    /// The size by all frames seen. \[OURS] A tie is 12 bytes, the board's default.
     pub fn size(&self) -> (SlotSize, SizeFrom) {
         match (self.known, self.votes) {
             (Some(size), _) => (size, SizeFrom::Known),

@@ -15,6 +15,8 @@ enum Power {
     Up,
     /// SV_OFF under way.
     Falling,
+    /// SV_OFF under way, and an SV_ON has come after it.
+    Turning,
 }
 
 /// Process data and walk of one axis.
@@ -30,10 +32,15 @@ pub(super) struct Axis {
 impl Axis {
     /// SV_ON. A Fault is not reset by it, and a request made in Fault is not kept: it would start the motor on a later
     /// ALM_CLR \[OURS].
+    ///
+    /// While an SV_OFF is under way it waits for its end \[OURS]: until then the statusword may still show Operation
+    /// enabled of a drive that is on its way down.
     pub(super) fn switch_on(&mut self) {
-        if self.power != Power::Up {
-            self.power = Power::Rising;
-        }
+        self.power = match self.power {
+            Power::Up => Power::Up,
+            Power::Falling | Power::Turning => Power::Turning,
+            Power::Down | Power::Rising => Power::Rising,
+        };
     }
 
     /// SV_OFF.
@@ -69,6 +76,15 @@ impl Axis {
         }
     }
 
+    /// What was asked since `then` is taken back: SET_FIFO has cleared it. An axis that is off stays off: no motor starts
+    /// because of entries that went \[OURS].
+    pub(super) fn go_back_to(&mut self, then: &Self) {
+        if self.power != Power::Down {
+            self.power = then.power;
+        }
+        self.out = then.out;
+    }
+
     fn walk(&mut self, state: Option<DriveState>) {
         use DriveState::*;
         let Some(state) = state else { return };
@@ -79,9 +95,10 @@ impl Axis {
             (Power::Rising | Power::Up, OperationEnabled) => (Power::Up, Controlword::ENABLE_OPERATION),
             (Power::Rising, NotReadyToSwitchOn) => return,
             (Power::Rising, QuickStopActive) => (Power::Rising, Controlword::DISABLE_VOLTAGE),
-            (Power::Falling, OperationEnabled) => (Power::Falling, Controlword::SWITCH_ON),
-            (Power::Falling, SwitchedOn) => (Power::Falling, Controlword::SHUTDOWN),
-            (Power::Falling, ReadyToSwitchOn) => (Power::Falling, Controlword::DISABLE_VOLTAGE),
+            (power @ (Power::Falling | Power::Turning), OperationEnabled) => (power, Controlword::SWITCH_ON),
+            (power @ (Power::Falling | Power::Turning), SwitchedOn) => (power, Controlword::SHUTDOWN),
+            (power @ (Power::Falling | Power::Turning), ReadyToSwitchOn) => (power, Controlword::DISABLE_VOLTAGE),
+            (Power::Turning, SwitchOnDisabled) => (Power::Rising, Controlword::SHUTDOWN),
             // A fault ends a walk, and a drive that leaves Operation enabled by itself is not brought back by the
             // board [OURS]: the motor starts by SV_ON alone.
             _ => (Power::Down, Controlword::DISABLE_VOLTAGE),

@@ -1,8 +1,17 @@
 //! A board: the engine, the bus it drives, and the time it has reached. What a runner runs.
 
 use super::{Engine, EngineConfig};
-use crate::fieldbus::{Fieldbus, Ns};
+use crate::fieldbus::{Fieldbus, Ns, Pacing};
 use crate::sk::Frame;
+
+/// Cycles of ours without one of the bus that are no silence. A bus that owns its cycle may pass none between two polls,
+/// by its phase and by jitter \[OURS].
+const fn patience(pacing: Pacing) -> u64 {
+    match pacing {
+        Pacing::Runner => 0,
+        Pacing::Bus { .. } => 2,
+    }
+}
 
 /// An EC01M with its network. Plain state: nothing happens to it but by these calls.
 pub struct Board {
@@ -42,10 +51,10 @@ impl Board {
         self.next_cycle
     }
 
-    /// When the last report was made, and the cycles without one since: more than 0 while the cable before the first
-    /// slave is cut.
-    pub const fn silence(&self) -> (Ns, u64) {
-        (self.last_report, self.silent_cycles)
+    /// When the last report was made and the cycles without one since, while the board is silent: the cable before the
+    /// first slave is cut.
+    pub fn silence(&self) -> Option<(Ns, u64)> {
+        (self.silent_cycles > patience(self.bus.pacing())).then_some((self.last_report, self.silent_cycles))
     }
 
     /// A command frame arrives at `at`; cycles due by then run first.

@@ -79,7 +79,7 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
-            // "None": the board is as after power-up.
+            // It has no answer, and all that would hold one is new.
             Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.v.master_id = id;

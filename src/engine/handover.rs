@@ -53,14 +53,19 @@ impl Handover {
         }
     }
 
-    /// Host: hands a frame over that arrives at `at`, waiting for room until `end`.
-    pub(super) fn send(&self, frame: &Frame, at: Ns, end: Option<Instant>) -> Result<(), Stop> {
+    /// Host: hands a frame over that arrives at `at`, waiting for its turn on the wire and for room until `end`.
+    pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;
         loop {
+            let to_turn = turn.saturating_duration_since(Instant::now());
             match inbox.phase {
                 Phase::Over(stop) => return Err(stop),
                 Phase::Open if inbox.cancels != cancels => return Err(Stop::Cancelled),
+                Phase::Open if to_turn > Duration::ZERO => {
+                    let to_end = time_left(end)?.unwrap_or(to_turn);
+                    inbox = wait_for(&self.space, inbox, to_turn.min(to_end));
+                }
                 Phase::Open if inbox.frames.len() < inbox.room => break,
                 Phase::Open => inbox = wait_until(&self.space, inbox, end)?,
             }
@@ -147,10 +152,14 @@ fn wait_until<'a, T>(
     guard: MutexGuard<'a, T>,
     end: Option<Instant>,
 ) -> Result<MutexGuard<'a, T>, Stop> {
-    let Some(end) = end else { return Ok(wait(condvar, guard)) };
-    let left = end.saturating_duration_since(Instant::now());
-    if left == Duration::ZERO {
-        return Err(Stop::Timeout);
-    }
-    Ok(wait_for(condvar, guard, left))
+    Ok(match time_left(end)? {
+        None => wait(condvar, guard),
+        Some(left) => wait_for(condvar, guard, left),
+    })
+}
+
+/// Time until `end`; `None`: no end.
+fn time_left(end: Option<Instant>) -> Result<Option<Duration>, Stop> {
+    let left = end.map(|end| end.saturating_duration_since(Instant::now()));
+    if left == Some(Duration::ZERO) { Err(Stop::Timeout) } else { Ok(left) }
 }

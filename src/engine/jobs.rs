@@ -35,6 +35,10 @@ impl Engine {
         {
             self.job = None;
             self.finish(work, done);
+            // SK-6 [OURS]: a request that came during transfers of the board's own runs next.
+            if work == Work::Network(Step::Configure) {
+                self.start_host_sdo(now, bus);
+            }
         }
         self.give_up_late_or_obsolete(now, bus);
         if self.job.is_none() {
@@ -66,9 +70,14 @@ impl Engine {
             }
             return;
         }
-        if let Some(request) = self.v.sdo.start(self.config.sdo_timeout_ns)
+        self.start_host_sdo(now, bus);
+    }
+
+    fn start_host_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        if let Some(request) = self.v.sdo.waiting(self.config.sdo_timeout_ns)
             && bus.start(Job::Sdo(request), now).is_ok()
         {
+            self.v.sdo.started();
             self.job = Some(Work::HostSdo);
         }
     }
@@ -149,6 +158,7 @@ impl Engine {
             // OP begins and ends with an empty FIFO and with axes that ask for nothing.
             self.clear_fifo();
             self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
+            self.shown = self.v.heads;
         }
     }
 

@@ -12,6 +12,7 @@ mod fifo;
 mod handover;
 mod jobs;
 mod network;
+mod outputs;
 mod realtime;
 mod report;
 mod reports;
@@ -30,7 +31,7 @@ pub use stepped::{Stepped, Stop};
 pub use threaded::{Lateness, Threaded};
 
 use crate::cia402::Mode;
-use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role};
+use crate::fieldbus::{Fieldbus, Inputs, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind, SlotSize, StateByte};
 use axis::Axis;
 use counters::EventLog;
@@ -91,10 +92,13 @@ struct Head {
     output_image: Option<u16>,
 }
 
-/// What the outputs with one id stood for: the heads that an answer to them shows.
+/// What stood behind the outputs with one id.
 #[derive(Clone, Debug)]
 struct Executed {
+    /// The heads that an answer to them shows.
     heads: [Head; MAX_SLAVES],
+    /// The axes as they were driven.
+    axes: [[Axis; MAX_AXES]; MAX_SLAVES],
 }
 
 /// What a board forgets at SW_RESET.
@@ -158,7 +162,7 @@ pub struct Engine {
     outputs: Outputs,
     inputs: Inputs,
     next_output_id: u64,
-    /// What outputs under way stood for, by their id modulo the length.
+    /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
     executed: Vec<Executed>,
     /// Ids of outputs that carried a FIFO entry and have not been sent yet.
     ahead: VecDeque<u64>,
@@ -190,7 +194,13 @@ impl Engine {
             outputs: Outputs::default(),
             inputs: Inputs::default(),
             next_output_id: 0,
-            executed: vec![Executed { heads: [Head::default(); MAX_SLAVES] }; depth + 1],
+            executed: vec![
+                Executed {
+                    heads: [Head::default(); MAX_SLAVES],
+                    axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
+                };
+                depth + MAX_ANSWER_DELAY + 1
+            ],
             ahead: VecDeque::with_capacity(depth + 1),
             shown: [Head::default(); MAX_SLAVES],
             local_inputs: 0,
@@ -297,9 +307,7 @@ impl Engine {
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         self.run_jobs(now, bus);
         if std::mem::take(&mut self.discard_ahead) {
-            bus.discard_ahead();
-            self.counters.cleared += self.ahead.len() as u64;
-            self.ahead.clear();
+            self.withdraw_ahead(bus);
         }
         if self.v.network.in_op() {
             self.push_outputs(now, bus);
@@ -307,6 +315,7 @@ impl Engine {
         let mut passed = false;
         while let Some(done) = bus.poll(now, &mut self.inputs) {
             passed = true;
+            self.note_sent(bus.held());
             self.complete(&done);
             if self.talks() {
                 self.counters.reports += 1;
@@ -317,53 +326,6 @@ impl Engine {
             }
         }
         passed
-    }
-
-    fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        for _ in 0..bus.room() {
-            let has_entry = self.take_entry(now);
-            let changed = self.refresh_outputs();
-            // A bus that owns its cycle repeats the last outputs by itself.
-            if self.pacing != Pacing::Runner && !has_entry && (!changed || bus.held() > 0) {
-                return;
-            }
-            let id = self.next_output_id;
-            self.outputs.id = id;
-            let n = self.executed.len() as u64;
-            self.executed[(id % n) as usize].heads = self.v.heads;
-            if bus.push(&self.outputs).is_err() {
-                return;
-            }
-            self.next_output_id += 1;
-            if has_entry {
-                self.ahead.push_back(id);
-            }
-        }
-    }
-
-    fn take_entry(&mut self, now: Ns) -> bool {
-        let mut entry = std::mem::take(&mut self.entry);
-        let taken = self.fifo.take(self.ahead.len() as u16, &mut entry);
-        if taken {
-            self.counters.executed += 1;
-            self.execute(&entry, now);
-        } else {
-            self.counters.idle_cycles += 1;
-        }
-        self.entry = entry;
-        taken
-    }
-
-    /// Copies the axes' outputs to the process image; says whether anything changed.
-    fn refresh_outputs(&mut self) -> bool {
-        let mut changed = false;
-        for (image, axes) in self.outputs.slaves.iter_mut().zip(&self.v.axes).take(self.v.network.found().into()) {
-            for (out, axis) in image.iter_mut().zip(axes) {
-                changed |= *out != axis.out;
-                *out = axis.out;
-            }
-        }
-        changed
     }
 
     /// SW_RESET: all variables but the switches of SET_EX, which take effect now. The interface talks again when the

@@ -85,6 +85,11 @@ impl Clock {
         self.start.elapsed()
     }
 
+    /// That time since the start, as an instant.
+    pub(super) fn instant(&self, at: Duration) -> Instant {
+        self.start + at
+    }
+
     /// Sleeps until that time since the start; not at all if it has passed.
     #[cfg(target_os = "linux")]
     pub(super) fn sleep_until(&self, at: Duration) {

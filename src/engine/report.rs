@@ -10,9 +10,6 @@ impl Engine {
     /// A cycle has passed: `self.inputs` holds what the slaves sent.
     pub(super) fn complete(&mut self, done: &CycleDone) {
         if let Some(id) = done.outputs {
-            while self.ahead.front().is_some_and(|entry| *entry <= id) {
-                self.ahead.pop_front();
-            }
             let n = self.executed.len() as u64;
             self.shown = self.executed[(id % n) as usize].heads;
         }

@@ -55,11 +55,15 @@ impl SdoSlot {
         Ok(())
     }
 
-    /// Starts the transfer that waits, if one does.
-    pub(super) fn start(&mut self, timeout_ns: Ns) -> Option<SdoRequest> {
-        let Transfer { slave, object, write } = self.waiting.take()?;
-        self.running = Some(Transfer { slave, object, write });
+    /// The transfer that waits, if one does.
+    pub(super) fn waiting(&self, timeout_ns: Ns) -> Option<SdoRequest> {
+        let Transfer { slave, object, write } = self.waiting?;
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
+    }
+
+    /// The transfer that waits is under way now.
+    pub(super) fn started(&mut self) {
+        self.running = self.waiting.take();
     }
 
     /// The transfer under way has ended; says which it was.

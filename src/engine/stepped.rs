@@ -98,8 +98,7 @@ impl Stepped {
             if let Some(report) = reports.pop(out) {
                 return Ok(report);
             }
-            let (since, cycles) = board.silence();
-            if cycles > 0 {
+            if let Some((since, cycles)) = board.silence() {
                 return Err(Stop::Silent { since, cycles });
             }
         }

@@ -89,6 +89,7 @@ impl Threaded {
                 for warning in wishes.apply() {
                     log::warn!("{warning}");
                 }
+                let _end = EndOnExit(&shared.handover);
                 run(board, &shared, &clock)
             }
         })?;
@@ -102,23 +103,25 @@ impl Threaded {
         })
     }
 
-    /// Hands a frame over, waiting at most `limit` for room; says when it arrived, in board time.
+    /// Hands a frame over, waiting at most `limit` for the frames before it and for room; says when it arrived, in board
+    /// time. What its own transfer takes is no wait.
     ///
     /// # Errors
     /// [`Stop`]; the frame was not taken.
     pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
-        let end = limit.map(|limit| Instant::now() + limit);
+        let now = self.clock.now();
+        let limit = limit.map(|limit| limit.max(self.host));
         let arrival = {
             let mut next = self.next_write.lock().unwrap_or_else(PoisonError::into_inner);
-            let arrival = self.clock.now().max(*next);
-            *next = arrival + self.host;
+            let arrival = now.max(*next);
+            if limit.is_none_or(|limit| arrival - now <= limit) {
+                *next = arrival + self.host;
+            }
             arrival
         };
-        if arrival > self.clock.now() {
-            self.clock.sleep_until(arrival);
-        }
         let at = self.zero + arrival.as_nanos() as Ns;
-        self.shared.handover.send(frame, at, end)?;
+        let turn = self.clock.instant(arrival);
+        self.shared.handover.send(frame, at, turn, limit.and_then(end_after))?;
         Ok(at)
     }
 
@@ -127,7 +130,7 @@ impl Threaded {
     /// # Errors
     /// [`Stop`].
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
-        self.shared.handover.receive(out, limit.map(|limit| Instant::now() + limit))
+        self.shared.handover.receive(out, limit.and_then(end_after))
     }
 
     /// Whether the interface is still there; waits for nothing.
@@ -183,6 +186,20 @@ impl Drop for Threaded {
     }
 }
 
+/// When a wait ends that begins now; `None`: later than a clock can say.
+fn end_after(limit: Duration) -> Option<Instant> {
+    Instant::now().checked_add(limit)
+}
+
+/// No call waits for a thread that is gone, whatever ended it.
+struct EndOnExit<'a>(&'a Handover);
+
+impl Drop for EndOnExit<'_> {
+    fn drop(&mut self) {
+        self.0.end(Stop::Closed);
+    }
+}
+
 /// The thread: visits the inbox, runs the cycles that are due, sleeps until the next.
 fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let boots = board.engine().boots();
@@ -202,22 +219,30 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             visit = now;
             continue;
         }
-        let mut publish = |frame: &Frame, at| shared.handover.publish(frame, at);
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
-        while let Some(at) = shared.handover.next_frame(&mut frame) {
-            board.host(&frame, at.clamp(board.now(), board_now.max(board.now())), &mut publish);
-        }
+        take_frames(&mut board, board_now, shared, &mut frame);
         if now >= due {
             shared.cycles.fetch_add(1, Ordering::Relaxed);
             shared.worst_ns.fetch_max((now - due).as_nanos() as u64, Ordering::Relaxed);
-            board.advance(board_now, &mut publish);
+            board.advance(board_now, &mut |frame, at| shared.handover.publish(frame, at));
             show(&board, shared);
         }
         if board.engine().boots() != boots {
             shared.handover.end(Stop::Rebooted);
         }
     }
+    // A frame that was accepted before the end has arrived.
+    let now = board.now();
+    take_frames(&mut board, now, shared, &mut frame);
     board
+}
+
+/// The frames in the inbox arrive, by `board_now` at the latest.
+fn take_frames(board: &mut Board, board_now: Ns, shared: &Shared, frame: &mut Frame) {
+    while let Some(at) = shared.handover.next_frame(frame) {
+        let at = at.clamp(board.now(), board_now.max(board.now()));
+        board.host(frame, at, &mut |frame, at| shared.handover.publish(frame, at));
+    }
 }
 
 /// Copies counters and new events out, if nobody is looking at them right now.

@@ -20,6 +20,8 @@ use crate::sk::{CycleTime, DriveSync};
 pub const MAX_SLAVES: usize = 40;
 /// Axes of one slave at most: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
+/// How many cycles later than its outputs were sent an answer is polled at most \[OURS].
+pub const MAX_ANSWER_DELAY: usize = 16;
 
 /// A point in the board's time, nanoseconds since it was switched on, or a span of it.
 pub type Ns = u64;

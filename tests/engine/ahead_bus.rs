@@ -5,42 +5,68 @@ use std::collections::VecDeque;
 use ecmsk::fieldbus::{AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::sk::CycleTime;
 
+/// How a bus differs from another.
+#[derive(Clone, Copy, Debug)]
+pub struct Ahead {
+    /// Outputs it takes ahead.
+    pub depth: u16,
+    /// Cycles between outputs being sent and their answer being seen.
+    pub pipeline: usize,
+    /// When its first cycle is: its clock is its own.
+    pub phase: Ns,
+}
+
 /// Another bus behind a FIFO of outputs and a pipeline of answers.
 pub struct AheadBus<B> {
     inner: B,
-    depth: u16,
-    /// Cycles between outputs being sent and their answer being seen.
-    pipeline: usize,
+    how: Ahead,
     queue: VecDeque<Outputs>,
     last: Outputs,
+    /// What the slaves sent in the newest cycle.
+    newest: Inputs,
     answers: VecDeque<(CycleDone, Inputs)>,
     next: Ns,
     cycle_in_op: CycleTime,
-    op: bool,
+    in_op: bool,
     going_to: Option<AlState>,
 }
 
 impl<B: Fieldbus> AheadBus<B> {
-    pub fn new(inner: B, depth: u16, pipeline: usize) -> Self {
+    pub fn new(inner: B, how: Ahead) -> Self {
         Self {
             inner,
-            depth,
-            pipeline,
+            how,
             queue: VecDeque::new(),
             last: Outputs::default(),
+            newest: Inputs::default(),
             answers: VecDeque::new(),
-            // Its clock is its own: a third of a cycle beside ours.
-            next: 333_333,
+            next: how.phase,
             cycle_in_op: CycleTime::DEFAULT,
-            op: false,
+            in_op: false,
             going_to: None,
         }
+    }
+
+    /// Its next cycle passes; `None`: none does, the cable is cut.
+    fn pass(&mut self) -> Option<CycleDone> {
+        let at = self.next;
+        self.next += if self.in_op { self.cycle_in_op } else { CycleTime::DEFAULT }.ns();
+        let mut id = None;
+        if self.in_op && self.inner.room() > 0 {
+            if let Some(outputs) = self.queue.pop_front() {
+                id = Some(outputs.id);
+                self.last = outputs;
+            }
+            self.inner.push(&self.last).expect("there is room");
+        }
+        let done = self.inner.poll(at, &mut self.newest)?;
+        Some(CycleDone { outputs: id, ..done })
     }
 }
 
 impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     fn pacing(&self) -> Pacing {
-        Pacing::Bus { depth: self.depth }
+        Pacing::Bus { depth: self.how.depth }
     }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
@@ -48,7 +74,8 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         match job {
             Job::Configure(config) => self.cycle_in_op = config.cycle,
             Job::State { target, .. } => self.going_to = Some(target),
-            Job::Scan | Job::Sdo(_) => {}
+            Job::Scan => self.in_op = false,
+            Job::Sdo(_) => {}
         }
         Ok(())
     }
@@ -56,7 +83,12 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let done = self.inner.poll_job(now)?;
         if let JobDone::State(Ok(())) = done {
-            self.op = self.going_to == Some(AlState::Op);
+            let in_op = self.going_to == Some(AlState::Op);
+            if in_op && !self.in_op {
+                // What was sent before the slaves left OP is not meant for now.
+                self.last = Outputs::default();
+            }
+            self.in_op = in_op;
         }
         Some(done)
     }
@@ -66,7 +98,7 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     }
 
     fn room(&self) -> u16 {
-        if self.inner.room() == 0 { 0 } else { self.depth - self.held() }
+        if self.inner.room() == 0 { 0 } else { self.how.depth - self.held() }
     }
 
     fn held(&self) -> u16 {
@@ -80,6 +112,9 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     }
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        if self.inner.room() == 0 {
+            return Err(BusError::Down);
+        }
         if self.room() == 0 {
             return Err(BusError::Full { held: self.held() });
         }
@@ -88,28 +123,17 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     }
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        if self.next > now {
-            return None;
+        while self.next <= now {
+            let at = self.next;
+            let Some(done) = self.pass() else { continue };
+            self.answers.push_back((done, self.newest.clone()));
+            // The first cycles after the start have no answer yet.
+            if self.answers.len() > self.how.pipeline {
+                let (answered, seen) = self.answers.pop_front()?;
+                inputs.clone_from(&seen);
+                return Some(CycleDone { at, ..answered });
+            }
         }
-        let at = self.next;
-        self.next += if self.op { self.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() };
-        let carried = self.queue.pop_front();
-        let id = carried.as_ref().map(|outputs| outputs.id);
-        if let Some(outputs) = carried {
-            self.last = outputs;
-        }
-        if self.op {
-            self.inner.push(&self.last).ok()?;
-        }
-        let mut fresh = Inputs::default();
-        if let Some((_, newest)) = self.answers.back() {
-            fresh.clone_from(newest);
-        }
-        let done = self.inner.poll(at, &mut fresh)?;
-        self.answers.push_back((CycleDone { outputs: id, ..done }, fresh));
-        let seen =
-            if self.answers.len() > self.pipeline { self.answers.pop_front()? } else { return self.poll(now, inputs) };
-        inputs.clone_from(&seen.1);
-        Some(CycleDone { at, ..seen.0 })
+        None
     }
 }

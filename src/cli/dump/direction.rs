@@ -3,7 +3,7 @@
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, MASTER_CYCLIC, MasterState, SlotSize, StateByte};
 
-/// Which way a frame went, by its slot 0, whose first bytes are the same for both slot sizes. [OURS]
+/// Which way a frame went, by its slot 0, whose first bytes are the same for both slot sizes. \[OURS]
 ///
 /// - byte 0 is the master's cyclic response 0xBF: a response;
 /// - byte 2 is 0: a command; a response has the state there, and is not sent while that is 0 (SK-4);

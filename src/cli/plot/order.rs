@@ -9,7 +9,7 @@ use std::collections::BinaryHeap;
 use crate::cli::recording::Framed;
 
 /// Frames that are held back to be sorted: a report waits behind 31 others at most, each with a tight writer's commands
-/// of its cycle before it. [OURS]
+/// of its cycle before it. \[OURS]
 const WINDOW: usize = 1024;
 
 /// Sorts frames by their time, as far as they are out of order by less than [`WINDOW`] frames.

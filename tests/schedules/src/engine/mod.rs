@@ -31,6 +31,7 @@ use ecmsk::sk::Frame;
 use handover::Handover;
 use shuttle::sync::Arc;
 use shuttle::thread;
+use std::time::Instant;
 
 const SCHEDULES: usize = 2000;
 
@@ -50,7 +51,7 @@ fn every_accepted_frame_arrives_once_and_in_order() {
                     let handover = Arc::clone(&handover);
                     thread::spawn(move || {
                         for n in 0..4 {
-                            handover.send(&numbered(writer, n), 0, None).unwrap();
+                            handover.send(&numbered(writer, n), 0, Instant::now(), None).unwrap();
                         }
                     })
                 })
@@ -82,7 +83,9 @@ fn closing_ends_every_wait_and_loses_nothing_accepted() {
             let handover = Arc::new(Handover::new(1, 1));
             let writer = {
                 let handover = Arc::clone(&handover);
-                thread::spawn(move || (0..3u8).take_while(|n| handover.send(&numbered(0, *n), 0, None).is_ok()).count())
+                thread::spawn(move || {
+                    (0..3u8).take_while(|n| handover.send(&numbered(0, *n), 0, Instant::now(), None).is_ok()).count()
+                })
             };
             let reader = {
                 let handover = Arc::clone(&handover);
@@ -144,13 +147,13 @@ fn cancel_and_loss_end_the_waits() {
     shuttle::check_random(
         || {
             let handover = Arc::new(Handover::new(1, 1));
-            handover.send(&numbered(0, 0), 0, None).unwrap();
+            handover.send(&numbered(0, 0), 0, Instant::now(), None).unwrap();
             let calls: Vec<_> = [true, false]
                 .into_iter()
                 .map(|write| {
                     let handover = Arc::clone(&handover);
                     thread::spawn(move || match write {
-                        true => handover.send(&numbered(0, 1), 0, None),
+                        true => handover.send(&numbered(0, 1), 0, Instant::now(), None),
                         false => handover.receive(&mut Frame::new(), None).map(|_| ()),
                     })
                 })
@@ -163,7 +166,7 @@ fn cancel_and_loss_end_the_waits() {
                 let ended = call.join().unwrap();
                 assert!(matches!(ended, Err(Stop::Cancelled | Stop::Rebooted)), "{ended:?}");
             }
-            assert_eq!(handover.send(&numbered(0, 2), 0, None), Err(Stop::Rebooted));
+            assert_eq!(handover.send(&numbered(0, 2), 0, Instant::now(), None), Err(Stop::Rebooted));
             assert_eq!(handover.check(), Err(Stop::Rebooted));
         },
         SCHEDULES,

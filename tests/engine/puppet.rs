@@ -1,0 +1,171 @@
+//! A slave on strings: it shows the statusword and the position that the test says, and keeps what it was sent.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use ecmsk::cia402::{Controlword, DriveState, Statusword};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::slave::{AlStatus, SdoValue, Slave};
+
+/// Statuswords of a drive with voltage on, as CiA 402-2 draws them.
+pub const NOT_READY: u16 = 0x0000;
+pub const DISABLED: u16 = 0x0250;
+pub const READY: u16 = 0x0231;
+pub const SWITCHED_ON: u16 = 0x0233;
+pub const ENABLED: u16 = 0x0237;
+pub const QUICK_STOP: u16 = 0x0217;
+pub const FAULT_REACTION: u16 = 0x021F;
+pub const FAULT: u16 = 0x0218;
+
+/// What the slave does by itself with the outputs of a cycle.
+pub type Reflex = fn(&mut AxisIn, &AxisOut);
+
+/// The slave's state, which the test may look at and change at any time.
+#[derive(Default)]
+pub struct Strings {
+    state: AlState,
+    /// What it shows in the next cycle.
+    pub shows: AxisIn,
+    /// What it was sent, a set for each cycle in OP.
+    pub sent: Vec<AxisOut>,
+    /// Roles it was configured for.
+    pub roles: Vec<Role>,
+    /// Objects: size and value.
+    pub objects: BTreeMap<(u16, u8), (u8, u32)>,
+    /// Objects read so far.
+    pub uploads: Vec<ObjectAddress>,
+    reflex: Option<Reflex>,
+}
+
+/// The slave; clones are the same one.
+#[derive(Clone, Default)]
+pub struct Puppet(Arc<Mutex<Strings>>);
+
+impl Puppet {
+    /// One that shows Switch on disabled.
+    pub fn new() -> Self {
+        let puppet = Self::default();
+        puppet.show(DISABLED);
+        puppet
+    }
+
+    /// One that obeys: a state and a target are reached within a cycle.
+    pub fn obedient() -> Self {
+        let puppet = Self::new();
+        puppet.strings().reflex = Some(obey);
+        puppet
+    }
+
+    pub fn boxed(&self) -> Box<dyn Slave> {
+        Box::new(self.clone())
+    }
+
+    pub fn strings(&self) -> MutexGuard<'_, Strings> {
+        self.0.lock().unwrap()
+    }
+
+    /// Shows a statusword from the next cycle on.
+    pub fn show(&self, statusword: u16) {
+        self.strings().shows.statusword = Statusword(statusword);
+    }
+
+    /// Stands at a position from the next cycle on.
+    pub fn stand(&self, position: i32) {
+        self.strings().shows.position = position;
+    }
+
+    /// What it was sent last.
+    pub fn last(&self) -> AxisOut {
+        *self.strings().sent.last().expect("no outputs have come")
+    }
+
+    /// Forgets what it was sent.
+    pub fn forget(&self) {
+        self.strings().sent.clear();
+    }
+
+    /// Controlwords in the order they came, repetitions left out.
+    pub fn controlwords(&self) -> Vec<u16> {
+        let mut words: Vec<u16> = self.strings().sent.iter().map(|out| out.controlword.0).collect();
+        words.dedup();
+        words
+    }
+
+    /// Targets in the order they came, repetitions left out.
+    pub fn targets(&self) -> Vec<i32> {
+        let mut targets: Vec<i32> = self.strings().sent.iter().map(|out| out.target).collect();
+        targets.dedup();
+        targets
+    }
+}
+
+fn obey(shows: &mut AxisIn, out: &AxisOut) {
+    use DriveState::*;
+    let state = shows.statusword.state().expect("a state");
+    let word = match (state, out.controlword) {
+        (_, Controlword::DISABLE_VOLTAGE) => DISABLED,
+        (SwitchOnDisabled | SwitchedOn | OperationEnabled, Controlword::SHUTDOWN) => READY,
+        (ReadyToSwitchOn | OperationEnabled, Controlword::SWITCH_ON) => SWITCHED_ON,
+        (SwitchedOn, Controlword::ENABLE_OPERATION) => ENABLED,
+        _ => shows.statusword.0,
+    };
+    shows.statusword = Statusword(word);
+    if word == ENABLED {
+        shows.position = out.target;
+    }
+}
+
+impl Slave for Puppet {
+    fn name(&self) -> &str {
+        "puppet"
+    }
+
+    fn state(&self) -> AlState {
+        self.strings().state
+    }
+
+    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        self.strings().state = target;
+        Ok(())
+    }
+
+    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
+        self.strings().roles.push(config.role);
+        Ok(())
+    }
+
+    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
+        let mut strings = self.strings();
+        strings.uploads.push(object);
+        let found = strings.objects.get(&(object.index, object.sub));
+        found.map(|(size, bits)| SdoValue { size: *size, bits: *bits }).ok_or(AbortCode::NO_OBJECT)
+    }
+
+    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
+        match self.strings().objects.get_mut(&(object.index, object.sub)) {
+            None => Err(AbortCode::NO_OBJECT),
+            Some((bytes, _)) if *bytes != size.bytes() => Err(AbortCode::LENGTH),
+            Some((_, kept)) => {
+                *kept = value;
+                Ok(())
+            }
+        }
+    }
+
+    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
+        let mut strings = self.strings();
+        inputs[0] = strings.shows;
+        let Some([out, ..]) = outputs else { return };
+        strings.sent.push(*out);
+        if let Some(reflex) = strings.reflex {
+            reflex(&mut strings.shows, out);
+        }
+    }
+
+    fn step(&mut self, _dt_ns: Ns) {}
+
+    fn shaft(&self, axis: usize) -> Option<i64> {
+        (axis == 0).then(|| self.strings().shows.position.into())
+    }
+}

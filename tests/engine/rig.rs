@@ -1,0 +1,152 @@
+//! An engine over a bus that may take outputs ahead, polled whenever the test likes, with one obedient slave that is on.
+//! Every report is checked against what the slave was sent.
+
+use ecmsk::engine::{Engine, EngineConfig};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::{Fieldbus, Ns};
+use ecmsk::sk::{
+    DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind,
+    SlotSize, StateByte,
+};
+
+use crate::ahead_bus::{Ahead, AheadBus};
+use crate::puppet::Puppet;
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+const CYCLE: Ns = 1_000_000;
+
+/// Every kind of bus that the tests go through.
+pub fn ahead() -> impl Iterator<Item = Ahead> {
+    [1, 8, 64].into_iter().flat_map(|depth| {
+        [(0, 333_333), (1, 1), (2, 999_999), (4, 500_000)].into_iter().map(move |(pipeline, phase)| Ahead {
+            depth,
+            pipeline,
+            phase,
+        })
+    })
+}
+
+pub struct Rig {
+    pub engine: Engine,
+    bus: AheadBus<SimBus>,
+    how: Ahead,
+    pub puppet: Puppet,
+    /// A second slave, so that frames need not move the first.
+    pub other: Puppet,
+    now: Ns,
+    pub report: Frame,
+    /// Reports of the newest poll.
+    pub news: usize,
+    /// Targets sent so far; the n-th one is n.
+    pub targets: i32,
+    /// Whether nothing but targets is sent, so that every report can be checked.
+    pub checked: bool,
+}
+
+impl Rig {
+    pub fn new(how: Ahead) -> Self {
+        let (puppet, other) = (Puppet::obedient(), Puppet::obedient());
+        let bus = AheadBus::new(SimBus::new(vec![puppet.boxed(), other.boxed()]), how);
+        let engine = Engine::new(EngineConfig::default(), bus.pacing());
+        let report = Frame::new();
+        let mut rig = Self { engine, bus, how, puppet, other, now: 0, report, news: 0, targets: 0, checked: false };
+        rig.until("PreOP", |rig| rig.engine.talks());
+        let kinds = [SlaveKind::Drive; 8];
+        rig.send(|frame| frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds }));
+        rig.go(MasterState::Op);
+        rig.servo_on();
+        rig.puppet.forget();
+        rig.other.forget();
+        rig.run(10);
+        rig
+    }
+
+    pub fn servo_on(&mut self) {
+        self.send(|frame| {
+            for slave in [1, 2] {
+                frame.put_slave(SIZE, slave, &SlaveCommand::ServoOn.into());
+            }
+        });
+        self.until("on", |rig| [1, 2].iter().all(|slave| rig.drive(*slave).statusword.is_enabled()));
+        self.run(10);
+    }
+
+    pub fn go(&mut self, state: MasterState) {
+        self.send(|frame| frame.put_master(SIZE, &MasterCommand::SetState(state)));
+        self.until("the state", |rig| rig.answer().state == StateByte::reached(state));
+        self.run(10);
+    }
+
+    /// A frame arrives now.
+    pub fn send(&mut self, build: impl FnOnce(&mut Frame)) {
+        let mut frame = Frame::new();
+        build(&mut frame);
+        self.engine.host(&frame, self.now);
+    }
+
+    /// A frame with the next target arrives; its index is the target's low byte.
+    pub fn target(&mut self) {
+        self.targets += 1;
+        let csp = SlaveCommand::Csp(Motion::to(self.targets)).with_index(self.targets as u8);
+        self.send(|frame| frame.put_slave(SIZE, 1, &csp));
+    }
+
+    /// The engine is polled after that time.
+    pub fn poll_after(&mut self, ns: Ns) {
+        self.now += ns;
+        self.news = 0;
+        let Self { engine, bus, how, puppet, report, news, targets, checked, .. } = self;
+        engine.cycle(self.now, bus, &mut |frame, _| {
+            *news += 1;
+            report.clone_from(frame);
+            if *checked {
+                check(*how, frame, *targets, &puppet.strings().sent.iter().map(|out| out.target).collect::<Vec<_>>());
+            }
+        });
+    }
+
+    /// That many polls, one a cycle.
+    pub fn run(&mut self, polls: usize) {
+        for _ in 0..polls {
+            self.poll_after(CYCLE);
+        }
+    }
+
+    fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
+        for _ in 0..20_000 {
+            if done(self) {
+                return;
+            }
+            self.run(1);
+        }
+        panic!("never: {what}; {:?}", self.answer());
+    }
+
+    pub fn drained(&mut self) {
+        self.until("an empty FIFO", |rig| rig.answer().fifo_free == FIFO_ENTRIES);
+        self.run(self.how.pipeline + 2);
+    }
+
+    pub fn answer(&self) -> MasterResponse {
+        MasterResponse::decode(&self.report.slot(SIZE, 0))
+    }
+
+    pub fn drive(&self, slave: usize) -> DriveResponse {
+        DriveResponse::decode(&self.report.slot(SIZE, slave))
+    }
+}
+
+/// A report while nothing but targets 1, 2, 3.. was sent, `accepted` of them; `sent` is what the slave got in each cycle.
+fn check(how: Ahead, report: &Frame, accepted: i32, sent: &[i32]) {
+    let newest = *sent.last().expect("a cycle has passed");
+    let free = MasterResponse::decode(&report.slot(SIZE, 0)).fifo_free;
+    assert_eq!(i32::from(free) + accepted - newest, FIFO_ENTRIES.into(), "{how:?}: free + not yet sent");
+    // The report answers the cycle that was `pipeline` cycles ago; what it measured is what the one before has done.
+    if let Some(answered) = sent.len().checked_sub(how.pipeline + 1)
+        && answered > 0
+    {
+        let drive = DriveResponse::decode(&report.slot(SIZE, 1));
+        let expected = (sent[answered] as u8, sent[answered - 1]);
+        assert_eq!((drive.head.index, drive.position), expected, "{how:?}: an answer belongs to its outputs");
+    }
+}

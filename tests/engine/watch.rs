@@ -1,0 +1,105 @@
+//! A bus that says when its jobs begin and end.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+
+use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest};
+
+/// A job and its times.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    pub job: Job,
+    pub began: Ns,
+    pub ended: Option<Ns>,
+}
+
+/// Every job a bus was given, in order; clones see the same ones.
+#[derive(Clone, Default)]
+pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>);
+
+impl Spans {
+    /// The bus is busy that often when it is to start something.
+    pub fn be_busy(&self, times: u32) {
+        self.1.store(times, Ordering::Relaxed);
+    }
+
+    /// The SDO transfers.
+    pub fn transfers(&self) -> Vec<(SdoRequest, Span)> {
+        let spans = self.0.lock().unwrap();
+        let transfers = spans.iter().filter_map(|span| match span.job {
+            Job::Sdo(request) => Some((request, *span)),
+            _ => None,
+        });
+        transfers.collect()
+    }
+
+    /// The job under way.
+    pub fn under_way(&self) -> Option<Job> {
+        self.0.lock().unwrap().last().filter(|span| span.ended.is_none()).map(|span| span.job)
+    }
+}
+
+/// Another bus, watched.
+pub struct Watch<B> {
+    inner: B,
+    spans: Spans,
+}
+
+impl<B: Fieldbus> Watch<B> {
+    pub fn new(inner: B) -> (Self, Spans) {
+        let spans = Spans::default();
+        (Self { inner, spans: spans.clone() }, spans)
+    }
+
+    fn end(&mut self, now: Option<Ns>) {
+        if let Some(span) = self.spans.0.lock().unwrap().last_mut() {
+            span.ended = span.ended.or(now).or(Some(span.began));
+        }
+    }
+}
+
+impl<B: Fieldbus> Fieldbus for Watch<B> {
+    fn pacing(&self) -> Pacing {
+        self.inner.pacing()
+    }
+
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        if self.spans.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1)).is_ok() {
+            return Err(Busy);
+        }
+        self.inner.start(job, now)?;
+        self.spans.0.lock().unwrap().push(Span { job, began: now, ended: None });
+        Ok(())
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        let done = self.inner.poll_job(now)?;
+        self.end(Some(now));
+        Some(done)
+    }
+
+    fn cancel_job(&mut self) {
+        self.inner.cancel_job();
+        self.end(None);
+    }
+
+    fn room(&self) -> u16 {
+        self.inner.room()
+    }
+
+    fn held(&self) -> u16 {
+        self.inner.held()
+    }
+
+    fn discard_ahead(&mut self) -> u16 {
+        self.inner.discard_ahead()
+    }
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        self.inner.push(outputs)
+    }
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        self.inner.poll(now, inputs)
+    }
+}

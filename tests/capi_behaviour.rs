@@ -26,6 +26,9 @@ mod needs_cxx {
     use std::fs;
     use std::os::unix::fs::symlink;
 
+    use ecmsk::link::Dir;
+    use ecmsk::link::record::{Recorded, Recording};
+
     use super::support::{self, out_dir};
     use super::{CLOCKS, c_program, passes};
 
@@ -111,6 +114,26 @@ mod needs_cxx {
             let ended = c_program("exit_open").run(link, ["exit"]);
             assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{link}");
             passes("exit_open", link, &["fork"]);
+        }
+    }
+
+    /// LIB-41 A program that ends without Close leaves a whole recording of every frame that it moved.
+    #[test]
+    fn a_recording_is_whole_without_close() {
+        for link in CLOCKS {
+            for how in ["moves", "return", "exit"] {
+                let file = out_dir().join("exit.pcapng");
+                let ended = c_program("exit_open").run(&format!("{link}&record={}", file.display()), [how]);
+                assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{how} on {link}");
+                let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+                let frames = frames.unwrap_or_else(|error| panic!("{how} on {link}: {error}"));
+                let count = |dir| frames.iter().filter(|frame| frame.dir == dir).count();
+                if how == "moves" {
+                    assert_eq!((count(Dir::Write), count(Dir::Read)), (100, 100), "{link}");
+                } else {
+                    assert!(count(Dir::Read) >= 1, "{how} on {link}");
+                }
+            }
         }
     }
 

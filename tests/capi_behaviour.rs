@@ -91,7 +91,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted.
+    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
+    /// SK-9.10 Several writes per read and several reads per write are both normal.
     #[test]
     fn unread_reports_are_kept_and_counted() {
         passes("unread", "sim:?slaves=drive&clock=virtual", &[]);
@@ -121,7 +122,7 @@ mod needs_cxx {
     #[test]
     fn a_recording_is_whole_without_close() {
         for link in CLOCKS {
-            for how in ["moves", "return", "exit"] {
+            for how in ["moves", "return", "exit", "fork"] {
                 let file = out_dir().join("exit.pcapng");
                 let ended = c_program("exit_open").run(&format!("{link}&record={}", file.display()), [how]);
                 assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{how} on {link}");

@@ -118,6 +118,33 @@ mod needs_cxx {
         }
     }
 
+    /// LIB-41, LIB-47 A global object's destructor, which runs last of all, may write, read and close.
+    #[test]
+    fn a_destructor_of_a_global_may_close() {
+        let source = support::root().join("tests/c/late_close.cpp");
+        let program = support::compile(&source, support::Language::Cpp("c++11"));
+        for link in CLOCKS {
+            let ended = program.run(link, [""; 0]);
+            assert_eq!(ended.stderr, "");
+            assert_eq!(ended.success(), "ok\n", "{link}");
+            let traced = support::run(program.command(link).env("ECMSK_LOG", "trace"));
+            assert!(traced.stderr.trim_end().ends_with("CloseECMUSB() -> ()"), "{}", traced.stderr);
+            assert_eq!(traced.success(), "ok\n", "{link}");
+        }
+    }
+
+    /// LIB-1 The static library does the same.
+    #[test]
+    fn a_program_may_link_the_static_library() {
+        let exe = out_dir().join("not_open-static");
+        let mut compiler = support::Language::C("c99").compiler();
+        compiler.arg(support::root().join("tests/c/not_open.c")).arg("-o").arg(&exe).arg(&support::library().archive);
+        support::succeed(compiler.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-lm", "-ldl"]));
+        for link in CLOCKS {
+            assert_eq!(support::Program { exe: exe.clone() }.run(link, [""; 0]).success(), "ok\n", "{link}");
+        }
+    }
+
     /// LIB-41 A program that ends without Close leaves a whole recording of every frame that it moved.
     #[test]
     fn a_recording_is_whole_without_close() {

@@ -26,6 +26,9 @@ mod needs_cxx {
     use std::fs;
     use std::os::unix::fs::symlink;
 
+    use ecmsk::link::Dir;
+    use ecmsk::link::record::{Recorded, Recording};
+
     use super::support::{self, out_dir};
     use super::{CLOCKS, c_program, passes};
 
@@ -88,7 +91,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted.
+    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
+    /// SK-9.10 Several writes per read and several reads per write are both normal.
     #[test]
     fn unread_reports_are_kept_and_counted() {
         passes("unread", "sim:?slaves=drive&clock=virtual", &[]);
@@ -111,6 +115,53 @@ mod needs_cxx {
             let ended = c_program("exit_open").run(link, ["exit"]);
             assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{link}");
             passes("exit_open", link, &["fork"]);
+        }
+    }
+
+    /// LIB-41, LIB-47 A global object's destructor, which runs last of all, may write, read and close.
+    #[test]
+    fn a_destructor_of_a_global_may_close() {
+        let source = support::root().join("tests/c/late_close.cpp");
+        let program = support::compile(&source, support::Language::Cpp("c++11"));
+        for link in CLOCKS {
+            let ended = program.run(link, [""; 0]);
+            assert_eq!(ended.stderr, "");
+            assert_eq!(ended.success(), "ok\n", "{link}");
+            let traced = support::run(program.command(link).env("ECMSK_LOG", "trace"));
+            assert!(traced.stderr.trim_end().ends_with("CloseECMUSB() -> ()"), "{}", traced.stderr);
+            assert_eq!(traced.success(), "ok\n", "{link}");
+        }
+    }
+
+    /// LIB-1 The static library does the same.
+    #[test]
+    fn a_program_may_link_the_static_library() {
+        let exe = out_dir().join("not_open-static");
+        let mut compiler = support::Language::C("c99").compiler();
+        compiler.arg(support::root().join("tests/c/not_open.c")).arg("-o").arg(&exe).arg(&support::library().archive);
+        support::succeed(compiler.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-lm", "-ldl"]));
+        for link in CLOCKS {
+            assert_eq!(support::Program { exe: exe.clone() }.run(link, [""; 0]).success(), "ok\n", "{link}");
+        }
+    }
+
+    /// LIB-41 A program that ends without Close leaves a whole recording of every frame that it moved.
+    #[test]
+    fn a_recording_is_whole_without_close() {
+        for link in CLOCKS {
+            for how in ["moves", "return", "exit", "fork"] {
+                let file = out_dir().join("exit.pcapng");
+                let ended = c_program("exit_open").run(&format!("{link}&record={}", file.display()), [how]);
+                assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{how} on {link}");
+                let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+                let frames = frames.unwrap_or_else(|error| panic!("{how} on {link}: {error}"));
+                let count = |dir| frames.iter().filter(|frame| frame.dir == dir).count();
+                if how == "moves" {
+                    assert_eq!((count(Dir::Write), count(Dir::Read)), (100, 100), "{link}");
+                } else {
+                    assert!(count(Dir::Read) >= 1, "{how} on {link}");
+                }
+            }
         }
     }
 

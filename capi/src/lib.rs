@@ -1,8 +1,8 @@
-//! The drop-in `NEXTWUSBLib`: the four functions that existing programs call ([`vendor`]) and the `ecmsk_*` functions
-//! beside them ([`boards`], [`facts`]).
+//! The drop-in `NEXTWUSBLib`: the four functions that existing programs call (`vendor`) and the `ecmsk_*` functions
+//! beside them (`boards`, `facts`).
 //!
-//! Every exported function runs inside [`entry`]: a boundary that no panic crosses, and a trace of calls for
-//! `ECMSK_LOG`. What the functions do lies behind them in safe code: [`board`] is one open board, [`handles`] the table
+//! Every exported function runs inside `entry`: a boundary that no panic crosses, and a trace of calls for
+//! `ECMSK_LOG`. What the functions do lies behind them in safe code: `board` is one open board, `handles` the table
 //! of those opened by URI.
 #![allow(non_snake_case, reason = "the library is named as the vendor's is")]
 

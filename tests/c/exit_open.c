@@ -1,6 +1,6 @@
 /* Programs that end without Close. Argument: how.
  * return: main returns while another thread is blocked in a read; exit: another thread calls exit; fork: a child ends
- * first, and its parent's board goes on. */
+ * first, and its parent's board goes on; moves: 100 frames each way, then main returns. */
 #define _DEFAULT_SOURCE
 #include "check.h"
 
@@ -41,6 +41,12 @@ int main(int count, char **arguments)
         CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 7);
         CHECK(read_response());
         CHECK(write_command());
+    } else if (strcmp(how, "moves") == 0) {
+        int i;
+        for (i = 0; i < 100; i++) {
+            CHECK(write_command());
+            CHECK(i == 0 || read_response());
+        }
     } else {
         CHECK(pthread_create(&thread, NULL, reader, NULL) == 0);
         if (strcmp(how, "exit") == 0) {

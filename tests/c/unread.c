@@ -1,4 +1,4 @@
-/* Reports that nobody reads: the newest 32 are kept, the others counted. */
+/* Reports that nobody reads: the newest 32 are kept, the others counted, and the oldest is read first. */
 #include "check.h"
 
 static ecmsk_stats stats(void)
@@ -39,6 +39,22 @@ int main(void)
     CHECK(reports_made() - first == made + 1);
     CHECK(stats().read == 33);
     CHECK(stats().written == 400);
+
+    /* Old ones first: the state of before, then the one asked for meanwhile. */
+    for (i = 0; i < 400; i++) {
+        CHECK(write_command());
+    }
+    CHECK(master(SET_STATE, 0, STATE_INIT, 0));
+    memset(command, 0, sizeof command);
+    for (i = 0; i < 200; i++) {
+        CHECK(write_command());
+    }
+    CHECK(read_response());
+    CHECK(state() == STATE_PRE_OP);
+    for (i = 1; i < 32; i++) {
+        CHECK(read_response());
+    }
+    CHECK(state() == STATE_INIT);
     puts("ok");
     return 0;
 }

@@ -150,7 +150,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     let window = op
         .cut(args.from, args.to)
         .ok_or_else(|| PlotError::NothingInRange { asked: asked(args.from, args.to), op: op.to_string() })?;
-    let mut series = Series::new(window, &axes, survey.board(), args.difference);
+    let cycle_ns = args.difference.then(|| survey.cycle_ns());
+    let mut series = Series::new(window, &axes, survey.board(), cycle_ns);
     walk(args, |framed| series.frame(framed))?;
     let drawing = chart::draw(
         series.finish(),

@@ -15,9 +15,22 @@ pub type Targets = [Option<i32>; MAX_AXES];
 /// Commands that may wait, and the one executed last.
 const KEPT: usize = FIFO_ENTRIES as usize + 1;
 
+/// What is known of the targets in force in a cycle.
+#[derive(Debug, PartialEq, Eq)]
+pub enum InForce<'a> {
+    /// These.
+    Known(&'a Targets),
+    /// The count of commands does not fit the cycles that have passed: a command and the report crossed each other.
+    Doubtful,
+    /// Nothing: nothing was executed yet, or commands were lost.
+    Unknown,
+}
+
 /// The commands sent in OP, as far as they may still wait.
 #[derive(Debug, Default)]
 pub struct Follow {
+    /// Nanoseconds of a cycle.
+    cycle_ns: i64,
     /// The targets in force once a command has been executed; the oldest command first.
     sent: VecDeque<Targets>,
     /// Commands sent so far.
@@ -26,9 +39,16 @@ pub struct Follow {
     known_from: u64,
     /// Full count and CRC errors of the last report.
     losses: Option<(u16, u8)>,
+    /// The last report: when it was made, commands executed by then, commands that waited.
+    before: Option<(i64, u64, u64)>,
 }
 
 impl Follow {
+    /// Of a board with that cycle.
+    pub fn new(cycle_ns: i64) -> Self {
+        Self { cycle_ns: cycle_ns.max(1), ..Self::default() }
+    }
+
     /// A command goes by: its targets, and whether it clears the FIFO.
     pub fn command(&mut self, targets: &Targets, clears: bool) {
         let mut in_force = self.sent.back().copied().unwrap_or_default();
@@ -46,24 +66,39 @@ impl Follow {
         self.count += 1;
     }
 
-    /// A report of OP goes by, with its free entries, full count and count of CRC errors: the targets in force in its
-    /// cycle, if that is known. After a loss it is not, until a command sent later has been executed.
-    pub fn report(&mut self, free: u16, full_count: u16, crc_errors: u8) -> Option<&Targets> {
+    /// A report of OP goes by, with its free entries, full count and count of CRC errors. After a loss the targets are
+    /// not known until a command sent later has been executed.
+    pub fn report(&mut self, at_ns: i64, free: u16, full_count: u16, crc_errors: u8) -> InForce<'_> {
         let losses = (full_count, crc_errors);
         if self.losses.replace(losses).is_some_and(|before| before != losses) {
             self.known_from = self.count;
         }
         let waiting = u64::from(FIFO_ENTRIES.saturating_sub(free));
-        let last = self.count.saturating_sub(waiting).checked_sub(1)?;
+        let executed = self.count.saturating_sub(waiting);
+        let fits =
+            self.before.replace((at_ns, executed, waiting)).is_none_or(|before| self.fits(before, at_ns, executed));
+        let Some(last) = executed.checked_sub(1).filter(|last| *last >= self.known_from) else {
+            return InForce::Unknown;
+        };
         let oldest = self.count - self.sent.len() as u64;
         for _ in oldest..last {
             self.sent.pop_front();
         }
-        if last >= self.known_from { self.sent.front() } else { None }
+        match self.sent.front() {
+            Some(targets) if fits => InForce::Known(targets),
+            _ => InForce::Doubtful,
+        }
+    }
+
+    /// Whether one command was executed in each cycle since the report before, if enough of them waited.
+    fn fits(&self, (then_ns, executed_then, waited): (i64, u64, u64), at_ns: i64, executed: u64) -> bool {
+        let passed = at_ns.saturating_sub(then_ns).max(0);
+        let cycles = (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs();
+        waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
     }
 
     /// OP was left: the FIFO is empty and targets are void.
     pub fn reset(&mut self) {
-        *self = Self { losses: self.losses, ..Self::default() };
+        *self = Self { cycle_ns: self.cycle_ns, losses: self.losses, ..Self::default() };
     }
 }

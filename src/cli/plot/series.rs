@@ -6,7 +6,7 @@ use ecmsk::sk::{
 };
 
 use super::decimate::Line;
-use super::follow::{Follow, Targets};
+use super::follow::{Follow, InForce, Targets};
 use super::{Window, style, survey};
 use crate::cli::kinds::Kinds;
 use crate::cli::recording::Framed;
@@ -74,8 +74,8 @@ struct Axis {
 }
 
 impl Series {
-    /// Lines across `window` of these slaves of that board.
-    pub fn new(window: Window, axes: &[u8], board: Option<(u16, u8)>, with_difference: bool) -> Self {
+    /// Lines across `window` of these slaves of that board. `cycle_ns`: its cycle, for the differences, if they are wanted.
+    pub fn new(window: Window, axes: &[u8], board: Option<(u16, u8)>, cycle_ns: Option<i64>) -> Self {
         let line = || Line::new(window, COLUMNS);
         let held = || Line::holding(window, COLUMNS);
         let axis = |number: &u8| Axis {
@@ -97,7 +97,7 @@ impl Series {
             full_count: None,
             in_op: false,
             kinds: Kinds::new(None),
-            follow: with_difference.then(Follow::default),
+            follow: cycle_ns.map(Follow::new),
         }
     }
 
@@ -167,8 +167,9 @@ impl Series {
             self.full_reports += u64::from(self.window.contains(at_ns));
             self.full.push(at_ns, 0.0);
         }
+        let MasterResponse { fifo_free, full_count, error, .. } = master;
         let follow = self.follow.as_mut();
-        let in_force = follow.and_then(|follow| follow.report(master.fifo_free, master.full_count, master.error));
+        let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, fifo_free, full_count, error));
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let number = usize::from(axis.number);
             let drive = DriveResponse::decode(&frame.slot(size, number));
@@ -177,7 +178,12 @@ impl Series {
             if self.kinds.of(number) != Some(SlaveKind::Hsp) {
                 axis.torque.push(at_ns, percent(drive.torque));
             }
-            match in_force.and_then(|targets| targets[i]).filter(|_| drive.statusword.is_enabled()) {
+            let target = match in_force {
+                InForce::Known(targets) => targets[i].filter(|_| drive.statusword.is_enabled()),
+                InForce::Doubtful => continue,
+                InForce::Unknown => None,
+            };
+            match target {
                 Some(target) => axis.difference.push(at_ns, f64::from(target) - f64::from(drive.position)),
                 None => axis.difference.interrupt(at_ns),
             }

@@ -20,7 +20,12 @@ pub struct Survey {
     moved: [bool; MAX_SLAVES],
     /// Slaves whose slot is a drive's in OP.
     drives: [bool; MAX_SLAVES],
+    /// Times between the first reports in OP.
+    intervals_ns: Vec<i64>,
 }
+
+/// Times between reports that are kept to find the cycle.
+const INTERVALS: usize = 1000;
 
 impl Default for Survey {
     fn default() -> Self {
@@ -33,6 +38,7 @@ impl Default for Survey {
             kinds: Kinds::new(None),
             moved: [false; MAX_SLAVES],
             drives: [false; MAX_SLAVES],
+            intervals_ns: Vec::new(),
         }
     }
 }
@@ -52,6 +58,13 @@ impl Survey {
     /// When the board was in OP, from the first response that says so to the last.
     pub const fn op(&self) -> Option<Window> {
         self.op
+    }
+
+    /// The EtherCAT cycle, nanoseconds: the median time between reports, as some may be missing and some come late.
+    pub fn cycle_ns(&self) -> i64 {
+        let mut intervals = self.intervals_ns.clone();
+        intervals.sort_unstable();
+        intervals.get(intervals.len() / 2).copied().unwrap_or_default()
     }
 
     /// The board looked at.
@@ -101,7 +114,11 @@ impl Survey {
             self.link = framed.meta.as_deref().map(recording::link_name);
         }
         let at_ns = framed.time_ns;
-        self.op.get_or_insert(Window { from_ns: at_ns, to_ns: at_ns }).to_ns = at_ns;
+        let op = self.op.get_or_insert(Window { from_ns: at_ns, to_ns: at_ns });
+        if self.intervals_ns.len() < INTERVALS {
+            self.intervals_ns.push(at_ns.saturating_sub(op.to_ns));
+        }
+        op.to_ns = at_ns;
         let dump = ResponseDump::new(frame, size);
         for (n, drive) in (1..=size.max_slaves()).zip(&mut self.drives) {
             let guessed = || match dump.line(n)?.meaning {

@@ -165,6 +165,23 @@ mod needs_cxx {
         }
     }
 
+    /// SK-1.23 The caller's bytes go to the board as they are: no CRC is filled in, where there is none or a wrong one.
+    #[test]
+    fn a_write_does_not_touch_the_bytes() {
+        let file = out_dir().join("untouched.pcapng");
+        let link = format!("sim:?clock=virtual&record={}", file.display());
+        assert_eq!(c_program("untouched").run(&link, [""; 0]).success(), "ok\n");
+        let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+        let written: Vec<Recorded> =
+            frames.expect("whole").into_iter().filter(|frame| frame.dir == Dir::Write).collect();
+        let mut expected: [u8; 512] = std::array::from_fn(|i| (0x80 + i * 7) as u8);
+        for (frame, crc) in written.iter().zip([0, 0xEE]) {
+            expected[3] = crc;
+            assert_eq!(frame.frame.bytes(), &expected);
+        }
+        assert_eq!(written.len(), 2);
+    }
+
     /// LIB-26, LIB-41 Eight threads that open, close, read and write at once: no crash, no hang, and the board works after it.
     #[test]
     fn eight_threads_at_once() {

@@ -169,7 +169,9 @@ fn defaults() {
 /// SK-4.64 A SET_STATE during a change replaces its target.
 #[test]
 fn a_target_is_replaced_during_a_change() {
-    let ways: [(&[(u32, MasterState)], &[u8]); 8] = [
+    /// Requests, each with the cycles before it, and the states that are seen.
+    type Way<'a> = (&'a [(u32, MasterState)], &'a [u8]);
+    let ways: [Way; 8] = [
         // A way up is given up before SafeOP, in whichever part of it.
         (&[(4, Op), (1000, PreOp)], &[2]),
         (&[(15, Op), (1000, PreOp)], &[2]),

@@ -48,6 +48,14 @@ pub(super) struct WholeWrites {
     good: Option<u64>,
 }
 
+impl Drop for WholeWrites {
+    fn drop(&mut self) {
+        // Closing does it too, but not while a process that was just forked has a copy of the file.
+        #[cfg(not(windows))]
+        let _ = self.file.unlock();
+    }
+}
+
 impl Write for WholeWrites {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.file.write_all(bytes);

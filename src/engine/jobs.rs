@@ -48,14 +48,16 @@ impl Engine {
 
     /// A change has its time (SK-4 \[OURS]: 10 s) whatever the bus does, and a way up that nobody wants any more ends.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        let Some(Work::Network(step)) = self.job else { return };
-        if self.v.network.deadline().is_some_and(|deadline| now >= deadline) {
-            self.v.network.fail(step);
-        } else if !self.v.network.is_obsolete(step) {
-            return;
+        let late = self.v.network.deadline().is_some_and(|deadline| now >= deadline);
+        if late {
+            self.v.network.fail();
         }
-        bus.cancel_job();
-        self.job = None;
+        if let Some(Work::Network(step)) = self.job
+            && (late || self.v.network.is_obsolete(step))
+        {
+            bus.cancel_job();
+            self.job = None;
+        }
     }
 
     fn start_next(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
@@ -91,8 +93,8 @@ impl Engine {
             Step::Scan => return Some(Job::Scan),
             Step::Configure => return Some(Job::Configure(self.bus_config())),
             Step::Boot => (MasterState::PreOp, self.all_slaves()),
-            Step::Move(to @ (MasterState::Init | MasterState::PreOp)) => (to, self.all_slaves()),
-            Step::Move(to) => (to, self.used_slaves()),
+            Step::Move(to) if self.leaves_others_in_preop(to) => (to, self.used_slaves()),
+            Step::Move(to) => (to, self.all_slaves()),
         };
         if slaves.is_empty() {
             return None;
@@ -102,6 +104,12 @@ impl Engine {
 
     fn all_slaves(&self) -> SlaveSet {
         SlaveSet::first(self.v.network.found())
+    }
+
+    /// Whether a move is one between PreOP and OP: slaves that are not used have no part in it.
+    fn leaves_others_in_preop(&self, to: MasterState) -> bool {
+        let from = self.v.network.state();
+        to > MasterState::PreOp || to == MasterState::PreOp && from > Some(MasterState::PreOp)
     }
 
     /// SK-4 \[OURS]: a found slave declared as none stays in PreOP and is not waited for.
@@ -142,7 +150,7 @@ impl Engine {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
             }
             (Work::Network(step), JobDone::Configure(Ok(())) | JobDone::State(Ok(()))) => self.step_done(step),
-            (Work::Network(step), _) => self.v.network.fail(step),
+            (Work::Network(_), _) => self.v.network.fail(),
             (Work::HostSdo, JobDone::Sdo(result)) => self.sdo_done(result),
             (Work::HostSdo, _) => {}
         }

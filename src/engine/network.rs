@@ -144,14 +144,12 @@ impl Network {
         Some(state)
     }
 
-    /// A step failed, or took too long: the change ends where it is, without retries. At boot the board looks for
+    /// A step failed, or the change took too long: it ends where it is, without retries. At boot the board looks for
     /// slaves again.
-    pub(super) fn fail(&mut self, step: Step) {
+    pub(super) fn fail(&mut self) {
         self.failed = true;
         self.change = None;
-        if matches!(step, Step::Scan | Step::Boot) {
-            self.scanned = false;
-        }
+        self.scanned &= self.reached.is_some();
     }
 }
 

@@ -2,9 +2,10 @@
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::cia402::Mode;
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::{AlState, Ns, Role, SlaveSet};
-use ecmsk::sk::{MasterCommand, MasterState, SlaveKind, StateByte};
+use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SdoResponse, SlaveKind, StateByte};
 use ecmsk::slave::AlStatus;
 
 use crate::probe::{Bench, any_slaves, drives};
@@ -110,6 +111,25 @@ fn a_change_has_its_time() {
     }
 }
 
+/// SK-4.55 The time runs while an SDO transfer of the host keeps the network busy, too.
+#[test]
+fn a_change_that_waits_has_its_time() {
+    let config =
+        EngineConfig { state_timeout_ns: 500_000_000, sdo_timeout_ns: 5_000_000_000, ..EngineConfig::default() };
+    let Bench { mut host, network, .. } = Bench::new(config, drives(2));
+    network.silence(2, true);
+    host.declare_drives(2).sdo(SdoCommand::Read { slave: 2, object: ObjectAddress::new(0x1000, 0) }).cycles(5);
+    let asked = host.board.now();
+    host.master(MasterCommand::SetState(Op)).until("the failure", |host| host.state().0 & 0x10 != 0);
+    assert_eq!((host.state().0, host.board.now() - asked < 510_000_000), (0x12, true));
+    // The transfer goes on to its own end.
+    host.until("the end of the SDO", |host| host.sdo_answer() != SdoResponse::Empty);
+    assert!(matches!(host.sdo_answer(), SdoResponse::Aborted { slave: 2, code: AbortCode::TIMEOUT, .. }));
+    assert_eq!(host.state().0, 0x12);
+    network.silence(2, false);
+    host.go(Op);
+}
+
 /// SK-4.55 A time without end is one.
 #[test]
 fn a_change_may_take_for_ever() {
@@ -175,4 +195,21 @@ fn a_slave_declared_none_stays_in_preop() {
 
     // All declared none: nobody has to move.
     host.go(PreOp).master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::None; 8] }).go(Op).go(Init).go(PreOp);
+}
+
+/// SK-4.57 Nobody waits for a slave with nibble F, on the way up or back to PreOP, even if it is switched off.
+#[test]
+fn a_silent_slave_declared_none() {
+    let Bench { mut host, network, .. } = Bench::new(EngineConfig::default(), drives(3));
+    let mut kinds = [SlaveKind::Drive; 8];
+    kinds[1] = SlaveKind::None;
+    host.master(MasterCommand::SetAxis { group: 0, kinds });
+    network.silence(2, true);
+    for _ in 0..2 {
+        host.go(Op).drained().servo_on(3).go(PreOp).go(SafeOp).go(PreOp);
+    }
+    // To Init all go, and it does not follow.
+    host.master(MasterCommand::SetState(Init)).until("the failure", |host| host.state().0 & 0x10 != 0);
+    network.silence(2, false);
+    host.go(PreOp).go(Op);
 }

@@ -233,7 +233,7 @@ impl Run {
     }
 
     /// All slaves are drives; then OP.
-    fn go_to_op(&mut self) {
+    fn reach_op(&mut self) {
         self.send_master(RawSlot { id: 0x02, ..RawSlot::ZERO });
         self.send_master(RawSlot { id: 0x01, data1: 8, ..RawSlot::ZERO });
         self.advance(self.board.now() + 50_000_000);
@@ -242,7 +242,7 @@ impl Run {
     /// One step of a run.
     fn step(&mut self, dice: &mut Dice, network: &SimHandle) {
         if self.board.engine().state().0 != 8 && dice.one_in(4) {
-            self.go_to_op();
+            self.reach_op();
         }
         if dice.one_in(20) {
             network.silence(2, dice.one_in(4));

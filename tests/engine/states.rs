@@ -6,7 +6,7 @@ use ecmsk::engine::{Board, EngineConfig, Reason};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{AlState, Ns, Role, SlaveSet};
 use ecmsk::sk::{
-    CommandId, CycleTime, DcShift, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand,
+    CommandId, CycleTime, DcShift, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveCommand,
     SlaveKind, SlotSize, StateByte,
 };
 
@@ -166,12 +166,13 @@ fn defaults() {
     assert!(config.slaves.iter().all(|slave| (slave.role, slave.sync) == (Role::Drive(Mode::Csp), DriveSync::DcSync)));
 }
 
+/// Cycles to wait after asking for a state.
+type Requests = &'static [(u32, MasterState)];
+
 /// SK-4.64 A SET_STATE during a change replaces its target.
 #[test]
 fn a_target_is_replaced_during_a_change() {
-    /// Requests, each with the cycles before it, and the states that are seen.
-    type Way<'a> = (&'a [(u32, MasterState)], &'a [u8]);
-    let ways: [Way; 8] = [
+    let ways: [(Requests, &[u8]); 8] = [
         // A way up is given up before SafeOP, in whichever part of it.
         (&[(4, Op), (1000, PreOp)], &[2]),
         (&[(15, Op), (1000, PreOp)], &[2]),
@@ -211,6 +212,47 @@ fn a_target_is_replaced_on_the_way_down() {
         host.master(MasterCommand::SetState(second)).until("the end", |host| host.state().0 != 8);
         host.until("the end", |host| host.state().0 == end).cycles(500);
         assert_eq!(host.state().0, end, "{first} then {second}");
+    }
+}
+
+/// SK-4.6 SET_AXIS: nibble k of group g is slave g*8+k+1. SK-4.7 0 is a drive, 1 IO, 2 HSP, 3 STEP, F none.
+/// SK-4.8 Nibbles of slaves above 40 (30) are ignored.
+/// SK-4.41 DRIVE_MODE is without effect on an IO slave.
+#[test]
+fn axes_are_declared_by_nibbles() {
+    let nibbles = [0x0u32, 0x1, 0x2, 0x3, 0xF, 0x1, 0x0];
+    let roles = [
+        Role::Drive(Mode::Csv),
+        Role::Io,
+        Role::Hsp(Mode::Csv),
+        Role::Step(Mode::Csv),
+        Role::Unused,
+        Role::Io,
+        Role::Drive(Mode::Csv),
+    ];
+    for slot in SlotSize::ALL {
+        let slaves = slot.max_slaves();
+        let Bench { mut host, jobs, .. } =
+            Bench::new(EngineConfig { slot, ..EngineConfig::default() }, any_slaves(slaves));
+        for slave in 1..=slaves {
+            host.slave(slave, SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync });
+        }
+        for group in [3, 0, 4, 2, 1usize] {
+            let nibble = |k: usize| match group * 8 + k {
+                // Of no kind: nobody looks at them.
+                n if n >= slaves => 0x7,
+                n => nibbles[n % nibbles.len()],
+            };
+            let data1 = (0..8).fold(0, |word, k| word | nibble(k) << (4 * k));
+            host.raw(0, RawSlot { id: 0x02, parm: group as u16, data1, ..RawSlot::ZERO });
+        }
+        host.go(SafeOp);
+        assert_eq!(host.counters().rejected_total(), 0);
+        let config = jobs.configured();
+        for (n, slave) in config.slaves.iter().enumerate() {
+            let expected = if n < slaves { roles[n % roles.len()] } else { Role::Unused };
+            assert_eq!(slave.role, expected, "{slot:?} slave {}", n + 1);
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::SimBus;
 use crate::coe::AbortCode;
 use crate::fieldbus::{
-    AlState, BusConfig, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, SdoRequest, SlaveSet,
+    AlState, BusConfig, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest, SlaveSet,
 };
 use crate::slave::AlStatus;
 
@@ -103,10 +103,12 @@ impl SimBus {
     }
 
     fn configure_slave(&mut self, config: &BusConfig, slave: u8) -> Result<(), Refusal> {
-        if !self.answers(slave) {
-            return Err(Refusal { slave, al_status: 0, abort: None });
-        }
         let wanted = &config.slaves[usize::from(slave) - 1];
+        if !self.answers(slave) {
+            // Nobody waits for a slave that is not used (SK-4 [OURS]).
+            let unused = wanted.role == Role::Unused;
+            return if unused { Ok(()) } else { Err(Refusal { slave, al_status: 0, abort: None }) };
+        }
         self.station(slave).slave.configure(wanted).map_err(|refusal| Refusal { slave, ..refusal })
     }
 

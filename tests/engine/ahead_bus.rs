@@ -38,10 +38,10 @@ impl<B: Fieldbus> AheadBus<B> {
         Self {
             inner,
             how,
-            queue: VecDeque::new(),
+            queue: VecDeque::with_capacity(how.depth.into()),
             last: Outputs::default(),
             newest: Inputs::default(),
-            answers: VecDeque::new(),
+            answers: VecDeque::with_capacity(how.pipeline + 1),
             next: how.phase,
             cycle_in_op: CycleTime::DEFAULT,
             in_op: false,

@@ -4,15 +4,6 @@ use super::{Engine, EngineConfig};
 use crate::fieldbus::{Fieldbus, Ns, Pacing};
 use crate::sk::Frame;
 
-/// Cycles of ours without one of the bus that are no silence. A bus that owns its cycle may pass none between two polls,
-/// by its phase and by jitter \[OURS].
-const fn patience(pacing: Pacing) -> u64 {
-    match pacing {
-        Pacing::Runner => 0,
-        Pacing::Bus { .. } => 2,
-    }
-}
-
 /// An EC01M with its network. Plain state: nothing happens to it but by these calls.
 pub struct Board {
     engine: Engine,
@@ -54,7 +45,17 @@ impl Board {
     /// When the last report was made and the cycles without one since, while the board is silent: the cable before the
     /// first slave is cut.
     pub fn silence(&self) -> Option<(Ns, u64)> {
-        (self.silent_cycles > patience(self.bus.pacing())).then_some((self.last_report, self.silent_cycles))
+        let silent = self.silent_cycles > 0 && self.now - self.last_report > self.patience();
+        silent.then_some((self.last_report, self.silent_cycles))
+    }
+
+    /// Time without a report that is no silence. A bus that owns its cycle passes none in some of ours: by its phase, by
+    /// jitter, and when the cycle changes \[OURS: two of its longest cycles].
+    fn patience(&self) -> Ns {
+        match self.bus.pacing() {
+            Pacing::Runner => 0,
+            Pacing::Bus { .. } => 2 * self.engine.longest_period_ns(),
+        }
     }
 
     /// A command frame arrives at `at`; cycles due by then run first.

@@ -241,6 +241,11 @@ impl Engine {
         if self.v.network.in_op() { self.v.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
+    /// The longer one of the cycles in OP and before it.
+    pub(crate) fn longest_period_ns(&self) -> Ns {
+        self.v.cycle.max(CycleTime::DEFAULT).ns()
+    }
+
     /// Free entries of the command FIFO, wherever the entries lie.
     pub fn fifo_free(&self) -> u16 {
         self.fifo.free(self.ahead.len() as u16)

@@ -50,6 +50,23 @@ struct Shared {
     skipped_ns: AtomicU64,
 }
 
+impl Shared {
+    fn new(board: &Board, queue: usize) -> Self {
+        Self {
+            handover: Handover::new(INBOX_FRAMES, queue),
+            stop: AtomicBool::new(false),
+            shown: Mutex::new(Shown {
+                counters: *board.engine().counters(),
+                events: Vec::with_capacity(EVENTS_KEPT),
+                events_total: board.engine().events_total(),
+            }),
+            cycles: AtomicU64::new(0),
+            worst_ns: AtomicU64::new(0),
+            skipped_ns: AtomicU64::new(0),
+        }
+    }
+}
+
 /// A board on the real clock.
 pub struct Threaded {
     shared: Arc<Shared>,
@@ -69,18 +86,7 @@ impl Threaded {
     /// # Errors
     /// The system's, if it gives no thread; the board is lost then.
     pub fn start(board: Board, host_ns: Ns, queue: usize, wishes: RealTime) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared {
-            handover: Handover::new(INBOX_FRAMES, queue),
-            stop: AtomicBool::new(false),
-            shown: Mutex::new(Shown {
-                counters: *board.engine().counters(),
-                events: Vec::with_capacity(EVENTS_KEPT),
-                events_total: board.engine().events_total(),
-            }),
-            cycles: AtomicU64::new(0),
-            worst_ns: AtomicU64::new(0),
-            skipped_ns: AtomicU64::new(0),
-        });
+        let shared = Arc::new(Shared::new(&board, queue));
         let clock = Arc::new(Clock::start());
         let zero = board.now();
         let thread = std::thread::Builder::new().name("ecmsk-board".into()).spawn({
@@ -254,5 +260,58 @@ fn show(board: &Board, shared: &Shared) {
     if engine.events_total() > seen {
         let room = EVENTS_KEPT - shown.events.len();
         shown.events.extend(engine.events_since(seen).take(room));
+    }
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+    use crate::engine::EngineConfig;
+    use crate::fieldbus::sim::SimBus;
+    use crate::sk::{MasterCommand, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize};
+    use crate::slave::{Drive, DriveConfig};
+
+    const SIZE: SlotSize = SlotSize::Bytes12;
+
+    /// SK-9.8 The runner's thread allocates nothing, from its first cycle to its last: the way to OP, entries, nonsense,
+    /// reports that are read and reports that nobody reads.
+    #[test]
+    fn the_runners_thread_allocates_nothing() {
+        let mut board = Board::new(
+            EngineConfig::default(),
+            Box::new(SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))])),
+        );
+        assert!(board.boot(60_000_000_000));
+        let (shared, clock) = (Arc::new(Shared::new(&board, 4)), Clock::start());
+        let host = std::thread::spawn({
+            let shared = Arc::clone(&shared);
+            move || {
+                let (mut frame, mut report) = (Frame::new(), Frame::new());
+                let send = |frame: &Frame| shared.handover.send(frame, 0, Instant::now(), None).unwrap();
+                let kinds = [SlaveKind::Drive; 8];
+                for command in [MasterCommand::SetAxis { group: 0, kinds }, MasterCommand::SetState(MasterState::Op)] {
+                    frame.put_master(SIZE, &command);
+                    send(&frame);
+                }
+                while MasterResponse::decode(&report.slot(SIZE, 0)).state.state() != Some(MasterState::Op) {
+                    shared.handover.receive(&mut report, None).unwrap();
+                }
+                frame.put(SIZE, 1, &RawSlot { id: 0x99, ..RawSlot::ZERO });
+                for _ in 0..300 {
+                    send(&frame);
+                    shared.handover.receive(&mut report, None).unwrap();
+                }
+                while shared.handover.dropped() == 0 {
+                    std::thread::yield_now();
+                }
+                shared.stop.store(true, Ordering::Release);
+            }
+        });
+        let mut ended = None;
+        let counted = allocation_counter::measure(|| ended = Some(run(board, &shared, &clock)));
+        host.join().unwrap();
+        assert_eq!((counted.count_total, counted.count_current), (0, 0), "{counted:?}");
+        let counters = *ended.expect("the board comes back").engine().counters();
+        assert!(counters.executed > 200 && counters.rejected_total() > 200, "{counters:?}");
     }
 }

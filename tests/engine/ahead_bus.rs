@@ -14,6 +14,8 @@ pub struct Ahead {
     pub pipeline: usize,
     /// When its first cycle is: its clock is its own.
     pub phase: Ns,
+    /// How much slower its clock is: so much longer than it was told is a cycle.
+    pub slower: Ns,
 }
 
 /// Another bus behind a FIFO of outputs and a pipeline of answers.
@@ -36,10 +38,10 @@ impl<B: Fieldbus> AheadBus<B> {
         Self {
             inner,
             how,
-            queue: VecDeque::new(),
+            queue: VecDeque::with_capacity(how.depth.into()),
             last: Outputs::default(),
             newest: Inputs::default(),
-            answers: VecDeque::new(),
+            answers: VecDeque::with_capacity(how.pipeline + 1),
             next: how.phase,
             cycle_in_op: CycleTime::DEFAULT,
             in_op: false,
@@ -50,7 +52,7 @@ impl<B: Fieldbus> AheadBus<B> {
     /// Its next cycle passes; `None`: none does, the cable is cut.
     fn pass(&mut self) -> Option<CycleDone> {
         let at = self.next;
-        self.next += if self.in_op { self.cycle_in_op } else { CycleTime::DEFAULT }.ns();
+        self.next += if self.in_op { self.cycle_in_op } else { CycleTime::DEFAULT }.ns() + self.how.slower;
         let mut id = None;
         if self.in_op && self.inner.room() > 0 {
             if let Some(outputs) = self.queue.pop_front() {

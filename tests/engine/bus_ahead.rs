@@ -262,12 +262,13 @@ fn a_phase_is_no_silence() {
         assert!(board.boot(60_000_000_000));
         let stepped = Stepped::new(board, 125_000, 32);
         let mut report = Frame::new();
-        let slower = MasterCommand::SetDc { cycle: CycleTime::from_us(4000).unwrap(), shift: DcShift::Auto };
-        for command in [slower, MasterCommand::SetState(MasterState::Op)] {
+        let slower = MasterCommand::SetDc { cycle: CycleTime::from_us(32_000).unwrap(), shift: DcShift::Auto };
+        let states = [MasterState::Op, MasterState::PreOp, MasterState::Op];
+        for command in [slower].into_iter().chain(states.map(MasterCommand::SetState)) {
             let mut frame = Frame::new();
             frame.put_master(SIZE, &command);
             stepped.write(&frame).unwrap();
-            for _ in 0..2000 {
+            for _ in 0..1000 {
                 stepped.read(&mut report, None).expect("a report");
             }
         }

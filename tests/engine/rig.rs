@@ -17,13 +17,10 @@ const CYCLE: Ns = 1_000_000;
 
 /// Every kind of bus that the tests go through.
 pub fn ahead() -> impl Iterator<Item = Ahead> {
-    [1, 8, 64].into_iter().flat_map(|depth| {
-        [(0, 333_333), (1, 1), (2, 999_999), (4, 500_000)].into_iter().map(move |(pipeline, phase)| Ahead {
-            depth,
-            pipeline,
-            phase,
-        })
-    })
+    let clocks = [(0, 333_333, 0), (1, 1, 100), (2, 999_999, 2500), (4, 500_000, 300)];
+    [1, 8, 64]
+        .into_iter()
+        .flat_map(move |depth| clocks.map(|(pipeline, phase, slower)| Ahead { depth, pipeline, phase, slower }))
 }
 
 pub struct Rig {

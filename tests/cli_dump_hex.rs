@@ -142,7 +142,7 @@ fn layout_of_a_line_is_free() {
     assert_eq!(out, expected);
 }
 
-/// A 12-byte frame in 512 bytes: the rest is filler. Its CRC tells the slot size, here as for 16-byte slots.
+/// SK-9.6 A 12-byte frame in 512 bytes: the first 504 count, the rest is filler. Its CRC tells the slot size, here as for 16-byte slots.
 #[test]
 fn slot_size_is_found_by_the_crc() {
     let padded = |mut bytes: Vec<u8>| {
@@ -155,6 +155,8 @@ fn slot_size_is_found_by_the_crc() {
         json_lines(dump(&["--json"], input)).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
     };
     assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
+    let all = |digits: &str| dump(&["--json", "--all"], digits).quiet();
+    assert_eq!(all(&narrow), all(&hex(&vector_named("csp-all-40").bytes)));
     // A frame without a CRC is taken for one of its neighbours' board.
     assert_eq!(sizes(&format!("{wide}\n{}", "00".repeat(512))), [Some(16), Some(16)]);
 }

@@ -8,7 +8,7 @@ mod support;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use cli_support::recordings::Script;
+use cli_support::recordings::{Script, make_capture, record_to_a_slow_disk};
 use cli_support::{Ran, run, run_with_input};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, SlotSize};
 use serde_json::Value;
@@ -75,7 +75,7 @@ const MIXED: [&str; 7] = [
     "io-wr",
 ];
 
-/// SK-1.3 A recording in words: the link, then every frame with its number, its time and its slots.
+/// A recording in words: the link, then every frame with its number, its time and its slots.
 #[test]
 fn in_words() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
@@ -102,7 +102,7 @@ fn as_json() {
     );
 }
 
-/// LIB-55 A report that waited to be read was made before commands that stand before it: its time says so.
+/// A report that waited to be read was made before commands that stand before it: its time says so.
 #[test]
 fn reports_read_late_have_the_time_they_were_made() {
     let mut script = golden(&["csp-index-7"]);
@@ -113,7 +113,7 @@ fn reports_read_late_have_the_time_they_were_made() {
     assert!(text.contains("frame 2        -0.003000000 s  response\n"), "{text}");
 }
 
-/// SK-1.1 SK-1.2 The slot size: what the recording says, or the user; else what the CRCs fit, those of later frames too.
+/// The slot size: what the recording says, or the user; else what the CRCs fit, those of later frames too.
 #[test]
 fn slot_size() {
     let sizes = |recorded: &Recorded, options: &[&str]| -> Vec<_> {
@@ -139,7 +139,7 @@ fn slot_size() {
     assert_eq!(ran.err.matches("no CRC tells the slot size, taken as 12 bytes").count(), 1, "{}", ran.err);
 }
 
-/// SK-3 Byte 1 of a slave's slot is its mode in firmware 1.5: the link of the recording says so, or the user.
+/// Byte 1 of a slave's slot is its mode in firmware 1.5: the link of the recording says so, or the user.
 #[test]
 fn firmware() {
     let script = golden(&["resp-op-fw15"]);
@@ -151,7 +151,7 @@ fn firmware() {
     assert_eq!(new.json(&["--slot", "1", "--fw", "1.5"])[0]["slots"][0]["mode"], 8);
 }
 
-/// SK-4.6 SET_AXIS in OP is rejected: it tells nothing of the slaves.
+/// SET_AXIS in OP is rejected: it tells nothing of the slaves.
 #[test]
 fn set_axis_in_op_tells_nothing() {
     let recorded =
@@ -261,4 +261,39 @@ fn several_sections() {
     let expected =
         ["# sim:", "frame 1         0.000000000 s  command", "# sim:?name=b", "frame 2         0.000000000 s  command"];
     assert_eq!(heads, expected);
+}
+
+/// Frames that the disk did not take are counted in the recording, and a note says how many.
+#[test]
+fn missing_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("run.pcapng");
+    // More than one batch of the disk and the queue hold.
+    let lost = record_to_a_slow_disk(&file, 1000);
+    assert!(lost > 0, "nothing was lost");
+    let ran = dump(&file, &["--slot", "0"]);
+    assert_eq!((ran.code, ran.out.matches("\nframe ").count() as u64), (Some(0), 1000 - lost));
+    let name = file.display();
+    assert_eq!(ran.err, format!("note: {name}: {lost} frames are missing; record to a faster disk to have them all\n"));
+}
+
+/// A capture of two real boards: each has its own slaves, and the text says which is which.
+#[test]
+fn several_boards() {
+    let script = golden(&["set-axis-group0", "resp-hsp-12", "resp-hsp-12"]);
+    let recorded = Recorded::new(&script, LINK, Some(SlotSize::Bytes12));
+    make_capture(&recorded.file, &[7, 7, 8]);
+    let text = recorded.dump(&["--slot", "1"]).quiet();
+    let lines: Vec<_> = text.lines().map(|line| line.split(" statusword").next().unwrap_or_default()).collect();
+    let expected = [
+        "# bus 1, device 7",
+        "frame 1         0.000000000 s  command",
+        "  slave 1  GET_STATUS",
+        "frame 2         0.001000000 s  response",
+        "  slave 1  CSP #2 DRIVE",
+        "# bus 1, device 8",
+        "frame 3         0.002000000 s  response",
+        "  slave 1  CSP #2 DRIVE?",
+    ];
+    assert_eq!(lines, expected);
 }

@@ -85,7 +85,7 @@ fn the_library_is_found_first() {
     let place = Place::new();
     let script = "first=${LD_LIBRARY_PATH%%:*}; stat -c %a \"$first\"; cd \"$first\"; for f in *; do echo \"$f\"; readlink \"$f\"; done";
     let out = place.run(&["--link", "sim:"], script).quiet();
-    let library = fs::canonicalize(env!("CARGO_BIN_EXE_ecmsk")).expect("a file");
+    let library = place.path().join("libNEXTWUSBLib.so");
     let library = library.display();
     assert_eq!(out, format!("700\nlibNEXTWUSBLib.so\n{library}\nlibNEXTWUSBLib.so.0\n{library}\n"));
 }
@@ -113,7 +113,7 @@ fn the_library_may_be_named() {
     fs::create_dir(&only_soname).expect("a folder");
     symlink(&file, only_soname.join("libNEXTWUSBLib.so.0")).expect("a link");
     for name in [&file, &only_soname] {
-        let script = "readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so.0\"";
+        let script = "readlink -f \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so.0\"";
         let mut command = ecmsk(["exec", "--library"]);
         command.arg(name).args(["--", "sh", "-c", script]).env("TMPDIR", place.tmp());
         let out = Ran::from(command.output().expect("the tool starts")).quiet();
@@ -193,7 +193,36 @@ fn wrong_recordings() {
     refused("tmp", 125, &["cannot record to tmp", "it is a folder"], "with --record");
     let twice = place.run(&["--link", "sim:?record=a", "--record", "b"], "echo started");
     twice.failed(2, &["`record` is given twice"], "ecmsk link help");
-    place.run(&["--record", "run.pcapng"], "echo started").misused(&["--link"]);
+}
+
+/// Without --link a recording is of the link that the library would choose: ECMSK_LINK, then the files beside the program
+/// and beside the library; a board on USB, the default, is not in this build.
+#[test]
+fn record_without_a_link() {
+    let place = Place::new();
+    let nowhere = place.tmp();
+    let run = |variable: Option<&str>| {
+        let mut command = place.exec(&["--record", "run.pcapng", "--", "./program"]);
+        command.env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere).env_remove("ECMSK_LINK");
+        if let Some(link) = variable {
+            command.env("ECMSK_LINK", link);
+        }
+        Ran::from(command.output().expect("the tool starts"))
+    };
+    let program = place.path().join("program");
+    fs::write(&program, "#!/bin/sh\necho \"$ECMSK_LINK\"\n").expect("a file");
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("permissions");
+    run(None).failed(2, &["`usb:` is not in this build"], "ecmsk link help");
+    let record = LinkUri::parse(run(Some("sim:?slot=16")).quiet().trim_end()).expect("a link");
+    let expected = fs::canonicalize(place.path()).expect("a folder").join("run.pcapng");
+    assert_eq!((record.value("slot"), record.value("record").map(Path::new)), (Some("16"), Some(expected.as_path())));
+    run(Some("sim:?slot=14")).failed(2, &["`slot` does not take `14`"], "ecmsk link help");
+    let file = place.path().join("ecmsk.toml");
+    fs::write(&file, "link = \"sim:?slaves=drive*5\"\n").expect("a file");
+    let record = LinkUri::parse(run(None).quiet().trim_end()).expect("a link");
+    assert_eq!(record.value("slaves"), Some("drive*5"));
+    fs::write(&file, "lnk = 1\n").expect("a file");
+    run(None).failed(125, &["ecmsk.toml, line 1"], "ecmsk link help");
 }
 
 /// A wrong link is an error of the command line, and the program is not started.
@@ -272,7 +301,7 @@ fn verbose() {
     let place = Place::new();
     let ran = place.run(&["-v", "--link", "sim:"], "echo out; exit 3");
     assert_eq!((ran.code, ran.out.as_str()), (Some(3), "out\n"));
-    let library = fs::canonicalize(env!("CARGO_BIN_EXE_ecmsk")).expect("a file");
+    let library = place.path().join("libNEXTWUSBLib.so");
     for line in [format!("library: {}", library.display()), "ECMSK_LINK: sim:".into(), "program: exit status: 3".into()]
     {
         assert!(ran.err.lines().any(|said| said == line), "`{line}` is missing in: {}", ran.err);
@@ -400,7 +429,19 @@ mod needs_cxx {
         assert!(ran.out.contains("usb:"), "{}", ran.out);
     }
 
-    /// LIB-1 SK-9.8 What a program did can be read and plotted afterwards.
+    /// A configuration beside the library is found, though the library is loaded from another folder.
+    #[test]
+    fn the_configuration_beside_the_library_counts() {
+        let folder = tempfile::tempdir().expect("a folder");
+        fs::copy(&support::library().shared, folder.path().join("libNEXTWUSBLib.so")).expect("a copy");
+        fs::write(folder.path().join("ecmsk.toml"), "link = \"sim:?slaves=drive*7&clock=virtual\"").expect("a file");
+        let mut command = ecmsk(["exec", "--library"]);
+        command.arg(folder.path()).arg("--").arg(program("which_link.c"));
+        let ran = Ran::from(command.output().expect("the tool starts"));
+        assert_eq!(ran.quiet(), "sim:?slaves=drive*7&clock=virtual\n");
+    }
+
+    /// What a program did can be read and plotted afterwards.
     #[test]
     fn a_program_is_recorded() {
         let folder = tempfile::tempdir().expect("a folder");

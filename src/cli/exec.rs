@@ -5,6 +5,7 @@
 
 mod child;
 mod library;
+mod link;
 
 use std::ffi::{OsStr, OsString};
 use std::io;
@@ -12,10 +13,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use clap::ValueHint;
-use ecmsk::link::config::VARIABLE;
+use ecmsk::link::config::{ConfigError, VARIABLE};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::error::say;
 use library::LibraryFolder;
@@ -37,8 +37,9 @@ pub struct Args {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// Write every frame to this file, for `ecmsk dump`, `ecmsk plot` and Wireshark
-    #[arg(long, value_name = "FILE", requires = "link", value_hint = ValueHint::FilePath)]
+    /// Write every frame to this file, for `ecmsk dump`, `ecmsk plot` and Wireshark; without --link the recording is of
+    /// the link that the library would look for
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
     /// The library, or the folder it is in [default: beside this tool, then ../lib]
@@ -101,9 +102,12 @@ pub enum ExecError {
         /// Why not.
         reason: String,
     },
-    /// The link does not take the recording.
+    /// The link does not take the recording, or the one that is configured is wrong.
     #[error(transparent)]
     Uri(#[from] UriError),
+    /// It cannot be told which link is configured.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
     /// There is no such program.
     #[error("{}: not found; {}", .program.display(), not_found_hint(.program))]
     NotFound {
@@ -146,9 +150,10 @@ impl ExecError {
 pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap asks for one at least.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
-    let link = args.link.as_ref().map(|link| with_record(link, args.record.as_deref())).transpose()?;
-    // Named, so that it lives and its folder stays until the program has ended.
-    let library = LibraryFolder::make(&library::find(args.library.as_deref())?)?;
+    let file = library::find(args.library.as_deref())?;
+    let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
+    // Its folder stays until this goes.
+    let library = LibraryFolder::make(&file)?;
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 
     let mut command = Command::new(program);
@@ -168,25 +173,6 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         say("program", &ended);
     }
     Ok(ExitCode::from(child::exit_code(ended)))
-}
-
-/// The link, with its recording.
-fn with_record(link: &LinkUri, record: Option<&Path>) -> Result<LinkUri, ExecError> {
-    if !link.scheme().in_build() {
-        return Err(ExecError::NotInBuild { link: link.to_string() });
-    }
-    let Some(file) = record else { return Ok(link.clone()) };
-    let refuse = |reason: String| ExecError::Record { file: file.to_owned(), reason };
-    // The program may change its folder before it opens the board.
-    let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
-    let folder = absolute.parent().filter(|_| !absolute.is_dir());
-    if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
-        return Err(refuse("its folder does not exist".into()));
-    }
-    let text = absolute.to_str().ok_or_else(|| refuse("its name is not UTF-8".into()))?;
-    let (uri, value) = (link.to_string(), utf8_percent_encode(text, NON_ALPHANUMERIC));
-    let joint = if uri.contains('?') { '&' } else { '?' };
-    Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
 }
 
 fn in_build() -> String {

@@ -10,7 +10,7 @@ mod style;
 mod survey;
 
 use std::fs;
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use clap::ValueHint;
@@ -139,12 +139,12 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         return Err(PlotError::TooManyAxes { found: args.axes.len() }.into());
     }
     let mut survey = Survey::default();
-    let (frames, damage) = walk(args, |framed| survey.frame(framed))?;
+    let mut recording = Frames::open(&args.file, args.slot_size)?;
+    let Walked { frames, damage } = walk(&mut recording, |framed| survey.frame(framed))?;
+    recording.note_missing();
     let Some(op) = survey.op() else {
-        return Err(match damage {
-            Some(damage) => damage.into(),
-            None => PlotError::NoOp { file: args.file.clone(), frames }.into(),
-        });
+        let no_op = PlotError::NoOp { file: args.file.clone(), frames };
+        return Err(damage.map_or(no_op.into(), CliError::from));
     };
     let axes = axes(args, &survey)?;
     let window = op
@@ -152,7 +152,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         .ok_or_else(|| PlotError::NothingInRange { asked: asked(args.from, args.to), op: op.to_string() })?;
     let cycle_ns = args.difference.then(|| survey.cycle_ns());
     let mut series = Series::new(window, &axes, survey.board(), cycle_ns);
-    walk(args, |framed| series.frame(framed))?;
+    walk(&mut Frames::open(&args.file, args.slot_size)?.quiet(), |framed| series.frame(framed))?;
     let drawing = chart::draw(
         series.finish(),
         &chart::Caption {
@@ -168,26 +168,32 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     write(args, &drawing)
 }
 
-/// Shows every frame of the recording in the order of time. Gives their number, and why the recording ends early if it
-/// does: a program that was killed leaves such a one, and what came before is whole.
-fn walk(args: &Args, mut show: impl FnMut(&Framed)) -> Result<(u64, Option<RecordError>), CliError> {
+/// What a walk through the recording came by.
+struct Walked {
+    /// Its frames.
+    frames: u64,
+    /// Why it ends early, if it does: a program that was killed leaves such a recording, and what came before is whole.
+    damage: Option<RecordError>,
+}
+
+/// Shows every frame of the recording in the order of time.
+fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
     let mut order = InOrder::default();
-    let mut frames = 0;
-    let mut damage = None;
-    for framed in Frames::open(&args.file, args.slot_size)? {
+    let mut walked = Walked { frames: 0, damage: None };
+    for framed in recording {
         match framed {
             Ok(framed) => {
-                frames += 1;
+                walked.frames += 1;
                 order.push(framed).iter().for_each(&mut show);
             }
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => damage = Some(error),
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
             Err(error) => return Err(error.into()),
         }
     }
     while let Some(framed) = order.pop() {
         show(&framed);
     }
-    Ok((frames, damage))
+    Ok(walked)
 }
 
 /// The axes to show: as asked, else as found.

@@ -95,6 +95,11 @@ impl<R: Read> Frames<R> {
         Ok(frames)
     }
 
+    /// Notes nothing: for a second reading.
+    pub fn quiet(self) -> Self {
+        Self { noted: true, ..self }
+    }
+
     /// The first frames, until they tell the slot size or the recording itself does.
     fn look_ahead(&mut self) {
         while self.ahead.len() < LOOK_AHEAD && !self.sizes.is_sure() {

@@ -3,6 +3,7 @@
 
 pub mod motion;
 pub mod recordings;
+pub mod svg;
 
 use std::ffi::OsStr;
 use std::io::Write;

@@ -4,36 +4,51 @@ use std::collections::VecDeque;
 
 use ecmsk::cia402::Statusword;
 use ecmsk::sk::{
-    DriveResponse, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind,
-    SlaveResponse, SlotSize, StateByte,
+    DriveResponse, FifoAction, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand,
+    SlaveKind, SlaveResponse, SlotSize, StateByte,
 };
 
 use super::recordings::Script;
 
 const MS: u64 = 1_000_000;
+/// What a call of the host takes.
+const CALL: u64 = MS / 8;
 /// Operation enabled, following its target.
 const ENABLED: Statusword = Statusword(0x1637);
 
 /// The made-up board and its host, 1 ms a cycle.
 pub struct Run {
     pub script: Script,
-    size: SlotSize,
+    pub size: SlotSize,
+    /// When the first frame passed.
+    start_ns: u64,
     now_ns: u64,
     free: u16,
     full: u16,
     waiting: VecDeque<Vec<i32>>,
-    targets: Vec<i32>,
+    /// Targets executed last.
+    pub targets: Vec<i32>,
     pub positions: Vec<i32>,
 }
 
 impl Run {
     /// A board with that many drives that is taken to OP.
     pub fn new(size: SlotSize, axes: usize) -> Self {
+        let mut run = Self::starting(size, axes);
+        run.report(MasterState::SafeOp);
+        run.report(MasterState::Op);
+        run
+    }
+
+    /// A board with that many drives that has been asked to go to OP.
+    pub fn starting(size: SlotSize, axes: usize) -> Self {
         let zeros = vec![0; axes];
+        let now_ns = 5 * MS;
         let mut run = Self {
             script: Script::default(),
             size,
-            now_ns: 5 * MS,
+            start_ns: now_ns + CALL,
+            now_ns,
             free: 160,
             full: 0,
             waiting: VecDeque::new(),
@@ -44,11 +59,25 @@ impl Run {
             let kind = |k| if group * 8 + k < axes { SlaveKind::Drive } else { SlaveKind::None };
             run.master(&MasterCommand::SetAxis { group: group as u8, kinds: std::array::from_fn(kind) });
         }
-        run.report(MasterState::PreOp);
         run.master(&MasterCommand::SetState(MasterState::Op));
-        run.report(MasterState::SafeOp);
-        run.report(MasterState::Op);
         run
+    }
+
+    /// The time of the last frame, seconds since the first one.
+    pub fn seconds(&self) -> f64 {
+        (self.now_ns - self.start_ns) as f64 / 1e9
+    }
+
+    /// Commands that wait.
+    pub fn waiting(&self) -> u16 {
+        self.waiting.len() as u16
+    }
+
+    /// The host clears the FIFO; the frame itself is its first entry then.
+    pub fn clear(&mut self) {
+        self.master(&MasterCommand::SetFifo(FifoAction::Clear));
+        self.waiting.clear();
+        self.waiting.push_back(self.targets.clone());
     }
 
     /// The host asks the board itself for something.
@@ -56,7 +85,7 @@ impl Run {
         let mut frame = Frame::new();
         frame.put_master(self.size, command);
         frame.fill_crc(self.size);
-        self.now_ns += MS / 8;
+        self.now_ns += CALL;
         self.script.command(self.now_ns, frame);
     }
 
@@ -67,7 +96,7 @@ impl Run {
             frame.put_slave(self.size, slave, &SlaveCommand::Csp(Motion::to(*target)).into());
         }
         frame.fill_crc(self.size);
-        self.now_ns += MS / 8;
+        self.now_ns += CALL;
         self.script.command(self.now_ns, frame);
         if self.waiting.len() == 160 {
             self.full += 1;

@@ -1,8 +1,10 @@
 //! Recordings for the tests of the tool: frames of one's own, recorded as any link's are.
 
 use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{self, Write};
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 
 use ecmsk::link::options::Clock;
 use ecmsk::link::record::{RecordLink, RecordMeta};
@@ -26,6 +28,32 @@ impl Script {
         self
     }
 
+    /// Has every report read only after the next so many commands were written: those stand before it in the recording.
+    pub fn read_late(&mut self, commands: usize) -> &mut Self {
+        let mut late = VecDeque::new();
+        let mut order = Vec::new();
+        for frame in self.0.drain(..) {
+            if frame.1 == Dir::Read {
+                late.push_back((frame, 0));
+                continue;
+            }
+            order.push(frame);
+            late.iter_mut().for_each(|(_, passed)| *passed += 1);
+            while late.front().is_some_and(|(_, passed)| *passed == commands) {
+                order.extend(late.pop_front().map(|(frame, _)| frame));
+            }
+        }
+        order.extend(late.into_iter().map(|(frame, _)| frame));
+        self.0 = order;
+        self
+    }
+
+    /// Frames without CRC.
+    pub fn leave_crc_out(&mut self) -> &mut Self {
+        self.0.iter_mut().for_each(|(_, _, frame)| frame.bytes_mut()[3] = 0);
+        self
+    }
+
     /// Records to `file`. `slot`: what the link knows of it.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
         let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, link: link.to_owned() };
@@ -39,6 +67,66 @@ impl Script {
         }
         recorder.close();
         assert_eq!(recorder.stats().record_dropped, 0);
+    }
+}
+
+/// Makes a recording what a capture of usbmon is: nothing says that it is a recording, and packet k is of the device
+/// `devices[k]`.
+pub fn make_capture(file: &Path, devices: &[u8]) {
+    let mut bytes = std::fs::read(file).expect("a recording");
+    let comment = bytes.windows(6).position(|six| six == b"ecmsk ").expect("a comment");
+    bytes[comment..comment + 5].fill(b'x');
+    // Event, kind of transfer, endpoint and device in the header of a packet (Linux, usbmon.rst).
+    let starts = |four: &[u8]| matches!(four, [b'S', 1, 0x02, 1] | [b'C', 1, 0x81, 1]);
+    let packets: Vec<_> =
+        (0..bytes.len() - 8).filter(|at| starts(&bytes[*at..at + 4]) && bytes[at + 6] == b'-').collect();
+    assert_eq!(packets.len(), devices.len(), "packets");
+    for (packet, device) in packets.into_iter().zip(devices) {
+        bytes[packet + 3] = *device;
+    }
+    std::fs::write(file, bytes).expect("a capture");
+}
+
+/// Records `frames` frames to `file` while the disk takes none; gives the number of those that had no room.
+pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
+    let gate = Arc::new((Mutex::new(Disk::Headers), Condvar::new()));
+    let sink = SlowDisk { file: File::create(file).expect("a file"), gate: Arc::clone(&gate) };
+    let meta = RecordMeta { slot: Some(SlotSize::Bytes12), clock: Clock::Real, base_ns: 0, link: "sim:".to_owned() };
+    let queue = Mutex::new((0..frames).map(|n| (n, Dir::Write, Frame::new())).collect());
+    let recorder = RecordLink::to_sink(Arc::new(Scripted(queue)), "slow", Box::new(sink), &meta, 4);
+    let recorder = recorder.expect("the recording begins");
+    *gate.0.lock().expect("no panic") = Disk::Shut;
+    for _ in 0..frames {
+        recorder.write(&Frame::new(), Wait::Now).expect("a write");
+    }
+    *gate.0.lock().expect("no panic") = Disk::Open;
+    gate.1.notify_all();
+    recorder.close();
+    recorder.stats().record_dropped
+}
+
+#[derive(PartialEq, Eq)]
+enum Disk {
+    Headers,
+    Shut,
+    Open,
+}
+
+/// A file that takes nothing while it is shut.
+struct SlowDisk {
+    file: File,
+    gate: Arc<(Mutex<Disk>, Condvar)>,
+}
+
+impl Write for SlowDisk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let state = self.gate.0.lock().expect("no panic");
+        drop(self.gate.1.wait_while(state, |state| *state == Disk::Shut).expect("no panic"));
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
     }
 }
 

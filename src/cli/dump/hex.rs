@@ -68,3 +68,30 @@ impl std::fmt::Display for Bytes {
         write!(f, "{}{}", self.0 / 2, if self.0.is_multiple_of(2) { "" } else { " and a half" })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        /// Any bytes of a frame come back from their digits, wherever blanks stand.
+        #[test]
+        fn round_trip(bytes in proptest::collection::vec(any::<u8>(), SHORTEST..=FRAME_LEN), blank in "[ \t]{0,3}") {
+            let digits: String = bytes.iter().map(|byte| format!("{byte:02x}{blank}")).collect();
+            for (prefix, direction) in [("", None), ("> ", Some(Dir::Write)), ("<", Some(Dir::Read))] {
+                let parsed = parse(&format!(" {prefix}{digits}# comment")).expect("a frame").expect("no empty line");
+                prop_assert_eq!(parsed.len, bytes.len());
+                prop_assert_eq!(parsed.direction, direction);
+                prop_assert_eq!(parsed.frame, Frame::from_prefix(&bytes));
+            }
+        }
+
+        /// Any line is a frame, nothing or an error.
+        #[test]
+        fn any_line(line in "\\PC*") {
+            let _ = parse(&line);
+        }
+    }
+}

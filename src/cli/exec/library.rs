@@ -7,6 +7,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 
+use ecmsk::link::config;
 use tempfile::TempDir;
 
 use super::ExecError;
@@ -25,9 +26,8 @@ pub fn find(given: Option<&Path>) -> Result<PathBuf, ExecError> {
         Some(folder) => in_one_of(vec![folder.to_owned()])?,
         None => in_one_of(usual_folders()?)?,
     };
-    let file = fs::canonicalize(&file).map_err(|source| not_a_library(&file, source.to_string()))?;
     check(&file)?;
-    Ok(file)
+    std::path::absolute(&file).map_err(|source| not_a_library(&file, source.to_string()))
 }
 
 fn usual_folders() -> Result<Vec<PathBuf>, ExecError> {
@@ -60,8 +60,8 @@ fn not_a_library(file: &Path, reason: String) -> ExecError {
     ExecError::NotALibrary { file: file.to_owned(), reason }
 }
 
-/// A folder of this process alone that has the library under both its names, and nothing else. It goes when this is
-/// dropped.
+/// A folder of this process alone that has the library under both its names, and its configuration if there is one. It
+/// goes when this is dropped.
 pub struct LibraryFolder {
     folder: TempDir,
     library: PathBuf,
@@ -83,6 +83,11 @@ impl LibraryFolder {
         let folder = folder.map_err(failed)?;
         for name in [SONAME, FILE_NAME] {
             symlink(library, folder.path().join(name)).map_err(failed)?;
+        }
+        // The library looks for it beside the name that it was loaded by.
+        let configuration = library.with_file_name(config::FILE);
+        if configuration.exists() {
+            symlink(configuration, folder.path().join(config::FILE)).map_err(failed)?;
         }
         Ok(Self { folder, library: library.to_owned() })
     }

@@ -52,12 +52,13 @@ impl Follow {
     /// A command goes by: its targets, and whether it clears the FIFO.
     pub fn command(&mut self, targets: &Targets, clears: bool) {
         let mut in_force = self.sent.back().copied().unwrap_or_default();
+        if clears {
+            // It is the first entry itself; those before it are gone (SK-5), and what they would have left in force too.
+            self.known_from = self.count;
+            in_force = Targets::default();
+        }
         for (old, new) in in_force.iter_mut().zip(targets) {
             *old = new.or(*old);
-        }
-        if clears {
-            // It is the first entry itself; those before it are gone (SK-5).
-            self.known_from = self.count;
         }
         if self.sent.len() == KEPT {
             self.sent.pop_front();

@@ -14,7 +14,7 @@ pub const PANEL_HEAD: u32 = 26;
 /// Height of the time axis with its numbers and name.
 pub const TIME_AXIS: u32 = 46;
 /// Width of the numbers at the left.
-pub const LEFT: u32 = 104;
+pub const LEFT: u32 = 116;
 /// Room at the right.
 pub const RIGHT: u32 = 28;
 
@@ -120,4 +120,49 @@ pub fn digits(span: f64) -> usize {
 /// `1, 2, 5`.
 pub fn list(numbers: &[u8]) -> String {
     numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Thousands stand apart, nothing stands behind the point that says nothing, and there is no negative zero.
+    #[test]
+    fn numbers() {
+        for (value, digits, text) in [
+            (0.0, 0, "0"),
+            (-0.0, 2, "0"),
+            (-0.004, 2, "0"),
+            (999.0, 0, "999"),
+            (-1000.0, 0, "-1\u{202f}000"),
+            (1_234_567.5, 1, "1\u{202f}234\u{202f}567.5"),
+            (0.25, 3, "0.25"),
+            (100.0, 1, "100"),
+        ] {
+            assert_eq!(number(value, digits), text);
+        }
+    }
+
+    /// Numbers at an axis differ, however short the axis is.
+    #[test]
+    fn digits_tell_marks_apart() {
+        for (span, mark) in [(4_000_000_000.0, 500_000_000.0), (1.0, 0.05), (0.002, 0.0002), (12.0, 1.0)] {
+            assert_ne!(number(mark, digits(span)), number(2.0 * mark, digits(span)), "{span}");
+        }
+    }
+
+    /// An axis keeps its colour from plot to plot, and no two in one plot have the same.
+    #[test]
+    fn colours_of_axes() {
+        assert_eq!(colours([3]), [COLOURS[2]]);
+        assert_eq!(colours([1, 9, 2]), [COLOURS[0], COLOURS[1], COLOURS[2]]);
+    }
+
+    /// Text that is too long ends with dots and fits.
+    #[test]
+    fn text_is_made_to_fit() {
+        assert_eq!(fitting("short\n", 10, 1000), "short\u{fffd}");
+        let cut = fitting(&"long ".repeat(100), 10, 100);
+        assert!(cut.ends_with('\u{2026}') && text_width(&cut, 10) <= 100, "{cut}");
+    }
 }

@@ -1,0 +1,66 @@
+//! The link that a program is given, and its recording.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use ecmsk::link::config::{self, Environment};
+use ecmsk::link::uri::LinkUri;
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::ExecError;
+
+/// The link to set for `program`: that of the user, with the recording; `None` leaves the choice to the library.
+///
+/// A recording needs a link to stand in: without one it is the link that the library would choose.
+pub fn for_program(
+    link: Option<&LinkUri>,
+    record: Option<&Path>,
+    program: &Path,
+    library: &Path,
+) -> Result<Option<LinkUri>, ExecError> {
+    let link = match (link, record) {
+        (Some(link), _) => link.clone(),
+        (None, Some(_)) => configured(program, library)?,
+        (None, None) => return Ok(None),
+    };
+    if !link.scheme().in_build() {
+        return Err(ExecError::NotInBuild { link: link.to_string() });
+    }
+    record.map_or(Ok(link.clone()), |file| with_record(&link, file)).map(Some)
+}
+
+/// What the library would find, were it asked by the program.
+fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
+    let folder = |file: &Path| file.parent().map(Path::to_path_buf);
+    let environment = Environment {
+        program_dir: program_file(program).as_deref().and_then(folder),
+        ..Environment::from_process(folder(library))
+    };
+    Ok(LinkUri::parse(&config::find(&environment)?.link)?)
+}
+
+/// The program's own file, as the system finds it.
+fn program_file(program: &Path) -> Option<PathBuf> {
+    let file = if program.components().count() > 1 {
+        program.to_owned()
+    } else {
+        let folders = env::var_os("PATH")?;
+        env::split_paths(&folders).map(|folder| folder.join(program)).find(|file| file.is_file())?
+    };
+    fs::canonicalize(file).ok()
+}
+
+fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, ExecError> {
+    let refuse = |reason: String| ExecError::Record { file: file.to_owned(), reason };
+    // The program may change its folder before it opens the board.
+    let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
+    let folder = absolute.parent().filter(|_| !absolute.is_dir());
+    if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
+        return Err(refuse("its folder does not exist".into()));
+    }
+    let text = absolute.to_str().ok_or_else(|| refuse("its name is not UTF-8".into()))?;
+    let (uri, value) = (link.to_string(), utf8_percent_encode(text, NON_ALPHANUMERIC));
+    let joint = if uri.contains('?') { '&' } else { '?' };
+    Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
+}

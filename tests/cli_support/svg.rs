@@ -1,0 +1,207 @@
+//! Reads a plot as a person does: names of panels, numbers at the axes, lines by their colour.
+
+/// Colours of axes 1 to 8, in the plot of all of them.
+pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
+/// Colour of losses.
+pub const ALARM: &str = "#D01020";
+/// Colour of the FIFO's level.
+pub const FIFO: &str = "#405060";
+
+/// A text of the picture.
+#[derive(Clone, Debug)]
+pub struct Label {
+    pub text: String,
+    pub x: f64,
+    pub y: f64,
+    /// From `y` down to the line that the letters stand on.
+    pub baseline: f64,
+    /// `start`, `middle` or `end`: which part of it stands at `x`.
+    pub anchor: String,
+    pub size: f64,
+    /// A dark one is a name, a pale one a number or a caption.
+    pub colour: String,
+}
+
+impl Label {
+    /// Left, top, right, bottom; letters being rather broad ones.
+    pub fn place(&self) -> (f64, f64, f64, f64) {
+        let width = self.text.chars().count() as f64 * self.size * 0.55;
+        let baseline = self.y + self.baseline;
+        let left = match self.anchor.as_str() {
+            "start" => self.x,
+            "middle" => self.x - width / 2.0,
+            _ => self.x - width,
+        };
+        (left, baseline - 0.75 * self.size, left + width, baseline + 0.22 * self.size)
+    }
+}
+
+/// `0.76em` or `-0.5ex` as a part of the text's size; half of it is about the height of an x.
+fn shift(text: &str) -> f64 {
+    let (number, unit) = text.split_at(text.len().saturating_sub(2));
+    let number: f64 = number.parse().expect("a number with a unit");
+    if unit == "ex" { number / 2.0 } else { number }
+}
+
+/// A line of the picture.
+#[derive(Clone, Debug)]
+pub struct Line {
+    pub colour: String,
+    pub pale: bool,
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A plot.
+pub struct Plot {
+    pub size: (f64, f64),
+    /// Width and height of the page it is shown on.
+    pub page: (f64, f64),
+    pub labels: Vec<Label>,
+    pub lines: Vec<Line>,
+}
+
+impl Plot {
+    /// # Panics
+    /// If it is no well-formed SVG.
+    pub fn parse(svg: &str) -> Self {
+        let document = roxmltree::Document::parse(svg).expect("well-formed XML");
+        let root = document.root_element();
+        assert_eq!((root.tag_name().name(), root.tag_name().namespace()), ("svg", Some("http://www.w3.org/2000/svg")));
+        let number = |node: roxmltree::Node<'_, '_>, name: &str| -> f64 {
+            node.attribute(name).and_then(|text| text.parse().ok()).unwrap_or_else(|| panic!("{name} is a number"))
+        };
+        let view: Vec<f64> = root.attribute("viewBox").expect("a view").split(' ').flat_map(str::parse).collect();
+        let mut plot = Self {
+            size: (view[2], view[3]),
+            page: (number(root, "width"), number(root, "height")),
+            labels: Vec::new(),
+            lines: Vec::new(),
+        };
+        for node in root.children().filter(|node| node.is_element()) {
+            let colour = |name: &str| node.attribute(name).unwrap_or_default().to_owned();
+            match node.tag_name().name() {
+                "text" => plot.labels.push(Label {
+                    text: node.text().unwrap_or_default().trim().to_owned(),
+                    x: number(node, "x"),
+                    y: number(node, "y"),
+                    baseline: shift(&colour("dy")) * number(node, "font-size"),
+                    anchor: colour("text-anchor"),
+                    size: number(node, "font-size"),
+                    colour: colour("fill"),
+                }),
+                "polyline" => {
+                    let points = node.attribute("points").expect("points").split_whitespace();
+                    let point = |text: &str| {
+                        let (x, y) = text.split_once(',').expect("x,y");
+                        (x.parse().expect("a number"), y.parse().expect("a number"))
+                    };
+                    let points = points.map(point).collect();
+                    plot.lines.push(Line { colour: colour("stroke"), pale: number(node, "opacity") < 1.0, points });
+                }
+                "line" => plot.lines.push(Line {
+                    colour: colour("stroke"),
+                    pale: number(node, "opacity") < 1.0,
+                    points: vec![(number(node, "x1"), number(node, "y1")), (number(node, "x2"), number(node, "y2"))],
+                }),
+                "rect" | "circle" => {}
+                other => panic!("<{other}> in a plot"),
+            }
+        }
+        plot
+    }
+
+    /// All texts.
+    pub fn texts(&self) -> Vec<&str> {
+        self.labels.iter().map(|label| label.text.as_str()).collect()
+    }
+
+    /// The panel of that name.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn panel(&self, name: &str) -> Panel<'_> {
+        let heads: Vec<&Label> =
+            self.labels.iter().filter(|label| PANELS.iter().any(|start| label.text.starts_with(start))).collect();
+        let i = heads.iter().position(|head| head.text.starts_with(name));
+        let i = i.unwrap_or_else(|| panic!("no panel `{name}` in {:?}", self.texts()));
+        let top = heads[i].y + 0.6 * heads[i].size;
+        let bottom = heads.get(i + 1).map_or(self.size.1, |next| next.y - 0.6 * next.size);
+        Panel { plot: self, name: name.to_owned(), top, bottom }
+    }
+
+    /// Names of the panels, from top to bottom.
+    pub fn panel_names(&self) -> Vec<&str> {
+        self.texts().into_iter().filter(|text| PANELS.iter().any(|start| text.starts_with(start))).collect()
+    }
+}
+
+/// How names of panels begin.
+const PANELS: [&str; 5] = ["Axis ", "Torque ", "FIFO:", "Following ", "Target velocity"];
+
+/// One of the diagrams.
+pub struct Panel<'a> {
+    plot: &'a Plot,
+    name: String,
+    top: f64,
+    bottom: f64,
+}
+
+impl Panel<'_> {
+    /// The samples of a line, seconds and values, read at the axes; all its pieces.
+    ///
+    /// # Panics
+    /// If the axes cannot be read.
+    pub fn samples(&self, colour: &str, pale: bool) -> Vec<(f64, f64)> {
+        let (seconds, value) = (self.seconds(), self.values());
+        self.lines(colour, pale).into_iter().flatten().map(|(x, y)| (seconds(x), value(y))).collect()
+    }
+
+    /// The value of a line at a time.
+    ///
+    /// # Panics
+    /// If the line does not go there.
+    pub fn at(&self, colour: &str, pale: bool, seconds: f64) -> f64 {
+        let samples = self.samples(colour, pale);
+        let around = samples.windows(2).find(|pair| pair[0].0 <= seconds && seconds <= pair[1].0);
+        let [(t0, v0), (t1, v1)] = around.unwrap_or_else(|| panic!("{}: nothing at {seconds} s", self.name)) else {
+            unreachable!("windows of two")
+        };
+        if t1 == t0 { *v0 } else { v0 + (v1 - v0) * (seconds - t0) / (t1 - t0) }
+    }
+
+    /// The pieces of a line, as drawn.
+    pub fn lines(&self, colour: &str, pale: bool) -> Vec<Vec<(f64, f64)>> {
+        let ours = |line: &&Line| {
+            line.colour == colour
+                && line.pale == pale
+                && line.points.iter().all(|(_, y)| (self.top..self.bottom).contains(y))
+        };
+        self.plot.lines.iter().filter(ours).map(|line| line.points.clone()).collect()
+    }
+
+    /// What a height stands for.
+    fn values(&self) -> impl Fn(f64) -> f64 + use<> {
+        let numbers =
+            self.plot.labels.iter().filter(|label| label.anchor == "end" && (self.top..self.bottom).contains(&label.y));
+        scale(numbers.map(|label| (label.y, number(&label.text))).collect())
+    }
+
+    /// What a place from left to right stands for.
+    fn seconds(&self) -> impl Fn(f64) -> f64 + use<> {
+        let numbers = self.plot.labels.iter().filter(|label| label.anchor == "middle");
+        let numbers = numbers.filter(|label| label.text != "time (s)");
+        scale(numbers.map(|label| (label.x, number(&label.text))).collect())
+    }
+}
+
+/// The straight line through the numbers at an axis.
+fn scale(numbers: Vec<(f64, f64)>) -> impl Fn(f64) -> f64 + use<> {
+    let [(p0, v0), .., (p1, v1)] = numbers[..] else { panic!("an axis has two numbers at least, not {numbers:?}") };
+    move |p| v0 + (v1 - v0) * (p - p0) / (p1 - p0)
+}
+
+/// A number at an axis.
+fn number(text: &str) -> f64 {
+    let plain: String = text.chars().filter(|c| !c.is_whitespace()).collect();
+    plain.parse().unwrap_or_else(|_| panic!("`{text}` is no number"))
+}

@@ -1,8 +1,9 @@
 //! An open board, and the one that the vendor's functions speak of without naming it.
 
+use std::cell::RefCell;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use arc_swap::{ArcSwapOption, Guard};
 use ecmsk::link::{Link, Wait};
 use ecmsk::sk::Frame;
 
@@ -29,18 +30,29 @@ impl OpenBoard {
 /// The board of OpenECMUSB.
 ///
 /// A call works on its own reference and holds no lock while it waits, so that reader, writer and closer may be any
-/// number of threads. Closing ends their waits.
+/// number of threads. Closing ends their waits. A thread keeps its reference from call to call, so that a call costs
+/// little more than the link's own: one that was closed is let go with the thread's next call, or with the thread.
 pub struct VendorBoard {
     /// Held by a thread that opens or closes, so that two do not open the board twice, and none finds it in use by a
     /// link that is just being closed.
     changing: Mutex<()>,
-    current: ArcSwapOption<OpenBoard>,
+    current: Mutex<Option<Arc<OpenBoard>>>,
+    /// Number of what is in `current`, never the same twice in a process; 0: nothing.
+    number: AtomicU64,
+}
+
+/// Numbers given to boards so far.
+static NUMBERS: AtomicU64 = AtomicU64::new(0);
+
+thread_local! {
+    /// The board that this thread used last.
+    static USED: RefCell<Option<(u64, Arc<OpenBoard>)>> = const { RefCell::new(None) };
 }
 
 impl VendorBoard {
     /// Not open.
     pub const fn new() -> Self {
-        Self { changing: Mutex::new(()), current: ArcSwapOption::const_empty() }
+        Self { changing: Mutex::new(()), current: Mutex::new(None), number: AtomicU64::new(0) }
     }
 
     /// Opens the board by `connect`. Does nothing if it is open and there; a board that was lost is given back and
@@ -58,7 +70,9 @@ impl VendorBoard {
             self.give_back();
         }
         let board = OpenBoard::new(connect()?);
-        self.current.store(Some(board));
+        let mut current = lock(&self.current);
+        *current = Some(board);
+        self.number.store(NUMBERS.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Release);
         Ok(())
     }
 
@@ -70,7 +84,12 @@ impl VendorBoard {
 
     /// [`Self::close`], without waiting for a thread that is just opening: for the end of the process.
     pub fn give_back(&self) {
-        if let Some(board) = self.current.swap(None) {
+        let board = {
+            let mut current = lock(&self.current);
+            self.number.store(0, Ordering::Release);
+            current.take()
+        };
+        if let Some(board) = board {
             board.link.close();
         }
     }
@@ -80,13 +99,28 @@ impl VendorBoard {
     /// # Errors
     /// [`CallError::NotOpen`].
     pub fn get(&self) -> Result<Arc<OpenBoard>, CallError> {
-        self.current.load_full().ok_or(CallError::NotOpen)
+        lock(&self.current).clone().ok_or(CallError::NotOpen)
     }
 
-    /// Works with the open board, for as long as the call lasts: without the cost of a reference of its own.
-    fn with<T>(&self, work: impl FnOnce(&OpenBoard) -> Result<T, CallError>) -> Result<T, CallError> {
-        let board: Guard<Option<Arc<OpenBoard>>> = self.current.load();
-        work(board.as_deref().ok_or(CallError::NotOpen)?)
+    /// Works with the open board, by the reference that this thread keeps.
+    fn with<T>(&self, mut work: impl FnMut(&OpenBoard) -> Result<T, CallError>) -> Result<T, CallError> {
+        let kept = USED.try_with(|used| {
+            let mut used = used.try_borrow_mut().ok()?;
+            let number = self.number.load(Ordering::Acquire);
+            if used.as_ref().is_none_or(|(kept, _)| *kept != number) {
+                let current = lock(&self.current);
+                *used = current.clone().map(|board| (self.number.load(Ordering::Acquire), board));
+            }
+            Some(match &*used {
+                Some((_, board)) => work(board),
+                None => Err(CallError::NotOpen),
+            })
+        });
+        match kept {
+            Ok(Some(result)) => result,
+            // The thread is ending and keeps nothing any more.
+            _ => work(&*self.get()?),
+        }
     }
 
     /// Hands a command frame to the board.

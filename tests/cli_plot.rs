@@ -10,7 +10,7 @@ use cli_support::motion::Run;
 use cli_support::recordings::make_capture;
 use cli_support::svg::{ALARM, COLOURS, FIFO, Plot};
 use cli_support::{Ran, run};
-use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlotSize};
+use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlaveKind, SlotSize};
 use tempfile::TempDir;
 
 /// A folder with a recording.
@@ -114,6 +114,18 @@ fn torque() {
     near(highest, 7200.0 / 4.0 / 10.0, 180.0);
 }
 
+/// An HSP has its inputs where a drive has its torque.
+#[test]
+fn an_hsp_has_no_torque() {
+    let mut board = Run::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
+    for i in 0..100 {
+        board.send(&[100 * i]);
+        board.cycle();
+    }
+    let plot = Recorded::new(&board).plot(&[]);
+    assert_eq!(plot.panel_names(), ["Axis 1: position (counts)", "FIFO: free entries of 160"]);
+}
+
 /// The FIFO's level, and the moments when commands were lost.
 #[test]
 fn fifo() {
@@ -161,6 +173,29 @@ fn difference() {
     assert!(!Recorded::new(&run).plot(&[]).panel_names().contains(&"Following difference (counts)"));
 }
 
+/// A command and a report that cross each other give no wrong difference.
+#[test]
+fn difference_of_a_crossing() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    for i in 0..400 {
+        match i {
+            0..8 => board.send(&[100 * i]),
+            200 | 300 => board.send_across_a_cycle(&[100 * i]),
+            _ => {
+                board.send(&[100 * i]);
+                board.cycle();
+            }
+        }
+    }
+    let plot = Recorded::new(&board).plot(&["--difference"]);
+    let samples = plot.panel("Following difference").samples(COLOURS[0], false);
+    let settled = samples.iter().filter(|(seconds, _)| *seconds > 0.1);
+    for (_, difference) in settled {
+        near(*difference, 900.0, 900.0);
+    }
+    assert!(samples.len() > 300, "{} samples", samples.len());
+}
+
 /// After commands were lost the difference is not shown until it is known again, and never a wrong one.
 #[test]
 fn difference_after_a_loss() {
@@ -200,6 +235,8 @@ fn difference_after_a_clear() {
         board.send(&[1000 + i]);
     }
     board.clear();
+    // The frame that clears waits itself: what was sent before it must not count as executed.
+    board.report(MasterState::Op);
     for i in 0..100 {
         board.send(&[i]);
         board.cycle();
@@ -455,7 +492,7 @@ fn errors() {
 /// A recording that never gets to OP has nothing to plot.
 #[test]
 fn no_op() {
-    let mut board = Run::starting(SlotSize::Bytes12, 1);
+    let mut board = Run::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
     for _ in 0..20 {
         board.report(MasterState::PreOp);
     }

@@ -8,7 +8,7 @@ mod support;
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::os::unix::fs::{PermissionsExt, symlink};
+use std::os::unix::fs::symlink;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -52,11 +52,25 @@ impl Place {
         ran
     }
 
+    /// A file with these permissions.
+    fn program(&self, name: &str, text: &str, mode: &str) {
+        let source = self.path().join("source");
+        fs::write(&source, text).expect("a file");
+        install(&source, &self.path().join(name), mode);
+    }
+
     #[track_caller]
     fn is_clean(&self) {
         let left: Vec<_> = fs::read_dir(self.tmp()).expect("a folder").flatten().map(|entry| entry.path()).collect();
         assert_eq!(left, Vec::<PathBuf>::new(), "left behind");
     }
+}
+
+/// A copy to be executed. Another process makes it: while this one has it open for writing, a program that another test
+/// starts holds it too for a moment, and a file open for writing cannot be executed.
+fn install(from: &Path, to: &Path, mode: &str) {
+    let status = Command::new("install").args(["-m", mode]).args([from, to]).status().expect("install starts");
+    assert!(status.success(), "install {}", to.display());
 }
 
 /// The program gets the link in normal form, and nothing is said.
@@ -129,10 +143,7 @@ fn the_library_is_looked_for_beside_the_tool() {
     fs::create_dir_all(&bin).expect("a folder");
     fs::create_dir_all(&lib).expect("a folder");
     let tool = bin.join("ecmsk");
-    // A process of its own writes the copy: a test that forks beside this one would inherit the open file, and what is
-    // open for writing cannot be executed.
-    let copied = Command::new("cp").arg(env!("CARGO_BIN_EXE_ecmsk")).arg(&tool).status().expect("cp starts");
-    assert!(copied.success());
+    install(Path::new(env!("CARGO_BIN_EXE_ecmsk")), &tool, "755");
     let run = || {
         let mut command = Command::new(&tool);
         command.args(["exec", "--", "sh", "-c", "readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so\""]);
@@ -212,9 +223,7 @@ fn record_without_a_link() {
         }
         Ran::from(command.output().expect("the tool starts"))
     };
-    let program = place.path().join("program");
-    fs::write(&program, "#!/bin/sh\necho \"$ECMSK_LINK\"\n").expect("a file");
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("permissions");
+    place.program("program", "#!/bin/sh\necho \"$ECMSK_LINK\"\n", "755");
     run(None).failed(2, &["`usb:` is not in this build"], "ecmsk link help");
     let record = LinkUri::parse(run(Some("sim:?slot=16")).quiet().trim_end()).expect("a link");
     let expected = fs::canonicalize(place.path()).expect("a folder").join("run.pcapng");
@@ -262,14 +271,9 @@ fn exit_codes() {
 #[test]
 fn programs_that_do_not_start() {
     let place = Place::new();
-    let file = |name: &str, text: &str, mode| {
-        let file = place.path().join(name);
-        fs::write(&file, text).expect("a file");
-        fs::set_permissions(&file, fs::Permissions::from_mode(mode)).expect("permissions");
-    };
-    file("program", "#!/bin/sh\n", 0o644);
-    file("script", "#!/no/such/shell\n", 0o755);
-    file("rubbish", "\x01\x02\x03", 0o755);
+    place.program("program", "#!/bin/sh\n", "644");
+    place.program("script", "#!/no/such/shell\n", "755");
+    place.program("rubbish", "\x01\x02\x03", "755");
     let run = |program: &str| {
         let ran = Ran::from(place.exec(&["--"]).arg(program).output().expect("the tool starts"));
         place.is_clean();

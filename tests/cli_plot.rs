@@ -4,68 +4,14 @@
 mod cli_support;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use cli_support::motion::Run;
+use cli_support::plots::{Recorded, near, two_axes};
 use cli_support::recordings::make_capture;
+use cli_support::run;
 use cli_support::svg::{ALARM, COLOURS, FIFO, Plot};
-use cli_support::{Ran, run};
-use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlotSize};
-use tempfile::TempDir;
-
-/// A folder with a recording.
-struct Recorded {
-    _folder: TempDir,
-    file: PathBuf,
-}
-
-impl Recorded {
-    fn new(run: &Run) -> Self {
-        Self::of_link(run, "sim:?slaves=drive*3&clock=virtual")
-    }
-
-    fn of_link(run: &Run, link: &str) -> Self {
-        let folder = tempfile::tempdir().expect("a folder");
-        let file = folder.path().join("run.pcapng");
-        run.script.record(&file, link, Some(run.size));
-        Self { _folder: folder, file }
-    }
-
-    fn try_plot(&self, options: &[&str]) -> Ran {
-        run([&["plot", self.file.to_str().expect("UTF-8")], options].concat())
-    }
-
-    fn plot(&self, options: &[&str]) -> Plot {
-        Plot::parse(&self.try_plot(&[options, &["-o", "-"]].concat()).quiet())
-    }
-}
-
-/// Two axes: axis k goes k * 10 counts a cycle for a second, eight commands ahead.
-fn two_axes() -> (Run, Vec<Cycle>) {
-    let mut run = Run::new(SlotSize::Bytes12, 2);
-    let mut cycles = Vec::new();
-    for i in 0..1008 {
-        run.send(&[10 * i, 20 * i]);
-        if i >= 8 {
-            run.cycle();
-            cycles.push(Cycle { seconds: run.seconds(), position: run.positions.clone(), target: run.targets.clone() });
-        }
-    }
-    (run, cycles)
-}
-
-/// What the board knows of a cycle.
-struct Cycle {
-    seconds: f64,
-    position: Vec<i32>,
-    target: Vec<i32>,
-}
-
-/// Equal, but for a part of the whole that no eye sees.
-#[track_caller]
-fn near(found: f64, expected: f64, whole: f64) {
-    assert!((found - expected).abs() <= whole / 100.0, "{found} instead of {expected}");
-}
+use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlaveKind, SlotSize};
 
 /// Positions stand where the reports have them, targets where they were sent, eight cycles before.
 #[test]
@@ -114,6 +60,18 @@ fn torque() {
     near(highest, 7200.0 / 4.0 / 10.0, 180.0);
 }
 
+/// An HSP has its inputs where a drive has its torque.
+#[test]
+fn an_hsp_has_no_torque() {
+    let mut board = Run::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
+    for i in 0..100 {
+        board.send(&[100 * i]);
+        board.cycle();
+    }
+    let plot = Recorded::new(&board).plot(&[]);
+    assert_eq!(plot.panel_names(), ["Axis 1: position (counts)", "FIFO: free entries of 160"]);
+}
+
 /// The FIFO's level, and the moments when commands were lost.
 #[test]
 fn fifo() {
@@ -145,68 +103,6 @@ fn no_loss() {
     let plot = Recorded::new(&two_axes().0).plot(&[]);
     assert_eq!(plot.panel("FIFO").lines(ALARM, false).len(), 0);
     assert!(!plot.texts().iter().any(|text| text.contains("lost")));
-}
-
-/// The following difference compares a position with the target executed then, not with the one sent then.
-#[test]
-fn difference() {
-    let (run, cycles) = two_axes();
-    let plot = Recorded::new(&run).plot(&["--difference"]);
-    let panel = plot.panel("Following difference");
-    for (axis, colour) in [(0, COLOURS[0]), (1, COLOURS[1])] {
-        for cycle in cycles.iter().skip(1).step_by(50) {
-            near(panel.at(colour, false, cycle.seconds), f64::from(cycle.target[axis] - cycle.position[axis]), 180.0);
-        }
-    }
-    assert!(!Recorded::new(&run).plot(&[]).panel_names().contains(&"Following difference (counts)"));
-}
-
-/// After commands were lost the difference is not shown until it is known again, and never a wrong one.
-#[test]
-fn difference_after_a_loss() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
-    let mut cycles = Vec::new();
-    for i in 0..600 {
-        // A burst that does not fit, then nothing until the FIFO has run empty, then one command a cycle.
-        let commands = match i {
-            0..100 => 1,
-            100 => 300,
-            101..300 => 0,
-            _ => 1,
-        };
-        for k in 0..commands {
-            board.send(&[10 * (i + k)]);
-        }
-        board.cycle();
-        cycles.push((board.seconds(), board.targets[0] - board.positions[0]));
-    }
-    let plot = Recorded::new(&board).plot(&["--difference"]);
-    let samples = plot.panel("Following difference").samples(COLOURS[0], false);
-    let whole = f64::from(cycles.iter().map(|(_, difference)| difference.abs()).max().expect("cycles"));
-    for (seconds, shown) in &samples {
-        let nearest = cycles.iter().min_by(|a, b| (a.0 - seconds).abs().total_cmp(&(b.0 - seconds).abs()));
-        near(*shown, f64::from(nearest.expect("cycles").1), whole);
-    }
-    let lost = (cycles[100].0, cycles[299].0);
-    assert!(samples.iter().all(|(seconds, _)| *seconds < lost.0 - 0.0005 || *seconds > lost.1), "shown while unknown");
-    assert!(samples.iter().any(|(seconds, _)| *seconds > lost.1 + 0.1), "never known again");
-}
-
-/// After a clear of the FIFO the targets in force are those sent with it and later.
-#[test]
-fn difference_after_a_clear() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
-    for i in 0..50 {
-        board.send(&[1000 + i]);
-    }
-    board.clear();
-    for i in 0..100 {
-        board.send(&[i]);
-        board.cycle();
-    }
-    let plot = Recorded::new(&board).plot(&["--difference"]);
-    let samples = plot.panel("Following difference").samples(COLOURS[0], false);
-    assert!(samples.iter().all(|(_, difference)| difference.abs() < 100.0), "{samples:?}");
 }
 
 /// A target that is sent once stays until the next one: the line has a step, no slope.
@@ -455,7 +351,7 @@ fn errors() {
 /// A recording that never gets to OP has nothing to plot.
 #[test]
 fn no_op() {
-    let mut board = Run::starting(SlotSize::Bytes12, 1);
+    let mut board = Run::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
     for _ in 0..20 {
         board.report(MasterState::PreOp);
     }

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 pub mod motion;
+pub mod plots;
 pub mod recordings;
 pub mod svg;
 

@@ -34,14 +34,19 @@ pub struct Run {
 impl Run {
     /// A board with that many drives that is taken to OP.
     pub fn new(size: SlotSize, axes: usize) -> Self {
-        let mut run = Self::starting(size, axes);
+        Self::of_kind(size, axes, SlaveKind::Drive)
+    }
+
+    /// The same with slaves of that kind.
+    pub fn of_kind(size: SlotSize, axes: usize, kind: SlaveKind) -> Self {
+        let mut run = Self::starting(size, axes, kind);
         run.report(MasterState::SafeOp);
         run.report(MasterState::Op);
         run
     }
 
-    /// A board with that many drives that has been asked to go to OP.
-    pub fn starting(size: SlotSize, axes: usize) -> Self {
+    /// A board with that many slaves that has been asked to go to OP.
+    pub fn starting(size: SlotSize, axes: usize, kind: SlaveKind) -> Self {
         let zeros = vec![0; axes];
         let now_ns = 5 * MS;
         let mut run = Self {
@@ -56,7 +61,7 @@ impl Run {
             positions: zeros,
         };
         for group in 0..axes.div_ceil(8) {
-            let kind = |k| if group * 8 + k < axes { SlaveKind::Drive } else { SlaveKind::None };
+            let kind = |k| if group * 8 + k < axes { kind } else { SlaveKind::None };
             run.master(&MasterCommand::SetAxis { group: group as u8, kinds: std::array::from_fn(kind) });
         }
         run.master(&MasterCommand::SetState(MasterState::Op));
@@ -78,6 +83,7 @@ impl Run {
         self.master(&MasterCommand::SetFifo(FifoAction::Clear));
         self.waiting.clear();
         self.waiting.push_back(self.targets.clone());
+        self.free = 159;
     }
 
     /// The host asks the board itself for something.
@@ -103,6 +109,15 @@ impl Run {
         } else {
             self.waiting.push_back(targets.to_vec());
         }
+    }
+
+    /// The host sends targets in the moment of a cycle: the board takes them after it, though they were sent before.
+    pub fn send_across_a_cycle(&mut self, targets: &[i32]) {
+        let waiting = self.waiting.clone();
+        self.send(targets);
+        self.waiting = waiting;
+        self.cycle();
+        self.waiting.push_back(targets.to_vec());
     }
 
     /// A cycle: the next targets are executed, the drives go a tenth of the way, the host reads the report.

@@ -103,7 +103,13 @@ impl Plot {
                     pale: number(node, "opacity") < 1.0,
                     points: vec![(number(node, "x1"), number(node, "y1")), (number(node, "x2"), number(node, "y2"))],
                 }),
-                "rect" | "circle" => {}
+                // A piece of a line that is one sample.
+                "circle" => plot.lines.push(Line {
+                    colour: colour("fill"),
+                    pale: number(node, "opacity") < 1.0,
+                    points: vec![(number(node, "cx"), number(node, "cy"))],
+                }),
+                "rect" => {}
                 other => panic!("<{other}> in a plot"),
             }
         }

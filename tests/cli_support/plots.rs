@@ -1,0 +1,64 @@
+//! Recordings that are plotted.
+
+use std::path::PathBuf;
+
+use ecmsk::sk::SlotSize;
+use tempfile::TempDir;
+
+use super::motion::Run;
+use super::svg::Plot;
+use super::{Ran, run};
+
+/// A folder with a recording.
+pub struct Recorded {
+    _folder: TempDir,
+    pub file: PathBuf,
+}
+
+impl Recorded {
+    pub fn new(run: &Run) -> Self {
+        Self::of_link(run, "sim:?slaves=drive*3&clock=virtual")
+    }
+
+    pub fn of_link(run: &Run, link: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("run.pcapng");
+        run.script.record(&file, link, Some(run.size));
+        Self { _folder: folder, file }
+    }
+
+    pub fn try_plot(&self, options: &[&str]) -> Ran {
+        run([&["plot", self.file.to_str().expect("UTF-8")], options].concat())
+    }
+
+    pub fn plot(&self, options: &[&str]) -> Plot {
+        Plot::parse(&self.try_plot(&[options, &["-o", "-"]].concat()).quiet())
+    }
+}
+
+/// Two axes: axis k goes k * 10 counts a cycle for a second, eight commands ahead.
+pub fn two_axes() -> (Run, Vec<Cycle>) {
+    let mut run = Run::new(SlotSize::Bytes12, 2);
+    let mut cycles = Vec::new();
+    for i in 0..1008 {
+        run.send(&[10 * i, 20 * i]);
+        if i >= 8 {
+            run.cycle();
+            cycles.push(Cycle { seconds: run.seconds(), position: run.positions.clone(), target: run.targets.clone() });
+        }
+    }
+    (run, cycles)
+}
+
+/// What the board knows of a cycle.
+pub struct Cycle {
+    pub seconds: f64,
+    pub position: Vec<i32>,
+    pub target: Vec<i32>,
+}
+
+/// Equal, but for a part of the whole that no eye sees.
+#[track_caller]
+pub fn near(found: f64, expected: f64, whole: f64) {
+    assert!((found - expected).abs() <= whole / 100.0, "{found} instead of {expected}");
+}

@@ -44,7 +44,7 @@ impl Engine {
         }
     }
 
-    fn answer_axes(&mut self) {
+    pub(super) fn answer_axes(&mut self) {
         for slave in 1..=usize::from(self.v.network.found()) {
             let (mode, axes) = match self.role(slave) {
                 Role::Drive(mode) | Role::Step(mode) => (mode, 1),

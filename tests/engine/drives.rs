@@ -203,6 +203,20 @@ fn the_target_is_the_actual_position_until_enabled() {
     }
 }
 
+/// SK-7.16 The very first process data of OP hold it already, also after a way back from OP.
+#[test]
+fn the_first_outputs_hold_the_actual_position() {
+    let (mut host, puppet) = board();
+    for (n, back) in [MasterState::SafeOp, MasterState::PreOp, MasterState::SafeOp].into_iter().enumerate() {
+        host.go(back);
+        let position = 77_000 * (n as i32 + 1);
+        puppet.stand(position);
+        puppet.forget();
+        host.go(MasterState::Op).cycles(5);
+        assert_eq!((puppet.targets(), puppet.controlwords()), (vec![position], vec![0x00]), "back from {back}");
+    }
+}
+
 /// SK-7.16 Operation enabled alone moves nothing: the target stays where the drive was enabled until the first motion
 /// command, also when a force pushes the shaft away, and then it is the command's.
 #[test]

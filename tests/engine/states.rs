@@ -131,7 +131,7 @@ fn every_way_up_and_down() {
     host.go(SafeOp);
     assert_eq!(walk(&mut host, Init, 1).0, [4, 1]);
     let all = SlaveSet::first(2);
-    assert_eq!(jobs.moves(0).last(), Some(&(AlState::Init, all)));
+    assert_eq!(jobs.moves().last(), Some(&(AlState::Init, all)));
     assert_eq!(host.counters().rejected_total(), 0);
 }
 

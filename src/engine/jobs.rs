@@ -168,6 +168,10 @@ impl Engine {
             self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
             self.shown = self.v.heads;
         }
+        if !was_op && self.v.network.in_op() {
+            // What SafeOP has shown goes into the first outputs: they hold every axis where it is.
+            self.answer_axes();
+        }
     }
 
     /// "At PreOP -> SafeOP the board writes DRIVE_MODE's value" to 0x6060.

@@ -3,7 +3,7 @@
 use super::{Engine, Firmware, Head};
 use crate::fieldbus::{CycleDone, MAX_AXES, Role};
 use crate::sk::{
-    DriveResponse, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterResponse, RawSlot, SlaveResponse,
+    CommandId, DriveResponse, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterResponse, RawSlot, SlaveResponse,
 };
 
 impl Engine {
@@ -44,7 +44,7 @@ impl Engine {
         }
     }
 
-    fn answer_axes(&mut self) {
+    pub(super) fn answer_axes(&mut self) {
         for slave in 1..=usize::from(self.v.network.found()) {
             let (mode, axes) = match self.role(slave) {
                 Role::Drive(mode) | Role::Step(mode) => (mode, 1),
@@ -106,6 +106,8 @@ impl Engine {
             let slot = self.v.response.slot(size, slave);
             let index = match self.config.firmware {
                 Firmware::V17 => index,
+                // UG15 2.1.5: the answer to DRIVE_MODE is the mode.
+                Firmware::V15 if id == CommandId::DriveMode.code() => self.v.modes[slave - 1].0.code(),
                 Firmware::V15 => slot.index,
             };
             self.v.response.put(size, slave, &RawSlot { id, index, ..slot });

@@ -104,7 +104,7 @@ fn what_goes_wrong_allocates_nothing() {
     for slot in (0..42).step_by(2) {
         nonsense.put(host.size, slot, &RawSlot { id: 0x66, ..RawSlot::ZERO });
     }
-    let before = host.counts();
+    let before = host.counters();
     allocates_nothing("nonsense", || {
         for _ in 0..200 {
             host.send(&nonsense).cycle();
@@ -121,7 +121,7 @@ fn what_goes_wrong_allocates_nothing() {
     allocates_nothing("a fault", || {
         host.cycles(100);
     });
-    let after = host.counts();
+    let after = host.counters();
     assert_eq!(after.rejected_total() - before.rejected_total(), 21 * 200);
     assert!(after.full > 100 && after.cleared > 100, "{after:?}");
     assert_eq!(host.drive(1).error_code, 0x2310);
@@ -139,7 +139,7 @@ fn outputs_ahead_allocate_nothing() {
         host.master(MasterCommand::SetFifo(FifoAction::Clear)).cycles(200);
     });
     assert_eq!(host.answer().fifo_free, FIFO_ENTRIES);
-    assert!(host.counts().cleared > 0);
+    assert!(host.counters().cleared > 0);
 }
 
 /// SK-9.8 Writing and reading on the virtual clock allocate nothing, by the runner and by the link.

@@ -64,7 +64,7 @@ fn a_program_ends_the_same_on_every_bus() {
         puppets[1].strings().objects.insert((0x1000, 0), (4, 0x0002_0192));
         let mut host = host(how, puppets.iter().map(Puppet::boxed).collect());
         let end = program(&mut host);
-        (end, puppets.map(|puppet| puppet.targets()), host.counts())
+        (end, puppets.map(|puppet| puppet.targets()), host.counters())
     };
     let (end, targets, counts) = run(None);
     assert_eq!(targets, [(0..=600).map(|n| n * 3).collect::<Vec<_>>(), vec![0, -5000]]);

@@ -45,7 +45,7 @@ fn aim(host: &mut Host, target: i32) {
 }
 
 fn discarded(host: &Host) -> u64 {
-    host.counts().discarded_before_enabled
+    host.counters().discarded_before_enabled
 }
 
 /// SK-7.8 SV_ON walks up: shutdown 0x06, switch on 0x07, enable 0x0F, each after the statusword shows the step before.
@@ -55,11 +55,11 @@ fn discarded(host: &Host) -> u64 {
 fn servo_on_walks_up_step_by_step() {
     for patience in [1, 2, 50, 3000] {
         let (mut host, puppet) = board();
-        let executed = host.counts().executed;
+        let executed = host.counters().executed;
         host.cycles(20);
         assert_eq!(puppet.controlwords(), [0x00], "the board does nothing by itself");
         host.slave(1, SlaveCommand::ServoOn).drained();
-        assert_eq!(host.counts().executed, executed + 1, "one entry");
+        assert_eq!(host.counters().executed, executed + 1, "one entry");
         let mut words = vec![0x00];
         for (shown, asked) in [(DISABLED, 0x06), (READY, 0x07), (SWITCHED_ON, 0x0F), (ENABLED, 0x0F)] {
             puppet.show(shown);
@@ -203,6 +203,20 @@ fn the_target_is_the_actual_position_until_enabled() {
     }
 }
 
+/// SK-7.16 The very first process data of OP hold it already, also after a way back from OP.
+#[test]
+fn the_first_outputs_hold_the_actual_position() {
+    let (mut host, puppet) = board();
+    for (n, back) in [MasterState::SafeOp, MasterState::PreOp, MasterState::SafeOp].into_iter().enumerate() {
+        host.go(back);
+        let position = 77_000 * (n as i32 + 1);
+        puppet.stand(position);
+        puppet.forget();
+        host.go(MasterState::Op).cycles(5);
+        assert_eq!((puppet.targets(), puppet.controlwords()), (vec![position], vec![0x00]), "back from {back}");
+    }
+}
+
 /// SK-7.16 Operation enabled alone moves nothing: the target stays where the drive was enabled until the first motion
 /// command, also when a force pushes the shaft away, and then it is the command's.
 #[test]
@@ -264,7 +278,7 @@ fn targets_before_operation_enabled_are_discarded() {
     puppet.show(ENABLED);
     host.cycles(100);
     assert_eq!(puppet.targets(), [1000], "no target of before ever reaches the drive");
-    assert_eq!(host.counts().rejected_total(), 0);
+    assert_eq!(host.counters().rejected_total(), 0);
     aim(&mut host, 1100);
     assert_eq!((puppet.targets(), discarded(&host)), (vec![1000, 1100], count));
 
@@ -286,7 +300,7 @@ fn csp_needs_drive_mode_csp() {
         host.op(1).slave(1, SlaveCommand::ServoOn).cycles(10);
         assert_eq!(puppet.strings().roles, [Role::Drive(mode)]);
         aim(&mut host, 5);
-        assert_eq!(host.counts().rejected[Reason::WrongMode.kind()], 1);
+        assert_eq!(host.counters().rejected[Reason::WrongMode.kind()], 1);
         assert_eq!((host.drive(1).head.id, puppet.last().target), (0, 0), "not executed: the answer is GET_STATUS's");
         assert_eq!(discarded(&host), 0, "counted once");
     }
@@ -301,24 +315,24 @@ fn csp_needs_mode_8_in_0x6060() {
     aim(&mut host, 1100);
     puppet.stand(1100);
     for mode in [6, 9, 10, 0] {
-        let rejected = host.counts().rejected[Reason::WrongMode.kind()];
+        let rejected = host.counters().rejected[Reason::WrongMode.kind()];
         assert_eq!(host.write_object(1, 0x6060, 0, SdoSize::One, mode), Ok(mode));
         aim(&mut host, 50_000);
-        assert_eq!(host.counts().rejected[Reason::WrongMode.kind()], rejected + 1, "0x6060 = {mode}");
+        assert_eq!(host.counters().rejected[Reason::WrongMode.kind()], rejected + 1, "0x6060 = {mode}");
         puppet.stand(1080);
         host.cycles(3);
         assert_eq!(puppet.last().target, 1080);
         // A write that the drive refuses changes nothing.
         host.write_object(1, 0x6060, 0, SdoSize::Two, 8).unwrap_err();
         aim(&mut host, 50_000);
-        assert_eq!(host.counts().rejected[Reason::WrongMode.kind()], rejected + 2);
+        assert_eq!(host.counters().rejected[Reason::WrongMode.kind()], rejected + 2);
 
         assert_eq!(host.write_object(1, 0x6060, 0, SdoSize::One, 8), Ok(8));
         host.cycles(50);
         assert_eq!(puppet.last().target, 1080);
         aim(&mut host, 1090);
         assert_eq!(puppet.last().target, 1090);
-        assert_eq!(host.counts().rejected[Reason::WrongMode.kind()], rejected + 2);
+        assert_eq!(host.counters().rejected[Reason::WrongMode.kind()], rejected + 2);
     }
 }
 

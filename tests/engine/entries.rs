@@ -1,6 +1,5 @@
 //! Frames that can be told apart: what a host needs to watch the command FIFO.
 
-use ecmsk::engine::Counters;
 use ecmsk::fieldbus::Ns;
 use ecmsk::sk::{Frame, Motion, SlaveCommand};
 
@@ -47,10 +46,5 @@ impl Host {
     /// Board time of the newest report.
     pub fn time(&self) -> Ns {
         self.board.now()
-    }
-
-    /// The counters outside the wire.
-    pub fn counts(&self) -> Counters {
-        *self.board.engine().counters()
     }
 }

@@ -66,7 +66,7 @@ fn a_full_fifo_is_executed_one_entry_a_cycle() {
         host.cycle();
         assert_eq!((host.mark_shown(), host.fifo()), (n, (u16::from(n), 0)));
     }
-    let counts = host.counts();
+    let counts = host.counters();
     assert_eq!((counts.executed, counts.full, counts.cleared), (160, 0, 0), "the frame that asked for OP was no entry");
 }
 
@@ -117,16 +117,16 @@ fn a_full_fifo_loses_frames_and_counts_them() {
     for (slot, firmware, step) in cases {
         let config = EngineConfig { slot, firmware, ..EngineConfig::default() };
         let (mut host, _) = board_of(config);
-        let before = host.counts();
+        let before = host.counters();
         host.arrive_marked(1..=163).cycle();
         assert_eq!(host.fifo(), (1, 3 * step), "{config:?}");
         host.arrive_marked([164]);
-        assert_eq!(host.counts().full, 3, "there was room for one again");
+        assert_eq!(host.counters().full, 3, "there was room for one again");
         host.arrive_marked([165]).cycle();
         assert_eq!(host.fifo(), (1, 4 * step), "{config:?}");
         host.cycles(200);
         assert_eq!(host.fifo(), (CAPACITY, 4 * step), "the count stays");
-        let counts = host.counts();
+        let counts = host.counters();
         assert_eq!((counts.full, counts.executed - before.executed), (4, 161));
         if firmware == Firmware::V17 {
             assert_eq!(host.mark_shown(), 164, "the lost ones are not executed");
@@ -149,7 +149,7 @@ fn the_full_count_wraps() {
             host.arrive(&frame);
         }
         host.cycle();
-        assert_eq!((host.fifo(), host.counts().full), ((1, shown), lost), "{firmware:?}");
+        assert_eq!((host.fifo(), host.counters().full), ((1, shown), lost), "{firmware:?}");
     }
 }
 
@@ -163,12 +163,12 @@ fn a_threshold_holds_entries_back_until_it_is_passed() {
         host.arrive(&threshold(t.into()));
         // The free space falls to T, not below.
         host.arrive_marked((0..CAPACITY - t - 1).map(|n| n as u8));
-        let executed = host.counts().executed;
+        let executed = host.counters().executed;
         for _ in 0..300 {
             host.cycle();
             assert_eq!(host.fifo().0, t, "T = {t}: nothing is taken out");
         }
-        assert_eq!(host.counts().executed, executed);
+        assert_eq!(host.counters().executed, executed);
         host.arrive_marked([200]);
         for taken in 1..=CAPACITY - t + 1 {
             host.cycle();
@@ -217,12 +217,12 @@ fn a_threshold_of_0_is_rejected() {
     let zero = RawSlot { id: 0x05, parm: 2, data1: 0, ..RawSlot::ZERO };
     let kind = Reason::BadArgument(Malformed::ZeroThreshold).kind();
     host.raw(0, zero).drained();
-    assert_eq!(host.counts().rejected[kind], 1, "once, though it acts on arrival and waits in the queue");
+    assert_eq!(host.counters().rejected[kind], 1, "once, though it acts on arrival and waits in the queue");
 
     host.arrive(&threshold(158)).raw(0, zero).cycles(50);
     assert_eq!(host.fifo().0, 158, "158 is still in force and not passed by two entries");
     host.idle().drained();
-    assert_eq!(host.counts().rejected[kind], 2);
+    assert_eq!(host.counters().rejected[kind], 2);
 }
 
 /// SK-5.18 SET_FIFO 1 acts when the FIFO is full, which it is not any more then.
@@ -233,11 +233,11 @@ fn a_threshold_of_0_is_rejected() {
 fn clear_acts_on_a_full_fifo() {
     let (mut host, _) = board();
     host.arrive_marked(1..=165);
-    let before = host.counts();
+    let before = host.counters();
     let clear = clear_with(&host, 200);
     host.arrive(&clear).arrive_marked([201, 202]);
     assert_eq!(drain(&mut host), [200, 201, 202]);
-    let after = host.counts();
+    let after = host.counters();
     assert_eq!(host.fifo(), (CAPACITY, 5), "the count stays, and the clear itself is not lost");
     assert_eq!((after.cleared - before.cleared, after.full, after.executed - before.executed), (160, 5, 3));
 }
@@ -252,7 +252,7 @@ fn clear_drops_the_threshold() {
     let clear = clear_with(&host, 99);
     host.arrive(&clear);
     assert_eq!(drain(&mut host), [99]);
-    assert_eq!(host.counts().cleared, 31);
+    assert_eq!(host.counters().cleared, 31);
 }
 
 /// SK-5.18 SET_FIFO 2 acts when the FIFO is full, although its frame is lost.
@@ -281,7 +281,7 @@ fn set_state_does_not_wait_and_leaving_op_empties_the_fifo() {
     host.arrive(&leave).cycle();
     assert_eq!(host.fifo().0, CAPACITY - 22, "the frame queues as usual");
     host.until("SafeOP", |host| host.state() == StateByte::reached(MasterState::SafeOp));
-    assert_eq!((host.counts().cleared, host.fifo()), (22, (0, 0)), "bytes 8..11 are 0 outside OP");
+    assert_eq!((host.counters().cleared, host.fifo()), (22, (0, 0)), "bytes 8..11 are 0 outside OP");
 
     host.go(MasterState::Op).cycles(10);
     assert_eq!((host.mark_shown(), host.fifo().0), (0, CAPACITY));
@@ -294,11 +294,11 @@ fn set_state_does_not_wait_and_leaving_op_empties_the_fifo() {
 #[test]
 fn set_state_acts_on_a_full_fifo() {
     let (mut host, _) = board();
-    let before = host.counts();
+    let before = host.counters();
     host.arrive_marked(1..=160);
     host.arrive(&of_master(host.size, MasterCommand::SetState(MasterState::PreOp)));
     host.until("PreOP", |host| host.state() == StateByte::reached(MasterState::PreOp));
-    let after = host.counts();
+    let after = host.counters();
     assert_eq!(after.full, 1);
     assert!(after.executed - before.executed < 160, "it did not wait for the entries: {after:?}");
     assert_eq!(after.executed - before.executed + after.cleared, 160);
@@ -312,7 +312,7 @@ fn soft_reset_acts_on_a_full_fifo() {
     host.arrive_marked(1..=163);
     host.arrive(&of_master(host.size, MasterCommand::SoftReset));
     assert_eq!((host.board.engine().boots(), host.board.engine().talks()), (2, false));
-    assert_eq!((host.counts().cleared, host.counts().full), (160, 3));
+    assert_eq!((host.counters().cleared, host.counters().full), (160, 3));
     assert!(host.board.boot(60_000_000_000));
     host.op(1);
     assert_eq!((host.fifo(), host.mark_shown()), ((CAPACITY, 0), 0), "the full count is a variable too");

@@ -138,8 +138,9 @@ impl Host {
         self.report.slot(self.size, slot)
     }
 
-    pub fn counters(&self) -> &Counters {
-        self.board.engine().counters()
+    /// The counters outside the wire.
+    pub fn counters(&self) -> Counters {
+        *self.board.engine().counters()
     }
 
     /// Events so far: a mark for [`Host::rejections`].

@@ -1,9 +1,11 @@
 //! Random frames at random times: nothing panics, every report is sound, and no frame is lost uncounted.
 
 use ecmsk::engine::{Board, Counters, EngineConfig, Firmware};
+use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
 use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlotSize};
 
+use crate::ahead_bus::{Ahead, AheadBus};
 use crate::crc::crc8;
 use crate::host::{BOOT_LIMIT, MICROFRAME};
 use crate::probe::{any_slaves, drives};
@@ -132,8 +134,8 @@ struct Run {
 }
 
 impl Run {
-    fn new(config: EngineConfig, bus: SimBus, what: String) -> Self {
-        let mut board = Board::new(config, Box::new(bus));
+    fn new(config: EngineConfig, bus: Box<dyn Fieldbus>, what: String) -> Self {
+        let mut board = Board::new(config, bus);
         assert!(board.boot(BOOT_LIMIT));
         let books = Books { switches: (false, true), remembered: (false, true), ..Books::default() };
         Self { config, board, books, what }
@@ -255,7 +257,7 @@ impl Run {
     }
 }
 
-fn run(size: SlotSize) {
+fn run(size: SlotSize, ahead: Option<Ahead>) {
     let (mut frames, mut executed, mut cleared, mut full, mut wrong, mut resets) = (0, 0, 0, 0, 0, 0);
     for seed in 0..RUNS {
         let firmware = if seed % 2 == 0 { Firmware::V17 } else { Firmware::V15 };
@@ -264,7 +266,11 @@ fn run(size: SlotSize) {
         let bus = SimBus::new(slaves).with_timing(SWIFT);
         let network = bus.handle();
         let config = EngineConfig { slot: size, firmware, state_timeout_ns: 100_000_000, ..EngineConfig::default() };
-        let mut run = Run::new(config, bus, format!("{size:?}, seed {seed}"));
+        let bus: Box<dyn Fieldbus> = match ahead {
+            Some(how) => Box::new(AheadBus::new(bus, how)),
+            None => Box::new(bus),
+        };
+        let mut run = Run::new(config, bus, format!("{size:?}, {ahead:?}, seed {seed}"));
         let mut dice = Dice(seed);
         run.switch_crc(dice.pick(&[0x00, 0x01, 0x10, 0x11]));
         while run.board.engine().counters().frames < FRAMES {
@@ -296,11 +302,18 @@ fn run(size: SlotSize) {
 /// SK-5.7 SK-5.8
 #[test]
 fn random_frames_in_12_byte_slots() {
-    run(SlotSize::Bytes12);
+    run(SlotSize::Bytes12, None);
 }
 
 /// SK-4.44 SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 SK-5.7 SK-5.8 The same in 16-byte mode.
 #[test]
 fn random_frames_in_16_byte_slots() {
-    run(SlotSize::Bytes16);
+    run(SlotSize::Bytes16, None);
+}
+
+/// SK-4.44 SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 SK-5.7 SK-5.8 The same over buses that take outputs ahead.
+#[test]
+fn random_frames_over_a_bus_that_takes_ahead() {
+    run(SlotSize::Bytes12, Some(Ahead { depth: 64, pipeline: 4, phase: 333_333, slower: 700 }));
+    run(SlotSize::Bytes16, Some(Ahead { depth: 8, pipeline: 1, phase: 999_999, slower: 0 }));
 }

@@ -20,9 +20,9 @@ fn slot_0(id: u8, byte_2: u8, data1: u32) -> RawSlot {
 
 /// Sends one command and says how it was rejected.
 fn reject(host: &mut Host, slot: usize, command: RawSlot) -> Option<Reason> {
-    let (mark, before) = (host.mark(), *host.counters());
+    let (mark, before) = (host.mark(), host.counters());
     host.raw(slot, command).cycle();
-    let counters = *host.counters();
+    let counters = host.counters();
     match host.rejections(mark)[..] {
         [] => {
             assert_eq!(counters.rejected, before.rejected, "{command:?}");
@@ -235,7 +235,7 @@ fn counters() {
     let Bench { mut host, .. } = Bench::new(EngineConfig::default(), drives(2));
     let cycle = CycleTime::from_us(512_000).unwrap();
     host.master(MasterCommand::SetDc { cycle, shift: DcShift::Auto }).op(1);
-    let start = *host.counters();
+    let start = host.counters();
     assert_eq!((start.rejected_total(), start.executed, start.cleared, start.full), (0, 0, 0, 0));
 
     // Three entries, one of them with a target for a drive that is off, and three rejections.

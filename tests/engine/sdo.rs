@@ -67,7 +67,7 @@ fn slot(host: &Host) -> RawSlot {
 }
 
 fn rejected(host: &Host, reason: Reason) -> u64 {
-    host.counts().rejected[reason.kind()]
+    host.counters().rejected[reason.kind()]
 }
 
 /// SK-6.1 A transfer takes several cycles.
@@ -264,9 +264,9 @@ fn a_request_during_the_boards_own_transfers_is_held() {
         let Bench { mut host, jobs, puppet, .. } = bench();
         host.master(MasterCommand::SetState(target));
         host.until("DRIVE_MODE's value being written", |_| matches!(jobs.under_way(), Some(Job::Configure(_))));
-        let before = host.counts();
+        let before = host.counters();
         host.sdo(read(1, 0x2000, 2)).cycle();
-        assert_eq!(host.counts().rejected_total(), before.rejected_total(), "not rejected");
+        assert_eq!(host.counters().rejected_total(), before.rejected_total(), "not rejected");
         assert!(matches!(jobs.under_way(), Some(Job::Configure(_))), "the board's own work goes on");
         host.sdo(read(1, 0x2000, 4)).cycle();
         assert_eq!(rejected(&host, Reason::SdoBusy), 1, "one deep");
@@ -339,7 +339,7 @@ fn nonsense_leaves_a_transfer_alone() {
     ] {
         host.raw(sdo, raw);
     }
-    assert_eq!(host.counts().rejected_total(), 4);
+    assert_eq!(host.counters().rejected_total(), 4);
     host.until("the answer", |host| !slot(host).is_zero());
     assert_eq!(host.sdo_answer(), done(1, 0x2000, 2, 0xFEDC));
 }

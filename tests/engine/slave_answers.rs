@@ -85,7 +85,11 @@ fn get_status_shows_id_0() {
 fn profile_1_5_shows_the_mode() {
     for size in SlotSize::ALL {
         let mut host = board(size, Firmware::V15);
-        host.go(MasterState::Op);
+        for (data1, state) in [(10, MasterState::PreOp), (9, MasterState::Init), (8, MasterState::Init)] {
+            host.go(state).raw(1, RawSlot { data1, ..with_index(0x06, 0x77) }).cycle();
+            assert_eq!(head(&host, 1), (0x06, data1 as u8), "{size:?} {state}: the answer to DRIVE_MODE");
+        }
+        host.go(MasterState::PreOp).go(MasterState::Op);
         for id in [0x00, 0x12] {
             host.build(|frame, size| (1..=4).for_each(|slave| frame.put(size, slave, &with_index(id, 0x77)))).cycle();
             assert_eq!([1, 2, 3, 4].map(|slave| head(&host, slave).1), [8, 9, 10, 0], "{size:?} {id:X}");

@@ -9,6 +9,7 @@ use ecmsk::sk::{
     CommandId, CycleTime, DcShift, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveCommand,
     SlaveKind, SlotSize, StateByte,
 };
+use ecmsk::slave::AlStatus;
 
 use crate::host::{BOOT_LIMIT, Host};
 use crate::probe::{Bench, any_slaves, drives};
@@ -80,6 +81,22 @@ fn boot_without_a_slave() {
     assert_eq!((board.engine().state(), board.engine().slaves_found()), (StateByte::reached(PreOp), 1));
 }
 
+/// SK-4.47 A slave that does not enter PreOP at boot holds it up; the board looks for all slaves again.
+#[test]
+fn boot_with_a_slave_that_refuses() {
+    let bus = SimBus::new(drives(3));
+    let network = bus.handle();
+    network.cut_after(2);
+    network.refuse(2, Some((AlState::PreOp, AlStatus(0x0011))));
+    let mut board = Board::new(EngineConfig::default(), Box::new(bus));
+    assert!(!board.boot(BOOT_LIMIT));
+    assert_eq!(board.engine().state(), StateByte(0x10));
+    network.refuse(2, None);
+    network.heal();
+    assert!(board.boot(BOOT_LIMIT));
+    assert_eq!((board.engine().state(), board.engine().slaves_found()), (StateByte::reached(PreOp), 3));
+}
+
 /// SK-4.49 Every step up. SK-4.50 Any state back to any lower one.
 /// SK-4.51 PreOP to OP goes through SafeOP by itself.
 /// SK-2.8 Byte 2 of slot 0 shows them as 1, 2, 4, 8.
@@ -114,7 +131,7 @@ fn every_way_up_and_down() {
     host.go(SafeOp);
     assert_eq!(walk(&mut host, Init, 1).0, [4, 1]);
     let all = SlaveSet::first(2);
-    assert_eq!(jobs.moves(0).last(), Some(&(AlState::Init, all)));
+    assert_eq!(jobs.moves().last(), Some(&(AlState::Init, all)));
     assert_eq!(host.counters().rejected_total(), 0);
 }
 
@@ -200,6 +217,23 @@ fn a_target_is_replaced_during_a_change() {
         // Nothing is left in between: the way up still works.
         host.go(if host.state().0 == 1 { PreOp } else { Op }).go(PreOp).go(Op);
     }
+}
+
+/// SK-4.64 What the target before still had to do is given up: slaves that cannot be configured do no harm.
+#[test]
+fn a_replaced_target_is_given_up_at_once() {
+    let Bench { mut host, jobs, .. } = Bench::new(EngineConfig::default(), drives(2));
+    // They are declared IO, which fails after some 10 ms.
+    host.master(MasterCommand::SetState(Op)).cycles(4);
+    host.master(MasterCommand::SetState(PreOp)).cycles(1000);
+    assert_eq!(host.state().0, 2);
+
+    // And what was configured for it does not count for the next.
+    host.declare_drives(2).cycle();
+    host.master(MasterCommand::SetState(Op)).cycles(100);
+    host.master(MasterCommand::SetState(PreOp)).cycles(2);
+    host.master(set_dc(2000)).master(MasterCommand::SetState(Op)).until("OP", |host| host.state().0 == 8);
+    assert_eq!(jobs.configured().cycle.us(), 2000);
 }
 
 /// SK-4.64 On the way down too.

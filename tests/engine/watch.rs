@@ -3,7 +3,10 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
-use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest};
+use ecmsk::fieldbus::{
+    AlState, BusConfig, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest,
+    SlaveSet,
+};
 
 /// A job and its times.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +34,31 @@ impl Spans {
             _ => None,
         });
         transfers.collect()
+    }
+
+    /// How many there were.
+    pub fn len(&self) -> usize {
+        self.0.lock().unwrap().len()
+    }
+
+    /// What the last change from PreOP to SafeOP configured.
+    pub fn configured(&self) -> BusConfig {
+        let spans = self.0.lock().unwrap();
+        let newest = spans.iter().rev().find_map(|span| match span.job {
+            Job::Configure(config) => Some(config),
+            _ => None,
+        });
+        newest.expect("nothing was configured")
+    }
+
+    /// The changes of state.
+    pub fn moves(&self) -> Vec<(AlState, SlaveSet)> {
+        let spans = self.0.lock().unwrap();
+        let moves = spans.iter().filter_map(|span| match span.job {
+            Job::State { target, slaves, .. } => Some((target, slaves)),
+            _ => None,
+        });
+        moves.collect()
     }
 
     /// The job under way.

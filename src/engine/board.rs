@@ -10,6 +10,7 @@ pub struct Board {
     bus: Box<dyn Fieldbus>,
     now: Ns,
     next_cycle: Ns,
+    cycles: u64,
     last_report: Ns,
     silent_cycles: u64,
 }
@@ -19,7 +20,7 @@ impl Board {
     pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>) -> Self {
         let engine = Engine::new(config, bus.pacing());
         let next_cycle = engine.period_ns();
-        Self { engine, bus, now: 0, next_cycle, last_report: 0, silent_cycles: 0 }
+        Self { engine, bus, now: 0, next_cycle, cycles: 0, last_report: 0, silent_cycles: 0 }
     }
 
     /// The engine.
@@ -40,6 +41,11 @@ impl Board {
     /// When the next cycle is due.
     pub const fn next_cycle(&self) -> Ns {
         self.next_cycle
+    }
+
+    /// Cycles since the board was switched on.
+    pub const fn cycles(&self) -> u64 {
+        self.cycles
     }
 
     /// When the last report was made and the cycles without one since, while the board is silent: the cable before the
@@ -79,6 +85,7 @@ impl Board {
         self.engine.cycle(at, &mut *self.bus, report);
         self.now = at;
         self.next_cycle = at + self.engine.period_ns();
+        self.cycles += 1;
         if self.engine.counters().reports > reports || !self.engine.talks() {
             self.last_report = at;
             self.silent_cycles = 0;

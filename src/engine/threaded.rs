@@ -20,6 +20,9 @@ const INBOX_FRAMES: usize = 256;
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
 /// time leaves the gap out, and it is counted \[OURS].
 const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
+/// A write that may not wait waits for its turn on the wire all the same, but no longer than one USB microframe \[OURS]:
+/// two writes in a row are no failure.
+const TURN: Duration = Duration::from_micros(125);
 /// Events kept for the host's log between two looks.
 const EVENTS_KEPT: usize = 32;
 
@@ -109,14 +112,14 @@ impl Threaded {
         })
     }
 
-    /// Hands a frame over, waiting at most `limit` for the frames before it and for room; says when it arrived, in board
-    /// time. What its own transfer takes is no wait.
+    /// Hands a frame over, waiting at most `limit` (but [`TURN`] at least) for the frames before it and for room; says
+    /// when it arrived, in board time.
     ///
     /// # Errors
     /// [`Stop`]; the frame was not taken.
     pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
         let now = self.clock.now();
-        let limit = limit.map(|limit| limit.max(self.host));
+        let limit = limit.map(|limit| limit.max(TURN));
         let arrival = {
             let mut next = self.next_write.lock().unwrap_or_else(PoisonError::into_inner);
             let arrival = now.max(*next);
@@ -210,6 +213,7 @@ impl Drop for EndOnExit<'_> {
 fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let boots = board.engine().boots();
     let zero = board.now();
+    let cycles = board.cycles();
     let mut frame = Frame::new();
     // Gaps that the board's time left out: how much later than its own time the clock is.
     let mut skipped = Duration::ZERO;
@@ -228,9 +232,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
         take_frames(&mut board, board_now, shared, &mut frame);
         if now >= due {
-            shared.cycles.fetch_add(1, Ordering::Relaxed);
             shared.worst_ns.fetch_max((now - due).as_nanos() as u64, Ordering::Relaxed);
             board.advance(board_now, &mut |frame, at| shared.handover.publish(frame, at));
+            shared.cycles.store(board.cycles() - cycles, Ordering::Relaxed);
             show(&board, shared);
         }
         if board.engine().boots() != boots {

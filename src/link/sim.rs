@@ -66,10 +66,12 @@ fn build(model: SlaveModel) -> Box<dyn Slave> {
 
 /// What happened to a board while nobody had it.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
-    let away = match options.clock {
-        Clock::Real => away.min(options.catch_up).as_nanos() as Ns,
-        Clock::Virtual if board.engine().talks() => 0,
-        Clock::Virtual => FAILED_OPEN_NS,
+    let away = match (options.clock, board.engine().talks()) {
+        (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
+        // However little it is to catch up with: it boots, or it would never open again.
+        (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
+        (Clock::Virtual, true) => 0,
+        (Clock::Virtual, false) => FAILED_OPEN_NS,
     };
     let now = board.now() + away;
     board.advance(now, &mut |_, _| {});

@@ -1,0 +1,9 @@
+//! What runs a board: virtual time, the real clock, and the links to boards in this process.
+#![cfg(feature = "sim")]
+
+mod boards;
+mod client;
+mod habits;
+mod stepped;
+mod stress;
+mod threaded;

@@ -112,7 +112,7 @@ impl Threaded {
         })
     }
 
-    /// Hands a frame over, waiting at most `limit` (but [`TURN`] at least) for the frames before it and for room; says
+    /// Hands a frame over, waiting at most `limit` (but 125 us at least) for the frames before it and for room; says
     /// when it arrived, in board time.
     ///
     /// # Errors

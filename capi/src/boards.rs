@@ -8,7 +8,7 @@ use ecmsk::link::{LinkError, Wait};
 use ecmsk::sk::Frame;
 
 use crate::board::OpenBoard;
-use crate::buffer::{ReportBuffer, frame_from, text_from};
+use crate::buffer::{ReportBuffer, fill_frame, text_from};
 use crate::entry::entry;
 use crate::error::CallError;
 use crate::handles::Handles;
@@ -121,8 +121,9 @@ pub unsafe extern "C" fn ecmsk_write(
 ) -> EcmskResult {
     let handle = board.addr();
     code(entry!(ecmsk_write(handle, length, timeout_ms), {
+        let mut frame = Frame::new();
         // SAFETY: as this function's own.
-        let frame = unsafe { frame_from(data, length) }?;
+        unsafe { fill_frame(&mut frame, data, length) }?;
         let board = find(handle)?;
         board.link.write(&frame, wait(timeout_ms, board.write_wait)?)?;
         Ok(())

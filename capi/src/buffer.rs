@@ -6,7 +6,7 @@ use ecmsk::sk::{FRAME_LEN, Frame};
 
 use crate::error::CallError;
 
-/// A command frame from the first `length` bytes at `data`: more than 512 count as 512, the rest of fewer is 0.
+/// Makes `frame` of the first `length` bytes at `data`: more than 512 count as 512, the rest of fewer is 0.
 ///
 /// \[OURS] The vendor's library fills with 0xCC and takes a length of 0 for one of those frames.
 ///
@@ -15,11 +15,15 @@ use crate::error::CallError;
 ///
 /// # Safety
 /// `data` is NULL or points to `length` readable bytes (512 of them if it is more).
-pub unsafe fn frame_from(data: *const u8, length: usize) -> Result<Frame, CallError> {
+pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> Result<(), CallError> {
     let length = checked(data, length)?;
     // SAFETY: not NULL, and the caller vouches for `length` bytes; bytes have no alignment. The slice lives in this
-    // statement alone.
-    Ok(Frame::from_prefix(unsafe { std::slice::from_raw_parts(data, length) }))
+    // function alone.
+    let bytes = unsafe { std::slice::from_raw_parts(data, length) };
+    let (start, rest) = frame.bytes_mut().split_at_mut(length);
+    start.copy_from_slice(bytes);
+    rest.fill(0);
+    Ok(())
 }
 
 /// Room for a report at `data`, of at most 512 bytes.
@@ -82,8 +86,9 @@ mod tests {
     fn a_frame_has_the_callers_bytes_and_then_zeros() {
         let bytes: Vec<u8> = (0..1000_u32).map(|n| 1 + (n % 255) as u8).collect();
         for length in [1, 11, 12, 503, 504, 511, 512, 513, 1000] {
+            let mut frame = Frame::from_bytes([0xA5; FRAME_LEN]);
             // SAFETY: `bytes` has at least `length` of them.
-            let frame = unsafe { frame_from(bytes.as_ptr(), length) }.expect("neither NULL nor empty");
+            unsafe { fill_frame(&mut frame, bytes.as_ptr(), length) }.expect("neither NULL nor empty");
             let counts = length.min(FRAME_LEN);
             assert_eq!(frame.bytes()[..counts], bytes[..counts], "{length}");
             assert!(frame.bytes()[counts..].iter().all(|byte| *byte == 0), "{length}");
@@ -109,10 +114,13 @@ mod tests {
     #[test]
     fn null_and_nothing_are_errors() {
         let mut byte = 0_u8;
+        let mut frame = Frame::new();
         // SAFETY: NULL is allowed, and of `byte` nothing is used.
         unsafe {
-            assert!(matches!(frame_from(std::ptr::null(), 512), Err(CallError::Null { argument: "data", .. })));
-            assert!(matches!(frame_from(&raw const byte, 0), Err(CallError::NoBytes)));
+            let null = fill_frame(&mut frame, std::ptr::null(), 512);
+            assert!(matches!(null, Err(CallError::Null { argument: "data", .. })));
+            assert!(matches!(fill_frame(&mut frame, &raw const byte, 0), Err(CallError::NoBytes)));
+            assert_eq!(frame, Frame::new());
             assert!(ReportBuffer::new(std::ptr::null_mut(), 512).is_err());
             assert!(ReportBuffer::new(&raw mut byte, 0).is_err());
         }

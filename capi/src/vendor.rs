@@ -7,7 +7,7 @@ use std::ffi::{c_uchar, c_ulong};
 use ecmsk::sk::Frame;
 
 use crate::board::VendorBoard;
-use crate::buffer::{ReportBuffer, frame_from};
+use crate::buffer::{ReportBuffer, fill_frame};
 use crate::entry::entry;
 use crate::error::{CallError, remember_open};
 use crate::{connect, shutdown};
@@ -54,8 +54,9 @@ pub extern "system" fn CloseECMUSB() {
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulong) -> u32 {
     truth(&entry!(ECMUSBWrite(dwlength), {
+        let mut frame = Frame::new();
         // SAFETY: as this function's own.
-        let frame = unsafe { frame_from(data, length(dwlength)) }?;
+        unsafe { fill_frame(&mut frame, data, length(dwlength)) }?;
         BOARD.write(&frame)
     }))
 }

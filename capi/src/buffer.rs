@@ -2,7 +2,7 @@
 
 use std::ffi::{CStr, c_char};
 
-use ecmsk::sk::{FRAME_LEN, Frame};
+use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
 use crate::error::CallError;
 
@@ -20,10 +20,23 @@ pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> R
     // SAFETY: not NULL, and the caller vouches for `length` bytes; bytes have no alignment. The slice lives in this
     // function alone.
     let bytes = unsafe { std::slice::from_raw_parts(data, length) };
-    let (start, rest) = frame.bytes_mut().split_at_mut(length);
+    // The length that most programs have, known to the compiler.
+    if length == NARROW {
+        copy_and_clear(frame, &bytes[..NARROW]);
+    } else {
+        copy_and_clear(frame, bytes);
+    }
+    Ok(())
+}
+
+/// Bytes of a frame of 12-byte slots.
+const NARROW: usize = SlotSize::Bytes12.frame_len();
+
+#[inline(always)]
+fn copy_and_clear(frame: &mut Frame, bytes: &[u8]) {
+    let (start, rest) = frame.bytes_mut().split_at_mut(bytes.len());
     start.copy_from_slice(bytes);
     rest.fill(0);
-    Ok(())
 }
 
 /// Room for a report at `data`, of at most 512 bytes.
@@ -47,7 +60,7 @@ impl ReportBuffer {
     /// Copies the report into it, as much as there is room for.
     pub fn fill(self, report: &Frame) {
         // SAFETY: `new`'s caller vouches for `length` writable bytes, which is at most 512, the size of the report;
-        // the report is a local of ours, so the two do not overlap.
+        // the report is ours, so the two do not overlap.
         unsafe { std::ptr::copy_nonoverlapping(report.bytes().as_ptr(), self.data, self.length) }
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Their `bool` is returned as a `u32` of 0 or 1: C++ looks at the lowest byte alone, .NET at one byte or all four.
 
+use std::cell::Cell;
 use std::ffi::{c_uchar, c_ulong};
 
 use ecmsk::sk::Frame;
@@ -54,10 +55,11 @@ pub extern "system" fn CloseECMUSB() {
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulong) -> u32 {
     truth(&entry!(ECMUSBWrite(dwlength), {
-        let mut frame = Frame::new();
-        // SAFETY: as this function's own.
-        unsafe { fill_frame(&mut frame, data, length(dwlength)) }?;
-        BOARD.write(&frame)
+        with_frame(|frame| {
+            // SAFETY: as this function's own.
+            unsafe { fill_frame(frame, data, length(dwlength)) }?;
+            BOARD.write(frame)
+        })
     }))
 }
 
@@ -74,11 +76,24 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
     truth(&entry!(ECMUSBRead(dwlength), {
         // SAFETY: as this function's own.
         let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
-        let mut report = Frame::new();
-        BOARD.read(&mut report)?;
-        buffer.fill(&report);
-        Ok(())
+        with_frame(|report| {
+            BOARD.read(report)?;
+            buffer.fill(report);
+            Ok(())
+        })
     }))
+}
+
+/// Works with a frame of this thread's, whatever stands in it: a new one would have to be cleared.
+fn with_frame<T>(work: impl FnOnce(&mut Frame) -> T) -> T {
+    thread_local! {
+        static FRAME: Cell<Option<Box<Frame>>> = const { Cell::new(None) };
+    }
+    let mut frame = FRAME.try_with(Cell::take).ok().flatten().unwrap_or_default();
+    let result = work(&mut frame);
+    // A thread that is ending keeps nothing any more.
+    let _ = FRAME.try_with(|kept| kept.set(Some(frame)));
+    result
 }
 
 fn truth(result: &Result<(), CallError>) -> u32 {

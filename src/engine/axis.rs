@@ -1,5 +1,7 @@
-//! One CiA 402 axis as the board drives it: the walk of SV_ON and SV_OFF, and targets that never jump.
+//! One CiA 402 axis as the board drives it: the walk of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets that
+//! never jump.
 
+use super::fault_reset::FaultReset;
 use crate::cia402::{Controlword, DriveState, Mode};
 use crate::fieldbus::{AxisIn, AxisOut};
 
@@ -23,10 +25,13 @@ enum Power {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     power: Power,
-    /// What goes to the drive.
+    /// What goes to the drive, but for the fault reset.
     pub(super) out: AxisOut,
     /// The statusword said Operation enabled in the last cycle.
     enabled: bool,
+    /// The statusword said Fault, or Fault reaction active, in the last cycle.
+    faulted: bool,
+    fault_reset: FaultReset,
 }
 
 impl Axis {
@@ -50,6 +55,28 @@ impl Axis {
         }
     }
 
+    /// ALM_CLR: a fault reset. Without a fault it has no effect \[OURS]: bit 7 would hold up a walk, or a drive that is
+    /// on. It starts no motor: an axis in a fault has nothing under way.
+    pub(super) fn clear_alarm(&mut self) {
+        if self.faulted {
+            self.fault_reset.ask();
+        }
+    }
+
+    /// The next set of outputs to the drive.
+    pub(super) fn next_out(&mut self) -> AxisOut {
+        let mut out = self.out;
+        if self.fault_reset.next_bit() {
+            out.controlword.0 |= Controlword::FAULT_RESET;
+        }
+        out
+    }
+
+    /// Whether the next set of outputs has to differ from `last`, or may have to.
+    pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
+        self.fault_reset.is_under_way() || self.out != *last
+    }
+
     /// Takes a target if the axis follows targets now; false: it is not in Operation enabled by the board's own SV_ON.
     pub(super) fn aim(&mut self, target: i32) -> bool {
         let follows = self.enabled && self.power == Power::Up;
@@ -67,6 +94,10 @@ impl Axis {
     pub(super) fn answer(&mut self, input: &AxisIn, mode: Mode, in_mode: bool) {
         let state = input.statusword.state();
         self.enabled = state == Some(DriveState::OperationEnabled) && in_mode;
+        self.faulted = matches!(state, Some(DriveState::Fault | DriveState::FaultReactionActive));
+        if !self.faulted {
+            self.fault_reset.end();
+        }
         self.walk(state);
         if !self.enabled {
             self.out.target = match mode {
@@ -83,6 +114,7 @@ impl Axis {
             self.power = then.power;
         }
         self.out = then.out;
+        self.fault_reset = then.fault_reset;
     }
 
     fn walk(&mut self, state: Option<DriveState>) {

@@ -4,8 +4,7 @@ use super::{CrcSwitches, Engine, Event, Head, Reason, Rejection};
 use crate::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, Ns, Role};
 use crate::sk::{
-    CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand,
-    SlotCommand,
+    CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlotCommand,
 };
 
 /// In OP these do not wait in the FIFO (SK-5 \[OURS]).
@@ -166,7 +165,10 @@ impl Engine {
             (SlaveCommand::GetStatus, _) => {}
             (SlaveCommand::ServoOn, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_on),
             (SlaveCommand::ServoOff, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_off),
-            (SlaveCommand::Csp(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csp, mode, &motion)?,
+            (SlaveCommand::AlarmClear, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::clear_alarm),
+            (SlaveCommand::Csp(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csp, mode, motion.first.target)?,
+            (SlaveCommand::Csv(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csv, mode, motion.first.target)?,
+            (SlaveCommand::Cst(torque), Role::Drive(mode)) => self.aim(slave, Mode::Cst, mode, torque.into())?,
             _ => return Err(Reason::WrongSlot),
         }
         Ok(None)
@@ -177,12 +179,12 @@ impl Engine {
     }
 
     /// A target: accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value.
-    fn aim(&mut self, slave: usize, wanted: Mode, configured: Mode, motion: &Motion) -> Result<(), Reason> {
+    fn aim(&mut self, slave: usize, wanted: Mode, configured: Mode, target: i32) -> Result<(), Reason> {
         let written = self.v.modes_written[slave - 1][0];
         if configured != wanted || written != wanted.code() {
             return Err(Reason::WrongMode);
         }
-        if !self.v.axes[slave - 1][0].aim(motion.first.target) {
+        if !self.v.axes[slave - 1][0].aim(target) {
             self.counters.discarded_before_enabled += 1;
         }
         Ok(())

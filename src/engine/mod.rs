@@ -8,6 +8,7 @@ mod axis;
 mod board;
 mod counters;
 mod execute;
+mod fault_reset;
 mod fifo;
 mod handover;
 mod jobs;

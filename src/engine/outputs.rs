@@ -46,14 +46,14 @@ impl Engine {
     /// Whether the axes ask for something else than the outputs pushed last.
     fn outputs_changed(&self) -> bool {
         let axes = self.v.axes.iter().zip(&self.outputs.slaves).take(self.v.network.found().into());
-        axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.out != *out)
+        axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
     /// Copies the axes' outputs to the process image.
     fn refresh_outputs(&mut self) {
-        for (image, axes) in self.outputs.slaves.iter_mut().zip(&self.v.axes).take(self.v.network.found().into()) {
+        for (image, axes) in self.outputs.slaves.iter_mut().zip(&mut self.v.axes).take(self.v.network.found().into()) {
             for (out, axis) in image.iter_mut().zip(axes) {
-                *out = axis.out;
+                *out = axis.next_out();
             }
         }
     }

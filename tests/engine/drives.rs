@@ -13,7 +13,7 @@ use crate::host::Host;
 use crate::puppet::{DISABLED, ENABLED, FAULT, FAULT_REACTION, NOT_READY, Puppet, QUICK_STOP, READY, SWITCHED_ON};
 
 /// A board in OP with one drive on strings that shows Switch on disabled, at 1000 counts.
-fn board() -> (Host, Puppet) {
+pub fn board() -> (Host, Puppet) {
     let puppet = Puppet::new();
     puppet.stand(1000);
     puppet.strings().objects.insert((0x6060, 0), (1, 8));
@@ -30,7 +30,7 @@ fn board_on() -> (Host, Puppet) {
     (host, puppet)
 }
 
-fn walk_up(host: &mut Host, puppet: &Puppet) {
+pub fn walk_up(host: &mut Host, puppet: &Puppet) {
     host.slave(1, SlaveCommand::ServoOn).cycles(3);
     for statusword in [READY, SWITCHED_ON, ENABLED] {
         puppet.show(statusword);
@@ -44,7 +44,7 @@ fn aim(host: &mut Host, target: i32) {
     host.csp(1, target).drained();
 }
 
-fn discarded(host: &Host) -> u64 {
+pub fn discarded(host: &Host) -> u64 {
     host.counters().discarded_before_enabled
 }
 

@@ -1,6 +1,7 @@
 //! The EC01M model against the specification, over simulated slaves.
 
 mod ahead_bus;
+mod alarms;
 mod allocation;
 mod answers;
 mod bus_ahead;
@@ -12,6 +13,7 @@ mod failures;
 mod fifo;
 mod host;
 mod leaving;
+mod modes;
 mod probe;
 mod puppet;
 mod random;

@@ -235,10 +235,13 @@ impl Link for EngineLink {
             return;
         }
         self.log_events();
-        let dropped = self.board_counters().map_or(0, |(_, dropped)| dropped);
-        let board = match &self.runner {
-            Runner::Stepped(stepped) => stepped.close(),
-            Runner::Threaded(threaded) => threaded.close(),
+        let (board, dropped) = match &self.runner {
+            Runner::Stepped(stepped) => {
+                let dropped = stepped.look(|_, dropped| dropped).unwrap_or_default();
+                (stepped.close(), dropped)
+            }
+            // Its thread makes reports until the end.
+            Runner::Threaded(threaded) => (threaded.close(), threaded.counters().1),
         };
         if let Some(board) = &board {
             // Closing happens once, so the cell is empty.

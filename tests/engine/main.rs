@@ -13,6 +13,7 @@ mod failures;
 mod fifo;
 mod host;
 mod leaving;
+mod local_io;
 mod modes;
 mod probe;
 mod puppet;

@@ -12,6 +12,7 @@ mod entries;
 mod failures;
 mod fifo;
 mod host;
+mod io_slaves;
 mod leaving;
 mod local_io;
 mod modes;

@@ -171,6 +171,20 @@ fn scheme_path_and_keys_are_given_out_decoded() {
     assert_eq!("sim:".parse::<LinkUri>(), LinkUri::parse("sim:"));
 }
 
+#[test]
+fn slaves_of_two_kinds_stand_in_order() {
+    use SlaveModel::{Drive, Io};
+    for (list, models, normal) in [
+        ("io", vec![Io], "io"),
+        ("drive*2,io", vec![Drive, Drive, Io], "drive*2,io"),
+        ("io,io,drive,io*1", vec![Io, Io, Drive, Io], "io*2,drive,io"),
+    ] {
+        let text = format!("sim:?slaves={list}");
+        assert_eq!(sim(&text).slaves.iter().map(|slave| slave.model).collect::<Vec<_>>(), models, "{list}");
+        assert_eq!(uri(&text).to_string(), format!("sim:?slaves={normal}"), "{list}");
+    }
+}
+
 /// SK-1.3 up to 40 slaves with 12-byte slots, 30 with 16-byte slots
 #[test]
 fn a_board_takes_40_slaves_or_30() {
@@ -185,8 +199,8 @@ fn a_board_takes_40_slaves_or_30() {
 
 #[test]
 fn kinds_of_slaves_that_are_not_in_the_build_are_refused_by_name() {
-    for kind in ["io", "step", "hsp", "hsp2", "dp3cl"] {
-        let why = format!("kind `{kind}` is not in this build yet; allowed: drive");
+    for kind in ["step", "hsp", "hsp2", "dp3cl"] {
+        let why = format!("kind `{kind}` is not in this build yet; allowed: drive, io");
         refused(&format!("sim:?slaves=drive*3,{kind}*2"), &["`slaves`", &why]);
     }
     refused("sim:?slaves=servo", &["`servo`", "unknown", "allowed: drive"]);

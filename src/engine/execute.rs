@@ -165,6 +165,11 @@ impl Engine {
             (SlaveCommand::GetStatus, _) => {}
             (SlaveCommand::ServoOn, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_on),
             (SlaveCommand::ServoOff, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_off),
+            (SlaveCommand::IoRead, Role::Io) => {}
+            (SlaveCommand::IoWrite(bits), Role::Io) => {
+                self.v.axes[slave - 1][0].out.outputs = bits;
+                return Ok(Some(bits));
+            }
             (SlaveCommand::AlarmClear, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::clear_alarm),
             (SlaveCommand::Csp(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csp, mode, motion.first.target)?,
             (SlaveCommand::Csv(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csv, mode, motion.first.target)?,

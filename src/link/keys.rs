@@ -202,8 +202,9 @@ pub const KEYS: &[Key] = &[
         schemes: SIM,
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
-        example: "drive*3",
-        meaning: "the slaves on the network, in order, e.g. drive*3; none: a board that finds no slave",
+        example: "drive*2,io",
+        meaning: "the slaves on the network, in order, e.g. drive*2,io (an io's outputs are wired to its inputs); \
+                  none: a board that finds no slave",
     },
     Key {
         name: "slot",

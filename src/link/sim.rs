@@ -11,8 +11,7 @@ use super::{LinkError, Share};
 use crate::engine::{Board, EngineConfig, RealTime};
 use crate::fieldbus::Ns;
 use crate::fieldbus::sim::SimBus;
-use crate::slave::Slave;
-use crate::slave::drive::{Drive, DriveConfig};
+use crate::slave::{Drive, DriveConfig, Io, Slave};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -61,6 +60,7 @@ fn switch_on(options: &SimOptions) -> Board {
 fn build(model: SlaveModel) -> Box<dyn Slave> {
     match model {
         SlaveModel::Drive => Box::new(Drive::new(DriveConfig::default())),
+        SlaveModel::Io => Box::<Io>::default(),
     }
 }
 

@@ -7,23 +7,26 @@ use crate::sk::SlotSize;
 pub enum SlaveModel {
     /// A CiA 402 servo drive.
     Drive,
+    /// 16 digital outputs and 16 digital inputs, output k wired to input k.
+    Io,
 }
 
 impl SlaveModel {
     /// Every model of this build.
-    pub const ALL: [Self; 1] = [Self::Drive];
+    pub const ALL: [Self; 2] = [Self::Drive, Self::Io];
 
     /// Its name in a link.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Drive => "drive",
+            Self::Io => "io",
         }
     }
 }
 
-/// Kinds whose names are known, but which are in no build yet: digital IO, stepper, pulse module with one and with two
-/// channels, Xinje DP3CL.
-const LATER: [&str; 5] = ["io", "step", "hsp", "hsp2", "dp3cl"];
+/// Kinds whose names are known, but which are in no build yet: stepper, pulse module with one and with two channels,
+/// Xinje DP3CL.
+const LATER: [&str; 4] = ["step", "hsp", "hsp2", "dp3cl"];
 
 /// The value for a network without slaves; an empty value means the same.
 const NONE: &str = "none";

@@ -1,16 +1,19 @@
 //! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
 //!
 //! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
-//! [`plant`] joined to an [`axis`]. [`drive`] is a servo drive made of them.
+//! [`plant`] joined to an [`axis`]. [`drive`] is a servo drive made of them, [`io`] a module of digital inputs and
+//! outputs.
 
 pub mod al;
 pub mod axis;
 pub mod dictionary;
 pub mod drive;
+pub mod io;
 pub mod plant;
 pub mod state_machine;
 
 pub use drive::{Drive, DriveConfig};
+pub use io::{Io, IoConfig};
 pub use state_machine::DeviceFault;
 
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};

@@ -103,9 +103,9 @@ fn reasons(id: u8, place: Place, state: char) -> Vec<Reason> {
     reasons
 }
 
-/// Commands of later rules, whose effect in OP is not tested here: IO slaves, homing, pulse modules and steppers.
+/// Commands of later rules, whose effect in OP is not tested here: homing, pulse modules and steppers.
 fn comes_later(id: u8, place: Place, state: char) -> bool {
-    state == 'o' && (matches!(place, Io | Hsp | Step) || place == Drive && matches!(id, 0x18 | 0x19)) && id != 0
+    state == 'o' && (matches!(place, Hsp | Step) && id != 0 || place == Drive && matches!(id, 0x18 | 0x19))
 }
 
 /// The command with arguments that every guide allows and that change nothing.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::{self, LinkError, Share, Wait};
-use ecmsk::sk::{Frame, MasterState, SlotSize, StateByte};
+use ecmsk::sk::{Frame, MasterCommand, MasterState, SlaveCommand, SlaveKind, SlotSize, StateByte};
 
 use crate::client::{Client, MS, soft_reset};
 
@@ -230,6 +230,22 @@ fn a_reset_board_comes_back_in_real_time() {
         });
         assert_eq!(state(&mut tries.expect("it has booted by now")), PRE_OP, "catch_up_ms={catch_up}");
     }
+}
+
+/// SK-3.17 A list of slaves of two kinds: an IO slave behind two drives, whose outputs come back as its inputs.
+#[test]
+fn an_io_slave_in_a_link() {
+    let mut client = opened("sim:?clock=virtual&slaves=drive*2,io", Share::ByName);
+    let mut kinds = [SlaveKind::Drive; 8];
+    kinds[2] = SlaveKind::Io;
+    client.master(MasterCommand::SetAxis { group: 0, kinds });
+    client.read();
+    assert_eq!(client.answer().result, 3, "three slaves");
+    client.go(MasterState::Op);
+    client.slave(3, SlaveCommand::IoWrite(0x5AC3));
+    client.until("the output image", |client| (client.slot(3).id, client.slot(3).data1) == (0x14, 0x5AC3));
+    client.slave(3, SlaveCommand::IoRead);
+    client.until("the inputs", |client| (client.slot(3).id, client.slot(3).data1) == (0x13, 0x5AC3));
 }
 
 /// SK-1.2 What the URI says of the board is what the link says and does.

@@ -5,8 +5,8 @@ use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, EngineConfig, Stepped, Stop};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::{
-    CycleTime, DcShift, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SdoCommand, SlaveCommand,
-    SlotSize, StateByte,
+    CycleTime, DcShift, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand,
+    SlaveCommand, SlotSize, StateByte,
 };
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
@@ -50,7 +50,7 @@ fn program(host: &mut Host) -> Frame {
     for _ in 0..170 {
         host.arrive(&frame);
     }
-    host.drained().slave(1, SlaveCommand::ServoOff.with_index(0).command).cycles(300);
+    host.drained().slave(1, SlaveCommand::ServoOff).cycles(300);
     assert_eq!(host.drive(1).statusword.state(), Some(DriveState::SwitchOnDisabled));
     host.report.clone()
 }
@@ -150,7 +150,7 @@ fn clear_takes_back_what_lies_ahead() {
         assert_eq!((rig.answer().fifo_free, rig.drive(1).position), (FIFO_ENTRIES, reached), "{how:?}");
         assert_eq!((rig.drive(1).head.id, rig.drive(1).head.index), (0, 0), "the clear's own frame was executed");
 
-        let csp = SlaveCommand::Csp(ecmsk::sk::Motion::to(-7));
+        let csp = SlaveCommand::Csp(Motion::to(-7));
         rig.send(|frame| frame.put_slave(SIZE, 2, &csp.into()));
         rig.run(50);
         assert_eq!((rig.drive(1).position, rig.drive(2).position), (reached, -7), "{how:?}");
@@ -197,6 +197,66 @@ fn a_threshold_holds_back_what_could_lie_ahead() {
         assert!((117..=119).contains(&free), "{how:?}: one entry a cycle, {free} free");
         rig.drained();
         assert_eq!(rig.puppet.targets(), (0..=60).collect::<Vec<_>>(), "{how:?}");
+    }
+}
+
+/// SK-5.6 Entries that lie ahead take their place: a frame that finds 160 in all is lost.
+/// SK-5.12 They count against a threshold too.
+#[test]
+fn what_lies_ahead_counts() {
+    for how in ahead() {
+        let mut rig = Rig::new(how);
+        (0..100).for_each(|_| rig.target());
+        rig.run(1);
+        let free = rig.engine.fifo_free();
+        assert!((60..=62).contains(&free), "{how:?}: {free}");
+        let before = rig.engine.counters().full;
+        (0..100).for_each(|_| rig.target());
+        let lost = rig.engine.counters().full - before;
+        assert_eq!((rig.engine.fifo_free(), lost), (0, 100 - u64::from(free)), "{how:?}");
+        rig.drained();
+
+        (0..50).for_each(|_| rig.target());
+        rig.run(2);
+        let threshold = MasterCommand::SetFifo(FifoAction::Threshold(100));
+        rig.send(|frame| frame.put_master(SIZE, &threshold));
+        (0..20).for_each(|_| rig.target());
+        assert!(rig.engine.fifo_free() < 100);
+        rig.run(150);
+        assert_eq!(rig.answer().fifo_free, FIFO_ENTRIES, "{how:?}: it was passed already");
+    }
+}
+
+/// SK-5.3 Process data that follow a shaft by themselves do not pile up before the next entry.
+/// SK-7.16 They do follow it.
+#[test]
+fn idle_outputs_do_not_pile_up() {
+    for how in ahead() {
+        let mut rig = Rig::new(how);
+        rig.send(|frame| frame.put_slave(SIZE, 2, &SlaveCommand::ServoOff.into()));
+        rig.run(100);
+        (0..60).for_each(|_| rig.target());
+        for n in 0..500 {
+            rig.other.stand(n);
+            rig.poll_after(250_000);
+        }
+        let target = rig.other.last().target;
+        assert!((400..500).contains(&target), "{how:?}: {target}");
+        rig.target();
+        rig.run(4);
+        assert_eq!(rig.puppet.last().target, 61, "{how:?}");
+    }
+}
+
+/// SK-5.4 The first reports of OP show the command executed last for the slot, though nothing was sent to it yet.
+#[test]
+fn op_begins_with_the_heads_of_the_commands_before() {
+    for how in ahead() {
+        let mut host = host(Some(how), vec![Puppet::new().boxed()]);
+        host.declare_drives(1).master(MasterCommand::SetState(MasterState::Op));
+        host.raw(1, RawSlot { id: 0x06, index: 0x5A, data1: 8, data2: 1, ..RawSlot::ZERO });
+        host.until("OP", |host| host.state() == StateByte::reached(MasterState::Op));
+        assert_eq!((host.drive(1).head.id, host.drive(1).head.index), (0x06, 0x5A), "{how:?}");
     }
 }
 

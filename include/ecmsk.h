@@ -191,6 +191,10 @@ typedef struct {
    * Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
    */
   uint64_t idle_cycles;
+  /**
+   * Command frames that arrived while the board booted; not among `frames`.
+   */
+  uint64_t while_booting;
 } ecmsk_counters;
 
 #ifdef __cplusplus

@@ -65,6 +65,8 @@ pub struct EcmskCounters {
     pub executed: u64,
     /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
     pub idle_cycles: u64,
+    /// Command frames that arrived while the board booted; not among `frames`.
+    pub while_booting: u64,
 }
 
 /// A structure that begins with its own size.
@@ -156,6 +158,7 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
             incomplete: board.incomplete,
             executed: board.executed,
             idle_cycles: board.idle_cycles,
+            while_booting: board.while_booting,
         };
         // SAFETY: as this function's own.
         unsafe { give(ours, counters, "counters") }

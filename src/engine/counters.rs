@@ -121,6 +121,9 @@ pub struct Counters {
     pub executed: u64,
     /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
     pub idle_cycles: u64,
+    /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
+    /// not among [`Counters::frames`].
+    pub while_booting: u64,
 }
 
 impl Counters {

@@ -280,6 +280,7 @@ impl Engine {
     /// A command frame has arrived completely.
     pub fn host(&mut self, frame: &Frame, at: Ns) {
         if !self.talks() {
+            self.counters.while_booting += 1;
             return;
         }
         let size = self.config.slot;

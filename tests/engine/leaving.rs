@@ -151,3 +151,14 @@ fn counters_survive_sw_reset() {
         assert_eq!((counters.executed, counters.cleared), (1, 160));
     }
 }
+
+/// SK-4.44 Frames that arrive while the board boots after SW_RESET are not executed, and counted by themselves.
+#[test]
+fn frames_while_booting_are_counted() {
+    let Bench { mut host, .. } = Bench::new(EngineConfig::default(), drives(1));
+    let frames = host.counters().frames;
+    host.master(MasterCommand::SoftReset).master(slow()).idle().cycles(20).idle();
+    assert!(!host.board.engine().talks());
+    assert_eq!((host.counters().frames - frames, host.counters().while_booting), (1, 3));
+    assert_eq!(host.reports, 0);
+}

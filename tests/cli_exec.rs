@@ -355,9 +355,23 @@ fn signals_are_inherited_as_they_were() {
     assert_eq!(mask(&ran.quiet(), "SigIgn:"), ignored | 0b11);
 }
 
+/// The same with signals as a shell at a terminal leaves them: whoever runs the tests may ignore some (`nohup`).
+fn undisturbed(inner: &Command) -> Command {
+    let mut command = Command::new("env");
+    command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());
+    for (name, value) in inner.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    command.stdin(Stdio::null());
+    command
+}
+
 /// Starts a script that says when it is ready, in a process group of its own, as a shell does.
 fn start(place: &Place, script: &str) -> Child {
-    let mut command = place.exec(&["--", "sh", "-c", script]);
+    let mut command = undisturbed(&place.exec(&["--", "sh", "-c", script]));
     let mut tool = command.stdout(Stdio::piped()).process_group(0).spawn().expect("the tool starts");
     let mut line = String::new();
     BufReader::new(tool.stdout.take().expect("a pipe")).read_line(&mut line).expect("a line");

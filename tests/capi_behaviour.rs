@@ -182,6 +182,23 @@ mod needs_cxx {
         assert_eq!(written.len(), 2);
     }
 
+    /// A child of fork has its parent's board without the thread behind it: its calls fail and do not hang.
+    #[test]
+    fn a_forked_child_has_no_board() {
+        for link in CLOCKS {
+            passes("forked", link, &[]);
+        }
+    }
+
+    /// A program of the other slot size is told so in the log, once.
+    #[test]
+    fn the_wrong_slot_size_is_named() {
+        let mut command = c_program("other_slots").command("sim:?slot=16&clock=virtual");
+        let ended = support::run(command.env("ECMSK_LOG", "warn"));
+        assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(0), "ok\n"), "{}", ended.stderr);
+        assert_eq!(ended.stderr.matches("frames of 504 bytes, the board's are 512 (16-byte slots)").count(), 1);
+    }
+
     /// LIB-26, LIB-41 Eight threads that open, close, read and write at once: no crash, no hang, and the board works after it.
     #[test]
     fn eight_threads_at_once() {

@@ -1,11 +1,11 @@
 //! An open board, and the one that the vendor's functions speak of without naming it.
 
 use std::cell::RefCell;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use ecmsk::link::{Link, Wait};
-use ecmsk::sk::Frame;
+use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
 use crate::error::{CallError, lock};
 
@@ -17,13 +17,56 @@ pub struct OpenBoard {
     pub read_wait: Wait,
     /// Limit of a write that names none.
     pub write_wait: Wait,
+    closed: AtomicBool,
+    /// Bytes of a frame of this board, if the link knows; 0: it does not, or a program has been told.
+    frame_len: AtomicUsize,
+}
+
+/// Boards open in this process.
+static OPEN: AtomicUsize = AtomicUsize::new(0);
+
+/// Whether any board is open.
+pub fn any_open() -> bool {
+    OPEN.load(Ordering::Relaxed) > 0
 }
 
 impl OpenBoard {
     /// Takes a link over.
     pub fn new(link: Arc<dyn Link>) -> Arc<Self> {
         let info = link.info();
-        Arc::new(Self { link, read_wait: info.read_wait, write_wait: info.write_wait })
+        OPEN.fetch_add(1, Ordering::Relaxed);
+        Arc::new(Self {
+            link,
+            read_wait: info.read_wait,
+            write_wait: info.write_wait,
+            closed: AtomicBool::new(false),
+            frame_len: AtomicUsize::new(info.slot.map_or(0, SlotSize::frame_len)),
+        })
+    }
+
+    /// Closes the link.
+    pub fn close(&self) {
+        if !self.closed.swap(true, Ordering::Relaxed) {
+            OPEN.fetch_sub(1, Ordering::Relaxed);
+        }
+        self.link.close();
+    }
+
+    /// A program that writes frames of the other slot size means other slots than the board: it is told once, in the
+    /// log.
+    fn look_at_length(&self, length: usize) {
+        let expected = self.frame_len.load(Ordering::Relaxed);
+        if expected == length || expected == 0 {
+            return;
+        }
+        self.frame_len.store(0, Ordering::Relaxed);
+        if SlotSize::ALL.iter().any(|size| size.frame_len() == length) {
+            let slot = expected / if expected == FRAME_LEN { 32 } else { 42 };
+            log::warn!(
+                "the program writes frames of {length} bytes, the board's are {expected} ({slot}-byte slots); \
+                 if its answers make no sense, set the link's slot= to the program's, 12 or 16"
+            );
+        }
     }
 }
 
@@ -90,7 +133,7 @@ impl VendorBoard {
             current.take()
         };
         if let Some(board) = board {
-            board.link.close();
+            board.close();
         }
     }
 
@@ -123,12 +166,15 @@ impl VendorBoard {
         }
     }
 
-    /// Hands a command frame to the board.
+    /// Hands a command frame to the board, of which the program gave `length` bytes.
     ///
     /// # Errors
     /// [`CallError::NotOpen`], [`CallError::Link`].
-    pub fn write(&self, frame: &Frame) -> Result<(), CallError> {
-        self.with(|board| Ok(board.link.write(frame, board.write_wait).map(|_| ())?))
+    pub fn write(&self, frame: &Frame, length: usize) -> Result<(), CallError> {
+        self.with(|board| {
+            board.look_at_length(length);
+            Ok(board.link.write(frame, board.write_wait).map(|_| ())?)
+        })
     }
 
     /// Waits for a report.

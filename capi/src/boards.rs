@@ -91,7 +91,7 @@ pub extern "C" fn ecmsk_close(board: *mut EcmskBoard) -> EcmskResult {
     code(entry!(ecmsk_close(handle), {
         match handle {
             VENDOR => vendor::BOARD.close(),
-            other => HANDLES.remove(other)?.link.close(),
+            other => HANDLES.remove(other)?.close(),
         }
         Ok(())
     }))
@@ -169,7 +169,7 @@ pub fn find(handle: usize) -> Result<Arc<OpenBoard>, CallError> {
 pub fn close_all() {
     vendor::BOARD.give_back();
     for board in HANDLES.drain() {
-        board.link.close();
+        board.close();
     }
 }
 
@@ -196,7 +196,7 @@ pub fn code<T>(result: Result<T, CallError>) -> EcmskResult {
             | CallError::StructSize { .. }
             | CallError::Timeout { .. } => ECMSK_ERROR_ARGUMENT,
             CallError::Handle { .. } => ECMSK_ERROR_HANDLE,
-            CallError::NotOpen => ECMSK_ERROR_CLOSED,
+            CallError::NotOpen | CallError::Forked => ECMSK_ERROR_CLOSED,
             CallError::NoCounters { .. } => ECMSK_ERROR_UNSUPPORTED,
             CallError::Panic(_) => ECMSK_ERROR_INTERNAL,
             CallError::Configured { error, .. } => link_code(&error),

@@ -6,6 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
 use crate::error::{self, CallError};
+use crate::shutdown;
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
 ///
@@ -24,6 +25,7 @@ pub(crate) use entry;
 /// What [`entry!`] stands for.
 pub fn enter<T: Debug>(call: Arguments<'_>, body: impl FnOnce() -> Result<T, CallError>) -> Result<T, CallError> {
     set_up();
+    let body = || if shutdown::is_forked() { Err(CallError::Forked) } else { body() };
     let result = catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(CallError::Panic(said(&*payload))));
     match &result {
         Ok(value) => log::trace!("{call} -> {value:?}"),

@@ -44,6 +44,11 @@ pub enum CallError {
     /// The vendor's functions, before OpenECMUSB or after CloseECMUSB.
     #[error("no board is open; call OpenECMUSB first and look whether it returns true")]
     NotOpen,
+    /// The process was forked while a board was open.
+    #[error(
+        "this process was forked while a board was open, which is its parent's; fork before OpenECMUSB, or let the child exec"
+    )]
+    Forked,
     /// A handle that no board has, or no longer.
     #[error("no open board has the handle {handle:#x}; it was closed, or never came from ecmsk_open")]
     Handle {

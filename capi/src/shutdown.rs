@@ -1,7 +1,18 @@
 //! The end of a program that does not close its boards: they are closed for it, so that their threads stop and a
-//! recording is complete.
+//! recording is complete. And its fork: a child has the boards without their threads, and so none.
 
 use std::sync::Once;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::board;
+
+/// This process was forked while a board was open.
+static FORKED: AtomicBool = AtomicBool::new(false);
+
+/// Whether this process was forked while a board was open: the boards are its parent's.
+pub fn is_forked() -> bool {
+    FORKED.load(Ordering::Relaxed)
+}
 
 /// Has all boards closed when this process exits. The first call counts.
 pub fn close_at_exit() {
@@ -12,7 +23,7 @@ pub fn close_at_exit() {
 #[cfg(unix)]
 fn register() {
     use std::process;
-    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::sync::atomic::AtomicU32;
 
     static OWNER: AtomicU32 = AtomicU32::new(0);
 
@@ -23,7 +34,16 @@ fn register() {
         }
     }
 
+    extern "C" fn in_child() {
+        FORKED.store(board::any_open(), Ordering::Relaxed);
+    }
+
     OWNER.store(process::id(), Ordering::Relaxed);
+    // SAFETY: the function takes and returns nothing, does no more than look at one atomic and set another, and the
+    // library stays in memory (`nodelete`).
+    if unsafe { libc::pthread_atfork(None, None, Some(in_child)) } != 0 {
+        log::warn!("no room for a fork handler: do not use the library in a child of this process");
+    }
     // SAFETY: the function takes and returns nothing, lets no panic out, and the library stays in memory (`nodelete`).
     if unsafe { libc::atexit(at_exit) } != 0 {
         log::warn!(

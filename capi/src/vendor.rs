@@ -58,7 +58,7 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
         with_frame(|frame| {
             // SAFETY: as this function's own.
             unsafe { fill_frame(frame, data, length(dwlength)) }?;
-            BOARD.write(frame)
+            BOARD.write(frame, length(dwlength))
         })
     }))
 }

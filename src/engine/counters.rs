@@ -26,11 +26,13 @@ pub enum Reason {
     HomingElsewhere,
     /// There is no slave at that place, or it is declared as none.
     NoSlave,
+    /// A command that is right, but that this model does not do yet.
+    NotModelled,
 }
 
 impl Reason {
     /// Kinds of reason.
-    pub const KINDS: usize = 9;
+    pub const KINDS: usize = 10;
 
     /// Names of the kinds, in the order of [`Counters::rejected`].
     pub const NAMES: [&'static str; Self::KINDS] = [
@@ -43,6 +45,7 @@ impl Reason {
         "not_in_homing_mode",
         "homing_elsewhere",
         "no_slave",
+        "not_modelled",
     ];
 
     /// Index into [`Counters::rejected`].
@@ -57,6 +60,7 @@ impl Reason {
             Self::NotInHomingMode => 6,
             Self::HomingElsewhere => 7,
             Self::NoSlave => 8,
+            Self::NotModelled => 9,
         }
     }
 }
@@ -73,6 +77,7 @@ impl fmt::Display for Reason {
             Self::NotInHomingMode => f.write_str("the drive is not in homing mode (write 0x6060 = 6 first)"),
             Self::HomingElsewhere => f.write_str("another slave is homing"),
             Self::NoSlave => f.write_str("no slave at that place (see SET_AXIS and the slave count it answers)"),
+            Self::NotModelled => f.write_str("right, but not in this model yet (docs/FEATURES.md lists what is)"),
         }
     }
 }

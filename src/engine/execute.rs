@@ -174,6 +174,7 @@ impl Engine {
             (SlaveCommand::Csp(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csp, mode, motion.first.target)?,
             (SlaveCommand::Csv(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csv, mode, motion.first.target)?,
             (SlaveCommand::Cst(torque), Role::Drive(mode)) => self.aim(slave, Mode::Cst, mode, torque.into())?,
+            (SlaveCommand::GoHome | SlaveCommand::AbortHome, Role::Drive(_)) => return Err(Reason::NotModelled),
             _ => return Err(Reason::WrongSlot),
         }
         Ok(None)

@@ -77,7 +77,7 @@ impl EngineLink {
     pub fn open(name: &str, board: Board, options: RunOptions, keeper: Option<Keeper>) -> Result<Self, LinkError> {
         if !board.engine().talks() {
             let reason = if board.engine().state().is_failed() {
-                "it finds no slave (UG17 4.2.1); give it some with `slaves=`"
+                "it finds no slave; give it some with `slaves=`"
             } else {
                 "it is booting; open it again in a moment"
             };

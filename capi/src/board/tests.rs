@@ -130,11 +130,11 @@ fn calls_without_an_open_board_fail() {
     let link = FakeLink::new();
     let board = VendorBoard::new();
     assert_eq!(read(&board), Err(CallError::NotOpen));
-    assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen));
     board.open(|| Ok(link.clone())).expect("opens");
     board.close();
     assert_eq!(read(&board), Err(CallError::NotOpen));
-    assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen));
 }
 
 /// LIB-44 Open while open gives true and goes on working.
@@ -143,7 +143,7 @@ fn opening_twice_keeps_the_board() {
     let link = FakeLink::new();
     let board = opened(&link);
     board.open(no_second).expect("is open");
-    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
     assert!(!link.state().closed);
 }
 
@@ -156,7 +156,7 @@ fn a_failed_open_can_be_repeated() {
     assert_eq!(failed, Err(CallError::Link(none)));
     assert_eq!(read(&board), Err(CallError::NotOpen));
     board.open(|| Ok(FakeLink::new())).expect("opens");
-    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
 /// LIB-47 Close twice is harmless, and so is Close before any Open.
@@ -179,7 +179,7 @@ fn waits_are_those_of_the_link() {
         link.change(|state| state.reports = 1);
         let board = opened(&link);
         read(&board).expect("a report");
-        board.write(&Frame::new()).expect("is taken");
+        board.write(&Frame::new(), FRAME_LEN).expect("is taken");
         assert_eq!(link.state().read_waits[0], Some(read_wait));
         assert_eq!(link.state().write_waits[0], Some(write_wait));
     }
@@ -193,7 +193,7 @@ fn close_ends_a_blocked_read_and_a_write_passes_by() {
     thread::scope(|scope| {
         let reader = scope.spawn(|| read(&board));
         link.wait_until(|state| state.readers == 1);
-        assert_eq!(board.write(&Frame::new()), Ok(()));
+        assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
         board.open(no_second).expect("is open");
         board.close();
         assert_eq!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Closed)));
@@ -211,13 +211,13 @@ fn a_lost_board_is_dead_until_it_is_opened_again() {
         link.change(|state| state.lost = true);
         assert!(matches!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Lost { .. }))));
     });
-    assert!(board.write(&Frame::new()).is_err());
+    assert!(board.write(&Frame::new(), FRAME_LEN).is_err());
     assert!(read(&board).is_err());
 
     let again = FakeLink::new();
     board.open(|| Ok(again.clone())).expect("opens");
     assert!(link.state().closed, "the lost link is given back");
-    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
     assert!(again.state().write_waits[0].is_some(), "the write went to the new link");
 }
 
@@ -230,7 +230,7 @@ fn open_sees_a_loss_that_no_call_has_met() {
     let none = LinkError::NoBoard { name: "fake:".to_owned(), reason: "it is booting".to_owned() };
     assert_eq!(board.open(|| Err(none.clone().into())), Err(CallError::Link(none)));
     board.open(|| Ok(FakeLink::new())).expect("opens");
-    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
 /// LIB-44 Threads that open at the same time open the board once.
@@ -268,9 +268,9 @@ fn calls_do_not_wait_for_an_open_under_way() {
         });
         wait_started.recv().expect("the opener sends it");
         assert_eq!(read(board), Err(CallError::NotOpen));
-        assert_eq!(board.write(&Frame::new()), Err(CallError::NotOpen));
+        assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen));
         go_on.send(()).expect("the opener waits for it");
         opener.join().expect("no panic").expect("opens");
     });
-    assert_eq!(board.write(&Frame::new()), Ok(()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }

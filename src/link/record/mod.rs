@@ -31,6 +31,9 @@ use writer::{Capture, Entry};
 /// second. \[OURS]
 pub const QUEUE: usize = 8192;
 
+/// The same on a virtual clock, where a caller may wait: a program that crashes loses no more than these \[OURS].
+pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
+
 /// A link that records.
 ///
 /// A frame is in the recording once the call that moved it has succeeded. On the real clock the caller never waits for
@@ -38,7 +41,8 @@ pub const QUEUE: usize = 8192;
 /// waits, as no time passes meanwhile, and nothing is lost. When the disk is full the recording ends, whole, and all
 /// further frames are counted.
 ///
-/// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by some 100 ms.
+/// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by what the disk has
+/// not taken yet.
 pub struct RecordLink {
     inner: Arc<dyn Link>,
     base_ns: u64,
@@ -57,7 +61,11 @@ impl RecordLink {
     pub fn new(inner: Arc<dyn Link>, path: &Path, meta: &RecordMeta) -> Result<Self, LinkError> {
         let name = path.display().to_string();
         let file = file::open(path).map_err(|error| cannot_record(&name, &error))?;
-        Self::to_sink(inner, &name, Box::new(file), meta, QUEUE)
+        let queue = match meta.clock {
+            Clock::Real => QUEUE,
+            Clock::Virtual => QUEUE_IN_VIRTUAL_TIME,
+        };
+        Self::to_sink(inner, &name, Box::new(file), meta, queue)
     }
 
     /// Records `inner` to anything that takes bytes; up to `queue` frames wait for it. `name` is for messages.

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
 
 use pcap_file::pcapng::PcapNgWriter;
 use pcap_file::pcapng::blocks::enhanced_packet::EnhancedPacketBlock;
@@ -21,8 +21,6 @@ use crate::sk::{FRAME_LEN, Frame};
 
 /// Bytes that go to the disk in one write. \[OURS]
 const BATCH: usize = 64 * 1024;
-/// No frame waits longer than this for the disk. \[OURS]
-const LINGER: Duration = Duration::from_millis(100);
 
 const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
 /// `if_tsresol`: times are in units of 10^-9 s.
@@ -37,19 +35,16 @@ pub(super) struct Entry {
 }
 
 /// Takes frames until every sender is gone, then ends the file.
+///
+/// What has come goes to the disk at once, in one write: a program may crash at any moment, and its last frames are the
+/// interesting ones.
 pub(super) fn run(entries: &Receiver<Entry>, mut capture: Capture) {
-    let mut due = None;
-    loop {
-        let next = match due {
-            None => entries.recv().map_err(|_| RecvTimeoutError::Disconnected),
-            Some(due) => entries.recv_timeout(Instant::saturating_duration_since(&due, Instant::now())),
-        };
-        match next {
-            Ok(entry) => capture.push(&entry),
-            Err(RecvTimeoutError::Timeout) => capture.flush(),
-            Err(RecvTimeoutError::Disconnected) => break,
+    while let Ok(entry) = entries.recv() {
+        capture.push(&entry);
+        while let Ok(entry) = entries.try_recv() {
+            capture.push(&entry);
         }
-        due = if capture.frames_waiting == 0 { None } else { due.or_else(|| Some(Instant::now() + LINGER)) };
+        capture.flush();
     }
     capture.end();
 }

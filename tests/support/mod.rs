@@ -207,6 +207,9 @@ pub fn memcheck(program: &Program, link: &str, arguments: &[&str]) -> String {
         // The stack of a thread that runs when the program ends is "possibly lost".
         "--show-leak-kinds=definite",
         "--errors-for-leak-kinds=definite",
+        // Its threads run one at a time. By default one that never waits, a reader in virtual time, may keep all others
+        // from running.
+        "--fair-sched=yes",
     ];
     if Command::new("valgrind").arg("--version").output().is_err() {
         panic!(

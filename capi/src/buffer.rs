@@ -2,7 +2,7 @@
 
 use std::ffi::{CStr, c_char};
 
-use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
+use ecmsk::sk::{FRAME_LEN, Frame};
 
 use crate::error::CallError;
 
@@ -18,25 +18,9 @@ use crate::error::CallError;
 pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> Result<(), CallError> {
     let length = checked(data, length)?;
     // SAFETY: not NULL, and the caller vouches for `length` bytes; bytes have no alignment. The slice lives in this
-    // function alone.
-    let bytes = unsafe { std::slice::from_raw_parts(data, length) };
-    // The length that most programs have, known to the compiler.
-    if length == NARROW {
-        copy_and_clear(frame, &bytes[..NARROW]);
-    } else {
-        copy_and_clear(frame, bytes);
-    }
+    // statement alone.
+    frame.set_prefix(unsafe { std::slice::from_raw_parts(data, length) });
     Ok(())
-}
-
-/// Bytes of a frame of 12-byte slots.
-const NARROW: usize = SlotSize::Bytes12.frame_len();
-
-#[inline(always)]
-fn copy_and_clear(frame: &mut Frame, bytes: &[u8]) {
-    let (start, rest) = frame.bytes_mut().split_at_mut(bytes.len());
-    start.copy_from_slice(bytes);
-    rest.fill(0);
 }
 
 /// Room for a report at `data`, of at most 512 bytes.

@@ -26,16 +26,17 @@ impl Frame {
 
     /// The first 512 of `bytes`; where there are fewer the rest is 0.
     pub fn from_prefix(bytes: &[u8]) -> Self {
-        // The two lengths there are, known to the compiler, cost nothing but the copy.
-        if let Some(whole) = bytes.first_chunk::<FRAME_LEN>() {
-            return Self::from_bytes(*whole);
-        }
         let mut frame = Self::new();
-        match bytes.first_chunk::<{ SlotSize::Bytes12.frame_len() }>() {
-            Some(narrow) if bytes.len() == narrow.len() => frame.bytes[..narrow.len()].copy_from_slice(narrow),
-            _ => frame.bytes[..bytes.len()].copy_from_slice(bytes),
-        }
+        frame.set_prefix(bytes);
         frame
+    }
+
+    /// Becomes the first 512 of `bytes`; where there are fewer the rest is 0.
+    #[inline]
+    pub fn set_prefix(&mut self, bytes: &[u8]) {
+        let (start, rest) = self.bytes.split_at_mut(bytes.len().min(FRAME_LEN));
+        start.copy_from_slice(&bytes[..start.len()]);
+        rest.fill(0);
     }
 
     /// All 512 bytes.

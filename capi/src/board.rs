@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use ecmsk::link::{Link, Wait};
-use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
+use ecmsk::sk::{Frame, SlotSize};
 
 use crate::error::{CallError, lock};
 
@@ -60,11 +60,13 @@ impl OpenBoard {
             return;
         }
         self.frame_len.store(0, Ordering::Relaxed);
-        if SlotSize::ALL.iter().any(|size| size.frame_len() == length) {
-            let slot = expected / if expected == FRAME_LEN { 32 } else { 42 };
+        let size_of = |length| SlotSize::ALL.into_iter().find(|size| size.frame_len() == length);
+        if let (Some(theirs), Some(ours)) = (size_of(length), size_of(expected)) {
             log::warn!(
-                "the program writes frames of {length} bytes, the board's are {expected} ({slot}-byte slots); \
-                 if its answers make no sense, set the link's slot= to the program's, 12 or 16"
+                "the program writes frames of {length} bytes, the board's are {expected} ({}-byte slots); \
+                 if its answers make no sense, set the link's slot= to the program's, {}",
+                ours.bytes(),
+                theirs.bytes()
             );
         }
     }

@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use ecmsk::link::{Dir, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp};
 
+use ecmsk::sk::FRAME_LEN;
+
 use super::*;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

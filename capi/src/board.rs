@@ -105,7 +105,7 @@ impl VendorBoard {
     ///
     /// # Errors
     /// What `connect` says.
-    pub fn open(&self, connect: impl FnOnce() -> Result<Arc<dyn Link>, CallError>) -> Result<(), CallError> {
+    pub fn open(&self, connect: impl FnOnce() -> Result<Arc<dyn Link>, Box<CallError>>) -> Result<(), Box<CallError>> {
         let _one_at_a_time = lock(&self.changing);
         if let Ok(board) = self.get() {
             match board.link.check() {
@@ -143,12 +143,12 @@ impl VendorBoard {
     ///
     /// # Errors
     /// [`CallError::NotOpen`].
-    pub fn get(&self) -> Result<Arc<OpenBoard>, CallError> {
-        lock(&self.current).clone().ok_or(CallError::NotOpen)
+    pub fn get(&self) -> Result<Arc<OpenBoard>, Box<CallError>> {
+        lock(&self.current).clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
     /// Works with the open board, by the reference that this thread keeps.
-    fn with<T>(&self, mut work: impl FnMut(&OpenBoard) -> Result<T, CallError>) -> Result<T, CallError> {
+    fn with<T>(&self, mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>) -> Result<T, Box<CallError>> {
         let kept = USED.try_with(|used| {
             let mut used = used.try_borrow_mut().ok()?;
             let number = self.number.load(Ordering::Acquire);
@@ -158,7 +158,7 @@ impl VendorBoard {
             }
             Some(match &*used {
                 Some((_, board)) => work(board),
-                None => Err(CallError::NotOpen),
+                None => Err(CallError::NotOpen.into()),
             })
         });
         match kept {
@@ -172,7 +172,7 @@ impl VendorBoard {
     ///
     /// # Errors
     /// [`CallError::NotOpen`], [`CallError::Link`].
-    pub fn write(&self, frame: &Frame, length: usize) -> Result<(), CallError> {
+    pub fn write(&self, frame: &Frame, length: usize) -> Result<(), Box<CallError>> {
         self.with(|board| {
             board.look_at_length(length);
             Ok(board.link.write(frame, board.write_wait).map(|_| ())?)
@@ -183,7 +183,7 @@ impl VendorBoard {
     ///
     /// # Errors
     /// [`CallError::NotOpen`], [`CallError::Link`]; `report` is as it was then.
-    pub fn read(&self, report: &mut Frame) -> Result<(), CallError> {
+    pub fn read(&self, report: &mut Frame) -> Result<(), Box<CallError>> {
         self.with(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
     }
 }

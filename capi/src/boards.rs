@@ -67,7 +67,7 @@ static HANDLES: Handles = Handles::new();
 pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBoard) -> EcmskResult {
     code(entry!(ecmsk_open(), {
         if board.is_null() {
-            return Err(CallError::Null { argument: "board", expected: "a pointer for the handle" });
+            return Err(CallError::Null { argument: "board", expected: "a pointer for the handle" }.into());
         }
         // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
         unsafe { board.write(std::ptr::null_mut()) };
@@ -158,7 +158,7 @@ pub unsafe extern "C" fn ecmsk_read(
 ///
 /// # Errors
 /// [`CallError::Handle`], [`CallError::NotOpen`].
-pub fn find(handle: usize) -> Result<Arc<OpenBoard>, CallError> {
+pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
     match handle {
         VENDOR => vendor::BOARD.get(),
         other => HANDLES.get(other),
@@ -173,23 +173,23 @@ pub fn close_all() {
     }
 }
 
-fn wait(timeout_ms: i64, link: Wait) -> Result<Wait, CallError> {
+fn wait(timeout_ms: i64, link: Wait) -> Result<Wait, Box<CallError>> {
     match timeout_ms {
         ECMSK_WAIT_FOREVER => Ok(Wait::Forever),
         ECMSK_WAIT_LINK => Ok(link),
         0 => Ok(Wait::Now),
         ms => match u64::try_from(ms) {
             Ok(ms) => Ok(Wait::For(Duration::from_millis(ms))),
-            Err(_) => Err(CallError::Timeout { found: timeout_ms }),
+            Err(_) => Err(CallError::Timeout { found: timeout_ms }.into()),
         },
     }
 }
 
 /// The code of a result; the error itself is kept already.
-pub fn code<T>(result: Result<T, CallError>) -> EcmskResult {
+pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
     match result {
         Ok(_) => ECMSK_OK,
-        Err(error) => match error {
+        Err(error) => match *error {
             CallError::Null { .. }
             | CallError::NoBytes
             | CallError::NotText { .. }

@@ -15,7 +15,7 @@ use crate::error::CallError;
 ///
 /// # Safety
 /// `data` is NULL or points to `length` readable bytes (512 of them if it is more).
-pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> Result<(), CallError> {
+pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> Result<(), Box<CallError>> {
     let length = checked(data, length)?;
     // SAFETY: not NULL, and the caller vouches for `length` bytes; bytes have no alignment. The slice lives in this
     // statement alone.
@@ -37,7 +37,7 @@ impl ReportBuffer {
     ///
     /// # Safety
     /// `data` is NULL or points to `length` writable bytes (512 of them if it is more), for as long as this lives.
-    pub unsafe fn new(data: *mut u8, length: usize) -> Result<Self, CallError> {
+    pub unsafe fn new(data: *mut u8, length: usize) -> Result<Self, Box<CallError>> {
         Ok(Self { data, length: checked(data, length)? })
     }
 
@@ -56,20 +56,20 @@ impl ReportBuffer {
 ///
 /// # Safety
 /// `text` is NULL or points to bytes that end with a 0 and stay unchanged while the result is used.
-pub unsafe fn text_from<'a>(text: *const c_char, argument: &'static str) -> Result<&'a str, CallError> {
+pub unsafe fn text_from<'a>(text: *const c_char, argument: &'static str) -> Result<&'a str, Box<CallError>> {
     if text.is_null() {
-        return Err(CallError::Null { argument, expected: "a text that ends with 0" });
+        return Err(CallError::Null { argument, expected: "a text that ends with 0" }.into());
     }
     // SAFETY: not NULL, and the caller vouches for the rest.
-    unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| CallError::NotText { argument })
+    unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| CallError::NotText { argument }.into())
 }
 
-fn checked(data: *const u8, length: usize) -> Result<usize, CallError> {
+fn checked(data: *const u8, length: usize) -> Result<usize, Box<CallError>> {
     if data.is_null() {
-        return Err(CallError::Null { argument: "data", expected: "a buffer of 504 or 512 bytes" });
+        return Err(CallError::Null { argument: "data", expected: "a buffer of 504 or 512 bytes" }.into());
     }
     if length == 0 {
-        return Err(CallError::NoBytes);
+        return Err(CallError::NoBytes.into());
     }
     Ok(length.min(FRAME_LEN))
 }
@@ -115,8 +115,8 @@ mod tests {
         // SAFETY: NULL is allowed, and of `byte` nothing is used.
         unsafe {
             let null = fill_frame(&mut frame, std::ptr::null(), 512);
-            assert!(matches!(null, Err(CallError::Null { argument: "data", .. })));
-            assert!(matches!(fill_frame(&mut frame, &raw const byte, 0), Err(CallError::NoBytes)));
+            assert!(matches!(null.map_err(|error| *error), Err(CallError::Null { argument: "data", .. })));
+            assert_eq!(fill_frame(&mut frame, &raw const byte, 0), Err(CallError::NoBytes.into()));
             assert_eq!(frame, Frame::new());
             assert!(ReportBuffer::new(std::ptr::null_mut(), 512).is_err());
             assert!(ReportBuffer::new(&raw mut byte, 0).is_err());

@@ -13,18 +13,18 @@ use crate::error::CallError;
 ///
 /// # Errors
 /// [`CallError::Link`], [`CallError::Configured`].
-pub fn configured() -> Result<Arc<dyn Link>, CallError> {
+pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     let configured = config::find(&Environment::from_process(library_dir())).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
     link::open(&configured.link, Share::ByUri)
-        .map_err(|error| CallError::Configured { from: configured.source, error: error.into() })
+        .map_err(|error| CallError::Configured { from: configured.source, error: error.into() }.into())
 }
 
 /// The link of that URI. Boards are shared by their `name=` only.
 ///
 /// # Errors
 /// [`CallError::Link`].
-pub fn named(uri: &str) -> Result<Arc<dyn Link>, CallError> {
+pub fn named(uri: &str) -> Result<Arc<dyn Link>, Box<CallError>> {
     Ok(link::open(uri, Share::ByName)?)
 }
 

@@ -10,7 +10,7 @@ use crate::shutdown;
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
 ///
-/// The body gives `Result<T, CallError>`, and so does the macro. A panic in it becomes [`CallError::Panic`]; an error
+/// The body gives `Result<T, Box<CallError>>`, and so does the macro. A panic in it becomes [`CallError::Panic`]; an error
 /// is kept for `ecmsk_last_error`; the call is traced with the arguments named, pointers left out.
 macro_rules! entry {
     ($name:ident($($argument:ident),*), $body:block) => {
@@ -23,15 +23,19 @@ macro_rules! entry {
 pub(crate) use entry;
 
 /// What [`entry!`] stands for.
-pub fn enter<T: Debug>(call: Arguments<'_>, body: impl FnOnce() -> Result<T, CallError>) -> Result<T, CallError> {
+pub fn enter<T: Debug>(
+    call: Arguments<'_>,
+    body: impl FnOnce() -> Result<T, Box<CallError>>,
+) -> Result<T, Box<CallError>> {
     set_up();
-    let body = || if shutdown::is_forked() { Err(CallError::Forked) } else { body() };
-    let result = catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(CallError::Panic(said(&*payload))));
+    let body = || if shutdown::is_forked() { Err(CallError::Forked.into()) } else { body() };
+    let result =
+        catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(CallError::Panic(said(&*payload)).into()));
     match &result {
         Ok(value) => log::trace!("{call} -> {value:?}"),
         Err(error) => {
             error::remember(error);
-            match error {
+            match **error {
                 CallError::Panic(_) => log::error!("{call} -> {error}"),
                 _ => log::warn!("{call} -> {error}"),
             }
@@ -75,15 +79,15 @@ mod tests {
     #[test]
     fn a_panic_is_an_error() {
         let length = 3;
-        let result: Result<(), CallError> = entry!(Tried(length), { panic!("slot {length}") });
-        assert_eq!(result, Err(CallError::Panic("slot 3".to_owned())));
+        let result: Result<(), Box<CallError>> = entry!(Tried(length), { panic!("slot {length}") });
+        assert_eq!(result, Err(CallError::Panic("slot 3".to_owned()).into()));
         assert!(last_error().contains("slot 3"), "{}", last_error());
     }
 
     /// An error is kept for the thread it happened in; success does not touch it.
     #[test]
     fn the_last_error_is_the_threads_own() {
-        let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes) });
+        let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes.into()) });
         let _ = entry!(Tried(), { Ok(()) });
         assert_eq!(last_error(), CallError::NoBytes.to_string());
         std::thread::scope(|scope| {
@@ -99,7 +103,7 @@ mod tests {
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 assert_eq!(last_error(), error.to_string());
-                let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes) });
+                let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes.into()) });
                 assert_eq!(last_error(), CallError::NoBytes.to_string());
             });
         });

@@ -71,10 +71,17 @@ pub enum CallError {
     },
     /// The link failed.
     #[error(transparent)]
-    Link(#[from] LinkError),
+    Link(LinkError),
     /// A defect of this library.
     #[error("internal error: {0}; please report it with the output of ECMSK_LOG=trace")]
     Panic(String),
+}
+
+/// Boxed wherever it is handed on: a call that succeeds then moves a pointer from function to function.
+impl From<LinkError> for Box<CallError> {
+    fn from(error: LinkError) -> Self {
+        Self::new(CallError::Link(error))
+    }
 }
 
 thread_local! {

@@ -140,7 +140,7 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
     code(entry!(ecmsk_get_counters(handle), {
         let link = &find(handle)?.link;
         let Some(board) = link.stats().board else {
-            return Err(CallError::NoCounters { link: link.info().name });
+            return Err(CallError::NoCounters { link: link.info().name }.into());
         };
         let mut rejected = [0; ECMSK_REJECT_KINDS];
         rejected[..Reason::KINDS].copy_from_slice(&board.rejected);
@@ -193,7 +193,7 @@ pub unsafe extern "C" fn ecmsk_get_link_name(
     let handle = board.addr();
     code(entry!(ecmsk_get_link_name(handle, length), {
         if buffer.is_null() && length > 0 {
-            return Err(CallError::Null { argument: "buffer", expected: "`length` bytes" });
+            return Err(CallError::Null { argument: "buffer", expected: "`length` bytes" }.into());
         }
         let name = find(handle)?.link.info().name;
         if !needed.is_null() {
@@ -217,16 +217,16 @@ pub unsafe extern "C" fn ecmsk_get_link_name(
 ///
 /// # Safety
 /// `theirs` is NULL or points to a `u32` with the number of writable bytes there.
-unsafe fn give<T: Versioned>(ours: T, theirs: *mut T, argument: &'static str) -> Result<(), CallError> {
+unsafe fn give<T: Versioned>(ours: T, theirs: *mut T, argument: &'static str) -> Result<(), Box<CallError>> {
     if theirs.is_null() {
-        return Err(CallError::Null { argument, expected: "a structure whose `size` is set" });
+        return Err(CallError::Null { argument, expected: "a structure whose `size` is set" }.into());
     }
     let size = theirs.cast::<u32>();
     // SAFETY: not NULL; the caller vouches for the `size` in front, at whatever address.
     let found = unsafe { size.read_unaligned() };
     let filled = (found as usize).min(size_of::<T>()) / HEAD * HEAD;
     if filled < HEAD {
-        return Err(CallError::StructSize { found, least: HEAD });
+        return Err(CallError::StructSize { found, least: HEAD }.into());
     }
     // SAFETY: `filled` is within `ours` and within the bytes that the caller vouches for; `ours` is a local.
     unsafe {

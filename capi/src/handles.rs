@@ -42,18 +42,18 @@ impl Handles {
     ///
     /// # Errors
     /// [`CallError::Handle`].
-    pub fn get(&self, handle: usize) -> Result<Arc<OpenBoard>, CallError> {
+    pub fn get(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
         let table = self.live.read().unwrap_or_else(PoisonError::into_inner);
-        table.boards.get(&handle).cloned().ok_or(CallError::Handle { handle })
+        table.boards.get(&handle).cloned().ok_or_else(|| CallError::Handle { handle }.into())
     }
 
     /// Takes the board of a handle out.
     ///
     /// # Errors
     /// [`CallError::Handle`].
-    pub fn remove(&self, handle: usize) -> Result<Arc<OpenBoard>, CallError> {
+    pub fn remove(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
         let mut table = self.live.write().unwrap_or_else(PoisonError::into_inner);
-        table.boards.remove(&handle).ok_or(CallError::Handle { handle })
+        table.boards.remove(&handle).ok_or_else(|| CallError::Handle { handle }.into())
     }
 
     /// Takes all boards out.

@@ -96,7 +96,7 @@ fn with_frame<T>(work: impl FnOnce(&mut Frame) -> T) -> T {
     result
 }
 
-fn truth(result: &Result<(), CallError>) -> u32 {
+fn truth(result: &Result<(), Box<CallError>>) -> u32 {
     u32::from(result.is_ok())
 }
 

@@ -117,11 +117,11 @@ fn opened(link: &Arc<FakeLink>) -> VendorBoard {
     board
 }
 
-fn no_second() -> Result<Arc<dyn Link>, CallError> {
+fn no_second() -> Result<Arc<dyn Link>, Box<CallError>> {
     panic!("the board must not be opened a second time")
 }
 
-fn read(board: &VendorBoard) -> Result<Frame, CallError> {
+fn read(board: &VendorBoard) -> Result<Frame, Box<CallError>> {
     let mut report = Frame::new();
     board.read(&mut report).map(|()| report)
 }
@@ -131,12 +131,12 @@ fn read(board: &VendorBoard) -> Result<Frame, CallError> {
 fn calls_without_an_open_board_fail() {
     let link = FakeLink::new();
     let board = VendorBoard::new();
-    assert_eq!(read(&board), Err(CallError::NotOpen));
-    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen));
+    assert_eq!(read(&board), Err(CallError::NotOpen.into()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen.into()));
     board.open(|| Ok(link.clone())).expect("opens");
     board.close();
-    assert_eq!(read(&board), Err(CallError::NotOpen));
-    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen));
+    assert_eq!(read(&board), Err(CallError::NotOpen.into()));
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen.into()));
 }
 
 /// LIB-44 Open while open gives true and goes on working.
@@ -155,8 +155,8 @@ fn a_failed_open_can_be_repeated() {
     let board = VendorBoard::new();
     let none = LinkError::NoBoard { name: "fake:".to_owned(), reason: "not plugged in".to_owned() };
     let failed = board.open(|| Err(none.clone().into()));
-    assert_eq!(failed, Err(CallError::Link(none)));
-    assert_eq!(read(&board), Err(CallError::NotOpen));
+    assert_eq!(failed, Err(none.into()));
+    assert_eq!(read(&board), Err(CallError::NotOpen.into()));
     board.open(|| Ok(FakeLink::new())).expect("opens");
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
@@ -198,7 +198,7 @@ fn close_ends_a_blocked_read_and_a_write_passes_by() {
         assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
         board.open(no_second).expect("is open");
         board.close();
-        assert_eq!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Closed)));
+        assert_eq!(reader.join().expect("no panic"), Err(LinkError::Closed.into()));
     });
 }
 
@@ -211,7 +211,8 @@ fn a_lost_board_is_dead_until_it_is_opened_again() {
         let reader = scope.spawn(|| read(&board));
         link.wait_until(|state| state.readers == 1);
         link.change(|state| state.lost = true);
-        assert!(matches!(reader.join().expect("no panic"), Err(CallError::Link(LinkError::Lost { .. }))));
+        let ended = reader.join().expect("no panic").map_err(|error| *error);
+        assert!(matches!(ended, Err(CallError::Link(LinkError::Lost { .. }))));
     });
     assert!(board.write(&Frame::new(), FRAME_LEN).is_err());
     assert!(read(&board).is_err());
@@ -230,7 +231,7 @@ fn open_sees_a_loss_that_no_call_has_met() {
     let board = opened(&link);
     link.change(|state| state.lost = true);
     let none = LinkError::NoBoard { name: "fake:".to_owned(), reason: "it is booting".to_owned() };
-    assert_eq!(board.open(|| Err(none.clone().into())), Err(CallError::Link(none)));
+    assert_eq!(board.open(|| Err(none.clone().into())), Err(none.into()));
     board.open(|| Ok(FakeLink::new())).expect("opens");
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
@@ -269,8 +270,8 @@ fn calls_do_not_wait_for_an_open_under_way() {
             })
         });
         wait_started.recv().expect("the opener sends it");
-        assert_eq!(read(board), Err(CallError::NotOpen));
-        assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen));
+        assert_eq!(read(board), Err(CallError::NotOpen.into()));
+        assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen.into()));
         go_on.send(()).expect("the opener waits for it");
         opener.join().expect("no panic").expect("opens");
     });

@@ -1,8 +1,9 @@
 //! The runner of virtual time: it passes by the host's calls alone, so hours pass in seconds and one calling thread
 //! sees the same bytes every time.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+
+use parking_lot::{Mutex, MutexGuard};
 
 use super::Board;
 use super::reports::{Report, ReportQueue};
@@ -41,6 +42,9 @@ struct State {
 }
 
 /// A board on virtual time.
+///
+/// Its lock is one that is handed on in turn when threads wait for it: no call here waits for anything else, so a thread
+/// that only reads could keep a writer out for ever.
 pub struct Stepped {
     state: Mutex<State>,
     host_ns: Ns,
@@ -54,7 +58,7 @@ impl Stepped {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock()
     }
 
     /// Hands a frame over; says when it arrived.

@@ -28,6 +28,13 @@ pub enum Error {
     Fuzz { target: String, again: String },
     #[error("fuzz target {target} stopped without a figure; everything it said: {}", log.display())]
     FuzzSilent { target: String, log: PathBuf },
+    #[error(
+        "{rooms}: mutants survive without a reason, are not tried yet, or too many survive. Write a test for each, or \
+         give its reason in {reasons}; then go on with the same command"
+    )]
+    Mutants { rooms: String, reasons: &'static str },
+    #[error("{} cannot be read ({source}); begin anew with --again", path.display())]
+    Known { path: PathBuf, source: serde_json::Error },
     #[error("a line of a bench is no figure: {line}\n    ({source}); print figures by benches/common")]
     Figure { line: String, source: serde_json::Error },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]

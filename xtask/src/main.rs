@@ -6,6 +6,7 @@ mod demo;
 mod error;
 mod features;
 mod fuzz;
+mod mutants;
 mod needs;
 mod project;
 mod stage;
@@ -38,6 +39,8 @@ enum Verb {
     Features(features::Arguments),
     /// Feed the decoders random bytes
     Fuzz(fuzz::Arguments),
+    /// Break the model line by line and see which tests notice; takes hours, and goes on where it was stopped
+    Mutants(mutants::Arguments),
     /// Measure against the baselines; figures go to target/bench.json
     Bench(bench::Arguments),
 }
@@ -60,6 +63,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Stage(arguments) => stage::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
+        Verb::Mutants(arguments) => mutants::run(project, &arguments),
         Verb::Bench(arguments) => bench::run(project, &arguments),
     }
 }

@@ -20,6 +20,8 @@ enum Source {
     Debian(&'static [&'static str]),
     /// A component of the Rust toolchain; the program is a verb of cargo.
     Rustup(&'static str),
+    /// A crate that brings a verb of cargo, `program`.
+    Crate(&'static str),
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
@@ -29,12 +31,15 @@ pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debia
 pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
+pub const MUTANTS: Need = Need { program: "mutants", source: Source::Crate("cargo-mutants") };
 
 impl Need {
     fn is_there(&self, project: &Project) -> bool {
         match self.source {
             Source::Debian(_) => command::succeeds(Command::new(self.program).arg("--version")),
-            Source::Rustup(_) => command::succeeds(project.cargo().args([self.program, "--version"])),
+            Source::Rustup(_) | Source::Crate(_) => {
+                command::succeeds(project.cargo().args([self.program, "--version"]))
+            }
         }
     }
 }
@@ -68,6 +73,11 @@ fn install(needs: &[Need]) -> Result<(), Error> {
     if !components.is_empty() && command::succeeds(Command::new("rustup").arg("--version")) {
         println!("installing components of the Rust toolchain: {}", components.join(" "));
         command::run(Command::new("rustup").args(["component", "add"]).args(components))?;
+    }
+    let crates = crates(needs);
+    if !crates.is_empty() {
+        println!("installing with cargo: {}", crates.join(" "));
+        command::run(Command::new("cargo").args(["install", "--locked"]).args(crates))?;
     }
     let packages = packages(needs);
     if !packages.is_empty() && is_root() && command::succeeds(Command::new("apt-get").arg("--version")) {
@@ -103,6 +113,9 @@ pub fn install_line(needs: &[Need]) -> String {
     if !components(needs).is_empty() {
         lines.push(format!("rustup component add {}", components(needs).join(" ")));
     }
+    if !crates(needs).is_empty() {
+        lines.push(format!("cargo install --locked {}", crates(needs).join(" ")));
+    }
     lines.join(" && ")
 }
 
@@ -114,7 +127,7 @@ pub fn names(needs: &[Need]) -> String {
 fn packages(needs: &[Need]) -> Vec<&'static str> {
     let packages = needs.iter().filter_map(|need| match need.source {
         Source::Debian(packages) => Some(packages),
-        Source::Rustup(_) => None,
+        _ => None,
     });
     packages.flatten().copied().collect()
 }
@@ -122,9 +135,17 @@ fn packages(needs: &[Need]) -> Vec<&'static str> {
 fn components(needs: &[Need]) -> Vec<&'static str> {
     let components = needs.iter().filter_map(|need| match need.source {
         Source::Rustup(component) => Some(component),
-        Source::Debian(_) => None,
+        _ => None,
     });
     components.collect()
+}
+
+fn crates(needs: &[Need]) -> Vec<&'static str> {
+    let crates = needs.iter().filter_map(|need| match need.source {
+        Source::Crate(name) => Some(name),
+        _ => None,
+    });
+    crates.collect()
 }
 
 fn is_root() -> bool {
@@ -142,5 +163,6 @@ mod tests {
             "sudo apt-get install -y g++ valgrind libc6-dbg && rustup component add clippy"
         );
         assert_eq!(install_line(&[PKG_CONFIG]), "sudo apt-get install -y pkg-config");
+        assert_eq!(install_line(&[MUTANTS]), "cargo install --locked cargo-mutants");
     }
 }

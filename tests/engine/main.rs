@@ -7,6 +7,8 @@ mod answers;
 mod bus_ahead;
 mod commands;
 mod crc;
+#[path = "../dice/mod.rs"]
+mod dice;
 mod drives;
 mod entries;
 mod failures;

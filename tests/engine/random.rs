@@ -7,6 +7,7 @@ use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlotSize};
 
 use crate::ahead_bus::{Ahead, AheadBus};
 use crate::crc::crc8;
+use crate::dice::Dice;
 use crate::host::{BOOT_LIMIT, MICROFRAME};
 use crate::probe::{any_slaves, drives};
 
@@ -29,30 +30,14 @@ const SWIFT: Timing = Timing {
     sdo_ns: 3_000_000,
 };
 
-/// splitmix64: the same numbers on every machine.
-struct Dice(u64);
+/// What this test throws them for.
+trait Throws {
+    fn noise(&mut self) -> RawSlot;
+    fn plausible(&mut self, slot: usize, size: SlotSize) -> RawSlot;
+    fn frame(&mut self, size: SlotSize) -> Frame;
+}
 
-impl Dice {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ z >> 31
-    }
-
-    /// 0..n.
-    fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-
-    fn one_in(&mut self, n: u64) -> bool {
-        self.below(n) == 0
-    }
-
-    fn pick<T: Copy>(&mut self, of: &[T]) -> T {
-        of[self.below(of.len() as u64) as usize]
-    }
-
+impl Throws for Dice {
     fn noise(&mut self) -> RawSlot {
         let (a, b) = (self.next(), self.next());
         RawSlot {

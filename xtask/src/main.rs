@@ -9,6 +9,7 @@ mod fuzz;
 mod mutants;
 mod needs;
 mod project;
+mod soak;
 mod stage;
 mod test;
 
@@ -39,6 +40,8 @@ enum Verb {
     Features(features::Arguments),
     /// Feed the decoders random bytes
     Fuzz(fuzz::Arguments),
+    /// Run random programs on random machines with random faults, and a virtual day, and look for a broken invariant
+    Soak(soak::Arguments),
     /// Break the model line by line and see which tests notice; takes hours, and goes on where it was stopped
     Mutants(mutants::Arguments),
     /// Measure against the baselines; figures go to target/bench.json
@@ -63,6 +66,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Stage(arguments) => stage::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
+        Verb::Soak(arguments) => soak::run(project, &arguments),
         Verb::Mutants(arguments) => mutants::run(project, &arguments),
         Verb::Bench(arguments) => bench::run(project, &arguments),
     }

@@ -1,0 +1,120 @@
+//! A long day: two axes go to and fro without an end, an SDO is read every second, and nothing grows.
+
+use std::time::{Duration, Instant};
+
+use ecmsk::coe::ObjectAddress;
+use ecmsk::engine::{Board, Counters, EngineConfig};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::sk::{
+    DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand, SlaveCommand,
+    SlaveKind, SlotSize, StateByte,
+};
+use ecmsk::slave::{Drive, DriveConfig, Slave};
+
+use crate::asked;
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+/// Cycles of a virtual minute.
+const MINUTE: u64 = 60_000;
+
+/// Minutes of the test; `cargo xtask soak` asks for a day.
+const MINUTES: u64 = 3;
+
+struct Day {
+    board: Board,
+    report: Frame,
+    target: i32,
+    sent: u64,
+}
+
+impl Day {
+    fn new() -> Self {
+        let drives = (0..2).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>).collect();
+        let mut board = Board::new(EngineConfig::default(), Box::new(SimBus::new(drives)));
+        assert!(board.boot(10_000_000_000));
+        let mut day = Self { board, report: Frame::new(), target: 0, sent: 0 };
+        let kinds = [SlaveKind::Drive; 8];
+        day.send(|frame| frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds }));
+        day.send(|frame| frame.put_master(SIZE, &MasterCommand::SetState(MasterState::Op)));
+        day.until(|day| MasterResponse::decode(&day.report.slot(SIZE, 0)).state == StateByte::reached(MasterState::Op));
+        day.send(|frame| (1..=2).for_each(|slave| frame.put_slave(SIZE, slave, &SlaveCommand::ServoOn.into())));
+        day.until(|day| (1..=2).all(|slave| day.drive(slave).statusword.is_enabled()));
+        day
+    }
+
+    fn send(&mut self, build: impl FnOnce(&mut Frame)) {
+        let mut frame = Frame::new();
+        build(&mut frame);
+        self.board.host(&frame, self.board.now(), &mut |_, _| unreachable!());
+        self.cycle();
+    }
+
+    fn cycle(&mut self) {
+        let Self { board, report, .. } = self;
+        board.cycle(&mut |frame, _| report.clone_from(frame));
+    }
+
+    fn until(&mut self, done: impl Fn(&Self) -> bool) {
+        for _ in 0..MINUTE {
+            if done(self) {
+                return;
+            }
+            self.cycle();
+        }
+        panic!("the board does not come up");
+    }
+
+    fn drive(&self, slave: usize) -> DriveResponse {
+        DriveResponse::decode(&self.report.slot(SIZE, slave))
+    }
+
+    /// One minute, one target a cycle.
+    fn minute(&mut self) {
+        for cycle in 0..MINUTE {
+            self.target = self.target.wrapping_add(if cycle % 2000 < 1000 { 200 } else { -200 });
+            let (target, sent) = (self.target, self.sent);
+            self.send(|frame| {
+                (1..=2).for_each(|slave| frame.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(target)).into()));
+                if sent % 1000 == 0 {
+                    let slave = 1 + (sent / 1000 % 2) as u8;
+                    frame.put_sdo(SIZE, &SdoCommand::Read { slave, object: ObjectAddress::new(0x6041, 0) });
+                }
+            });
+            self.sent += 1;
+        }
+        for slave in 1..=2 {
+            let behind = self.target.wrapping_sub(self.drive(slave).position);
+            assert!(behind.abs() < 100_000, "axis {slave} is {behind} counts behind");
+        }
+        assert_eq!(MasterResponse::decode(&self.report.slot(SIZE, 0)).fifo_free, FIFO_ENTRIES);
+    }
+}
+
+/// SK-4.44 SK-5.4: hours of one target a cycle are so many entries executed, none lost; and memory stays as it is.
+#[test]
+fn a_long_day() {
+    let asked = asked("ECMSK_SOAK_MINUTES");
+    let minutes = asked.unwrap_or(MINUTES);
+    let mut day = Day::new();
+    day.minute();
+    let before = *day.board.engine().counters();
+    let mut told = Instant::now();
+    for minute in 0..minutes {
+        let allocated = allocation_counter::measure(|| day.minute());
+        assert_eq!(allocated.count_total, 0, "minute {minute} allocates: {allocated:?}");
+        if asked.is_some() && told.elapsed() > Duration::from_secs(5) {
+            told = Instant::now();
+            println!("{minute} of {minutes} virtual minutes");
+        }
+    }
+    let after = *day.board.engine().counters();
+    let cycles = minutes * MINUTE;
+    let expected = Counters {
+        frames: before.frames + cycles,
+        executed: before.executed + cycles,
+        reports: before.reports + cycles,
+        ..before
+    };
+    assert_eq!(after, expected);
+    println!("{minutes} virtual minutes, {cycles} cycles: nothing lost, nothing allocated");
+}

@@ -1,0 +1,64 @@
+//! What must hold whatever a program does and whatever goes wrong: random programs on random machines with random faults,
+//! and a long day.
+//!
+//! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
+
+mod books;
+mod day;
+#[path = "../dice/mod.rs"]
+mod dice;
+mod machine;
+mod program;
+mod tap;
+mod watch;
+
+use std::env;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::{Duration, Instant};
+
+use machine::Machine;
+use program::{Done, Program};
+
+/// Schedules of the test; `cargo xtask soak` asks for more.
+const SCHEDULES: u64 = 300;
+/// Cycles of a schedule in OP, about.
+const CYCLES: u64 = 1500;
+
+/// A number from the environment.
+fn asked(name: &str) -> Option<u64> {
+    env::var(name).ok().map(|text| text.parse().unwrap_or_else(|_| panic!("{name} is a number, not `{text}`")))
+}
+
+fn schedule(seed: u64) -> Done {
+    let mut program = Program::new(seed, Machine::new(seed));
+    program.run(CYCLES);
+    program.done()
+}
+
+/// SK-4.44 SK-5.4 SK-5.7 SK-7.16 SK-7.17 SK-7.18: every CSP, CSV and CST accepted is executed once and in order or
+/// stands in a counter; no shaft jumps; states change by legal ways; free and held entries are 160.
+#[test]
+fn random_schedules() {
+    let first = asked("ECMSK_SOAK_FIRST").unwrap_or(0);
+    let wanted = asked("ECMSK_SOAK_SCHEDULES");
+    let schedules = wanted.unwrap_or(SCHEDULES);
+    let mut all = Done::default();
+    let mut told = Instant::now();
+    for seed in first..first + schedules {
+        match catch_unwind(AssertUnwindSafe(|| schedule(seed))) {
+            Ok(done) => all += done,
+            Err(_) => panic!(
+                "schedule {seed} breaks an invariant (above); again: ECMSK_SOAK_FIRST={seed} ECMSK_SOAK_SCHEDULES=1 \
+                 cargo test --test invariants random_schedules"
+            ),
+        }
+        if wanted.is_some() && told.elapsed() > Duration::from_secs(5) {
+            told = Instant::now();
+            println!("{} of {schedules} schedules, {} cycles", seed + 1 - first, all.cycles);
+        }
+    }
+    println!("{schedules} schedules: {all:?}");
+    if schedules >= SCHEDULES {
+        all.assert_enough(schedules);
+    }
+}

@@ -10,7 +10,7 @@
 use super::plant::{Effort, Motor, Plant};
 use super::state_machine::{DeviceFault, OptionCodes, Power, Ramp, StateMachine, TransitionTimes};
 use crate::cia402::{DriveState, Mode, Statusword};
-use crate::fieldbus::{AxisIn, Ns};
+use crate::fieldbus::{AxisIn, AxisOut, Ns};
 
 /// Error code of a following error (CiA 402-2, 0x603F).
 pub const FOLLOWING_ERROR: u16 = 0x8611;
@@ -163,6 +163,17 @@ impl Axis {
     /// The targets, to set them.
     pub const fn targets_mut(&mut self) -> &mut Targets {
         &mut self.targets
+    }
+
+    /// Process data of a cycle have come: the controlword, and the target that `mode`'s RxPDO carries.
+    pub fn command(&mut self, mode: Mode, out: &AxisOut) {
+        self.machine.command(out.controlword);
+        match mode {
+            Mode::Csp => self.targets.position = out.target,
+            Mode::Csv => self.targets.velocity = out.target,
+            Mode::Cst => self.targets.torque = out.target as i16,
+            Mode::Homing => {}
+        }
     }
 
     /// What was measured at the end of the last step.

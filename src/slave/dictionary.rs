@@ -38,7 +38,7 @@
 mod object;
 mod values;
 
-pub use object::{Access, DataType, Object, PdoDirection, check};
+pub use object::{Access, DataType, Object, PdoDirection, check, join, rows};
 pub use values::{Slot, Value, Values, slot};
 
 use super::SdoValue;

@@ -2,18 +2,18 @@
 
 mod objects;
 
-use super::al::ApplicationLayer;
-use super::axis::{Axis, Settings};
-use super::dictionary::{self, Values};
-use super::plant::Motor;
-use super::state_machine::{DeviceFault, OptionCodes, TransitionTimes};
-use super::{AlStatus, SdoValue, Slave};
-use crate::cia402::{Controlword, MODES_OF_OPERATION, Mode};
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{AlState, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
-use crate::sk::DriveSync;
+use std::slice;
 
-pub use objects::{PRODUCT_CODE, REVISION, VENDOR_ID};
+use super::axis::{Axis, Settings};
+use super::device::{Base, Model, mode_refused, not_of_this_kind};
+use super::dictionary::{Object, Values};
+use super::plant::Motor;
+use super::state_machine::{OptionCodes, TransitionTimes};
+use crate::cia402::Mode;
+use crate::coe::AbortCode;
+use crate::fieldbus::{Refusal, Role};
+
+pub use objects::{PRODUCT_CODE, REVISION};
 
 /// How a [`Drive`] differs from the one it is by default.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,15 +49,9 @@ impl Default for DriveConfig {
 /// its outputs, 100 ms) it brakes on the quick-stop ramp and ends in Switch on disabled; this is no fault.
 #[derive(Clone, Debug)]
 pub struct Drive {
-    name: String,
-    serial: u32,
+    base: Base,
     motor: Motor,
-    al: ApplicationLayer,
-    values: Values,
     axis: Axis,
-    /// The mode whose target the RxPDO carries; `None`: no process data are mapped.
-    mapped: Option<Mode>,
-    sync: DriveSync,
 }
 
 impl Drive {
@@ -66,8 +60,7 @@ impl Drive {
         let DriveConfig { name, serial, position, motor, times } = config;
         let values = objects::defaults(&motor);
         let axis = Axis::new(&motor, times, settings(&values), position);
-        let (al, sync) = (ApplicationLayer::default(), DriveSync::default());
-        Self { name, serial, motor, al, values, axis, mapped: None, sync }
+        Self { base: Base::new(name, serial, values), motor, axis }
     }
 
     /// The axis, for measurements that no object shows.
@@ -77,7 +70,7 @@ impl Drive {
 
     /// Objects that the axis works with are new.
     fn settings_changed(&mut self) {
-        self.axis.set(settings(&self.values));
+        self.axis.set(settings(&self.base.values));
     }
 
     fn set_mode(&mut self, code: i64) -> Result<(), AbortCode> {
@@ -89,11 +82,6 @@ impl Drive {
             // Homing comes with the switches it needs.
             Some(Mode::Homing) | None => Err(AbortCode::VALUE_RANGE),
         }
-    }
-
-    /// Without a mailbox nothing answers, and the master's transfer times out.
-    fn mailbox(&self) -> Result<(), AbortCode> {
-        if self.al.state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
     }
 }
 
@@ -116,90 +104,31 @@ fn settings(values: &Values) -> Settings {
     }
 }
 
-impl Slave for Drive {
-    fn name(&self) -> &str {
-        &self.name
+impl Model for Drive {
+    fn objects() -> &'static [Object<Self>] {
+        objects::OBJECTS
     }
 
-    fn state(&self) -> AlState {
-        self.al.state()
+    fn base(&self) -> &Base {
+        &self.base
     }
 
-    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
-        let was = self.al.state();
-        let ready = if self.mapped.is_some() { Ok(()) } else { Err(AlStatus::INVALID_OUTPUTS) };
-        self.al.enter(target, ready)?;
-        if was == AlState::Op && target != AlState::Op {
-            self.axis.machine_mut().lose_master();
+    fn base_mut(&mut self) -> &mut Base {
+        &mut self.base
+    }
+
+    fn axes(&self) -> &[Axis] {
+        slice::from_ref(&self.axis)
+    }
+
+    fn axes_mut(&mut self) -> &mut [Axis] {
+        slice::from_mut(&mut self.axis)
+    }
+
+    fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
+        match role {
+            Role::Drive(mode) => self.set_mode(mode.code().into()).map_err(mode_refused),
+            _ => Err(not_of_this_kind()),
         }
-        if target == AlState::Init {
-            self.mapped = None;
-        }
-        Ok(())
-    }
-
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-        let refusal = |AlStatus(al_status), abort| Err(Refusal { slave: 0, al_status, abort });
-        if self.al.state() != AlState::PreOp {
-            return refusal(AlStatus::INVALID_CHANGE, None);
-        }
-        match config.role {
-            Role::Unused => {
-                self.mapped = None;
-                return Ok(());
-            }
-            Role::Drive(mode) => {
-                if let Err(code) = self.set_mode(mode.code().into()) {
-                    return refusal(AlStatus(0), Some((ObjectAddress::new(MODES_OF_OPERATION, 0), code)));
-                }
-                self.mapped = Some(mode);
-            }
-            // [OURS] Sync manager 2 is looked at first, and no other role has the outputs of a servo drive.
-            Role::Step(_) | Role::Hsp(_) | Role::Io => return refusal(AlStatus::INVALID_OUTPUTS, None),
-        }
-        self.sync = config.sync;
-        Ok(())
-    }
-
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
-        self.mailbox()?;
-        dictionary::upload(self, object)
-    }
-
-    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-        self.mailbox()?;
-        dictionary::download(self, object, size, value)
-    }
-
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
-        inputs[0] = *self.axis.measured();
-        let (Some([out, ..]), AlState::Op) = (outputs, self.al.state()) else { return };
-        self.al.feed();
-        self.axis.machine_mut().command(Controlword(out.controlword.0));
-        let targets = self.axis.targets_mut();
-        match self.mapped {
-            Some(Mode::Csp) => targets.position = out.target,
-            Some(Mode::Csv) => targets.velocity = out.target,
-            Some(Mode::Cst) => targets.torque = out.target as i16,
-            Some(Mode::Homing) | None => {}
-        }
-    }
-
-    fn step(&mut self, dt_ns: Ns) {
-        if self.al.step(dt_ns) {
-            self.axis.machine_mut().lose_master();
-        }
-        self.axis.step(dt_ns);
-    }
-
-    fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
-        if axis == 0 {
-            self.axis.machine_mut().raise(fault);
-        }
-        axis == 0
-    }
-
-    fn shaft(&self, axis: usize) -> Option<i64> {
-        (axis == 0).then(|| self.axis.plant().position())
     }
 }

@@ -1,11 +1,12 @@
 //! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
 //!
 //! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
-//! [`plant`] joined to an [`axis`]. [`drive`] is a servo drive made of them, [`io`] a module of digital inputs and
-//! outputs.
+//! [`plant`] joined to an [`axis`]; [`device`] is what all of them do alike. [`drive`] is a servo drive made of them,
+//! [`io`] a module of digital inputs and outputs.
 
 pub mod al;
 pub mod axis;
+pub mod device;
 pub mod dictionary;
 pub mod drive;
 pub mod io;

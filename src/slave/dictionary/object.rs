@@ -285,6 +285,34 @@ impl<D> Object<D> {
     }
 }
 
+/// How many rows the parts of a table have together: the `N` of [`join`].
+pub const fn rows<D>(parts: &[&[Object<D>]]) -> usize {
+    let (mut rows, mut n) = (0, 0);
+    while n < parts.len() {
+        rows += parts[n].len();
+        n += 1;
+    }
+    rows
+}
+
+/// One table of several parts, in their order.
+///
+/// # Panics
+/// If `N` is more than [`rows`]: in a constant, when compiling.
+pub const fn join<D, const N: usize>(parts: &[&[Object<D>]]) -> [Object<D>; N] {
+    let mut table = [parts[0][0]; N];
+    let (mut part, mut row, mut n) = (0, 0, 0);
+    while n < N {
+        if row < parts[part].len() {
+            table[n] = parts[part][row];
+            (row, n) = (row + 1, n + 1);
+        } else {
+            (part, row) = (part + 1, 0);
+        }
+    }
+    table
+}
+
 /// Stops the compiler if a table is not in order: addresses ascend without overlap, ranges fit their types, defaults
 /// their ranges, and what can be written has a place for it.
 pub const fn check<D>(objects: &[Object<D>]) {

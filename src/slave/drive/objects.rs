@@ -3,21 +3,25 @@
 use super::Drive;
 use crate::cia402::Controlword;
 use crate::coe::AbortCode;
-use crate::fieldbus::AlState;
-use crate::sk::DriveSync;
+use crate::fieldbus::{AlState, Role};
 use crate::slave::axis::rounded;
-use crate::slave::dictionary::{Device, Object, Slot, Values, check, slot};
+use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
+use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::plant::Motor;
 
-/// 0x1018:1. \[OURS] "ECMS": no vendor's number.
-pub const VENDOR_ID: u32 = 0x4543_4D53;
 /// 0x1018:2. \[OURS] "SERV".
 pub const PRODUCT_CODE: u32 = 0x5345_5256;
 /// 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
 
-/// 0x1000: device profile 402, servo drive.
-const DEVICE_TYPE: i64 = 0x0002_0192;
+const IDENTITY: Identity = Identity {
+    // Device profile 402, servo drive.
+    device_type: 0x0002_0192,
+    name: "SRVO simulated servo drive",
+    vendor_id: VENDOR_ID,
+    product_code: PRODUCT_CODE,
+    revision: REVISION,
+};
 /// 0x6502: CSP, CSV, CST.
 const SUPPORTED_MODES: i64 = 1 << 7 | 1 << 8 | 1 << 9;
 
@@ -60,15 +64,11 @@ type Row = Object<Drive>;
 
 /// Every object. Homing objects (0x607C, 0x6098 to 0x609A) and those of profile modes are kept for what will use them;
 /// 0x605D, halt, acts in no cyclic mode. 0x60C2 is kept too: the demand goes by the cycle as it is.
-const OBJECTS: &[Row] = &[
-    Row::u32(0x1000, 0, "Device type").default(DEVICE_TYPE),
-    Row::u8(0x1001, 0, "Error register").live(|drive| error_register(drive.axis.measured().error_code)),
-    Row::text(0x1008, 0, "Device name", "SRVO simulated servo drive"),
-    Row::u8(0x1018, 0, "Identity").default(4),
-    Row::u32(0x1018, 1, "Vendor ID").default(VENDOR_ID as i64),
-    Row::u32(0x1018, 2, "Product code").default(PRODUCT_CODE as i64),
-    Row::u32(0x1018, 3, "Revision").default(REVISION as i64),
-    Row::u32(0x1018, 4, "Serial number").live(|drive| drive.serial.into()),
+pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
+const _: () = check(OBJECTS);
+const PARTS: [&[Row]; 4] = [&identity(&IDENTITY), PROCESS_DATA, &synchronization(), CIA402];
+
+const PROCESS_DATA: &[Row] = &[
     Row::u8(0x1600, 0, "RxPDO CSP").default(2),
     Row::u32(0x1600, 1, "Controlword").default(0x6040_0010),
     Row::u32(0x1600, 2, "Target position").default(0x607A_0020),
@@ -83,14 +83,13 @@ const OBJECTS: &[Row] = &[
     Row::u32(0x1A00, 2, "Position actual value").default(0x6064_0020),
     Row::u32(0x1A00, 3, "Torque actual value").default(0x6077_0010),
     Row::u32(0x1A00, 4, "Error code").default(0x603F_0010),
-    Row::u8(0x1C12, 0, "RxPDO assign").live(|drive| drive.mapped.is_some().into()),
-    Row::u16(0x1C12, 1, "RxPDO").live(|drive| drive.mapped.map_or(0, |mode| 0x1600 + i64::from(mode.code() - 8))),
-    Row::u8(0x1C13, 0, "TxPDO assign").live(|drive| drive.mapped.is_some().into()),
-    Row::u16(0x1C13, 1, "TxPDO").live(|drive| drive.mapped.map_or(0, |_| 0x1A00)),
-    Row::u8(0x1C32, 0, "SM output parameter").default(1),
-    Row::u16(0x1C32, 1, "Synchronization type").live(synchronization_type),
-    Row::u8(0x1C33, 0, "SM input parameter").default(1),
-    Row::u16(0x1C33, 1, "Synchronization type").live(synchronization_type),
+    Row::u8(0x1C12, 0, "RxPDO assign").live(|drive| drive.base.mapped().is_some().into()),
+    Row::u16(0x1C12, 1, "RxPDO").live(rx_pdo),
+    Row::u8(0x1C13, 0, "TxPDO assign").live(|drive| drive.base.mapped().is_some().into()),
+    Row::u16(0x1C13, 1, "TxPDO").live(|drive| drive.base.mapped().map_or(0, |_| 0x1A00)),
+];
+
+const CIA402: &[Row] = &[
     Row::u16(0x603F, 0, "Error code").tx().live(|drive| drive.axis.measured().error_code.into()),
     Row::u16(0x6040, 0, "Controlword").rw().rx().live(|drive| drive.axis.machine().controlword().0.into()).setter(
         |drive, word| {
@@ -176,44 +175,11 @@ const OBJECTS: &[Row] = &[
     ),
     Row::u32(0x6502, 0, "Supported drive modes").default(SUPPORTED_MODES),
 ];
-const _: () = check(OBJECTS);
 
-impl Device for Drive {
-    fn objects() -> &'static [Object<Self>] {
-        OBJECTS
+/// 0x1C12:1, the mode's PDO.
+fn rx_pdo(drive: &Drive) -> i64 {
+    match drive.base.mapped() {
+        Some(Role::Drive(mode)) => 0x1600 + i64::from(mode.code() - 8),
+        _ => 0,
     }
-
-    fn values(&self) -> &Values {
-        &self.values
-    }
-
-    fn values_mut(&mut self) -> &mut Values {
-        &mut self.values
-    }
-
-    fn al_state(&self) -> AlState {
-        self.al.state()
-    }
-}
-
-/// 0x1C32:1 and 0x1C33:1: 0 free run, 2 DC with SYNC0.
-fn synchronization_type(drive: &Drive) -> i64 {
-    match drive.sync {
-        DriveSync::FreeRun => 0,
-        DriveSync::DcSync => 2,
-    }
-}
-
-/// Error register (CiA 301 7.5.2.2) of an error code: bit 0 for any, and the bit of its group.
-fn error_register(code: u16) -> i64 {
-    let group = match code >> 12 {
-        0 => return 0,
-        2 => 1 << 1,
-        3 => 1 << 2,
-        4 => 1 << 3,
-        _ if code >> 8 == 0x81 => 1 << 4,
-        0xF => 1 << 7,
-        _ => 1 << 5,
-    };
-    1 | group
 }

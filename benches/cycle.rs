@@ -13,7 +13,7 @@ use ecmsk::sk::{
     DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind, SlotSize,
     StateByte, crc::frame_crc,
 };
-use ecmsk::slave::plant::{Effort, Motor, Plant};
+use ecmsk::slave::plant::{Effort, Motor, Servo};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
@@ -84,7 +84,7 @@ impl PlainLoop {
         Self {
             command: Frame::new(),
             report: Frame::new(),
-            plants: vec![Plant::new(&Motor::default(), 0); DRIVES],
+            plants: vec![Servo::new(&Motor::default(), 0); DRIVES],
             path: Path::default(),
         }
     }

@@ -115,7 +115,7 @@ fn configure_names_the_slave_that_refuses() {
     config.slaves[2].role = Role::Hsp(Mode::Csp);
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(3, 0x001D)));
     config.slaves[2].role = Role::Unused;
-    assert_eq!(bench.run(Job::Configure(config)), (JobDone::Configure(Ok(())), 30 * MS));
+    assert_eq!(bench.run(Job::Configure(config)), (JobDone::Configure(Ok(SlaveSet::EMPTY)), 30 * MS));
     bench.handle.silence(2, true);
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(2, 0)), "it said nothing");
 }

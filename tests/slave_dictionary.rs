@@ -32,8 +32,8 @@ const OBJECTS: &[Row] = &[
         Ok(())
     }),
     Row::u16(0x2006, 0, "Early").rw_up_to(AlState::PreOp),
-    Row::text(0x2007, 0, "Long name", "TEST bench"),
-    Row::text(0x2008, 0, "Short name", "ab"),
+    Row::text(0x2007, 0, "Long name", |_| "TEST bench"),
+    Row::text(0x2008, 0, "Short name", |_| "ab"),
 ];
 const _: () = check(OBJECTS);
 

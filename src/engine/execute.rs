@@ -2,9 +2,10 @@
 
 use super::{CrcSwitches, Engine, Event, Head, Reason, Rejection};
 use crate::cia402::Mode;
-use crate::fieldbus::{MAX_AXES, Ns, Role};
+use crate::fieldbus::{Ns, Role};
 use crate::sk::{
-    CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlotCommand,
+    CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand,
+    SlotCommand,
 };
 
 /// In OP these do not wait in the FIFO (SK-5 \[OURS]).
@@ -154,45 +155,59 @@ impl Engine {
             self.v.modes[slave - 1] = (mode, sync);
             return Ok(None);
         }
-        let role = self.role(slave);
-        let axes = match role {
-            Role::Unused => return Err(Reason::NoSlave),
-            Role::Io => 0,
-            Role::Drive(_) | Role::Step(_) => 1,
-            Role::Hsp(_) => MAX_AXES,
-        };
-        match (*command, role) {
-            (SlaveCommand::GetStatus, _) => {}
-            (SlaveCommand::ServoOn, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_on),
-            (SlaveCommand::ServoOff, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::switch_off),
-            (SlaveCommand::IoRead, Role::Io) => {}
+        match (*command, self.role(slave)) {
+            (_, Role::Unused) => return Err(Reason::NoSlave),
+            (SlaveCommand::GetStatus, _) | (SlaveCommand::IoRead, Role::Io) => {}
             (SlaveCommand::IoWrite(bits), Role::Io) => {
                 self.v.axes[slave - 1][0].out.outputs = bits;
                 return Ok(Some(bits));
             }
-            (SlaveCommand::AlarmClear, Role::Drive(_)) => self.each_axis(slave, axes, super::Axis::clear_alarm),
-            (SlaveCommand::Csp(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csp, mode, motion.first.target)?,
-            (SlaveCommand::Csv(motion), Role::Drive(mode)) => self.aim(slave, Mode::Csv, mode, motion.first.target)?,
-            (SlaveCommand::Cst(torque), Role::Drive(mode)) => self.aim(slave, Mode::Cst, mode, torque.into())?,
-            (SlaveCommand::GoHome | SlaveCommand::AbortHome, Role::Drive(_)) => return Err(Reason::NotModelled),
+            (_, Role::Io) => return Err(Reason::WrongSlot),
+            (SlaveCommand::ServoOn, _) => self.each_axis(slave, super::Axis::switch_on),
+            (SlaveCommand::ServoOff, _) => self.each_axis(slave, super::Axis::switch_off),
+            (SlaveCommand::AlarmClear, _) => self.each_axis(slave, super::Axis::clear_alarm),
+            (SlaveCommand::Csp(motion), Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode)) => {
+                self.aim(slave, Mode::Csp, mode, &motion)?;
+            }
+            (SlaveCommand::Csv(motion), Role::Drive(mode) | Role::Hsp(mode)) => {
+                self.aim(slave, Mode::Csv, mode, &motion)?;
+            }
+            (SlaveCommand::Cst(torque), Role::Drive(mode)) => {
+                self.aim(slave, Mode::Cst, mode, &Motion::to(torque.into()))?;
+            }
+            (SlaveCommand::GoHome | SlaveCommand::AbortHome, _) => return Err(Reason::NotModelled),
             _ => return Err(Reason::WrongSlot),
         }
         Ok(None)
     }
 
-    fn each_axis(&mut self, slave: usize, axes: usize, act: impl Fn(&mut super::Axis)) {
+    fn each_axis(&mut self, slave: usize, act: impl Fn(&mut super::Axis)) {
+        let axes = self.axes(slave);
         self.v.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
-    /// A target: accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value.
-    fn aim(&mut self, slave: usize, wanted: Mode, configured: Mode, target: i32) -> Result<(), Reason> {
+    /// Targets: accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value; of a slave of two axes
+    /// it is axis 1 that decides, and a target for an axis 2 that is in another mode is discarded \[OURS].
+    ///
+    /// A command whose targets are discarded, one or both, counts once; its outputs are taken all the same: they have
+    /// nothing to do with the power stage \[OURS].
+    fn aim(&mut self, slave: usize, wanted: Mode, configured: Mode, motion: &Motion) -> Result<(), Reason> {
         let written = self.v.modes_written[slave - 1][0];
         if configured != wanted || written != wanted.code() {
             return Err(Reason::WrongMode);
         }
-        if !self.v.axes[slave - 1][0].aim(target) {
-            self.counters.discarded_before_enabled += 1;
+        let has_outputs = matches!(self.v.roles[slave - 1], Role::Hsp(_));
+        let two_channels = self.carries_two_channels(slave);
+        let [first, second] = &mut self.v.axes[slave - 1];
+        let mut follows = first.aim(motion.first.target);
+        if has_outputs {
+            first.out.outputs = motion.first.outputs;
         }
+        if two_channels {
+            follows &= second.aim(motion.second.target);
+            second.out.outputs = motion.second.outputs;
+        }
+        self.counters.discarded_before_enabled += u64::from(!follows);
         Ok(())
     }
 

@@ -62,6 +62,10 @@ impl Engine {
 
     fn start_next(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         while let Some(step) = self.v.network.next_step() {
+            if step == Step::Configure && !self.has_process_data() {
+                self.v.network.fail();
+                continue;
+            }
             let Some(job) = self.network_job(step, now) else {
                 // Nobody has to move: the state is reached.
                 self.step_done(step);
@@ -123,19 +127,29 @@ impl Engine {
         slaves
     }
 
+    /// What SET_AXIS and DRIVE_MODE say of slave `n` (from 0).
+    const fn declared_role(&self, n: usize) -> Role {
+        let (mode, _) = self.v.modes[n];
+        match self.v.kinds[n] {
+            SlaveKind::Drive => Role::Drive(mode),
+            SlaveKind::Step => Role::Step(mode),
+            SlaveKind::Hsp => Role::Hsp(mode),
+            SlaveKind::Io => Role::Io,
+            SlaveKind::None => Role::Unused,
+        }
+    }
+
+    /// SK-7 \[OURS]: DRIVE_MODE 10 for an HSP and other than 8 for a STEP fail PreOP to SafeOP, whoever the slave is.
+    fn has_process_data(&self) -> bool {
+        (0..usize::from(self.v.network.found())).all(|n| self.declared_role(n).has_process_data())
+    }
+
     fn bus_config(&mut self) -> BusConfig {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync };
         let mut config = BusConfig { cycle: self.v.cycle, slaves: [unused; MAX_SLAVES] };
         for n in 0..usize::from(self.v.network.found()) {
-            let (mode, sync) = self.v.modes[n];
-            let role = match self.v.kinds[n] {
-                SlaveKind::Drive => Role::Drive(mode),
-                SlaveKind::Step => Role::Step(mode),
-                SlaveKind::Hsp => Role::Hsp(mode),
-                SlaveKind::Io => Role::Io,
-                SlaveKind::None => Role::Unused,
-            };
-            config.slaves[n] = SlaveConfig { role, sync };
+            let (_, sync) = self.v.modes[n];
+            config.slaves[n] = SlaveConfig { role: self.declared_role(n), sync };
         }
         self.v.cycle_in_op = config.cycle;
         for (role, slave) in self.v.roles.iter_mut().zip(&config.slaves) {
@@ -149,7 +163,11 @@ impl Engine {
             (Work::Network(Step::Scan), JobDone::Scan { found }) => {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
             }
-            (Work::Network(step), JobDone::Configure(Ok(())) | JobDone::State(Ok(()))) => self.step_done(step),
+            (Work::Network(Step::Configure), JobDone::Configure(Ok(second_axes))) => {
+                self.v.second_axes = second_axes;
+                self.step_done(Step::Configure);
+            }
+            (Work::Network(step), JobDone::State(Ok(()))) => self.step_done(step),
             (Work::Network(_), _) => self.v.network.fail(),
             (Work::HostSdo, JobDone::Sdo(result)) => self.sdo_done(result),
             (Work::HostSdo, _) => {}
@@ -177,7 +195,7 @@ impl Engine {
     /// "At PreOP -> SafeOP the board writes DRIVE_MODE's value" to 0x6060.
     fn modes_configured(&mut self) {
         for (written, role) in self.v.modes_written.iter_mut().zip(&self.v.roles) {
-            if let Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode) = role {
+            if let Some(mode) = role.mode() {
                 *written = [mode.code(); MAX_AXES];
             }
         }

@@ -32,7 +32,7 @@ pub use stepped::{Stepped, Stop};
 pub use threaded::{Lateness, Threaded};
 
 use crate::cia402::Mode;
-use crate::fieldbus::{Fieldbus, Inputs, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role};
+use crate::fieldbus::{Fieldbus, Inputs, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind, SlotSize, StateByte};
 use axis::Axis;
 use counters::EventLog;
@@ -112,6 +112,8 @@ struct Volatile {
     /// Cycle and roles as they were configured on the way to SafeOP.
     cycle_in_op: CycleTime,
     roles: [Role; MAX_SLAVES],
+    /// Pulse modules of two channels among them.
+    second_axes: SlaveSet,
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
@@ -135,6 +137,7 @@ impl Volatile {
             network: Network::default(),
             cycle_in_op: CycleTime::DEFAULT,
             roles: [Role::Unused; MAX_SLAVES],
+            second_axes: SlaveSet::EMPTY,
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
@@ -349,6 +352,21 @@ impl Engine {
     fn clear_fifo(&mut self) {
         self.counters.cleared += u64::from(self.fifo.clear());
         self.discard_ahead = true;
+    }
+
+    /// How many axes a slave has in its role: those that SV_ON, SV_OFF and ALM_CLR act on, whatever the size of a slot
+    /// \[OURS].
+    fn axes(&self, slave: usize) -> usize {
+        match self.role(slave) {
+            Role::Io | Role::Unused => 0,
+            Role::Drive(_) | Role::Step(_) => 1,
+            Role::Hsp(_) => 1 + usize::from(self.v.second_axes.contains(slave as u8)),
+        }
+    }
+
+    /// Whether a slave's slot carries two channels (SK-3): in 12-byte mode a module of two moves axis 1 only \[OURS].
+    fn carries_two_channels(&self, slave: usize) -> bool {
+        self.config.slot == SlotSize::Bytes16 && self.v.second_axes.contains(slave as u8)
     }
 
     /// Whether commands for that slave's slot have somebody to go to.

@@ -1,7 +1,7 @@
 //! The answer of a cycle: the axes' next steps, and the response frame (SK-2, SK-3).
 
 use super::{Engine, Firmware, Head};
-use crate::fieldbus::{CycleDone, MAX_AXES, Role};
+use crate::fieldbus::{CycleDone, Role};
 use crate::sk::{
     CommandId, DriveResponse, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterResponse, RawSlot, SlaveResponse,
 };
@@ -46,12 +46,8 @@ impl Engine {
 
     pub(super) fn answer_axes(&mut self) {
         for slave in 1..=usize::from(self.v.network.found()) {
-            let (mode, axes) = match self.role(slave) {
-                Role::Drive(mode) | Role::Step(mode) => (mode, 1),
-                Role::Hsp(mode) => (mode, MAX_AXES),
-                Role::Io | Role::Unused => continue,
-            };
-            for axis in 0..axes {
+            let Some(mode) = self.role(slave).mode() else { continue };
+            for axis in 0..self.axes(slave) {
                 let in_mode = self.in_mode(slave, axis, mode);
                 self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, in_mode);
             }
@@ -91,7 +87,11 @@ impl Engine {
                 head,
                 statusword: input[0].statusword,
                 first: HspAxis { position: input[0].position, inputs: input[0].inputs },
-                second: HspAxis { position: input[1].position, inputs: input[1].inputs },
+                second: if self.carries_two_channels(slave) {
+                    HspAxis { position: input[1].position, inputs: input[1].inputs }
+                } else {
+                    HspAxis::default()
+                },
             }
             .encode(self.config.slot),
             Role::Io => IoResponse { head, bits: output_image.unwrap_or(input[0].inputs) }.encode(),

@@ -112,6 +112,27 @@ pub enum Role {
     Io,
 }
 
+impl Role {
+    /// The mode in which its axes move, `None` if it has none.
+    pub const fn mode(self) -> Option<Mode> {
+        match self {
+            Self::Drive(mode) | Self::Step(mode) | Self::Hsp(mode) => Some(mode),
+            Self::Io | Self::Unused => None,
+        }
+    }
+
+    /// Whether there are process data for it (SK-7, table): a pulse module has none in CST, and a stepper in CSP alone
+    /// \[OURS].
+    pub const fn has_process_data(self) -> bool {
+        match self {
+            Self::Drive(mode) => matches!(mode, Mode::Csp | Mode::Csv | Mode::Cst),
+            Self::Hsp(mode) => matches!(mode, Mode::Csp | Mode::Csv),
+            Self::Step(mode) => matches!(mode, Mode::Csp),
+            Self::Io | Self::Unused => true,
+        }
+    }
+}
+
 /// How one slave is to be configured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfig {
@@ -172,8 +193,9 @@ pub enum JobDone {
         /// Slaves.
         found: u8,
     },
-    /// The slaves are configured, or the first one that refused.
-    Configure(Result<(), Refusal>),
+    /// The slaves are configured, or the first one that refused. In the set are the slaves of [`Role::Hsp`] that have a
+    /// second axis: those whose controlword 0x6840 can be read by SDO \[OURS].
+    Configure(Result<SlaveSet, Refusal>),
     /// The slaves are in the state asked for, or the first one that is not.
     State(Result<(), Refusal>),
     /// The value (read: zero-extended; written: as requested), or the abort code.

@@ -11,7 +11,7 @@ use super::{LinkError, Share};
 use crate::engine::{Board, EngineConfig, RealTime};
 use crate::fieldbus::Ns;
 use crate::fieldbus::sim::SimBus;
-use crate::slave::{Drive, DriveConfig, Io, Slave};
+use crate::slave::{Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -60,6 +60,9 @@ fn switch_on(options: &SimOptions) -> Board {
 fn build(model: SlaveModel) -> Box<dyn Slave> {
     match model {
         SlaveModel::Drive => Box::new(Drive::new(DriveConfig::default())),
+        SlaveModel::Step => Box::new(Drive::new(DriveConfig::stepper())),
+        SlaveModel::Hsp => Box::new(Hsp::new(HspConfig::with(Channels::One))),
+        SlaveModel::Hsp2 => Box::new(Hsp::new(HspConfig::with(Channels::Two))),
         SlaveModel::Io => Box::<Io>::default(),
     }
 }

@@ -7,26 +7,34 @@ use crate::sk::SlotSize;
 pub enum SlaveModel {
     /// A CiA 402 servo drive.
     Drive,
+    /// A CiA 402 stepper: CSP alone.
+    Step,
+    /// A pulse module of one channel.
+    Hsp,
+    /// A pulse module of two channels.
+    Hsp2,
     /// 16 digital outputs and 16 digital inputs, output k wired to input k.
     Io,
 }
 
 impl SlaveModel {
     /// Every model of this build.
-    pub const ALL: [Self; 2] = [Self::Drive, Self::Io];
+    pub const ALL: [Self; 5] = [Self::Drive, Self::Io, Self::Step, Self::Hsp, Self::Hsp2];
 
     /// Its name in a link.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Drive => "drive",
+            Self::Step => "step",
+            Self::Hsp => "hsp",
+            Self::Hsp2 => "hsp2",
             Self::Io => "io",
         }
     }
 }
 
-/// Kinds whose names are known, but which are in no build yet: stepper, pulse module with one and with two channels,
-/// Xinje DP3CL.
-const LATER: [&str; 4] = ["step", "hsp", "hsp2", "dp3cl"];
+/// Kinds whose names are known, but which are in no build yet: Xinje DP3CL.
+const LATER: [&str; 1] = ["dp3cl"];
 
 /// The value for a network without slaves; an empty value means the same.
 const NONE: &str = "none";

@@ -7,7 +7,7 @@
 //! Positions are `i64` counts inside and wrap to the `i32` of objects 0x6064 and 0x607A: a target means the position
 //! nearest to the present demand that has those low 32 bits, so an axis may turn in one direction for ever.
 
-use super::plant::{Effort, Motor, Plant};
+use super::plant::{Effort, Motor, Plant, PulseTrain, Pulses, Servo};
 use super::state_machine::{DeviceFault, OptionCodes, Power, Ramp, StateMachine, TransitionTimes};
 use crate::cia402::{DriveState, Mode, Statusword};
 use crate::fieldbus::{AxisIn, AxisOut, Ns};
@@ -70,6 +70,13 @@ struct Demand {
     velocity: f64,
 }
 
+/// How near to its target an axis has reached it.
+struct Reached {
+    counts: u32,
+    /// counts/s.
+    velocity: f64,
+}
+
 /// The axis.
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -94,9 +101,24 @@ pub struct Axis {
 impl Axis {
     /// An axis at power-on, its shaft at `position`, in CSP.
     pub fn new(motor: &Motor, times: TransitionTimes, settings: Settings, position: i64) -> Self {
+        let reached = Reached {
+            // [OURS] Bit 10: within a thousandth of a turn in CSP, within 10 rpm in CSV.
+            counts: (motor.counts_per_turn / 1000).max(1),
+            velocity: f64::from(motor.counts_per_turn) / 6.0,
+        };
+        Self::moving(Plant::Servo(Servo::new(motor, position)), reached, times, settings, position)
+    }
+
+    /// The same with a train of pulses instead of a motor.
+    pub fn of_pulses(train: &PulseTrain, times: TransitionTimes, settings: Settings, position: i64) -> Self {
+        let reached = Reached { counts: 0, velocity: 0.0 };
+        Self::moving(Plant::Pulses(Pulses::new(train, position)), reached, times, settings, position)
+    }
+
+    fn moving(plant: Plant, reached: Reached, times: TransitionTimes, settings: Settings, position: i64) -> Self {
         let mut axis = Self {
             machine: StateMachine::new(times, settings.options),
-            plant: Plant::new(motor, position),
+            plant,
             settings,
             limits: None,
             mode: Mode::Csp,
@@ -106,9 +128,8 @@ impl Axis {
             outside_ns: 0,
             held_back: false,
             reached: false,
-            // [OURS] Bit 10: within a thousandth of a turn in CSP, within 10 rpm in CSV.
-            position_reached: i64::from(motor.counts_per_turn / 1000).max(1),
-            velocity_reached: f64::from(motor.counts_per_turn) / 6.0,
+            position_reached: i64::from(reached.counts),
+            velocity_reached: reached.velocity,
             measured: AxisIn::default(),
         };
         axis.set(settings);

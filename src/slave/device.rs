@@ -9,7 +9,7 @@ use super::axis::Axis;
 use super::dictionary::{self, Object, Values};
 use super::state_machine::DeviceFault;
 use super::{AlStatus, SdoValue, Slave};
-use crate::cia402::{MODES_OF_OPERATION, Mode};
+use crate::cia402::MODES_OF_OPERATION;
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{AlState, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
 use crate::sk::DriveSync;
@@ -17,11 +17,27 @@ use crate::sk::DriveSync;
 /// 0x1018:1 of the devices that are no vendor's. \[OURS] "ECMS": no vendor's number.
 pub const VENDOR_ID: u32 = 0x4543_4D53;
 
+/// What a device says of itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Identity {
+    /// 0x1000: device profile and type.
+    pub device_type: u32,
+    /// 0x1008.
+    pub name: &'static str,
+    /// 0x1018:1.
+    pub vendor_id: u32,
+    /// 0x1018:2.
+    pub product_code: u32,
+    /// 0x1018:3.
+    pub revision: u32,
+}
+
 /// What every device keeps.
 #[derive(Clone, Debug)]
 pub struct Base {
     name: String,
     serial: u32,
+    identity: &'static Identity,
     al: ApplicationLayer,
     /// The stored values of its objects.
     pub values: Values,
@@ -30,9 +46,11 @@ pub struct Base {
 }
 
 impl Base {
-    /// A device that is switched on now: its name for people, its serial number (0x1018:4), its stored values.
-    pub fn new(name: String, serial: u32, values: Values) -> Self {
-        Self { name, serial, al: ApplicationLayer::default(), values, mapped: None, sync: DriveSync::default() }
+    /// A device that is switched on now: its name for people, its serial number (0x1018:4), what it says of itself,
+    /// its stored values.
+    pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values) -> Self {
+        let (al, sync) = (ApplicationLayer::default(), DriveSync::default());
+        Self { name, serial, identity, al, values, mapped: None, sync }
     }
 
     /// Its AL state.
@@ -105,14 +123,6 @@ pub const fn mode_refused(code: AbortCode) -> Refusal {
     Refusal { slave: 0, al_status: 0, abort: Some((ObjectAddress::new(MODES_OF_OPERATION, 0), code)) }
 }
 
-/// The mode in which the axes of a role move.
-const fn mode_of(role: Role) -> Option<Mode> {
-    match role {
-        Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode) => Some(mode),
-        Role::Io | Role::Unused => None,
-    }
-}
-
 fn lose_outputs<M: Model>(device: &mut M) {
     device.axes_mut().iter_mut().for_each(|axis| axis.machine_mut().lose_master());
     device.lose_outputs();
@@ -180,7 +190,7 @@ impl<M: Model> Slave for M {
         let Some(outputs) = outputs.filter(|_| self.base().al_state() == AlState::Op) else { return };
         let base = self.base_mut();
         base.al.feed();
-        if let Some(mode) = base.mapped.and_then(mode_of) {
+        if let Some(mode) = base.mapped.and_then(Role::mode) {
             for (axis, out) in self.axes_mut().iter_mut().zip(outputs) {
                 axis.command(mode, out);
             }
@@ -224,31 +234,16 @@ impl<M: Model> dictionary::Device for M {
     }
 }
 
-/// What a device says of itself.
-#[derive(Clone, Copy, Debug)]
-pub struct Identity {
-    /// 0x1000: device profile and type.
-    pub device_type: u32,
-    /// 0x1008.
-    pub name: &'static str,
-    /// 0x1018:1.
-    pub vendor_id: u32,
-    /// 0x1018:2.
-    pub product_code: u32,
-    /// 0x1018:3.
-    pub revision: u32,
-}
-
 /// Objects 0x1000 to 0x1018, which every device has and programs look for.
-pub const fn identity<M: Model>(of: &Identity) -> [Object<M>; 8] {
+pub const fn identity<M: Model>() -> [Object<M>; 8] {
     [
-        Object::u32(0x1000, 0, "Device type").default(of.device_type as i64),
+        Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
         Object::u8(0x1001, 0, "Error register").live(error_register),
-        Object::text(0x1008, 0, "Device name", of.name),
+        Object::text(0x1008, 0, "Device name", |device: &M| device.base().identity.name),
         Object::u8(0x1018, 0, "Identity").default(4),
-        Object::u32(0x1018, 1, "Vendor ID").default(of.vendor_id as i64),
-        Object::u32(0x1018, 2, "Product code").default(of.product_code as i64),
-        Object::u32(0x1018, 3, "Revision").default(of.revision as i64),
+        Object::u32(0x1018, 1, "Vendor ID").live(|device: &M| device.base().identity.vendor_id.into()),
+        Object::u32(0x1018, 2, "Product code").live(|device: &M| device.base().identity.product_code.into()),
+        Object::u32(0x1018, 3, "Revision").live(|device: &M| device.base().identity.revision.into()),
         Object::u32(0x1018, 4, "Serial number").live(|device: &M| device.base().serial.into()),
     ]
 }

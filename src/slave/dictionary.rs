@@ -38,7 +38,7 @@
 mod object;
 mod values;
 
-pub use object::{Access, DataType, Object, PdoDirection, check, join, rows};
+pub use object::{Access, DataType, Object, PdoDirection, check, join, only_if, rows};
 pub use values::{Slot, Value, Values, slot};
 
 use super::SdoValue;
@@ -66,13 +66,13 @@ pub trait Device: Sized + 'static {
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::WRITE_ONLY`].
 pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, AbortCode> {
-    let (object, cell) = find(D::objects(), at)?;
+    let (object, cell) = find(device, at)?;
     if matches!(object.access, Access::WriteOnly) {
         return Err(AbortCode::WRITE_ONLY);
     }
     let size = object.data.bytes();
     Ok(match object.cell {
-        Cell::Text(text) => first_bytes(text),
+        Cell::Text(text) => first_bytes(text(device)),
         Cell::Stored { .. } => SdoValue { size, bits: device.values().bits(cell) },
         Cell::Live { get, .. } => SdoValue { size, bits: object.data.encode(get(device)) },
     })
@@ -88,7 +88,7 @@ pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, Abor
 /// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the
 /// code of the row's own check; the value is then as before.
 pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-    let (object, cell) = find(D::objects(), at)?;
+    let (object, cell) = find(device, at)?;
     match object.access {
         Access::ReadOnly => return Err(AbortCode::READ_ONLY),
         _ if size.bytes() > object.data.bytes() => return Err(AbortCode::TOO_LONG),
@@ -120,11 +120,11 @@ pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, val
 }
 
 /// The row at an address and its place in [`Values`]. A plain walk: SDO transfers are rare and tables short.
-fn find<D>(objects: &'static [Object<D>], at: ObjectAddress) -> Result<(&'static Object<D>, usize), AbortCode> {
+fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<(&'static Object<D>, usize), AbortCode> {
     let mut cell = 0;
     let mut index_exists = false;
-    for object in objects {
-        if object.index == at.index {
+    for object in D::objects() {
+        if object.index == at.index && object.only_if.is_none_or(|has| has(device)) {
             index_exists = true;
             if let Some(offset) = at.sub.checked_sub(object.first_sub)
                 && offset < object.count

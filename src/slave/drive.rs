@@ -1,4 +1,5 @@
-//! A CiA 402 servo drive: CSP, CSV and CST on one axis, with process data fixed by its role.
+//! A CiA 402 drive of one axis, with process data fixed by its role: a servo drive in CSP, CSV and CST, or a stepper,
+//! which is a drive that has CSP alone (SK-3).
 
 mod objects;
 
@@ -13,7 +14,17 @@ use crate::cia402::Mode;
 use crate::coe::AbortCode;
 use crate::fieldbus::{Refusal, Role};
 
-pub use objects::{PRODUCT_CODE, REVISION};
+pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
+
+/// What a [`Drive`] is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DriveKind {
+    /// A servo drive; its role is [`Role::Drive`] in CSP, CSV or CST.
+    #[default]
+    Servo,
+    /// A stepper with an encoder; its role is [`Role::Step`], in CSP.
+    Stepper,
+}
 
 /// How a [`Drive`] differs from the one it is by default.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +33,8 @@ pub struct DriveConfig {
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
+    /// Servo drive or stepper.
+    pub kind: DriveKind,
     /// Where the shaft stands at power-on, counts.
     pub position: i64,
     /// The motor and its load.
@@ -35,10 +48,18 @@ impl Default for DriveConfig {
         Self {
             name: "drive".into(),
             serial: 0,
+            kind: DriveKind::Servo,
             position: 0,
             motor: Motor::default(),
             times: TransitionTimes::default(),
         }
+    }
+}
+
+impl DriveConfig {
+    /// The stepper as it is by default.
+    pub fn stepper() -> Self {
+        Self { name: "step".into(), kind: DriveKind::Stepper, motor: Motor::stepper(), ..Self::default() }
     }
 }
 
@@ -50,6 +71,7 @@ impl Default for DriveConfig {
 #[derive(Clone, Debug)]
 pub struct Drive {
     base: Base,
+    kind: DriveKind,
     motor: Motor,
     axis: Axis,
 }
@@ -57,10 +79,10 @@ pub struct Drive {
 impl Drive {
     /// A drive that is switched on now.
     pub fn new(config: DriveConfig) -> Self {
-        let DriveConfig { name, serial, position, motor, times } = config;
+        let DriveConfig { name, serial, kind, position, motor, times } = config;
         let values = objects::defaults(&motor);
         let axis = Axis::new(&motor, times, settings(&values), position);
-        Self { base: Base::new(name, serial, values), motor, axis }
+        Self { base: Base::new(name, serial, objects::identity_of(kind), values), kind, motor, axis }
     }
 
     /// The axis, for measurements that no object shows.
@@ -74,13 +96,13 @@ impl Drive {
     }
 
     fn set_mode(&mut self, code: i64) -> Result<(), AbortCode> {
-        match u8::try_from(code).ok().and_then(Mode::from_code) {
-            Some(mode @ (Mode::Csp | Mode::Csv | Mode::Cst)) => {
+        match (u8::try_from(code).ok().and_then(Mode::from_code), self.kind) {
+            (Some(mode @ Mode::Csp), _) | (Some(mode @ (Mode::Csv | Mode::Cst)), DriveKind::Servo) => {
                 self.axis.set_mode(mode);
                 Ok(())
             }
             // Homing comes with the switches it needs.
-            Some(Mode::Homing) | None => Err(AbortCode::VALUE_RANGE),
+            _ => Err(AbortCode::VALUE_RANGE),
         }
     }
 }
@@ -126,8 +148,10 @@ impl Model for Drive {
     }
 
     fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
-        match role {
-            Role::Drive(mode) => self.set_mode(mode.code().into()).map_err(mode_refused),
+        match (role, self.kind) {
+            (Role::Drive(mode), DriveKind::Servo) | (Role::Step(mode), DriveKind::Stepper) => {
+                self.set_mode(mode.code().into()).map_err(mode_refused)
+            }
             _ => Err(not_of_this_kind()),
         }
     }

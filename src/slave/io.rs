@@ -48,7 +48,7 @@ impl Io {
     /// A module that is switched on now.
     pub fn new(config: IoConfig) -> Self {
         let IoConfig { name, serial } = config;
-        Self { base: Base::new(name, serial, Values::new(OBJECTS)), outputs: 0, inputs: 0 }
+        Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS)), outputs: 0, inputs: 0 }
     }
 
     /// The outputs as they are, bit k is output k.
@@ -104,7 +104,7 @@ type Row = Object<Io>;
 /// by process data alone.
 const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 2] = [&identity(&IDENTITY), OWN];
+const PARTS: [&[Row]; 2] = [&identity(), OWN];
 
 const OWN: &[Row] = &[
     Row::u8(0x1600, 0, "RxPDO").default(1),

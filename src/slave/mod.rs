@@ -1,19 +1,21 @@
 //! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
 //!
 //! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
-//! [`plant`] joined to an [`axis`]; [`device`] is what all of them do alike. [`drive`] is a servo drive made of them,
-//! [`io`] a module of digital inputs and outputs.
+//! [`plant`] joined to an [`axis`]; [`device`] is what all of them do alike. [`drive`] is a servo drive or a stepper
+//! made of them, [`hsp`] a pulse module, [`io`] a module of digital inputs and outputs.
 
 pub mod al;
 pub mod axis;
 pub mod device;
 pub mod dictionary;
 pub mod drive;
+pub mod hsp;
 pub mod io;
 pub mod plant;
 pub mod state_machine;
 
-pub use drive::{Drive, DriveConfig};
+pub use drive::{Drive, DriveConfig, DriveKind};
+pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use state_machine::DeviceFault;
 

@@ -45,7 +45,7 @@ impl Bench {
             bench.reach(PreOp, drives);
         }
         if state >= SafeOp {
-            assert_eq!(bench.done(configure(Role::Drive(Mode::Csp))), JobDone::Configure(Ok(())));
+            assert_eq!(bench.done(configure(Role::Drive(Mode::Csp))), JobDone::Configure(Ok(SlaveSet::EMPTY)));
             bench.reach(state, drives);
         }
         bench

@@ -1,7 +1,8 @@
 //! Jobs of the simulated bus: what they do, when, and how they fail.
 
 use super::SimBus;
-use crate::coe::AbortCode;
+use crate::cia402::{CONTROLWORD, SECOND_AXIS_OFFSET};
+use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
     AlState, BusConfig, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest, SlaveSet,
 };
@@ -11,7 +12,7 @@ use crate::slave::AlStatus;
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum Running {
     Scan { due: Ns },
-    Configure { config: BusConfig, next: u8, due: Ns },
+    Configure { config: BusConfig, next: u8, second_axes: SlaveSet, due: Ns },
     State { target: AlState, slaves: SlaveSet, due: Ns, deadline: Ns },
     Sdo { request: SdoRequest, due: Ns, deadline: Ns },
 }
@@ -31,7 +32,10 @@ impl SimBus {
             Job::Scan => Running::Scan {
                 due: now + self.timing.scan_ns + self.timing.scan_slave_ns * Ns::from(self.countable()),
             },
-            Job::Configure(config) => Running::Configure { config, next: 1, due: now + self.timing.configure_slave_ns },
+            Job::Configure(config) => {
+                let due = now + self.timing.configure_slave_ns;
+                Running::Configure { config, next: 1, second_axes: SlaveSet::EMPTY, due }
+            }
             Job::State { target, slaves, timeout_ns } => {
                 let due = now + self.next_change_ns(target, self.unsettled(target, slaves));
                 Running::State { target, slaves, due, deadline: now.saturating_add(timeout_ns) }
@@ -47,7 +51,7 @@ impl SimBus {
     pub(super) fn advance(&mut self, job: &mut Running, now: Ns) -> Option<JobDone> {
         match job {
             Running::Scan { due } => (now >= *due).then(|| JobDone::Scan { found: self.scan() }),
-            Running::Configure { config, next, due } => {
+            Running::Configure { config, next, second_axes, due } => {
                 while *next <= self.found {
                     if now < *due {
                         return None;
@@ -55,10 +59,13 @@ impl SimBus {
                     if let Err(refusal) = self.configure_slave(config, *next) {
                         return Some(JobDone::Configure(Err(refusal)));
                     }
+                    if self.has_second_axis(config, *next) {
+                        second_axes.insert(*next);
+                    }
                     *next += 1;
                     *due += self.timing.configure_slave_ns;
                 }
-                Some(JobDone::Configure(Ok(())))
+                Some(JobDone::Configure(Ok(*second_axes)))
             }
             Running::State { target, slaves, due, deadline } => {
                 while now >= *due && *due <= *deadline {
@@ -110,6 +117,13 @@ impl SimBus {
             return if unused { Ok(()) } else { Err(Refusal { slave, al_status: 0, abort: None }) };
         }
         self.station(slave).slave.configure(wanted).map_err(|refusal| Refusal { slave, ..refusal })
+    }
+
+    /// Whether a slave that was just configured is a pulse module of two channels: it says so by its objects.
+    fn has_second_axis(&mut self, config: &BusConfig, slave: u8) -> bool {
+        let controlword = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
+        matches!(config.slaves[usize::from(slave) - 1].role, Role::Hsp(_))
+            && self.station(slave).slave.upload(controlword).is_ok()
     }
 
     /// Slaves of the set that were found and are not where they shall be.

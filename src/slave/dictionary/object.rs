@@ -101,7 +101,7 @@ type Setter<D> = fn(&mut D, i64) -> Result<(), AbortCode>;
 pub(super) enum Cell<D: 'static> {
     Stored { accept: Option<Accept<D>>, changed: Option<fn(&mut D)> },
     Live { get: fn(&D) -> i64, set: Option<Setter<D>> },
-    Text(&'static str),
+    Text(fn(&D) -> &'static str),
 }
 
 // Written out because a derive would ask for `D: Copy`.
@@ -127,6 +127,7 @@ pub struct Object<D: 'static> {
     pub(super) min: i64,
     pub(super) max: i64,
     pub(super) default: i64,
+    pub(super) only_if: Option<fn(&D) -> bool>,
     pub(super) cell: Cell<D>,
 }
 
@@ -158,7 +159,7 @@ impl<D> Object<D> {
     }
 
     /// A read-only text.
-    pub const fn text(index: u16, sub: u8, name: &'static str, text: &'static str) -> Self {
+    pub const fn text(index: u16, sub: u8, name: &'static str, text: fn(&D) -> &'static str) -> Self {
         let mut row = Self::row(index, sub, name, DataType::Text);
         row.cell = Cell::Text(text);
         row
@@ -168,12 +169,18 @@ impl<D> Object<D> {
         let (min, max) = data.range();
         let cell = Cell::Stored { accept: None, changed: None };
         let (access, pdo) = (Access::ReadOnly, None);
-        Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, cell }
+        Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, only_if: None, cell }
     }
 
     /// The row stands for that many sub-indices, from its own on.
     pub const fn array(mut self, count: u8) -> Self {
         self.count = count;
+        self
+    }
+
+    /// Only some devices of the table have the object: those that the function says.
+    pub const fn only_if(mut self, has: fn(&D) -> bool) -> Self {
+        self.only_if = Some(has);
         self
     }
 
@@ -290,6 +297,16 @@ pub const fn rows<D>(parts: &[&[Object<D>]]) -> usize {
     let (mut rows, mut n) = (0, 0);
     while n < parts.len() {
         rows += parts[n].len();
+        n += 1;
+    }
+    rows
+}
+
+/// Rows that only some devices of the table have, see [`Object::only_if`].
+pub const fn only_if<D, const N: usize>(has: fn(&D) -> bool, mut rows: [Object<D>; N]) -> [Object<D>; N] {
+    let mut n = 0;
+    while n < N {
+        rows[n].only_if = Some(has);
         n += 1;
     }
     rows

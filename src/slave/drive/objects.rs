@@ -1,6 +1,6 @@
-//! The servo drive's object dictionary (CiA 402-2, ETG.1000.6). Positions in counts, speeds in counts/s.
+//! The object dictionary of drives (CiA 402-2, ETG.1000.6). Positions in counts, speeds in counts/s.
 
-use super::Drive;
+use super::{Drive, DriveKind};
 use crate::cia402::Controlword;
 use crate::coe::AbortCode;
 use crate::fieldbus::{AlState, Role};
@@ -11,10 +11,13 @@ use crate::slave::plant::Motor;
 
 /// 0x1018:2. \[OURS] "SERV".
 pub const PRODUCT_CODE: u32 = 0x5345_5256;
+/// 0x1018:2 of a stepper. \[OURS] "STEP".
+pub const STEPPER_PRODUCT_CODE: u32 = 0x5354_4550;
 /// 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
 
-const IDENTITY: Identity = Identity {
+/// What a servo drive says of itself.
+const SERVO: Identity = Identity {
     // Device profile 402, servo drive.
     device_type: 0x0002_0192,
     name: "SRVO simulated servo drive",
@@ -22,8 +25,21 @@ const IDENTITY: Identity = Identity {
     product_code: PRODUCT_CODE,
     revision: REVISION,
 };
-/// 0x6502: CSP, CSV, CST.
-const SUPPORTED_MODES: i64 = 1 << 7 | 1 << 8 | 1 << 9;
+/// What a stepper says of itself.
+const STEPPER: Identity = Identity {
+    // Device profile 402, stepper.
+    device_type: 0x0004_0192,
+    name: "STEP simulated stepper",
+    product_code: STEPPER_PRODUCT_CODE,
+    ..SERVO
+};
+
+pub(super) const fn identity_of(kind: DriveKind) -> &'static Identity {
+    match kind {
+        DriveKind::Servo => &SERVO,
+        DriveKind::Stepper => &STEPPER,
+    }
+}
 
 pub(super) const QUICK_STOP_OPTION: Slot<i16> = slot(OBJECTS, 0x605A, 0);
 pub(super) const SHUTDOWN_OPTION: Slot<i16> = slot(OBJECTS, 0x605B, 0);
@@ -66,18 +82,18 @@ type Row = Object<Drive>;
 /// 0x605D, halt, acts in no cyclic mode. 0x60C2 is kept too: the demand goes by the cycle as it is.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 4] = [&identity(&IDENTITY), PROCESS_DATA, &synchronization(), CIA402];
+const PARTS: [&[Row]; 4] = [&identity(), PROCESS_DATA, &synchronization(), CIA402];
 
 const PROCESS_DATA: &[Row] = &[
     Row::u8(0x1600, 0, "RxPDO CSP").default(2),
     Row::u32(0x1600, 1, "Controlword").default(0x6040_0010),
     Row::u32(0x1600, 2, "Target position").default(0x607A_0020),
-    Row::u8(0x1601, 0, "RxPDO CSV").default(2),
-    Row::u32(0x1601, 1, "Controlword").default(0x6040_0010),
-    Row::u32(0x1601, 2, "Target velocity").default(0x60FF_0020),
-    Row::u8(0x1602, 0, "RxPDO CST").default(2),
-    Row::u32(0x1602, 1, "Controlword").default(0x6040_0010),
-    Row::u32(0x1602, 2, "Target torque").default(0x6071_0010),
+    Row::u8(0x1601, 0, "RxPDO CSV").default(2).only_if(is_servo),
+    Row::u32(0x1601, 1, "Controlword").default(0x6040_0010).only_if(is_servo),
+    Row::u32(0x1601, 2, "Target velocity").default(0x60FF_0020).only_if(is_servo),
+    Row::u8(0x1602, 0, "RxPDO CST").default(2).only_if(is_servo),
+    Row::u32(0x1602, 1, "Controlword").default(0x6040_0010).only_if(is_servo),
+    Row::u32(0x1602, 2, "Target torque").default(0x6071_0010).only_if(is_servo),
     Row::u8(0x1A00, 0, "TxPDO").default(4),
     Row::u32(0x1A00, 1, "Statusword").default(0x6041_0010),
     Row::u32(0x1A00, 2, "Position actual value").default(0x6064_0020),
@@ -114,12 +130,15 @@ const CIA402: &[Row] = &[
     Row::u32(0x6065, 0, "Following error window").rw().rx().changed(Drive::settings_changed),
     Row::u16(0x6066, 0, "Following error time out").rw().rx().default(10).changed(Drive::settings_changed),
     Row::i32(0x606C, 0, "Velocity actual value").tx().live(|drive| rounded(drive.axis.plant().velocity())),
-    Row::i16(0x6071, 0, "Target torque").rw().rx().live(|drive| drive.axis.targets().torque.into()).setter(
-        |drive, torque| {
+    Row::i16(0x6071, 0, "Target torque")
+        .only_if(is_servo)
+        .rw()
+        .rx()
+        .live(|drive| drive.axis.targets().torque.into())
+        .setter(|drive, torque| {
             drive.axis.targets_mut().torque = torque as i16;
             Ok(())
-        },
-    ),
+        }),
     Row::u16(0x6072, 0, "Max torque").rw().rx().changed(Drive::settings_changed),
     Row::u32(0x6076, 0, "Motor rated torque").live(|drive| drive.motor.rated_torque.into()),
     Row::i16(0x6077, 0, "Torque actual value").tx().live(|drive| drive.axis.measured().torque.into()),
@@ -167,19 +186,34 @@ const CIA402: &[Row] = &[
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
     Row::u32(0x60FE, 1, "Physical outputs").rw().rx(),
     Row::u32(0x60FE, 2, "Bit mask").rw(),
-    Row::i32(0x60FF, 0, "Target velocity").rw().rx().live(|drive| drive.axis.targets().velocity.into()).setter(
-        |drive, velocity| {
+    Row::i32(0x60FF, 0, "Target velocity")
+        .only_if(is_servo)
+        .rw()
+        .rx()
+        .live(|drive| drive.axis.targets().velocity.into())
+        .setter(|drive, velocity| {
             drive.axis.targets_mut().velocity = velocity as i32;
             Ok(())
-        },
-    ),
-    Row::u32(0x6502, 0, "Supported drive modes").default(SUPPORTED_MODES),
+        }),
+    Row::u32(0x6502, 0, "Supported drive modes").live(supported_modes),
 ];
+
+fn is_servo(drive: &Drive) -> bool {
+    drive.kind == DriveKind::Servo
+}
+
+/// 0x6502: CSP, and of a servo drive CSV and CST.
+fn supported_modes(drive: &Drive) -> i64 {
+    match drive.kind {
+        DriveKind::Servo => 1 << 7 | 1 << 8 | 1 << 9,
+        DriveKind::Stepper => 1 << 7,
+    }
+}
 
 /// 0x1C12:1, the mode's PDO.
 fn rx_pdo(drive: &Drive) -> i64 {
     match drive.base.mapped() {
-        Some(Role::Drive(mode)) => 0x1600 + i64::from(mode.code() - 8),
+        Some(Role::Drive(mode) | Role::Step(mode)) => 0x1600 + i64::from(mode.code() - 8),
         _ => 0,
     }
 }

@@ -1,0 +1,254 @@
+//! The pulse module's object dictionary (CiA 402-2, ETG.6010). Positions in pulses, speeds in pulses/s.
+
+use super::{Channels, Hsp};
+use crate::cia402::{Controlword, SECOND_AXIS_OFFSET};
+use crate::coe::AbortCode;
+use crate::fieldbus::{MAX_AXES, Role};
+use crate::slave::axis::{Axis, NO_FOLLOWING_WINDOW, Settings, rounded};
+use crate::slave::device::{Identity, Model, VENDOR_ID, identity, synchronization};
+use crate::slave::dictionary::{Object, Slot, Values, check, join, only_if, rows, slot};
+use crate::slave::plant::PulseTrain;
+use crate::slave::state_machine::OptionCodes;
+
+/// 0x1018:2 of a module of one and of two channels. \[OURS] "HSP1", "HSP2".
+pub const PRODUCT_CODES: [u32; MAX_AXES] = [0x4853_5031, 0x4853_5032];
+/// 0x1018:3.
+pub const REVISION: u32 = 0x0001_0000;
+
+const ONE: Identity = Identity {
+    // Device profile 402, stepper.
+    device_type: 0x0004_0192,
+    name: "HSP1 simulated pulse module",
+    vendor_id: VENDOR_ID,
+    product_code: PRODUCT_CODES[0],
+    revision: REVISION,
+};
+const TWO: Identity = Identity { name: "HSP2 simulated pulse module", product_code: PRODUCT_CODES[1], ..ONE };
+
+pub(super) const fn identity_of(channels: Channels) -> &'static Identity {
+    match channels {
+        Channels::One => &ONE,
+        Channels::Two => &TWO,
+    }
+}
+
+/// 0x6502: CSP, CSV.
+const SUPPORTED_MODES: i64 = 1 << 7 | 1 << 8;
+
+/// Slots of an object of both axes.
+macro_rules! of_each_axis {
+    ($index:literal) => {
+        [slot(OBJECTS, $index, 0), slot(OBJECTS, $index + SECOND_AXIS_OFFSET, 0)]
+    };
+}
+
+type Slots<T> = [Slot<T>; MAX_AXES];
+const QUICK_STOP_OPTION: Slots<i16> = of_each_axis!(0x605A);
+const SHUTDOWN_OPTION: Slots<i16> = of_each_axis!(0x605B);
+const DISABLE_OPTION: Slots<i16> = of_each_axis!(0x605C);
+const FAULT_OPTION: Slots<i16> = of_each_axis!(0x605E);
+const MAX_VELOCITY: Slots<u32> = of_each_axis!(0x607F);
+const PROFILE_DECELERATION: Slots<u32> = of_each_axis!(0x6084);
+const QUICK_STOP_DECELERATION: Slots<u32> = of_each_axis!(0x6085);
+
+/// The table's defaults, and \[OURS] those that go by the greatest rate: it is braked from in a tenth of a second, and by
+/// a quick stop in a hundredth.
+pub(super) fn defaults(train: &PulseTrain) -> Values {
+    let mut values = Values::new(OBJECTS);
+    for n in 0..MAX_AXES {
+        values.set(MAX_VELOCITY[n], train.max_rate);
+        values.set(PROFILE_DECELERATION[n], train.max_rate.saturating_mul(10).max(1));
+        values.set(QUICK_STOP_DECELERATION[n], train.max_rate.saturating_mul(100).max(1));
+    }
+    values
+}
+
+/// What the axis of a channel works with. It has no following error.
+pub(super) fn settings(values: &Values, channel: usize) -> Settings {
+    Settings {
+        following_window: NO_FOLLOWING_WINDOW,
+        following_timeout_ms: 0,
+        position_limits: (0, 0),
+        max_velocity: values.get(MAX_VELOCITY[channel]),
+        max_torque: 0,
+        slow_down: values.get(PROFILE_DECELERATION[channel]),
+        quick_stop: values.get(QUICK_STOP_DECELERATION[channel]),
+        options: OptionCodes {
+            quick_stop: values.get(QUICK_STOP_OPTION[channel]),
+            shutdown: values.get(SHUTDOWN_OPTION[channel]),
+            disable_operation: values.get(DISABLE_OPTION[channel]),
+            fault_reaction: values.get(FAULT_OPTION[channel]),
+        },
+    }
+}
+
+type Row = Object<Hsp>;
+
+/// Every object. Homing objects (0x607C, 0x6098 to 0x609A) are kept for what will use them.
+pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
+const _: () = check(OBJECTS);
+const PARTS: [&[Row]; 11] = [
+    &identity(),
+    &pdo(0x1600, "RxPDO CSP", ["Controlword", "Target position", "Digital outputs"], CSP),
+    &pdo(0x1601, "RxPDO CSV", ["Controlword", "Target velocity", "Digital outputs"], CSV),
+    // [OURS] PDOs of the second axis are 16 further on, as in ETG.6010.
+    &only_if(has::<1>, pdo(0x1610, "RxPDO CSP", ["Controlword", "Target position", "Digital outputs"], second(CSP))),
+    &only_if(has::<1>, pdo(0x1611, "RxPDO CSV", ["Controlword", "Target velocity", "Digital outputs"], second(CSV))),
+    &pdo(0x1A00, "TxPDO", ["Statusword", "Position actual value", "Digital inputs"], INPUTS),
+    &only_if(has::<1>, pdo(0x1A10, "TxPDO", ["Statusword", "Position actual value", "Digital inputs"], second(INPUTS))),
+    ASSIGN,
+    &synchronization(),
+    &channel::<0>(),
+    &channel::<1>(),
+];
+
+/// Entries of axis 1's PDOs: index, sub-index, bits. Of the digital lines the low 16 bits are used.
+const CSP: [u32; 3] = [0x6040_0010, 0x607A_0020, 0x60FE_0120];
+const CSV: [u32; 3] = [0x6040_0010, 0x60FF_0020, 0x60FE_0120];
+const INPUTS: [u32; 3] = [0x6041_0010, 0x6064_0020, 0x60FD_0020];
+
+const fn second([a, b, c]: [u32; 3]) -> [u32; 3] {
+    const OFFSET: u32 = (SECOND_AXIS_OFFSET as u32) << 16;
+    [a + OFFSET, b + OFFSET, c + OFFSET]
+}
+
+const fn pdo(index: u16, name: &'static str, names: [&'static str; 3], entries: [u32; 3]) -> [Row; 4] {
+    [
+        Row::u8(index, 0, name).default(3),
+        Row::u32(index, 1, names[0]).default(entries[0] as i64),
+        Row::u32(index, 2, names[1]).default(entries[1] as i64),
+        Row::u32(index, 3, names[2]).default(entries[2] as i64),
+    ]
+}
+
+const ASSIGN: &[Row] = &[
+    Row::u8(0x1C12, 0, "RxPDO assign").live(assigned),
+    Row::u16(0x1C12, 1, "RxPDO").live(rx_pdo::<0>),
+    Row::u16(0x1C12, 2, "RxPDO").live(rx_pdo::<1>).only_if(has::<1>),
+    Row::u8(0x1C13, 0, "TxPDO assign").live(assigned),
+    Row::u16(0x1C13, 1, "TxPDO").live(tx_pdo::<0>),
+    Row::u16(0x1C13, 2, "TxPDO").live(tx_pdo::<1>).only_if(has::<1>),
+];
+
+/// Whether the module has channel `N` (from 0).
+fn has<const N: usize>(hsp: &Hsp) -> bool {
+    hsp.axes.len() > N
+}
+
+fn assigned(hsp: &Hsp) -> i64 {
+    hsp.base().mapped().map_or(0, |_| hsp.axes.len() as i64)
+}
+
+fn rx_pdo<const N: usize>(hsp: &Hsp) -> i64 {
+    match hsp.base().mapped() {
+        Some(Role::Hsp(mode)) => 0x1600 + i64::from(mode.code() - 8) + 0x10 * N as i64,
+        _ => 0,
+    }
+}
+
+fn tx_pdo<const N: usize>(hsp: &Hsp) -> i64 {
+    hsp.base().mapped().map_or(0, |_| 0x1A00 + 0x10 * N as i64)
+}
+
+fn axis<const N: usize>(hsp: &Hsp) -> &Axis {
+    &hsp.axes[N]
+}
+
+fn changed<const N: usize>(hsp: &mut Hsp) {
+    hsp.settings_changed(N);
+}
+
+/// Objects of the axis of channel `N` (from 0).
+const fn channel<const N: usize>() -> [Row; 27] {
+    const fn index(of_axis_1: u16, channel: usize) -> u16 {
+        of_axis_1 + SECOND_AXIS_OFFSET * channel as u16
+    }
+    only_if(
+        has::<N>,
+        [
+            Row::u16(index(0x603F, N), 0, "Error code").tx().live(|hsp| axis::<N>(hsp).measured().error_code.into()),
+            Row::u16(index(0x6040, N), 0, "Controlword")
+                .rw()
+                .rx()
+                .live(|hsp| axis::<N>(hsp).machine().controlword().0.into())
+                .setter(|hsp, word| {
+                    hsp.axes[N].machine_mut().command(Controlword(word as u16));
+                    Ok(())
+                }),
+            Row::u16(index(0x6041, N), 0, "Statusword").tx().live(|hsp| axis::<N>(hsp).measured().statusword.0.into()),
+            Row::i16(index(0x605A, N), 0, "Quick stop option code").rw().range(0, 8).default(2).changed(changed::<N>),
+            Row::i16(index(0x605B, N), 0, "Shutdown option code").rw().range(0, 1).changed(changed::<N>),
+            Row::i16(index(0x605C, N), 0, "Disable operation option code")
+                .rw()
+                .range(0, 1)
+                .default(1)
+                .changed(changed::<N>),
+            Row::i16(index(0x605E, N), 0, "Fault reaction option code")
+                .rw()
+                .range(0, 4)
+                .default(2)
+                .changed(changed::<N>),
+            Row::i8(index(0x6060, N), 0, "Modes of operation")
+                .rw()
+                .rx()
+                .live(|hsp| axis::<N>(hsp).mode().code().into())
+                .setter(|hsp, code| hsp.set_mode(N, code)),
+            Row::i8(index(0x6061, N), 0, "Modes of operation display")
+                .tx()
+                .live(|hsp| axis::<N>(hsp).mode().code().into()),
+            Row::i32(index(0x6062, N), 0, "Position demand value").tx().live(|hsp| axis::<N>(hsp).demand()),
+            Row::i32(index(0x6064, N), 0, "Position actual value").tx().live(|hsp| axis::<N>(hsp).plant().position()),
+            Row::i32(index(0x606C, N), 0, "Velocity actual value")
+                .tx()
+                .live(|hsp| rounded(axis::<N>(hsp).plant().velocity())),
+            Row::i32(index(0x607A, N), 0, "Target position")
+                .rw()
+                .rx()
+                .live(|hsp| axis::<N>(hsp).targets().position.into())
+                .setter(|hsp, position| {
+                    hsp.axes[N].targets_mut().position = position as i32;
+                    Ok(())
+                }),
+            Row::i32(index(0x607C, N), 0, "Home offset").rw(),
+            Row::u32(index(0x607F, N), 0, "Max profile velocity").rw().rx().changed(changed::<N>),
+            Row::u32(index(0x6084, N), 0, "Profile deceleration")
+                .rw()
+                .rx()
+                .range(1, u32::MAX as i64)
+                .default(1)
+                .changed(changed::<N>),
+            Row::u32(index(0x6085, N), 0, "Quick stop deceleration")
+                .rw()
+                .rx()
+                .range(1, u32::MAX as i64)
+                .default(1)
+                .changed(changed::<N>),
+            Row::i8(index(0x6098, N), 0, "Homing method").rw().rx().default(35).accept(|_, _, method| match method {
+                1..=14 | 17..=30 | 33..=35 | 37 => Ok(()),
+                _ => Err(AbortCode::VALUE_RANGE),
+            }),
+            Row::u8(index(0x6099, N), 0, "Homing speeds").default(2),
+            Row::u32(index(0x6099, N), 1, "Speed during search for switch").rw().rx().default(20_000),
+            Row::u32(index(0x6099, N), 2, "Speed during search for zero").rw().rx().default(2000),
+            Row::u32(index(0x609A, N), 0, "Homing acceleration").rw().rx().range(1, u32::MAX as i64).default(1_000_000),
+            Row::u32(index(0x60FD, N), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs.into()),
+            Row::u8(index(0x60FE, N), 0, "Digital outputs").default(1),
+            // [OURS] Bits 16 to 31 have no line: they are ignored, and read as 0.
+            Row::u32(index(0x60FE, N), 1, "Physical outputs").rw().rx().live(|hsp| hsp.lines[N].outputs.into()).setter(
+                |hsp, bits| {
+                    hsp.lines[N].outputs = bits as u16;
+                    Ok(())
+                },
+            ),
+            Row::i32(index(0x60FF, N), 0, "Target velocity")
+                .rw()
+                .rx()
+                .live(|hsp| axis::<N>(hsp).targets().velocity.into())
+                .setter(|hsp, velocity| {
+                    hsp.axes[N].targets_mut().velocity = velocity as i32;
+                    Ok(())
+                }),
+            Row::u32(index(0x6502, N), 0, "Supported drive modes").default(SUPPORTED_MODES),
+        ],
+    )
+}

@@ -234,7 +234,7 @@ fn wrong_command_lines() {
     run(["dump", "--hex", "--slot-size", "14"]).misused(&["'14'", "--slot-size", "allowed: 12, 16"]);
     run(["dump", "--hex", "--fw", "2"]).misused(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
     run(["dump", "--hex", "--kinds", "drive*2,dog"])
-        .misused(&["kind `dog` is unknown; allowed: drive, io, hsp, step, none"]);
+        .misused(&["kind `dog` is unknown; allowed: drive, io, hsp, hsp2, step, none"]);
     run(["dump", "--hex", "--kinds", "drive*0"]).misused(&["in `drive*0` a number from 1 to 40"]);
     run(["dump", "--hex", "--kinds", "drive*40,io"]).misused(&["41 slaves, allowed: at most 40"]);
 }

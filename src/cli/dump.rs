@@ -74,7 +74,7 @@ pub struct Args {
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, step, none
+    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, none
     #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
     kinds: Option<KindList>,
 

@@ -7,11 +7,12 @@ use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, Sl
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KindList(Vec<SlaveKind>);
 
-/// The words of a list.
-const WORDS: [(&str, SlaveKind); 5] = [
+/// The words of a list. Those of a link's `slaves` are among them, so that a list can be used for both.
+const WORDS: [(&str, SlaveKind); 6] = [
     ("drive", SlaveKind::Drive),
     ("io", SlaveKind::Io),
     ("hsp", SlaveKind::Hsp),
+    ("hsp2", SlaveKind::Hsp),
     ("step", SlaveKind::Step),
     ("none", SlaveKind::None),
 ];

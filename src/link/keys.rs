@@ -203,8 +203,9 @@ pub const KEYS: &[Key] = &[
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
         example: "drive*2,io",
-        meaning: "the slaves on the network, in order, e.g. drive*2,io (an io's outputs are wired to its inputs); \
-                  none: a board that finds no slave",
+        meaning: "the slaves on the network, in order, e.g. drive*2,io: drive, a servo drive; io, 16 outputs and \
+                  inputs; step, a stepper; hsp and hsp2, a pulse module of one and of two channels (outputs of io and \
+                  hsp are wired to their inputs); none: a board that finds no slave",
     },
     Key {
         name: "slot",

@@ -96,16 +96,16 @@ fn reasons(id: u8, place: Place, state: char) -> Vec<Reason> {
         let nobody = matches!(place, DeclaredNone | Empty) && SLAVES.iter().any(|slave| places.contains(slave));
         reasons.push(if nobody { Reason::NoSlave } else { Reason::WrongSlot });
     }
-    // The drive is in CSP.
-    if reasons.is_empty() && place == Drive && matches!(id, 0x16 | 0x17) {
+    // All are in CSP.
+    if reasons.is_empty() && matches!(place, Drive | Hsp) && matches!(id, 0x16 | 0x17) {
         reasons.push(Reason::WrongMode);
     }
     reasons
 }
 
-/// Commands of later rules, whose effect in OP is not tested here: homing, pulse modules and steppers.
+/// Commands of later rules, whose effect in OP is not tested here: homing.
 fn comes_later(id: u8, place: Place, state: char) -> bool {
-    state == 'o' && (matches!(place, Hsp | Step) && id != 0 || place == Drive && matches!(id, 0x18 | 0x19))
+    state == 'o' && matches!(place, Drive | Hsp | Step) && matches!(id, 0x18 | 0x19)
 }
 
 /// The command with arguments that every guide allows and that change nothing.

@@ -259,7 +259,7 @@ fn axes_are_declared_by_nibbles() {
         Role::Drive(Mode::Csv),
         Role::Io,
         Role::Hsp(Mode::Csv),
-        Role::Step(Mode::Csv),
+        Role::Step(Mode::Csp),
         Role::Unused,
         Role::Io,
         Role::Drive(Mode::Csv),
@@ -268,7 +268,7 @@ fn axes_are_declared_by_nibbles() {
         let slaves = slot.max_slaves();
         let Bench { mut host, jobs, .. } =
             Bench::new(EngineConfig { slot, ..EngineConfig::default() }, any_slaves(slaves));
-        for slave in 1..=slaves {
+        for slave in (1..=slaves).filter(|slave| nibbles[(slave - 1) % nibbles.len()] != 3) {
             host.slave(slave, SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync });
         }
         for group in [3, 0, 4, 2, 1usize] {

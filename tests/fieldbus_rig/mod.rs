@@ -157,6 +157,6 @@ pub fn set(slaves: &[u8]) -> SlaveSet {
     set
 }
 
-pub fn refused(slave: u8, al_status: u16) -> Result<(), Refusal> {
+pub fn refused<T>(slave: u8, al_status: u16) -> Result<T, Refusal> {
     Err(Refusal { slave, al_status, abort: None })
 }

@@ -4,7 +4,7 @@
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::AlState;
 use ecmsk::slave::SdoValue;
-use ecmsk::slave::dictionary::{self, Device, Object, PdoDirection, Slot, Values, check, slot};
+use ecmsk::slave::dictionary::{self, Device, Object, PdoDirection, Slot, Values, check, join, only_if, rows, slot};
 
 /// A device with one object of every kind.
 struct Bench {
@@ -160,4 +160,65 @@ fn tables_are_checked() {
         assert!(rejected(rows), "{}", rows[0].name());
     }
     assert!(!rejected(OBJECTS));
+}
+
+/// A device whose objects come in parts; it may have the last one or not.
+struct Parts {
+    values: Values,
+    full: bool,
+}
+
+const PARTS: [&[Object<Parts>]; 4] = [
+    &[Object::u8(0x2000, 0, "Always").rw().default(1), Object::u8(0x2001, 1, "Part of a record").rw().default(2)],
+    &[],
+    &[Object::u8(0x2001, 2, "Only in a full one").only_if(|parts| parts.full).rw().default(3)],
+    &only_if(
+        |parts| parts.full,
+        [Object::u8(0x2002, 0, "And this").rw().default(4), Object::u8(0x2003, 0, "And that")],
+    ),
+];
+const JOINED: &[Object<Parts>] = &join::<_, { rows(&PARTS) }>(&PARTS);
+const _: () = check(JOINED);
+const LAST: Slot<u8> = slot(JOINED, 0x2002, 0);
+
+impl Device for Parts {
+    fn objects() -> &'static [Object<Self>] {
+        JOINED
+    }
+
+    fn values(&self) -> &Values {
+        &self.values
+    }
+
+    fn values_mut(&mut self) -> &mut Values {
+        &mut self.values
+    }
+
+    fn al_state(&self) -> AlState {
+        AlState::PreOp
+    }
+}
+
+/// A table of several parts is one; objects that a device of the table does not have are not there for SDOs, and take no
+/// other object's place.
+#[test]
+fn tables_of_parts_that_not_every_device_has() {
+    let objects = [(0x2000, 0, 1), (0x2001, 1, 2), (0x2001, 2, 3), (0x2002, 0, 4), (0x2003, 0, 0)];
+    for full in [true, false] {
+        let mut parts = Parts { values: Values::new(JOINED), full };
+        for (index, sub, default) in objects {
+            let at = ObjectAddress::new(index, sub);
+            let absent = match (full || default == 1 || default == 2, index) {
+                (true, _) => None,
+                (false, 0x2001) => Some(AbortCode::NO_SUB_INDEX),
+                (false, _) => Some(AbortCode::NO_OBJECT),
+            };
+            let expected = absent.map_or(Ok(SdoValue { size: 1, bits: default }), Err);
+            assert_eq!(dictionary::upload(&parts, at), expected, "{index:04X}:{sub} {full}");
+            let written = dictionary::download(&mut parts, at, SdoSize::One, default + 10);
+            let refused = absent.or((index == 0x2003).then_some(AbortCode::READ_ONLY));
+            assert_eq!(written, refused.map_or(Ok(()), Err), "{index:04X}:{sub} {full}");
+        }
+        assert_eq!(parts.values.get(LAST), if full { 14 } else { 4 });
+    }
 }

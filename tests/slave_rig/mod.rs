@@ -5,7 +5,7 @@ use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Ns, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
-use ecmsk::slave::{Drive, DriveConfig, Slave};
+use ecmsk::slave::{Drive, DriveConfig, DriveKind, Slave};
 
 pub const MS: Ns = 1_000_000;
 
@@ -19,9 +19,13 @@ pub struct Rig {
 impl Rig {
     /// A drive in OP, not yet switched on.
     pub fn in_op(config: DriveConfig, mode: Mode, cycle_ns: Ns) -> Self {
+        let role = match config.kind {
+            DriveKind::Servo => Role::Drive(mode),
+            DriveKind::Stepper => Role::Step(mode),
+        };
         let mut drive = Drive::new(config);
         enter(&mut drive, AlState::PreOp);
-        let role = SlaveConfig { role: Role::Drive(mode), sync: DriveSync::DcSync };
+        let role = SlaveConfig { role, sync: DriveSync::DcSync };
         drive.configure(&role).expect("a drive has this mode");
         enter(&mut drive, AlState::SafeOp);
         enter(&mut drive, AlState::Op);

@@ -120,6 +120,21 @@ fn configure_names_the_slave_that_refuses() {
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(2, 0)), "it said nothing");
 }
 
+/// SK-3.22 Configuring tells which pulse modules have a second axis, and of which role they are it is no question.
+#[test]
+fn configure_tells_modules_of_two_channels() {
+    let hsp = |channels| Box::new(Hsp::new(HspConfig::with(channels))) as Box<dyn Slave>;
+    let slaves = vec![hsp(Channels::Two), hsp(Channels::One), Box::<Io>::default(), hsp(Channels::Two)];
+    let mut bench = Bench::of(slaves);
+    bench.done(Job::Scan);
+    bench.reach(PreOp, 4);
+    let Job::Configure(mut config) = configure(Role::Hsp(Mode::Csv)) else { unreachable!() };
+    config.slaves[2].role = Role::Io;
+    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(set(&[1, 4]))));
+    config.slaves[3].role = Role::Unused;
+    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(set(&[1]))));
+}
+
 /// SK-4.56 SK-4.57 Slaves that are not there are no error, and one that is not in the set stays where it is.
 #[test]
 fn only_the_slaves_asked_for_change() {

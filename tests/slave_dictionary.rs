@@ -168,13 +168,15 @@ struct Parts {
     full: bool,
 }
 
-const PARTS: [&[Object<Parts>]; 4] = [
+type Part = Object<Parts>;
+
+const PARTS: [&[Part]; 4] = [
     &[Object::u8(0x2000, 0, "Always").rw().default(1), Object::u8(0x2001, 1, "Part of a record").rw().default(2)],
     &[],
-    &[Object::u8(0x2001, 2, "Only in a full one").only_if(|parts| parts.full).rw().default(3)],
+    &[Part::u8(0x2001, 2, "Only in a full one").only_if(|parts| parts.full).rw().default(3)],
     &only_if(
-        |parts| parts.full,
-        [Object::u8(0x2002, 0, "And this").rw().default(4), Object::u8(0x2003, 0, "And that")],
+        |parts: &Parts| parts.full,
+        [Part::u8(0x2002, 0, "And this").rw().default(4), Object::u8(0x2003, 0, "And that")],
     ),
 ];
 const JOINED: &[Object<Parts>] = &join::<_, { rows(&PARTS) }>(&PARTS);

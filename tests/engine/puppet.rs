@@ -29,6 +29,10 @@ pub struct Strings {
     pub shows: AxisIn,
     /// What it was sent, a set for each cycle in OP.
     pub sent: Vec<AxisOut>,
+    /// What its second axis shows in the next cycle.
+    pub shows_second: AxisIn,
+    /// What its second axis was sent.
+    pub sent_second: Vec<AxisOut>,
     /// Roles it was configured for.
     pub roles: Vec<Role>,
     /// Objects: size and value.
@@ -75,6 +79,29 @@ impl Puppet {
         self.strings().shows.position = position;
     }
 
+    /// A pulse module of that many channels: that is what its objects say. Its second axis shows Switch on disabled.
+    pub fn with_channels(self, channels: usize) -> Self {
+        let mut strings = self.strings();
+        strings.shows_second.statusword = Statusword(DISABLED);
+        for axis in 0..channels as u16 {
+            strings.objects.insert((0x6040 + 0x800 * axis, 0), (2, 0));
+            strings.objects.insert((0x6060 + 0x800 * axis, 0), (1, 8));
+        }
+        drop(strings);
+        self
+    }
+
+    /// What both axes were sent.
+    pub fn sent_two(&self) -> [Vec<AxisOut>; 2] {
+        let strings = self.strings();
+        [strings.sent.clone(), strings.sent_second.clone()]
+    }
+
+    /// What both axes were sent last.
+    pub fn last_two(&self) -> [AxisOut; 2] {
+        self.sent_two().map(|sent| *sent.last().expect("no outputs have come"))
+    }
+
     /// What it was sent last.
     pub fn last(&self) -> AxisOut {
         *self.strings().sent.last().expect("no outputs have come")
@@ -82,7 +109,9 @@ impl Puppet {
 
     /// Forgets what it was sent.
     pub fn forget(&self) {
-        self.strings().sent.clear();
+        let mut strings = self.strings();
+        strings.sent.clear();
+        strings.sent_second.clear();
     }
 
     /// Controlwords in the order they came, repetitions left out.
@@ -155,11 +184,13 @@ impl Slave for Puppet {
 
     fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
         let mut strings = self.strings();
-        inputs[0] = strings.shows;
-        let Some([out, ..]) = outputs else { return };
+        *inputs = [strings.shows, strings.shows_second];
+        let Some([out, second]) = outputs else { return };
         strings.sent.push(*out);
+        strings.sent_second.push(*second);
         if let Some(reflex) = strings.reflex {
             reflex(&mut strings.shows, out);
+            reflex(&mut strings.shows_second, second);
         }
     }
 

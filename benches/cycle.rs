@@ -75,7 +75,7 @@ impl Path {
 struct PlainLoop {
     command: Frame,
     report: Frame,
-    plants: Vec<Plant>,
+    plants: Vec<Servo>,
     path: Path,
 }
 

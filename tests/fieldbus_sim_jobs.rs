@@ -7,7 +7,7 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::fieldbus::sim::{SimBus, Timing};
 use ecmsk::fieldbus::{AlState, Busy, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
-use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
+use ecmsk::slave::{AlStatus, Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use fieldbus_rig::{Bench, MS, SECOND, configure, refused, sdo, set, state};
 
 use AlState::*;

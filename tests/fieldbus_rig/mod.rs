@@ -33,7 +33,12 @@ impl Bench {
             let position = i64::from(n) * 1000;
             Box::new(Drive::new(DriveConfig { position, ..DriveConfig::default() })) as Box<dyn Slave>
         });
-        let bus = SimBus::new(slaves.collect());
+        Self::of(slaves.collect())
+    }
+
+    /// These slaves.
+    pub fn of(slaves: Vec<Box<dyn Slave>>) -> Self {
+        let bus = SimBus::new(slaves);
         let handle = bus.handle();
         Self { bus, handle, now: 0, outputs: Outputs::default(), inputs: Inputs::default() }
     }

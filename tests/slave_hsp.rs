@@ -280,6 +280,46 @@ fn velocities_are_pulses_in_a_second() {
     assert_eq!(master.seen.map(|axis| axis.position), stopped);
 }
 
+/// A velocity above the greatest rate is cut to it, which bit 11 says; one below it is not, nor is the way to it.
+#[test]
+fn velocities_are_no_higher_than_the_greatest_rate() {
+    let train = PulseTrain { max_rate: 100_000 };
+    let mut master = Master::enabled(HspConfig { train, ..two() }, Mode::Csv, MS);
+    for (target, rate) in [(60_000, 60_000), (100_000, 100_000), (-300_000, -100_000), (100_001, 100_000), (5, 5)] {
+        master.out[0].target = target;
+        master.cycle();
+        for n in 0..20 {
+            master.cycle();
+            let limited = master.seen[0].statusword.0 & Statusword::INTERNAL_LIMIT != 0;
+            // The cycle that leaves a velocity that was cut begins above the limit.
+            if n > 0 {
+                assert_eq!(limited, rate != target, "{target}");
+            }
+        }
+        let before = master.seen[0].position;
+        master.cycles(1000);
+        assert!((master.seen[0].position - before - rate).abs() <= 1, "{target}");
+    }
+}
+
+/// No torque bounds how pulses end: a quick stop at the limit of torque (0x605A = 3) ends them at once.
+#[test]
+fn a_quick_stop_without_a_ramp_ends_pulses_at_once() {
+    let mut master = Master::enabled(two(), Mode::Csv, MS);
+    write(&mut master.hsp, 0x605A, 0, SdoSize::Two, 3).unwrap();
+    master.out[0].target = 400_000;
+    master.cycles(20);
+    let before = master.seen[0].position;
+    master.out[0].controlword = Controlword(0x02);
+    master.cycles(3);
+    let way = master.seen[0].position - before;
+    // The cycles that were under way, and at most the half of the one that ends it.
+    assert!((400..=800).contains(&way), "{way}");
+    let at = master.seen[0].position;
+    master.cycles(100);
+    assert_eq!((master.seen[0].position, master.state(0)), (at, Some(DriveState::SwitchOnDisabled)));
+}
+
 /// Axes are on their own: one walks up, moves and faults while the other one stays.
 #[test]
 fn axes_are_independent() {

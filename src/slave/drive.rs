@@ -1,12 +1,14 @@
-//! A CiA 402 servo drive: CSP, CSV and CST on one axis, with process data fixed by its role.
+//! A CiA 402 servo drive: CSP, CSV, CST and homing on one axis, with process data fixed by its role.
 
 mod objects;
 
 use super::al::ApplicationLayer;
 use super::axis::{Axis, Settings};
 use super::dictionary::{self, Values};
+use super::homing::HomingSettings;
 use super::plant::Motor;
 use super::state_machine::{DeviceFault, OptionCodes, TransitionTimes};
+use super::switches::{Input, Travel};
 use super::{AlStatus, SdoValue, Slave};
 use crate::cia402::{Controlword, MODES_OF_OPERATION, Mode};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -28,6 +30,8 @@ pub struct DriveConfig {
     pub motor: Motor,
     /// How long its transitions take.
     pub times: TransitionTimes,
+    /// Its switches, in counts of the shaft: with another motor than the default one, [`Travel::for_motor`].
+    pub travel: Travel,
 }
 
 impl Default for DriveConfig {
@@ -38,6 +42,7 @@ impl Default for DriveConfig {
             position: 0,
             motor: Motor::default(),
             times: TransitionTimes::default(),
+            travel: Travel::default(),
         }
     }
 }
@@ -63,9 +68,9 @@ pub struct Drive {
 impl Drive {
     /// A drive that is switched on now.
     pub fn new(config: DriveConfig) -> Self {
-        let DriveConfig { name, serial, position, motor, times } = config;
+        let DriveConfig { name, serial, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
-        let axis = Axis::new(&motor, times, settings(&values), position);
+        let axis = Axis::new(&motor, times, settings(&values), position).on(&travel, &motor);
         let (al, sync) = (ApplicationLayer::default(), DriveSync::default());
         Self { name, serial, motor, al, values, axis, mapped: None, sync }
     }
@@ -82,12 +87,11 @@ impl Drive {
 
     fn set_mode(&mut self, code: i64) -> Result<(), AbortCode> {
         match u8::try_from(code).ok().and_then(Mode::from_code) {
-            Some(mode @ (Mode::Csp | Mode::Csv | Mode::Cst)) => {
+            Some(mode) => {
                 self.axis.set_mode(mode);
                 Ok(())
             }
-            // Homing comes with the switches it needs.
-            Some(Mode::Homing) | None => Err(AbortCode::VALUE_RANGE),
+            None => Err(AbortCode::VALUE_RANGE),
         }
     }
 
@@ -112,6 +116,14 @@ fn settings(values: &Values) -> Settings {
             shutdown: values.get(SHUTDOWN_OPTION),
             disable_operation: values.get(DISABLE_OPTION),
             fault_reaction: values.get(FAULT_OPTION),
+        },
+        homing: HomingSettings {
+            method: values.get(HOMING_METHOD),
+            offset: values.get(HOME_OFFSET),
+            switch_speed: values.get(HOMING_SPEED_SWITCH),
+            zero_speed: values.get(HOMING_SPEED_ZERO),
+            acceleration: values.get(HOMING_ACCELERATION),
+            halt_option: values.get(HALT_OPTION),
         },
     }
 }
@@ -148,6 +160,10 @@ impl Slave for Drive {
                 self.mapped = None;
                 return Ok(());
             }
+            // It has no outputs of its own: a drive enters it by 0x6060.
+            Role::Drive(Mode::Homing) => {
+                return refusal(AlStatus(0), Some((ObjectAddress::new(MODES_OF_OPERATION, 0), AbortCode::VALUE_RANGE)));
+            }
             Role::Drive(mode) => {
                 if let Err(code) = self.set_mode(mode.code().into()) {
                     return refusal(AlStatus(0), Some((ObjectAddress::new(MODES_OF_OPERATION, 0), code)));
@@ -176,11 +192,10 @@ impl Slave for Drive {
         let (Some([out, ..]), AlState::Op) = (outputs, self.al.state()) else { return };
         self.al.feed();
         self.axis.machine_mut().command(Controlword(out.controlword.0));
-        let targets = self.axis.targets_mut();
         match self.mapped {
-            Some(Mode::Csp) => targets.position = out.target,
-            Some(Mode::Csv) => targets.velocity = out.target,
-            Some(Mode::Cst) => targets.torque = out.target as i16,
+            Some(Mode::Csp) => self.axis.take_target_position(out.target),
+            Some(Mode::Csv) => self.axis.targets_mut().velocity = out.target,
+            Some(Mode::Cst) => self.axis.targets_mut().torque = out.target as i16,
             Some(Mode::Homing) | None => {}
         }
     }
@@ -195,6 +210,20 @@ impl Slave for Drive {
     fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
         if axis == 0 {
             self.axis.machine_mut().raise(fault);
+        }
+        axis == 0
+    }
+
+    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
+        if axis == 0 {
+            self.axis.stick(input, value);
+        }
+        axis == 0
+    }
+
+    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
+        if axis == 0 {
+            self.axis.jam(jammed);
         }
         axis == 0
     }

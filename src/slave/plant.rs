@@ -21,6 +21,9 @@ const FRICTION_FADE: f64 = 10.0;
 /// \[OURS] A shaft slower than this, counts/s, stands still.
 const STANDSTILL: f64 = 1.0;
 
+/// The shaft turns for ever.
+const NO_STOPS: (i64, i64) = (i64::MIN, i64::MAX);
+
 /// A motor with its load, and the gains of its drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motor {
@@ -132,6 +135,9 @@ pub struct Plant {
     velocity: f64,
     torque: f64,
     limited: bool,
+    /// Lowest and highest count that can be reached.
+    stops: (i64, i64),
+    jammed: bool,
 }
 
 impl Plant {
@@ -156,7 +162,20 @@ impl Plant {
             velocity: 0.0,
             torque: 0.0,
             limited: false,
+            stops: NO_STOPS,
+            jammed: false,
         }
+    }
+
+    /// End stops of the mechanics: the lowest and the highest count that the shaft can reach. It stops dead there.
+    pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
+        self.stops = stops.unwrap_or(NO_STOPS);
+    }
+
+    /// The shaft is jammed: it stands whatever the torque; or it is free again.
+    pub const fn jam(&mut self, jammed: bool) {
+        self.jammed = jammed;
+        self.span.ns = 0;
     }
 
     /// Limits of the drive, on top of the motor's: speed in counts/s, torque in 0.1 % of rated.
@@ -215,6 +234,16 @@ impl Plant {
             Effort::Torque(torque) => self.give_torque(&span, torque),
         }
         self.carry();
+        if self.whole < self.stops.0 || self.whole > self.stops.1 {
+            self.hit_stop();
+        }
+    }
+
+    #[cold]
+    fn hit_stop(&mut self) {
+        self.whole = if self.whole < self.stops.0 { self.stops.0 } else { self.stops.1 };
+        self.fraction = 0.0;
+        self.velocity = 0.0;
     }
 
     fn span_of(&self, ns: Ns) -> Span {
@@ -232,7 +261,8 @@ impl Plant {
             torque: self.torque_limit * self.acceleration * h,
             friction: self.dry_friction * self.acceleration * h,
             friction_wanted: self.dry_friction * self.acceleration * h / FRICTION_FADE,
-            decay: 1.0 / (1.0 + self.viscous_rate * h),
+            // What is jammed takes all of the speed.
+            decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * h) },
             torque_per_change: 1.0 / (self.acceleration * h),
         }
     }

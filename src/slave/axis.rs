@@ -240,6 +240,9 @@ impl Axis {
                     }
                     self.motion = Motion::Follow;
                     self.demand_here();
+                    if self.mode == Mode::Homing {
+                        self.hold_for_homing();
+                    }
                 }
                 match self.mode {
                     Mode::Csv => self.follow_velocity(ns, left),

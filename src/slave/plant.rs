@@ -190,6 +190,11 @@ impl Plant {
         self.whole
     }
 
+    /// What the position is more than its whole counts, -0.5..=0.5.
+    pub const fn fraction(&self) -> f64 {
+        self.fraction
+    }
+
     /// Velocity, counts/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity

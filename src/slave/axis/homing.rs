@@ -63,7 +63,8 @@ impl Axis {
     /// `ns` pass in mode 6.
     pub(super) fn home(&mut self, ns: Ns) {
         let from = self.plant.position();
-        let shaft = Shaft { position: from, stands: self.stands() };
+        let moves = self.demand.velocity != 0.0 || self.plant.velocity().abs() > self.velocity_reached;
+        let shaft = Shaft { position: from, moves };
         let word = self.machine.controlword();
         if let Some(homed) = self.homing.command(word, shaft, &self.settings.homing, &self.switches) {
             self.come_home(homed);
@@ -74,7 +75,12 @@ impl Axis {
         }
     }
 
-    /// The axis is to stand, or has stopped following, in mode 6.
+    /// Following begins in mode 6: the demand is where the shaft is, to less than a count, so that nothing moves it.
+    pub(super) const fn hold_for_homing(&mut self) {
+        self.demand.fraction = self.plant.fraction();
+    }
+
+    /// The axis has stopped following, if it is in mode 6.
     pub(super) fn leave_homing_unpowered(&mut self) {
         if self.mode == Mode::Homing {
             self.homing.lose_power(self.machine.controlword());

@@ -13,6 +13,7 @@
 //! - Bit 4 falling ends a run (interrupted), and the next run begins anew. Halt (bit 8) brakes by 0x605D, and the run
 //!   goes on where it was when halt is taken back with bit 4 still set.
 //! - A run during which the power stage is taken away (fault, quick stop, disabled, no master) ends in a homing error.
+//! - A shaft that is slower than what bit 10 of CSV takes for reached may be started.
 //! - Every outcome stays until the next start or until the mode is left.
 
 pub mod method;
@@ -88,8 +89,8 @@ pub struct Homed {
 pub struct Shaft {
     /// Counts.
     pub position: i64,
-    /// It stands, and nothing asks it to move.
-    pub stands: bool,
+    /// It moves, or is asked to.
+    pub moves: bool,
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -44,7 +44,7 @@ impl Run {
     pub fn start(settings: &HomingSettings, shaft: Shaft, switches: &Switches) -> Result<Option<Self>, HomingError> {
         let code = settings.method;
         let method = Method::from_code(code).ok_or(HomingError::UnsupportedMethod(code))?;
-        if !shaft.stands {
+        if shaft.moves {
             return Err(HomingError::Moving);
         }
         if let Some(input) = method.missing(|input| switches.is_wired(input)) {

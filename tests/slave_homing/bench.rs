@@ -63,7 +63,7 @@ impl Bits {
 pub struct Bench {
     pub rig: Rig,
     /// Position actual value less the shaft's count, when it last changed.
-    pub origin: i64,
+    pub origin: i32,
     /// How often it changed.
     pub steps: u32,
     /// Greatest way of the shaft in a cycle, counts.
@@ -159,7 +159,7 @@ impl Bench {
 
     /// Where the shaft was when homing was attained, if 0x607C is 0.
     pub fn home_count(&self) -> i64 {
-        -self.origin
+        -i64::from(self.origin)
     }
 
     pub fn error(&self) -> HomingError {
@@ -178,8 +178,8 @@ impl Bench {
         self.rig.drive.enter(AlState::SafeOp).expect("that is always open");
     }
 
-    fn origin_now(&self) -> i64 {
-        i64::from(self.rig.drive.axis().measured().position) - self.shaft()
+    fn origin_now(&self) -> i32 {
+        self.rig.drive.axis().measured().position.wrapping_sub(self.shaft() as i32)
     }
 
     fn is_attained(&self) -> bool {

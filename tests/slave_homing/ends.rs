@@ -147,8 +147,10 @@ fn offset_and_homing_again() {
         };
         let shown = bench.rig.drive.axis().measured().position;
         assert_eq!(shown, offset.wrapping_add((bench.shaft() - at) as i32), "method {method}, offset {offset}");
-        assert_eq!((bench.rig.read(0x6064, 0) as i32, bench.rig.read(0x6062, 0) as i32), (shown, shown));
-        assert_eq!(bench.rig.read(0x60F4, 0), 0);
+        let [actual, demand, error] = [0x6064, 0x6062, 0x60F4].map(|index| bench.rig.read(index, 0) as i32);
+        assert_eq!((actual, demand.wrapping_sub(actual)), (shown, error));
+        // Of a demand between two counts the shaft may stand on either.
+        assert!(error.abs() <= 1, "{error}");
     }
 }
 

@@ -116,7 +116,7 @@ fn stuck_switches() {
         (30, Home, true, HomingError::WrongLimit(PositiveLimit)),
         (10, PositiveLimit, true, HomingError::WrongLimit(PositiveLimit)),
         (1, Index, true, HomingError::WrongLimit(PositiveLimit)),
-        (5, Index, false, HomingError::WrongLimit(PositiveLimit)),
+        (11, Index, false, HomingError::WrongLimit(PositiveLimit)),
         (33, Index, false, HomingError::WrongLimit(NegativeLimit)),
         (34, Index, true, HomingError::WrongLimit(PositiveLimit)),
     ] {

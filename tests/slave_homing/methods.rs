@@ -6,7 +6,7 @@
 use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{DriveConfig, HomeSwitch};
+use ecmsk::slave::{DriveConfig, HomeSwitch, Input};
 
 use crate::bench::{
     Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, Outcome, POSITIVE_LIMIT, SLOW, TURN, travel,
@@ -163,6 +163,20 @@ fn by_a_narrow_cam() {
         let expected = if method < 15 { pulse_beyond(edge, direction) } else { edge };
         assert_eq!(bench.home(method).end, Ok(expected), "method {method}");
     }
+}
+
+/// A cam that ends where the limit switch begins: an edge that the axis slides over on the ramp of its turn at the limit
+/// is not yet the one that it seeks, and after the turn there is no way to it.
+#[test]
+fn by_a_cam_that_ends_at_the_limit() {
+    let home = HomeSwitch::Cam { first: 168_599, last: POSITIVE_LIMIT };
+    for method in [10, 26] {
+        let mut bench = Bench::new(travel(home), 0);
+        let end = bench.home(method).end;
+        assert_eq!((end, bench.steps), (Err(HomingError::WrongLimit(Input::PositiveLimit)), 0), "method {method}");
+    }
+    assert_eq!(Bench::new(travel(home), 0).home(25).end, Ok(POSITIVE_LIMIT));
+    assert_eq!(Bench::new(travel(home), 0).home(24).end, Ok(168_599));
 }
 
 /// A run goes fast until it seeks its edge after having seen the switch; its first leg, from outside over the edge, is

@@ -6,7 +6,7 @@
 //! the mode was left, nor from the first exchange after a home event or after the end of such braking; it holds where it is.
 //! The outputs of the exchange after that come from a master that has seen where the axis is.
 
-use super::{Axis, Demand, Motion};
+use super::{Axis, Demand, Motion, rounded};
 use crate::cia402::Mode;
 use crate::fieldbus::Ns;
 use crate::slave::homing::{Homed, Homing, Shaft};
@@ -123,6 +123,10 @@ impl Axis {
         let by = (from + to) * 0.5 * seconds;
         self.plant.run(Effort::Position { from: whole, fraction, by }, ns);
         self.move_demand(by);
+        // Rounded, as the shaft's count is: where it stands it is where it should be.
+        let counts = rounded(self.demand.fraction);
+        self.demand.whole = self.demand.whole.wrapping_add(counts);
+        self.demand.fraction -= counts as f64;
         self.demand.velocity = to;
         self.watch_following_error(ns);
         by

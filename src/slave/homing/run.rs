@@ -137,14 +137,14 @@ impl Run {
             Sought::Edge(edge) if was.has(edge.switch) != now.has(edge.switch) => {
                 let rises = now.has(edge.switch);
                 self.seen |= rises;
-                if (moving, rises) == (edge.moving, edge.rises) {
-                    if !self.method.index {
-                        return Ok(true);
-                    }
-                    self.sought = Sought::Index;
-                } else if moving != edge.moving && rises != edge.rises {
-                    // The same edge from its other side.
-                    self.turn(edge.moving);
+                match (moving == edge.moving, rises == edge.rises) {
+                    // On the ramp of a turn it is crossed before it is sought.
+                    (true, true) if self.heading != moving => {}
+                    (true, true) if self.method.index => self.sought = Sought::Index,
+                    (true, true) => return Ok(true),
+                    // From its other side.
+                    (false, false) => self.turn(edge.moving),
+                    _ => {}
                 }
             }
             _ => {}

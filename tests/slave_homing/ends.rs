@@ -212,6 +212,17 @@ fn after_an_error_it_starts_again() {
     assert_eq!(end, Ok(299_999));
 }
 
+/// A cycle of homing allocates nothing, home and errors included.
+#[test]
+fn a_run_allocates_nothing() {
+    let mut bench = Bench::new(travel(CAM), -100_000);
+    let allocated = allocation_counter::measure(|| {
+        assert_eq!(bench.home(7).end, Ok(-118_727));
+        assert!(bench.home(15).end.is_err() && bench.home(34).end.is_ok());
+    });
+    assert_eq!((allocated.count_total, allocated.bytes_total), (0, 0));
+}
+
 /// Bit 11 stays a word on limits of torque and speed, bit 9 is remote; in Operation enabled the low byte is 37h.
 #[test]
 fn the_rest_of_the_statusword() {

@@ -2,14 +2,14 @@
 
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{ObjectAddress, SdoSize};
-use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{Fieldbus, Inputs};
+use ecmsk::fieldbus::JobDone;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::plant::Motor;
 use ecmsk::slave::switches::Switches;
 use ecmsk::slave::{Drive, DriveConfig, HomeSwitch, Input, Io, Slave, Travel};
 
 use crate::bench::{Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, POSITIVE_LIMIT, TURN, travel};
+use crate::fieldbus_rig;
 use crate::slave_rig::MS;
 
 fn digital_inputs(position: i64, travel: Travel) -> u32 {
@@ -161,20 +161,40 @@ fn travel_of_a_motor() {
     assert!(travel.stops.is_none() && FAST > 0);
 }
 
-/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on.
+/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on; a slave or an axis
+/// that there is not is none of its business.
 #[test]
 fn by_the_handle_of_the_bus() {
-    let mut bus = SimBus::new(vec![Box::<Io>::default(), Box::new(Drive::new(DriveConfig::default()))]);
-    let handle = bus.handle();
-    let mut inputs = Inputs::default();
-    handle.stick_input(2, 0, Input::PositiveLimit, Some(true));
-    handle.stick_input(1, 0, Input::Home, Some(true));
-    handle.jam(40, 1, true);
-    handle.jam(0, 0, true);
-    handle.jam(2, 0, true);
-    bus.poll(MS, &mut inputs);
-    handle.stick_input(2, 0, Input::PositiveLimit, None);
-    handle.jam(2, 0, false);
-    bus.poll(2 * MS, &mut inputs);
-    assert_eq!(handle.shaft(2, 0), Some(0));
+    let mut bus = fieldbus_rig::Bench::enabled(3);
+    let read = |bus: &mut fieldbus_rig::Bench| {
+        [1, 2, 3].map(|slave| match bus.done(fieldbus_rig::sdo(slave, 0x60FD, None)) {
+            JobDone::Sdo(Ok(value)) => value,
+            other => panic!("{other:?}"),
+        })
+    };
+    // They stand on the cam of the default travel.
+    let cam = 0b100;
+    assert_eq!(read(&mut bus), [cam; 3]);
+    for (slave, axis) in [(2, 0), (0, 0), (1, 1), (40, 0)] {
+        bus.handle.stick_input(slave, axis, Input::PositiveLimit, Some(true));
+    }
+    assert_eq!(read(&mut bus), [cam, cam | 0b10, cam]);
+    bus.handle.stick_input(2, 0, Input::PositiveLimit, None);
+    assert_eq!(read(&mut bus), [cam; 3]);
+    for (slave, axis) in [(3, 0), (0, 0), (2, 1), (40, 0)] {
+        bus.handle.jam(slave, axis, true);
+    }
+    let follow = |bus: &mut fieldbus_rig::Bench, by: i32| {
+        for _ in 0..200 {
+            for slave in [2, 3] {
+                *bus.target(slave) += by;
+            }
+            bus.cycle();
+        }
+        [2, 3].map(|slave| bus.handle.shaft(slave, 0))
+    };
+    assert_eq!(follow(&mut bus, 100)[1], Some(3_000));
+    assert_eq!(follow(&mut bus, 0), [Some(22_000), Some(3_000)]);
+    bus.handle.jam(3, 0, false);
+    assert_eq!(follow(&mut bus, 0), [Some(22_000), Some(23_000)]);
 }

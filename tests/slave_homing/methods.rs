@@ -217,7 +217,7 @@ fn speeds() {
 #[test]
 fn out_of_the_box() {
     for method in METHODS {
-        let cycle_ns = if method % 2 == 0 { MS } else { MS / 4 << (method % 5) };
+        let cycle_ns = if method % 2 == 0 { MS } else { (MS / 4) << (method % 5) };
         let mut rig = Rig::enabled(DriveConfig::default(), Mode::Csp, cycle_ns);
         rig.write(0x6060, 0, SdoSize::One, 6);
         rig.write(0x6098, 0, SdoSize::One, method.into());

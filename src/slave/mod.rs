@@ -1,8 +1,8 @@
 //! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
 //!
 //! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
-//! [`plant`] joined to an [`axis`], which finds its [`homing`] by [`switches`]. [`drive`] is a servo drive made of them, [`io`] a module of digital inputs and
-//! outputs.
+//! [`plant`] joined to an [`axis`], which does its [`homing`] by [`switches`]. [`drive`] is a servo drive made of them,
+//! [`io`] a module of digital inputs and outputs.
 
 pub mod al;
 pub mod axis;

@@ -61,7 +61,8 @@ pub(super) fn defaults(motor: &Motor) -> Values {
 type Row = Object<Drive>;
 
 /// Every object. Those of profile modes are kept for what will use them; 0x605D, halt, acts in homing. 0x6098 takes any
-/// value: a method that there is not ends in a homing error when it is started \[OURS]. 0x60C2 is kept too: the demand goes by the cycle as it is.
+/// value: a method that there is not ends in a homing error when it is started \[OURS]. 0x60C2 is kept: the demand goes
+/// by the cycle as it is.
 const OBJECTS: &[Row] = &[
     Row::u32(0x1000, 0, "Device type").default(DEVICE_TYPE),
     Row::u8(0x1001, 0, "Error register").live(|drive| error_register(drive.axis.measured().error_code)),

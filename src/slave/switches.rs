@@ -120,9 +120,9 @@ impl Travel {
         search_limit: u64::MAX,
     };
 
-    /// \[OURS] A travel on which every homing method finds home from where a drive stands at power-on, position 0: limit
-    /// switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every whole turn,
-    /// no end stops, and runs of 100 turns at most.
+    /// \[OURS] A travel on which every homing method finds home from where a drive stands at power-on, position 0:
+    /// limit switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every
+    /// whole turn, no end stops, and runs of 100 turns at most.
     pub fn for_motor(motor: &Motor) -> Self {
         let turn = i64::from(motor.counts_per_turn.max(1));
         Self {

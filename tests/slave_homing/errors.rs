@@ -134,6 +134,24 @@ fn stuck_switches() {
     }
 }
 
+/// No run goes towards a limit switch that is active: not at its start, not after a turn.
+#[test]
+fn towards_an_active_limit() {
+    let with_stuck_limit = || {
+        let mut bench = Bench::new(travel(CAM), 10_000);
+        bench.rig.drive.stick_input(0, Input::PositiveLimit, Some(true));
+        bench
+    };
+    // Off the cam to the left, to come back to its edge: that is where the switch says that the travel ends.
+    for method in [4, 8, 20, 24] {
+        let mut bench = with_stuck_limit();
+        let end = bench.home(method).end;
+        assert_eq!((end, bench.steps), (Err(HomingError::WrongLimit(Input::PositiveLimit)), 0), "method {method}");
+        assert!(bench.shaft() < FIRST);
+    }
+    refused(with_stuck_limit(), 34, HomingError::WrongLimit(Input::PositiveLimit));
+}
+
 /// A start while the shaft moves: bit 13, and it brakes.
 #[test]
 fn started_in_motion() {

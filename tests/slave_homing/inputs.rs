@@ -161,8 +161,8 @@ fn travel_of_a_motor() {
     assert!(travel.stops.is_none() && FAST > 0);
 }
 
-/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on; a slave or an axis
-/// that there is not is none of its business.
+/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on; a slave or an
+/// axis that there is not is none of its business.
 #[test]
 fn by_the_handle_of_the_bus() {
     let mut bus = fieldbus_rig::Bench::enabled(3);

@@ -1,7 +1,7 @@
 //! Every method, from every place, with every kind of home switch.
 //!
-//! The expectations are those of the tables of CiA 402-2 and nothing else: where each method ends, and for each place to
-//! start from in which direction it sets out and whether it can find its home there.
+//! The expectations are those of the tables of CiA 402-2 and nothing else: where each method ends, and for each place
+//! to start from in which direction it sets out and whether it can find its home there.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
@@ -165,8 +165,8 @@ fn by_a_narrow_cam() {
     }
 }
 
-/// A cam that ends where the limit switch begins: an edge that the axis slides over on the ramp of its turn at the limit
-/// is not yet the one that it seeks, and after the turn there is no way to it.
+/// A cam that ends where the limit switch begins: an edge that the axis slides over on the ramp of its turn at the
+/// limit is not yet the one that it seeks, and after the turn there is no way to it.
 #[test]
 fn by_a_cam_that_ends_at_the_limit() {
     let home = HomeSwitch::Cam { first: 168_599, last: POSITIVE_LIMIT };

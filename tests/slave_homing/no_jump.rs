@@ -1,4 +1,5 @@
-//! Into mode 6 and out of it: the axis holds where it is, and what a target in old coordinates would do does not happen.
+//! Into mode 6 and out of it: the axis holds where it is, and what a target in old coordinates would do does not
+//! happen.
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::SdoSize;

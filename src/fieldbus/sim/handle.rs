@@ -115,8 +115,8 @@ impl SimHandle {
         self.befall(slave, axis, Mishap::Stuck(input, value));
     }
 
-    /// The shaft of a slave's axis (from 0) is jammed from the next cycle on, so that it stands whatever the torque, or is
-    /// free again.
+    /// The shaft of a slave's axis (from 0) is jammed from the next cycle on, so that it stands whatever the torque, or
+    /// is free again.
     pub fn jam(&self, slave: u8, axis: usize, jammed: bool) {
         self.befall(slave, axis, Mishap::Jam(jammed));
     }

@@ -2,9 +2,9 @@
 //!
 //! **No jump.** The plant's counts never change; what changes at home is [`Axis::origin`], which object 0x6064 and its
 //! kin have on top. A target in process data that the master had made before it could see the new positions would be a
-//! jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it still brakes after
-//! the mode was left, nor from the first exchange after a home event or after the end of such braking; it holds where it is.
-//! The outputs of the exchange after that come from a master that has seen where the axis is.
+//! jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it still brakes
+//! after the mode was left, nor from the first exchange after a home event or after the end of such braking; it holds
+//! where it is. The outputs of the exchange after that come from a master that has seen where the axis is.
 
 use super::{Axis, Demand, Motion, rounded};
 use crate::cia402::Mode;

@@ -1,8 +1,8 @@
 //! Homing (CiA 402-2, mode 6): the drive looks for a place on its travel by switches and the index pulse.
 //!
-//! [`method`] says what to look for; [`run`] is one search; [`Homing`] is the mode around it: start, halt, interruption,
-//! and bits 10, 12 and 13 of the statusword. Nothing here moves anything: an axis asks for the velocity that is wanted,
-//! moves its shaft, and tells how far it went.
+//! [`method`] says what to look for; [`run`] is one search; [`Homing`] is the mode around it: start, halt,
+//! interruption, and bits 10, 12 and 13 of the statusword. Nothing here moves anything: an axis asks for the velocity
+//! that is wanted, moves its shaft, and tells how far it went.
 //!
 //! **What home is.** The count where the edge was seen, or the index pulse after it, to the count. From then on the
 //! position actual value is such that it is 0x607C there; the axis slows down past it and is not driven back.

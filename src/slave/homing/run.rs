@@ -3,9 +3,9 @@
 //! A run sees the travel as its method's plan does: mirrored methods see it in a mirror, so that every run sets out to
 //! the right where its switch is inactive.
 //!
-//! **Speeds** \[OURS]. A leg is fast until the edge is sought in it and the switch has been seen; from there on, and in the
-//! search for the index pulse, it is slow. A run whose first leg leads from outside the switch over the edge is fast up
-//! to the edge.
+//! **Speeds** \[OURS]. A leg is fast until the edge is sought in it and the switch has been seen; from there on, and in
+//! the search for the index pulse, it is slow. A run whose first leg leads from outside the switch over the edge is
+//! fast up to the edge.
 
 use super::method::{Direction, Edge, Method, Plan};
 use super::{HomingError, HomingSettings, Shaft};

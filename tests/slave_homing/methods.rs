@@ -213,6 +213,29 @@ fn speeds() {
     }
 }
 
+/// The leg off the switch that only leads to the side from which the edge is sought is fast; one that ends at the edge
+/// is slow from its start.
+#[test]
+fn speeds_off_the_switch() {
+    for (method, start, expected) in [
+        (20, 59_000, FAST),
+        (22, -39_000, FAST),
+        (24, 59_000, FAST),
+        (25, -39_000, FAST),
+        (19, 59_000, SLOW),
+        (21, -39_000, SLOW),
+        (26, -39_000, SLOW),
+    ] {
+        let mut bench = Bench::new(travel(CAM), start);
+        bench.start(method);
+        let mut fastest = 0.0_f64;
+        while bench.cycle() == Bits::Running {
+            fastest = fastest.max(bench.rig.velocity().abs());
+        }
+        assert!((fastest / expected as f64 - 1.0).abs() < 0.06, "method {method}: {fastest}, not {expected}");
+    }
+}
+
 /// SK-7.19 SK-7.20 A drive out of the box finds home by every method, with its own speeds, whatever its cycle.
 #[test]
 fn out_of_the_box() {

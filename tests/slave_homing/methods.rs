@@ -232,7 +232,7 @@ fn speeds_off_the_switch() {
         while bench.cycle() == Bits::Running {
             fastest = fastest.max(bench.rig.velocity().abs());
         }
-        assert!((fastest / expected as f64 - 1.0).abs() < 0.06, "method {method}: {fastest}, not {expected}");
+        assert!((fastest / expected as f64 - 1.0).abs() < 0.1, "method {method}: {fastest}, not {expected}");
     }
 }
 

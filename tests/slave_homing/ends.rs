@@ -58,6 +58,11 @@ fn the_edge_starts() {
     bench.set_mode(Mode::Homing);
     bench.run_for_ms(100);
     assert_eq!((bench.bits(), bench.shaft()), (Bits::NotRunning, -100_000));
+    // Nor one that rises while the drive is off.
+    bench.controlword(0);
+    bench.run_for_ms(10);
+    bench.rig.out.controlword = Controlword(0);
+    bench.run_for_ms(10);
     bench.rig.out.controlword = Controlword(START);
     bench.run_for_ms(10);
     for word in [0x06, 0x07, 0x0F] {

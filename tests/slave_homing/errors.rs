@@ -152,6 +152,22 @@ fn towards_an_active_limit() {
     refused(with_stuck_limit(), 34, HomingError::WrongLimit(Input::PositiveLimit));
 }
 
+/// A limit switch turns a run back once.
+#[test]
+fn the_same_limit_twice() {
+    for (method, start, limit) in [(26, 150_000, Input::PositiveLimit), (30, -100_000, Input::NegativeLimit)] {
+        let mut bench = Bench::new(travel(CAM), start);
+        bench.start(method);
+        // To the limit switch and back to the cam, which is then said never to end.
+        while bench.rig.read(0x60FD, 0) != 0b100 {
+            assert_eq!(bench.cycle(), Bits::Running, "method {method}");
+        }
+        bench.rig.drive.stick_input(0, Input::Home, Some(true));
+        bench.run_for_ms(3_000);
+        assert_eq!((bench.bits(), bench.error()), (Bits::Error, HomingError::WrongLimit(limit)), "method {method}");
+    }
+}
+
 /// A start while the shaft moves: bit 13, and it brakes.
 #[test]
 fn started_in_motion() {

@@ -83,6 +83,27 @@ fn left_in_motion() {
     }
 }
 
+/// What process data hold while the axis brakes after mode 6 is nothing to it, nor what is under way when it stands: a
+/// master that sends positions once it has seen bit 12 moves nothing.
+#[test]
+fn targets_while_it_brakes() {
+    let mut bench = Bench::new(travel(CAM), -190_000);
+    bench.start(20);
+    bench.run_for_ms(100);
+    bench.set_mode(Mode::Csp);
+    let from = bench.shaft();
+    for _ in 0..500 {
+        let follows = bench.rig.seen.statusword.0 & 0x1400 == 0x1400;
+        bench.rig.out.target = if follows { bench.rig.seen.position } else { 5_000_000 };
+        bench.rig.cycle();
+        assert!(bench.rig.velocity() <= 1.05 * 4.0 * TURN as f64);
+    }
+    // v^2 / 2a from 4 turns/s with 200 turns/s^2, and the way of a cycle or two.
+    let way = bench.shaft() - from;
+    assert!((way - 16 * TURN / 400).abs() < 2_000, "{way}");
+    assert_eq!((bench.rig.velocity(), bench.rig.status().0 & 0x3C00), (0.0, 0x1400));
+}
+
 /// The mode is entered while the axis follows its targets: it brakes first. 0x6061 says 6 at once.
 #[test]
 fn entered_in_motion() {

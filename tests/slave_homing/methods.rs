@@ -236,6 +236,19 @@ fn speeds_off_the_switch() {
     }
 }
 
+/// 0x607F is a limit in homing too, of the demand: nothing lags, however fast 0x6099 says.
+#[test]
+fn speed_limit_of_the_drive() {
+    let mut bench = Bench::new(travel(CAM), -190_000);
+    bench.rig.write(0x607F, 0, SdoSize::Four, SLOW);
+    bench.start(20);
+    while bench.cycle() == Bits::Running {
+        assert!(bench.rig.velocity() < 1.01 * SLOW as f64);
+        assert!(bench.rig.drive.axis().following_error().abs() < 1_000);
+    }
+    assert_eq!(bench.home_count(), FIRST);
+}
+
 /// SK-7.19 SK-7.20 A drive out of the box finds home by every method, with its own speeds, whatever its cycle.
 #[test]
 fn out_of_the_box() {

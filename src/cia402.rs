@@ -120,6 +120,8 @@ impl Controlword {
     pub const HOMING_START: u16 = 1 << 4;
     /// Bit 7: fault reset, on its rising edge.
     pub const FAULT_RESET: u16 = 1 << 7;
+    /// Bit 8: in homing, halt.
+    pub const HALT: u16 = 1 << 8;
 }
 
 /// A mode of operation the ECM-SK uses (0x6060, UG17 2.2).

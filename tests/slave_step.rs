@@ -53,7 +53,7 @@ fn objects() {
     assert_eq!(read(&mut step, 0x1000, 0), Ok(0x0004_0192), "device profile 402, stepper");
     assert_eq!(read(&mut step, 0x1008, 0), Ok(u32::from_le_bytes(*b"STEP")));
     assert_eq!(read(&mut step, 0x1018, 2), Ok(0x5354_4550));
-    assert_eq!(read(&mut step, 0x6502, 0), Ok(1 << 7), "CSP");
+    assert_eq!(read(&mut step, 0x6502, 0), Ok(1 << 5 | 1 << 7), "homing, CSP");
     let mut servo = Drive::new(DriveConfig::default());
     enter(&mut servo, AlState::PreOp);
     for (index, sub) in [(0x1601, 0), (0x1602, 2), (0x6071, 0), (0x60FF, 0)] {

@@ -26,6 +26,7 @@ use super::{
     AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing, SlaveSet,
 };
 use crate::slave::Slave;
+use handle::Mishap;
 use jobs::Running;
 
 /// A place in the cable.
@@ -131,12 +132,15 @@ impl SimBus {
         CycleDone { at: self.clock, outputs, working_counter, expected_working_counter, next_deadline: None }
     }
 
-    fn raise_faults(&mut self) {
+    fn let_mishaps_happen(&mut self) {
         let stations = &mut self.stations;
-        self.handle.take_faults(|slave, axis, fault| {
-            if let Some(station) = stations.get_mut(usize::from(slave).wrapping_sub(1)) {
-                station.slave.raise_fault(axis, fault);
-            }
+        self.handle.take_mishaps(|slave, axis, mishap| {
+            let Some(Station { slave, .. }) = stations.get_mut(usize::from(slave).wrapping_sub(1)) else { return };
+            match mishap {
+                Mishap::Fault(fault) => slave.raise_fault(axis, fault),
+                Mishap::Stuck(input, value) => slave.stick_input(axis, input, value),
+                Mishap::Jam(jammed) => slave.jam(axis, jammed),
+            };
         });
     }
 
@@ -201,7 +205,7 @@ impl Fieldbus for SimBus {
         self.clock = now;
         self.look_for_lost();
         let done = (!self.is_down()).then(|| self.exchange(inputs));
-        self.raise_faults();
+        self.let_mishaps_happen();
         for station in &mut self.stations {
             station.slave.step(dt_ns);
         }

@@ -1,4 +1,4 @@
-//! One axis of a drive: state machine, plant and the cyclic modes CSP, CSV and CST between them.
+//! One axis of a drive: state machine, plant, and between them the cyclic modes CSP, CSV and CST, and homing.
 //!
 //! A target is reached evenly over the time of the step that follows it: [`Axis::step`] is called once after each
 //! exchange of process data, with the length of the cycle, and the demand moves from where it was to the new target
@@ -7,8 +7,12 @@
 //! Positions are `i64` counts inside and wrap to the `i32` of objects 0x6064 and 0x607A: a target means the position
 //! nearest to the present demand that has those low 32 bits, so an axis may turn in one direction for ever.
 
-use super::plant::{Effort, Motor, Plant, PulseTrain, Pulses, Servo};
+mod homing;
+
+use super::homing::{Homing, HomingSettings};
+use super::plant::{Effort, Motor, Plant, PulseTrain, Pulses, SUBSTEP_MAX_NS, Servo};
 use super::state_machine::{DeviceFault, OptionCodes, Power, Ramp, StateMachine, TransitionTimes};
+use super::switches::{Switches, Travel};
 use crate::cia402::{DriveState, Mode, Statusword};
 use crate::fieldbus::{AxisIn, AxisOut, Ns};
 
@@ -18,6 +22,8 @@ pub const FOLLOWING_ERROR: u16 = 0x8611;
 pub const NO_FOLLOWING_WINDOW: u32 = u32::MAX;
 /// \[OURS] The state machine and the following error are looked at about that often; short cycles: once a cycle.
 const SLICE_NS: Ns = 1_000_000;
+/// \[OURS] In homing that often, so that a switch acts as soon as it is seen.
+const HOMING_SLICE_NS: Ns = SUBSTEP_MAX_NS;
 /// \[OURS] Bit 10 in CST: the torque is that near to its target, as a part of the rated one.
 const TORQUE_REACHED: f64 = 0.01;
 
@@ -40,6 +46,8 @@ pub struct Settings {
     pub quick_stop: u32,
     /// 0x605A to 0x605E.
     pub options: OptionCodes,
+    /// 0x607C, 0x6098 to 0x609A, 0x605D.
+    pub homing: HomingSettings,
 }
 
 /// Targets of the cyclic modes.
@@ -60,9 +68,11 @@ enum Motion {
     Follow,
     Brake,
     Hold,
+    /// Mode 6 was left in motion.
+    BrakeAfterHoming,
 }
 
-/// What the loops follow.
+/// What the loops follow, in counts of the shaft.
 #[derive(Clone, Copy, Debug)]
 struct Demand {
     whole: i64,
@@ -84,6 +94,12 @@ pub struct Axis {
     plant: Plant,
     settings: Settings,
     limits: Option<(i64, i64)>,
+    switches: Switches,
+    homing: Homing,
+    /// What positions of objects and process data have on top of the shaft's counts.
+    origin: i64,
+    /// The next target position in process data was made before the master could see where the axis is.
+    stale: bool,
     mode: Mode,
     targets: Targets,
     motion: Motion,
@@ -121,6 +137,10 @@ impl Axis {
             plant,
             settings,
             limits: None,
+            switches: Switches::new(&Travel::NONE, 1),
+            homing: Homing::new(settings.homing),
+            origin: 0,
+            stale: false,
             mode: Mode::Csp,
             targets: Targets { position: position as i32, ..Targets::default() },
             motion: Motion::Off,
@@ -167,12 +187,21 @@ impl Axis {
     }
 
     /// Changes the mode, at once and in any state \[OURS]. The targets are then such that the axis holds where it is,
-    /// until new ones come.
+    /// until new ones come. Homing brakes a shaft that moves, both when it is entered and when it is left.
     pub fn set_mode(&mut self, mode: Mode) {
-        if mode != self.mode {
-            self.mode = mode;
-            self.targets = Targets { position: self.plant.position() as i32, ..Targets::default() };
-            self.motion = Motion::Off;
+        if mode == self.mode {
+            return;
+        }
+        let moves = match self.motion {
+            Motion::BrakeAfterHoming => true,
+            Motion::Follow => self.mode == Mode::Homing && !self.stands(),
+            _ => false,
+        };
+        self.motion = if moves && mode != Mode::Homing { Motion::BrakeAfterHoming } else { Motion::Off };
+        self.mode = mode;
+        self.targets = Targets { position: self.position() as i32, ..Targets::default() };
+        if mode == Mode::Homing {
+            self.homing.enter(self.machine.controlword(), self.settings.homing);
         }
     }
 
@@ -190,7 +219,7 @@ impl Axis {
     pub fn command(&mut self, mode: Mode, out: &AxisOut) {
         self.machine.command(out.controlword);
         match mode {
-            Mode::Csp => self.targets.position = out.target,
+            Mode::Csp => self.take_target_position(out.target),
             Mode::Csv => self.targets.velocity = out.target,
             Mode::Cst => self.targets.torque = out.target as i16,
             Mode::Homing => {}
@@ -204,7 +233,7 @@ impl Axis {
 
     /// Position demand (0x6062), counts.
     pub const fn demand(&self) -> i64 {
-        self.demand.whole
+        self.demand.whole.wrapping_add(self.origin)
     }
 
     /// Following error (0x60F4): demand - actual, counts.
@@ -214,7 +243,8 @@ impl Axis {
 
     /// `dt_ns` pass, in which the targets are reached.
     pub fn step(&mut self, dt_ns: Ns) {
-        let slices = ((dt_ns + SLICE_NS / 2) / SLICE_NS).max(1);
+        let usual = if self.mode == Mode::Homing { HOMING_SLICE_NS } else { SLICE_NS };
+        let slices = ((dt_ns + usual / 2) / usual).max(1);
         let slice = dt_ns / slices;
         let mut left = dt_ns;
         while left > 0 {
@@ -233,19 +263,30 @@ impl Axis {
                 self.plant.run(Effort::Coast, ns);
                 self.motion = Motion::Off;
                 self.demand_here();
+                self.leave_homing_unpowered();
             }
             Power::Follow => {
                 if self.motion != Motion::Follow {
+                    if self.motion == Motion::BrakeAfterHoming && self.brake_after_homing(ns) {
+                        return;
+                    }
                     self.motion = Motion::Follow;
                     self.demand_here();
+                    if self.mode == Mode::Homing {
+                        self.hold_for_homing();
+                    }
                 }
                 match self.mode {
                     Mode::Csv => self.follow_velocity(ns, left),
                     Mode::Cst => self.follow_torque(ns),
-                    _ => self.follow_position(ns, left),
+                    Mode::Homing => self.home(ns),
+                    Mode::Csp => self.follow_position(ns, left),
                 }
             }
-            Power::Stop(ramp) => self.brake(ramp, ns),
+            Power::Stop(ramp) => {
+                self.brake(ramp, ns);
+                self.leave_homing_unpowered();
+            }
         }
     }
 
@@ -253,7 +294,7 @@ impl Axis {
         match self.motion {
             Motion::Off => self.plant.is_at_standstill(),
             Motion::Hold => true,
-            Motion::Follow | Motion::Brake => false,
+            Motion::Follow | Motion::Brake | Motion::BrakeAfterHoming => false,
         }
     }
 
@@ -266,10 +307,12 @@ impl Axis {
     }
 
     fn follow_position(&mut self, ns: Ns, left: Ns) {
-        let way = self.targets.position.wrapping_sub(self.demand.whole as i32);
-        let wanted = self.demand.whole.wrapping_add(way.into());
-        let target = self.limits.map_or(wanted, |(low, high)| wanted.clamp(low, high));
-        self.held_back = target != wanted;
+        let demand = self.demand.whole.wrapping_add(self.origin);
+        let way = self.targets.position.wrapping_sub(demand as i32);
+        let wanted = demand.wrapping_add(way.into());
+        let allowed = self.limits.map_or(wanted, |(low, high)| wanted.clamp(low, high));
+        self.held_back = allowed != wanted;
+        let target = allowed.wrapping_sub(self.origin);
         let Demand { whole, fraction, .. } = self.demand;
         let remaining = target.wrapping_sub(whole) as f64 - fraction;
         let by = if ns == left { remaining } else { remaining * (ns as f64 / left as f64) };
@@ -277,13 +320,17 @@ impl Axis {
         if ns == left {
             (self.demand.whole, self.demand.fraction) = (target, 0.0);
         } else {
-            let moved = fraction + by;
-            self.demand.whole = whole.wrapping_add(moved as i64);
-            self.demand.fraction = moved - (moved as i64) as f64;
+            self.move_demand(by);
         }
         self.reached =
             remaining == 0.0 && self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
         self.watch_following_error(ns);
+    }
+
+    fn move_demand(&mut self, by: f64) {
+        let moved = self.demand.fraction + by;
+        self.demand.whole = self.demand.whole.wrapping_add(moved as i64);
+        self.demand.fraction = moved - (moved as i64) as f64;
     }
 
     /// CiA 402-2: outside the window for longer than the timeout is a fault. 0x6066 = 0: at once.
@@ -353,15 +400,20 @@ impl Axis {
         self.measured = AxisIn {
             statusword: self.statusword(),
             torque: torque.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
-            position: self.plant.position() as i32,
+            position: self.position() as i32,
             error_code: self.machine.fault().map_or(0, |fault| fault.code),
             inputs: 0,
         };
     }
 
-    /// Bits 10 to 13 on top of the state's. Off or braking: bits 10 to 12 are 0 \[OURS].
+    /// Bits 10 to 13 on top of the state's. But for homing, off or braking: bits 10 to 12 are 0 \[OURS].
     fn statusword(&self) -> Statusword {
         let mut word = self.machine.status_bits();
+        if self.mode == Mode::Homing {
+            let limited = self.motion == Motion::Follow && self.plant.is_limited();
+            let limit = if limited { Statusword::INTERNAL_LIMIT } else { 0 };
+            return Statusword(word | limit | self.homing.status_bits(self.stands()));
+        }
         if self.motion == Motion::Follow && self.machine.state() == DriveState::OperationEnabled {
             word |= Statusword::BIT12;
             if self.reached {

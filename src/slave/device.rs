@@ -8,6 +8,7 @@ use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::dictionary::{self, Object, Values};
 use super::state_machine::DeviceFault;
+use super::switches::Input;
 use super::{AlStatus, SdoValue, Slave};
 use crate::cia402::MODES_OF_OPERATION;
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -209,6 +210,16 @@ impl<M: Model> Slave for M {
     fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
         let found = self.axes_mut().get_mut(axis);
         found.map(|axis| axis.machine_mut().raise(fault)).is_some()
+    }
+
+    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
+        let found = self.axes_mut().get_mut(axis);
+        found.map(|axis| axis.stick(input, value)).is_some()
+    }
+
+    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
+        let found = self.axes_mut().get_mut(axis);
+        found.map(|axis| axis.jam(jammed)).is_some()
     }
 
     fn shaft(&self, axis: usize) -> Option<i64> {

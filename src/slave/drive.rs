@@ -1,5 +1,5 @@
 //! A CiA 402 drive of one axis, with process data fixed by its role: a servo drive in CSP, CSV and CST, or a stepper,
-//! which is a drive that has CSP alone (SK-3).
+//! which is a drive that has CSP alone (SK-3). Both do homing.
 
 mod objects;
 
@@ -8,8 +8,10 @@ use std::slice;
 use super::axis::{Axis, Settings};
 use super::device::{Base, Model, mode_refused, not_of_this_kind};
 use super::dictionary::{Object, Values};
+use super::homing::HomingSettings;
 use super::plant::Motor;
 use super::state_machine::{OptionCodes, TransitionTimes};
+use super::switches::Travel;
 use crate::cia402::Mode;
 use crate::coe::AbortCode;
 use crate::fieldbus::{Refusal, Role};
@@ -41,6 +43,8 @@ pub struct DriveConfig {
     pub motor: Motor,
     /// How long its transitions take.
     pub times: TransitionTimes,
+    /// Its switches, in counts of the shaft: with another motor than the default one, [`Travel::for_motor`].
+    pub travel: Travel,
 }
 
 impl Default for DriveConfig {
@@ -52,6 +56,7 @@ impl Default for DriveConfig {
             position: 0,
             motor: Motor::default(),
             times: TransitionTimes::default(),
+            travel: Travel::default(),
         }
     }
 }
@@ -59,7 +64,9 @@ impl Default for DriveConfig {
 impl DriveConfig {
     /// The stepper as it is by default.
     pub fn stepper() -> Self {
-        Self { name: "step".into(), kind: DriveKind::Stepper, motor: Motor::stepper(), ..Self::default() }
+        let motor = Motor::stepper();
+        let travel = Travel::for_motor(&motor);
+        Self { name: "step".into(), kind: DriveKind::Stepper, motor, travel, ..Self::default() }
     }
 }
 
@@ -79,9 +86,9 @@ pub struct Drive {
 impl Drive {
     /// A drive that is switched on now.
     pub fn new(config: DriveConfig) -> Self {
-        let DriveConfig { name, serial, kind, position, motor, times } = config;
+        let DriveConfig { name, serial, kind, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
-        let axis = Axis::new(&motor, times, settings(&values), position);
+        let axis = Axis::new(&motor, times, settings(&values), position).on(&travel, &motor);
         Self { base: Base::new(name, serial, objects::identity_of(kind), values), kind, motor, axis }
     }
 
@@ -97,11 +104,10 @@ impl Drive {
 
     fn set_mode(&mut self, code: i64) -> Result<(), AbortCode> {
         match (u8::try_from(code).ok().and_then(Mode::from_code), self.kind) {
-            (Some(mode @ Mode::Csp), _) | (Some(mode @ (Mode::Csv | Mode::Cst)), DriveKind::Servo) => {
+            (Some(mode @ (Mode::Homing | Mode::Csp)), _) | (Some(mode @ (Mode::Csv | Mode::Cst)), DriveKind::Servo) => {
                 self.axis.set_mode(mode);
                 Ok(())
             }
-            // Homing comes with the switches it needs.
             _ => Err(AbortCode::VALUE_RANGE),
         }
     }
@@ -122,6 +128,14 @@ fn settings(values: &Values) -> Settings {
             shutdown: values.get(SHUTDOWN_OPTION),
             disable_operation: values.get(DISABLE_OPTION),
             fault_reaction: values.get(FAULT_OPTION),
+        },
+        homing: HomingSettings {
+            method: values.get(HOMING_METHOD),
+            offset: values.get(HOME_OFFSET),
+            switch_speed: values.get(HOMING_SPEED_SWITCH),
+            zero_speed: values.get(HOMING_SPEED_ZERO),
+            acceleration: values.get(HOMING_ACCELERATION),
+            halt_option: values.get(HALT_OPTION),
         },
     }
 }
@@ -149,6 +163,10 @@ impl Model for Drive {
 
     fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
         match (role, self.kind) {
+            // It has no outputs of its own: a drive enters it by 0x6060.
+            (Role::Drive(Mode::Homing), DriveKind::Servo) | (Role::Step(Mode::Homing), DriveKind::Stepper) => {
+                Err(mode_refused(AbortCode::VALUE_RANGE))
+            }
             (Role::Drive(mode), DriveKind::Servo) | (Role::Step(mode), DriveKind::Stepper) => {
                 self.set_mode(mode.code().into()).map_err(mode_refused)
             }

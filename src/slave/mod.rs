@@ -1,23 +1,27 @@
 //! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
 //!
 //! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
-//! [`plant`] joined to an [`axis`]; [`device`] is what all of them do alike. [`drive`] is a servo drive or a stepper
-//! made of them, [`hsp`] a pulse module, [`io`] a module of digital inputs and outputs.
+//! [`plant`] joined to an [`axis`], which does its [`homing`] by [`switches`]; [`device`] is what all of them do alike.
+//! [`drive`] is a servo drive or a stepper made of them, [`hsp`] a pulse module, [`io`] a module of digital inputs and
+//! outputs.
 
 pub mod al;
 pub mod axis;
 pub mod device;
 pub mod dictionary;
 pub mod drive;
+pub mod homing;
 pub mod hsp;
 pub mod io;
 pub mod plant;
 pub mod state_machine;
+pub mod switches;
 
 pub use drive::{Drive, DriveConfig, DriveKind};
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use state_machine::DeviceFault;
+pub use switches::{HomeSwitch, Input, Travel};
 
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
@@ -92,6 +96,19 @@ pub trait Slave: Send {
     /// A fault happens in the device, on an axis (from 0). False: it has no such axis.
     fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
         let _ = (axis, fault);
+        false
+    }
+
+    /// An input of an axis (from 0) sticks at a value, or works again: `None`. False: it has no such axis.
+    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
+        let _ = (axis, input, value);
+        false
+    }
+
+    /// The shaft of an axis (from 0) is jammed, so that it stands whatever the torque, or free again. False: it has no
+    /// such axis.
+    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
+        let _ = (axis, jammed);
         false
     }
 

@@ -61,6 +61,25 @@ impl Plant {
         }
     }
 
+    /// End stops of the mechanics: the lowest and the highest count that the shaft can reach. Pulses know of none.
+    pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
+        if let Self::Servo(servo) = self {
+            servo.set_stops(stops);
+        }
+    }
+
+    /// The shaft is jammed, or free again. Pulses are counted all the same.
+    pub const fn jam(&mut self, jammed: bool) {
+        if let Self::Servo(servo) = self {
+            servo.jam(jammed);
+        }
+    }
+
+    /// What the position is more than its whole counts, -0.5..=0.5.
+    pub const fn fraction(&self) -> f64 {
+        either!(self, it => it.fraction())
+    }
+
     /// Position, counts.
     pub const fn position(&self) -> i64 {
         either!(self, it => it.position())

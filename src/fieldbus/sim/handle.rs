@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::coe::AbortCode;
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
-use crate::slave::{AlStatus, DeviceFault};
+use crate::slave::{AlStatus, DeviceFault, Input};
 
 /// Where the shafts really are.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,14 +29,22 @@ pub(super) struct Orders {
     pub(super) sdo_abort: Option<AbortCode>,
 }
 
+/// What happens to one axis in the next cycle.
+#[derive(Clone, Copy)]
+pub(super) enum Mishap {
+    Fault(DeviceFault),
+    Stuck(Input, Option<bool>),
+    Jam(bool),
+}
+
 struct Shared {
     /// Slaves that the cable reaches.
     reach: AtomicU8,
     /// Bit n - 1: slave n does not answer.
     silent: AtomicU64,
-    has_faults: AtomicBool,
-    /// Slave, axis, fault; not yet raised.
-    faults: Mutex<Vec<(u8, usize, DeviceFault)>>,
+    has_mishaps: AtomicBool,
+    /// Slave, axis, mishap; not yet happened.
+    mishaps: Mutex<Vec<(u8, usize, Mishap)>>,
     orders: Mutex<[Orders; MAX_SLAVES]>,
     shafts: Mutex<Shafts>,
 }
@@ -52,8 +60,8 @@ impl Default for SimHandle {
         Self(Arc::new(Shared {
             reach: AtomicU8::new(u8::MAX),
             silent: AtomicU64::new(0),
-            has_faults: AtomicBool::new(false),
-            faults: Mutex::new(Vec::new()),
+            has_mishaps: AtomicBool::new(false),
+            mishaps: Mutex::new(Vec::new()),
             orders: Mutex::new([Orders::default(); MAX_SLAVES]),
             shafts: Mutex::new(Shafts { at: 0, positions }),
         }))
@@ -98,8 +106,19 @@ impl SimHandle {
 
     /// A fault happens in a slave, on an axis (from 0), in the next cycle.
     pub fn raise_fault(&self, slave: u8, axis: usize, fault: DeviceFault) {
-        lock(&self.0.faults).push((slave, axis, fault));
-        self.0.has_faults.store(true, Ordering::Release);
+        self.befall(slave, axis, Mishap::Fault(fault));
+    }
+
+    /// An input of a slave's axis (from 0) sticks at a value from the next cycle on, or works again: `None`. An index
+    /// pulse that sticks does not come any more.
+    pub fn stick_input(&self, slave: u8, axis: usize, input: Input, value: Option<bool>) {
+        self.befall(slave, axis, Mishap::Stuck(input, value));
+    }
+
+    /// The shaft of a slave's axis (from 0) is jammed from the next cycle on, so that it stands whatever the torque, or
+    /// is free again.
+    pub fn jam(&self, slave: u8, axis: usize, jammed: bool) {
+        self.befall(slave, axis, Mishap::Jam(jammed));
     }
 
     /// Where the shafts were at the end of a cycle, all at the same time.
@@ -125,15 +144,15 @@ impl SimHandle {
         lock(&self.0.orders)[usize::from(slave) - 1]
     }
 
-    /// Hands out the faults not yet raised, unless a thread is just adding one.
-    pub(super) fn take_faults(&self, mut raise: impl FnMut(u8, usize, DeviceFault)) {
-        if !self.0.has_faults.load(Ordering::Acquire) {
+    /// Hands out the mishaps that have not yet happened, unless a thread is just adding one.
+    pub(super) fn take_mishaps(&self, mut happens: impl FnMut(u8, usize, Mishap)) {
+        if !self.0.has_mishaps.load(Ordering::Acquire) {
             return;
         }
-        let Ok(mut faults) = self.0.faults.try_lock() else { return };
-        self.0.has_faults.store(false, Ordering::Release);
-        for (slave, axis, fault) in faults.drain(..) {
-            raise(slave, axis, fault);
+        let Ok(mut mishaps) = self.0.mishaps.try_lock() else { return };
+        self.0.has_mishaps.store(false, Ordering::Release);
+        for (slave, axis, mishap) in mishaps.drain(..) {
+            happens(slave, axis, mishap);
         }
     }
 
@@ -144,6 +163,11 @@ impl SimHandle {
         for (shown, position) in shafts.positions.iter_mut().zip(positions) {
             *shown = position;
         }
+    }
+
+    fn befall(&self, slave: u8, axis: usize, mishap: Mishap) {
+        lock(&self.0.mishaps).push((slave, axis, mishap));
+        self.0.has_mishaps.store(true, Ordering::Release);
     }
 
     fn order(&self, slave: u8, change: impl FnOnce(&mut Orders)) {

@@ -2,7 +2,6 @@
 
 use super::{Drive, DriveKind};
 use crate::cia402::Controlword;
-use crate::coe::AbortCode;
 use crate::fieldbus::{AlState, Role};
 use crate::slave::axis::rounded;
 use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
@@ -55,9 +54,12 @@ pub(super) const PROFILE_DECELERATION: Slot<u32> = slot(OBJECTS, 0x6084, 0);
 pub(super) const QUICK_STOP_DECELERATION: Slot<u32> = slot(OBJECTS, 0x6085, 0);
 const PROFILE_VELOCITY: Slot<u32> = slot(OBJECTS, 0x6081, 0);
 const PROFILE_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x6083, 0);
-const HOMING_SPEED_SWITCH: Slot<u32> = slot(OBJECTS, 0x6099, 1);
-const HOMING_SPEED_ZERO: Slot<u32> = slot(OBJECTS, 0x6099, 2);
-const HOMING_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x609A, 0);
+pub(super) const HALT_OPTION: Slot<i16> = slot(OBJECTS, 0x605D, 0);
+pub(super) const HOME_OFFSET: Slot<i32> = slot(OBJECTS, 0x607C, 0);
+pub(super) const HOMING_METHOD: Slot<i8> = slot(OBJECTS, 0x6098, 0);
+pub(super) const HOMING_SPEED_SWITCH: Slot<u32> = slot(OBJECTS, 0x6099, 1);
+pub(super) const HOMING_SPEED_ZERO: Slot<u32> = slot(OBJECTS, 0x6099, 2);
+pub(super) const HOMING_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x609A, 0);
 
 /// The table's defaults, and \[OURS] those that go by the motor.
 pub(super) fn defaults(motor: &Motor) -> Values {
@@ -78,8 +80,9 @@ pub(super) fn defaults(motor: &Motor) -> Values {
 
 type Row = Object<Drive>;
 
-/// Every object. Homing objects (0x607C, 0x6098 to 0x609A) and those of profile modes are kept for what will use them;
-/// 0x605D, halt, acts in no cyclic mode. 0x60C2 is kept too: the demand goes by the cycle as it is.
+/// Every object. Those of profile modes are kept for what will use them; 0x605D, halt, acts in homing. 0x6098 takes any
+/// value: a method that there is not ends in a homing error when it is started \[OURS]. 0x60C2 is kept: the demand goes
+/// by the cycle as it is.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 4] = [&identity(), PROCESS_DATA, &synchronization(), CIA402];
@@ -117,7 +120,7 @@ const CIA402: &[Row] = &[
     Row::i16(0x605A, 0, "Quick stop option code").rw().range(0, 8).default(2).changed(Drive::settings_changed),
     Row::i16(0x605B, 0, "Shutdown option code").rw().range(0, 1).changed(Drive::settings_changed),
     Row::i16(0x605C, 0, "Disable operation option code").rw().range(0, 1).default(1).changed(Drive::settings_changed),
-    Row::i16(0x605D, 0, "Halt option code").rw().range(1, 4).default(1),
+    Row::i16(0x605D, 0, "Halt option code").rw().range(1, 4).default(1).changed(Drive::settings_changed),
     Row::i16(0x605E, 0, "Fault reaction option code").rw().range(0, 4).default(2).changed(Drive::settings_changed),
     Row::i8(0x6060, 0, "Modes of operation")
         .rw()
@@ -126,7 +129,7 @@ const CIA402: &[Row] = &[
         .setter(Drive::set_mode),
     Row::i8(0x6061, 0, "Modes of operation display").tx().live(|drive| drive.axis.mode().code().into()),
     Row::i32(0x6062, 0, "Position demand value").tx().live(|drive| drive.axis.demand()),
-    Row::i32(0x6064, 0, "Position actual value").tx().live(|drive| drive.axis.plant().position()),
+    Row::i32(0x6064, 0, "Position actual value").tx().live(|drive| drive.axis.position()),
     Row::u32(0x6065, 0, "Following error window").rw().rx().changed(Drive::settings_changed),
     Row::u16(0x6066, 0, "Following error time out").rw().rx().default(10).changed(Drive::settings_changed),
     Row::i32(0x606C, 0, "Velocity actual value").tx().live(|drive| rounded(drive.axis.plant().velocity())),
@@ -148,7 +151,7 @@ const CIA402: &[Row] = &[
             Ok(())
         },
     ),
-    Row::i32(0x607C, 0, "Home offset").rw(),
+    Row::i32(0x607C, 0, "Home offset").rw().changed(Drive::settings_changed),
     Row::u8(0x607D, 0, "Software position limit").default(2),
     Row::i32(0x607D, 1, "Min position limit").rw().default(i32::MIN as i64).changed(Drive::settings_changed),
     Row::i32(0x607D, 2, "Max position limit").rw().default(i32::MAX as i64).changed(Drive::settings_changed),
@@ -167,22 +170,23 @@ const CIA402: &[Row] = &[
         .range(1, u32::MAX as i64)
         .default(1)
         .changed(Drive::settings_changed),
-    Row::i8(0x6098, 0, "Homing method").rw().rx().default(35).accept(|_, _, method| match method {
-        1..=14 | 17..=30 | 33..=35 | 37 => Ok(()),
-        _ => Err(AbortCode::VALUE_RANGE),
-    }),
+    Row::i8(0x6098, 0, "Homing method").rw().rx().default(35).changed(Drive::settings_changed),
     Row::u8(0x6099, 0, "Homing speeds").default(2),
-    Row::u32(0x6099, 1, "Speed during search for switch").rw().rx(),
-    Row::u32(0x6099, 2, "Speed during search for zero").rw().rx(),
-    Row::u32(0x609A, 0, "Homing acceleration").rw().rx().range(1, u32::MAX as i64).default(1),
+    Row::u32(0x6099, 1, "Speed during search for switch").rw().rx().changed(Drive::settings_changed),
+    Row::u32(0x6099, 2, "Speed during search for zero").rw().rx().changed(Drive::settings_changed),
+    Row::u32(0x609A, 0, "Homing acceleration")
+        .rw()
+        .rx()
+        .range(1, u32::MAX as i64)
+        .default(1)
+        .changed(Drive::settings_changed),
     Row::u8(0x60C2, 0, "Interpolation time period").default(2),
     Row::u8(0x60C2, 1, "Period").rw_up_to(AlState::PreOp).range(1, 255).default(1),
     Row::i8(0x60C2, 2, "Index").rw_up_to(AlState::PreOp).range(-6, 0).default(-3),
     Row::i32(0x60F4, 0, "Following error actual value")
         .tx()
         .live(|drive| drive.axis.following_error().clamp(i32::MIN.into(), i32::MAX.into())),
-    // No switch is wired to this drive.
-    Row::u32(0x60FD, 0, "Digital inputs").tx(),
+    Row::u32(0x60FD, 0, "Digital inputs").tx().live(|drive| drive.axis.inputs().bits().into()),
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
     Row::u32(0x60FE, 1, "Physical outputs").rw().rx(),
     Row::u32(0x60FE, 2, "Bit mask").rw(),
@@ -202,11 +206,11 @@ fn is_servo(drive: &Drive) -> bool {
     drive.kind == DriveKind::Servo
 }
 
-/// 0x6502: CSP, and of a servo drive CSV and CST.
+/// 0x6502: homing, CSP, and of a servo drive CSV and CST.
 fn supported_modes(drive: &Drive) -> i64 {
     match drive.kind {
-        DriveKind::Servo => 1 << 7 | 1 << 8 | 1 << 9,
-        DriveKind::Stepper => 1 << 7,
+        DriveKind::Servo => 1 << 5 | 1 << 7 | 1 << 8 | 1 << 9,
+        DriveKind::Stepper => 1 << 5 | 1 << 7,
     }
 }
 

@@ -7,6 +7,7 @@ use crate::fieldbus::{MAX_AXES, Role};
 use crate::slave::axis::{Axis, NO_FOLLOWING_WINDOW, Settings, rounded};
 use crate::slave::device::{Identity, Model, VENDOR_ID, identity, synchronization};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, only_if, rows, slot};
+use crate::slave::homing::HomingSettings;
 use crate::slave::plant::PulseTrain;
 use crate::slave::state_machine::OptionCodes;
 
@@ -79,6 +80,7 @@ pub(super) fn settings(values: &Values, channel: usize) -> Settings {
             disable_operation: values.get(DISABLE_OPTION[channel]),
             fault_reaction: values.get(FAULT_OPTION[channel]),
         },
+        homing: HomingSettings::default(),
     }
 }
 

@@ -48,6 +48,11 @@ impl Pulses {
         self.whole
     }
 
+    /// What the position is more than whole pulses, -0.5..=0.5.
+    pub const fn fraction(&self) -> f64 {
+        self.fraction
+    }
+
     /// Rate, pulses/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity

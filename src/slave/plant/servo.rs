@@ -22,6 +22,9 @@ const FRICTION_FADE: f64 = 10.0;
 /// \[OURS] A shaft slower than this, counts/s, stands still.
 const STANDSTILL: f64 = 1.0;
 
+/// The shaft turns for ever.
+const NO_STOPS: (i64, i64) = (i64::MIN, i64::MAX);
+
 /// A motor with its load, and the gains of its drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motor {
@@ -126,6 +129,9 @@ pub struct Servo {
     velocity: f64,
     torque: f64,
     limited: bool,
+    /// Lowest and highest count that can be reached.
+    stops: (i64, i64),
+    jammed: bool,
 }
 
 impl Servo {
@@ -150,7 +156,20 @@ impl Servo {
             velocity: 0.0,
             torque: 0.0,
             limited: false,
+            stops: NO_STOPS,
+            jammed: false,
         }
+    }
+
+    /// End stops of the mechanics: the lowest and the highest count that the shaft can reach. It stops dead there.
+    pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
+        self.stops = stops.unwrap_or(NO_STOPS);
+    }
+
+    /// The shaft is jammed: it stands whatever the torque; or it is free again.
+    pub const fn jam(&mut self, jammed: bool) {
+        self.jammed = jammed;
+        self.span.ns = 0;
     }
 
     /// Limits of the drive, on top of the motor's: speed in counts/s, torque in 0.1 % of rated.
@@ -163,6 +182,11 @@ impl Servo {
     /// Position, counts.
     pub const fn position(&self) -> i64 {
         self.whole
+    }
+
+    /// What the position is more than its whole counts, -0.5..=0.5.
+    pub const fn fraction(&self) -> f64 {
+        self.fraction
     }
 
     /// Velocity, counts/s.
@@ -209,6 +233,16 @@ impl Servo {
             Effort::Torque(torque) => self.give_torque(&span, torque),
         }
         carry(&mut self.whole, &mut self.fraction);
+        if self.whole < self.stops.0 || self.whole > self.stops.1 {
+            self.hit_stop();
+        }
+    }
+
+    #[cold]
+    fn hit_stop(&mut self) {
+        self.whole = if self.whole < self.stops.0 { self.stops.0 } else { self.stops.1 };
+        self.fraction = 0.0;
+        self.velocity = 0.0;
     }
 
     fn span_of(&self, ns: Ns) -> Span {
@@ -226,7 +260,8 @@ impl Servo {
             torque: self.torque_limit * self.acceleration * h,
             friction: self.dry_friction * self.acceleration * h,
             friction_wanted: self.dry_friction * self.acceleration * h / FRICTION_FADE,
-            decay: 1.0 / (1.0 + self.viscous_rate * h),
+            // What is jammed takes all of the speed.
+            decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * h) },
             torque_per_change: 1.0 / (self.acceleration * h),
         }
     }

@@ -1,0 +1,140 @@
+//! Homing of an axis: the mode's wishes become a position demand, and home becomes the origin of its positions.
+//!
+//! **No jump.** The plant's counts never change; what changes at home is [`Axis::origin`], which object 0x6064 and its
+//! kin have on top. A target in process data that the master had made before it could see the new positions would be a
+//! jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it still brakes
+//! after the mode was left, nor from the first exchange after a home event or after the end of such braking; it holds
+//! where it is. The outputs of the exchange after that come from a master that has seen where the axis is.
+
+use super::{Axis, Demand, Motion, rounded};
+use crate::cia402::Mode;
+use crate::fieldbus::Ns;
+use crate::slave::homing::{Homed, Homing, Shaft};
+use crate::slave::plant::{Effort, Motor};
+use crate::slave::switches::{Input, Inputs, Switches, Travel};
+
+impl Axis {
+    /// The same axis with switches along its travel; one that was only made has none.
+    pub fn on(mut self, travel: &Travel, motor: &Motor) -> Self {
+        self.switches = Switches::new(travel, motor.counts_per_turn);
+        self.plant.set_stops(travel.stops);
+        self
+    }
+
+    /// The mode 6, for its error.
+    pub const fn homing(&self) -> &Homing {
+        &self.homing
+    }
+
+    /// Position actual value (0x6064), counts: the shaft's and the origin that homing has set.
+    pub const fn position(&self) -> i64 {
+        self.plant.position().wrapping_add(self.origin)
+    }
+
+    /// The position actual value where the shaft's count is 0.
+    pub const fn origin(&self) -> i64 {
+        self.origin
+    }
+
+    /// The switches as they are now, bits 0 to 2 of 0x60FD.
+    pub fn inputs(&self) -> Inputs {
+        self.switches.read(self.plant.position())
+    }
+
+    /// An input sticks, or works again.
+    pub const fn stick(&mut self, input: Input, value: Option<bool>) {
+        self.switches.stick(input, value);
+    }
+
+    /// The shaft is jammed, or free again.
+    pub const fn jam(&mut self, jammed: bool) {
+        self.plant.jam(jammed);
+    }
+
+    /// A target position has come by process data; see this file's head for the one that is not taken.
+    pub const fn take_target_position(&mut self, position: i32) {
+        if self.stale {
+            self.stale = false;
+        } else {
+            self.targets.position = position;
+        }
+    }
+
+    /// `ns` pass in mode 6.
+    pub(super) fn home(&mut self, ns: Ns) {
+        let from = self.plant.position();
+        let moves = self.demand.velocity != 0.0 || self.plant.velocity().abs() > self.velocity_reached;
+        let shaft = Shaft { position: from, moves };
+        let word = self.machine.controlword();
+        if let Some(homed) = self.homing.command(word, shaft, &self.settings.homing, &self.switches) {
+            self.come_home(homed);
+        }
+        let way = self.glide(self.homing.velocity(), self.homing_ramp(), ns);
+        if let Some(homed) = self.homing.pass(from, self.plant.position(), way, &self.switches) {
+            self.come_home(homed);
+        }
+    }
+
+    /// Following begins in mode 6: the demand is where the shaft is, to less than a count, so that nothing moves it.
+    pub(super) const fn hold_for_homing(&mut self) {
+        self.demand.fraction = self.plant.fraction();
+    }
+
+    /// The axis has stopped following, if it is in mode 6.
+    pub(super) fn leave_homing_unpowered(&mut self) {
+        if self.mode == Mode::Homing {
+            self.homing.lose_power(self.machine.controlword());
+        }
+    }
+
+    /// `ns` pass after mode 6 was left in motion: the axis brakes. False: it stands, and nothing has passed.
+    pub(super) fn brake_after_homing(&mut self, ns: Ns) -> bool {
+        if self.stands() {
+            self.targets.position = self.position() as i32;
+            self.stale = true;
+            return false;
+        }
+        self.glide(0.0, self.homing.acceleration(), ns);
+        true
+    }
+
+    /// The shaft stands and the demand too.
+    pub(super) fn stands(&self) -> bool {
+        let demanded = matches!(self.motion, Motion::Follow | Motion::BrakeAfterHoming) && self.demand.velocity != 0.0;
+        self.plant.is_at_standstill() && !demanded
+    }
+
+    /// 0x609A, or what 0x605D says of a halt.
+    fn homing_ramp(&self) -> f64 {
+        match self.homing.halt_option() {
+            Some(2) => self.settings.quick_stop.into(),
+            Some(3 | 4) => self.plant.torque_as_acceleration(),
+            _ => self.homing.acceleration(),
+        }
+    }
+
+    /// The demand's velocity comes nearer to `wanted`, counts/s, by `ramp` counts/s² at most. The way it goes, counts.
+    fn glide(&mut self, wanted: f64, ramp: f64, ns: Ns) -> f64 {
+        let seconds = ns as f64 / 1e9;
+        let limit = f64::from(self.settings.max_velocity);
+        let Demand { whole, fraction, velocity: from } = self.demand;
+        let most = ramp * seconds;
+        let to = wanted.clamp(-limit, limit).clamp(from - most, from + most);
+        let by = (from + to) * 0.5 * seconds;
+        self.plant.run(Effort::Position { from: whole, fraction, by }, ns);
+        self.move_demand(by);
+        // Rounded, as the shaft's count is: where it stands it is where it should be.
+        let counts = rounded(self.demand.fraction);
+        self.demand.whole = self.demand.whole.wrapping_add(counts);
+        self.demand.fraction -= counts as f64;
+        self.demand.velocity = to;
+        self.watch_following_error(ns);
+        by
+    }
+
+    /// Home is found: from now on positions are counted from there.
+    fn come_home(&mut self, Homed { at, offset }: Homed) {
+        self.origin = i64::from(offset).wrapping_sub(at);
+        self.stale = true;
+    }
+}

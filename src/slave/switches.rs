@@ -1,0 +1,238 @@
+//! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
+//!
+//! Everything is at a place on the shaft, in counts of the plant, which no homing ever shifts. A switch is active on a
+//! range of counts, both ends in it, so that an edge lies between two counts and is seen at the first count on its far
+//! side; the index pulse is one count wide. [`Switches::next`] finds the counts where something changes on the way from
+//! one place to another, so that an edge or a pulse is latched to the count, however far the shaft went meanwhile.
+
+use super::plant::Motor;
+
+/// \[OURS] A run gives up after that many turns, unless [`Travel::search_limit`] says another way.
+const SEARCH_LIMIT_TURNS: u64 = 100;
+/// \[OURS] Where the limit switches of [`Travel::for_motor`] are, turns from 0 in either direction.
+const LIMIT_TURNS: i64 = 10;
+
+/// An input of an axis that can be wired, or stick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Input {
+    /// Negative limit switch, bit 0 of 0x60FD.
+    NegativeLimit,
+    /// Positive limit switch, bit 1 of 0x60FD.
+    PositiveLimit,
+    /// Home switch, bit 2 of 0x60FD.
+    Home,
+    /// Index pulse of the encoder, which no bit shows.
+    Index,
+}
+
+impl Input {
+    /// Its name for people.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NegativeLimit => "negative limit switch",
+            Self::PositiveLimit => "positive limit switch",
+            Self::Home => "home switch",
+            Self::Index => "index pulse",
+        }
+    }
+}
+
+/// States of the three switches, as bits 0 to 2 of 0x60FD (CiA 402-2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Inputs(u8);
+
+impl Inputs {
+    /// Whether a switch is active; the index pulse is none.
+    pub const fn has(self, input: Input) -> bool {
+        self.0 & Self::bit(input) != 0
+    }
+
+    /// Whether both limit switches are active at once.
+    pub const fn has_both_limits(self) -> bool {
+        self.has(Input::NegativeLimit) && self.has(Input::PositiveLimit)
+    }
+
+    /// The value of 0x60FD.
+    pub fn bits(self) -> u32 {
+        self.0.into()
+    }
+
+    /// The same seen from the other end of the travel: the limit switches change places.
+    pub const fn mirrored(self) -> Self {
+        Self(self.0 & 0b100 | (self.0 & 0b001) << 1 | (self.0 & 0b010) >> 1)
+    }
+
+    const fn bit(input: Input) -> u8 {
+        match input {
+            Input::NegativeLimit => 0b001,
+            Input::PositiveLimit => 0b010,
+            Input::Home => 0b100,
+            Input::Index => 0,
+        }
+    }
+}
+
+/// Where a home switch is active, counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HomeSwitch {
+    /// A cam: from `first` to `last`, both in it.
+    Cam {
+        /// The lowest count.
+        first: i64,
+        /// The highest count.
+        last: i64,
+    },
+    /// A step: from that count on upwards.
+    From(i64),
+    /// A step: up to that count.
+    UpTo(i64),
+}
+
+/// What is along the way of an axis, in counts of its shaft. An input that is `None` is not wired: it reads 0, and a
+/// homing method that needs it ends in an error.
+///
+/// The limit switches act in homing only \[OURS]: in CSP, CSV and CST an axis runs past them, as one whose drive leaves
+/// them to its master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Travel {
+    /// The negative limit switch is active at this count and below.
+    pub negative_limit: Option<i64>,
+    /// The positive limit switch is active at this count and above.
+    pub positive_limit: Option<i64>,
+    /// The home switch.
+    pub home: Option<HomeSwitch>,
+    /// The index pulse comes once a turn, at every count that leaves this rest.
+    pub index: Option<u32>,
+    /// Mechanical end stops: the lowest and the highest count that the shaft can reach.
+    pub stops: Option<(i64, i64)>,
+    /// A homing run that has gone further than this, counts there and back, gives up.
+    pub search_limit: u64,
+}
+
+impl Travel {
+    /// Nothing is wired, and nothing is in the way.
+    pub const NONE: Self = Self {
+        negative_limit: None,
+        positive_limit: None,
+        home: None,
+        index: None,
+        stops: None,
+        search_limit: u64::MAX,
+    };
+
+    /// \[OURS] A travel on which every homing method finds home from where a drive stands at power-on, position 0:
+    /// limit switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every
+    /// whole turn, no end stops, and runs of 100 turns at most.
+    pub fn for_motor(motor: &Motor) -> Self {
+        let turn = i64::from(motor.counts_per_turn.max(1));
+        Self {
+            negative_limit: Some(-LIMIT_TURNS * turn),
+            positive_limit: Some(LIMIT_TURNS * turn),
+            home: Some(HomeSwitch::Cam { first: -turn / 4, last: turn / 4 }),
+            index: Some(0),
+            stops: None,
+            search_limit: SEARCH_LIMIT_TURNS * turn.unsigned_abs(),
+        }
+    }
+}
+
+impl Default for Travel {
+    /// That of the default motor.
+    fn default() -> Self {
+        Self::for_motor(&Motor::default())
+    }
+}
+
+/// The switches of an axis as they are wired, with what sticks.
+#[derive(Clone, Debug)]
+pub struct Switches {
+    /// Ranges of the three switches.
+    ranges: [(Input, Option<(i64, i64)>); 3],
+    index: Option<i64>,
+    turn: i64,
+    search_limit: f64,
+    /// In the order of [`Input`].
+    stuck: [Option<bool>; 4],
+}
+
+impl Switches {
+    /// The switches of a travel, on a shaft with that many counts a turn.
+    pub fn new(travel: &Travel, counts_per_turn: u32) -> Self {
+        let home = travel.home.map(|home| match home {
+            HomeSwitch::Cam { first, last } => (first, last),
+            HomeSwitch::From(first) => (first, i64::MAX),
+            HomeSwitch::UpTo(last) => (i64::MIN, last),
+        });
+        Self {
+            ranges: [
+                (Input::NegativeLimit, travel.negative_limit.map(|last| (i64::MIN, last))),
+                (Input::PositiveLimit, travel.positive_limit.map(|first| (first, i64::MAX))),
+                (Input::Home, home),
+            ],
+            index: travel.index.map(i64::from),
+            turn: counts_per_turn.max(1).into(),
+            search_limit: travel.search_limit as f64,
+            stuck: [None; 4],
+        }
+    }
+
+    /// An input sticks at a value (an index pulse at either: no pulse comes any more), or works again: `None`.
+    pub const fn stick(&mut self, input: Input, value: Option<bool>) {
+        self.stuck[input as usize] = value;
+    }
+
+    /// Whether an input is wired, working or not.
+    pub fn is_wired(&self, input: Input) -> bool {
+        match input {
+            Input::Index => self.index.is_some(),
+            _ => self.ranges.iter().any(|(wired, range)| *wired == input && range.is_some()),
+        }
+    }
+
+    /// How far a homing run may go, counts.
+    pub const fn search_limit(&self) -> f64 {
+        self.search_limit
+    }
+
+    /// The switches with the shaft at that count.
+    pub fn read(&self, position: i64) -> Inputs {
+        let mut bits = 0;
+        for (input, range) in self.ranges {
+            let Some((first, last)) = range else { continue };
+            if self.stuck[input as usize].unwrap_or(first <= position && position <= last) {
+                bits |= Inputs::bit(input);
+            }
+        }
+        Inputs(bits)
+    }
+
+    /// Whether the index pulse comes at that count.
+    pub fn has_index(&self, position: i64) -> bool {
+        self.next_index(position.wrapping_sub(1), true) == Some(position)
+    }
+
+    /// The first count after `from`, up to `to` and in its direction, where a switch changes, or with `index` a pulse
+    /// comes.
+    pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
+        let up = to > from;
+        let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };
+        let edges = self.ranges.into_iter().flat_map(|(input, range)| {
+            let working = range.filter(|_| self.stuck[input as usize].is_none());
+            working.map_or([None; 2], |(first, last)| match up {
+                true => [Some(first), last.checked_add(1)],
+                false => [first.checked_sub(1), Some(last)],
+            })
+        });
+        let pulse = if index { self.next_index(from, up) } else { None };
+        let places = edges.flatten().chain(pulse).filter(ahead);
+        if up { places.min() } else { places.max() }
+    }
+
+    /// The first index pulse beyond a count.
+    fn next_index(&self, from: i64, up: bool) -> Option<i64> {
+        let index = self.index.filter(|_| self.stuck[Input::Index as usize].is_none())?;
+        let way = if up { index.wrapping_sub(from) } else { from.wrapping_sub(index) }.rem_euclid(self.turn);
+        let way = if way == 0 { self.turn } else { way };
+        Some(if up { from.wrapping_add(way) } else { from.wrapping_sub(way) })
+    }
+}

@@ -1,0 +1,200 @@
+//! 0x60FD, switches and what can be wrong with them, end stops and a jammed shaft.
+
+use ecmsk::cia402::{DriveState, Mode};
+use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::fieldbus::JobDone;
+use ecmsk::slave::homing::HomingError;
+use ecmsk::slave::plant::Motor;
+use ecmsk::slave::switches::Switches;
+use ecmsk::slave::{Drive, DriveConfig, HomeSwitch, Input, Io, Slave, Travel};
+
+use crate::bench::{Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, POSITIVE_LIMIT, TURN, travel};
+use crate::fieldbus_rig;
+use crate::slave_rig::MS;
+
+fn digital_inputs(position: i64, travel: Travel) -> u32 {
+    let mut drive = Drive::new(DriveConfig { position, travel, ..DriveConfig::default() });
+    drive.enter(ecmsk::fieldbus::AlState::PreOp).unwrap();
+    drive.upload(ObjectAddress::new(0x60FD, 0)).unwrap().bits
+}
+
+/// 0x60FD: bit 0 negative limit, bit 1 positive limit, bit 2 home, to the count; what is not wired reads 0.
+#[test]
+fn bits_of_0x60fd() {
+    for (position, cam, step_up, step_down) in [
+        (i64::from(i32::MIN), 0b001, 0b001, 0b101),
+        (NEGATIVE_LIMIT, 0b001, 0b001, 0b101),
+        (NEGATIVE_LIMIT + 1, 0, 0, 0b100),
+        (FIRST - 1, 0, 0, 0b100),
+        (FIRST, 0b100, 0b100, 0b100),
+        (LAST, 0b100, 0b100, 0b100),
+        (LAST + 1, 0, 0b100, 0),
+        (POSITIVE_LIMIT - 1, 0, 0b100, 0),
+        (POSITIVE_LIMIT, 0b010, 0b110, 0b010),
+        (i64::from(i32::MAX), 0b010, 0b110, 0b010),
+    ] {
+        let read = |home| digital_inputs(position, travel(home));
+        let all = [read(CAM), read(HomeSwitch::From(FIRST)), read(HomeSwitch::UpTo(LAST))];
+        assert_eq!(all, [cam, step_up, step_down], "at {position}");
+        assert_eq!(digital_inputs(position, Travel::NONE), 0);
+    }
+}
+
+/// Homing moves no switch: they are on the shaft, whatever its position reads.
+#[test]
+fn switches_stay_where_they_are() {
+    let mut bench = Bench::new(travel(CAM), -100_000);
+    bench.rig.write(0x607C, 0, SdoSize::Four, 250_000);
+    for _ in 0..2 {
+        assert_eq!(bench.home(24).end.map(|_| bench.shaft() >= FIRST), Ok(true));
+        assert_eq!(bench.rig.read(0x60FD, 0), 0b100);
+    }
+    assert_eq!(bench.home_count(), FIRST - 250_000);
+}
+
+/// The next count where something changes, in both directions, and the pulses between.
+#[test]
+fn next_on_the_way() {
+    let switches = Switches::new(&travel(CAM), TURN as u32);
+    let (low, high) = (-600_000, 600_000);
+    let mut up = Vec::new();
+    let mut at = low;
+    while let Some(next) = switches.next(at, high, true) {
+        up.push(next);
+        at = next;
+    }
+    let pulses = (low + 1..=high).filter(|count| (count - i64::from(INDEX)).rem_euclid(TURN) == 0);
+    let mut expected: Vec<i64> = pulses.clone().chain([NEGATIVE_LIMIT + 1, FIRST, LAST + 1, POSITIVE_LIMIT]).collect();
+    expected.sort_unstable();
+    assert_eq!(up, expected);
+    let mut down = Vec::new();
+    let mut at = high;
+    while let Some(next) = switches.next(at, low, true) {
+        down.push(next);
+        at = next;
+    }
+    let mut expected: Vec<i64> = pulses.clone().chain([NEGATIVE_LIMIT, FIRST - 1, LAST, POSITIVE_LIMIT - 1]).collect();
+    expected.sort_unstable_by(|a, b| b.cmp(a));
+    assert_eq!(down, expected);
+    assert!(pulses.into_iter().all(|count| switches.has_index(count) && !switches.has_index(count + 1)));
+    assert_eq!(switches.next(FIRST, FIRST, true), None);
+    assert_eq!(switches.next(i64::MIN, i64::MAX, false), Some(NEGATIVE_LIMIT + 1), "at the ends of counting");
+}
+
+/// An input that sticks reads so everywhere, until it works again.
+#[test]
+fn stuck_inputs_in_0x60fd() {
+    let mut bench = Bench::new(travel(CAM), 0);
+    for (input, bit) in [(Input::NegativeLimit, 0), (Input::PositiveLimit, 1), (Input::Home, 2)] {
+        for (value, shown) in [(Some(true), 1), (Some(false), 0), (None, u32::from(bit == 2))] {
+            assert!(bench.rig.drive.stick_input(0, input, value));
+            assert_eq!(bench.rig.read(0x60FD, 0) >> bit & 1, shown, "{input:?} {value:?}");
+        }
+    }
+    assert!(!bench.rig.drive.stick_input(1, Input::Home, None), "there is no second axis");
+    assert!(!bench.rig.drive.jam(1, true));
+    let mut io = Io::default();
+    assert!(!io.stick_input(0, Input::Home, None) && !io.jam(0, true), "nor any axis of an IO module");
+}
+
+/// A jammed shaft stands whatever the torque; the following error grows on its own and is a fault, which ends homing.
+#[test]
+fn jammed() {
+    let mut bench = Bench::new(travel(CAM), -190_000);
+    bench.start(20);
+    bench.run_for_ms(50);
+    assert!(bench.rig.drive.jam(0, true));
+    bench.cycle();
+    let stands = bench.shaft();
+    let mut torque = 0;
+    while bench.rig.state() == DriveState::OperationEnabled {
+        bench.cycle();
+        assert_eq!((bench.shaft(), bench.rig.velocity()), (stands, 0.0));
+        torque = torque.max(bench.rig.torque());
+    }
+    assert_eq!((torque, bench.rig.read(0x603F, 0)), (3000, 0x8611));
+    bench.run_for_ms(500);
+    assert_eq!((bench.bits(), bench.error(), bench.shaft()), (Bits::Error, HomingError::PowerLost, stands));
+    assert!(bench.rig.drive.jam(0, false));
+    bench.rig.out.controlword.0 = 0x80;
+    bench.cycle();
+    bench.rig.enable();
+    assert_eq!(bench.home(20).end, Ok(FIRST));
+}
+
+/// A jammed shaft in the cyclic modes: a position is not reached and that is a fault, a velocity and a torque just are
+/// not there; freed, it follows again.
+#[test]
+fn jammed_in_cyclic_modes() {
+    for mode in [Mode::Csv, Mode::Cst] {
+        let mut rig = crate::slave_rig::Rig::enabled(DriveConfig::default(), mode, MS);
+        rig.drive.jam(0, true);
+        rig.out.target = 500;
+        rig.run_for(100 * MS);
+        assert_eq!((rig.position(), rig.velocity(), rig.state()), (0, 0.0, DriveState::OperationEnabled));
+        rig.drive.jam(0, false);
+        rig.run_for(100 * MS);
+        assert!(rig.position() > 10, "{mode}");
+    }
+}
+
+/// End stops: the shaft goes no further, its loops push, and the following error is a fault.
+#[test]
+fn end_stops() {
+    let stops = (-250_000, 310_000);
+    let mut bench = Bench::new(Travel { stops: Some(stops), ..travel(CAM) }, 150_000);
+    bench.rig.drive.stick_input(0, Input::PositiveLimit, Some(false));
+    bench.start(2);
+    bench.run_for_ms(2_000);
+    assert_eq!((bench.shaft(), bench.rig.state(), bench.bits()), (stops.1, DriveState::Fault, Bits::Error));
+    let mut bench = Bench::new(Travel { stops: Some(stops), ..travel(CAM) }, 0);
+    assert_eq!(bench.home(17).end, Ok(NEGATIVE_LIMIT + 1), "they are beyond the switches");
+}
+
+/// The travel of another motor is its turns, not the default motor's counts.
+#[test]
+fn travel_of_a_motor() {
+    let motor = Motor { counts_per_turn: 4_000, max_velocity: 400_000, ..Motor::default() };
+    let travel = Travel::for_motor(&motor);
+    assert_eq!((travel.negative_limit, travel.positive_limit), (Some(-40_000), Some(40_000)));
+    assert_eq!(Travel::default().positive_limit, Some(10 * TURN));
+    assert!(travel.stops.is_none() && FAST > 0);
+}
+
+/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on; a slave or an
+/// axis that there is not is none of its business.
+#[test]
+fn by_the_handle_of_the_bus() {
+    let mut bus = fieldbus_rig::Bench::enabled(3);
+    let read = |bus: &mut fieldbus_rig::Bench| {
+        [1, 2, 3].map(|slave| match bus.done(fieldbus_rig::sdo(slave, 0x60FD, None)) {
+            JobDone::Sdo(Ok(value)) => value,
+            other => panic!("{other:?}"),
+        })
+    };
+    // They stand on the cam of the default travel.
+    let cam = 0b100;
+    assert_eq!(read(&mut bus), [cam; 3]);
+    for (slave, axis) in [(2, 0), (0, 0), (1, 1), (40, 0)] {
+        bus.handle.stick_input(slave, axis, Input::PositiveLimit, Some(true));
+    }
+    assert_eq!(read(&mut bus), [cam, cam | 0b10, cam]);
+    bus.handle.stick_input(2, 0, Input::PositiveLimit, None);
+    assert_eq!(read(&mut bus), [cam; 3]);
+    for (slave, axis) in [(3, 0), (0, 0), (2, 1), (40, 0)] {
+        bus.handle.jam(slave, axis, true);
+    }
+    let follow = |bus: &mut fieldbus_rig::Bench, by: i32| {
+        for _ in 0..200 {
+            for slave in [2, 3] {
+                *bus.target(slave) += by;
+            }
+            bus.cycle();
+        }
+        [2, 3].map(|slave| bus.handle.shaft(slave, 0))
+    };
+    assert_eq!(follow(&mut bus, 100)[1], Some(3_000));
+    assert_eq!(follow(&mut bus, 0), [Some(22_000), Some(3_000)]);
+    bus.handle.jam(3, 0, false);
+    assert_eq!(follow(&mut bus, 0), [Some(22_000), Some(23_000)]);
+}

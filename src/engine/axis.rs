@@ -2,6 +2,7 @@
 //! never jump.
 
 use super::fault_reset::FaultReset;
+use super::homing::AxisHoming;
 use crate::cia402::{Controlword, DriveState, Mode};
 use crate::fieldbus::{AxisIn, AxisOut};
 
@@ -25,13 +26,14 @@ enum Power {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     power: Power,
-    /// What goes to the drive, but for the fault reset.
+    /// What goes to the drive, but for the fault reset and bit 4 of homing.
     pub(super) out: AxisOut,
     /// The statusword said Operation enabled in the last cycle.
     enabled: bool,
     /// The statusword said Fault, or Fault reaction active, in the last cycle.
     faulted: bool,
     fault_reset: FaultReset,
+    pub(super) homing: AxisHoming,
 }
 
 impl Axis {
@@ -63,9 +65,17 @@ impl Axis {
         }
     }
 
-    /// The next set of outputs to the drive.
-    pub(super) fn next_out(&mut self) -> AxisOut {
+    /// Whether the drive is in Operation enabled by SV_ON, in whatever mode.
+    pub(super) fn is_up(&self) -> bool {
+        self.power == Power::Up
+    }
+
+    /// The next set of outputs to the drive, the one with that id.
+    pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.out;
+        if self.homing.next_bit(id) {
+            out.controlword.0 |= Controlword::HOMING_START;
+        }
         if self.fault_reset.next_bit() {
             out.controlword.0 |= Controlword::FAULT_RESET;
         }
@@ -74,7 +84,11 @@ impl Axis {
 
     /// Whether the next set of outputs has to differ from `last`, or may have to.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
-        self.fault_reset.is_under_way() || self.out != *last
+        let mut next = self.out;
+        if self.homing.bit() {
+            next.controlword.0 |= Controlword::HOMING_START;
+        }
+        self.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
     }
 
     /// Takes a target if the axis follows targets now; false: it is not in Operation enabled by the board's own SV_ON.
@@ -115,6 +129,7 @@ impl Axis {
         }
         self.out = then.out;
         self.fault_reset = then.fault_reset;
+        self.homing.go_back_to(&then.homing);
     }
 
     fn walk(&mut self, state: Option<DriveState>) {

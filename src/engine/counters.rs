@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+use super::homing::HomingEnd;
+use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
+use crate::coe::AbortCode;
 use crate::fieldbus::Ns;
 use crate::sk::{CommandId, Malformed};
 
@@ -26,8 +29,8 @@ pub enum Reason {
     HomingElsewhere,
     /// There is no slave at that place, or it is declared as none.
     NoSlave,
-    /// A command that is right, but that this model does not do yet.
-    NotModelled,
+    /// GO_HOME for a drive that is not in Operation enabled by SV_ON.
+    NotEnabled,
 }
 
 impl Reason {
@@ -45,7 +48,7 @@ impl Reason {
         "not_in_homing_mode",
         "homing_elsewhere",
         "no_slave",
-        "not_modelled",
+        "not_enabled",
     ];
 
     /// Index into [`Counters::rejected`].
@@ -60,7 +63,7 @@ impl Reason {
             Self::NotInHomingMode => 6,
             Self::HomingElsewhere => 7,
             Self::NoSlave => 8,
-            Self::NotModelled => 9,
+            Self::NotEnabled => 9,
         }
     }
 }
@@ -77,7 +80,7 @@ impl fmt::Display for Reason {
             Self::NotInHomingMode => f.write_str("the drive is not in homing mode (write 0x6060 = 6 first)"),
             Self::HomingElsewhere => f.write_str("another slave is homing"),
             Self::NoSlave => f.write_str("no slave at that place (see SET_AXIS and the slave count it answers)"),
-            Self::NotModelled => f.write_str("right, but not in this model yet (docs/FEATURES.md lists what is)"),
+            Self::NotEnabled => f.write_str("the drive is not on (send SV_ON and wait for Operation enabled first)"),
         }
     }
 }
@@ -110,8 +113,10 @@ pub struct Counters {
     pub reports: u64,
     /// Commands rejected, by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],
-    /// Commands that came for a slave while it was homing.
+    /// Commands that came for a slave while it was homing, or while its mode was restored after that.
     pub ignored_homing: u64,
+    /// Times the mode after homing could not be written back: the drive has stayed in mode 6.
+    pub modes_not_restored: u64,
     /// Targets that came before Operation enabled.
     pub discarded_before_enabled: u64,
     /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
@@ -150,6 +155,28 @@ pub enum Event {
         /// Data2.
         data2: u32,
     },
+    /// Homing of an axis is over.
+    HomingEnded {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+        /// Its axis, from 0.
+        axis: u8,
+        /// How.
+        end: HomingEnd,
+    },
+    /// The board could not write DRIVE_MODE's mode back after homing; the drive has stayed in mode 6 (SK-7 \[OURS]).
+    ModeNotRestored {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+        /// Its axis, from 0.
+        axis: u8,
+        /// What the newest try ended with.
+        code: AbortCode,
+    },
 }
 
 impl fmt::Display for Event {
@@ -160,6 +187,16 @@ impl fmt::Display for Event {
                 f,
                 "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
                 at / 1000
+            ),
+            Self::HomingEnded { at, slave, axis, end } => {
+                write!(f, "homing of slave {slave}, axis {}, at {} us: {end}", axis + 1, at / 1000)
+            }
+            Self::ModeNotRestored { at, slave, axis, code } => write!(
+                f,
+                "the mode of slave {slave}, axis {}, could not be restored after homing at {} us ({code}): write 0x{:04X}",
+                axis + 1,
+                at / 1000,
+                MODES_OF_OPERATION + SECOND_AXIS_OFFSET * u16::from(*axis)
             ),
         }
     }

@@ -1,6 +1,6 @@
 //! Executing a command frame: what each command does, and why one is rejected (SK-4).
 
-use super::{CrcSwitches, Engine, Event, Head, Reason, Rejection};
+use super::{CrcSwitches, Engine, Event, Head, HomingEnd, Reason, Rejection};
 use crate::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::{
@@ -59,6 +59,7 @@ impl Engine {
         let size = self.config.slot;
         let slots = frame.slots(size);
         let boots = self.boots;
+        self.homing_before = self.homing_slaves();
         let master = slots.get(0);
         if !(self.v.network.in_op() && acts_on_arrival(CommandId::from_code(master.id))) {
             self.execute_master(&master, at);
@@ -135,7 +136,7 @@ impl Engine {
         let id = CommandId::from_code(slot.id);
         let done = self.admit(id, Place::Slave).and_then(|()| {
             let command = SlotCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
-            self.run_slave(slave, &command.command)
+            self.run_slave(slave, &command.command, at)
         });
         match done {
             Ok(output_image) => self.v.heads[slave - 1] = Head { output_image, ..head },
@@ -150,12 +151,16 @@ impl Engine {
     }
 
     /// Says the output image that the answer shows, for IO_WR.
-    fn run_slave(&mut self, slave: usize, command: &SlaveCommand) -> Result<Option<u16>, Reason> {
+    fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Option<u16>, Reason> {
         if let SlaveCommand::DriveMode { mode, sync } = *command {
             self.v.modes[slave - 1] = (mode, sync);
             return Ok(None);
         }
-        match (*command, self.role(slave)) {
+        let role = self.role(slave);
+        if self.ignores(slave, command, role) {
+            return Ok(None);
+        }
+        match (*command, role) {
             (_, Role::Unused) => return Err(Reason::NoSlave),
             (SlaveCommand::GetStatus, _) | (SlaveCommand::IoRead, Role::Io) => {}
             (SlaveCommand::IoWrite(bits), Role::Io) => {
@@ -164,7 +169,10 @@ impl Engine {
             }
             (_, Role::Io) => return Err(Reason::WrongSlot),
             (SlaveCommand::ServoOn, _) => self.each_axis(slave, super::Axis::switch_on),
-            (SlaveCommand::ServoOff, _) => self.each_axis(slave, super::Axis::switch_off),
+            (SlaveCommand::ServoOff, _) => {
+                self.end_homing(slave, HomingEnd::ServoOff, at);
+                self.each_axis(slave, super::Axis::switch_off);
+            }
             (SlaveCommand::AlarmClear, _) => self.each_axis(slave, super::Axis::clear_alarm),
             (SlaveCommand::Csp(motion), Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode)) => {
                 self.aim(slave, Mode::Csp, mode, &motion)?;
@@ -175,7 +183,8 @@ impl Engine {
             (SlaveCommand::Cst(torque), Role::Drive(mode)) => {
                 self.aim(slave, Mode::Cst, mode, &Motion::to(torque.into()))?;
             }
-            (SlaveCommand::GoHome | SlaveCommand::AbortHome, _) => return Err(Reason::NotModelled),
+            (SlaveCommand::GoHome, _) => self.go_home(slave)?,
+            (SlaveCommand::AbortHome, _) => self.abort_home(at),
             _ => return Err(Reason::WrongSlot),
         }
         Ok(None)
@@ -220,8 +229,11 @@ impl Engine {
             let command = SdoCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
             self.v.sdo.command(command)
         });
-        if let Err(reason) = done {
-            self.reject(self.config.slot.sdo_slot(), id, reason, at);
+        match done {
+            Ok(()) => {
+                self.holds_mode_write(at);
+            }
+            Err(reason) => self.reject(self.config.slot.sdo_slot(), id, reason, at),
         }
     }
 

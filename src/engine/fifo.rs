@@ -16,15 +16,6 @@ pub(super) struct CommandFifo {
 /// "160 is the default: taking starts with the first entry."
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
-/// SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504 bytes (UG15n) and 128 for one of 512 \[OURS];
-/// firmware 1.7 counts commands \[OURS].
-const fn full_count_step(firmware: Firmware, size: SlotSize) -> u16 {
-    match firmware {
-        Firmware::V17 => 1,
-        Firmware::V15 => (size.frame_len() / 4) as u16,
-    }
-}
-
 impl CommandFifo {
     pub(super) fn new() -> Self {
         Self {
@@ -49,7 +40,7 @@ impl CommandFifo {
     /// Queues a frame, or raises the full count and says false.
     pub(super) fn push(&mut self, frame: &Frame, ahead: u16, firmware: Firmware, size: SlotSize) -> bool {
         if self.free(ahead) == 0 {
-            self.full_count = self.full_count.wrapping_add(full_count_step(firmware, size));
+            self.full_count = self.full_count.wrapping_add(firmware.full_count_step(size));
             return false;
         }
         let at = (self.head + self.len as usize) % self.ring.len();

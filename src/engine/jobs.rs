@@ -1,8 +1,10 @@
 //! What takes longer than a cycle: the engine's side of the bus's jobs.
 
 use super::network::Step;
+use super::restore::Restore;
 use super::{Axis, Engine};
 use crate::cia402::{MODES_OF_OPERATION, Mode, SECOND_AXIS_OFFSET};
+use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
     AlState, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveConfig, SlaveSet,
 };
@@ -13,6 +15,7 @@ use crate::sk::{DriveSync, MasterState, SlaveKind};
 pub(super) enum Work {
     Network(Step),
     HostSdo,
+    Restore(Restore),
 }
 
 const fn al_state(state: MasterState) -> AlState {
@@ -21,6 +24,16 @@ const fn al_state(state: MasterState) -> AlState {
         MasterState::PreOp => AlState::PreOp,
         MasterState::SafeOp => AlState::SafeOp,
         MasterState::Op => AlState::Op,
+    }
+}
+
+/// The axis whose mode of operation that object is.
+pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
+    const SECOND: u16 = MODES_OF_OPERATION + SECOND_AXIS_OFFSET;
+    match (object.index, object.sub) {
+        (MODES_OF_OPERATION, 0) => Some(0),
+        (SECOND, 0) => Some(1),
+        _ => None,
     }
 }
 
@@ -34,9 +47,9 @@ impl Engine {
             && let Some(done) = bus.poll_job(now)
         {
             self.job = None;
-            self.finish(work, done);
+            self.finish(work, done, now);
             // SK-6 [OURS]: a request that came during transfers of the board's own runs next.
-            if work == Work::Network(Step::Configure) {
+            if matches!(work, Work::Network(Step::Configure) | Work::Restore(_)) {
                 self.start_host_sdo(now, bus);
             }
         }
@@ -68,7 +81,7 @@ impl Engine {
             }
             let Some(job) = self.network_job(step, now) else {
                 // Nobody has to move: the state is reached.
-                self.step_done(step);
+                self.step_done(step, now);
                 continue;
             };
             if bus.start(job, now).is_ok() {
@@ -77,9 +90,15 @@ impl Engine {
             return;
         }
         self.start_host_sdo(now, bus);
+        if self.job.is_none() {
+            self.start_restore(now, bus);
+        }
     }
 
     fn start_host_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        if self.holds_mode_write(now) {
+            return;
+        }
         if let Some(request) = self.v.sdo.waiting(self.config.sdo_timeout_ns)
             && bus.start(Job::Sdo(request), now).is_ok()
         {
@@ -158,23 +177,24 @@ impl Engine {
         config
     }
 
-    fn finish(&mut self, work: Work, done: JobDone) {
+    fn finish(&mut self, work: Work, done: JobDone, now: Ns) {
         match (work, done) {
             (Work::Network(Step::Scan), JobDone::Scan { found }) => {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
             }
             (Work::Network(Step::Configure), JobDone::Configure(Ok(second_axes))) => {
                 self.v.second_axes = second_axes;
-                self.step_done(Step::Configure);
+                self.step_done(Step::Configure, now);
             }
-            (Work::Network(step), JobDone::State(Ok(()))) => self.step_done(step),
+            (Work::Network(step), JobDone::State(Ok(()))) => self.step_done(step, now),
             (Work::Network(_), _) => self.v.network.fail(),
-            (Work::HostSdo, JobDone::Sdo(result)) => self.sdo_done(result),
-            (Work::HostSdo, _) => {}
+            (Work::HostSdo, JobDone::Sdo(result)) => self.sdo_done(result, now),
+            (Work::Restore(restore), JobDone::Sdo(result)) => self.restored(restore, result, now),
+            (Work::HostSdo | Work::Restore(_), _) => {}
         }
     }
 
-    fn step_done(&mut self, step: Step) {
+    fn step_done(&mut self, step: Step, now: Ns) {
         let was_op = self.v.network.in_op();
         if step == Step::Configure {
             self.modes_configured();
@@ -183,8 +203,13 @@ impl Engine {
         if was_op != self.v.network.in_op() {
             // OP begins and ends with an empty FIFO and with axes that ask for nothing.
             self.clear_fifo();
+            self.leave_homing_with_op(now);
             self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
             self.shown = self.v.heads;
+        }
+        if self.v.network.state() < Some(MasterState::SafeOp) {
+            // On the way up every mode is written.
+            self.v.restores.cancel_all();
         }
         if !was_op && self.v.network.in_op() {
             // What SafeOP has shown goes into the first outputs: they hold every axis where it is.
@@ -201,19 +226,15 @@ impl Engine {
         }
     }
 
-    fn sdo_done(&mut self, result: Result<u32, crate::coe::AbortCode>) {
+    fn sdo_done(&mut self, result: Result<u32, AbortCode>, now: Ns) {
         let written_well = result.is_ok();
         let Some(transfer) = self.v.sdo.finish(result) else { return };
         let Some((_, value)) = transfer.write else { return };
-        if !written_well || transfer.object.sub != 0 {
-            return;
+        if let Some(axis) = mode_object(transfer.object)
+            && written_well
+        {
+            self.mode_written(transfer.slave, axis, value as u8, now);
         }
-        let axis = match transfer.object.index {
-            MODES_OF_OPERATION => 0,
-            index if index == MODES_OF_OPERATION + SECOND_AXIS_OFFSET => 1,
-            _ => return,
-        };
-        self.v.modes_written[usize::from(transfer.slave) - 1][axis] = value as u8;
     }
 
     /// Whether the mode that DRIVE_MODE chose is the one that 0x6060 has.

@@ -10,13 +10,17 @@ mod counters;
 mod execute;
 mod fault_reset;
 mod fifo;
+mod go_home;
 mod handover;
+mod homing;
 mod jobs;
 mod network;
 mod outputs;
+mod profile;
 mod realtime;
 mod report;
 mod reports;
+mod restore;
 mod sdo;
 mod stepped;
 mod sync;
@@ -26,6 +30,9 @@ use std::collections::VecDeque;
 
 pub use board::Board;
 pub use counters::{Counters, Event, Reason, Rejection};
+pub use go_home::HomingPhase;
+pub use homing::HomingEnd;
+pub use profile::Firmware;
 pub use realtime::RealTime;
 pub use reports::Report;
 pub use stepped::{Stepped, Stop};
@@ -38,17 +45,8 @@ use axis::Axis;
 use counters::EventLog;
 use fifo::CommandFifo;
 use network::Network;
+use restore::Restores;
 use sdo::SdoSlot;
-
-/// Which firmware of the EC01M is modelled (SK-3).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Firmware {
-    /// 1.7: byte 1 of a slave's slot is the command index, the full count counts commands.
-    #[default]
-    V17,
-    /// 1.5: byte 1 of a slave's slot is the drive's mode of operation, the full count counts 32-bit words.
-    V15,
-}
 
 /// What a board is, apart from what programs tell it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,6 +116,8 @@ struct Volatile {
     modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     sdo: SdoSlot,
+    /// Modes that the board has to write back after homing.
+    restores: Restores,
     /// Byte 0 and bytes 4..7 of slot 0 outside OP.
     master_id: CommandId,
     master_result: u32,
@@ -141,6 +141,7 @@ impl Volatile {
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
+            restores: Restores::new(),
             master_id: CommandId::GetStatus,
             master_result: 0,
             crc_errors: 0,
@@ -166,6 +167,10 @@ pub struct Engine {
     outputs: Outputs,
     inputs: Inputs,
     next_output_id: u64,
+    /// The newest outputs that a polled cycle carried.
+    heard: Option<u64>,
+    /// Slaves that were homing when the frame under execution began.
+    homing_before: SlaveSet,
     /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
     executed: Vec<Executed>,
     /// Ids of outputs that carried a FIFO entry and have not been sent yet.
@@ -198,6 +203,8 @@ impl Engine {
             outputs: Outputs::default(),
             inputs: Inputs::default(),
             next_output_id: 0,
+            heard: None,
+            homing_before: SlaveSet::EMPTY,
             executed: vec![
                 Executed {
                     heads: [Head::default(); MAX_SLAVES],

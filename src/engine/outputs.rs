@@ -53,7 +53,7 @@ impl Engine {
     fn refresh_outputs(&mut self) {
         for (image, axes) in self.outputs.slaves.iter_mut().zip(&mut self.v.axes).take(self.v.network.found().into()) {
             for (out, axis) in image.iter_mut().zip(axes) {
-                *out = axis.next_out();
+                *out = axis.next_out(self.next_output_id);
             }
         }
     }

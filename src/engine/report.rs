@@ -1,6 +1,6 @@
 //! The answer of a cycle: the axes' next steps, and the response frame (SK-2, SK-3).
 
-use super::{Engine, Firmware, Head};
+use super::{Engine, Head};
 use crate::fieldbus::{CycleDone, Role};
 use crate::sk::{
     CommandId, DriveResponse, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterResponse, RawSlot, SlaveResponse,
@@ -15,6 +15,7 @@ impl Engine {
         }
         if self.v.network.in_op() {
             self.answer_axes();
+            self.answer_homing(done);
             self.refresh_slave_slots();
         } else {
             self.refresh_heads();
@@ -32,11 +33,7 @@ impl Engine {
         let op = self.v.network.in_op();
         MasterResponse {
             id: if op { MASTER_CYCLIC } else { self.v.master_id.code() },
-            // SK-2: the CRC error count; the 1.5 profile keeps 0 [OURS].
-            error: match self.config.firmware {
-                Firmware::V17 => self.v.crc_errors,
-                Firmware::V15 => 0,
-            },
+            error: self.config.firmware.error_byte(self.v.crc_errors),
             state: self.v.network.state_byte(),
             result: self.v.master_result,
             fifo_free: if op { self.fifo_free() } else { 0 },
@@ -67,11 +64,11 @@ impl Engine {
         let Head { id, index, output_image } = self.shown[slave - 1];
         let role = self.role(slave);
         let input = &self.inputs.slaves[slave - 1];
-        let index = match (self.config.firmware, role) {
-            (Firmware::V17, _) => index,
-            (Firmware::V15, Role::Drive(_) | Role::Step(_) | Role::Hsp(_)) => self.v.modes_written[slave - 1][0],
-            (Firmware::V15, Role::Io | Role::Unused) => 0,
+        let mode = match role {
+            Role::Drive(_) | Role::Step(_) | Role::Hsp(_) => self.v.modes_written[slave - 1][0],
+            Role::Io | Role::Unused => 0,
         };
+        let index = self.config.firmware.byte_1(index, mode);
         let head = SlaveResponse { id, index };
         match role {
             Role::Unused => RawSlot { id, index, ..RawSlot::ZERO },
@@ -104,12 +101,10 @@ impl Engine {
         for slave in 1..=size.max_slaves() {
             let Head { id, index, .. } = self.v.heads[slave - 1];
             let slot = self.v.response.slot(size, slave);
-            let index = match self.config.firmware {
-                Firmware::V17 => index,
-                // UG15 2.1.5: the answer to DRIVE_MODE is the mode.
-                Firmware::V15 if id == CommandId::DriveMode.code() => self.v.modes[slave - 1].0.code(),
-                Firmware::V15 => slot.index,
-            };
+            // UG15 2.1.5: the answer to DRIVE_MODE is the mode.
+            let is_drive_mode = id == CommandId::DriveMode.code();
+            let mode = if is_drive_mode { self.v.modes[slave - 1].0.code() } else { slot.index };
+            let index = self.config.firmware.byte_1(index, mode);
             self.v.response.put(size, slave, &RawSlot { id, index, ..slot });
         }
     }

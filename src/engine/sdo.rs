@@ -61,6 +61,11 @@ impl SdoSlot {
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
     }
 
+    /// Slave and object of the transfer that waits, if it is a write.
+    pub(super) fn waiting_write(&self) -> Option<(u8, ObjectAddress)> {
+        self.waiting.filter(|transfer| transfer.write.is_some()).map(|transfer| (transfer.slave, transfer.object))
+    }
+
     /// The transfer that waits is under way now.
     pub(super) fn started(&mut self) {
         self.running = self.waiting.take();

@@ -261,16 +261,3 @@ fn counters() {
     host.cycle();
     assert_eq!((host.counters().executed, host.counters().idle_cycles > 0), (4, true));
 }
-
-/// SK-4.39 A command that the model does not do yet is rejected as that, and not as one that the guides forbid.
-#[test]
-fn what_the_model_does_not_do_yet_says_so() {
-    let Bench { mut host, .. } = Bench::new(EngineConfig::default(), drives(1));
-    host.op(1);
-    for command in [SlaveCommand::GoHome, SlaveCommand::AbortHome] {
-        let before = host.counters().rejected[Reason::NotModelled.kind()];
-        host.slave(1, command).drained();
-        assert_eq!(host.counters().rejected[Reason::NotModelled.kind()], before + 1, "{command:?}");
-    }
-    assert!(Reason::NotModelled.to_string().contains("not in this model yet"));
-}

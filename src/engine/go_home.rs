@@ -1,0 +1,161 @@
+//! GO_HOME, ABORT_HOME and all that ends homing (SK-7): the board's side, over all slaves.
+
+use super::homing::{Answer, HomingEnd, News};
+use super::{Engine, Event, Reason};
+use crate::cia402::Mode;
+use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
+use crate::sk::SlaveCommand;
+
+/// Where a slave is on its way home.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum HomingPhase {
+    /// Not homing.
+    #[default]
+    Idle,
+    /// GO_HOME was executed; at least one axis is not done.
+    Homing,
+    /// Homing has ended, and DRIVE_MODE's mode is not back yet (firmware 1.7).
+    Restoring,
+}
+
+impl Engine {
+    /// Where a slave (from 1) is on its way home. Commands for one that is not [`HomingPhase::Idle`] count as ignored
+    /// while homing, but for SV_OFF, ALM_CLR and ABORT_HOME.
+    pub fn homing_phase(&self, slave: u8) -> HomingPhase {
+        let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.v.axes.get(n)) else {
+            return HomingPhase::Idle;
+        };
+        if axes.iter().any(|axis| axis.homing.is_homing()) {
+            return HomingPhase::Homing;
+        }
+        let restoring = axes.iter().any(|axis| axis.homing.is_ending()) || self.v.restores.concern(slave);
+        if restoring && self.config.firmware.restores_mode() { HomingPhase::Restoring } else { HomingPhase::Idle }
+    }
+
+    /// Slaves that are homing.
+    pub(super) fn homing_slaves(&self) -> SlaveSet {
+        let mut slaves = SlaveSet::EMPTY;
+        for (n, axes) in self.v.axes.iter().enumerate() {
+            if axes.iter().any(|axis| axis.homing.is_homing()) {
+                slaves.insert(n as u8 + 1);
+            }
+        }
+        slaves
+    }
+
+    /// Whether a command is one that counts as ignored while homing, and counts it.
+    ///
+    /// SK-7 \[OURS]: SV_OFF always acts, and ends homing; so does ALM_CLR: it starts no motor. A command that does not
+    /// suit that kind of slave is not ignored but rejected, as ever.
+    pub(super) fn ignores(&mut self, slave: usize, command: &SlaveCommand, role: Role) -> bool {
+        use SlaveCommand::{Csp, Cst, Csv, GoHome, ServoOn};
+        let suits = matches!(
+            (command, role),
+            (ServoOn | Csp(_) | GoHome, Role::Drive(_) | Role::Step(_) | Role::Hsp(_))
+                | (Csv(_), Role::Drive(_) | Role::Hsp(_))
+                | (Cst(_), Role::Drive(_))
+        );
+        let ignored = suits && self.homing_phase(slave as u8) != HomingPhase::Idle;
+        self.counters.ignored_homing += u64::from(ignored);
+        ignored
+    }
+
+    /// GO_HOME for those of a slave's axes whose 0x6060 / 0x6860 is 6.
+    ///
+    /// SK-7 \[OURS]: one that is not in Operation enabled by SV_ON is rejected, and nothing is kept: no motor starts by
+    /// a later SV_ON because of it. If one of several axes is not, none starts.
+    pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
+        let axes = self.axes(slave);
+        let modes = self.v.modes_written[slave - 1];
+        let is_chosen = |axis: &usize| modes[*axis] == Mode::Homing.code();
+        if !(0..axes).any(|axis| is_chosen(&axis)) {
+            return Err(Reason::NotInHomingMode);
+        }
+        if self.config.firmware.one_homing_at_a_time() && self.is_any_homing_of(self.homing_before) {
+            return Err(Reason::HomingElsewhere);
+        }
+        let axes_of_slave = &mut self.v.axes[slave - 1];
+        if !(0..axes).filter(is_chosen).all(|axis| axes_of_slave[axis].is_up()) {
+            return Err(Reason::NotEnabled);
+        }
+        for axis in (0..axes).filter(is_chosen) {
+            axes_of_slave[axis].homing.start();
+        }
+        Ok(())
+    }
+
+    fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
+        slaves.iter().any(|slave| self.homing_phase(slave) == HomingPhase::Homing)
+    }
+
+    /// ABORT_HOME, in any slave's slot.
+    pub(super) fn abort_home(&mut self, at: Ns) {
+        for slave in 1..=MAX_SLAVES {
+            self.end_homing(slave, HomingEnd::Aborted, at);
+        }
+    }
+
+    /// Ends homing of all axes of a slave.
+    pub(super) fn end_homing(&mut self, slave: usize, end: HomingEnd, at: Ns) {
+        for axis in 0..MAX_AXES {
+            self.end_homing_of_axis(slave, axis, end, at);
+        }
+    }
+
+    /// Ends homing of one axis.
+    pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
+        if self.v.axes[slave - 1][axis].homing.end(end) {
+            self.log.push(Event::HomingEnded { at, slave: slave as u8, axis: axis as u8, end });
+        }
+    }
+
+    /// What the answer of a cycle means for homing.
+    pub(super) fn answer_homing(&mut self, done: &CycleDone) {
+        let lost = self.inputs.lost;
+        lost.iter().for_each(|slave| self.end_homing_of_lost(slave.into(), done.at));
+        let (heard, period_ns) = (self.heard, self.period_ns());
+        for slave in 1..=usize::from(self.v.network.found()) {
+            for axis in 0..MAX_AXES {
+                let homing = &mut self.v.axes[slave - 1][axis].homing;
+                if !homing.is_homing() && !homing.is_ending() {
+                    continue;
+                }
+                let statusword = self.inputs.slaves[slave - 1][axis].statusword;
+                match homing.answer(&Answer { statusword, heard, period_ns }) {
+                    Some(News::Ended(end)) => {
+                        self.log.push(Event::HomingEnded { at: done.at, slave: slave as u8, axis: axis as u8, end });
+                    }
+                    Some(News::Stands) => self.restore_later(slave, axis),
+                    None => {}
+                }
+            }
+        }
+        self.heard = done.outputs.or(self.heard);
+    }
+
+    /// A slave that does not answer is not homing any more, and no mode can be written to it.
+    pub(super) fn end_homing_of_lost(&mut self, slave: usize, at: Ns) {
+        self.end_homing(slave, HomingEnd::Lost, at);
+        for axis in 0..MAX_AXES {
+            let homing = &mut self.v.axes[slave - 1][axis].homing;
+            if homing.is_ending() {
+                homing.wait_no_more();
+                self.restore_later(slave, axis);
+            }
+            self.give_up_restore_of_lost(slave as u8, axis, at);
+        }
+    }
+
+    /// OP is left: homing ends with it. The mode of those that were at it is written back in SafeOP; on a way up from a
+    /// lower state it is written anyway.
+    pub(super) fn leave_homing_with_op(&mut self, at: Ns) {
+        for slave in 1..=MAX_SLAVES {
+            self.end_homing(slave, HomingEnd::LeftOp, at);
+            for axis in 0..MAX_AXES {
+                if self.v.axes[slave - 1][axis].homing.is_ending() {
+                    self.restore_later(slave, axis);
+                }
+            }
+        }
+    }
+}

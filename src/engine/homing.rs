@@ -1,0 +1,276 @@
+//! Homing of one axis (SK-7): bit 4 of the controlword, which of the drive's answers count, and when it is over.
+//!
+//! **Which answers count** \[OURS]. Bits 10, 12 and 13 may still show an earlier homing, or another mode, when bit 4
+//! rises. The inputs of a cycle were measured before its outputs arrived, so the first answer that counts is the one
+//! after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. And of those that count
+//! one has to show bits 12 and 13 clear before "attained" or "error" is believed; a drive that is done at once (methods
+//! 35 and 37) never shows that, so it is believed as well if it shows the same for [`SETTLE_NS`].
+//!
+//! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive it is given time to stand; then
+//! outputs go that hold it where it stands, in the coordinate after the home event, and only when those have reached it,
+//! too, the mode may change: no target of before is there any more to jump to.
+
+use std::fmt;
+
+use crate::cia402::{DriveState, Statusword};
+use crate::fieldbus::Ns;
+
+/// Sets of outputs with bit 4 clear, at least, before it rises again \[OURS]: 2 ms at the shortest cycle, so that a drive
+/// that looks at its controlword more seldom than that sees the edge all the same.
+const REST: u8 = 8;
+
+/// So long a drive that never showed bits 12 and 13 clear has to show the same result, until it is believed \[OURS].
+const SETTLE_NS: Ns = 20_000_000;
+/// And in so many answers at least \[OURS].
+const SETTLE_ANSWERS: u64 = 4;
+
+/// So long a drive may take to stand after homing was ended; it says so by bit 10 \[OURS].
+const STAND_NS: Ns = 500_000_000;
+
+/// How the homing of an axis ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum HomingEnd {
+    /// Statusword bits 10 and 12: homing attained.
+    Attained,
+    /// Statusword bit 13: homing error.
+    Error,
+    /// The drive has left Operation enabled: a fault, for example.
+    NotEnabled,
+    /// SV_OFF.
+    ServoOff,
+    /// ABORT_HOME.
+    Aborted,
+    /// The host wrote 0x6060 (0x6860).
+    ModeWritten,
+    /// OP was left.
+    LeftOp,
+    /// The slave no longer answers.
+    Lost,
+}
+
+impl HomingEnd {
+    /// Whether it came by a FIFO entry, which a SET_FIFO clear can take back.
+    const fn is_of_an_entry(self) -> bool {
+        matches!(self, Self::ServoOff | Self::Aborted)
+    }
+}
+
+impl fmt::Display for HomingEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Attained => "home attained",
+            Self::Error => "homing error (statusword bit 13): see the drive's limits, switches and 0x6098",
+            Self::NotEnabled => "the drive has left Operation enabled: see its error code",
+            Self::ServoOff => "ended by SV_OFF",
+            Self::Aborted => "ended by ABORT_HOME",
+            Self::ModeWritten => "ended by the host's write of the mode of operation",
+            Self::LeftOp => "ended with OP",
+            Self::Lost => "the slave no longer answers: check its cable and power",
+        })
+    }
+}
+
+/// What a statusword says in homing mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shown {
+    Open,
+    Attained,
+    Error,
+}
+
+impl Shown {
+    const fn of(Statusword(word): Statusword) -> Self {
+        const ATTAINED: u16 = Statusword::TARGET_REACHED | Statusword::BIT12;
+        if word & Statusword::BIT13 != 0 {
+            Self::Error
+        } else if word & ATTAINED == ATTAINED {
+            Self::Attained
+        } else {
+            Self::Open
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Phase {
+    #[default]
+    Idle,
+    /// GO_HOME was executed; bit 4 rises with the next outputs, or when it has rested.
+    Asked,
+    /// Bit 4 is set, since the outputs `first`.
+    Running { first: u64, result: Shown, in_a_row: u64, clear_seen: bool },
+    /// Over; bit 4 is clear since the outputs `clear`, and the drive comes to a stand.
+    Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
+    /// It stands; the outputs `there` hold it.
+    Holding { end: HomingEnd, there: Option<u64> },
+}
+
+/// What an answer has brought.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum News {
+    /// Homing is over.
+    Ended(HomingEnd),
+    /// After its end: the drive stands, and its target is there. The mode may change.
+    Stands,
+}
+
+/// What came back in a cycle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Answer {
+    pub(super) statusword: Statusword,
+    /// The newest outputs that the slave had got before it measured this.
+    pub(super) heard: Option<u64>,
+    /// Time from one answer to the next.
+    pub(super) period_ns: Ns,
+}
+
+impl Answer {
+    /// Whether it was measured after those outputs had come.
+    fn follows(&self, outputs: Option<u64>) -> bool {
+        outputs.is_some() && self.heard >= outputs
+    }
+
+    /// Answers that take that long.
+    fn in_time(&self, ns: Ns) -> u64 {
+        ns.div_ceil(self.period_ns.max(1))
+    }
+}
+
+/// Homing of one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct AxisHoming {
+    phase: Phase,
+    /// Sets of outputs with bit 4 clear that are still to come before it may rise.
+    rest: u8,
+    /// The first outputs of the newest homing that the drive has ended.
+    ended: Option<(u64, HomingEnd)>,
+}
+
+impl AxisHoming {
+    /// GO_HOME was executed and homing has not ended.
+    pub(super) const fn is_homing(&self) -> bool {
+        matches!(self.phase, Phase::Asked | Phase::Running { .. })
+    }
+
+    /// Homing has ended, and the mode must not change yet.
+    pub(super) const fn is_ending(&self) -> bool {
+        matches!(self.phase, Phase::Braking { .. } | Phase::Holding { .. })
+    }
+
+    /// GO_HOME.
+    pub(super) const fn start(&mut self) {
+        self.phase = Phase::Asked;
+    }
+
+    /// Ends homing, if it is under way; says whether it was.
+    pub(super) const fn end(&mut self, end: HomingEnd) -> bool {
+        if !self.is_homing() {
+            return false;
+        }
+        if let Phase::Running { first, .. } = self.phase {
+            self.rest = REST;
+            if !end.is_of_an_entry() {
+                self.ended = Some((first, end));
+            }
+        }
+        self.phase = Phase::Braking { end, clear: None, answers: 0 };
+        true
+    }
+
+    /// After its end there is nothing to wait for: the slave is gone, or its mode has changed already.
+    pub(super) const fn wait_no_more(&mut self) {
+        if self.is_ending() {
+            self.phase = Phase::Idle;
+        }
+    }
+
+    /// Bit 4 as the next outputs have it, if nothing changes.
+    pub(super) const fn bit(&self) -> bool {
+        matches!(self.phase, Phase::Running { .. })
+    }
+
+    /// Whether new outputs have to be made although they may be the same.
+    pub(super) const fn is_under_way(&self) -> bool {
+        self.rest > 0
+            || matches!(
+                self.phase,
+                Phase::Asked | Phase::Braking { clear: None, .. } | Phase::Holding { there: None, .. }
+            )
+    }
+
+    /// Bit 4 in the outputs with that id, the next ones.
+    pub(super) fn next_bit(&mut self, id: u64) -> bool {
+        match &mut self.phase {
+            Phase::Running { .. } => return true,
+            Phase::Asked if self.rest == 0 => {
+                self.phase = Phase::Running { first: id, result: Shown::Open, in_a_row: 0, clear_seen: false };
+                return true;
+            }
+            Phase::Braking { clear: mark, .. } | Phase::Holding { there: mark, .. } => {
+                mark.get_or_insert(id);
+            }
+            Phase::Asked | Phase::Idle => {}
+        }
+        self.rest = self.rest.saturating_sub(1);
+        false
+    }
+
+    /// The answer of a cycle.
+    pub(super) fn answer(&mut self, answer: &Answer) -> Option<News> {
+        let Statusword(word) = answer.statusword;
+        let off = answer.statusword.state().is_some_and(|state| state != DriveState::OperationEnabled);
+        if off && self.end(HomingEnd::NotEnabled) {
+            return Some(News::Ended(HomingEnd::NotEnabled));
+        }
+        match &mut self.phase {
+            Phase::Running { first, result, in_a_row, clear_seen } if answer.follows(Some(*first)) => {
+                let shown = Shown::of(answer.statusword);
+                *in_a_row = if shown == *result { *in_a_row + 1 } else { 1 };
+                *result = shown;
+                *clear_seen |= word & (Statusword::BIT12 | Statusword::BIT13) == 0;
+                let settled = *in_a_row >= answer.in_time(SETTLE_NS).max(SETTLE_ANSWERS);
+                let end = match shown {
+                    Shown::Attained => HomingEnd::Attained,
+                    Shown::Error => HomingEnd::Error,
+                    Shown::Open => return None,
+                };
+                (*clear_seen || settled).then(|| {
+                    self.end(end);
+                    News::Ended(end)
+                })
+            }
+            Phase::Braking { end, clear, answers } if answer.follows(*clear) => {
+                *answers += 1;
+                let reached = word & Statusword::TARGET_REACHED != 0;
+                if off || reached || *end == HomingEnd::Attained || *answers >= answer.in_time(STAND_NS) {
+                    self.phase = Phase::Holding { end: *end, there: None };
+                }
+                None
+            }
+            Phase::Holding { there, .. } if answer.follows(*there) => {
+                self.phase = Phase::Idle;
+                Some(News::Stands)
+            }
+            _ => None,
+        }
+    }
+
+    /// Outputs made since `then` are taken back: SET_FIFO has cleared their entries. What the drive has ended stays
+    /// ended.
+    pub(super) fn go_back_to(&mut self, then: &Self) {
+        let braking = |end| Phase::Braking { end, clear: None, answers: 0 };
+        let (phase, rest) = match (self.phase, then.phase) {
+            (Phase::Running { first: now, .. }, Phase::Running { first, .. }) if now == first => return,
+            (Phase::Idle, _) => (Phase::Idle, self.rest.max(then.rest)),
+            (_, Phase::Running { first, .. }) if self.ended.is_some_and(|(ended, _)| ended == first) => {
+                (self.ended.map_or(Phase::Idle, |(_, end)| braking(end)), REST)
+            }
+            (Phase::Braking { end, .. } | Phase::Holding { end, .. }, Phase::Asked) if !end.is_of_an_entry() => {
+                (braking(end), then.rest)
+            }
+            (_, phase) => (phase, then.rest),
+        };
+        self.phase = phase;
+        self.rest = rest;
+    }
+}

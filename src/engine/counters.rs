@@ -150,6 +150,17 @@ pub enum Event {
         /// Data2.
         data2: u32,
     },
+    /// A line of a script was carried out.
+    Scripted {
+        /// When, in board time.
+        at: Ns,
+        /// The line, from 1.
+        line: u32,
+        /// Its verb.
+        verb: &'static str,
+        /// Its time is over, and what it did was taken back.
+        ended: bool,
+    },
 }
 
 impl fmt::Display for Event {
@@ -161,6 +172,10 @@ impl fmt::Display for Event {
                 "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
                 at / 1000
             ),
+            Self::Scripted { at, line, verb, ended } => {
+                let end = if *ended { "the end of " } else { "" };
+                write!(f, "script, line {line}: {end}`{verb}` at {} us", at / 1000)
+            }
         }
     }
 }

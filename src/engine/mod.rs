@@ -10,6 +10,7 @@ mod counters;
 mod execute;
 mod fault_reset;
 mod fifo;
+mod handle;
 mod handover;
 mod jobs;
 mod network;
@@ -24,9 +25,10 @@ mod threaded;
 
 use std::collections::VecDeque;
 
-pub use board::Board;
+pub use board::{Board, Script};
 pub use counters::{Counters, Event, Reason, Rejection};
-pub use realtime::RealTime;
+pub use handle::BoardHandle;
+pub use realtime::{Rate, RealTime};
 pub use reports::Report;
 pub use stepped::{Stepped, Stop};
 pub use threaded::{Lateness, Threaded};
@@ -173,6 +175,7 @@ pub struct Engine {
     /// Heads that the report shows: those of the newest outputs that were sent.
     shown: [Head; MAX_SLAVES],
     local_inputs: u8,
+    muted: bool,
     boots: u64,
     counters: Counters,
     log: EventLog,
@@ -208,6 +211,7 @@ impl Engine {
             ahead: VecDeque::with_capacity(depth + 1),
             shown: [Head::default(); MAX_SLAVES],
             local_inputs: 0,
+            muted: false,
             boots: 1,
             counters: Counters::default(),
             log: EventLog::new(),
@@ -280,6 +284,21 @@ impl Engine {
         self.v.local_outputs
     }
 
+    /// Makes no reports any more, while everything else goes on; or makes them again. A fault on demand.
+    pub(super) const fn mute(&mut self, muted: bool) {
+        self.muted = muted;
+    }
+
+    /// Takes nothing out of the FIFO any more, so that it fills; or goes on. A fault on demand: SW_RESET does not end it.
+    pub(super) const fn hold_fifo(&mut self, held: bool) {
+        self.fifo.hold(held);
+    }
+
+    /// Puts down something that the wire does not show.
+    pub(crate) fn note(&mut self, event: Event) {
+        self.log.push(event);
+    }
+
     /// A command frame has arrived completely.
     pub fn host(&mut self, frame: &Frame, at: Ns) {
         if !self.talks() {
@@ -327,7 +346,7 @@ impl Engine {
             passed = true;
             self.note_sent(bus.held());
             self.complete(&done);
-            if self.talks() {
+            if self.talks() && !self.muted {
                 self.counters.reports += 1;
                 report(&self.v.response, done.at);
             }

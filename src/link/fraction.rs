@@ -28,7 +28,7 @@ impl Fraction {
     /// Reads `0.01`, `1`, `1.0` or `.5`: at most 9 digits after the point; `None` if it is none.
     pub fn parse(text: &str) -> Option<Self> {
         let (whole, decimals) = text.split_once('.').unwrap_or((text, "0"));
-        let whole = if whole.is_empty() { "0" } else { whole };
+        let whole = if whole.is_empty() && text.starts_with('.') { "0" } else { whole };
         let digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
         if !digits(whole) || !digits(decimals) || decimals.len() > DIGITS {
             return None;

@@ -32,7 +32,7 @@
 //!     }
 //!     before = at;
 //! };
-//! assert_eq!(gap, 20_250_000);
+//! assert_eq!(gap, 21_000_000);
 //! # std::fs::remove_file(file)?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -38,6 +38,12 @@ fn board(link: &dyn Link) -> ecmsk::engine::Counters {
     link.stats().board.expect("a simulated board shows its counters")
 }
 
+fn write(link: &dyn Link, frames: usize) {
+    for _ in 0..frames {
+        link.write(&status(), Wait::Forever).expect("written");
+    }
+}
+
 /// Sequence numbers of the next `n` reports.
 fn sequences(link: &dyn Link, n: usize) -> Vec<u64> {
     let mut report = Frame::new();
@@ -130,7 +136,7 @@ fn one_bit_of_a_corrupt_report_is_turned_over() {
 #[test]
 fn a_bit_of_a_corrupt_write_is_turned_over() {
     let link = open("fault.corrupt.write=1");
-    let mut frame = status();
+    let frame = status();
     let kept = frame.clone();
     for _ in 0..100 {
         link.write(&frame, Wait::Forever).expect("written");
@@ -295,13 +301,13 @@ fn two_threads_meet_the_same_faults_as_one() {
     let link = real("fault.drop=0.3&queue=1024");
     let writer = thread::spawn({
         let link = Arc::clone(&link);
-        move || (0..300).for_each(|_| drop(link.write(&status(), Wait::Forever).expect("written")))
+        move || write(&*link, 300)
     });
     sequences(&*link, 100);
     writer.join().expect("no panic");
     let two = link.stats().faults;
     let alone = open("fault.drop=0.3&queue=1024");
-    (0..300).for_each(|_| drop(alone.write(&status(), Wait::Forever).expect("written")));
+    write(&*alone, 300);
     sequences(&*alone, 100);
     assert_eq!(alone.stats().faults, two);
 }

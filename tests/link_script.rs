@@ -5,6 +5,7 @@ mod support;
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::{Board, EngineConfig, Event, Script as _};
@@ -152,7 +153,8 @@ fn local_inputs_change_when_they_shall() {
             changes.push((at, inputs));
         }
     }
-    assert_eq!(changes, [(0, 0), (10 * MS, 0x15), (20 * MS, 42), (30 * MS, 0)]);
+    // A command that came after the cycle of 10 ms is answered in the report of the next.
+    assert_eq!(changes, [(0, 0), (11 * MS, 0x15), (21 * MS, 42), (31 * MS, 0)]);
 }
 
 /// SK-5.4 Frames that find the FIFO full are lost and counted.
@@ -160,7 +162,7 @@ fn local_inputs_change_when_they_shall() {
 fn a_full_fifo_loses_frames_until_it_is_emptied_again() {
     let mut client = Client::stepped("full", "at 2s full for 100ms");
     client.op();
-    client.until("2 s", |c| c.link.pass(std::time::Duration::ZERO).unwrap().unwrap().0 >= c.zero + 2000 * MS);
+    client.until("2 s", |c| c.link.pass(Duration::ZERO).unwrap().unwrap().0 >= c.zero + 2000 * MS);
     for _ in 0..200 {
         client.write(|_| {});
     }
@@ -263,22 +265,17 @@ fn sdo_transfers_are_slow_or_aborted() {
 /// The same lines at the same board times on the real clock.
 #[test]
 fn on_the_real_clock_lines_come_at_their_board_time() {
-    let mut client = Client::open("real", "", "at 40ms silent for 7ms\nat 20ms silent for 3ms");
+    let mut client = Client::open("real", "queue=1024", "at 40ms silent for 7ms\nat 20ms silent for 3ms");
     let (mut gaps, mut last) = (Vec::new(), 0);
     while last < 60 * MS {
-        let meta = client.try_read().expect("a report");
-        let at = meta.at.0 - client.zero;
-        // Reports that were dropped because this thread came late are no gap.
-        if meta.sequence > 0 && at - last > MS && meta.dropped == 0 {
+        let at = client.read();
+        if at - last > MS {
             gaps.push((last, at));
         }
         last = at;
     }
-    if client.link.stats().reports_dropped == 0 {
-        assert_eq!(gaps, [(19 * MS, 23 * MS), (39 * MS, 47 * MS)]);
-    }
-    let board = client.link.stats().board.expect("a simulated board");
-    assert!(board.reports >= 50, "{board:?}");
+    assert_eq!(client.link.stats().reports_dropped, 0, "the queue holds them all");
+    assert_eq!(gaps, [(19 * MS, 23 * MS), (39 * MS, 47 * MS)]);
 }
 
 /// Every opening starts the script over, on a network that is whole.
@@ -373,7 +370,7 @@ fn what_is_wrong_is_said_with_its_place_and_what_is_allowed() {
         ("at 1s", 1, 6, format!("VERB is missing; allowed: {VERBS}")),
         ("at 1s end", 1, 10, format!("VERB is missing; allowed: {LASTING}")),
         ("end alarm 1", 1, 5, format!("`alarm` is no verb that `end` ends; allowed: {LASTING}")),
-        ("end mut 1", 1, 5, format!("`mut` is no verb that `end` ends; did you mean `mute`? allowed: {LASTING}")),
+        ("end muet 1", 1, 5, format!("`muet` is no verb that `end` ends; did you mean `mute`? allowed: {LASTING}")),
         ("end refuse", 1, 11, "SLAVE is missing; allowed: end refuse SLAVE".into()),
         ("end refuse 1 op", 1, 14, "`op` is too much; allowed: end refuse SLAVE".into()),
         ("alarm 1", 1, 8, "CODE is missing; allowed: alarm SLAVE[.AXIS] CODE [stays]".into()),

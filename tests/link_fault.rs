@@ -265,6 +265,31 @@ fn a_wait_ends_when_the_board_is_taken_away() {
     assert!(matches!(error, LinkError::Lost { .. }), "{error}");
 }
 
+/// What is held up is so no longer than the board is there.
+#[test]
+fn a_delay_ends_when_the_board_is_taken_away() {
+    let hour = "fault.delay=1&fault.delay_ms=3600000";
+    for dir in [Dir::Write, Dir::Read] {
+        let call = move |link: &dyn Link| match dir {
+            Dir::Write => link.write(&status(), Wait::Forever).err(),
+            Dir::Read => link.read(&mut Frame::new(), Wait::Forever).err(),
+        };
+        let error = call(&*real(&format!("{hour}&fault.disconnect_ms=50")));
+        assert!(matches!(error, Some(LinkError::Lost { .. })), "{error:?}");
+    }
+    let link = real("fault.delay.write=1&fault.delay_ms=3600000&fault.disconnect_after=1");
+    let writer = thread::spawn({
+        let link = Arc::clone(&link);
+        move || link.write(&status(), Wait::Forever)
+    });
+    while link.stats().faults.write.delayed == 0 {
+        thread::yield_now();
+    }
+    link.read(&mut Frame::new(), Wait::Forever).expect("the one frame");
+    let error = writer.join().expect("no panic").expect_err("its board is gone");
+    assert!(matches!(error, LinkError::Lost { .. }), "{error}");
+}
+
 #[test]
 fn cancel_and_close_end_a_delay_at_once() {
     // An hour, of which nothing is waited for.

@@ -29,8 +29,8 @@ fn read(link: &dyn Link) -> u64 {
 #[test]
 fn board_time_passes_at_the_rate() {
     for (rate, share) in [("0.1", 10), ("0.5", 2)] {
-        let link = open(&format!("rate={rate}&queue=1024"));
         let begin = Instant::now();
+        let link = open(&format!("rate={rate}&queue=1024"));
         let first = read(&*link);
         let mut last = first;
         for _ in 0..20 {
@@ -40,7 +40,7 @@ fn board_time_passes_at_the_rate() {
         }
         assert!(last - first >= 20 * MS);
         let real = begin.elapsed().as_nanos() as u64;
-        assert!(real >= (last - first) * share, "rate={rate}: {last} ns of the board in {real} ns");
+        assert!(real >= last * share, "rate={rate}: {last} ns of the board in {real} ns");
     }
 }
 
@@ -92,9 +92,9 @@ fn a_very_slow_board_keeps_nobody_waiting() {
 /// A board that was away catches up with its own time, not with the machine's.
 #[test]
 fn a_parked_board_ages_at_its_rate() {
+    let begin = Instant::now();
     let first = open("rate=0.1&name=slow-parked");
     let zero = first.info().opened_at.0;
-    let begin = Instant::now();
     first.close();
     thread::sleep(Duration::from_millis(50));
     let second = open("rate=0.1&name=slow-parked");

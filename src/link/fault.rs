@@ -156,10 +156,11 @@ impl FaultLink {
             count(&self.writes.delayed);
             log::info!("fault: a command frame is held up for {:?}", self.options.delay);
             let due = self.clock.now()? + self.options.delay;
-            if !self.clock.wait_until(&call, due)? {
+            let come = self.clock.wait_until(&call, until.map_or(due, |until| due.min(until)))?;
+            self.alive()?;
+            if !come {
                 return Err(timeout(Dir::Write, wait, "the frame is held up (fault.delay)"));
             }
-            self.alive()?;
         }
         if lot.drop {
             count(&self.writes.dropped);

@@ -28,6 +28,8 @@ fn what_a_script_may_say() {
         let script = Script::parse("test", text, &slaves("drive*2"));
         assert_eq!(script.map(|script| script.len()), Ok(steps), "{text}");
     }
+    let script = Script::parse("test", "alarm 1.2 0x7500\nalarm 2 0x7500", &slaves("hsp2,step"));
+    assert_eq!(script.map(|script| script.len()), Ok(2), "the second channel of a module");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use common::Demand;
-use ecmsk::engine::{Board, EngineConfig, RealTime, Threaded};
+use ecmsk::engine::{Board, EngineConfig, Rate, RealTime, Threaded};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::sk::{
@@ -78,7 +78,7 @@ fn runner(cycle: CycleTime) -> f64 {
     let begins = Begins::default();
     let board = board_in_op(cycle, &begins);
     *begins.lock().expect("nobody panics") = Vec::with_capacity(100_000);
-    let runner = Threaded::start(board, 125_000, 32, RealTime::default()).expect("a thread");
+    let runner = Threaded::start(board, 125_000, 32, RealTime::default(), Rate::default()).expect("a thread");
     std::thread::sleep(BLOCK);
     runner.close();
     let begins = begins.lock().expect("nobody panics");

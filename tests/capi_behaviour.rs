@@ -62,7 +62,7 @@ mod needs_cxx {
     /// LIB-42 Open without a device gives false, and the reason can be asked for. SK-9.16 Open fails if no slave was found.
     #[test]
     fn an_open_that_fails_says_why() {
-        passes("open_fails", "sim:?slaves=&clock=virtual", &["no slave"]);
+        passes("open_fails", "sim:?slaves=none&clock=virtual", &["no slave"]);
         passes("open_fails", "usb:", &["from ECMSK_LINK", "`usb:` is not in this build", "sim:?slaves=drive*2"]);
         passes("open_fails", "sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]);
         passes("open_fails", "nonsense", &["from ECMSK_LINK", "nonsense"]);

@@ -123,7 +123,9 @@ fn a_wrong_file_is_an_error_that_names_file_line_and_what_is_allowed() {
     for (text, line, says) in [
         ("link = 'sim:'\nlinks = 'usb:'\n", 2, "links"),
         ("\n\n[board]\nlink = 'sim:'\n", 3, "board"),
-        ("link = 3\n", 1, "string"),
+        ("link = 3\n", 1, "`link` is of type integer, not a string in quotes"),
+        ("\n[link]\nuri = 'sim:'\n", 2, "`link` is of type table, not a string in quotes"),
+        ("link = ['sim:']\n", 1, "`link` is of type array, not a string in quotes"),
         ("# nothing\n", 1, "link"),
         ("link = 'sim:'\nlink = 'usb:'\n", 2, "duplicate"),
         ("link = sim:\n", 1, ""),

@@ -4,11 +4,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use ecmsk::engine::Firmware;
+use ecmsk::link::fault::{FaultOptions, FaultRates};
 use ecmsk::link::keys::{KEYS, Scheme, help};
 use ecmsk::link::options::{Clock, CommonOptions, SimOptions};
 use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::{LinkUri, UriError};
-use ecmsk::link::{LinkError, Wait};
+use ecmsk::link::{Fraction, LinkError, Wait};
 use ecmsk::sk::SlotSize;
 use proptest::prelude::*;
 
@@ -65,9 +66,9 @@ fn defaults_are_those_of_the_specification() {
 /// LIB-38 `write_timeout_ms` limits a write
 #[test]
 fn every_key_reaches_its_option() {
-    let text = "sim:?slaves=drive*3&slot=16&clock=virtual&fw=1.5&name=left-arm.1&host_us=0&state_timeout_ms=20\
+    let text = "sim:?slaves=drive*3&slot=16&fw=1.5&name=left-arm.1&host_us=0&state_timeout_ms=20\
                 &sdo_timeout_ms=30&priority=99&lock_memory=yes&catch_up_ms=0&queue=1&record=/tmp/a%20b.pcapng\
-                &read_timeout_ms=40&write_timeout_ms=50";
+                &read_timeout_ms=40&write_timeout_ms=50&rate=0.25&script=/tmp/a.ecmscript";
     let common = common(text);
     assert_eq!(common.slot, Some(SlotSize::Bytes16));
     assert_eq!(common.queue, 1);
@@ -79,7 +80,8 @@ fn every_key_reaches_its_option() {
     let sim = sim(text);
     assert_eq!(sim.slaves.len(), 3);
     assert_eq!(sim.slot, SlotSize::Bytes16);
-    assert_eq!(sim.clock, Clock::Virtual);
+    assert_eq!(sim.clock, Clock::Real);
+    assert_eq!(self::sim("sim:?clock=virtual").clock, Clock::Virtual);
     assert_eq!(sim.firmware, Firmware::V15);
     assert_eq!(sim.name.as_deref(), Some("left-arm.1"));
     assert_eq!(sim.host_us, 0);
@@ -88,6 +90,70 @@ fn every_key_reaches_its_option() {
     assert_eq!(sim.priority, Some(99));
     assert!(sim.lock_memory);
     assert_eq!(sim.catch_up, Duration::ZERO);
+    assert_eq!(sim.rate, Fraction::from_billionths(250_000_000));
+    assert_eq!(sim.script.as_deref(), Some(Path::new("/tmp/a.ecmscript")));
+}
+
+/// A key for both directions and one for each; what is said for one direction holds there.
+#[test]
+fn fault_keys_reach_their_options() {
+    let share = Fraction::from_billionths;
+    let quiet = FaultRates::default();
+    assert_eq!(common("sim:").fault, FaultOptions::default());
+    assert!(!common("sim:?fault.seed=7&fault.delay_ms=1").fault.any());
+
+    let text = "tcp://host:1?fault.seed=18446744073709551615&fault.drop=0.5&fault.corrupt.write=1&fault.duplicate.read=.25\
+                &fault.delay=0.1&fault.delay.read=0&fault.delay_ms=7&fault.disconnect_after=3&fault.disconnect_ms=4";
+    assert_eq!(
+        common(text).fault,
+        FaultOptions {
+            seed: u64::MAX,
+            write: FaultRates { drop: share(500_000_000), corrupt: Fraction::ONE, delay: share(100_000_000), ..quiet },
+            read: FaultRates { drop: share(500_000_000), duplicate: share(250_000_000), ..quiet },
+            delay: Duration::from_millis(7),
+            disconnect_after: Some(3),
+            disconnect_at: Some(Duration::from_millis(4)),
+        }
+    );
+    for one in ["drop.read=0.1", "corrupt=0.1", "duplicate.write=1", "delay=1", "disconnect_after=1", "disconnect_ms=1"]
+    {
+        assert!(common(&format!("usb:?fault.{one}")).fault.any(), "{one}");
+    }
+    for key in ["drop", "corrupt.write", "duplicate.read", "delay"] {
+        for value in ["1.5", "-1", "", "1%", "0.0000000001", "half"] {
+            let text = format!("usb:?fault.{key}={}", value.replace('%', "%25"));
+            refused(&text, &[&format!("`fault.{key}`"), &format!("`{value}`"), "a number from 0 to 1"]);
+        }
+    }
+    refused("sim:?fault.drap=1", &["`fault.drap`", "did you mean `fault.drop`?"]);
+    refused("usb:?fault.break=1", &["`fault.break`", "fault.disconnect_ms"]);
+}
+
+/// What would be without effect on a virtual clock is refused there; its default is not.
+#[test]
+fn keys_of_the_real_clock_are_refused_on_a_virtual_one() {
+    for (key, value, why) in [
+        (
+            "rate",
+            "0.5",
+            "with clock=virtual time passes by calls alone, at no rate; allowed: rate= with clock=real, or rate=1",
+        ),
+        ("priority", "50", "with clock=virtual there is no thread of the cycle; allowed: priority= with clock=real"),
+        (
+            "lock_memory",
+            "yes",
+            "with clock=virtual no cycle has a time to keep; allowed: lock_memory= with clock=real, or lock_memory=no",
+        ),
+    ] {
+        for text in [format!("sim:?clock=virtual&{key}={value}"), format!("sim:?{key}={value}&clock=virtual")] {
+            refused(&text, &[&format!("key `{key}` does not take `{value}`; {why}; see")]);
+        }
+        uri(&format!("sim:?{key}={value}"));
+    }
+    uri("sim:?clock=virtual&rate=1.0&lock_memory=no");
+    for value in ["0", "0.0009", "1.1", "2", "fast"] {
+        refused(&format!("sim:?rate={value}"), &["`rate`", &format!("`{value}`"), "a number from 0.001 to 1"]);
+    }
 }
 
 #[test]
@@ -139,7 +205,6 @@ fn the_normal_form_is_sorted_without_defaults_and_encoded() {
         ("  sim:?\n", "sim:"),
         ("sim:?queue=32&fw=1.7&slaves=drive,drive", "sim:"),
         ("sim:?clock=virtual&slaves=drive,drive*2", "sim:?slaves=drive*3&clock=virtual"),
-        ("sim:?slaves=", "sim:?slaves=none"),
         ("sim:?slaves=none", "sim:?slaves=none"),
         ("sim:?slaves=drive", "sim:?slaves=drive"),
         ("sim:?slaves=drive*1", "sim:?slaves=drive"),
@@ -191,7 +256,7 @@ fn slaves_of_two_kinds_stand_in_order() {
 fn a_board_takes_40_slaves_or_30() {
     assert_eq!(sim("sim:?slaves=drive*40").slaves.len(), 40);
     assert_eq!(sim("sim:?slot=16&slaves=drive*30").slaves.len(), 30);
-    assert_eq!(sim("sim:?slaves=").slaves.len(), 0);
+    refused("sim:?slaves=", &["key `slaves`", "a network without one is slaves=none"]);
     assert_eq!(sim("sim:?slaves=none").slaves.len(), 0);
     refused("sim:?slaves=drive*40,drive", &["`slaves`", "`drive*40,drive`", "at most 40 slaves"]);
     refused("sim:?slot=16&slaves=drive*31", &["`slaves`", "`drive*31`", "at most 30 slaves with slot=16"]);
@@ -222,8 +287,8 @@ fn an_error_names_key_value_and_what_is_allowed() {
     refused("sim://left?slot=12", &["`//left`"]);
     refused("sim:?slavs=drive", &["`slavs`", "`drive`", "did you mean `slaves`?", "lock_memory"]);
     refused("sim:?timeout=4", &["`timeout`", "`4`", "write_timeout_ms"]);
-    refused("sim:?fault.drop=3", &["`fault.drop`", "`3`", "not in this build yet"]);
-    refused("usb:?fault.drop=3", &["`fault.drop`", "`3`", "not in this build yet"]);
+    refused("sim:?fault.drop=3", &["`fault.drop`", "`3`", "from 0 to 1"]);
+    refused("usb:?fault.drop=3", &["`fault.drop`", "`3`", "from 0 to 1"]);
     refused("sim:?lock_memory", &["`lock_memory`", "no, yes"]);
     refused("sim:?nonsense", &["`nonsense`", "slaves, slot"]);
     refused("sim:?queue=1&&slot=12", &["``"]);
@@ -295,6 +360,9 @@ fn any_link() -> impl Strategy<Value = (Scheme, String, Vec<(&'static str, Strin
                     true
                 }
             });
+            if keys.contains(&("clock", "virtual".to_owned())) {
+                keys.retain(|(key, _)| !["rate", "priority", "lock_memory"].contains(key));
+            }
             keys
         });
         (Just(scheme), path, keys)

@@ -1,13 +1,24 @@
 //! A board: the engine, the bus it drives, and the time it has reached. What a runner runs.
 
-use super::{Engine, EngineConfig};
+use super::{BoardHandle, Engine, EngineConfig, Event};
 use crate::fieldbus::{Fieldbus, Ns, Pacing};
 use crate::sk::Frame;
+
+/// Things that happen to a board and its network at given times.
+pub trait Script: Send {
+    /// A cycle begins at `now`: what is due by then is done, and told to `done`. Allocates nothing.
+    fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event));
+
+    /// Whether anything is left to do.
+    fn is_over(&self) -> bool;
+}
 
 /// An EC01M with its network. Plain state: nothing happens to it but by these calls.
 pub struct Board {
     engine: Engine,
     bus: Box<dyn Fieldbus>,
+    handle: BoardHandle,
+    script: Option<Box<dyn Script>>,
     now: Ns,
     next_cycle: Ns,
     cycles: u64,
@@ -20,7 +31,17 @@ impl Board {
     pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>) -> Self {
         let engine = Engine::new(config, bus.pacing());
         let next_cycle = engine.period_ns();
-        Self { engine, bus, now: 0, next_cycle, cycles: 0, last_report: 0, silent_cycles: 0 }
+        Self {
+            engine,
+            bus,
+            handle: BoardHandle::default(),
+            script: None,
+            now: 0,
+            next_cycle,
+            cycles: 0,
+            last_report: 0,
+            silent_cycles: 0,
+        }
     }
 
     /// The engine.
@@ -31,6 +52,16 @@ impl Board {
     /// The engine, for what lies outside the wire.
     pub const fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
+    }
+
+    /// What scripts and tests hold on to, from any thread.
+    pub fn handle(&self) -> BoardHandle {
+        self.handle.clone()
+    }
+
+    /// What is to happen from now on, instead of what was to happen before; `None`: nothing.
+    pub fn set_script(&mut self, script: Option<Box<dyn Script>>) {
+        self.script = script;
     }
 
     /// The board's time, nanoseconds since it was switched on.
@@ -48,10 +79,11 @@ impl Board {
         self.cycles
     }
 
-    /// When the last report was made and the cycles without one since, while the board is silent: the cable before the
-    /// first slave is cut.
+    /// When the last report was made and the cycles without one since, while the board is silent and nothing is left of
+    /// a script that could change it: the cable before the first slave is cut, or the board was muted.
     pub fn silence(&self) -> Option<(Ns, u64)> {
-        let silent = self.silent_cycles > 0 && self.now - self.last_report > self.patience();
+        let over = self.script.as_ref().is_none_or(|script| script.is_over());
+        let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.patience();
         silent.then_some((self.last_report, self.silent_cycles))
     }
 
@@ -82,6 +114,10 @@ impl Board {
     pub fn cycle(&mut self, report: &mut dyn FnMut(&Frame, Ns)) {
         let at = self.next_cycle;
         let reports = self.engine.counters().reports;
+        if let Some(script) = &mut self.script {
+            script.run(at, &mut |event| self.engine.note(event));
+        }
+        self.handle.apply(&mut self.engine);
         self.engine.cycle(at, &mut *self.bus, report);
         self.now = at;
         self.next_cycle = at + self.engine.period_ns();

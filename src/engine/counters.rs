@@ -177,6 +177,17 @@ pub enum Event {
         /// What the newest try ended with.
         code: AbortCode,
     },
+    /// A line of a script was carried out.
+    Scripted {
+        /// When, in board time.
+        at: Ns,
+        /// The line, from 1.
+        line: u32,
+        /// Its verb.
+        verb: &'static str,
+        /// Its time is over, and what it did was taken back.
+        ended: bool,
+    },
 }
 
 impl fmt::Display for Event {
@@ -198,6 +209,10 @@ impl fmt::Display for Event {
                 at / 1000,
                 MODES_OF_OPERATION + SECOND_AXIS_OFFSET * u16::from(*axis)
             ),
+            Self::Scripted { at, line, verb, ended } => {
+                let end = if *ended { "the end of " } else { "" };
+                write!(f, "script, line {line}: {end}`{verb}` at {} us", at / 1000)
+            }
         }
     }
 }

@@ -11,6 +11,8 @@ pub(super) struct CommandFifo {
     len: u16,
     threshold: u16,
     full_count: u16,
+    /// Nothing is taken out, whatever the threshold says.
+    held: bool,
 }
 
 /// "160 is the default: taking starts with the first entry."
@@ -24,6 +26,7 @@ impl CommandFifo {
             len: 0,
             threshold: DEFAULT_THRESHOLD,
             full_count: 0,
+            held: false,
         }
     }
 
@@ -51,7 +54,7 @@ impl CommandFifo {
 
     /// The next entry to execute, copied to `out`; false while there is none or the threshold holds it back.
     pub(super) fn take(&mut self, ahead: u16, out: &mut Frame) -> bool {
-        if self.len == 0 || self.free(ahead) >= self.threshold {
+        if self.held || self.len == 0 || self.free(ahead) >= self.threshold {
             return false;
         }
         self.threshold = DEFAULT_THRESHOLD;
@@ -59,6 +62,11 @@ impl CommandFifo {
         self.head = (self.head + 1) % self.ring.len();
         self.len -= 1;
         true
+    }
+
+    /// Takes nothing out any more, or goes on; a fault on demand, which no command is.
+    pub(super) const fn hold(&mut self, held: bool) {
+        self.held = held;
     }
 
     /// SET_FIFO 2. SK-5 \[OURS]: above 160 counts as 160.

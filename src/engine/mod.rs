@@ -11,6 +11,7 @@ mod execute;
 mod fault_reset;
 mod fifo;
 mod go_home;
+mod handle;
 mod handover;
 mod homing;
 mod jobs;
@@ -28,12 +29,13 @@ mod threaded;
 
 use std::collections::VecDeque;
 
-pub use board::Board;
+pub use board::{Board, Script};
 pub use counters::{Counters, Event, Reason, Rejection};
 pub use go_home::HomingPhase;
+pub use handle::BoardHandle;
 pub use homing::HomingEnd;
 pub use profile::Firmware;
-pub use realtime::RealTime;
+pub use realtime::{Rate, RealTime};
 pub use reports::Report;
 pub use stepped::{Stepped, Stop};
 pub use threaded::{Lateness, Threaded};
@@ -178,6 +180,7 @@ pub struct Engine {
     /// Heads that the report shows: those of the newest outputs that were sent.
     shown: [Head; MAX_SLAVES],
     local_inputs: u8,
+    muted: bool,
     boots: u64,
     counters: Counters,
     log: EventLog,
@@ -215,6 +218,7 @@ impl Engine {
             ahead: VecDeque::with_capacity(depth + 1),
             shown: [Head::default(); MAX_SLAVES],
             local_inputs: 0,
+            muted: false,
             boots: 1,
             counters: Counters::default(),
             log: EventLog::new(),
@@ -287,6 +291,21 @@ impl Engine {
         self.v.local_outputs
     }
 
+    /// Makes no reports any more, while everything else goes on; or makes them again. A fault on demand.
+    pub(super) const fn mute(&mut self, muted: bool) {
+        self.muted = muted;
+    }
+
+    /// Takes nothing out of the FIFO any more, so that it fills; or goes on. A fault on demand: SW_RESET does not end it.
+    pub(super) const fn hold_fifo(&mut self, held: bool) {
+        self.fifo.hold(held);
+    }
+
+    /// Puts down something that the wire does not show.
+    pub(crate) fn note(&mut self, event: Event) {
+        self.log.push(event);
+    }
+
     /// A command frame has arrived completely.
     pub fn host(&mut self, frame: &Frame, at: Ns) {
         if !self.talks() {
@@ -334,7 +353,7 @@ impl Engine {
             passed = true;
             self.note_sent(bus.held());
             self.complete(&done);
-            if self.talks() {
+            if self.talks() && !self.muted {
                 self.counters.reports += 1;
                 report(&self.v.response, done.at);
             }

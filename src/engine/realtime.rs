@@ -64,36 +64,87 @@ impl RealTime {
     }
 }
 
-/// The clock of the runner, and absolute sleeps on it.
+/// How fast the runner's clock goes, in billionths of the machine's: 1..=1 000 000 000.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rate(u32);
+
+impl Default for Rate {
+    /// As fast as the machine's.
+    fn default() -> Self {
+        Self::billionths(Self::ONE)
+    }
+}
+
+impl Rate {
+    const ONE: u32 = 1_000_000_000;
+
+    /// That many billionths of the machine's rate; 0 counts as 1, and more than a billion as one.
+    pub const fn billionths(billionths: u32) -> Self {
+        Self(match billionths {
+            0 => 1,
+            1..=Self::ONE => billionths,
+            _ => Self::ONE,
+        })
+    }
+
+    /// A span of the machine's time on the runner's clock, rounded down.
+    pub(crate) fn slowed(self, span: Duration) -> Duration {
+        if self.0 == Self::ONE {
+            return span;
+        }
+        nanos(span.as_nanos() * u128::from(self.0) / u128::from(Self::ONE))
+    }
+
+    /// A span of the runner's clock in the machine's time, rounded up: when it has passed there, it has passed here.
+    pub(super) fn real(self, span: Duration) -> Duration {
+        if self.0 == Self::ONE {
+            return span;
+        }
+        nanos((span.as_nanos() * u128::from(Self::ONE)).div_ceil(u128::from(self.0)))
+    }
+}
+
+fn nanos(nanos: u128) -> Duration {
+    Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+}
+
+/// The clock of the runner, and absolute sleeps on it. All times but [`Clock::instant`]'s result are its own.
 pub(super) struct Clock {
+    rate: Rate,
     #[cfg(target_os = "linux")]
     zero: rustix::time::Timespec,
     start: Instant,
 }
 
 impl Clock {
-    pub(super) fn start() -> Self {
+    pub(super) fn start(rate: Rate) -> Self {
         Self {
+            rate,
             #[cfg(target_os = "linux")]
             zero: rustix::time::clock_gettime(rustix::time::ClockId::Monotonic),
             start: Instant::now(),
         }
     }
 
+    pub(super) const fn rate(&self) -> Rate {
+        self.rate
+    }
+
     /// Time since the start.
     pub(super) fn now(&self) -> Duration {
-        self.start.elapsed()
+        self.rate.slowed(self.start.elapsed())
     }
 
     /// That time since the start, as an instant.
     pub(super) fn instant(&self, at: Duration) -> Instant {
-        self.start + at
+        self.start + self.rate.real(at)
     }
 
     /// Sleeps until that time since the start; not at all if it has passed.
     #[cfg(target_os = "linux")]
     pub(super) fn sleep_until(&self, at: Duration) {
         use rustix::thread::{ClockId, clock_nanosleep_absolute};
+        let at = self.rate.real(at);
         let nanos = self.zero.tv_nsec + i64::from(at.subsec_nanos());
         let request = rustix::time::Timespec {
             tv_sec: self.zero.tv_sec + at.as_secs() as i64 + nanos / 1_000_000_000,
@@ -106,7 +157,7 @@ impl Clock {
     #[cfg(not(target_os = "linux"))]
     pub(super) fn sleep_until(&self, at: Duration) {
         if let Some(left) = at.checked_sub(self.now()) {
-            std::thread::sleep(left);
+            std::thread::sleep(self.rate.real(left));
         }
     }
 }

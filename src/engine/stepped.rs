@@ -108,6 +108,18 @@ impl Stepped {
         }
     }
 
+    /// Lets that much time pass and says what time it is then; reports made meanwhile are kept as if nobody had read.
+    ///
+    /// # Errors
+    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    pub fn pass(&self, time: Ns) -> Result<Ns, Stop> {
+        let State { board, reports, boots } = &mut *self.lock();
+        let board = alive(board, *boots)?;
+        let to = board.now().saturating_add(time);
+        board.advance(to, &mut |frame, at| reports.push(frame, at));
+        if board.engine().boots() == *boots { Ok(board.now()) } else { Err(Stop::Rebooted) }
+    }
+
     /// Whether the interface is still there; no time passes.
     ///
     /// # Errors

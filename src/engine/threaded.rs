@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::handover::Handover;
-use super::realtime::{Clock, RealTime};
+use super::realtime::{Clock, Rate, RealTime};
 use super::reports::Report;
 use super::stepped::Stop;
 use super::{Board, Counters, Event};
@@ -20,8 +20,8 @@ const INBOX_FRAMES: usize = 256;
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
 /// time leaves the gap out, and it is counted \[OURS].
 const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
-/// A write that may not wait waits for its turn on the wire all the same, but no longer than one USB microframe \[OURS]:
-/// two writes in a row are no failure.
+/// A write that may not wait waits for its turn on the wire all the same, but no longer than one USB microframe of the
+/// board's time \[OURS]: two writes in a row are no failure.
 const TURN: Duration = Duration::from_micros(125);
 /// Events kept for the host's log between two looks.
 const EVENTS_KEPT: usize = 32;
@@ -31,9 +31,9 @@ const EVENTS_KEPT: usize = 32;
 pub struct Lateness {
     /// Cycles run.
     pub cycles: u64,
-    /// The latest begin, nanoseconds after its deadline.
+    /// The latest begin, nanoseconds of the machine after its deadline.
     pub worst_ns: u64,
-    /// Time that was left out because the host was away, nanoseconds.
+    /// Board time that was left out because the host was away, nanoseconds.
     pub skipped_ns: u64,
 }
 
@@ -84,13 +84,13 @@ pub struct Threaded {
 
 impl Threaded {
     /// Opens the board's host interface and starts its thread. A write takes `host_ns`, and the newest `queue` reports
-    /// are kept.
+    /// are kept. The board's time passes at that rate of the machine's; limits of calls are the machine's time.
     ///
     /// # Errors
     /// The system's, if it gives no thread; the board is lost then.
-    pub fn start(board: Board, host_ns: Ns, queue: usize, wishes: RealTime) -> std::io::Result<Self> {
+    pub fn start(board: Board, host_ns: Ns, queue: usize, wishes: RealTime, rate: Rate) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(&board, queue));
-        let clock = Arc::new(Clock::start());
+        let clock = Arc::new(Clock::start(rate));
         let zero = board.now();
         let thread = std::thread::Builder::new().name("ecmsk-board".into()).spawn({
             let (shared, clock) = (Arc::clone(&shared), Arc::clone(&clock));
@@ -119,11 +119,12 @@ impl Threaded {
     /// [`Stop`]; the frame was not taken.
     pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
         let now = self.clock.now();
-        let limit = limit.map(|limit| limit.max(TURN));
+        let rate = self.clock.rate();
+        let limit = limit.map(|limit| limit.max(rate.real(TURN)));
         let arrival = {
             let mut next = self.next_write.lock().unwrap_or_else(PoisonError::into_inner);
             let arrival = now.max(*next);
-            if limit.is_none_or(|limit| arrival - now <= limit) {
+            if limit.is_none_or(|limit| rate.real(arrival - now) <= limit) {
                 *next = arrival + self.host;
             }
             arrival
@@ -218,12 +219,14 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     // Gaps that the board's time left out: how much later than its own time the clock is.
     let mut skipped = Duration::ZERO;
     let mut visit = Duration::ZERO;
+    let rate = clock.rate();
+    let (between_visits, longest_catch_up) = (rate.slowed(VISIT), rate.slowed(LONGEST_CATCH_UP));
     while !shared.stop.load(Ordering::Acquire) {
         let due = skipped + Duration::from_nanos(board.next_cycle() - zero);
-        visit = due.min(visit + VISIT);
+        visit = due.min(visit + between_visits);
         clock.sleep_until(visit);
         let now = clock.now();
-        if let Some(gap) = now.checked_sub(due + LONGEST_CATCH_UP) {
+        if let Some(gap) = now.checked_sub(due + longest_catch_up) {
             skipped += gap;
             shared.skipped_ns.fetch_add(gap.as_nanos() as u64, Ordering::Relaxed);
             visit = now;
@@ -232,7 +235,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
         take_frames(&mut board, board_now, shared, &mut frame);
         if now >= due {
-            shared.worst_ns.fetch_max((now - due).as_nanos() as u64, Ordering::Relaxed);
+            shared.worst_ns.fetch_max(rate.real(now - due).as_nanos() as u64, Ordering::Relaxed);
             board.advance(board_now, &mut |frame, at| shared.handover.publish(frame, at));
             shared.cycles.store(board.cycles() - cycles, Ordering::Relaxed);
             show(&board, shared);
@@ -286,7 +289,7 @@ mod tests {
             Box::new(SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))])),
         );
         assert!(board.boot(60_000_000_000));
-        let (shared, clock) = (Arc::new(Shared::new(&board, 4)), Clock::start());
+        let (shared, clock) = (Arc::new(Shared::new(&board, 4)), Clock::start(Rate::default()));
         let host = std::thread::spawn({
             let shared = Arc::clone(&shared);
             move || {

@@ -9,6 +9,7 @@ use std::time::Instant;
 use super::LinkError;
 use super::options::SimOptions;
 use crate::engine::Board;
+use crate::fieldbus::sim::SimHandle;
 
 /// How a board is found again.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,7 +24,7 @@ enum Place {
     /// A link has it.
     Open,
     /// Nobody has it.
-    Parked { board: Box<Board>, since: Instant },
+    Parked { board: Box<Board>, network: SimHandle, since: Instant },
 }
 
 struct Entry {
@@ -38,9 +39,12 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
     BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Takes the board of that key out of its place, with the moment it was parked; or keeps the place for a new one
-/// (`None`). `uri` is what messages call it.
-pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<(Board, Instant)>, LinkError> {
+/// A board that was parked, its network, and since when.
+pub(super) type Parked = (Board, SimHandle, Instant);
+
+/// Takes the board of that key out of its place; or keeps the place for a new one (`None`). `uri` is what messages call
+/// it.
+pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Parked>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
         boards.push(Entry { key: key.clone(), options: options.clone(), place: Place::Open });
@@ -56,14 +60,14 @@ pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
     }
     match std::mem::replace(&mut entry.place, Place::Open) {
         Place::Open => Err(LinkError::InUse { name: uri.into(), by: " by this process".into() }),
-        Place::Parked { board, since } => Ok(Some((*board, since))),
+        Place::Parked { board, network, since } => Ok(Some((*board, network, since))),
     }
 }
 
 /// Puts a board (back) to its place.
-pub(super) fn park(key: &Key, board: Board) {
+pub(super) fn park(key: &Key, board: Board, network: SimHandle) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
-        entry.place = Place::Parked { board: Box::new(board), since: Instant::now() };
+        entry.place = Place::Parked { board: Box::new(board), network, since: Instant::now() };
     }
 }
 

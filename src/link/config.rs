@@ -188,15 +188,21 @@ pub fn find(environment: &Environment) -> Result<Configured, ConfigError> {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Content {
-    link: String,
+    link: toml::Spanned<toml::Value>,
 }
 
 fn read_link(path: &Path, text: &str) -> Result<String, ConfigError> {
-    let content: Result<Content, toml::de::Error> = toml::from_str(text);
-    content.map(|content| content.link).map_err(|error| {
-        let start = error.span().map_or(0, |span| span.start);
-        let before = text.as_bytes().get(..start).unwrap_or(text.as_bytes());
+    let wrong = |at: usize, message: String| {
+        let before = text.as_bytes().get(..at).unwrap_or(text.as_bytes());
         let line = 1 + before.iter().filter(|byte| **byte == b'\n').count();
-        ConfigError::Content { path: path.to_path_buf(), line, message: error.message().trim_end().to_owned() }
-    })
+        ConfigError::Content { path: path.to_path_buf(), line, message }
+    };
+    let content: Content = toml::from_str(text).map_err(|error: toml::de::Error| {
+        wrong(error.span().map_or(0, |span| span.start), error.message().trim_end().to_owned())
+    })?;
+    let at = content.link.span().start;
+    match content.link.into_inner() {
+        toml::Value::String(link) => Ok(link),
+        other => Err(wrong(at, format!("`link` is of type {}, not a string in quotes", other.type_str()))),
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
-use crate::engine::{Board, Counters, Event, RealTime, Stepped, Stop, Threaded};
+use crate::engine::{Board, Counters, Event, Rate, RealTime, Stepped, Stop, Threaded};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
@@ -27,6 +27,8 @@ pub struct RunOptions {
     pub write_wait: Wait,
     /// What the runner asks of the system (real clock only).
     pub real_time: RealTime,
+    /// How fast the board's time passes (real clock only).
+    pub rate: Rate,
 }
 
 impl Default for RunOptions {
@@ -38,6 +40,7 @@ impl Default for RunOptions {
             read_wait: Wait::Forever,
             write_wait: Wait::For(Duration::from_secs(5)),
             real_time: RealTime::default(),
+            rate: Rate::default(),
         }
     }
 }
@@ -98,7 +101,7 @@ impl EngineLink {
         let runner = if options.virtual_time {
             Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
         } else {
-            let threaded = Threaded::start(board, options.host_ns, options.queue, options.real_time);
+            let threaded = Threaded::start(board, options.host_ns, options.queue, options.real_time, options.rate);
             Runner::Threaded(threaded.map_err(|e| LinkError::Io {
                 what: format!("start the thread of `{name}`"),
                 message: format!("{e}; free some threads (`ulimit -u`) and open it again"),
@@ -220,6 +223,14 @@ impl Link for EngineLink {
         }
     }
 
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        let Runner::Stepped(stepped) = &self.runner else { return self.check().map(|()| None) };
+        let time = Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX);
+        let done = stepped.pass(time).map_err(|stop| self.error(stop, Dir::Read, Wait::Now));
+        self.log_events();
+        done.map(|at| Some(Stamp(at)))
+    }
+
     fn cancel(&self, dir: Dir) {
         // On virtual time no call waits.
         if let Runner::Threaded(threaded) = &self.runner {
@@ -270,6 +281,7 @@ impl Link for EngineLink {
             write_errors: count(&self.counts.write_errors),
             read_errors: count(&self.counts.read_errors),
             record_dropped: 0,
+            faults: super::fault::FaultStats::default(),
             board: board.map(|(counters, _)| counters),
         }
     }

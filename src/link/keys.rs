@@ -1,8 +1,12 @@
 //! The schemes and keys of a link URI: the one table that the parser, the defaults and [`help`] are made from.
 
+mod table;
+
 use std::fmt;
 
+use super::fraction::Fraction;
 use super::slaves;
+pub use table::KEYS;
 
 /// Where every error about a link points to.
 pub(super) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
@@ -92,6 +96,8 @@ pub enum Syntax {
     Choice(&'static [&'static str]),
     /// A whole decimal number in this range, both ends included.
     Number(u64, u64),
+    /// A decimal number in this range, both ends included, with at most 9 digits after the point.
+    Fraction(Fraction, Fraction),
     /// A path of a file.
     File,
     /// 1 to 64 letters, digits, `-`, `_` and `.`.
@@ -117,6 +123,10 @@ impl Syntax {
                 let number = value.parse::<u64>().ok().filter(|n| digits && (min..=max).contains(n));
                 number.map(|n| n.to_string())
             }
+            Self::Fraction(min, max) => {
+                let number = Fraction::parse(value).filter(|number| (min..=max).contains(number));
+                number.map(|number| number.to_string())
+            }
             Self::File => (!value.is_empty() && !value.contains('\0')).then(|| value.to_owned()),
             Self::Name => {
                 let plain = value.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b));
@@ -132,6 +142,9 @@ impl Syntax {
         match self {
             Self::Choice(words) => format!("allowed: {}", words.join(", ")),
             Self::Number(min, max) => format!("allowed: a whole number from {min} to {max}"),
+            Self::Fraction(min, max) => {
+                format!("allowed: a number from {min} to {max}, at most 9 digits after the point")
+            }
             Self::File => "allowed: the path of a file".to_owned(),
             Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
             Self::Slaves => format!("allowed: {}", slaves::form()),
@@ -143,6 +156,7 @@ impl Syntax {
         match self {
             Self::Choice(words) => words.join("|"),
             Self::Number(min, max) => format!("{min}..{max}"),
+            Self::Fraction(min, max) => format!("{min}..{max}"),
             Self::File => "FILE".to_owned(),
             Self::Name => "NAME".to_owned(),
             Self::Slaves => "LIST".to_owned(),
@@ -180,155 +194,6 @@ impl Key {
     }
 }
 
-/// An hour and a day: the largest limits of time. \[OURS]
-const HOUR_MS: u64 = 3_600_000;
-const DAY_MS: u64 = 24 * HOUR_MS;
-
-/// Links whose board is the model in this process, so that its slot size is a setting.
-const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::Nic];
-/// Links to a board that somebody else has set up.
-const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Spi, Scheme::Tcp];
-const SIM: &[Scheme] = &[Scheme::Sim];
-
-const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
-
-/// Every key, in the order of a URI's normal form.
-///
-/// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
-/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, and the ends of every range.
-pub const KEYS: &[Key] = &[
-    Key {
-        name: "slaves",
-        schemes: SIM,
-        syntax: Syntax::Slaves,
-        default: Some("drive*2"),
-        example: "drive*2,io",
-        meaning: "the slaves on the network, in order, e.g. drive*2,io: drive, a servo drive; io, 16 outputs and \
-                  inputs; step, a stepper; hsp and hsp2, a pulse module of one and of two channels (outputs of io and \
-                  hsp are wired to their inputs); none: a board that finds no slave",
-    },
-    Key {
-        name: "slot",
-        schemes: MODELLED,
-        syntax: SLOT,
-        default: Some("12"),
-        example: "16",
-        meaning: "bytes of a slot (CONFIG2): 12 for up to 40 slaves, 16 for up to 30",
-    },
-    Key {
-        name: "slot",
-        schemes: FOUND,
-        syntax: SLOT,
-        default: None,
-        example: "16",
-        meaning: "bytes of a slot (CONFIG2); not given: the link does not say",
-    },
-    Key {
-        name: "clock",
-        schemes: SIM,
-        syntax: Syntax::Choice(&["real", "virtual"]),
-        default: Some("real"),
-        example: "virtual",
-        meaning: "virtual: the board's time passes by calls only, so that hours pass in seconds",
-    },
-    Key {
-        name: "fw",
-        schemes: SIM,
-        syntax: Syntax::Choice(&["1.7", "1.5"]),
-        default: Some("1.7"),
-        example: "1.5",
-        meaning: "the firmware that is modelled",
-    },
-    Key {
-        name: "name",
-        schemes: SIM,
-        syntax: Syntax::Name,
-        default: None,
-        example: "left-arm",
-        meaning: "a name of its own for this board; not given: the board without a name",
-    },
-    Key {
-        name: "host_us",
-        schemes: SIM,
-        syntax: Syntax::Number(0, 1_000_000),
-        default: Some("125"),
-        example: "0",
-        meaning: "how long a write takes, in us",
-    },
-    Key {
-        name: "state_timeout_ms",
-        schemes: SIM,
-        syntax: Syntax::Number(1, HOUR_MS),
-        default: Some("10000"),
-        example: "2000",
-        meaning: "how long a change of state may take, in ms",
-    },
-    Key {
-        name: "sdo_timeout_ms",
-        schemes: SIM,
-        syntax: Syntax::Number(1, HOUR_MS),
-        default: Some("1000"),
-        example: "100",
-        meaning: "how long a slave may take for an SDO, in ms",
-    },
-    Key {
-        name: "priority",
-        schemes: SIM,
-        syntax: Syntax::Number(1, 99),
-        default: None,
-        example: "50",
-        meaning: "real-time priority (SCHED_FIFO) of the cycle's thread; not given: an ordinary thread",
-    },
-    Key {
-        name: "lock_memory",
-        schemes: SIM,
-        syntax: Syntax::Choice(&["no", "yes"]),
-        default: Some("no"),
-        example: "yes",
-        meaning: "keep the process in memory (mlockall), so that no cycle waits for a page",
-    },
-    Key {
-        name: "catch_up_ms",
-        schemes: SIM,
-        syntax: Syntax::Number(0, DAY_MS),
-        default: Some("60000"),
-        example: "0",
-        meaning: "how much of the time that a board was closed it runs through when opened again, in ms",
-    },
-    Key {
-        name: "queue",
-        schemes: &Scheme::ALL,
-        syntax: Syntax::Number(1, 65_536),
-        default: Some("32"),
-        example: "1",
-        meaning: "reports kept while nobody reads: the newest ones",
-    },
-    Key {
-        name: "record",
-        schemes: &Scheme::ALL,
-        syntax: Syntax::File,
-        default: None,
-        example: "/tmp/board.pcapng",
-        meaning: "write every frame to that file, for Wireshark and `ecmsk`; not given: no recording",
-    },
-    Key {
-        name: "read_timeout_ms",
-        schemes: &Scheme::ALL,
-        syntax: Syntax::Number(0, DAY_MS),
-        default: None,
-        example: "100",
-        meaning: "a read fails after that time, in ms; not given: it waits until there is a report",
-    },
-    Key {
-        name: "write_timeout_ms",
-        schemes: &Scheme::ALL,
-        syntax: Syntax::Number(0, DAY_MS),
-        default: Some("5000"),
-        example: "100",
-        meaning: "a write that the board does not accept fails after that time, in ms",
-    },
-];
-
 /// The text of `ecmsk link help`: what a link looks like, every scheme, every key with its default.
 pub fn help() -> String {
     use fmt::Write as _;
@@ -356,5 +221,7 @@ pub fn help() -> String {
         let _ = writeln!(text, "  {form}\n      {} [{whose}{default}]", key.meaning);
     }
     let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
+    #[cfg(feature = "sim")]
+    let _ = write!(text, "\n{}", super::script::help());
     text
 }

@@ -4,9 +4,13 @@
 mod boards;
 pub mod config;
 pub mod engine;
+pub mod fault;
+mod fraction;
 pub mod keys;
 pub mod options;
 pub mod record;
+#[cfg(feature = "sim")]
+pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
@@ -14,6 +18,8 @@ pub mod uri;
 
 use std::sync::Arc;
 use std::time::Duration;
+
+pub use fraction::Fraction;
 
 use crate::sk::{Frame, SlotSize};
 
@@ -93,6 +99,8 @@ pub struct LinkStats {
     pub read_errors: u64,
     /// Frames that a recording could not take.
     pub record_dropped: u64,
+    /// Faults that were put in on the way, `fault.*`.
+    pub faults: fault::FaultStats,
     /// The board's own counters, where the link can see them (the engine's links).
     pub board: Option<crate::engine::Counters>,
 }
@@ -106,6 +114,10 @@ pub enum LinkError {
     /// The file that names the link cannot be used.
     #[error(transparent)]
     Config(#[from] config::ConfigError),
+    /// The script is wrong.
+    #[cfg(feature = "sim")]
+    #[error(transparent)]
+    Script(#[from] script::ScriptError),
     /// The link is not part of this build, or not yet of any.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {
@@ -131,7 +143,7 @@ pub enum LinkError {
         by: String,
     },
     /// The wait's limit has passed.
-    #[error("{dir} timed out after {waited:?}: {what}")]
+    #[error("{dir} {}: {what}", how_long(*waited))]
     Timeout {
         /// Which call.
         dir: Dir,
@@ -177,6 +189,10 @@ pub enum LinkError {
     },
 }
 
+fn how_long(waited: Duration) -> String {
+    if waited.is_zero() { "did not wait".to_owned() } else { format!("timed out after {waited:?}") }
+}
+
 /// A way to exchange frames with one ECM.
 ///
 /// Frames move whole and untouched. Reader, writer and closer may be three threads; every wait ends by its limit, by
@@ -197,6 +213,17 @@ pub trait Link: Send + Sync {
     /// # Errors
     /// As [`Link::write`], and [`LinkError::Silent`] on a virtual clock.
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError>;
+
+    /// Lets that much time pass on a link of virtual time ([`LinkInfo::virtual_time`]) and says what time it is then:
+    /// reports made meanwhile are kept or dropped as if nobody had read. A link on the real clock does nothing, its time
+    /// passes by itself, and says `None`.
+    ///
+    /// # Errors
+    /// [`LinkError::Lost`], [`LinkError::Closed`].
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        let _ = time;
+        Ok(None)
+    }
 
     /// Ends the waits under way in one direction, at once; later calls are not touched.
     fn cancel(&self, dir: Dir);
@@ -243,7 +270,11 @@ pub enum Share {
 pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
     let options = options::CommonOptions::from_uri(&uri)?;
-    let link = connect(&uri, &options, share)?;
+    let mut link = connect(&uri, &options, share)?;
+    if options.fault.any() {
+        link = Arc::new(fault::FaultLink::new(link, options.fault));
+    }
+    // The recording is around the faults: it holds what the program has seen.
     let Some(path) = &options.record else { return Ok(link) };
     let info = link.info();
     let meta = record::RecordMeta::now(&info, info.opened_at);

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::Wait;
+use super::fault::FaultOptions;
+use super::fraction::Fraction;
 use super::keys::Scheme;
 use super::slaves::{self, SlaveSpec};
 use super::uri::{LinkUri, UriError, slot_size};
@@ -23,6 +25,8 @@ pub struct CommonOptions {
     pub read_timeout: Option<Duration>,
     /// Limit of a write that the board does not accept.
     pub write_timeout: Duration,
+    /// Faults on the way, `fault.*`.
+    pub fault: FaultOptions,
 }
 
 impl CommonOptions {
@@ -37,6 +41,7 @@ impl CommonOptions {
             record: uri.typed("record", |value| Some(PathBuf::from(value)))?,
             read_timeout: uri.typed("read_timeout_ms", millis)?,
             write_timeout: uri.required("write_timeout_ms", millis)?,
+            fault: FaultOptions::from_uri(uri)?,
         })
     }
 
@@ -86,6 +91,10 @@ pub struct SimOptions {
     pub lock_memory: bool,
     /// How much of the time that the board was closed it runs through when it is opened again.
     pub catch_up: Duration,
+    /// How fast board time passes on the real clock: 0.001..=1.
+    pub rate: Fraction,
+    /// What happens when.
+    pub script: Option<PathBuf>,
 }
 
 impl SimOptions {
@@ -121,10 +130,12 @@ impl SimOptions {
                 _ => None,
             })?,
             catch_up: uri.required("catch_up_ms", millis)?,
+            rate: uri.required("rate", Fraction::parse)?,
+            script: uri.typed("script", |value| Some(PathBuf::from(value)))?,
         })
     }
 }
 
-fn millis(value: &str) -> Option<Duration> {
+pub(super) fn millis(value: &str) -> Option<Duration> {
     value.parse().ok().map(Duration::from_millis)
 }

@@ -5,12 +5,13 @@ use std::time::Duration;
 use super::boards::{self, Key};
 use super::engine::{EngineLink, Keeper, RunOptions};
 use super::options::{Clock, CommonOptions, SimOptions};
+use super::script::{self, Script};
 use super::slaves::SlaveModel;
 use super::uri::LinkUri;
 use super::{LinkError, Share};
-use crate::engine::{Board, EngineConfig, RealTime};
+use crate::engine::{Board, EngineConfig, Rate, RealTime};
 use crate::fieldbus::Ns;
-use crate::fieldbus::sim::SimBus;
+use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::slave::{Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
@@ -22,6 +23,8 @@ const FAILED_OPEN_NS: Ns = 50_000_000;
 /// has been switched on long ago.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
+    // Before anything moves.
+    let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
     let name = uri.to_string();
     let key = match (&options.name, share) {
         (Some(name), _) => Some(Key::Name(name.clone())),
@@ -32,11 +35,24 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         Some(key) => boards::claim(key, &options, &name)?,
         None => None,
     };
-    let board = match found {
+    let (mut board, network) = match found {
         None => switch_on(&options),
-        Some((board, since)) => catch_up(board, since.elapsed(), &options),
+        Some((mut board, network, since)) => {
+            if script.is_some() {
+                board.set_script(None);
+                script::take_back(&network, &board.handle());
+            }
+            (catch_up(board, since.elapsed(), &options), network)
+        }
     };
-    let keeper = key.clone().map(|key| Box::new(move |board| boards::park(&key, board)) as Keeper);
+    if let Some(script) = script {
+        let run = script.start(network.clone(), board.handle(), board.now());
+        board.set_script(Some(Box::new(run)));
+    }
+    let keeper = key.clone().map(|key| {
+        let network = network.clone();
+        Box::new(move |board| boards::park(&key, board, network.clone())) as Keeper
+    });
     let link = EngineLink::open(&name, board, run_options(&options, common), keeper);
     if let (Err(LinkError::Io { .. }), Some(key)) = (&link, &key) {
         boards::forget(key);
@@ -44,7 +60,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     link
 }
 
-fn switch_on(options: &SimOptions) -> Board {
+fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
     let config = EngineConfig {
         slot: options.slot,
         firmware: options.firmware,
@@ -52,9 +68,11 @@ fn switch_on(options: &SimOptions) -> Board {
         sdo_timeout_ns: options.sdo_timeout.as_nanos() as Ns,
     };
     let slaves = options.slaves.iter().map(|slave| build(slave.model)).collect();
-    let mut board = Board::new(config, Box::new(SimBus::new(slaves)));
+    let bus = SimBus::new(slaves);
+    let network = bus.handle();
+    let mut board = Board::new(config, Box::new(bus));
     board.boot(BOOT_LIMIT_NS);
-    board
+    (board, network)
 }
 
 fn build(model: SlaveModel) -> Box<dyn Slave> {
@@ -69,6 +87,7 @@ fn build(model: SlaveModel) -> Box<dyn Slave> {
 
 /// What happened to a board while nobody had it.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
+    let away = rate(options).slowed(away);
     let away = match (options.clock, board.engine().talks()) {
         (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
         // However little it is to catch up with: it boots, or it would never open again.
@@ -81,6 +100,10 @@ fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     board
 }
 
+const fn rate(options: &SimOptions) -> Rate {
+    Rate::billionths(options.rate.billionths())
+}
+
 fn run_options(options: &SimOptions, common: &CommonOptions) -> RunOptions {
     RunOptions {
         virtual_time: options.clock == Clock::Virtual,
@@ -89,5 +112,6 @@ fn run_options(options: &SimOptions, common: &CommonOptions) -> RunOptions {
         read_wait: common.read_wait(),
         write_wait: common.write_wait(),
         real_time: RealTime { priority: options.priority, lock_memory: options.lock_memory },
+        rate: rate(options),
     }
 }

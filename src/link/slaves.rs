@@ -31,12 +31,21 @@ impl SlaveModel {
             Self::Io => "io",
         }
     }
+
+    /// Axes it has: 0..=2.
+    pub const fn axes(self) -> usize {
+        match self {
+            Self::Io => 0,
+            Self::Drive | Self::Step | Self::Hsp => 1,
+            Self::Hsp2 => 2,
+        }
+    }
 }
 
 /// Kinds whose names are known, but which are in no build yet: Xinje DP3CL.
 const LATER: [&str; 1] = ["dp3cl"];
 
-/// The value for a network without slaves; an empty value means the same.
+/// The value for a network without slaves.
 const NONE: &str = "none";
 
 /// Slaves that a board can have at most: those of 12-byte slots.
@@ -64,8 +73,14 @@ pub(super) fn form() -> String {
 /// Why it is none and what is allowed.
 pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     let mut slaves = Vec::new();
-    if list.is_empty() || list == NONE {
+    if list == NONE {
         return Ok(slaves);
+    }
+    if list.is_empty() {
+        return Err(format!(
+            "a list of slaves is not empty, a network without one is slaves={NONE}; allowed: {}",
+            form()
+        ));
     }
     for item in list.split(',') {
         let (kind, count) = match item.split_once('*') {

@@ -159,6 +159,7 @@ impl LinkUri {
             }
         }
         uri.check_slaves()?;
+        uri.check_clock()?;
         uri.normalize();
         Ok(uri)
     }
@@ -235,6 +236,22 @@ impl LinkUri {
         Ok(())
     }
 
+    /// \[OURS] What only means something on the real clock is refused on a virtual one, where it would be without effect.
+    fn check_clock(&self) -> Result<(), UriError> {
+        if !self.scheme.in_build() || self.value("clock") != Some("virtual") {
+            return Ok(());
+        }
+        for (key, why) in REAL_CLOCK_ONLY {
+            let default = Key::find(self.scheme, key).and_then(|row| row.default);
+            if let Some(value) = self.value(key).filter(|value| Some(*value) != default) {
+                let instead = default.map(|value| format!(", or {key}={value}")).unwrap_or_default();
+                let why = format!("{why}; allowed: {key}= with clock=real{instead}");
+                return Err(UriError::BadValue { key: (*key).to_owned(), value: value.to_owned(), why });
+            }
+        }
+        Ok(())
+    }
+
     fn normalize(&mut self) {
         let scheme = self.scheme;
         self.keys.retain(|(key, value)| Key::find(scheme, key).is_none_or(|row| row.default != Some(value.as_str())));
@@ -243,16 +260,11 @@ impl LinkUri {
     }
 
     fn unknown_key(&self, key: &str, value: &str) -> UriError {
-        let hint = if key.starts_with(FAULT) {
-            " faults are not in this build yet;".to_owned()
-        } else {
-            suggestion(key, Key::of(self.scheme).map(|row| row.name))
-        };
         UriError::UnknownKey {
             scheme: self.scheme,
             key: key.to_owned(),
             value: value.to_owned(),
-            hint,
+            hint: suggestion(key, Key::of(self.scheme).map(|row| row.name)),
             allowed: key_names(self.scheme),
         }
     }
@@ -281,6 +293,13 @@ impl fmt::Display for LinkUri {
 /// Keys of the wrapper that injects faults.
 const FAULT: &str = "fault.";
 
+/// Keys that are without effect on a virtual clock, and why.
+const REAL_CLOCK_ONLY: &[(&str, &str)] = &[
+    ("rate", "with clock=virtual time passes by calls alone, at no rate"),
+    ("priority", "with clock=virtual there is no thread of the cycle"),
+    ("lock_memory", "with clock=virtual no cycle has a time to keep"),
+];
+
 /// A slot size as links write it.
 pub(super) fn slot_size(value: &str) -> Option<SlotSize> {
     SlotSize::from_bytes(value.parse().ok()?)
@@ -303,7 +322,7 @@ fn key_names(scheme: Scheme) -> String {
 const LONGEST_TYPO: usize = 64;
 
 /// ` did you mean ..?` if one of the words is near: at most every third letter differs. \[OURS]
-fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
+pub(super) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
     if word.len() > LONGEST_TYPO {
         return String::new();
     }

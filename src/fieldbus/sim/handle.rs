@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::coe::AbortCode;
+use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::{AlStatus, DeviceFault, Input};
 
@@ -27,6 +27,8 @@ pub(super) struct Orders {
     pub(super) refuse: Option<(AlState, AlStatus)>,
     pub(super) sdo_delay_ns: Ns,
     pub(super) sdo_abort: Option<AbortCode>,
+    /// One object only.
+    pub(super) object_abort: Option<(ObjectAddress, AbortCode)>,
 }
 
 /// What happens to one axis in the next cycle.
@@ -61,7 +63,7 @@ impl Default for SimHandle {
             reach: AtomicU8::new(u8::MAX),
             silent: AtomicU64::new(0),
             has_mishaps: AtomicBool::new(false),
-            mishaps: Mutex::new(Vec::new()),
+            mishaps: Mutex::new(Vec::with_capacity(MAX_SLAVES * MAX_AXES)),
             orders: Mutex::new([Orders::default(); MAX_SLAVES]),
             shafts: Mutex::new(Shafts { at: 0, positions }),
         }))
@@ -102,6 +104,12 @@ impl SimHandle {
     /// A slave aborts every SDO transfer with that code, and does nothing of it; `None`: no longer.
     pub fn abort_sdo(&self, slave: u8, code: Option<AbortCode>) {
         self.order(slave, |orders| orders.sdo_abort = code);
+    }
+
+    /// A slave aborts transfers of one object with that code, and does nothing of them; `None`: no longer. One object of
+    /// a slave at a time.
+    pub fn abort_object(&self, slave: u8, abort: Option<(ObjectAddress, AbortCode)>) {
+        self.order(slave, |orders| orders.object_abort = abort);
     }
 
     /// A fault happens in a slave, on an axis (from 0), in the next cycle.

@@ -201,7 +201,13 @@ impl SimBus {
     }
 
     fn transfer(&mut self, request: &SdoRequest) -> Result<u32, AbortCode> {
-        if let Some(code) = self.handle.orders(request.slave).sdo_abort {
+        let orders = self.handle.orders(request.slave);
+        if let Some(code) = orders.sdo_abort {
+            return Err(code);
+        }
+        if let Some((object, code)) = orders.object_abort
+            && object == request.object
+        {
             return Err(code);
         }
         let device = &mut self.station(request.slave).slave;

@@ -18,6 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 pub use meta::RecordMeta;
 pub use reader::{RecordError, Recorded, Recording};
@@ -140,6 +141,10 @@ impl Link for RecordLink {
         let meta = self.inner.read(out, wait)?;
         self.record(entries, Dir::Read, meta.at, out);
         Ok(meta)
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        self.inner.pass(time)
     }
 
     fn cancel(&self, dir: Dir) {

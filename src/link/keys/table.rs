@@ -1,0 +1,238 @@
+//! The table of keys.
+
+use super::{Fraction, Key, Scheme, Syntax};
+
+/// An hour and a day: the largest limits of time. \[OURS]
+const HOUR_MS: u64 = 3_600_000;
+const DAY_MS: u64 = 24 * HOUR_MS;
+
+/// Links whose board is the model in this process, so that its slot size is a setting.
+const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::Nic];
+/// Links to a board that somebody else has set up.
+const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Spi, Scheme::Tcp];
+/// The slowest clock of a board: a cycle of 250 us takes a quarter of a second. \[OURS]
+const SLOWEST: Fraction = Fraction::from_billionths(1_000_000);
+const SIM: &[Scheme] = &[Scheme::Sim];
+
+const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
+
+/// Every key, in the order of a URI's normal form.
+///
+/// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
+/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `fault.seed`,
+/// `fault.delay_ms`, and the ends of every range.
+pub const KEYS: &[Key] = &[
+    Key {
+        name: "slaves",
+        schemes: SIM,
+        syntax: Syntax::Slaves,
+        default: Some("drive*2"),
+        example: "drive*2,io",
+        meaning: "the slaves on the network, in order, e.g. drive*2,io: drive, a servo drive; io, 16 outputs and \
+                  inputs; step, a stepper; hsp and hsp2, a pulse module of one and of two channels (outputs of io and \
+                  hsp are wired to their inputs); none: a board that finds no slave",
+    },
+    Key {
+        name: "slot",
+        schemes: MODELLED,
+        syntax: SLOT,
+        default: Some("12"),
+        example: "16",
+        meaning: "bytes of a slot (CONFIG2): 12 for up to 40 slaves, 16 for up to 30",
+    },
+    Key {
+        name: "slot",
+        schemes: FOUND,
+        syntax: SLOT,
+        default: None,
+        example: "16",
+        meaning: "bytes of a slot (CONFIG2); not given: the link does not say",
+    },
+    Key {
+        name: "clock",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["real", "virtual"]),
+        default: Some("real"),
+        example: "virtual",
+        meaning: "virtual: the board's time passes by calls only, so that hours pass in seconds",
+    },
+    Key {
+        name: "fw",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["1.7", "1.5"]),
+        default: Some("1.7"),
+        example: "1.5",
+        meaning: "the firmware that is modelled",
+    },
+    Key {
+        name: "name",
+        schemes: SIM,
+        syntax: Syntax::Name,
+        default: None,
+        example: "left-arm",
+        meaning: "a name of its own for this board; not given: the board without a name",
+    },
+    Key {
+        name: "host_us",
+        schemes: SIM,
+        syntax: Syntax::Number(0, 1_000_000),
+        default: Some("125"),
+        example: "0",
+        meaning: "how long a write takes, in us",
+    },
+    Key {
+        name: "state_timeout_ms",
+        schemes: SIM,
+        syntax: Syntax::Number(1, HOUR_MS),
+        default: Some("10000"),
+        example: "2000",
+        meaning: "how long a change of state may take, in ms",
+    },
+    Key {
+        name: "sdo_timeout_ms",
+        schemes: SIM,
+        syntax: Syntax::Number(1, HOUR_MS),
+        default: Some("1000"),
+        example: "100",
+        meaning: "how long a slave may take for an SDO, in ms",
+    },
+    Key {
+        name: "priority",
+        schemes: SIM,
+        syntax: Syntax::Number(1, 99),
+        default: None,
+        example: "50",
+        meaning: "real-time priority (SCHED_FIFO) of the cycle's thread; not given: an ordinary thread",
+    },
+    Key {
+        name: "lock_memory",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["no", "yes"]),
+        default: Some("no"),
+        example: "yes",
+        meaning: "keep the process in memory (mlockall), so that no cycle waits for a page",
+    },
+    Key {
+        name: "catch_up_ms",
+        schemes: SIM,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: Some("60000"),
+        example: "0",
+        meaning: "how much of the time that a board was closed it runs through when opened again, in ms",
+    },
+    Key {
+        name: "rate",
+        schemes: SIM,
+        syntax: Syntax::Fraction(SLOWEST, Fraction::ONE),
+        default: Some("1"),
+        example: "0.1",
+        meaning: "how fast the board's time passes on clock=real, e.g. 0.1: ten times slower than the machine's, for \
+                  hosts that are too slow for its cycle; all times of frames stay board time",
+    },
+    Key {
+        name: "script",
+        schemes: SIM,
+        syntax: Syntax::File,
+        default: None,
+        example: "/tmp/cut.ecmscript",
+        meaning: "a text file of what happens when, such as `at 2s alarm 1 0x7500` (see below); not given: nothing",
+    },
+    Key {
+        name: "queue",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(1, 65_536),
+        default: Some("32"),
+        example: "1",
+        meaning: "reports kept while nobody reads: the newest ones",
+    },
+    Key {
+        name: "record",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::File,
+        default: None,
+        example: "/tmp/board.pcapng",
+        meaning: "write every frame to that file, for Wireshark and `ecmsk`; not given: no recording",
+    },
+    Key {
+        name: "read_timeout_ms",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: None,
+        example: "100",
+        meaning: "a read fails after that time, in ms; not given: it waits until there is a report",
+    },
+    Key {
+        name: "write_timeout_ms",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: Some("5000"),
+        example: "100",
+        meaning: "a write that the board does not accept fails after that time, in ms",
+    },
+    Key {
+        name: "fault.seed",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(0, u64::MAX),
+        default: Some("1"),
+        example: "7",
+        meaning: "which of all sequences of random faults; the same seed gives the same sequence in either direction",
+    },
+    probability("fault.drop", "share of frames that are lost on the way, both directions"),
+    one_way(
+        "fault.drop.write",
+        "share of command frames that are lost: the write succeeds, the board gets nothing; not given: that for both",
+    ),
+    one_way("fault.drop.read", "share of reports that are lost; not given: that for both"),
+    probability("fault.corrupt", "share of frames in which one bit is turned over, both directions"),
+    one_way("fault.corrupt.write", "share of command frames with a bit turned over; not given: that for both"),
+    one_way("fault.corrupt.read", "share of reports with a bit turned over; not given: that for both"),
+    probability("fault.duplicate", "share of frames that arrive twice, both directions"),
+    one_way("fault.duplicate.write", "share of command frames that arrive twice; not given: that for both"),
+    one_way("fault.duplicate.read", "share of reports that arrive twice; not given: that for both"),
+    probability("fault.delay", "share of frames that are held up for fault.delay_ms, both directions"),
+    one_way(
+        "fault.delay.write",
+        "share of command frames that are held up: the write takes longer, or reaches its limit; not given: that for both",
+    ),
+    one_way(
+        "fault.delay.read",
+        "share of reports that are held up, and those behind them; none overtakes another; not given: that for both",
+    ),
+    Key {
+        name: "fault.delay_ms",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(1, HOUR_MS),
+        default: Some("10"),
+        example: "200",
+        meaning: "how long a frame is held up, in ms",
+    },
+    Key {
+        name: "fault.disconnect_after",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(1, u64::MAX),
+        default: None,
+        example: "1000",
+        meaning: "the board is lost after that many frames in both directions, until it is opened again; \
+                  not given: never",
+    },
+    Key {
+        name: "fault.disconnect_ms",
+        schemes: &Scheme::ALL,
+        syntax: Syntax::Number(1, DAY_MS),
+        default: None,
+        example: "2000",
+        meaning: "the board is lost that long after it was opened, in ms, until it is opened again; not given: never",
+    },
+];
+
+/// A key for the share of frames in both directions that a fault befalls.
+const fn probability(name: &'static str, meaning: &'static str) -> Key {
+    let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
+    Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
+}
+
+/// The same for one direction, instead of what holds for both.
+const fn one_way(name: &'static str, meaning: &'static str) -> Key {
+    let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
+    Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }
+}

@@ -114,6 +114,8 @@ pub struct Counters {
     pub ignored_homing: u64,
     /// Targets that came before Operation enabled.
     pub discarded_before_enabled: u64,
+    /// Commands for slaves that were lost: they came for one that was lost already, or were on their way to it.
+    pub for_lost: u64,
     /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
     /// Frames that found the FIFO full.
@@ -150,6 +152,13 @@ pub enum Event {
         /// Data2.
         data2: u32,
     },
+    /// A slave in SafeOP or OP does not answer any more (SK-4).
+    SlaveLost {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+    },
 }
 
 impl fmt::Display for Event {
@@ -159,6 +168,11 @@ impl fmt::Display for Event {
             Self::OddDcShift { at, data2 } => write!(
                 f,
                 "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
+                at / 1000
+            ),
+            Self::SlaveLost { at, slave } => write!(
+                f,
+                "slave {slave} lost at {} us: look at its power and its cable, then send SET_STATE to bring it back",
                 at / 1000
             ),
         }

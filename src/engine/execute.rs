@@ -31,7 +31,7 @@ const fn allowed_in(id: CommandId, state: MasterState) -> bool {
 
 /// The three kinds of slot.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Place {
+pub(super) enum Place {
     Master,
     Slave,
     Sdo,
@@ -127,6 +127,9 @@ impl Engine {
     }
 
     fn execute_slave(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
+        if self.is_lost_in_op(slave) {
+            return self.pass_over_lost(slave, slot, at);
+        }
         let head = Head { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
             self.v.heads[slave - 1] = head;
@@ -135,11 +138,13 @@ impl Engine {
         let id = CommandId::from_code(slot.id);
         let done = self.admit(id, Place::Slave).and_then(|()| {
             let command = SlotCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
+            self.mark_commanded(slave);
             self.run_slave(slave, &command.command)
         });
         match done {
             Ok(output_image) => self.v.heads[slave - 1] = Head { output_image, ..head },
             Err(reason) => {
+                self.commanded.remove(slave as u8);
                 // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
                 if self.v.network.in_op() {
                     self.v.heads[slave - 1] = Head::default();
@@ -207,7 +212,10 @@ impl Engine {
             follows &= second.aim(motion.second.target);
             second.out.outputs = motion.second.outputs;
         }
-        self.counters.discarded_before_enabled += u64::from(!follows);
+        if !follows {
+            self.counters.discarded_before_enabled += 1;
+            self.commanded.remove(slave as u8);
+        }
         Ok(())
     }
 
@@ -225,7 +233,7 @@ impl Engine {
         }
     }
 
-    fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
+    pub(super) fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
         if let CommandId::Unknown(_) = id {
             return Err(Reason::UnknownId);
         }
@@ -238,7 +246,7 @@ impl Engine {
         }
     }
 
-    fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
+    pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
         self.counters.rejected[reason.kind()] += 1;
         self.log.push(Event::Rejected(Rejection { at, slot: slot as u8, id, reason }));
     }

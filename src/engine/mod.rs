@@ -12,6 +12,7 @@ mod fault_reset;
 mod fifo;
 mod handover;
 mod jobs;
+mod lost;
 mod network;
 mod outputs;
 mod realtime;
@@ -100,6 +101,8 @@ struct Executed {
     heads: [Head; MAX_SLAVES],
     /// The axes as they were driven.
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
+    /// Slaves that a command in them is for.
+    commanded: SlaveSet,
 }
 
 /// What a board forgets at SW_RESET.
@@ -109,11 +112,13 @@ struct Volatile {
     modes: [(Mode, DriveSync); MAX_SLAVES],
     cycle: CycleTime,
     network: Network,
-    /// Cycle and roles as they were configured on the way to SafeOP.
+    /// Cycle, roles and synchronisation as they were configured on the way to SafeOP.
     cycle_in_op: CycleTime,
     roles: [Role; MAX_SLAVES],
     /// Pulse modules of two channels among them.
     second_axes: SlaveSet,
+    syncs: [DriveSync; MAX_SLAVES],
+    moved: lost::Moved,
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
@@ -138,6 +143,8 @@ impl Volatile {
             cycle_in_op: CycleTime::DEFAULT,
             roles: [Role::Unused; MAX_SLAVES],
             second_axes: SlaveSet::EMPTY,
+            syncs: [DriveSync::DcSync; MAX_SLAVES],
+            moved: lost::Moved::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
@@ -170,6 +177,8 @@ pub struct Engine {
     executed: Vec<Executed>,
     /// Ids of outputs that carried a FIFO entry and have not been sent yet.
     ahead: VecDeque<u64>,
+    /// Slaves that a command of the entries executed since the newest outputs is for.
+    commanded: SlaveSet,
     /// Heads that the report shows: those of the newest outputs that were sent.
     shown: [Head; MAX_SLAVES],
     local_inputs: u8,
@@ -202,10 +211,12 @@ impl Engine {
                 Executed {
                     heads: [Head::default(); MAX_SLAVES],
                     axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
+                    commanded: SlaveSet::EMPTY,
                 };
                 depth + MAX_ANSWER_DELAY + 1
             ],
             ahead: VecDeque::with_capacity(depth + 1),
+            commanded: SlaveSet::EMPTY,
             shown: [Head::default(); MAX_SLAVES],
             local_inputs: 0,
             boots: 1,
@@ -233,6 +244,11 @@ impl Engine {
     /// Byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
         self.v.network.state_byte()
+    }
+
+    /// Slaves that are lost: they fell from SafeOP or OP, and no SET_STATE has brought them back (SK-4).
+    pub const fn lost(&self) -> SlaveSet {
+        self.v.network.lost()
     }
 
     /// Slaves found at boot.
@@ -345,6 +361,7 @@ impl Engine {
         self.discard_ahead = true;
         self.v = Volatile::new(self.remembered);
         self.cancel_job = true;
+        self.forget_commanded();
         self.shown = [Head::default(); MAX_SLAVES];
         self.boots += 1;
     }

@@ -274,7 +274,7 @@ fn run(size: SlotSize, ahead: Option<Ahead>) {
     let seldom = [
         ("executed", executed, 2000),
         ("cleared", cleared, 500),
-        ("full", full, 100),
+        ("full", full, 50),
         ("wrong", wrong, 100),
         ("reset", resets, 5),
     ];

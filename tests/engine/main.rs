@@ -5,6 +5,7 @@ mod alarms;
 mod allocation;
 mod answers;
 mod bus_ahead;
+mod cable;
 mod commands;
 mod crc;
 #[path = "../dice/mod.rs"]
@@ -20,6 +21,7 @@ mod leaving;
 mod local_io;
 mod mixed;
 mod modes;
+mod network_rig;
 mod probe;
 mod puppet;
 mod random;

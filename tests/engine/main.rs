@@ -20,6 +20,7 @@ mod io_slaves;
 mod leaving;
 mod local_io;
 mod mixed;
+mod lost;
 mod modes;
 mod network_rig;
 mod probe;

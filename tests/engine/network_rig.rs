@@ -2,8 +2,8 @@
 //! the test's hands.
 
 use ecmsk::engine::EngineConfig;
-use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::SlaveSet;
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, Motion, RawSlot, SlaveCommand, StateByte};
 
 use crate::ahead_bus::{Ahead, AheadBus};

@@ -68,11 +68,11 @@ impl Engine {
         }
     }
 
-    /// The report shows the commands behind the outputs with that id.
+    /// The report shows the commands behind the outputs with that id, but for slaves that they have not reached.
     pub(super) fn show_heads(&mut self, id: u64) {
         let n = self.executed.len() as u64;
         let heads = &self.executed[(id % n) as usize].heads;
-        let lost = self.v.network.lost();
+        let lost = self.v.network.lost().union(self.inputs.lost);
         if lost.is_empty() {
             self.shown = *heads;
             return;

@@ -157,6 +157,30 @@ fn commands_for_a_lost_slave() {
     assert_eq!((net.host.slot(2).id, net.host.slot(2).index), (0x12, 7), "the last one that was executed");
 }
 
+/// SK-3.1 A slave that is back shows the last command that has reached it, not one that a bus had taken ahead. SK-4.62
+#[test]
+fn a_slave_that_is_back_shows_what_has_reached_it() {
+    for cleared in [false, true] {
+        let how = Ahead { depth: 16, pipeline: 0, phase: 1, slower: 0 };
+        let mut net = Net::new(Some(how), 2);
+        net.host.master(slow()).go(Op).drained().servo_on(2);
+        (0..10).for_each(|_| net.target());
+        net.host.cycles(4);
+        let reached = net.host.slot(2).index;
+        assert!((1..10).contains(&reached));
+        net.network.silence(2, true);
+        net.until_state(FAILED_OP);
+        if cleared {
+            net.host.master(MasterCommand::SetFifo(FifoAction::Clear));
+        }
+        net.settle();
+        net.network.silence(2, false);
+        net.ask(Op, StateByte(8)).settle();
+        assert_eq!((net.host.slot(2).id, net.host.slot(2).index), (0x15, reached), "{cleared}");
+        assert_eq!(net.puppets[1].last().controlword.0, 0);
+    }
+}
+
 /// SK-4.61 A CSP that was on its way in the very cycle in which the slave was lost stands in the counter.
 #[test]
 fn the_command_of_the_cycle_of_the_loss() {

@@ -51,7 +51,9 @@ fn no_motor_starts_when_a_slave_comes_back() {
             net.puppets[1].strings().freeze(READY);
             net.host.slave(2, SlaveCommand::ServoOn).cycles(10);
             assert_ne!(net.puppets[1].last().controlword.0, 0, "a walk is under way");
-            net.stream(30);
+            net.host.cycles(20);
+            (0..12).for_each(|_| net.target());
+            net.host.cycle();
             net.network.silence(2, true);
             net.stream(1);
             if cleared {
@@ -163,7 +165,7 @@ fn a_slave_that_is_back_shows_what_has_reached_it() {
     for cleared in [false, true] {
         let how = Ahead { depth: 16, pipeline: 0, phase: 1, slower: 0 };
         let mut net = Net::new(Some(how), 2);
-        net.host.master(slow()).go(Op).drained().servo_on(2);
+        net.host.master(slow()).go(Op).drained().servo_on(2).cycles(20);
         (0..10).for_each(|_| net.target());
         net.host.cycles(4);
         let reached = net.host.slot(2).index;

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::assembler::INCOMPLETE_CYCLES;
 use crate::fieldbus::Ns;
 use crate::sk::{CommandId, Malformed};
 
@@ -152,6 +153,13 @@ pub enum Event {
         /// Data2.
         data2: u32,
     },
+    /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
+    Incomplete {
+        /// When, in board time.
+        at: Ns,
+        /// Bytes that came.
+        bytes: u16,
+    },
     /// A slave in SafeOP or OP does not answer any more (SK-4).
     SlaveLost {
         /// When, in board time.
@@ -168,6 +176,12 @@ impl fmt::Display for Event {
             Self::OddDcShift { at, data2 } => write!(
                 f,
                 "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
+                at / 1000
+            ),
+            Self::Incomplete { at, bytes } => write!(
+                f,
+                "command frame dropped at {} us: only {bytes} bytes came within {INCOMPLETE_CYCLES} cycles; send whole \
+                 frames, or pull CONFIG3 low",
                 at / 1000
             ),
             Self::SlaveLost { at, slave } => write!(

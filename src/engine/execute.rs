@@ -164,6 +164,7 @@ impl Engine {
             (_, Role::Unused) => return Err(Reason::NoSlave),
             (SlaveCommand::GetStatus, _) | (SlaveCommand::IoRead, Role::Io) => {}
             (SlaveCommand::IoWrite(bits), Role::Io) => {
+                self.end_walk();
                 self.v.axes[slave - 1][0].out.outputs = bits;
                 return Ok(Some(bits));
             }

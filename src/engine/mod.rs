@@ -4,6 +4,7 @@
 //! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
 //! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
 
+mod assembler;
 mod axis;
 mod board;
 mod counters;
@@ -19,17 +20,22 @@ mod realtime;
 mod report;
 mod reports;
 mod sdo;
+mod snapshot;
 mod stepped;
 mod sync;
+mod test_mode;
 mod threaded;
 
 use std::collections::VecDeque;
 
+pub use assembler::{INCOMPLETE_CYCLES, PartialFrames};
 pub use board::Board;
 pub use counters::{Counters, Event, Reason, Rejection};
 pub use realtime::RealTime;
 pub use reports::Report;
+pub use snapshot::{Leds, Snapshot};
 pub use stepped::{Stepped, Stop};
+pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 
 use crate::cia402::Mode;
@@ -58,6 +64,10 @@ pub struct EngineConfig {
     pub slot: SlotSize,
     /// Firmware.
     pub firmware: Firmware,
+    /// CONFIG1 high: test mode (SK-4). The board goes to OP by itself and walks the outputs of all IO slaves.
+    pub test: bool,
+    /// CONFIG3: what becomes of command frames that do not arrive completely.
+    pub partial_frames: PartialFrames,
     /// How long a change of state may take. SK-4 \[OURS]: 10 s.
     pub state_timeout_ns: Ns,
     /// How long a slave may take for an SDO. SK-6 \[OURS]: 1 s.
@@ -69,6 +79,8 @@ impl Default for EngineConfig {
         Self {
             slot: SlotSize::Bytes12,
             firmware: Firmware::V17,
+            test: false,
+            partial_frames: PartialFrames::Dropped,
             state_timeout_ns: 10_000_000_000,
             sdo_timeout_ns: 1_000_000_000,
         }
@@ -103,6 +115,8 @@ struct Executed {
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     /// Slaves that a command in them is for.
     commanded: SlaveSet,
+    /// Where the test was.
+    test: test_mode::Test,
 }
 
 /// What a board forgets at SW_RESET.
@@ -119,6 +133,7 @@ struct Volatile {
     second_axes: SlaveSet,
     syncs: [DriveSync; MAX_SLAVES],
     moved: lost::Moved,
+    test: test_mode::Test,
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
@@ -145,6 +160,7 @@ impl Volatile {
             second_axes: SlaveSet::EMPTY,
             syncs: [DriveSync::DcSync; MAX_SLAVES],
             moved: lost::Moved::default(),
+            test: test_mode::Test::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
@@ -212,6 +228,7 @@ impl Engine {
                     heads: [Head::default(); MAX_SLAVES],
                     axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
                     commanded: SlaveSet::EMPTY,
+                    test: test_mode::Test::default(),
                 };
                 depth + MAX_ANSWER_DELAY + 1
             ],
@@ -244,6 +261,11 @@ impl Engine {
     /// Byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
         self.v.network.state_byte()
+    }
+
+    /// The LEDs that show the state.
+    pub const fn leds(&self) -> Leds {
+        Leds::in_state(self.state())
     }
 
     /// Slaves that are lost: they fell from SafeOP or OP, and no SET_STATE has brought them back (SK-4).
@@ -327,6 +349,12 @@ impl Engine {
         }
     }
 
+    /// Of a command frame only the first `bytes` bytes came, and no more are waited for.
+    fn frame_incomplete(&mut self, bytes: usize, at: Ns) {
+        self.counters.incomplete += 1;
+        self.log.push(Event::Incomplete { at, bytes: bytes as u16 });
+    }
+
     /// Runs one cycle at `now`: the bus's jobs, one FIFO entry, process data, and the report, which goes to `report`
     /// with the time it belongs to. Says whether a cycle passed at all: with the cable cut before the first slave none
     /// does, and there is no report.
@@ -334,6 +362,9 @@ impl Engine {
         self.run_jobs(now, bus);
         if std::mem::take(&mut self.discard_ahead) {
             self.withdraw_ahead(bus);
+        }
+        if self.config.test {
+            self.run_test(now);
         }
         if self.v.network.in_op() {
             self.push_outputs(now, bus);

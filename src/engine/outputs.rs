@@ -22,6 +22,7 @@ impl Engine {
             executed.heads = self.v.heads;
             executed.axes = self.v.axes;
             executed.commanded = self.commanded;
+            executed.test = self.v.test;
             if bus.push(&self.outputs).is_err() {
                 // The cable was cut this moment: what was executed goes with the next outputs.
                 self.counters.executed += u64::from(has_entry);
@@ -97,6 +98,7 @@ impl Engine {
         if !self.v.network.in_op() {
             return;
         }
+        self.v.test = sent.test;
         for (slave, (axes, then)) in (1..).zip(self.v.axes.iter_mut().zip(&sent.axes)) {
             if lost.contains(slave) {
                 continue;

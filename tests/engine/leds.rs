@@ -6,7 +6,7 @@ use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::link::engine::{EngineLink, RunOptions};
 use ecmsk::link::{Link, Wait};
-use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
+use ecmsk::sk::{Frame, MasterCommand, MasterState, SlaveKind, StateByte};
 use ecmsk::slave::{AlStatus, Io, Slave};
 
 use crate::ahead_bus::{Ahead, AheadBus};
@@ -60,7 +60,7 @@ fn a_board_that_starts() {
     assert_eq!((board.busy(), board.engine().leds()), (true, Leds { yellow: true, green: true }));
     network.heal();
     while board.busy() {
-        assert_eq!(board.engine().talks(), false);
+        assert!(!board.engine().talks());
         board.cycle(&mut |_, _| {});
         assert!(board.now() < BOOT_LIMIT);
     }
@@ -125,12 +125,15 @@ fn a_link_shows_the_leds() {
         let link = EngineLink::open("board", board, options, None).unwrap();
         let mut frame = Frame::new();
         let size = ecmsk::sk::SlotSize::Bytes12;
-        frame.put_master(size, &MasterCommand::SetAxis { group: 0, kinds: Default::default() });
+        frame.put_master(size, &MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
         link.write(&frame, Wait::Forever).unwrap();
         frame.put_master(size, &MasterCommand::SetState(SafeOp));
         link.write(&frame, Wait::Forever).unwrap();
         let mut report = Frame::new();
-        while link.snapshot().unwrap().state != StateByte::reached(SafeOp) {
+        for _ in 0..20_000 {
+            if link.snapshot().unwrap().state == StateByte::reached(SafeOp) {
+                break;
+            }
             link.read(&mut report, Wait::Forever).unwrap();
         }
         let snapshot = link.snapshot().unwrap();

@@ -78,7 +78,7 @@ fn the_walk() {
     }
 }
 
-/// SK-4.71 SK-4.59 ... in a board that is not in test mode nothing of it happens. SK-10.12
+/// SK-10.12 CONFIG1 low or floating: nothing of it happens. SK-4.71
 #[test]
 fn the_normal_mode() {
     assert!(!EngineConfig::default().test);

@@ -90,7 +90,8 @@ fn power_link_and_traffic() {
         net.host.cycles(20);
         assert_eq!(seen(&net), (true, true), "{how:?}: the first slave is there");
         net.network.cut_after(0);
-        net.host.cycles(20);
+        // A bus that owns its cycle passes none in some of ours, by its phase.
+        net.host.cycles(if how.is_none() { 1 } else { 5 });
         assert_eq!(seen(&net), (false, false), "{how:?}");
         net.network.heal();
         net.host.cycles(20);

@@ -253,6 +253,36 @@ fn down_with_lost_slaves() {
     }
 }
 
+/// SK-4.64 While nobody answers a SET_STATE for a lost slave, one to a lower state is not held up by it.
+#[test]
+fn down_while_lost_slaves_are_waited_for() {
+    for how in two_buses() {
+        for (state, code) in [(SafeOp, 4), (PreOp, 2), (Init, 1)] {
+            let mut net = Net::on(how, 2);
+            net.network.cut_after(1);
+            net.until_state(FAILED_OP);
+            net.host.master(MasterCommand::SetState(Op)).cycles(50);
+            net.host.master(MasterCommand::SetState(state)).cycles(100);
+            assert_eq!(net.host.state().0, 0x10 | code, "{how:?}");
+        }
+    }
+}
+
+/// SK-4.62 A host that asks for OP in every frame brings lost slaves back, too.
+#[test]
+fn asked_for_again_and_again() {
+    for how in two_buses() {
+        let mut net = Net::on(how, 2);
+        net.network.lose(2);
+        net.until_state(FAILED_OP);
+        net.network.find(2);
+        for _ in 0..1000 {
+            net.host.master(MasterCommand::SetState(Op)).cycle();
+        }
+        assert_eq!(net.host.state().0, 8, "{how:?}");
+    }
+}
+
 /// SK-4.50 A slave that is lost on the way down does not hold up the others.
 #[test]
 fn lost_on_the_way_down() {
@@ -300,6 +330,7 @@ fn lost_below_op() {
 fn lost_while_others_come_back() {
     for how in two_buses() {
         let mut net = Net::on(how, 3);
+        let mark = net.host.mark();
         net.network.silence(2, true);
         net.until_state(FAILED_OP);
         net.network.silence(2, false);
@@ -312,6 +343,7 @@ fn lost_while_others_come_back() {
         net.host.until("slave 2", |host| host.board.engine().lost() == set(&[3]));
         net.host.cycles(1000);
         assert_eq!((net.host.state().0, net.lost()), (FAILED_OP, set(&[3])), "{how:?}");
+        assert_eq!(net.host.board.engine().events_since(mark).count(), 2, "{how:?}: lost once each");
         net.ask(Op, StateByte(8));
         net.host.servo_on(2).servo_on(3);
     }

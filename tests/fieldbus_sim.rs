@@ -7,7 +7,8 @@ use ecmsk::cia402::{Controlword, DriveState, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{
-    AlState, BusError, Fieldbus, Job, JobDone, Ns, Pacing, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut, SlaveSet,
+    AlState, BusConfig, BusError, Fieldbus, Job, JobDone, Ns, Pacing, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut,
+    SlaveSet,
 };
 use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, SdoValue, Slave};
 use fieldbus_rig::{Bench, MS, SECOND, configure, sdo, set, state};
@@ -315,4 +316,33 @@ fn a_cycle_allocates_nothing() {
     });
     assert_eq!((allocated.count_total, allocated.bytes_total), (0, 0));
     assert_eq!((bench.drive_state(7), bench.inputs.lost), (DriveState::Fault, set(&[9])));
+}
+
+/// A slave that loses its power falls to Init and is lost, those behind it stay; when it has power again it stays lost
+/// until it is configured and brought back, while the others go on.
+#[test]
+fn a_slave_without_power() {
+    let mut bench = Bench::enabled(3);
+    bench.handle.lose(2);
+    for slave in [0, 4, 41, 255] {
+        bench.handle.lose(slave);
+    }
+    let done = bench.cycle();
+    assert_eq!((done.working_counter, bench.inputs.lost), (6, set(&[2])));
+    bench.handle.find(2);
+    bench.cycles(200);
+    assert_eq!(bench.inputs.lost, set(&[2]));
+    let back = |target| Job::State { target, slaves: set(&[2]), timeout_ns: 10 * SECOND };
+    assert!(matches!(bench.done(back(Op)), JobDone::State(Err(_))), "its process data are not mapped");
+    assert_eq!(bench.done(back(PreOp)), JobDone::State(Ok(())));
+    let Job::Configure(config) = configure(Role::Drive(Mode::Csp)) else { unreachable!() };
+    assert!(matches!(bench.done(Job::Configure(config)), JobDone::Configure(Err(_))), "the others are in OP");
+    let who = set(&[2]);
+    assert_eq!(
+        bench.run(Job::Configure(BusConfig { who, ..config })),
+        (JobDone::Configure(Ok(SlaveSet::EMPTY)), 10 * MS)
+    );
+    bench.cycle();
+    assert_eq!(bench.done(back(Op)), JobDone::State(Ok(())));
+    assert_eq!((bench.cycle().working_counter, bench.inputs.lost), (9, SlaveSet::EMPTY));
 }

@@ -58,7 +58,7 @@ fn defaults_are_those_of_the_specification() {
     assert_eq!(sim.state_timeout, Duration::from_secs(10));
     assert_eq!(sim.sdo_timeout, Duration::from_secs(1));
     assert_eq!(sim.priority, None);
-    assert!(!sim.lock_memory);
+    assert!(!sim.lock_memory && !sim.test);
     assert_eq!(sim.catch_up, Duration::from_secs(60));
 }
 
@@ -66,7 +66,7 @@ fn defaults_are_those_of_the_specification() {
 /// LIB-38 `write_timeout_ms` limits a write
 #[test]
 fn every_key_reaches_its_option() {
-    let text = "sim:?slaves=drive*3&slot=16&fw=1.5&name=left-arm.1&host_us=0&state_timeout_ms=20\
+    let text = "sim:?slaves=drive*3&slot=16&fw=1.5&test=1&name=left-arm.1&host_us=0&state_timeout_ms=20\
                 &sdo_timeout_ms=30&priority=99&lock_memory=yes&catch_up_ms=0&queue=1&record=/tmp/a%20b.pcapng\
                 &read_timeout_ms=40&write_timeout_ms=50&rate=0.25&script=/tmp/a.ecmscript";
     let common = common(text);
@@ -83,6 +83,7 @@ fn every_key_reaches_its_option() {
     assert_eq!(sim.clock, Clock::Real);
     assert_eq!(self::sim("sim:?clock=virtual").clock, Clock::Virtual);
     assert_eq!(sim.firmware, Firmware::V15);
+    assert!(sim.test);
     assert_eq!(sim.name.as_deref(), Some("left-arm.1"));
     assert_eq!(sim.host_us, 0);
     assert_eq!(sim.state_timeout, Duration::from_millis(20));
@@ -302,6 +303,7 @@ fn an_error_names_key_value_and_what_is_allowed() {
     refused("sim:?slot=14", &["`slot`", "`14`", "12, 16"]);
     refused("sim:?clock=fake", &["`clock`", "`fake`", "real, virtual"]);
     refused("sim:?fw=1.6", &["`fw`", "`1.6`", "1.7, 1.5"]);
+    refused("sim:?test=2", &["`test`", "`2`", "0, 1"]);
     refused("sim:?lock_memory=maybe", &["`lock_memory`", "`maybe`", "no, yes"]);
     refused("sim:?name=", &["`name`", "1 to 64 letters"]);
     refused("sim:?name=a/b", &["`name`", "`a/b`"]);

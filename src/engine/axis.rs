@@ -121,6 +121,19 @@ impl Axis {
         }
     }
 
+    /// Its slave is lost: nothing is under way any more, and no motor starts when it comes back. The target holds what
+    /// was measured last, 0x60FF = 0, 0x6071 = 0.
+    pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
+        let target = if mode == Some(Mode::Csp) { input.position } else { 0 };
+        *self = Self { out: AxisOut { target, ..AxisOut::default() }, ..Self::default() };
+    }
+
+    /// Whether its outputs ask for nothing: no motor, no output.
+    pub(super) fn is_at_rest(&self) -> bool {
+        let AxisOut { controlword, outputs, .. } = self.out;
+        controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.fault_reset.is_under_way()
+    }
+
     /// What was asked since `then` is taken back: SET_FIFO has cleared it. An axis that is off stays off: no motor starts
     /// because of entries that went \[OURS].
     pub(super) fn go_back_to(&mut self, then: &Self) {

@@ -1,6 +1,7 @@
 //! A board: the engine, the bus it drives, and the time it has reached. What a runner runs.
 
-use super::{BoardHandle, Engine, EngineConfig, Event};
+use super::assembler::{Assembler, INCOMPLETE_CYCLES};
+use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
 use crate::fieldbus::{Fieldbus, Ns, Pacing};
 use crate::sk::Frame;
 
@@ -24,6 +25,9 @@ pub struct Board {
     cycles: u64,
     last_report: Ns,
     silent_cycles: u64,
+    /// When the newest cycle of the bus passed.
+    last_passed: Ns,
+    partial: Assembler,
 }
 
 impl Board {
@@ -41,6 +45,8 @@ impl Board {
             cycles: 0,
             last_report: 0,
             silent_cycles: 0,
+            last_passed: 0,
+            partial: Assembler::new(),
         }
     }
 
@@ -62,6 +68,22 @@ impl Board {
     /// What is to happen from now on, instead of what was to happen before; `None`: nothing.
     pub fn set_script(&mut self, script: Option<Box<dyn Script>>) {
         self.script = script;
+    }
+
+    /// The bus.
+    pub(super) fn bus(&self) -> &dyn Fieldbus {
+        &*self.bus
+    }
+
+    /// The BUSY pin between two exchanges: high until the first PreOP since the board booted. A host on SPI that does
+    /// not look at it sees zeros (SK-4).
+    pub const fn busy(&self) -> bool {
+        !self.engine.talks()
+    }
+
+    /// Whether frames come back from the network.
+    pub(super) fn network_answers(&self) -> bool {
+        self.now - self.last_passed < self.patience() + self.engine.period_ns()
     }
 
     /// The board's time, nanoseconds since it was switched on.
@@ -102,6 +124,31 @@ impl Board {
         self.engine.host(frame, at);
     }
 
+    /// Bytes of command frames arrive at `at`, in pieces of any length; cycles due by then run first. A frame counts from
+    /// its last byte on. What happens to one that stays incomplete: [`PartialFrames`].
+    pub fn bytes(&mut self, bytes: &[u8], at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
+        self.advance(at, report);
+        self.drop_late(self.now);
+        let size = self.engine.config().slot;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let taken = self.partial.take(rest, self.now, size);
+            rest = &rest[taken..];
+            if let Some(frame) = self.partial.complete(size) {
+                self.engine.host(frame, self.now);
+            }
+        }
+    }
+
+    /// Nothing calls while no bytes come, so each cycle looks whether a frame stays incomplete for too long.
+    fn drop_late(&mut self, now: Ns) {
+        if self.engine.config().partial_frames == PartialFrames::Dropped
+            && let Some(bytes) = self.partial.drop_late(now, INCOMPLETE_CYCLES * self.engine.period_ns())
+        {
+            self.engine.frame_incomplete(bytes, now);
+        }
+    }
+
     /// Time passes until `to`: every cycle that is due runs.
     pub fn advance(&mut self, to: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         while self.next_cycle <= to {
@@ -118,7 +165,10 @@ impl Board {
             script.run(at, &mut |event| self.engine.note(event));
         }
         self.handle.apply(&mut self.engine);
-        self.engine.cycle(at, &mut *self.bus, report);
+        if self.engine.cycle(at, &mut *self.bus, report) {
+            self.last_passed = at;
+        }
+        self.drop_late(at);
         self.now = at;
         self.next_cycle = at + self.engine.period_ns();
         self.cycles += 1;

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::assembler::INCOMPLETE_CYCLES;
 use super::homing::HomingEnd;
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::AbortCode;
@@ -119,6 +120,8 @@ pub struct Counters {
     pub modes_not_restored: u64,
     /// Targets that came before Operation enabled.
     pub discarded_before_enabled: u64,
+    /// Commands for slaves that were lost: they came for one that was lost already, or were on their way to it.
+    pub for_lost: u64,
     /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
     /// Frames that found the FIFO full.
@@ -154,6 +157,20 @@ pub enum Event {
         at: Ns,
         /// Data2.
         data2: u32,
+    },
+    /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
+    Incomplete {
+        /// When, in board time.
+        at: Ns,
+        /// Bytes that came.
+        bytes: u16,
+    },
+    /// A slave in SafeOP or OP does not answer any more (SK-4).
+    SlaveLost {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
     },
     /// Homing of an axis is over.
     HomingEnded {
@@ -213,6 +230,17 @@ impl fmt::Display for Event {
                 let end = if *ended { "the end of " } else { "" };
                 write!(f, "script, line {line}: {end}`{verb}` at {} us", at / 1000)
             }
+            Self::Incomplete { at, bytes } => write!(
+                f,
+                "command frame dropped at {} us: only {bytes} bytes came within {INCOMPLETE_CYCLES} cycles; send whole \
+                 frames, or pull CONFIG3 low",
+                at / 1000
+            ),
+            Self::SlaveLost { at, slave } => write!(
+                f,
+                "slave {slave} lost at {} us: look at its power and its cable, then send SET_STATE to bring it back",
+                at / 1000
+            ),
         }
     }
 }

@@ -31,7 +31,7 @@ const fn allowed_in(id: CommandId, state: MasterState) -> bool {
 
 /// The three kinds of slot.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Place {
+pub(super) enum Place {
     Master,
     Slave,
     Sdo,
@@ -128,6 +128,9 @@ impl Engine {
     }
 
     fn execute_slave(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
+        if self.is_lost_in_op(slave) {
+            return self.pass_over_lost(slave, slot, at);
+        }
         let head = Head { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
             self.v.heads[slave - 1] = head;
@@ -136,11 +139,13 @@ impl Engine {
         let id = CommandId::from_code(slot.id);
         let done = self.admit(id, Place::Slave).and_then(|()| {
             let command = SlotCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
+            self.mark_commanded(slave);
             self.run_slave(slave, &command.command, at)
         });
         match done {
             Ok(output_image) => self.v.heads[slave - 1] = Head { output_image, ..head },
             Err(reason) => {
+                self.commanded.remove(slave as u8);
                 // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
                 if self.v.network.in_op() {
                     self.v.heads[slave - 1] = Head::default();
@@ -158,12 +163,14 @@ impl Engine {
         }
         let role = self.role(slave);
         if self.ignores(slave, command, role) {
+            self.commanded.remove(slave as u8);
             return Ok(None);
         }
         match (*command, role) {
             (_, Role::Unused) => return Err(Reason::NoSlave),
             (SlaveCommand::GetStatus, _) | (SlaveCommand::IoRead, Role::Io) => {}
             (SlaveCommand::IoWrite(bits), Role::Io) => {
+                self.end_walk();
                 self.v.axes[slave - 1][0].out.outputs = bits;
                 return Ok(Some(bits));
             }
@@ -216,7 +223,10 @@ impl Engine {
             follows &= second.aim(motion.second.target);
             second.out.outputs = motion.second.outputs;
         }
-        self.counters.discarded_before_enabled += u64::from(!follows);
+        if !follows {
+            self.counters.discarded_before_enabled += 1;
+            self.commanded.remove(slave as u8);
+        }
         Ok(())
     }
 
@@ -237,7 +247,7 @@ impl Engine {
         }
     }
 
-    fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
+    pub(super) fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
         if let CommandId::Unknown(_) = id {
             return Err(Reason::UnknownId);
         }
@@ -250,7 +260,7 @@ impl Engine {
         }
     }
 
-    fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
+    pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
         self.counters.rejected[reason.kind()] += 1;
         self.log.push(Event::Rejected(Rejection { at, slot: slot as u8, id, reason }));
     }

@@ -79,6 +79,10 @@ impl Engine {
                 self.v.network.fail();
                 continue;
             }
+            if !self.may_begin(step, bus) {
+                break;
+            }
+            self.v.network.begin(step);
             let Some(job) = self.network_job(step, now) else {
                 // Nobody has to move: the state is reached.
                 self.step_done(step, now);
@@ -99,9 +103,13 @@ impl Engine {
         if self.holds_mode_write(now) {
             return;
         }
-        if let Some(request) = self.v.sdo.waiting(self.config.sdo_timeout_ns)
-            && bus.start(Job::Sdo(request), now).is_ok()
-        {
+        let Some(request) = self.v.sdo.waiting(self.config.sdo_timeout_ns) else { return };
+        // SK-6 [OURS]: a lost slave is not asked, even if it could answer again.
+        if self.v.network.lost().contains(request.slave) {
+            self.v.sdo.started();
+            return self.sdo_done(Err(AbortCode::TIMEOUT), now);
+        }
+        if bus.start(Job::Sdo(request), now).is_ok() {
             self.v.sdo.started();
             self.job = Some(Work::HostSdo);
         }
@@ -116,13 +124,21 @@ impl Engine {
             Step::Scan => return Some(Job::Scan),
             Step::Configure => return Some(Job::Configure(self.bus_config())),
             Step::Boot => (MasterState::PreOp, self.all_slaves()),
-            Step::Move(to) if self.leaves_others_in_preop(to) => (to, self.used_slaves()),
-            Step::Move(to) => (to, self.all_slaves()),
+            Step::Move(to) if self.leaves_others_in_preop(to) => (to, self.present(self.used_slaves())),
+            Step::Move(to) => (to, self.present(self.all_slaves())),
+            Step::Fetch => (MasterState::PreOp, self.v.network.returning()),
+            Step::Reconfigure => return Some(Job::Configure(self.last_config())),
+            Step::Return(to) => (to, self.v.network.returning()),
         };
         if slaves.is_empty() {
             return None;
         }
         Some(Job::State { target: al_state(target), slaves, timeout_ns })
+    }
+
+    /// Those of a set that are not lost.
+    pub(super) fn present(&self, slaves: SlaveSet) -> SlaveSet {
+        slaves.difference(self.v.network.lost())
     }
 
     fn all_slaves(&self) -> SlaveSet {
@@ -136,7 +152,7 @@ impl Engine {
     }
 
     /// SK-4 \[OURS]: a found slave declared as none stays in PreOP and is not waited for.
-    fn used_slaves(&self) -> SlaveSet {
+    pub(super) fn used_slaves(&self) -> SlaveSet {
         let mut slaves = self.all_slaves();
         for slave in 1..=self.v.network.found() {
             if self.v.roles[usize::from(slave) - 1] == Role::Unused {
@@ -165,14 +181,27 @@ impl Engine {
 
     fn bus_config(&mut self) -> BusConfig {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync };
-        let mut config = BusConfig { cycle: self.v.cycle, slaves: [unused; MAX_SLAVES] };
+        let mut config = BusConfig { cycle: self.v.cycle, who: self.all_slaves(), slaves: [unused; MAX_SLAVES] };
         for n in 0..usize::from(self.v.network.found()) {
             let (_, sync) = self.v.modes[n];
             config.slaves[n] = SlaveConfig { role: self.declared_role(n), sync };
         }
         self.v.cycle_in_op = config.cycle;
-        for (role, slave) in self.v.roles.iter_mut().zip(&config.slaves) {
-            *role = slave.role;
+        for (n, slave) in config.slaves.iter().enumerate() {
+            (self.v.roles[n], self.v.syncs[n]) = (slave.role, slave.sync);
+        }
+        config
+    }
+
+    /// What the network was configured with, for those that come back to it.
+    fn last_config(&self) -> BusConfig {
+        let mut config = BusConfig {
+            cycle: self.v.cycle_in_op,
+            who: self.v.network.returning(),
+            slaves: [SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync }; MAX_SLAVES],
+        };
+        for (n, slave) in config.slaves.iter_mut().enumerate() {
+            *slave = SlaveConfig { role: self.v.roles[n], sync: self.v.syncs[n] };
         }
         config
     }
@@ -182,9 +211,13 @@ impl Engine {
             (Work::Network(Step::Scan), JobDone::Scan { found }) => {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
             }
-            (Work::Network(Step::Configure), JobDone::Configure(Ok(second_axes))) => {
-                self.v.second_axes = second_axes;
-                self.step_done(Step::Configure, now);
+            (Work::Network(step @ (Step::Configure | Step::Reconfigure)), JobDone::Configure(Ok(second_axes))) => {
+                let others = match step {
+                    Step::Reconfigure => self.v.second_axes.difference(self.v.network.returning()),
+                    _ => SlaveSet::EMPTY,
+                };
+                self.v.second_axes = others.union(second_axes);
+                self.step_done(step, now);
             }
             (Work::Network(step), JobDone::State(Ok(()))) => self.step_done(step, now),
             (Work::Network(_), _) => self.v.network.fail(),
@@ -196,14 +229,18 @@ impl Engine {
 
     fn step_done(&mut self, step: Step, now: Ns) {
         let was_op = self.v.network.in_op();
-        if step == Step::Configure {
-            self.modes_configured();
+        match step {
+            Step::Configure => self.modes_configured(self.all_slaves()),
+            Step::Reconfigure => self.modes_configured(self.v.network.returning()),
+            _ => {}
         }
         self.v.network.done(step);
+        self.slaves_moved(step, now);
         if was_op != self.v.network.in_op() {
             // OP begins and ends with an empty FIFO and with axes that ask for nothing.
             self.clear_fifo();
             self.leave_homing_with_op(now);
+            self.forget_commanded();
             self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
             self.shown = self.v.heads;
         }
@@ -218,10 +255,11 @@ impl Engine {
     }
 
     /// "At PreOP -> SafeOP the board writes DRIVE_MODE's value" to 0x6060.
-    fn modes_configured(&mut self) {
-        for (written, role) in self.v.modes_written.iter_mut().zip(&self.v.roles) {
-            if let Some(mode) = role.mode() {
-                *written = [mode.code(); MAX_AXES];
+    fn modes_configured(&mut self, who: SlaveSet) {
+        for slave in who.iter().map(usize::from) {
+            self.v.restores.cancel_slave(slave as u8);
+            if let Some(mode) = self.v.roles[slave - 1].mode() {
+                self.v.modes_written[slave - 1] = [mode.code(); MAX_AXES];
             }
         }
     }

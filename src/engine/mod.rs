@@ -4,6 +4,7 @@
 //! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
 //! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
 
+mod assembler;
 mod axis;
 mod board;
 mod counters;
@@ -15,6 +16,7 @@ mod handle;
 mod handover;
 mod homing;
 mod jobs;
+mod lost;
 mod network;
 mod outputs;
 mod profile;
@@ -23,12 +25,15 @@ mod report;
 mod reports;
 mod restore;
 mod sdo;
+mod snapshot;
 mod stepped;
 mod sync;
+mod test_mode;
 mod threaded;
 
 use std::collections::VecDeque;
 
+pub use assembler::{INCOMPLETE_CYCLES, PartialFrames};
 pub use board::{Board, Script};
 pub use counters::{Counters, Event, Reason, Rejection};
 pub use go_home::HomingPhase;
@@ -37,7 +42,9 @@ pub use homing::HomingEnd;
 pub use profile::Firmware;
 pub use realtime::{Rate, RealTime};
 pub use reports::Report;
+pub use snapshot::{Leds, Snapshot};
 pub use stepped::{Stepped, Stop};
+pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 
 use crate::cia402::Mode;
@@ -57,6 +64,10 @@ pub struct EngineConfig {
     pub slot: SlotSize,
     /// Firmware.
     pub firmware: Firmware,
+    /// CONFIG1 high: test mode (SK-4). The board goes to OP by itself and walks the outputs of all IO slaves.
+    pub test: bool,
+    /// CONFIG3: what becomes of command frames that do not arrive completely.
+    pub partial_frames: PartialFrames,
     /// How long a change of state may take. SK-4 \[OURS]: 10 s.
     pub state_timeout_ns: Ns,
     /// How long a slave may take for an SDO. SK-6 \[OURS]: 1 s.
@@ -68,6 +79,8 @@ impl Default for EngineConfig {
         Self {
             slot: SlotSize::Bytes12,
             firmware: Firmware::V17,
+            test: false,
+            partial_frames: PartialFrames::Dropped,
             state_timeout_ns: 10_000_000_000,
             sdo_timeout_ns: 1_000_000_000,
         }
@@ -100,6 +113,10 @@ struct Executed {
     heads: [Head; MAX_SLAVES],
     /// The axes as they were driven.
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
+    /// Slaves that a command in them is for.
+    commanded: SlaveSet,
+    /// Where the test was.
+    test: test_mode::Test,
 }
 
 /// What a board forgets at SW_RESET.
@@ -109,11 +126,14 @@ struct Volatile {
     modes: [(Mode, DriveSync); MAX_SLAVES],
     cycle: CycleTime,
     network: Network,
-    /// Cycle and roles as they were configured on the way to SafeOP.
+    /// Cycle, roles and synchronisation as they were configured on the way to SafeOP.
     cycle_in_op: CycleTime,
     roles: [Role; MAX_SLAVES],
     /// Pulse modules of two channels among them.
     second_axes: SlaveSet,
+    syncs: [DriveSync; MAX_SLAVES],
+    moved: lost::Moved,
+    test: test_mode::Test,
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     axes: [[Axis; MAX_AXES]; MAX_SLAVES],
@@ -140,6 +160,9 @@ impl Volatile {
             cycle_in_op: CycleTime::DEFAULT,
             roles: [Role::Unused; MAX_SLAVES],
             second_axes: SlaveSet::EMPTY,
+            syncs: [DriveSync::DcSync; MAX_SLAVES],
+            moved: lost::Moved::default(),
+            test: test_mode::Test::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
@@ -177,6 +200,8 @@ pub struct Engine {
     executed: Vec<Executed>,
     /// Ids of outputs that carried a FIFO entry and have not been sent yet.
     ahead: VecDeque<u64>,
+    /// Slaves that a command of the entries executed since the newest outputs is for.
+    commanded: SlaveSet,
     /// Heads that the report shows: those of the newest outputs that were sent.
     shown: [Head; MAX_SLAVES],
     local_inputs: u8,
@@ -212,10 +237,13 @@ impl Engine {
                 Executed {
                     heads: [Head::default(); MAX_SLAVES],
                     axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
+                    commanded: SlaveSet::EMPTY,
+                    test: test_mode::Test::default(),
                 };
                 depth + MAX_ANSWER_DELAY + 1
             ],
             ahead: VecDeque::with_capacity(depth + 1),
+            commanded: SlaveSet::EMPTY,
             shown: [Head::default(); MAX_SLAVES],
             local_inputs: 0,
             muted: false,
@@ -244,6 +272,16 @@ impl Engine {
     /// Byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
         self.v.network.state_byte()
+    }
+
+    /// The LEDs that show the state.
+    pub const fn leds(&self) -> Leds {
+        Leds::in_state(self.state())
+    }
+
+    /// Slaves that are lost: they fell from SafeOP or OP, and no SET_STATE has brought them back (SK-4).
+    pub const fn lost(&self) -> SlaveSet {
+        self.v.network.lost()
     }
 
     /// Slaves found at boot.
@@ -337,6 +375,12 @@ impl Engine {
         }
     }
 
+    /// Of a command frame only the first `bytes` bytes came, and no more are waited for.
+    fn frame_incomplete(&mut self, bytes: usize, at: Ns) {
+        self.counters.incomplete += 1;
+        self.log.push(Event::Incomplete { at, bytes: bytes as u16 });
+    }
+
     /// Runs one cycle at `now`: the bus's jobs, one FIFO entry, process data, and the report, which goes to `report`
     /// with the time it belongs to. Says whether a cycle passed at all: with the cable cut before the first slave none
     /// does, and there is no report.
@@ -344,6 +388,9 @@ impl Engine {
         self.run_jobs(now, bus);
         if std::mem::take(&mut self.discard_ahead) {
             self.withdraw_ahead(bus);
+        }
+        if self.config.test {
+            self.run_test(now);
         }
         if self.v.network.in_op() {
             self.push_outputs(now, bus);
@@ -371,6 +418,7 @@ impl Engine {
         self.discard_ahead = true;
         self.v = Volatile::new(self.remembered);
         self.cancel_job = true;
+        self.forget_commanded();
         self.shown = [Head::default(); MAX_SLAVES];
         self.boots += 1;
     }

@@ -1,6 +1,7 @@
-//! The network's state (SK-4): boot, changes on the way up and down, failures. Decides which job the bus does next.
+//! The network's state (SK-4): boot, changes on the way up and down, failures, lost slaves. Decides which job the bus
+//! does next.
 
-use crate::fieldbus::Ns;
+use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
 
 /// A step of boot or of a change: what the bus is asked to do.
@@ -14,6 +15,23 @@ pub(super) enum Step {
     Configure,
     /// Bring the slaves to that state.
     Move(MasterState),
+    /// Bring the lost ones to PreOP, wherever they have fallen.
+    Fetch,
+    /// Map the process data of the lost ones.
+    Reconfigure,
+    /// Bring the lost ones to the state that the others are in.
+    Return(MasterState),
+}
+
+/// How far the lost slaves have come on their way back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Way {
+    #[default]
+    Ahead,
+    InPreOp,
+    Configured,
+    /// They are back. Who was lost since then waits for the next SET_STATE.
+    Back,
 }
 
 /// A change under way.
@@ -22,6 +40,7 @@ struct Change {
     target: MasterState,
     deadline: Ns,
     configured: bool,
+    way: Way,
 }
 
 /// Where the network is and where it goes.
@@ -35,6 +54,10 @@ pub(super) struct Network {
     /// PreOP was reached since the board booted: USB and SPI talk.
     talks: bool,
     change: Option<Change>,
+    /// Slaves that did not stay where the network is.
+    lost: SlaveSet,
+    /// Those of them that the change under way brings back.
+    returning: SlaveSet,
 }
 
 impl Network {
@@ -50,7 +73,7 @@ impl Network {
     /// Byte 2 of slot 0.
     pub(super) const fn state_byte(&self) -> StateByte {
         match self.reached {
-            Some(state) if !self.failed => StateByte::reached(state),
+            Some(state) if !self.failed && self.lost.is_empty() => StateByte::reached(state),
             None if !self.failed => StateByte::NETWORK_INIT,
             last_good => StateByte::failed(last_good),
         }
@@ -66,20 +89,47 @@ impl Network {
         self.found
     }
 
+    /// Slaves that are lost.
+    pub(super) const fn lost(&self) -> SlaveSet {
+        self.lost
+    }
+
+    /// Those of them that the change under way brings back.
+    pub(super) const fn returning(&self) -> SlaveSet {
+        self.returning
+    }
+
+    /// Whether slaves that do not answer now are lost: in OP always. In SafeOP too, but on the way up to OP: that change
+    /// has its time for them. Below SafeOP nothing is exchanged that would be missed, and the next change finds out.
+    /// SK-4 \[OURS]
+    pub(super) fn notices_losses(&self) -> bool {
+        match self.reached {
+            Some(MasterState::Op) => true,
+            Some(MasterState::SafeOp) => self.change.is_none_or(|change| change.target <= MasterState::SafeOp),
+            _ => false,
+        }
+    }
+
+    /// Slaves are lost, until a SET_STATE brings them back.
+    pub(super) fn lose(&mut self, slaves: SlaveSet) {
+        self.lost = self.lost.union(slaves);
+    }
+
     /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
     ///
     /// A request during a change replaces its target. A request for the state the network is in acknowledges a
-    /// failure.
+    /// failure. Every accepted one brings lost slaves back.
     pub(super) fn request(&mut self, target: MasterState, deadline: Ns) -> bool {
         let Some(state) = self.reached else { return false };
         if state == MasterState::Init && target > MasterState::PreOp {
             return false;
         }
-        let configured = self.change.is_some_and(|change| change.configured);
-        if target == state && !self.failed && self.change.is_none() {
+        if target == state && !self.failed && self.lost.is_empty() && self.change.is_none() {
             return true;
         }
-        self.change = Some(Change { target, deadline, configured });
+        let configured = self.change.is_some_and(|change| change.configured);
+        let way = self.change.filter(|change| change.target == target).map_or(Way::Ahead, |change| change.way);
+        self.change = Some(Change { target, deadline, configured, way });
         true
     }
 
@@ -90,7 +140,10 @@ impl Network {
         };
         let change = self.change?;
         Some(match (state, change.target) {
-            (from, to) if to <= from => Step::Move(to),
+            // Nobody waits for the lost ones on the way down: they follow [OURS].
+            (from, to) if to < from => Step::Move(to),
+            (from, _) if !self.lost.is_empty() && change.way != Way::Back => Self::step_back(from, change.way),
+            (from, to) if to == from => Step::Move(to),
             // Some slaves may have gone further than others: all begin where all have been [OURS].
             (from, _) if self.failed => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
@@ -100,11 +153,33 @@ impl Network {
         })
     }
 
+    fn step_back(state: MasterState, way: Way) -> Step {
+        match way {
+            _ if state <= MasterState::PreOp => Step::Return(state),
+            Way::Ahead => Step::Fetch,
+            Way::InPreOp => Step::Reconfigure,
+            Way::Configured | Way::Back => Step::Return(state),
+        }
+    }
+
+    /// A step begins.
+    pub(super) fn begin(&mut self, step: Step) {
+        let first = match step {
+            Step::Fetch => true,
+            Step::Return(to) => to <= MasterState::PreOp,
+            _ => false,
+        };
+        if first {
+            self.returning = self.lost;
+        }
+    }
+
     /// Whether the step under way no longer leads to the target: the way up was given up.
     pub(super) fn is_obsolete(&self, step: Step) -> bool {
         match (step, self.change, self.reached) {
             (Step::Configure, Some(change), Some(state)) => change.target <= state,
             (Step::Move(to), Some(change), Some(state)) => to > state && change.target <= state,
+            (Step::Fetch | Step::Reconfigure | Step::Return(_), Some(change), Some(state)) => change.target < state,
             _ => false,
         }
     }
@@ -130,18 +205,41 @@ impl Network {
                 }
                 return None;
             }
+            Step::Fetch => {
+                self.come(Way::InPreOp);
+                return None;
+            }
+            Step::Reconfigure => {
+                self.come(Way::Configured);
+                return None;
+            }
+            Step::Return(state) => {
+                self.lost = self.lost.difference(self.returning);
+                self.come(Way::Back);
+                if !self.failed && self.change.is_some_and(|change| change.target == state) {
+                    self.change = None;
+                }
+                return None;
+            }
             Step::Boot => MasterState::PreOp,
             Step::Move(to) => to,
         };
         self.reached = Some(state);
         self.failed = false;
         self.talks |= step == Step::Boot;
+        let all_here = self.lost.is_empty();
         match &mut self.change {
-            Some(change) if change.target == state => self.change = None,
+            Some(change) if change.target == state && (all_here || change.way == Way::Back) => self.change = None,
             Some(change) => change.configured = false,
             None => {}
         }
         Some(state)
+    }
+
+    fn come(&mut self, way: Way) {
+        if let Some(change) = &mut self.change {
+            change.way = way;
+        }
     }
 
     /// A step failed, or the change took too long: it ends where it is, without retries. At boot the board looks for

@@ -2,7 +2,7 @@
 //! what a bus has taken ahead.
 
 use super::Engine;
-use crate::fieldbus::{Fieldbus, Ns, Pacing};
+use crate::fieldbus::{Fieldbus, Ns, Pacing, SlaveSet};
 
 impl Engine {
     /// Hands the bus what it takes: one FIFO entry in each set of outputs.
@@ -21,12 +21,15 @@ impl Engine {
             let executed = &mut self.executed[(id % n) as usize];
             executed.heads = self.v.heads;
             executed.axes = self.v.axes;
+            executed.commanded = self.commanded;
+            executed.test = self.v.test;
             if bus.push(&self.outputs).is_err() {
                 // The cable was cut this moment: what was executed goes with the next outputs.
                 self.counters.executed += u64::from(has_entry);
                 return;
             }
             self.next_output_id += 1;
+            self.commanded = SlaveSet::EMPTY;
             if has_entry {
                 self.ahead.push_back(id);
             }
@@ -86,11 +89,20 @@ impl Engine {
         }
         let n = self.executed.len() as u64;
         let sent = &self.executed[((unsent - 1) % n) as usize];
-        self.v.heads = sent.heads;
+        let lost = self.v.network.lost();
+        for (slave, (head, then)) in (1..).zip(self.v.heads.iter_mut().zip(&sent.heads)) {
+            if !lost.contains(slave) {
+                *head = *then;
+            }
+        }
         if !self.v.network.in_op() {
             return;
         }
-        for (axes, then) in self.v.axes.iter_mut().zip(&sent.axes) {
+        self.v.test = sent.test;
+        for (slave, (axes, then)) in (1..).zip(self.v.axes.iter_mut().zip(&sent.axes)) {
+            if lost.contains(slave) {
+                continue;
+            }
             for (axis, then) in axes.iter_mut().zip(then) {
                 axis.go_back_to(then);
             }

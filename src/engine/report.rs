@@ -9,9 +9,11 @@ use crate::sk::{
 impl Engine {
     /// A cycle has passed: `self.inputs` holds what the slaves sent.
     pub(super) fn complete(&mut self, done: &CycleDone) {
+        if !self.inputs.lost.is_empty() {
+            self.note_lost(done);
+        }
         if let Some(id) = done.outputs {
-            let n = self.executed.len() as u64;
-            self.shown = self.executed[(id % n) as usize].heads;
+            self.show_heads(id);
         }
         if self.v.network.in_op() {
             self.answer_axes();
@@ -42,19 +44,25 @@ impl Engine {
     }
 
     pub(super) fn answer_axes(&mut self) {
-        for slave in 1..=usize::from(self.v.network.found()) {
-            let Some(mode) = self.role(slave).mode() else { continue };
-            for axis in 0..self.axes(slave) {
-                let in_mode = self.in_mode(slave, axis, mode);
-                self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, in_mode);
-            }
+        let lost = self.v.network.lost();
+        for slave in (1..=usize::from(self.v.network.found())).filter(|slave| !lost.contains(*slave as u8)) {
+            self.answer_slave(slave);
         }
     }
 
-    /// In OP every slave's slot is refreshed in every cycle, whatever the command was.
+    pub(super) fn answer_slave(&mut self, slave: usize) {
+        let Some(mode) = self.role(slave).mode() else { return };
+        for axis in 0..self.axes(slave) {
+            let in_mode = self.in_mode(slave, axis, mode);
+            self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, in_mode);
+        }
+    }
+
+    /// In OP every slave's slot is refreshed in every cycle, whatever the command was; lost slots keep their values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
-        for slave in 1..=size.max_slaves() {
+        let lost = self.v.network.lost();
+        for slave in (1..=size.max_slaves()).filter(|slave| !lost.contains(*slave as u8)) {
             let slot = self.slave_slot(slave);
             self.v.response.put(size, slave, &slot);
         }

@@ -42,6 +42,11 @@ impl Restores {
         *self = Self { running: self.running, ..Self::new() };
     }
 
+    /// As [`Self::cancel_all`], of one slave.
+    pub(super) fn cancel_slave(&mut self, slave: u8) {
+        (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
+    }
+
     fn cancel(&mut self, Restore { slave, axis }: Restore) {
         self.due[axis].remove(slave);
         self.failed[usize::from(slave) - 1][axis] = 0;
@@ -63,10 +68,11 @@ impl Engine {
     /// Starts the next transfer, if one is due: of those that have failed least often, and not before all axes of its
     /// slave are done.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        let homing = self.homing_slaves();
+        // A lost slave takes nothing.
+        let not_yet = self.homing_slaves().union(self.v.network.lost());
         let restores = &mut self.v.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));
-        let ready = due.filter(|restore| !homing.contains(restore.slave));
+        let ready = due.filter(|restore| !not_yet.contains(restore.slave));
         let next = ready.min_by_key(|restore| restores.failed[usize::from(restore.slave) - 1][restore.axis]);
         let Some(restore) = next else { return };
         let (Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode)) = self.role(restore.slave.into()) else {

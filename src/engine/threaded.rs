@@ -9,7 +9,7 @@ use super::handover::Handover;
 use super::realtime::{Clock, Rate, RealTime};
 use super::reports::Report;
 use super::stepped::Stop;
-use super::{Board, Counters, Event};
+use super::{Board, Counters, Event, Snapshot};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
@@ -40,6 +40,7 @@ pub struct Lateness {
 /// What the runner shows of the board, besides reports.
 struct Shown {
     counters: Counters,
+    snapshot: Snapshot,
     events: Vec<Event>,
     events_total: u64,
 }
@@ -60,6 +61,7 @@ impl Shared {
             stop: AtomicBool::new(false),
             shown: Mutex::new(Shown {
                 counters: *board.engine().counters(),
+                snapshot: board.snapshot(),
                 events: Vec::with_capacity(EVENTS_KEPT),
                 events_total: board.engine().events_total(),
             }),
@@ -167,6 +169,11 @@ impl Threaded {
         (shown.counters, self.shared.handover.dropped())
     }
 
+    /// The board as of its last cycle.
+    pub fn snapshot(&self) -> Snapshot {
+        self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
+    }
+
     /// Takes the events since the last look.
     pub fn take_events(&self) -> Vec<Event> {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).events.drain(..).collect()
@@ -263,6 +270,7 @@ fn show(board: &Board, shared: &Shared) {
     let Ok(mut shown) = shared.shown.try_lock() else { return };
     let engine = board.engine();
     shown.counters = *engine.counters();
+    shown.snapshot = board.snapshot();
     let seen = std::mem::replace(&mut shown.events_total, engine.events_total());
     if engine.events_total() > seen {
         let room = EVENTS_KEPT - shown.events.len();

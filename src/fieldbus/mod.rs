@@ -86,6 +86,24 @@ impl SlaveSet {
         self.0 == 0
     }
 
+    /// Those in this set or the other.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Those in both.
+    #[must_use]
+    pub const fn intersection(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// Those in this set and not in the other.
+    #[must_use]
+    pub const fn difference(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
     /// How many slaves are in it.
     pub const fn len(self) -> u8 {
         self.0.count_ones() as u8
@@ -147,6 +165,9 @@ pub struct SlaveConfig {
 pub struct BusConfig {
     /// EtherCAT cycle in OP.
     pub cycle: CycleTime,
+    /// Who is to be configured. The others stay as they are, in whatever state: slaves that were lost are configured
+    /// again while the rest goes on in OP.
+    pub who: SlaveSet,
     /// Slave n is `slaves[n - 1]`; entries beyond the slaves found are without effect.
     pub slaves: [SlaveConfig; MAX_SLAVES],
 }
@@ -268,7 +289,9 @@ impl Default for Outputs {
 pub struct Inputs {
     /// Slave n is `slaves[n - 1]`; a slave that did not answer keeps what stood here.
     pub slaves: [SlaveIn; MAX_SLAVES],
-    /// Slaves that did not answer in this cycle although they were found.
+    /// Slaves that did not answer in this cycle although they were found: cut off, switched off, or fallen from the
+    /// state they were brought to. The engine takes one such cycle for a loss, so a bus on which single frames may go
+    /// astray waits before it names a slave.
     pub lost: SlaveSet,
 }
 
@@ -341,4 +364,10 @@ pub trait Fieldbus: Send {
 
     /// The next cycle that has passed by `now`, with what the slaves sent in it; `None`: none (any more).
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
+
+    /// The slave whose clock the others follow: the first one found that has distributed clocks (SK-11, UG15). `None`:
+    /// there is none, or the bus cannot say.
+    fn reference_clock(&self) -> Option<u8> {
+        None
+    }
 }

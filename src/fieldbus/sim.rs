@@ -132,6 +132,16 @@ impl SimBus {
         CycleDone { at: self.clock, outputs, working_counter, expected_working_counter, next_deadline: None }
     }
 
+    /// Slaves that lose their power forget what they were told: they are in Init when they answer again.
+    fn power_off(&mut self) {
+        for slave in self.handle.take_powered_off() {
+            if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {
+                // Down is open to every slave.
+                let _ = station.slave.enter(AlState::Init);
+            }
+        }
+    }
+
     fn let_mishaps_happen(&mut self) {
         let stations = &mut self.stations;
         self.handle.take_mishaps(|slave, axis, mishap| {
@@ -203,6 +213,7 @@ impl Fieldbus for SimBus {
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         let dt_ns = now.checked_sub(self.clock).filter(|dt_ns| *dt_ns > 0)?;
         self.clock = now;
+        self.power_off();
         self.look_for_lost();
         let done = (!self.is_down()).then(|| self.exchange(inputs));
         self.let_mishaps_happen();
@@ -211,5 +222,10 @@ impl Fieldbus for SimBus {
         }
         self.publish_shafts();
         done
+    }
+
+    fn reference_clock(&self) -> Option<u8> {
+        let stations = self.stations.iter().take(self.found.into());
+        stations.zip(1..).find(|(station, _)| station.slave.has_dc()).map(|(_, slave)| slave)
     }
 }

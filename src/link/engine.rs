@@ -126,6 +126,14 @@ impl EngineLink {
         }
     }
 
+    /// The board as of its last cycle: LEDs, link, lost slaves; `None` on virtual time once the link is closed.
+    pub fn snapshot(&self) -> Option<crate::engine::Snapshot> {
+        match &self.runner {
+            Runner::Threaded(threaded) => Some(threaded.snapshot()),
+            Runner::Stepped(stepped) => stepped.look(|board, _| board.snapshot()),
+        }
+    }
+
     fn error(&self, stop: Stop, dir: Dir, wait: Wait) -> LinkError {
         match stop {
             Stop::Timeout => LinkError::Timeout {

@@ -77,6 +77,8 @@ pub struct SimOptions {
     pub clock: Clock,
     /// The firmware modelled.
     pub firmware: Firmware,
+    /// CONFIG1: whether the board is in test mode.
+    pub test: bool,
     /// The board's own name: links with the same name are the same board.
     pub name: Option<String>,
     /// How long a write takes, microseconds: 0..=1 000 000.
@@ -117,6 +119,11 @@ impl SimOptions {
             firmware: uri.required("fw", |value| match value {
                 "1.7" => Some(Firmware::V17),
                 "1.5" => Some(Firmware::V15),
+                _ => None,
+            })?,
+            test: uri.required("test", |value| match value {
+                "0" => Some(false),
+                "1" => Some(true),
                 _ => None,
             })?,
             name: uri.typed("name", |value| Some(value.to_owned()))?,

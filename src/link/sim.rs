@@ -66,6 +66,8 @@ fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
         firmware: options.firmware,
         state_timeout_ns: options.state_timeout.as_nanos() as Ns,
         sdo_timeout_ns: options.sdo_timeout.as_nanos() as Ns,
+        test: options.test,
+        ..EngineConfig::default()
     };
     let slaves = options.slaves.iter().map(|slave| build(slave.model)).collect();
     let bus = SimBus::new(slaves);

@@ -92,6 +92,11 @@ pub trait Model: Send + Sized + 'static {
     /// [`not_of_this_kind`], or [`mode_refused`].
     fn take_role(&mut self, role: Role) -> Result<(), Refusal>;
 
+    /// Whether it has distributed clocks.
+    fn has_dc(&self) -> bool {
+        true
+    }
+
     /// Outputs have come, in OP. The axes have theirs already.
     fn take_outputs(&mut self, outputs: &SlaveOut) {
         let _ = outputs;
@@ -220,6 +225,10 @@ impl<M: Model> Slave for M {
     fn jam(&mut self, axis: usize, jammed: bool) -> bool {
         let found = self.axes_mut().get_mut(axis);
         found.map(|axis| axis.jam(jammed)).is_some()
+    }
+
+    fn has_dc(&self) -> bool {
+        Model::has_dc(self)
     }
 
     fn shaft(&self, axis: usize) -> Option<i64> {

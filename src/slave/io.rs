@@ -85,6 +85,10 @@ impl Model for Io {
         inputs[0] = AxisIn { inputs: self.inputs, ..AxisIn::default() };
     }
 
+    fn has_dc(&self) -> bool {
+        false
+    }
+
     fn take_outputs(&mut self, [out, ..]: &SlaveOut) {
         self.outputs = out.outputs;
     }

@@ -112,6 +112,11 @@ pub trait Slave: Send {
         false
     }
 
+    /// Whether it has distributed clocks.
+    fn has_dc(&self) -> bool {
+        true
+    }
+
     /// Where the shaft of an axis (from 0) really is, counts; `None`: it has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         let _ = axis;

@@ -2,7 +2,9 @@
 
 use std::collections::VecDeque;
 
-use ecmsk::fieldbus::{AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::fieldbus::{
+    AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SlaveSet,
+};
 use ecmsk::sk::CycleTime;
 
 /// How a bus differs from another.
@@ -29,8 +31,9 @@ pub struct AheadBus<B> {
     answers: VecDeque<(CycleDone, Inputs)>,
     next: Ns,
     cycle_in_op: CycleTime,
-    in_op: bool,
-    going_to: Option<AlState>,
+    /// Slaves that it brought to OP.
+    in_op: SlaveSet,
+    moving: Option<(AlState, SlaveSet)>,
 }
 
 impl<B: Fieldbus> AheadBus<B> {
@@ -44,17 +47,17 @@ impl<B: Fieldbus> AheadBus<B> {
             answers: VecDeque::with_capacity(how.pipeline + 1),
             next: how.phase,
             cycle_in_op: CycleTime::DEFAULT,
-            in_op: false,
-            going_to: None,
+            in_op: SlaveSet::EMPTY,
+            moving: None,
         }
     }
 
     /// Its next cycle passes; `None`: none does, the cable is cut.
     fn pass(&mut self) -> Option<CycleDone> {
         let at = self.next;
-        self.next += if self.in_op { self.cycle_in_op } else { CycleTime::DEFAULT }.ns() + self.how.slower;
+        self.next += if self.in_op.is_empty() { CycleTime::DEFAULT } else { self.cycle_in_op }.ns() + self.how.slower;
         let mut id = None;
-        if self.in_op && self.inner.room() > 0 {
+        if !self.in_op.is_empty() && self.inner.room() > 0 {
             if let Some(outputs) = self.queue.pop_front() {
                 id = Some(outputs.id);
                 self.last = outputs;
@@ -75,8 +78,8 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         self.inner.start(job, now)?;
         match job {
             Job::Configure(config) => self.cycle_in_op = config.cycle,
-            Job::State { target, .. } => self.going_to = Some(target),
-            Job::Scan => self.in_op = false,
+            Job::State { target, slaves, .. } => self.moving = Some((target, slaves)),
+            Job::Scan => self.in_op = SlaveSet::EMPTY,
             Job::Sdo(_) => {}
         }
         Ok(())
@@ -84,13 +87,16 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let done = self.inner.poll_job(now)?;
-        if let JobDone::State(Ok(())) = done {
-            let in_op = self.going_to == Some(AlState::Op);
-            if in_op && !self.in_op {
+        if let (JobDone::State(Ok(())), Some((target, slaves))) = (done, self.moving) {
+            if target != AlState::Op {
+                self.in_op = self.in_op.difference(slaves);
+            } else if self.in_op.is_empty() {
                 // What was sent before the slaves left OP is not meant for now.
                 self.last = Outputs::default();
+                self.in_op = slaves;
+            } else {
+                self.in_op = self.in_op.union(slaves);
             }
-            self.in_op = in_op;
         }
         Some(done)
     }

@@ -42,6 +42,24 @@ pub struct Strings {
     reflex: Option<Reflex>,
 }
 
+impl Strings {
+    /// The AL state it is in.
+    pub const fn al_state(&self) -> AlState {
+        self.state
+    }
+
+    /// It leaves its AL state by itself.
+    pub const fn fall(&mut self, to: AlState) {
+        self.state = to;
+    }
+
+    /// It shows that statusword whatever it is sent.
+    pub const fn freeze(&mut self, statusword: u16) {
+        self.shows.statusword = Statusword(statusword);
+        self.reflex = None;
+    }
+}
+
 /// The slave; clones are the same one.
 #[derive(Clone, Default)]
 pub struct Puppet(Arc<Mutex<Strings>>);

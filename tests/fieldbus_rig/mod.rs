@@ -147,7 +147,8 @@ pub fn state(target: AlState, drives: u8) -> Job {
 
 pub fn configure(role: Role) -> Job {
     let slave = SlaveConfig { role, sync: DriveSync::DcSync };
-    Job::Configure(BusConfig { cycle: CycleTime::DEFAULT, slaves: [slave; MAX_SLAVES] })
+    let who = SlaveSet::first(MAX_SLAVES as u8);
+    Job::Configure(BusConfig { cycle: CycleTime::DEFAULT, who, slaves: [slave; MAX_SLAVES] })
 }
 
 pub fn sdo(slave: u8, index: u16, write: Option<(SdoSize, u32)>) -> Job {

@@ -44,6 +44,8 @@ struct Shared {
     reach: AtomicU8,
     /// Bit n - 1: slave n does not answer.
     silent: AtomicU64,
+    /// Bit n - 1: slave n loses its power in the next cycle.
+    powered_off: AtomicU64,
     has_mishaps: AtomicBool,
     /// Slave, axis, mishap; not yet happened.
     mishaps: Mutex<Vec<(u8, usize, Mishap)>>,
@@ -62,6 +64,7 @@ impl Default for SimHandle {
         Self(Arc::new(Shared {
             reach: AtomicU8::new(u8::MAX),
             silent: AtomicU64::new(0),
+            powered_off: AtomicU64::new(0),
             has_mishaps: AtomicBool::new(false),
             mishaps: Mutex::new(Vec::with_capacity(MAX_SLAVES * MAX_AXES)),
             orders: Mutex::new([Orders::default(); MAX_SLAVES]),
@@ -89,6 +92,18 @@ impl SimHandle {
         } else {
             self.0.silent.fetch_and(!bit, Ordering::Relaxed);
         }
+    }
+
+    /// A slave loses its power: it falls to Init, forgets its process data and does not answer, while frames still pass
+    /// it and those behind it stay.
+    pub fn lose(&self, slave: u8) {
+        self.silence(slave, true);
+        self.0.powered_off.fetch_or(bit_of(slave), Ordering::Relaxed);
+    }
+
+    /// A slave that was lost has power again: it answers, in Init.
+    pub fn find(&self, slave: u8) {
+        self.silence(slave, false);
     }
 
     /// A slave refuses to enter a state, with that AL status code; `None`: it enters every state that it can.
@@ -146,6 +161,19 @@ impl SimHandle {
 
     pub(super) fn is_silent(&self, slave: u8) -> bool {
         self.0.silent.load(Ordering::Relaxed) & bit_of(slave) != 0
+    }
+
+    /// Slaves whose power goes now.
+    pub(super) fn take_powered_off(&self) -> impl Iterator<Item = u8> + use<> {
+        let mut bits = match self.0.powered_off.load(Ordering::Relaxed) {
+            0 => 0,
+            _ => self.0.powered_off.swap(0, Ordering::Relaxed),
+        };
+        std::iter::from_fn(move || {
+            let slave = (bits != 0).then(|| bits.trailing_zeros() as u8 + 1)?;
+            bits &= bits - 1;
+            Some(slave)
+        })
     }
 
     pub(super) fn orders(&self, slave: u8) -> Orders {

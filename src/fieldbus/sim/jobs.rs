@@ -53,6 +53,10 @@ impl SimBus {
             Running::Scan { due } => (now >= *due).then(|| JobDone::Scan { found: self.scan() }),
             Running::Configure { config, next, second_axes, due } => {
                 while *next <= self.found {
+                    if !config.who.contains(*next) {
+                        *next += 1;
+                        continue;
+                    }
                     if now < *due {
                         return None;
                     }

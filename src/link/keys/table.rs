@@ -65,6 +65,14 @@ pub const KEYS: &[Key] = &[
         meaning: "the firmware that is modelled",
     },
     Key {
+        name: "test",
+        schemes: SIM,
+        syntax: Syntax::Choice(&["0", "1"]),
+        default: Some("0"),
+        example: "1",
+        meaning: "1: test mode (CONFIG1 high): the board goes to OP by itself and walks the outputs of all io slaves",
+    },
+    Key {
         name: "name",
         schemes: SIM,
         syntax: Syntax::Name,

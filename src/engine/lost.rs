@@ -1,0 +1,167 @@
+//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
+//! Its slot keeps its values, what comes for it is counted, and the others go on.
+
+use super::execute::Place;
+use super::jobs::Work;
+use super::network::Step;
+use super::{Engine, Event};
+use crate::cia402::Mode;
+use crate::fieldbus::{CycleDone, Fieldbus, MAX_ANSWER_DELAY, Ns, Pacing, Role, SlaveSet};
+use crate::sk::{CommandId, MasterState, RawSlot, SlotCommand};
+
+/// Slaves that a change has just brought somewhere. Answers that a bus has still under way are older than that, and
+/// say nothing of them.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Moved {
+    who: SlaveSet,
+    /// From then on answers are new.
+    fresh_from: Ns,
+}
+
+impl Engine {
+    /// Some slave did not answer the cycle that has passed.
+    pub(super) fn note_lost(&mut self, done: &CycleDone) {
+        if let Some(id) = done.outputs {
+            let n = self.executed.len() as u64;
+            let unheard = self.executed[(id % n) as usize].commanded.intersection(self.inputs.lost);
+            self.counters.for_lost += u64::from(unheard.len());
+        }
+        if !self.v.network.notices_losses() {
+            return;
+        }
+        let mut news = self.inputs.lost.intersection(self.used_slaves()).difference(self.v.network.lost());
+        if done.at < self.v.moved.fresh_from {
+            news = news.difference(self.v.moved.who);
+        }
+        if news.is_empty() {
+            return;
+        }
+        self.v.network.lose(news);
+        for slave in news.iter() {
+            self.lose_slave(slave.into(), done.at);
+            self.log.push(Event::SlaveLost { at: done.at, slave });
+        }
+        // On the way down nobody waits for them: that step begins anew without them.
+        if let Some(Work::Network(Step::Move(to))) = self.job
+            && Some(to) < self.v.network.state()
+        {
+            self.cancel_job = true;
+        }
+    }
+
+    /// What was under way for a slave ends with its loss.
+    fn lose_slave(&mut self, slave: usize, at: Ns) {
+        self.end_homing_of_lost(slave, at);
+        if self.v.network.in_op() {
+            // Commands that a bus had taken ahead do not reach it.
+            self.v.heads[slave - 1] = self.shown[slave - 1];
+        }
+        let mode = self.mode_of(slave);
+        for (axis, input) in self.v.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]) {
+            axis.lose(input, mode);
+        }
+    }
+
+    fn mode_of(&self, slave: usize) -> Option<Mode> {
+        match self.role(slave) {
+            Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode) => Some(mode),
+            Role::Io | Role::Unused => None,
+        }
+    }
+
+    /// The report shows the commands behind the outputs with that id, but for slaves that they have not reached.
+    pub(super) fn show_heads(&mut self, id: u64) {
+        let n = self.executed.len() as u64;
+        let heads = &self.executed[(id % n) as usize].heads;
+        let lost = self.v.network.lost().union(self.inputs.lost);
+        if lost.is_empty() {
+            self.shown = *heads;
+            return;
+        }
+        for (slave, (shown, head)) in (1..).zip(self.shown.iter_mut().zip(heads)) {
+            if !lost.contains(slave) {
+                *shown = *head;
+            }
+        }
+    }
+
+    /// Whether what comes for a slave passes it over. Outside OP its settings are taken all the same.
+    pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
+        let lost = self.v.network.lost();
+        !lost.is_empty() && self.v.network.in_op() && lost.contains(slave as u8)
+    }
+
+    /// A command for a lost slave: its slot keeps its values, so it is counted alone. What would be rejected anyway is.
+    /// SK-4 \[OURS]
+    pub(super) fn pass_over_lost(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
+        let id = CommandId::from_code(slot.id);
+        if id == CommandId::GetStatus {
+            return;
+        }
+        let right = self.admit(id, Place::Slave).and_then(|()| {
+            SlotCommand::decode(slot, self.config.slot).map_err(super::Reason::BadArgument)?;
+            Ok(())
+        });
+        match right {
+            // It is for all slaves, wherever it stands.
+            Ok(()) if id == CommandId::AbortHome => self.abort_home(at),
+            Ok(()) => self.counters.for_lost += 1,
+            Err(reason) => self.reject(slave, id, reason, at),
+        }
+    }
+
+    /// A command for a slave goes with the next outputs.
+    pub(super) fn mark_commanded(&mut self, slave: usize) {
+        if self.commanded.contains(slave as u8) {
+            // The bus was down when the one before was to go.
+            self.counters.for_lost += 1;
+        }
+        if self.v.network.in_op() {
+            self.commanded.insert(slave as u8);
+        }
+    }
+
+    /// The next outputs are none that carry what was executed: OP begins or ends.
+    pub(super) fn forget_commanded(&mut self) {
+        self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
+    }
+
+    /// Whether a step may begin. Lost slaves go to OP only when a bus that takes outputs ahead has none left from
+    /// before their loss: no motor starts and no output comes on by what was sent for another time \[OURS].
+    pub(super) fn may_begin(&mut self, step: Step, bus: &dyn Fieldbus) -> bool {
+        if step != Step::Return(MasterState::Op) {
+            return true;
+        }
+        let unsent = self.next_output_id - u64::from(bus.held());
+        let alone = self.present(self.used_slaves()).is_empty();
+        // A bus repeats the newest ones that it has sent, unless nobody was left in OP.
+        let oldest = if alone { unsent } else { unsent.saturating_sub(1) };
+        let n = self.executed.len() as u64;
+        let returning = self.v.network.returning();
+        let at_rest = (oldest..self.next_output_id).all(|id| {
+            let axes = &self.executed[(id % n) as usize].axes;
+            returning.iter().all(|slave| axes[usize::from(slave) - 1].iter().all(super::Axis::is_at_rest))
+        });
+        // With nobody in OP a bus may send nothing, and there is nobody to take it from.
+        self.discard_ahead |= alone && !at_rest;
+        at_rest
+    }
+
+    /// A step has moved slaves.
+    pub(super) fn slaves_moved(&mut self, step: Step, now: Ns) {
+        let who = match step {
+            Step::Return(to) if to > MasterState::PreOp => self.v.network.returning(),
+            Step::Move(to) if to > MasterState::PreOp => self.used_slaves(),
+            _ => return,
+        };
+        let fresh_from = match self.pacing {
+            Pacing::Runner => 0,
+            Pacing::Bus { .. } => now.saturating_add((MAX_ANSWER_DELAY as Ns + 1) * self.longest_period_ns()),
+        };
+        self.v.moved = Moved { who, fresh_from };
+        if step == Step::Return(MasterState::Op) {
+            // What they measure now goes into their first outputs: those hold them where they are.
+            who.iter().for_each(|slave| self.answer_slave(slave.into()));
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Test mode (CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and walks the outputs of all IO
+//! slaves until a host writes some.
+
+use super::Engine;
+use crate::fieldbus::{Ns, Role};
+use crate::sk::MasterState;
+
+/// All outputs of all IO slaves are on for so long at the beginning of each round. SK-4 \[OURS]: 2 s.
+pub const ALL_ON_NS: Ns = 2_000_000_000;
+/// Then each output is on alone for so long, slave by slave from output 0 on; then the next round begins \[OURS].
+pub const ONE_ON_NS: Ns = 250_000_000;
+/// Outputs of an IO slave.
+const OUTPUTS: u64 = 16;
+
+/// Where the test is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Test {
+    /// The board has not reached PreOP since it booted.
+    #[default]
+    Booting,
+    /// It was asked for OP once; whenever it is in OP the walk begins anew.
+    Waiting,
+    /// The walk goes on since then.
+    Walking(Ns),
+    /// A host has written outputs.
+    Over,
+}
+
+/// The outputs of the `n`-th (from 0) of `slaves` IO slaves, that long after the walk began.
+fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
+    let round_ns = ALL_ON_NS + slaves * OUTPUTS * ONE_ON_NS;
+    match (elapsed_ns % round_ns).checked_sub(ALL_ON_NS) {
+        None => u16::MAX,
+        Some(alone_ns) => {
+            let step = alone_ns / ONE_ON_NS;
+            u16::from(step / OUTPUTS == n) << (step % OUTPUTS)
+        }
+    }
+}
+
+impl Engine {
+    /// A cycle of a board in test mode.
+    pub(super) fn run_test(&mut self, now: Ns) {
+        let in_op = self.v.network.in_op();
+        match self.v.test {
+            Test::Booting if self.talks() => {
+                self.v.test = Test::Waiting;
+                // PreOP accepts it.
+                self.v.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns));
+            }
+            Test::Waiting if in_op => {
+                self.v.test = Test::Walking(now);
+                self.write_walk(0);
+            }
+            Test::Walking(since) if in_op => self.write_walk(now - since),
+            Test::Walking(_) => self.v.test = Test::Waiting,
+            Test::Booting | Test::Waiting | Test::Over => {}
+        }
+    }
+
+    fn write_walk(&mut self, elapsed_ns: Ns) {
+        let slaves = self.io_slaves().count() as u64;
+        self.write_outputs(|n| image(n, slaves, elapsed_ns));
+    }
+
+    /// A host writes outputs: the walk is over, and what it had switched on goes off \[OURS].
+    pub(super) fn end_walk(&mut self) {
+        if self.config.test && self.v.test != Test::Over {
+            self.v.test = Test::Over;
+            self.write_outputs(|_| 0);
+        }
+    }
+
+    fn write_outputs(&mut self, image: impl Fn(u64) -> u16) {
+        let lost = self.v.network.lost();
+        let mut n = 0;
+        for slave in 1..=usize::from(self.v.network.found()) {
+            if self.role(slave) != Role::Io {
+                continue;
+            }
+            if !lost.contains(slave as u8) {
+                self.v.axes[slave - 1][0].out.outputs = image(n);
+            }
+            n += 1;
+        }
+    }
+
+    fn io_slaves(&self) -> impl Iterator<Item = usize> {
+        (1..=usize::from(self.v.network.found())).filter(|slave| self.role(*slave) == Role::Io)
+    }
+}

@@ -1,0 +1,121 @@
+//! A board in OP over puppets, on a bus that our runner paces or on one that takes outputs ahead, with its network in
+//! the test's hands.
+
+use ecmsk::engine::EngineConfig;
+use ecmsk::fieldbus::SlaveSet;
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
+use ecmsk::sk::{Frame, MasterCommand, MasterState, Motion, RawSlot, SlaveCommand, StateByte};
+
+use crate::ahead_bus::{Ahead, AheadBus};
+use crate::host::Host;
+use crate::puppet::Puppet;
+use crate::rig::ahead;
+use crate::watch::{Spans, Watch};
+
+/// Every kind of bus: `None` is one that our runner paces.
+pub fn buses() -> impl Iterator<Item = Option<Ahead>> {
+    std::iter::once(None).chain(ahead().map(Some))
+}
+
+/// Two of them, for what takes long.
+pub fn two_buses() -> [Option<Ahead>; 2] {
+    [None, Some(Ahead { depth: 8, pipeline: 2, phase: 333_333, slower: 700 })]
+}
+
+pub fn set(slaves: &[u8]) -> SlaveSet {
+    let mut set = SlaveSet::EMPTY;
+    slaves.iter().for_each(|slave| set.insert(*slave));
+    set
+}
+
+pub struct Net {
+    pub host: Host,
+    pub network: SimHandle,
+    pub puppets: Vec<Puppet>,
+    pub jobs: Spans,
+    /// Targets sent to each slave so far; the n-th one is n.
+    pub targets: i32,
+}
+
+impl Net {
+    /// A board in PreOP with `n` obedient drives.
+    pub fn new(how: Option<Ahead>, n: usize) -> Self {
+        Self::with_config(how, n, EngineConfig::default())
+    }
+
+    pub fn with_config(how: Option<Ahead>, n: usize, config: EngineConfig) -> Self {
+        let puppets: Vec<Puppet> = (0..n).map(|_| Puppet::obedient()).collect();
+        let bus = SimBus::new(puppets.iter().map(Puppet::boxed).collect());
+        let network = bus.handle();
+        let (bus, jobs) = Watch::new(bus);
+        let mut host = match how {
+            None => Host::new(config, bus),
+            Some(how) => Host::new(config, AheadBus::new(bus, how)),
+        };
+        host.declare_drives(n);
+        Self { host, network, puppets, jobs, targets: 0 }
+    }
+
+    /// In OP, and all are on.
+    pub fn on(how: Option<Ahead>, n: usize) -> Self {
+        let mut net = Self::new(how, n);
+        net.host.go(MasterState::Op).drained();
+        for slave in 1..=n {
+            net.host.servo_on(slave);
+        }
+        net.host.cycles(20);
+        net.puppets.iter().for_each(Puppet::forget);
+        net
+    }
+
+    /// A frame with the next target for every slave arrives, and a cycle passes.
+    pub fn stream(&mut self, frames: usize) -> &mut Self {
+        for _ in 0..frames {
+            self.target();
+            self.host.cycle();
+        }
+        self
+    }
+
+    /// A frame with the next target for every slave arrives; its index is the target's low byte.
+    pub fn target(&mut self) {
+        self.targets += 1;
+        let mut frame = Frame::new();
+        for slave in 1..=self.puppets.len() {
+            let csp = SlaveCommand::Csp(Motion::to(self.targets)).with_index(self.targets as u8);
+            frame.put_slave(self.host.size, slave, &csp);
+        }
+        self.host.arrive(&frame);
+    }
+
+    /// All entries are executed and answered.
+    pub fn settle(&mut self) -> &mut Self {
+        self.host.drained().cycles(30);
+        self
+    }
+
+    /// SET_STATE, and what follows until the state byte shows `shown`.
+    pub fn ask(&mut self, state: MasterState, shown: StateByte) -> &mut Self {
+        self.host.master(MasterCommand::SetState(state));
+        self.host.until(&format!("{shown:?}"), |host| host.state() == shown);
+        self
+    }
+
+    pub fn until_state(&mut self, shown: u8) -> &mut Self {
+        self.host.until(&format!("{shown:02X}"), |host| host.state().0 == shown);
+        self
+    }
+
+    pub fn lost(&self) -> SlaveSet {
+        self.host.board.engine().lost()
+    }
+
+    pub fn slots(&self, slaves: &[usize]) -> Vec<RawSlot> {
+        slaves.iter().map(|slave| self.host.slot(*slave)).collect()
+    }
+
+    /// Targets that a slave was sent, repetitions and what holds it left out.
+    pub fn received(&self, slave: usize) -> Vec<i32> {
+        self.puppets[slave - 1].targets()
+    }
+}

@@ -120,7 +120,8 @@ pub struct Counters {
     pub modes_not_restored: u64,
     /// Targets that came before Operation enabled.
     pub discarded_before_enabled: u64,
-    /// Commands for slaves that were lost: they came for one that was lost already, or were on their way to it.
+    /// Commands that did not reach their slave: it was lost already, was lost while they were on their way, or had left OP
+    /// before the others.
     pub for_lost: u64,
     /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,

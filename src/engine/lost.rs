@@ -19,13 +19,20 @@ pub(super) struct Moved {
 }
 
 impl Engine {
+    /// Slaves that the outputs of the newest cycle have not reached.
+    fn unreached(&self) -> SlaveSet {
+        self.inputs.lost.union(self.inputs.deaf)
+    }
+
+    /// Commands that went with those outputs and have not reached their slaves.
+    pub(super) fn count_unreached(&mut self, id: u64) {
+        let n = self.executed.len() as u64;
+        let unreached = self.executed[(id % n) as usize].commanded.intersection(self.unreached());
+        self.counters.for_lost += u64::from(unreached.len());
+    }
+
     /// Some slave did not answer the cycle that has passed.
     pub(super) fn note_lost(&mut self, done: &CycleDone) {
-        if let Some(id) = done.outputs {
-            let n = self.executed.len() as u64;
-            let unheard = self.executed[(id % n) as usize].commanded.intersection(self.inputs.lost);
-            self.counters.for_lost += u64::from(unheard.len());
-        }
         if !self.v.network.notices_losses() {
             return;
         }
@@ -73,7 +80,7 @@ impl Engine {
     pub(super) fn show_heads(&mut self, id: u64) {
         let n = self.executed.len() as u64;
         let heads = &self.executed[(id % n) as usize].heads;
-        let lost = self.v.network.lost().union(self.inputs.lost);
+        let lost = self.v.network.lost().union(self.unreached());
         if lost.is_empty() {
             self.shown = *heads;
             return;

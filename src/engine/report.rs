@@ -13,6 +13,7 @@ impl Engine {
             self.note_lost(done);
         }
         if let Some(id) = done.outputs {
+            self.count_unreached(id);
             self.show_heads(id);
         }
         if self.v.network.in_op() {

@@ -293,11 +293,14 @@ pub struct Inputs {
     /// state they were brought to. The engine takes one such cycle for a loss, so a bus on which single frames may go
     /// astray waits before it names a slave.
     pub lost: SlaveSet,
+    /// Slaves that took no outputs in this cycle because they are not in OP, as far as the bus knows: on the way down
+    /// some leave it before others.
+    pub deaf: SlaveSet,
 }
 
 impl Default for Inputs {
     fn default() -> Self {
-        Self { slaves: [[AxisIn::default(); MAX_AXES]; MAX_SLAVES], lost: SlaveSet::EMPTY }
+        Self { slaves: [[AxisIn::default(); MAX_AXES]; MAX_SLAVES], lost: SlaveSet::EMPTY, deaf: SlaveSet::EMPTY }
     }
 }
 

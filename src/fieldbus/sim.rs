@@ -115,7 +115,11 @@ impl SimBus {
     /// The frame passes every slave.
     fn exchange(&mut self, inputs: &mut Inputs) -> CycleDone {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
+        inputs.deaf = SlaveSet::EMPTY;
         for (n, station) in self.stations.iter_mut().enumerate().take(self.found.into()) {
+            if station.brought != AlState::Op {
+                inputs.deaf.insert(n as u8 + 1);
+            }
             let (outputs, count) = match station.brought {
                 AlState::Op => (Some(&self.outputs.slaves[n]), 3),
                 AlState::SafeOp => (None, 1),

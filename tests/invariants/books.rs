@@ -4,16 +4,19 @@
 use std::collections::VecDeque;
 
 use ecmsk::engine::Counters;
+use ecmsk::fieldbus::SlaveOut;
 use ecmsk::sk::{CommandId, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, SlaveCommand, SlotCommand, SlotSize};
 
-use crate::machine::{Axis, MARKER};
+use crate::machine::{MARKER, Machine};
 
 /// A frame in the FIFO.
 struct Entry {
     /// Index of its IO_RD.
     mark: u8,
-    /// Slave and target of its motion commands.
-    targets: Vec<(usize, i32)>,
+    /// Slave and targets of its motion commands.
+    targets: Vec<(usize, [i32; 2])>,
+    /// Commands for slaves, the IO_RD among them.
+    commands: u64,
 }
 
 /// The books.
@@ -47,14 +50,22 @@ impl Books {
             "full if there are 160, and only then"
         );
         if full == 0 {
-            let commands = (MARKER + 1..=size.max_slaves())
-                .filter_map(|slave| Some((slave, SlotCommand::decode(&frame.slot(size, slave), size).ok()?.command)));
-            let targets = commands.filter_map(|(slave, command)| match command {
-                SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion) => Some((slave, motion.first.target)),
-                SlaveCommand::Cst(torque) => Some((slave, torque.into())),
+            let commands: Vec<_> = (MARKER + 1..=size.max_slaves())
+                .filter_map(|slave| Some((slave, SlotCommand::decode(&frame.slot(size, slave), size).ok()?.command)))
+                .filter(|(_, command)| *command != SlaveCommand::GetStatus)
+                .collect();
+            let targets = commands.iter().filter_map(|&(slave, command)| match command {
+                SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion) => {
+                    Some((slave, [motion.first.target, motion.second.target]))
+                }
+                SlaveCommand::Cst(torque) => Some((slave, [torque.into(), 0])),
                 _ => None,
             });
-            self.queue.push_back(Entry { mark: frame.slot(size, MARKER).index, targets: targets.collect() });
+            self.queue.push_back(Entry {
+                mark: frame.slot(size, MARKER).index,
+                targets: targets.collect(),
+                commands: 1 + commands.len() as u64,
+            });
         }
     }
 
@@ -64,14 +75,7 @@ impl Books {
     }
 
     /// A cycle has passed, with its report if there was one.
-    pub fn cycle(
-        &mut self,
-        report: Option<&Frame>,
-        size: SlotSize,
-        axes: &[Axis],
-        before: &Counters,
-        after: &Counters,
-    ) {
+    pub fn cycle(&mut self, machine: &Machine, report: Option<&Frame>, before: &Counters, after: &Counters) {
         let cleared = after.cleared - before.cleared;
         if cleared > 0 {
             assert_eq!(cleared, self.queue.len() as u64, "leaving OP clears all entries");
@@ -85,46 +89,50 @@ impl Books {
         };
         if executed == 1 {
             let entry = self.queue.pop_front().expect("an entry that was queued");
-            let answer = report.slot(size, MARKER);
-            assert_eq!((answer.id, answer.index), (CommandId::IoRead.code(), entry.mark), "in order, none left out");
-            self.motion(&entry, report, size, axes, before, after);
+            if machine.is_heard(MARKER) {
+                let answer = report.slot(machine.size, MARKER);
+                let expected = (CommandId::IoRead.code(), entry.mark);
+                assert_eq!((answer.id, answer.index), expected, "in order, none left out");
+            }
+            self.motion(&entry, machine, report, before, after);
         }
-        let answer = MasterResponse::decode(&report.slot(size, 0));
+        let answer = MasterResponse::decode(&report.slot(machine.size, 0));
         if answer.id == MASTER_CYCLIC {
             assert_eq!(usize::from(answer.fifo_free) + self.queue.len(), usize::from(FIFO_ENTRIES), "free and held");
         }
     }
 
-    /// Every motion command that was not rejected drives its axis, or stands in a counter.
-    fn motion(
-        &mut self,
-        entry: &Entry,
-        report: &Frame,
-        size: SlotSize,
-        axes: &[Axis],
-        before: &Counters,
-        after: &Counters,
-    ) {
-        let (mut accepted, mut followed) = (0, 0);
-        for &(slave, target) in &entry.targets {
-            let id = CommandId::from_code(report.slot(size, slave).id);
-            if !matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst) {
+    /// Every motion command that was not rejected drives its axes, or stands in a counter.
+    fn motion(&mut self, entry: &Entry, machine: &Machine, report: &Frame, before: &Counters, after: &Counters) {
+        let (mut accepted, mut followed, mut rejected) = (0, 0, 0);
+        for &(slave, targets) in &entry.targets {
+            let unit = machine.units.iter().find(|unit| unit.slave == slave).expect("a slave with axes");
+            let id = CommandId::from_code(report.slot(machine.size, slave).id);
+            // SK-4: the slot of a lost slave keeps what it shows, and so does not tell of a rejection.
+            let lost = !machine.is_heard(slave);
+            if lost {
+                rejected = after.rejected_total() - before.rejected_total();
+            }
+            if !lost && !matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst) {
                 continue;
             }
             accepted += 1;
-            let axis = axes.iter().find(|axis| axis.slave == slave).expect("a drive");
-            let seen = axis.seen.lock().expect("no panic");
-            followed += u64::from(seen.is_some_and(|[first, _]| first.target == target));
+            let seen = unit.seen.lock().expect("no panic");
+            let drives = |seen: &SlaveOut| (0..unit.axes).all(|axis| seen[axis].target == targets[axis]);
+            followed += u64::from(!lost && seen.as_ref().is_some_and(drives));
         }
         let counted = not_executed(after) - not_executed(before);
-        assert!(followed + counted >= accepted, "{accepted} motion commands: {followed} executed, {counted} counted");
-        assert!(counted <= entry.targets.len() as u64, "{counted} counted of {}", entry.targets.len());
+        assert!(
+            followed + counted + rejected >= accepted,
+            "{accepted} motion commands: {followed} executed, {counted} counted, {rejected} rejected"
+        );
+        assert!(counted <= entry.commands, "{counted} counted of {}", entry.commands);
         self.followed += followed;
         self.discarded += counted;
     }
 }
 
-/// Motion commands that were taken out and not executed.
+/// Commands that were taken out and not executed, but for those rejected.
 fn not_executed(counters: &Counters) -> u64 {
-    counters.discarded_before_enabled + counters.ignored_homing
+    counters.discarded_before_enabled + counters.ignored_homing + counters.for_lost
 }

@@ -1,12 +1,13 @@
-//! A board with a random network: slave 1 is an IO module, which marks the entries, the others are drives.
+//! A board with a random network: slave 1 is an IO module, which marks the entries, the others have axes.
 
-use ecmsk::cia402::Mode;
+use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
 use ecmsk::sk::{
-    CycleTime, DcShift, DriveSync, Frame, MasterCommand, MasterState, SlaveCommand, SlaveKind, SlotSize, StateByte,
+    CycleTime, DcShift, DriveSync, Frame, HspResponse, MasterCommand, MasterState, SlaveCommand, SlaveKind, SlotSize,
+    StateByte,
 };
-use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
+use ecmsk::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
 
 use crate::dice::Dice;
 use crate::tap::{Seen, Tap};
@@ -30,12 +31,70 @@ pub const SWIFT: Timing = Timing {
     sdo_ns: 3_000_000,
 };
 
-/// A drive.
-pub struct Axis {
+/// A travel that is short, so that homing on it ends within a schedule.
+fn short_travel(turn: i64) -> Travel {
+    Travel {
+        negative_limit: Some(-turn / 4),
+        positive_limit: Some(turn / 4),
+        home: Some(HomeSwitch::Cam { first: -turn / 50, last: turn / 50 }),
+        ..Travel::for_motor(&DriveConfig::default().motor)
+    }
+}
+
+/// A slave with axes.
+pub struct Unit {
     pub slave: usize,
+    pub kind: SlaveKind,
     /// DRIVE_MODE.
     pub mode: Mode,
+    /// Axes whose targets and positions are on the wire.
+    pub axes: usize,
     pub seen: Seen,
+}
+
+impl Unit {
+    fn random(slave: usize, size: SlotSize, dice: &mut Dice) -> (Box<dyn Slave>, Self) {
+        const TURN: i64 = 1 << 17;
+        let modes: &[Mode];
+        let (kind, axes);
+        let model: Box<dyn Slave>;
+        match dice.below(6) {
+            0 => {
+                (kind, modes, axes) = (SlaveKind::Step, &[Mode::Csp], 1);
+                model = Box::new(Drive::new(DriveConfig {
+                    position: dice.below(1 << 30) as i64,
+                    ..DriveConfig::stepper()
+                }));
+            }
+            1 | 2 => {
+                let channels = dice.pick(&[Channels::One, Channels::Two]);
+                let both = channels == Channels::Two && size == SlotSize::Bytes16;
+                (kind, modes, axes) = (SlaveKind::Hsp, &[Mode::Csp, Mode::Csp, Mode::Csv], if both { 2 } else { 1 });
+                model = Box::new(Hsp::new(HspConfig::with(channels)));
+            }
+            _ => {
+                (kind, modes, axes) = (SlaveKind::Drive, &[Mode::Csp, Mode::Csp, Mode::Csv, Mode::Cst], 1);
+                let far = dice.below(1 << 34) as i64 - (1 << 33);
+                let near = dice.below(TURN as u64) as i64 - TURN / 2;
+                let position = if dice.one_in(4) { far } else { near };
+                model = Box::new(Drive::new(DriveConfig {
+                    position,
+                    travel: short_travel(TURN),
+                    ..DriveConfig::default()
+                }));
+            }
+        }
+        let (model, seen) = Tap::on(model);
+        (model, Self { slave, kind, mode: dice.pick(modes), axes, seen })
+    }
+
+    /// Statusword and the positions of the axes.
+    pub fn answer(&self, report: &Frame, size: SlotSize) -> (Statusword, [i32; 2]) {
+        let slot = report.slot(size, self.slave);
+        // Statusword and first position stand at the same place for every kind.
+        let answer = HspResponse::decode(&slot, size);
+        (answer.statusword, [answer.first.position, answer.second.position])
+    }
 }
 
 /// The board and both ends of its network.
@@ -44,7 +103,8 @@ pub struct Machine {
     pub network: SimHandle,
     pub size: SlotSize,
     pub cycle: CycleTime,
-    pub axes: Vec<Axis>,
+    pub units: Vec<Unit>,
+    marker: Seen,
 }
 
 impl Machine {
@@ -54,33 +114,33 @@ impl Machine {
         let size = dice.pick(&[SlotSize::Bytes12, SlotSize::Bytes16]);
         let cycle = dice.pick(&[250, 500, 1000, 1000, 2000]);
         let cycle = CycleTime::from_us(cycle).expect("a cycle of the guide's");
-        let mut slaves: Vec<Box<dyn Slave>> = vec![Box::new(Io::default())];
-        let mut axes = Vec::new();
+        let (io, marker) = Tap::on(Box::new(Io::default()));
+        let mut slaves = vec![io];
+        let mut units = Vec::new();
         for slave in MARKER + 1..=MARKER + 1 + dice.below(4) as usize {
-            let position = dice.below(1 << 34) as i64 - (1 << 33);
-            let (drive, seen) = Tap::on(Box::new(Drive::new(DriveConfig { position, ..DriveConfig::default() })));
-            slaves.push(drive);
-            axes.push(Axis { slave, mode: dice.pick(&[Mode::Csp, Mode::Csp, Mode::Csv, Mode::Cst]), seen });
+            let (model, unit) = Unit::random(slave, size, &mut dice);
+            slaves.push(model);
+            units.push(unit);
         }
         let bus = SimBus::new(slaves).with_timing(SWIFT);
         let network = bus.handle();
         let config = EngineConfig { slot: size, state_timeout_ns: 200_000_000, ..EngineConfig::default() };
         let mut board = Board::new(config, Box::new(bus));
         assert!(board.boot(1_000_000_000));
-        Self { board, network, size, cycle, axes }
+        Self { board, network, size, cycle, units, marker }
     }
 
     /// The frames that a program sends in PreOP: axes, cycle, modes.
     pub fn set_up(&self) -> Vec<Frame> {
         let mut kinds = [SlaveKind::None; 8];
         kinds[MARKER - 1] = SlaveKind::Io;
-        kinds[MARKER..MARKER + self.axes.len()].fill(SlaveKind::Drive);
+        self.units.iter().for_each(|unit| kinds[unit.slave - 1] = unit.kind);
         let mut frames = vec![Frame::new(), Frame::new(), Frame::new()];
         frames[0].put_master(self.size, &MasterCommand::SetAxis { group: 0, kinds });
         frames[1].put_master(self.size, &MasterCommand::SetDc { cycle: self.cycle, shift: DcShift::Auto });
-        for axis in &self.axes {
-            let command = SlaveCommand::DriveMode { mode: axis.mode, sync: DriveSync::DcSync };
-            frames[2].put_slave(self.size, axis.slave, &command.into());
+        for unit in &self.units {
+            let command = SlaveCommand::DriveMode { mode: unit.mode, sync: DriveSync::DcSync };
+            frames[2].put_slave(self.size, unit.slave, &command.into());
         }
         frames[2].put_master(self.size, &MasterCommand::SetState(MasterState::Op));
         frames
@@ -89,6 +149,14 @@ impl Machine {
     /// Byte 2 of slot 0 as it is now.
     pub fn in_op(&self) -> bool {
         self.board.engine().state().state() == Some(MasterState::Op)
+    }
+
+    /// Whether outputs reach a slave, and its answers are new.
+    pub fn is_heard(&self, slave: usize) -> bool {
+        let unit = self.units.iter().find(|unit| unit.slave == slave);
+        let seen = unit.map_or(&self.marker, |unit| &unit.seen);
+        let in_op = seen.lock().expect("no panic").is_some();
+        in_op && self.in_op() && !self.board.engine().lost().contains(slave as u8)
     }
 
     pub fn state(&self) -> StateByte {

@@ -8,6 +8,7 @@ mod day;
 #[path = "../dice/mod.rs"]
 mod dice;
 mod machine;
+mod path;
 mod program;
 mod tap;
 mod watch;

@@ -3,18 +3,18 @@
 
 use std::ops::AddAssign;
 
-use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::AlState;
 use ecmsk::sk::{
-    DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot,
-    SdoCommand, SlaveCommand, StateByte,
+    FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SlaveCommand,
+    StateByte,
 };
-use ecmsk::slave::{AlStatus, DeviceFault};
+use ecmsk::slave::{AlStatus, DeviceFault, Input};
 
 use crate::books::Books;
 use crate::dice::Dice;
-use crate::machine::{MARKER, Machine, SPEED};
+use crate::machine::{MARKER, Machine};
+use crate::path::{Now, Path, Wish};
 use crate::watch::Watch;
 
 /// What schedules did, so that none passes for lack of it.
@@ -28,6 +28,9 @@ pub struct Done {
     pub full: u64,
     pub cleared: u64,
     pub faults: u64,
+    pub ignored: u64,
+    pub lost: u64,
+    pub homed: u64,
     pub fastest: f64,
 }
 
@@ -41,6 +44,9 @@ impl AddAssign for Done {
         self.full += other.full;
         self.cleared += other.cleared;
         self.faults += other.faults;
+        self.ignored += other.ignored;
+        self.lost += other.lost;
+        self.homed += other.homed;
         self.fastest = self.fastest.max(other.fastest);
     }
 }
@@ -58,18 +64,9 @@ impl Done {
         for (what, n, each) in least {
             assert!(n >= each * schedules, "{what}: only {n} in {schedules} schedules");
         }
-        assert!(self.full > 0 && self.cleared > 0 && self.fastest > 0.4, "{self:?}");
+        let some = [self.full, self.cleared, self.ignored, self.lost, self.homed];
+        assert!(some.iter().all(|n| *n > 0) && self.fastest > 0.4, "{self:?}");
     }
-}
-
-/// Where a program has an axis.
-#[derive(Clone, Copy, Default)]
-enum Path {
-    /// No targets are sent.
-    #[default]
-    Rest,
-    /// Each frame carries the next target.
-    Run { at: i32, speed: i32, goal: i32 },
 }
 
 /// The program, its machine, and what is watched.
@@ -84,14 +81,16 @@ pub struct Program {
     pause: u64,
     /// Reports in a row with an empty FIFO.
     empty: u64,
-    /// Cycles until the cable is whole again.
-    cut: u64,
+    /// Cycles until cable and slaves are whole again.
+    broken: u64,
+    /// Cycles until a jam, and what it leaves behind, is over.
+    jam: u64,
     done: Done,
 }
 
 impl Program {
     pub fn new(seed: u64, machine: Machine) -> Self {
-        let (watch, paths) = (Watch::new(&machine), vec![Path::Rest; machine.axes.len()]);
+        let (watch, paths) = (Watch::new(&machine), vec![Path::Rest; machine.units.len()]);
         Self {
             dice: Dice(seed),
             machine,
@@ -101,7 +100,8 @@ impl Program {
             paths,
             pause: 0,
             empty: 0,
-            cut: 0,
+            broken: 0,
+            jam: 0,
             done: Done::default(),
         }
     }
@@ -120,7 +120,7 @@ impl Program {
             if self.dice.one_in(25) {
                 self.something();
             }
-            if self.dice.one_in(200) {
+            if self.dice.one_in(250) {
                 self.fault();
             }
             self.drive();
@@ -135,6 +135,9 @@ impl Program {
             discarded: self.books.discarded,
             full: counters.full,
             cleared: counters.cleared,
+            ignored: counters.ignored_homing,
+            lost: counters.for_lost,
+            homed: self.watch.homed,
             fastest: self.watch.fastest,
             ..self.done
         }
@@ -151,21 +154,18 @@ impl Program {
         });
         let report = news.then_some(&*report);
         let after = *machine.board.engine().counters();
-        books.cycle(report, machine.size, &machine.axes, &before, &after);
+        books.cycle(machine, report, &before, &after);
         watch.cycle(machine, report, machine.board.now() - then);
         self.done.cycles += 1;
         self.done.in_op += u64::from(self.machine.in_op());
-        self.done.enabled += (0..self.paths.len()).filter(|n| self.answer(*n).statusword.is_enabled()).count() as u64;
+        self.done.enabled += (0..self.paths.len()).filter(|n| self.is_on(*n)).count() as u64;
         let free = MasterResponse::decode(&self.report.slot(self.machine.size, 0)).fifo_free;
         self.empty = if news && free == FIFO_ENTRIES { self.empty + 1 } else { 0 };
-        self.cut = self.cut.saturating_sub(1);
-        if self.cut == 0 {
-            self.machine.network.heal();
-        }
+        self.repair();
     }
 
-    fn answer(&self, n: usize) -> DriveResponse {
-        DriveResponse::decode(&self.report.slot(self.machine.size, self.machine.axes[n].slave))
+    fn is_on(&self, n: usize) -> bool {
+        self.machine.units[n].answer(&self.report, self.machine.size).0.is_enabled()
     }
 
     /// Sends the frames of a cycle.
@@ -174,59 +174,30 @@ impl Program {
             self.pause -= 1;
             return;
         }
-        for _ in 0..if self.dice.one_in(300) { 200 } else { self.dice.pick(&[1, 1, 1, 1, 0, 2]) } {
+        for n in 0..if self.dice.one_in(1500) { 200 } else { self.dice.pick(&[1, 1, 1, 1, 0, 2]) } {
             if !self.machine.in_op() {
                 return;
             }
-            let mut frame = Frame::new();
-            for n in 0..self.paths.len() {
-                if let Some(command) = self.next_target(n) {
-                    frame.put_slave(self.machine.size, self.machine.axes[n].slave, &command.into());
+            let Self { machine, report, paths, dice, .. } = self;
+            let (mut frame, mut extra, mut asks) = (Frame::new(), None, dice.one_in(10));
+            let now = Now { machine, report, empty: self.empty > 3 && n == 0 };
+            for (path, unit) in paths.iter_mut().zip(&machine.units) {
+                let wish = path.next(unit, &now, dice);
+                asks |= !matches!(wish, Wish::Nothing);
+                match wish {
+                    Wish::Nothing => {}
+                    Wish::Slave(command) => frame.put_slave(machine.size, unit.slave, &command.into()),
+                    Wish::Sdo(command) => extra = Some(command),
+                    Wish::Abort => frame.put_slave(machine.size, unit.slave, &SlaveCommand::AbortHome.into()),
                 }
             }
-            self.send(frame);
-        }
-    }
-
-    /// The next command of a path. It begins where the axis is, once nothing is in the FIFO any more that it might be
-    /// ahead of, and ends when the axis is no longer on.
-    fn next_target(&mut self, n: usize) -> Option<SlaveCommand> {
-        let answer = self.answer(n);
-        let on = answer.statusword.is_enabled();
-        let cycles_per_second = 1_000_000 / self.machine.cycle.us() as i32;
-        let step = SPEED / cycles_per_second;
-        let fastest = if self.machine.axes[n].mode == Mode::Csp { step } else { SPEED };
-        match &mut self.paths[n] {
-            Path::Rest if on && self.empty > 3 => {
-                self.paths[n] = Path::Run { at: answer.position, speed: 0, goal: 0 };
+            if let Some(command) = extra {
+                frame.put_sdo(machine.size, &command);
             }
-            Path::Rest => {
-                // These are discarded while the axis is off, and keep it where it is if it is on when their turn comes.
-                let target = if self.machine.axes[n].mode == Mode::Csp { answer.position } else { 0 };
-                return (!on && self.dice.one_in(3)).then(|| self.command(n, target));
+            // A frame that asks for nothing would keep the FIFO from running empty.
+            if asks {
+                self.send(frame);
             }
-            Path::Run { .. } if !on => self.paths[n] = Path::Rest,
-            Path::Run { at, speed, goal } => {
-                if self.dice.one_in(100) {
-                    *goal = self.dice.below(2 * fastest as u64 + 1) as i32 - fastest;
-                }
-                let change = (fastest / 50).max(1);
-                *speed += (*goal - *speed).clamp(-change, change);
-                *at = at.wrapping_add(*speed);
-                let (at, speed) = (*at, *speed);
-                return Some(self.command(n, if self.machine.axes[n].mode == Mode::Csp { at } else { speed }));
-            }
-        }
-        None
-    }
-
-    fn command(&self, n: usize, value: i32) -> SlaveCommand {
-        match self.machine.axes[n].mode {
-            Mode::Csp => SlaveCommand::Csp(Motion::to(value)),
-            Mode::Csv => SlaveCommand::Csv(Motion::to(value)),
-            // Less than friction holds: how fast a torque makes an axis is the program's affair.
-            Mode::Cst => SlaveCommand::Cst((value % 25) as i16),
-            Mode::Homing => unreachable!("no DRIVE_MODE"),
         }
     }
 
@@ -234,7 +205,7 @@ impl Program {
     fn something(&mut self) {
         let size = self.machine.size;
         let n = self.dice.below(self.paths.len() as u64) as usize;
-        let slave = self.machine.axes[n].slave;
+        let slave = self.machine.units[n].slave;
         match self.dice.below(24) {
             0..=7 => self.slave(slave, SlaveCommand::ServoOn),
             8 => self.slave(slave, SlaveCommand::ServoOff),
@@ -259,7 +230,7 @@ impl Program {
                 self.sdo(SdoCommand::Read { slave: slave as u8, object });
             }
             18 => {
-                let mode = self.machine.axes[n].mode.code();
+                let mode = self.machine.units[n].mode.code();
                 let value = if self.dice.one_in(3) { self.dice.pick(&[8, 9, 10, 3]) } else { mode };
                 // What runs in one mode is not what runs in another.
                 self.rest();
@@ -292,18 +263,63 @@ impl Program {
     /// Something goes wrong.
     fn fault(&mut self) {
         let n = self.dice.below(self.paths.len() as u64) as usize;
-        let slave = self.machine.axes[n].slave as u8;
+        let (slave, axes) = (self.machine.units[n].slave as u8, self.machine.units[n].axes);
+        let units = self.paths.len() as u64;
         let network = &self.machine.network;
-        match self.dice.below(8) {
-            0..=2 => {
+        match self.dice.below(14) {
+            0..=3 => {
                 self.done.faults += 1;
                 let code = self.dice.pick(&[0x7500, 0x8611, 0x2310, 0x3210]);
-                network.raise_fault(slave, 0, DeviceFault { code, resettable: !self.dice.one_in(10) });
+                let fault = DeviceFault { code, resettable: !self.dice.one_in(10) };
+                // Both axes of a module: its statusword is that of one, and a program sees no more.
+                (0..2).for_each(|axis| network.raise_fault(slave, axis, fault));
             }
-            4 => network.refuse(slave, self.dice.one_in(3).then_some((AlState::SafeOp, AlStatus::INVALID_OUTPUTS))),
-            5 => network.delay_sdo(slave, if self.dice.one_in(2) { 50_000_000 } else { 0 }),
-            6 => network.abort_sdo(slave, self.dice.one_in(2).then_some(AbortCode::VALUE_RANGE)),
+            4 | 5 => {
+                network.cut_after(self.dice.below(1 + units) as u8);
+                self.broken = 1 + self.dice.below(100);
+            }
+            6 | 7 => {
+                if self.dice.one_in(2) {
+                    network.lose(slave);
+                } else {
+                    network.silence(slave, true);
+                }
+                self.broken = 1 + self.dice.below(100);
+            }
+            8 if self.jam == 0 => {
+                (0..axes).for_each(|axis| network.jam(slave, axis, true));
+                self.watch.jam(n, true);
+                self.jam = 600;
+            }
+            9 => {
+                let input = self.dice.pick(&[Input::NegativeLimit, Input::PositiveLimit, Input::Home, Input::Index]);
+                network.stick_input(slave, 0, input, self.dice.pick(&[None, Some(false), Some(true)]));
+            }
+            10 => network.refuse(slave, self.dice.one_in(3).then_some((AlState::SafeOp, AlStatus::INVALID_OUTPUTS))),
+            11 => network.delay_sdo(slave, if self.dice.one_in(2) { 50_000_000 } else { 0 }),
+            12 => network.abort_sdo(slave, self.dice.one_in(2).then_some(AbortCode::VALUE_RANGE)),
             _ => network.refuse(slave, None),
+        }
+    }
+
+    /// What is broken is mended when its time is over.
+    fn repair(&mut self) {
+        let network = &self.machine.network;
+        self.broken = self.broken.saturating_sub(1);
+        if self.broken == 0 {
+            network.heal();
+            for unit in &self.machine.units {
+                network.find(unit.slave as u8);
+                network.silence(unit.slave as u8, false);
+            }
+        }
+        self.jam = self.jam.saturating_sub(1);
+        if self.jam == 300 {
+            for unit in &self.machine.units {
+                (0..unit.axes).for_each(|axis| network.jam(unit.slave as u8, axis, false));
+            }
+        } else if self.jam == 0 {
+            (0..self.paths.len()).for_each(|n| self.watch.jam(n, false));
         }
     }
 

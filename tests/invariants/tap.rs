@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
-use ecmsk::slave::{AlStatus, DeviceFault, SdoValue, Slave};
+use ecmsk::slave::{AlStatus, DeviceFault, Input, SdoValue, Slave};
 
 /// What went into a slave in the last cycle; `None`: it took nothing.
 pub type Seen = Arc<Mutex<Option<SlaveOut>>>;
@@ -58,6 +58,18 @@ impl Slave for Tap {
 
     fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
         self.inner.raise_fault(axis, fault)
+    }
+
+    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
+        self.inner.stick_input(axis, input, value)
+    }
+
+    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
+        self.inner.jam(axis, jammed)
+    }
+
+    fn has_dc(&self) -> bool {
+        self.inner.has_dc()
     }
 
     fn shaft(&self, axis: usize) -> Option<i64> {

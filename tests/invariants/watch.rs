@@ -1,54 +1,93 @@
 //! What every report and every shaft must show.
 
 use ecmsk::cia402::{DriveState, Mode};
+use ecmsk::engine::HomingPhase;
 use ecmsk::fieldbus::Ns;
-use ecmsk::sk::{DriveResponse, Frame, MasterResponse, MasterState, StateByte};
+use ecmsk::sk::{Frame, MasterResponse, StateByte};
 
 use crate::machine::{Machine, SPEED};
 
-/// A drive's shaft and statusword as they were last.
+/// How an axis was last.
 #[derive(Clone, Copy, Default)]
 struct Last {
     shaft: Option<i64>,
     state: Option<DriveState>,
     /// Shaft less position actual.
     offset: Option<i32>,
+    /// It was homing in the cycle before.
+    homing: bool,
+    /// Its shaft was jammed, or the jam has just gone.
+    jammed: bool,
 }
 
 /// The watch.
 pub struct Watch {
     state: StateByte,
-    drives: Vec<Last>,
+    axes: Vec<[Last; 2]>,
     /// Fastest that a shaft was, as a part of what it may be.
     pub fastest: f64,
+    /// Steps of 0x6064 at a home event.
+    pub homed: u64,
 }
 
 impl Watch {
     pub fn new(machine: &Machine) -> Self {
-        Self { state: machine.state(), drives: vec![Last::default(); machine.axes.len()], fastest: 0.0 }
+        Self { state: machine.state(), axes: vec![Default::default(); machine.units.len()], fastest: 0.0, homed: 0 }
+    }
+
+    /// The shafts of a slave are jammed, or free again.
+    pub fn jam(&mut self, n: usize, jammed: bool) {
+        self.axes[n].iter_mut().for_each(|last| last.jammed = jammed);
     }
 
     /// A cycle of `dt_ns` has passed.
     pub fn cycle(&mut self, machine: &Machine, report: Option<&Frame>, dt_ns: Ns) {
-        let shafts: Vec<_> = machine.axes.iter().map(|axis| machine.network.shaft(axis.slave as u8, 0)).collect();
         if let Some(report) = report {
             self.state_byte(MasterResponse::decode(&report.slot(machine.size, 0)).state);
-            for (n, axis) in machine.axes.iter().enumerate() {
-                // SK-4: lost slots keep their values.
-                if machine.state() == StateByte::reached(MasterState::Op) {
-                    self.drive(n, &DriveResponse::decode(&report.slot(machine.size, axis.slave)), machine.board.now());
-                } else {
-                    self.drives[n].state = None;
-                }
+            for n in 0..machine.units.len() {
+                self.answer(n, machine, report);
             }
         }
-        for (n, (axis, shaft)) in machine.axes.iter().zip(shafts).enumerate() {
-            let shaft = shaft.expect("a drive has a shaft");
-            if let Some(before) = self.drives[n].shaft {
-                let speed = (shaft - before).abs() as f64 * 1e9 / dt_ns as f64;
-                self.speed(speed, axis.mode, dt_ns, axis.slave);
+        for (n, unit) in machine.units.iter().enumerate() {
+            for axis in 0..unit.axes {
+                let shaft = machine.network.shaft(unit.slave as u8, axis).expect("an axis has a shaft");
+                let last = self.axes[n][axis];
+                if let Some(before) = last.shaft
+                    && !last.jammed
+                {
+                    self.speed((shaft - before).abs() as f64 * 1e9 / dt_ns as f64, unit.mode, dt_ns, unit.slave);
+                }
+                self.axes[n][axis].shaft = Some(shaft);
             }
-            self.drives[n].shaft = Some(shaft);
+        }
+    }
+
+    /// A slave's slot.
+    fn answer(&mut self, n: usize, machine: &Machine, report: &Frame) {
+        let unit = &machine.units[n];
+        let slave = unit.slave;
+        let homing = machine.board.engine().homing_phase(slave as u8) != HomingPhase::Idle;
+        if !machine.is_heard(slave) {
+            // SK-4: lost slots keep their values, and those of a board that is not in OP.
+            self.axes[n].iter_mut().for_each(|last| (last.state, last.homing) = (None, homing || last.homing));
+            return;
+        }
+        let (statusword, positions) = unit.answer(report, machine.size);
+        let state = statusword.state();
+        assert!(state.is_some(), "statusword {:04X}", statusword.0);
+        if let (Some(from), Some(to)) = (self.axes[n][0].state, state) {
+            assert!(from == to || is_legal(from, to), "slave {slave}: {from} to {to}");
+        }
+        self.axes[n][0].state = state;
+        for (last, position) in self.axes[n].iter_mut().zip(positions).take(unit.axes) {
+            // Inputs are those that the slave had when the frame passed it, at the end of the cycle before.
+            let Some(shaft) = last.shaft else { continue };
+            let offset = (shaft as i32).wrapping_sub(position);
+            let steps = last.offset.is_some_and(|last| last != offset);
+            let at = machine.board.now();
+            assert!(!steps || homing || last.homing, "slave {slave}: 0x6064 steps to {position} at {at} ns");
+            self.homed += u64::from(steps);
+            (last.offset, last.homing) = (Some(offset), homing);
         }
     }
 
@@ -72,28 +111,13 @@ impl Watch {
         }
         let (Some(from), Some(to)) = (was.state(), is.state()) else { panic!("state {was} to {is}") };
         let legal = match (was.is_failed(), is.is_failed()) {
-            (_, true) => from == to,
+            (false, true) => from == to,
+            // Down the slaves that are there go first.
+            (true, true) => to < from,
             (true, false) => to <= from,
             (false, false) => to < from || to.code() == from.code() * 2,
         };
         assert!(legal, "state {was} to {is}");
-    }
-
-    fn drive(&mut self, n: usize, answer: &DriveResponse, at: Ns) {
-        let last = &mut self.drives[n];
-        let state = answer.statusword.state();
-        assert!(state.is_some(), "statusword {:04X}", answer.statusword.0);
-        if let (Some(from), Some(to)) = (last.state, state) {
-            assert!(from == to || is_legal(from, to), "slave {}: {from} to {to}", n + 2);
-        }
-        last.state = state;
-        // Inputs are those that the slave had when the frame passed it, at the end of the cycle before.
-        if let Some(shaft) = last.shaft {
-            let offset = (shaft as i32).wrapping_sub(answer.position);
-            let steps = format!("slave {}: 0x6064 steps to {} at {} ns", n + 2, answer.position, at);
-            assert_eq!(last.offset.unwrap_or(offset), offset, "{steps}");
-            last.offset = Some(offset);
-        }
     }
 }
 

@@ -156,7 +156,8 @@ impl Machine {
         let unit = self.units.iter().find(|unit| unit.slave == slave);
         let seen = unit.map_or(&self.marker, |unit| &unit.seen);
         let in_op = seen.lock().expect("no panic").is_some();
-        in_op && self.in_op() && !self.board.engine().lost().contains(slave as u8)
+        let found = slave <= self.board.engine().slaves_found().into();
+        in_op && found && self.in_op() && !self.board.engine().lost().contains(slave as u8)
     }
 
     pub fn state(&self) -> StateByte {

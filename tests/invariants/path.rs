@@ -2,6 +2,7 @@
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::engine::HomingPhase;
 use ecmsk::sk::{AxisTarget, Frame, Motion, SdoCommand, SlaveCommand};
 
 use crate::dice::Dice;
@@ -58,7 +59,10 @@ impl Path {
     pub fn next(&mut self, unit: &Unit, now: &Now, dice: &mut Dice) -> Wish {
         let (statusword, positions) = unit.answer(now.report, now.machine.size);
         let on = statusword.is_enabled() && !now.machine.state().is_failed();
+        let homing = now.machine.board.engine().homing_phase(unit.slave as u8) != HomingPhase::Idle;
         match *self {
+            // A plan that was given up: nothing until its end.
+            Self::Rest | Self::Run { .. } if homing => self.rest(),
             Self::Rest if on && now.empty && unit.can_home() && dice.one_in(3) => {
                 let method = dice.pick(&[35, 37, 35, 17, 18, 19, 21, 24, 28, 33, 1, 7, 15, -3]);
                 *self = Self::Home { step: Step::Mode, wait: 0, method };

@@ -159,6 +159,12 @@ impl Program {
         self.done.cycles += 1;
         self.done.in_op += u64::from(self.machine.in_op());
         self.done.enabled += (0..self.paths.len()).filter(|n| self.is_on(*n)).count() as u64;
+        for n in 0..self.paths.len() {
+            // Also while the program sends nothing.
+            if !self.is_on(n) {
+                self.paths[n] = Path::Rest;
+            }
+        }
         let free = MasterResponse::decode(&self.report.slot(self.machine.size, 0)).fifo_free;
         self.empty = if news && free == FIFO_ENTRIES { self.empty + 1 } else { 0 };
         self.repair();
@@ -207,6 +213,8 @@ impl Program {
         let n = self.dice.below(self.paths.len() as u64) as usize;
         let slave = self.machine.units[n].slave;
         match self.dice.below(24) {
+            // Not ahead of targets that are still in the FIFO: an axis that has stopped meanwhile would jump to them.
+            0..=7 | 9..=12 if self.empty <= 3 => {}
             0..=7 => self.slave(slave, SlaveCommand::ServoOn),
             8 => self.slave(slave, SlaveCommand::ServoOff),
             9..=12 => self.slave(slave, SlaveCommand::AlarmClear),

@@ -32,7 +32,11 @@ impl Slave for Tap {
     }
 
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
-        self.inner.enter(target)
+        let entered = self.inner.enter(target);
+        if self.inner.state() != AlState::Op {
+            *self.seen.lock().expect("no panic") = None;
+        }
+        entered
     }
 
     fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {

@@ -90,8 +90,9 @@ static inline void StopAll(void)
     ClearCmd();
     cmdData[0].CMD = SET_STATE;
     cmdData[0].Data1 = STATE_PRE_OP;
-    if (alive)
-        ECMUSBWrite((unsigned char *)cmdData, sizeof(cmdData));
+    alive = alive && ECMUSBWrite((unsigned char *)cmdData, sizeof(cmdData));
+    for (int i = 0; alive && i < STATE_TRIES && State() != STATE_PRE_OP; i++)
+        alive = ECMUSBRead((unsigned char *)respData, sizeof(respData));
 }
 
 static inline void Fail(const char *what)

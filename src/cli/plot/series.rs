@@ -185,7 +185,11 @@ impl Series {
             axis.position.push(at_ns, drive.position.into());
             // An HSP has its inputs in the place of torque, and no error code.
             let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
-            axis.states.report(at_ns, &drive, aborted, is_drive);
+            if axis.states.report(at_ns, &drive, aborted, is_drive) {
+                // What was sent before is not in force any more.
+                let targets = [&mut axis.target, &mut axis.target_velocity, &mut axis.target_torque];
+                targets.into_iter().for_each(|line| line.interrupt(at_ns));
+            }
             if is_drive {
                 axis.torque.push(at_ns, percent(drive.torque));
             }

@@ -69,8 +69,8 @@ impl States {
     }
 
     /// The next report in OP. `aborted`: it answers ABORT_HOME, in whatever slot. `has_code`: the drive's kind has an
-    /// error code in its slot.
-    pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) {
+    /// error code in its slot. Gives whether a state begins in which the drive follows no target.
+    pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> bool {
         let was_homing = self.homing.since_ns.is_some();
         let failed = self.homing.report(at_ns, drive, aborted);
         if failed && let Some(now) = self.now.as_mut().filter(|_| was_homing) {
@@ -81,7 +81,8 @@ impl States {
             _ if !drive.statusword.is_enabled() => Some(State::NotEnabled),
             _ => self.homing.since_ns.map(|_| State::Homing),
         };
-        if self.now.as_ref().map(|piece| piece.state) != state {
+        let begins = self.now.as_ref().map(|piece| piece.state) != state;
+        if begins {
             self.close(at_ns);
             self.now = state.map(|state| Piece { state, from_ns: at_ns, to_ns: at_ns, note: None });
         }
@@ -93,12 +94,14 @@ impl States {
                 code => Some(format!("alarm 0x{code:04X}")),
             };
         }
+        begins && state.is_some()
     }
 
     /// Nothing is known from here to the next report.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.close(at_ns);
-        self.homing = Homing::default();
+        // Back in OP a slot may still answer the GO_HOME of before.
+        self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
     }
 
     /// The spans, as far as they are in the window.

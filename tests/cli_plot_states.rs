@@ -1,5 +1,5 @@
 //! `ecmsk plot`: where a drive is homing, has a fault or is not enabled.
-#![cfg(feature = "sim")]
+#![cfg(feature = "cli")]
 
 mod cli_support;
 

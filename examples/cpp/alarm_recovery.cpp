@@ -125,7 +125,7 @@ int main()
                 return 1;
             }
         }
-        std::printf("corner %d of 4: at %d, %d\n", corner, target[0], target[1]);
+        std::printf("corner %d of the square: at %d, %d\n", corner % 4 + 1, target[0], target[1]);
         std::fflush(stdout);
     }
     std::printf("commands lost: %u\n", FifoFull());

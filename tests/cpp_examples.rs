@@ -269,6 +269,20 @@ mod needs_cxx {
         }
     }
 
+    /// SK-4.61 A cable that is cut behind the first drive ends a program, and it stops the drive that it still reaches.
+    #[test]
+    fn a_cable_that_is_cut() {
+        let script = out_dir().join("cut.ecmscript");
+        fs::write(&script, "at 1s cut 2 for 10s\n").expect("a file in the target folder");
+        let link = format!("{VIRTUAL}&script={}", uri_part(script.to_str().expect("UTF-8")));
+        for name in ["two_axes_12b", "alarm_recovery", "csv_cst", "operator_panel"] {
+            let (ended, state, drives) = last_report(name, &link, SlotSize::Bytes12);
+            assert_eq!(ended.status.code(), Some(1), "{name}: {ended:?}");
+            assert!(ended.stderr.starts_with("failed: "), "{name}: {ended:?}");
+            assert_eq!((state, drives[0].statusword.state()), (MasterState::PreOp, Some(DriveState::SwitchOnDisabled)));
+        }
+    }
+
     /// LIB-22, LIB-25 On the real clock the path takes its time, and nothing is lost either.
     #[test]
     fn two_axes_on_the_real_clock() {

@@ -83,8 +83,8 @@ static inline void StopAll(void)
         for (int slave = 1; slave <= slaves; slave++)
             if (slaveKind == IO || IsOff(slave))
                 off++;
-        // Some cycles at least, so that the frame has been executed.
-        if ((off == slaves && i >= 10) || State() != STATE_OPERATIONAL)
+        // Some cycles at least, so that the frame has been executed. 0x18 is OP with a slave that is lost.
+        if ((off == slaves && i >= 10) || (State() & 0x0F) != STATE_OPERATIONAL)
             break;
     }
     ClearCmd();

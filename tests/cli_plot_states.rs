@@ -143,8 +143,8 @@ fn fault() {
     let notes = panel.notes();
     assert_eq!(notes.iter().map(|(_, text)| *text).collect::<Vec<_>>(), ["alarm 0x7500"]);
     assert!((from..from + 0.01).contains(&notes[0].0), "{notes:?}");
-    let targets = panel.samples(COLOURS[0], true);
-    assert!(targets.iter().all(|(at, _)| *at < from + 0.001 || *at > off.1 + 0.04), "{targets:?}");
+    let targets = panel.lines(COLOURS[0], true);
+    assert_eq!(targets.len(), 2, "nothing leads from the target before to the one after: {targets:?}");
     for name in ["fault", "not enabled"] {
         assert!(plot.texts().contains(&name), "{name}");
     }
@@ -186,8 +186,12 @@ fn parts_and_many() {
     }
     say(&mut run, 1, CSP, ENABLED, 5000);
     let (from, _) = say(&mut run, 1, CSP, DISABLED, 1);
+    for code in [0x8611, 0x7305, 0x8611] {
+        say(&mut run, 1, CSP, ENABLED, 200);
+        run.drives[0].error_code = code;
+        say(&mut run, 1, CSP, FAULTED, 200);
+    }
     say(&mut run, 1, CSP, ENABLED, 100);
-    run.drives[0].error_code = 0x8611;
     let (last, end) = say(&mut run, 1, CSP, FAULTED, 5);
     let recorded = Recorded::new(&run);
     let plot = recorded.plot(&[]);
@@ -210,4 +214,9 @@ fn parts_and_many() {
     let part = recorded.plot(&["--from", &a, "--to", &b]);
     are(&part.panel("Axis 1"), FAULT, &[(last, last + 0.002)]);
     assert!(last + 0.002 < end);
+    let (a, b) = (format!("{:.3}", last + 0.001), format!("{:.3}", last + 0.003));
+    let part = recorded.plot(&["--from", &a, "--to", &b]);
+    assert_eq!(part.panel("Axis 1").spans(FAULT).len(), 1);
+    let (left, right) = part.panel("Axis 1").spans(FAULT)[0];
+    assert!((left - last - 0.001).abs() < 2e-4 && (right - last - 0.003).abs() < 2e-4, "{left} to {right}");
 }

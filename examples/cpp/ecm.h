@@ -64,8 +64,11 @@ static inline int Position(int axis) { return (int)respData[axis].Data1; }
 static inline bool IsOn(int axis) { return (StatusWord(axis) & 0xFF) == 0x37; }
 static inline bool IsOff(int axis) { return (StatusWord(axis) & 1) == 0; }
 static inline unsigned AlarmCode(int axis) { return respData[axis].Data2 >> 16; }
-// An HSP has something else in the place of the alarm code: there bit 3 of the statusword, Fault, has to tell.
-static inline bool HasAlarm(int axis) { return slaveKind == HSP ? (StatusWord(axis) & 8) != 0 : AlarmCode(axis) != 0; }
+// By the alarm code, which an HSP has not, or by bit 3 of the statusword, Fault: a drive may give up one before the other.
+static inline bool HasAlarm(int axis)
+{
+    return (StatusWord(axis) & 0x08) != 0 || (slaveKind != HSP && AlarmCode(axis) != 0);
+}
 
 // Stops all there is, whatever happened before: drops what waits in the FIFO, switches axes off (a drive brakes as its
 // parameters say) and outputs too, and leaves OP. Used on the way out of an error, so it asks nothing of the board.

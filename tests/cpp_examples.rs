@@ -1,16 +1,20 @@
-//! The programs of `examples/cpp/`, built with their own Makefile and pkg-config as a user would, run on a simulated
-//! board. On virtual time they print what `tests/snapshots/` holds, to the byte.
-#![cfg(target_os = "linux")]
+//! The programs of `examples/cpp/` and `examples/c/`, built with their own Makefiles and pkg-config as a user would, run on
+//! a simulated board. On virtual time they print what `tests/snapshots/` holds, to the byte.
+#![cfg(all(target_os = "linux", feature = "cli"))]
 
 mod support;
 
 use std::fs;
 use std::os::unix::fs::symlink;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use support::{Program, out_dir, root};
+use ecmsk::cia402::DriveState;
+use ecmsk::link::Dir;
+use ecmsk::link::record::Recording;
+use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize};
+use support::{Ended, Program, out_dir, root};
 
 /// Two drives on virtual time.
 const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
@@ -19,17 +23,50 @@ const VIRTUAL_16: &str = "sim:?slaves=drive*2&clock=virtual&slot=16";
 /// Two drives on the real clock.
 const REAL: &str = "sim:?slaves=drive*2&clock=real";
 
-/// Every program, and the link that it is tested on.
-const PROGRAMS: [(&str, &str); 8] = [
+/// Every program of `examples/cpp/`, and the link that it is tested on.
+const CPP: [(&str, &str); 12] = [
+    ("alarm_recovery", VIRTUAL),
     ("habit_read_after_open", VIRTUAL),
     ("habit_reader_writer_threads", VIRTUAL),
     ("habit_sdo_retry", VIRTUAL),
     ("habit_set_axis_burst", VIRTUAL),
     ("habit_tight_writer", VIRTUAL),
     ("habit_two_writes_fifo_mark", VIRTUAL),
+    ("homing", VIRTUAL),
+    ("hsp_16b", "sim:?slaves=hsp2&clock=virtual&slot=16"),
+    ("operator_panel", VIRTUAL),
     ("two_axes_12b", VIRTUAL),
     ("two_axes_16b", VIRTUAL_16),
 ];
+/// Every program of `examples/c/`.
+const C: [(&str, &str); 2] = [("csv_cst", VIRTUAL), ("io", "sim:?slaves=io&clock=virtual")];
+
+/// The script of `examples/scripts/` that a program's snapshot is made with, if it is one.
+const SCRIPTS: [(&str, &str); 3] =
+    [("alarm_recovery", "alarm_on_the_way"), ("io", "local_inputs"), ("operator_panel", "alarm")];
+
+/// Every program with the link that its snapshot is made with.
+fn programs() -> impl Iterator<Item = (&'static str, String)> {
+    CPP.into_iter().chain(C).map(|(name, link)| {
+        let script = SCRIPTS.into_iter().find(|(program, _)| *program == name);
+        (name, script.map_or(link.to_owned(), |(_, script)| scripted(link, script)))
+    })
+}
+
+fn link_of(name: &str) -> String {
+    programs().find(|(program, _)| *program == name).expect("a program of the tables").1
+}
+
+/// A link with what happens by a script of `examples/scripts/`.
+fn scripted(link: &str, script: &str) -> String {
+    let file = root().join("examples/scripts").join(script).with_extension("ecmscript");
+    format!("{link}&script={}", uri_part(file.to_str().expect("UTF-8")))
+}
+
+/// A path as the value of a link's key.
+fn uri_part(path: &str) -> String {
+    path.replace('%', "%25").replace('&', "%26").replace(' ', "%20").replace('#', "%23").replace('+', "%2B")
+}
 
 /// Builds all programs with `make` and the pkg-config file, and gives the folder they are in.
 fn built() -> &'static PathBuf {
@@ -49,10 +86,12 @@ fn built() -> &'static PathBuf {
 
         let out = out_dir().join("programs");
         let _ = fs::remove_dir_all(&out);
-        let mut make = Command::new("make");
-        make.arg("-C").arg(root().join("examples/cpp")).arg(format!("OUT={}", out.display()));
-        make.arg("CXXFLAGS=-std=c++17 -O1 -g -Wall -Wextra -pedantic -Werror").env("PKG_CONFIG_PATH", &prefix);
-        support::succeed(&mut make);
+        for (folder, variable, standard) in [("cpp", "CXXFLAGS", "c++17"), ("c", "CFLAGS", "c99")] {
+            let mut make = Command::new("make");
+            make.arg("-C").arg(root().join("examples").join(folder)).arg(format!("OUT={}", out.display()));
+            make.arg(format!("{variable}=-std={standard} -O1 -g -Wall -Wextra -pedantic -Werror"));
+            support::succeed(make.env("PKG_CONFIG_PATH", &prefix));
+        }
         out
     })
 }
@@ -66,6 +105,18 @@ fn prints_its_snapshot(name: &str, link: &str) {
     let ended = program(name).run(link, [""; 0]);
     assert_eq!(ended.stderr, "", "{name} on {link}");
     support::snapshot(name, &ended.success());
+}
+
+/// Runs a program and gives the last report it has read, too.
+fn last_report(name: &str, link: &str, size: SlotSize) -> (Ended, MasterState, Vec<DriveResponse>) {
+    let file = out_dir().join(format!("{name}.pcapng"));
+    let ended = program(name).run(&format!("{link}&record={}", uri_part(file.to_str().expect("UTF-8"))), [""; 0]);
+    let recording = Recording::open(&file).expect("the recording");
+    let frames = recording.map(|recorded| recorded.expect("a frame")).filter(|recorded| recorded.dir == Dir::Read);
+    let last = frames.last().expect("a report").frame;
+    let state = MasterResponse::decode(&last.slot(size, 0)).state;
+    let slaves = (1..=size.max_slaves()).map(|slave| DriveResponse::decode(&last.slot(size, slave))).collect();
+    (ended, state.state().expect("a state"), slaves)
 }
 
 mod needs_cxx {
@@ -123,6 +174,118 @@ mod needs_cxx {
         prints_its_snapshot("habit_reader_writer_threads", REAL);
     }
 
+    /// SK-7.19, SK-7.20, SK-7.24 Both axes are homed, moved by CSP in the new coordinates, and a homing that fails (bit 13)
+    /// is ended by ABORT_HOME: the same on both firmwares, though one goes back to CSP by itself and the other does not.
+    #[test]
+    fn homing_and_a_homing_that_fails() {
+        prints_its_snapshot("homing", VIRTUAL);
+        prints_its_snapshot("homing", &format!("{VIRTUAL}&fw=1.5"));
+    }
+
+    /// LIB-25, SK-7.11 An alarm on the way is noticed, cleared and overcome: the path is gone to its end.
+    #[test]
+    fn recovery_from_an_alarm() {
+        let link = link_of("alarm_recovery");
+        prints_its_snapshot("alarm_recovery", &link);
+        let other = program("alarm_recovery").run(&format!("{link}&fw=1.5"), [""; 0]).success();
+        assert!(other.contains("  axis 2: alarm 0x7500, stopped at "), "{other}");
+        assert!(other.contains("\ncorner 1 of the square: at 0, 0\ncommands lost: 0\nservos off"), "{other}");
+        let undisturbed = program("alarm_recovery").run(VIRTUAL, [""; 0]).success();
+        assert!(!undisturbed.contains("alarm") && undisturbed.contains("servos off, PreOP"), "{undisturbed}");
+    }
+
+    /// The picture of README is a recording of that program as the demo makes it, on virtual time, drawn by the tool.
+    #[test]
+    fn the_picture_of_readme() {
+        let folder = tempfile::tempdir().expect("a folder");
+        symlink(root().join("examples"), folder.path().join("examples")).expect("a symbolic link");
+        let link = format!("{VIRTUAL}&script=examples/scripts/alarm_on_the_way.ecmscript&record=two_axes.pcapng");
+        support::succeed(program("alarm_recovery").command(&link).current_dir(folder.path()));
+        let mut plot = Command::new(env!("CARGO_BIN_EXE_ecmsk"));
+        let picture = support::succeed(plot.args(["plot", "two_axes.pcapng", "-o", "-"]).current_dir(folder.path()));
+        support::kept(&root().join("docs/two_axes.svg"), &picture);
+    }
+
+    /// SK-7.12 An alarm that ALM_CLR does not clear is told to the user, and both axes end switched off.
+    #[test]
+    fn an_alarm_that_stays() {
+        let link = scripted(VIRTUAL, "alarm_that_stays");
+        let (ended, state, drives) = last_report("alarm_recovery", &link, SlotSize::Bytes12);
+        assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(1), ""));
+        support::snapshot("alarm_that_stays", &ended.stdout);
+        assert_eq!(state, MasterState::PreOp);
+        assert_eq!(drives[0].statusword.state(), Some(DriveState::Fault));
+        assert_eq!(drives[1].statusword.state(), Some(DriveState::SwitchOnDisabled));
+    }
+
+    /// SK-4.26, SK-4.27, SK-7.3, SK-7.4, SK-7.33 One drive by velocity, one by torque.
+    #[test]
+    fn velocity_and_torque() {
+        prints_its_snapshot("csv_cst", VIRTUAL);
+        prints_its_snapshot("csv_cst", &format!("{VIRTUAL}&fw=1.5"));
+    }
+
+    /// SK-3.22, SK-3.23, SK-3.29, SK-4.25 Both channels of a module go their ways in one slot, each with its outputs and inputs.
+    #[test]
+    fn a_module_of_two_channels() {
+        let link = link_of("hsp_16b");
+        prints_its_snapshot("hsp_16b", &link);
+        prints_its_snapshot("hsp_16b", &format!("{link}&fw=1.5"));
+    }
+
+    /// SK-3.17, SK-4.31, SK-4.32, SK-8.1 What is at a slave's inputs and at the board's own is read, and outputs are set.
+    #[test]
+    fn inputs_and_outputs() {
+        let link = link_of("io");
+        prints_its_snapshot("io", &link);
+        prints_its_snapshot("io", &format!("{link}&fw=1.5"));
+    }
+
+    /// LIB-25, SK-7.20, SK-7.21 A panel: jog, an alarm while jogging, homing with a search that is aborted, buttons at wrong
+    /// moments.
+    #[test]
+    fn a_panel() {
+        let link = link_of("operator_panel");
+        prints_its_snapshot("operator_panel", &link);
+        prints_its_snapshot("operator_panel", &format!("{link}&fw=1.5"));
+    }
+
+    /// SK-7.10 However a program ends, well or by an alarm it does not expect, it leaves the network in PreOP and no drive
+    /// in Operation enabled.
+    #[test]
+    fn programs_end_in_a_safe_state() {
+        let well = |name| (name, link_of(name), Some(0));
+        // Two axes stand on their way, one is turning at a velocity.
+        let by_alarm = |name| (name, scripted(VIRTUAL, "alarm"), Some(1));
+        let ends = ["alarm_recovery", "homing", "hsp_16b", "operator_panel", "two_axes_12b", "csv_cst", "io"].map(well);
+        for (name, link, code) in ends.into_iter().chain(["two_axes_12b", "homing", "csv_cst"].map(by_alarm)) {
+            let size = if link.contains("slot=16") { SlotSize::Bytes16 } else { SlotSize::Bytes12 };
+            let (ended, state, drives) = last_report(name, &link, size);
+            assert_eq!(ended.status.code(), code, "{name} on {link}: {ended:?}");
+            assert_eq!(ended.stderr.contains("failed: "), code == Some(1), "{name} on {link}: {ended:?}");
+            assert_eq!(state, MasterState::PreOp, "{name} on {link}");
+            let on = |drive: &DriveResponse| name != "io" && drive.statusword.is_enabled();
+            assert!(!drives.iter().any(on), "{name} on {link}: {:?}", &drives[..2]);
+        }
+    }
+
+    /// SK-4.61 A cable that is cut behind the first drive ends a program, and it stops the drive that it still reaches.
+    #[test]
+    fn a_cable_that_is_cut() {
+        let script = out_dir().join("cut.ecmscript");
+        fs::write(&script, "at 1s cut 2 for 10s\n").expect("a file in the target folder");
+        let link = format!("{VIRTUAL}&script={}", uri_part(script.to_str().expect("UTF-8")));
+        let left_op = "failed: the network is not in OP any more\n";
+        let homing = "failed: an axis stops during homing\n";
+        for (name, said) in
+            [("two_axes_12b", left_op), ("alarm_recovery", homing), ("csv_cst", left_op), ("operator_panel", left_op)]
+        {
+            let (ended, state, drives) = last_report(name, &link, SlotSize::Bytes12);
+            assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(1), said), "{name}: {ended:?}");
+            assert_eq!((state, drives[0].statusword.state()), (MasterState::PreOp, Some(DriveState::SwitchOnDisabled)));
+        }
+    }
+
     /// LIB-22, LIB-25 On the real clock the path takes its time, and nothing is lost either.
     #[test]
     fn two_axes_on_the_real_clock() {
@@ -131,42 +294,66 @@ mod needs_cxx {
         assert!(said.ends_with("servos off, PreOP, closed\n"), "{said}");
     }
 
-    /// LIB-19 The programs are C++98, those with threads C++11; no warning in any standard.
+    /// LIB-19 The programs are C++98, those with threads C++11, and C99; no warning in any standard.
     #[test]
     fn programs_compile_in_old_and_new_standards() {
-        for (name, _) in PROGRAMS {
+        use support::Language::{self, Cpp};
+        let compiles = |source: &Path, language: Language| {
+            support::succeed(language.compiler().arg("-fsyntax-only").arg(source));
+        };
+        for (name, _) in CPP {
             let source = root().join("examples/cpp").join(name).with_extension("cpp");
             let text = fs::read_to_string(&source).expect("the program");
             let oldest = if text.contains("#include <thread>") { "c++11" } else { "c++98" };
             for standard in [oldest, "c++20"] {
-                let mut compiler = support::Language::Cpp(standard).compiler();
-                support::succeed(compiler.arg("-fsyntax-only").arg(&source));
+                compiles(&source, Cpp(standard));
+            }
+        }
+        for (name, _) in C {
+            let source = root().join("examples/c").join(name).with_extension("c");
+            for standard in ["c99", "c11", "c17"] {
+                compiles(&source, Language::C(standard));
             }
         }
     }
 
-    /// LIB-20 Every program of the folder is one of these.
+    /// LIB-20 Every program of the folders is one of these.
     #[test]
     fn no_program_is_left_out() {
-        let entries = fs::read_dir(root().join("examples/cpp")).expect("the folder");
-        let files = entries.map(|entry| entry.expect("readable").path());
-        let mut names: Vec<String> = files
-            .filter(|file| file.extension().is_some_and(|extension| extension == "cpp"))
-            .map(|file| file.file_stem().expect("a name").to_string_lossy().into_owned())
-            .collect();
-        names.sort();
-        assert_eq!(names, PROGRAMS.map(|(name, _)| name));
+        let in_folder = |folder: &str| {
+            let entries = fs::read_dir(root().join("examples").join(folder)).expect("the folder");
+            let files = entries.map(|entry| entry.expect("readable").path());
+            let mut names: Vec<String> = files
+                .filter(|file| file.extension().is_some_and(|extension| extension == folder))
+                .map(|file| file.file_stem().expect("a name").to_string_lossy().into_owned())
+                .collect();
+            names.sort();
+            names
+        };
+        assert_eq!(in_folder("cpp"), CPP.map(|(name, _)| name));
+        assert_eq!(in_folder("c"), C.map(|(name, _)| name));
     }
 }
 
 mod needs_valgrind {
     use super::*;
 
-    /// LIB-20, LIB-21, LIB-22, LIB-23, LIB-24, LIB-25, LIB-26 Under memcheck every program prints the same, and memcheck finds nothing.
-    #[test]
-    fn memcheck_finds_nothing() {
-        for (name, link) in PROGRAMS {
-            support::snapshot(name, &support::memcheck(&program(name), link, &[]));
+    fn memcheck_finds_nothing(of_which: impl Fn(&str) -> bool) {
+        for (name, link) in programs().filter(|(name, _)| of_which(name)) {
+            support::snapshot(name, &support::memcheck(&program(name), &link, &[]));
         }
+    }
+
+    /// LIB-20, LIB-21, LIB-22, LIB-23, LIB-24, LIB-26 Under memcheck every program with a habit prints the same, and
+    /// memcheck finds nothing.
+    #[test]
+    fn memcheck_finds_nothing_in_habits() {
+        memcheck_finds_nothing(|name| name.starts_with("habit_"));
+    }
+
+    /// LIB-22, LIB-25 Nor in any other program.
+    #[test]
+    fn memcheck_finds_nothing_in_machines() {
+        memcheck_finds_nothing(|name| !name.starts_with("habit_"));
     }
 }

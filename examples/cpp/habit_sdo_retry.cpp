@@ -75,7 +75,7 @@ int main()
     SetState(STATE_PRE_OP);
     std::printf("in PreOP\n");
     ReadAndWrite();
-    SetAxis(AXES);
+    SetAxis(AXES, DRIVE);
     SetDc(1000);
     DriveMode(AXES, CSP_MODE);
     SetState(STATE_OPERATIONAL);

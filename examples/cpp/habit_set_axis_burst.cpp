@@ -25,7 +25,7 @@ int main()
     if (!OpenECMUSB())
         Fail("OpenECMUSB");
 
-    SetAxis(AXES); // five writes, 2 ms apart
+    SetAxis(AXES, DRIVE); // five writes, 2 ms apart
     SetDc(1000);
     DriveMode(AXES, CSP_MODE);
     ClearCmd();

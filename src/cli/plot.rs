@@ -6,6 +6,7 @@ mod follow;
 mod order;
 mod panel;
 mod series;
+mod states;
 mod style;
 mod survey;
 
@@ -28,9 +29,9 @@ use survey::Survey;
 /// Axes that a plot can tell apart by their colours.
 pub const MAX_AXES: usize = 8;
 
-/// Plot a recording as SVG: target and actual position, torque and FIFO level over time
+/// Plot a recording as SVG: target and actual position, states, torque and FIFO level over time
 ///
-/// The plot shows the time in OP. Targets stand where they were sent; they wait in the FIFO before they are executed.
+/// The plot shows the time in OP; it is shaded where a drive is homing, has a fault or is not enabled. Targets stand where they were sent; they wait in the FIFO before they are executed.
 /// Prints where the plot lies.
 #[derive(clap::Args)]
 #[command(after_help = "\

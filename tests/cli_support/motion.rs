@@ -14,7 +14,7 @@ const MS: u64 = 1_000_000;
 /// What a call of the host takes.
 const CALL: u64 = MS / 8;
 /// Operation enabled, following its target.
-const ENABLED: Statusword = Statusword(0x1637);
+pub const ENABLED: u16 = 0x1637;
 
 /// The made-up board and its host, 1 ms a cycle.
 pub struct Run {
@@ -29,6 +29,17 @@ pub struct Run {
     /// Targets executed last.
     pub targets: Vec<i32>,
     pub positions: Vec<i32>,
+    /// What the slot of each drive says.
+    pub drives: Vec<Says>,
+}
+
+/// What the slot of a drive says beside position and torque.
+#[derive(Clone, Copy)]
+pub struct Says {
+    /// The command answered.
+    pub id: u8,
+    pub statusword: u16,
+    pub error_code: u16,
 }
 
 impl Run {
@@ -59,6 +70,7 @@ impl Run {
             waiting: VecDeque::new(),
             targets: zeros.clone(),
             positions: zeros,
+            drives: vec![Says { id: 0x15, statusword: ENABLED, error_code: 0 }; axes],
         };
         for group in 0..axes.div_ceil(8) {
             let kind = |k| if group * 8 + k < axes { kind } else { SlaveKind::None };
@@ -111,6 +123,16 @@ impl Run {
         }
     }
 
+    /// The host sends a command for one slave, and nothing for the others.
+    pub fn send_to(&mut self, slave: usize, command: &SlaveCommand) {
+        let mut frame = Frame::new();
+        frame.put_slave(self.size, slave, &(*command).into());
+        frame.fill_crc(self.size);
+        self.now_ns += CALL;
+        self.script.command(self.now_ns, frame);
+        self.waiting.push_back(self.targets.clone());
+    }
+
     /// The host sends targets in the moment of a cycle: the board takes them after it, though they were sent before.
     pub fn send_across_a_cycle(&mut self, targets: &[i32]) {
         let waiting = self.waiting.clone();
@@ -144,8 +166,9 @@ impl Run {
         if op {
             for (i, (position, target)) in self.positions.iter().zip(&self.targets).enumerate() {
                 let torque = ((target - position) / 4).clamp(-3000, 3000) as i16;
-                let head = SlaveResponse { id: 0x15, index: 0 };
-                let drive = DriveResponse { head, statusword: ENABLED, position: *position, torque, error_code: 0 };
+                let Says { id, statusword, error_code } = self.drives[i];
+                let (head, statusword) = (SlaveResponse { id, index: 0 }, Statusword(statusword));
+                let drive = DriveResponse { head, statusword, position: *position, torque, error_code };
                 frame.put(self.size, i + 1, &drive.encode());
             }
         }

@@ -4,6 +4,8 @@
 pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
 /// Colour of losses.
 pub const ALARM: &str = "#D01020";
+/// Behind the lines: with a fault, homing, not enabled.
+pub const STATES: [&str; 3] = ["#F9CFD0", "#FFEEB8", "#E9ECEF"];
 /// Colour of the FIFO's level.
 pub const FIFO: &str = "#405060";
 
@@ -51,6 +53,13 @@ pub struct Line {
     pub points: Vec<(f64, f64)>,
 }
 
+/// An area of the picture: left, top, right, bottom.
+#[derive(Clone, Debug)]
+pub struct Area {
+    pub colour: String,
+    pub place: (f64, f64, f64, f64),
+}
+
 /// A plot.
 pub struct Plot {
     pub size: (f64, f64),
@@ -58,6 +67,7 @@ pub struct Plot {
     pub page: (f64, f64),
     pub labels: Vec<Label>,
     pub lines: Vec<Line>,
+    pub areas: Vec<Area>,
 }
 
 impl Plot {
@@ -76,6 +86,7 @@ impl Plot {
             page: (number(root, "width"), number(root, "height")),
             labels: Vec::new(),
             lines: Vec::new(),
+            areas: Vec::new(),
         };
         for node in root.children().filter(|node| node.is_element()) {
             let colour = |name: &str| node.attribute(name).unwrap_or_default().to_owned();
@@ -109,7 +120,11 @@ impl Plot {
                     pale: number(node, "opacity") < 1.0,
                     points: vec![(number(node, "cx"), number(node, "cy"))],
                 }),
-                "rect" => {}
+                "rect" => {
+                    let (left, top) = (number(node, "x"), number(node, "y"));
+                    let place = (left, top, left + number(node, "width"), top + number(node, "height"));
+                    plot.areas.push(Area { colour: colour("fill"), place });
+                }
                 other => panic!("<{other}> in a plot"),
             }
         }
@@ -183,6 +198,26 @@ impl Panel<'_> {
                 && line.points.iter().all(|(_, y)| (self.top..self.bottom).contains(y))
         };
         self.plot.lines.iter().filter(ours).map(|line| line.points.clone()).collect()
+    }
+
+    /// The areas of a colour, from when to when; those that fill the panel from top to bottom.
+    pub fn spans(&self, colour: &str) -> Vec<(f64, f64)> {
+        let seconds = self.seconds();
+        let ours = |area: &&Area| {
+            let (_, top, _, bottom) = area.place;
+            area.colour == colour
+                && self.top <= top
+                && bottom <= self.bottom
+                && bottom - top > (self.bottom - self.top) / 2.0
+        };
+        self.plot.areas.iter().filter(ours).map(|area| (seconds(area.place.0), seconds(area.place.2))).collect()
+    }
+
+    /// The texts in the panel's diagram that are no numbers at its axes, and when they begin.
+    pub fn notes(&self) -> Vec<(f64, &str)> {
+        let seconds = self.seconds();
+        let ours = |label: &&Label| label.colour == ALARM && (self.top..self.bottom).contains(&label.y);
+        self.plot.labels.iter().filter(ours).map(|label| (seconds(label.x), label.text.as_str())).collect()
     }
 
     /// What a height stands for.

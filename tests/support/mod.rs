@@ -262,17 +262,24 @@ fn wait(child: &mut Child) -> Option<ExitStatus> {
     None
 }
 
-/// Checks a program's output against `tests/snapshots/NAME.txt`. With `ECMSK_BLESS` set the file is written instead.
+/// Checks a program's output against `tests/snapshots/NAME.txt`, see [`kept`].
 ///
 /// # Panics
 /// If they differ.
 pub fn snapshot(name: &str, actual: &str) {
-    let path = root().join("tests/snapshots").join(format!("{name}.txt"));
+    kept(&root().join("tests/snapshots").join(format!("{name}.txt")), actual);
+}
+
+/// Checks a text against a file of the repository. With `ECMSK_BLESS` set the file is written instead.
+///
+/// # Panics
+/// If they differ.
+pub fn kept(path: &Path, actual: &str) {
     if env::var_os("ECMSK_BLESS").is_some() {
-        fs::create_dir_all(path.parent().expect("a folder")).expect("tests/snapshots");
-        fs::write(&path, actual).expect("the snapshot can be written");
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder of the repository");
+        fs::write(path, actual).expect("the file can be written");
     }
-    let kept = fs::read_to_string(&path).unwrap_or_default();
+    let kept = fs::read_to_string(path).unwrap_or_default();
     assert!(
         kept == actual,
         "{} differs; look at it, and if it is right run the test with ECMSK_BLESS=1\n--- kept\n{kept}\n--- now\n{actual}",

@@ -1,4 +1,4 @@
-//! `cargo xtask demo`: the C++ program of README on a simulated board, and a plot of what it did.
+//! `cargo xtask demo`: a C++ program for the board, on a simulated one on which a drive has an alarm, and a plot of it.
 
 use std::env;
 use std::fs;
@@ -9,8 +9,8 @@ use crate::needs::CXX;
 use crate::project::Project;
 use crate::{command, needs, stage};
 
-const SOURCE: &str = "examples/cpp/two_axes_12b.cpp";
-const LINK: &str = "sim:?slaves=drive*2&clock=real";
+const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
+const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
 
 pub fn run(project: &Project) -> Result<(), Error> {
     needs::require(project, &[CXX])?;
@@ -19,7 +19,7 @@ pub fn run(project: &Project) -> Result<(), Error> {
     let target = project.relative(&project.target);
     let folder = target.join("demo");
     let [staged, program, recording, plot] =
-        ["stage", "two_axes_12b", "two_axes.pcapng", "two_axes.svg"].map(|name| folder.join(name));
+        ["stage", "alarm_recovery", "two_axes.pcapng", "two_axes.svg"].map(|name| folder.join(name));
     let ecmsk = target.join("release/ecmsk");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
 

@@ -85,8 +85,16 @@ fn draw_head(area: &Area<'_>, panel: &Panel) -> Result<(), PlotError> {
     let legend: u32 = panel.legend.iter().map(|(_, text)| item(text)).sum();
     let mut x = (style::WIDTH - style::RIGHT + BETWEEN).saturating_sub(legend);
     for (look, text) in &panel.legend {
-        let sample = vec![(at(x), at(middle)), (at(x + SAMPLE), at(middle))];
-        area.draw(&PathElement::new(sample, stroke(*look))).map_err(failed)?;
+        match *look {
+            Look::Area(_) => {
+                let corners = [(at(x), at(middle - 6)), (at(x + SAMPLE), at(middle + 6))];
+                area.draw(&Rectangle::new(corners, stroke(*look))).map_err(failed)?;
+            }
+            Look::Solid(_) | Look::Pale(_) => {
+                let sample = vec![(at(x), at(middle)), (at(x + SAMPLE), at(middle))];
+                area.draw(&PathElement::new(sample, stroke(*look))).map_err(failed)?;
+            }
+        }
         write(area, text, (x + SAMPLE + GAP, middle), style::TEXT, style::SOFT_INK, HPos::Left)?;
         x += item(text);
     }
@@ -100,6 +108,14 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, time_axis: u32)
         .margin_right(px(style::RIGHT))
         .build_cartesian_2d(times.clone(), panel.range.clone())
         .map_err(failed)?;
+    let (bottom, top) = (panel.range.start, panel.range.end);
+    // Behind the grid, and a pixel wide at least.
+    let pixel = (times.end - times.start) / f64::from(style::WIDTH - style::LEFT - style::RIGHT);
+    let areas = panel.spans.iter().map(|span| {
+        let corners = [(span.from, bottom), (span.to.max(span.from + pixel).min(times.end), top)];
+        Rectangle::new(corners, stroke(span.state.look()))
+    });
+    chart.draw_series(areas).map_err(failed)?;
     let numbers = ("sans-serif", style::text_size(style::TEXT)).into_font().color(&style::SOFT_INK);
     let value_digits = style::digits(panel.range.end - panel.range.start);
     let time_digits = style::digits(times.end - times.start);
@@ -120,7 +136,6 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, time_axis: u32)
         mesh.x_desc("time (s)").axis_desc_style(numbers.color(&style::INK));
     }
     mesh.draw().map_err(failed)?;
-    let (bottom, top) = (panel.range.start, panel.range.end);
     let marks = panel
         .marks
         .iter()
@@ -133,6 +148,24 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, time_axis: u32)
         // A line needs two points to be seen.
         let dots = alone.into_iter().flatten().map(|sample| Circle::new(*sample, px(2), style.filled()));
         chart.draw_series(dots).map_err(failed)?;
+    }
+    draw_notes(area, panel, &times)
+}
+
+/// What is to be said of states, at the top of the panel where they begin; what would lie on another note is left out.
+fn draw_notes(area: &Area<'_>, panel: &Panel, times: &Range<f64>) -> Result<(), PlotError> {
+    let right = style::WIDTH - style::RIGHT;
+    let pixels = f64::from(right - style::LEFT) / (times.end - times.start);
+    let mut free_from = style::LEFT;
+    for span in &panel.spans {
+        let Some(note) = &span.note else { continue };
+        let width = style::text_width(note, style::TEXT) + GAP;
+        let begin = style::LEFT + ((span.from - times.start) * pixels) as u32 + GAP / 2;
+        let x = begin.min(right - width);
+        if x >= free_from {
+            write(area, note, (x, 10), style::TEXT, style::ALARM, HPos::Left)?;
+            free_from = x + width;
+        }
     }
     Ok(())
 }
@@ -151,10 +184,10 @@ fn write(
 }
 
 fn stroke(look: Look) -> ShapeStyle {
-    if look.pale {
-        look.colour.mix(0.35).stroke_width(px(5))
-    } else {
-        ShapeStyle { color: look.colour.to_rgba(), filled: false, stroke_width: px(3) / 2 }
+    match look {
+        Look::Solid(colour) => ShapeStyle { color: colour.to_rgba(), filled: false, stroke_width: px(3) / 2 },
+        Look::Pale(colour) => colour.mix(0.35).stroke_width(px(5)),
+        Look::Area(colour) => colour.filled(),
     }
 }
 

@@ -6,6 +6,7 @@ use ecmsk::sk::FIFO_ENTRIES;
 use plotters::style::RGBColor;
 
 use super::series::{AxisLines, Lines, Pieces};
+use super::states::{Span, State};
 use super::style;
 
 /// One of the diagrams that stand under each other.
@@ -18,6 +19,8 @@ pub struct Panel {
     pub range: Range<f64>,
     /// The lines, those behind first.
     pub strokes: Vec<Stroke>,
+    /// States, behind all else.
+    pub spans: Vec<Span>,
     /// Times to mark from bottom to top, seconds.
     pub marks: Vec<f64>,
     /// Explanation, from left to right.
@@ -32,21 +35,34 @@ pub struct Stroke {
     pub look: Look,
 }
 
-/// How a line looks.
-#[derive(Clone, Copy)]
-pub struct Look {
-    /// Its colour.
-    pub colour: RGBColor,
-    /// Pale and broad: what was commanded, behind what was done.
-    pub pale: bool,
+/// How something looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// A line.
+    Solid(RGBColor),
+    /// A pale and broad line: what was commanded, behind what was done.
+    Pale(RGBColor),
+    /// An area.
+    Area(RGBColor),
 }
 
-const fn solid(colour: RGBColor) -> Look {
-    Look { colour, pale: false }
-}
+impl State {
+    /// How it looks behind the lines.
+    pub const fn look(self) -> Look {
+        Look::Area(match self {
+            Self::NotEnabled => style::NOT_ENABLED,
+            Self::Homing => style::HOMING,
+            Self::Fault => style::FAULT,
+        })
+    }
 
-const fn pale(colour: RGBColor) -> Look {
-    Look { colour, pale: true }
+    const fn name(self) -> &'static str {
+        match self {
+            Self::NotEnabled => "not enabled",
+            Self::Homing => "homing",
+            Self::Fault => "fault",
+        }
+    }
 }
 
 /// The panels, from top to bottom. A kind of line that there is none of has no panel; the FIFO always has.
@@ -62,20 +78,28 @@ pub fn panels(lines: Lines) -> Vec<Panel> {
     let mut all = Vec::new();
     let mut shared = Shared::default();
     for (axis, colour) in axes.into_iter().zip(colours) {
-        let AxisLines { axis, target, position, difference, target_velocity, target_torque, torque } = axis;
-        shared.axes.push((solid(colour), format!("axis {axis}")));
-        shared.velocity.push(Stroke { pieces: target_velocity, look: pale(colour) });
-        shared.difference.push(Stroke { pieces: difference, look: solid(colour) });
-        shared.target_torque.push(Stroke { pieces: target_torque, look: pale(colour) });
-        shared.torque.push(Stroke { pieces: torque, look: solid(colour) });
-        let mut legend = vec![(solid(colour), "actual".to_owned())];
+        let AxisLines { axis, target, position, difference, target_velocity, target_torque, torque, states } = axis;
+        shared.axes.push((Look::Solid(colour), format!("axis {axis}")));
+        shared.velocity.push(Stroke { pieces: target_velocity, look: Look::Pale(colour) });
+        shared.difference.push(Stroke { pieces: difference, look: Look::Solid(colour) });
+        shared.target_torque.push(Stroke { pieces: target_torque, look: Look::Pale(colour) });
+        shared.torque.push(Stroke { pieces: torque, look: Look::Solid(colour) });
+        let mut legend = vec![(Look::Solid(colour), "actual".to_owned())];
         if !target.is_empty() {
-            legend.insert(0, (pale(colour), "target, as sent".to_owned()));
+            legend.insert(0, (Look::Pale(colour), "target, as sent".to_owned()));
         }
-        let strokes =
-            vec![Stroke { pieces: target, look: pale(colour) }, Stroke { pieces: position, look: solid(colour) }];
+        for state in [State::NotEnabled, State::Homing, State::Fault] {
+            if states.iter().any(|span| span.state == state) {
+                legend.push((state.look(), state.name().to_owned()));
+            }
+        }
+        let strokes = vec![
+            Stroke { pieces: target, look: Look::Pale(colour) },
+            Stroke { pieces: position, look: Look::Solid(colour) },
+        ];
         let name = format!("Axis {axis}: position (counts)");
-        all.extend(Panel::of(name, height, 1.0, strokes, legend));
+        let panel = Panel::of(name, height, 1.0, strokes, legend);
+        all.extend(panel.map(|panel| Panel { spans: states, ..panel }));
     }
     all.extend(shared.panels(with_difference));
     all.push(fifo(fifo_free, full, full_reports));
@@ -108,15 +132,16 @@ impl Shared {
 }
 
 fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64) -> Panel {
-    let mut legend = vec![(solid(style::FIFO), "free entries".to_owned())];
+    let mut legend = vec![(Look::Solid(style::FIFO), "free entries".to_owned())];
     if full_reports > 0 {
         let plural = if full_reports == 1 { "" } else { "s" };
         let text = format!("commands lost: the full count went up in {full_reports} report{plural}");
-        legend.push((solid(style::ALARM), text));
+        legend.push((Look::Solid(style::ALARM), text));
     }
-    let strokes = vec![Stroke { pieces: free, look: solid(style::FIFO) }];
+    let strokes = vec![Stroke { pieces: free, look: Look::Solid(style::FIFO) }];
     let range = -4.0..f64::from(FIFO_ENTRIES) + 8.0;
-    Panel { name: format!("FIFO: free entries of {FIFO_ENTRIES}"), height: 110, range, strokes, marks: full, legend }
+    let name = format!("FIFO: free entries of {FIFO_ENTRIES}");
+    Panel { name, height: 110, range, strokes, spans: Vec::new(), marks: full, legend }
 }
 
 impl Panel {
@@ -128,6 +153,6 @@ impl Panel {
         // A value that never changes lies in the middle, with some steps of it around.
         let room = ((top - bottom) * 0.08).max(least * 5.0 * f64::from(u8::from(top == bottom)));
         let range = bottom - room..top + room;
-        Some(Self { name, height, range, strokes, marks: Vec::new(), legend })
+        Some(Self { name, height, range, strokes, spans: Vec::new(), marks: Vec::new(), legend })
     }
 }

@@ -2,11 +2,13 @@
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{
-    DriveResponse, FIFO_ENTRIES, FifoAction, MasterCommand, MasterResponse, SlaveCommand, SlaveKind, SlotCommand,
+    CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, SlaveCommand, SlaveKind,
+    SlotCommand, SlotSize,
 };
 
 use super::decimate::Line;
 use super::follow::{Follow, InForce, Targets};
+use super::states::{Span, States};
 use super::{Window, style, survey};
 use crate::cli::kinds::Kinds;
 use crate::cli::recording::Framed;
@@ -47,6 +49,8 @@ pub struct AxisLines {
     pub target_torque: Pieces,
     /// Percent of rated.
     pub torque: Pieces,
+    /// When the drive was not just enabled.
+    pub states: Vec<Span>,
 }
 
 /// The lines under construction.
@@ -71,6 +75,7 @@ struct Axis {
     target_velocity: Line,
     target_torque: Line,
     torque: Line,
+    states: States,
 }
 
 impl Series {
@@ -86,6 +91,7 @@ impl Series {
             target_velocity: held(),
             target_torque: held(),
             torque: line(),
+            states: States::new(window, COLUMNS),
         };
         Self {
             window,
@@ -123,6 +129,7 @@ impl Series {
             target_velocity: axis.target_velocity.finish(),
             target_torque: axis.target_torque.finish(),
             torque: axis.torque.finish(),
+            states: axis.states.finish(),
         };
         Lines {
             axes: self.axes.into_iter().map(axis).collect(),
@@ -148,6 +155,7 @@ impl Series {
                 }
                 Ok(SlaveCommand::Csv(motion)) => axis.target_velocity.push(at_ns, motion.first.target.into()),
                 Ok(SlaveCommand::Cst(torque)) => axis.target_torque.push(at_ns, percent(torque)),
+                Ok(SlaveCommand::GoHome) => axis.states.go_home(),
                 _ => {}
             }
         }
@@ -170,12 +178,19 @@ impl Series {
         let MasterResponse { fifo_free, full_count, error, .. } = master;
         let follow = self.follow.as_mut();
         let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, fifo_free, full_count, error));
+        let aborted = answers_abort_home(frame, size);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let number = usize::from(axis.number);
             let drive = DriveResponse::decode(&frame.slot(size, number));
             axis.position.push(at_ns, drive.position.into());
-            // An HSP has its inputs there.
-            if self.kinds.of(number) != Some(SlaveKind::Hsp) {
+            // An HSP has its inputs in the place of torque, and no error code.
+            let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
+            if axis.states.report(at_ns, &drive, aborted, is_drive) {
+                // What was sent before is not in force any more.
+                let targets = [&mut axis.target, &mut axis.target_velocity, &mut axis.target_torque];
+                targets.into_iter().for_each(|line| line.interrupt(at_ns));
+            }
+            if is_drive {
                 axis.torque.push(at_ns, percent(drive.torque));
             }
             let target = match in_force {
@@ -204,8 +219,14 @@ impl Series {
             let lines = [&mut axis.target, &mut axis.position, &mut axis.difference];
             let more = [&mut axis.target_velocity, &mut axis.target_torque, &mut axis.torque];
             lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
+            axis.states.interrupt(at_ns);
         }
     }
+}
+
+/// Whether a report answers ABORT_HOME, which ends homing of all slaves in whatever slot it was.
+fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
+    (1..=size.max_slaves()).any(|n| CommandId::from_code(frame.slot(size, n).id) == CommandId::AbortHome)
 }
 
 /// From 0.1 % of rated.

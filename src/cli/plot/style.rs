@@ -55,6 +55,12 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
 /// A loss.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
+/// Behind the lines of a drive with a fault.
+pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
+/// Behind the lines of a drive that is homing.
+pub const HOMING: RGBColor = RGBColor(0xFF, 0xEE, 0xB8);
+/// Behind the lines of a drive that is not enabled.
+pub const NOT_ENABLED: RGBColor = RGBColor(0xE9, 0xEC, 0xEF);
 /// Titles and names.
 pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);
 /// Numbers and captions.

@@ -100,6 +100,8 @@ pub struct Axis {
     origin: i64,
     /// The next target position in process data was made before the master could see where the axis is.
     stale: bool,
+    /// How long shaft and demand have been still, in mode 6 and while the axis brakes after it.
+    still_ns: Ns,
     mode: Mode,
     targets: Targets,
     motion: Motion,
@@ -141,6 +143,7 @@ impl Axis {
             homing: Homing::new(settings.homing),
             origin: 0,
             stale: false,
+            still_ns: 0,
             mode: Mode::Csp,
             targets: Targets { position: position as i32, ..Targets::default() },
             motion: Motion::Off,
@@ -201,6 +204,7 @@ impl Axis {
         self.mode = mode;
         self.targets = Targets { position: self.position() as i32, ..Targets::default() };
         if mode == Mode::Homing {
+            self.begin_to_stand();
             self.homing.enter(self.machine.controlword(), self.settings.homing);
         }
     }
@@ -258,6 +262,13 @@ impl Axis {
     /// `ns` pass out of `left` until the targets are due.
     fn slice(&mut self, ns: Ns, left: Ns) {
         self.machine.step(ns, self.has_stopped());
+        self.pass(ns, left);
+        if self.mode == Mode::Homing || self.motion == Motion::BrakeAfterHoming {
+            self.note_stand(ns);
+        }
+    }
+
+    fn pass(&mut self, ns: Ns, left: Ns) {
         match self.machine.power() {
             Power::Off => {
                 self.plant.run(Effort::Coast, ns);

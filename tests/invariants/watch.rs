@@ -3,7 +3,7 @@
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::engine::HomingPhase;
 use ecmsk::fieldbus::Ns;
-use ecmsk::sk::{Frame, MasterResponse, StateByte};
+use ecmsk::sk::{Frame, MasterResponse, MasterState, StateByte};
 
 use crate::machine::{Machine, SPEED};
 
@@ -23,6 +23,7 @@ struct Last {
 /// The watch.
 pub struct Watch {
     state: StateByte,
+    boots: u64,
     axes: Vec<[Last; 2]>,
     /// Fastest that a shaft was, as a part of what it may be.
     pub fastest: f64,
@@ -32,7 +33,13 @@ pub struct Watch {
 
 impl Watch {
     pub fn new(machine: &Machine) -> Self {
-        Self { state: machine.state(), axes: vec![Default::default(); machine.units.len()], fastest: 0.0, homed: 0 }
+        Self {
+            state: machine.state(),
+            boots: machine.board.engine().boots(),
+            axes: vec![Default::default(); machine.units.len()],
+            fastest: 0.0,
+            homed: 0,
+        }
     }
 
     /// The shafts of a slave are jammed, or free again.
@@ -42,6 +49,11 @@ impl Watch {
 
     /// A cycle of `dt_ns` has passed.
     pub fn cycle(&mut self, machine: &Machine, report: Option<&Frame>, dt_ns: Ns) {
+        if machine.board.engine().boots() != self.boots {
+            // SK-4.47 The first state that a host sees of a board.
+            self.boots = machine.board.engine().boots();
+            self.state = StateByte::reached(MasterState::PreOp);
+        }
         if let Some(report) = report {
             self.state_byte(MasterResponse::decode(&report.slot(machine.size, 0)).state);
             for n in 0..machine.units.len() {

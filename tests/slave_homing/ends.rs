@@ -88,6 +88,25 @@ fn interrupted() {
     assert_eq!(bench.home(22).end, Ok(LAST));
 }
 
+/// Whenever bit 4 falls: once bit 10 says that the axis stands it does not move any more, also where it only turned.
+#[test]
+fn interrupted_at_any_time() {
+    for ms in (2..80).step_by(3) {
+        let mut bench = Bench::new(travel(CAM), 290_000);
+        bench.rig.write(0x6099, 1, SdoSize::Four, 2 << 17);
+        bench.rig.write(0x609A, 0, SdoSize::Four, 100 << 17);
+        bench.way_limit = 1e9;
+        bench.start(18);
+        bench.run_for_ms(ms);
+        bench.controlword(0);
+        bench.cycle();
+        (0..20_000).find(|_| bench.cycle() == Bits::NotRunning).expect("it stands");
+        let stands = bench.shaft();
+        bench.run_for_ms(200);
+        assert!((bench.shaft() - stands).abs() <= 1, "after {ms} ms: {stands}, then {}", bench.shaft());
+    }
+}
+
 /// Bit 8: the axis brakes by 0x605D and stands, with bit 10; when it is taken back the run goes on to its home.
 #[test]
 fn halted() {

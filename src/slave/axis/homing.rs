@@ -13,6 +13,9 @@ use crate::slave::homing::{Homed, Homing, Shaft};
 use crate::slave::plant::{Effort, Motor};
 use crate::slave::switches::{Input, Inputs, Switches, Travel};
 
+/// So long a shaft does not move before it stands: where it turns it is still for a moment only \[OURS].
+const STILL_NS: Ns = 5_000_000;
+
 impl Axis {
     /// The same axis with switches along its travel; one that was only made has none.
     pub fn on(mut self, travel: &Travel, motor: &Motor) -> Self {
@@ -98,8 +101,22 @@ impl Axis {
         true
     }
 
-    /// The shaft stands and the demand too.
-    pub(super) fn stands(&self) -> bool {
+    /// The shaft stands and the demand too, and has done so for a while.
+    pub(super) const fn stands(&self) -> bool {
+        self.still_ns >= STILL_NS
+    }
+
+    /// Mode 6 begins: an axis that is still now has been so.
+    pub(super) fn begin_to_stand(&mut self) {
+        self.still_ns = if self.is_still() { STILL_NS } else { 0 };
+    }
+
+    /// `ns` have passed.
+    pub(super) fn note_stand(&mut self, ns: Ns) {
+        self.still_ns = if self.is_still() { self.still_ns.saturating_add(ns) } else { 0 };
+    }
+
+    fn is_still(&self) -> bool {
         let demanded = matches!(self.motion, Motion::Follow | Motion::BrakeAfterHoming) && self.demand.velocity != 0.0;
         self.plant.is_at_standstill() && !demanded
     }

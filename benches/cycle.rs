@@ -3,6 +3,8 @@
 //! moved. Also memory with 40 drives in OP, and virtual cycles a second.
 
 mod common;
+#[path = "common/board.rs"]
+mod host;
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -26,7 +28,7 @@ const STROKE: i32 = 1000;
 
 fn main() {
     let memory_before = resident_kib();
-    let mut board = board_in_op();
+    let mut board = drives_in_op(DRIVES);
     common::fact("memory_40_drives_op", resident_kib() - memory_before, "KiB");
 
     let mut command = Frame::new();
@@ -103,48 +105,6 @@ impl PlainLoop {
         self.report.bytes_mut()[3] = crc;
         black_box(&self.report);
     }
-}
-
-fn board_in_op() -> Board {
-    let drives = (0..DRIVES).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>).collect();
-    let mut board = Board::new(EngineConfig::default(), Box::new(SimBus::new(drives)));
-    assert!(board.boot(60_000_000_000));
-    for group in 0..5 {
-        send(&mut board, |frame| {
-            frame.put_master(SIZE, &MasterCommand::SetAxis { group, kinds: [SlaveKind::Drive; 8] });
-        });
-    }
-    send(&mut board, |frame| frame.put_master(SIZE, &MasterCommand::SetState(MasterState::Op)));
-    cycle_until(&mut board, |report| {
-        MasterResponse::decode(&report.slot(SIZE, 0)).state == StateByte::reached(MasterState::Op)
-    });
-    send(&mut board, |frame| {
-        for slave in 1..=DRIVES {
-            frame.put_slave(SIZE, slave, &SlaveCommand::ServoOn.into());
-        }
-    });
-    cycle_until(&mut board, |report| {
-        (1..=DRIVES).all(|slave| DriveResponse::decode(&report.slot(SIZE, slave)).statusword.is_enabled())
-    });
-    board
-}
-
-fn send(board: &mut Board, build: impl FnOnce(&mut Frame)) {
-    let mut frame = Frame::new();
-    build(&mut frame);
-    let at = board.now();
-    board.host(&frame, at, &mut |_, _| {});
-}
-
-fn cycle_until(board: &mut Board, done: impl Fn(&Frame) -> bool) {
-    for _ in 0..100_000 {
-        let mut reached = false;
-        board.cycle(&mut |report, _| reached = done(report));
-        if reached {
-            return;
-        }
-    }
-    panic!("the bench's board does not come up");
 }
 
 /// This process's memory, `VmRSS` of proc(5).

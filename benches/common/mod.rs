@@ -98,7 +98,8 @@ fn calls_per_block(call: &mut impl FnMut()) -> u64 {
     ((BLOCK_TIME.as_nanos() as f64 / per_call) as u64).max(1)
 }
 
-fn per_call_ns(calls: u64, call: &mut impl FnMut()) -> f64 {
+/// Time of a call, mean of so many.
+pub fn per_call_ns(calls: u64, call: &mut impl FnMut()) -> f64 {
     let start = Instant::now();
     for _ in 0..calls {
         call();

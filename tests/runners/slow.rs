@@ -13,7 +13,7 @@ use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::FIFO_ENTRIES;
 use ecmsk::slave::{Drive, DriveConfig};
 
-use crate::client::{Client, MS, target};
+use crate::client::{Client, MS, PATIENCE, target};
 
 /// A bus that does something of the test's at the beginning of every cycle.
 pub struct Hooked<F>(pub SimBus, pub F);
@@ -69,9 +69,6 @@ fn open(mut hook: impl FnMut(u64) + Send + 'static) -> (Client, Arc<EngineLink>)
     let link = Arc::new(EngineLink::open("slow", board, options, None).expect("opens"));
     (Client::on(Arc::clone(&link) as Arc<dyn Link>), link)
 }
-
-/// A wait that ends with an error where the board hangs.
-const PATIENCE: Wait = Wait::For(Duration::from_secs(60));
 
 /// SK-9.8 A host that was suspended, or stopped in a debugger, for longer than its board catches up on goes on when it
 /// is back: reports come, and frames are executed. The gap is left out and counted.

@@ -14,6 +14,8 @@ mod drives;
 mod entries;
 mod failures;
 mod fifo;
+mod full_table;
+mod full_table_run;
 mod homer;
 mod homing;
 mod homing_ends;

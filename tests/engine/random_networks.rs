@@ -10,8 +10,8 @@ use ecmsk::sk::SlotSize::{self, Bytes12, Bytes16};
 
 use crate::ahead_bus::{Ahead, AheadBus};
 use crate::dice::Dice;
-use crate::models::Model::{self, *};
 use crate::models::MODELS;
+use crate::models::Model::{self, *};
 use crate::random::{Run, SWIFT, Totals};
 
 /// A network and the board at it.

@@ -91,7 +91,17 @@ impl Table {
         let id = command.id;
         let what = format!("{size:?} {firmware:?} {:02X}: {command:X?} in {place:?}", state.byte());
         let expected = outcome(sent, place, state, *firmware);
-        host.idle().cycle();
+        // In OP its answer shows the id of something else before.
+        let shows = match place {
+            Io => 0x13,
+            _ if place.is_slave() => 0x10,
+            _ => 0,
+        };
+        host.raw(
+            if state.is_op() { slot } else { 0 },
+            RawSlot { id: if state.is_op() { shows } else { 0 }, ..RawSlot::ZERO },
+        );
+        host.cycle();
         let (before, counted, mark, boots) =
             (host.slot(slot), host.counters(), host.mark(), host.board.engine().boots());
 

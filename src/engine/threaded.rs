@@ -44,6 +44,7 @@ struct Shown {
     snapshot: Snapshot,
     events: Vec<Event>,
     events_total: u64,
+    now: Ns,
 }
 
 struct Shared {
@@ -65,6 +66,7 @@ impl Shared {
                 snapshot: board.snapshot(),
                 events: Vec::with_capacity(EVENTS_KEPT),
                 events_total: board.engine().events_total(),
+                now: board.now(),
             }),
             cycles: AtomicU64::new(0),
             worst_ns: AtomicU64::new(0),
@@ -186,9 +188,10 @@ impl Threaded {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
     }
 
-    /// Takes the events since the last look.
-    pub fn take_events(&self) -> Vec<Event> {
-        self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).events.drain(..).collect()
+    /// Takes the events since the last look; with the counters and the time of the board's last cycle.
+    pub fn take_events(&self) -> (Vec<Event>, Counters, Ns) {
+        let mut shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        (shown.events.drain(..).collect(), shown.counters, shown.now)
     }
 
     /// How late cycles were so far.
@@ -287,6 +290,7 @@ fn show(board: &Board, shared: &Shared) {
     let engine = board.engine();
     shown.counters = *engine.counters();
     shown.snapshot = board.snapshot();
+    shown.now = board.now();
     let seen = std::mem::replace(&mut shown.events_total, engine.events_total());
     if engine.events_total() > seen {
         let room = EVENTS_KEPT - shown.events.len();

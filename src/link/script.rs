@@ -46,7 +46,7 @@ mod verbs;
 mod words;
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use super::keys::WHERE_TO_LOOK;
@@ -105,7 +105,11 @@ impl Script {
         let mut text = String::new();
         let reader = File::open(path).map_err(|error| unreadable(error.to_string()))?;
         let read = reader.take(LONGEST_BYTES + 1).read_to_string(&mut text);
-        if read.map_err(|error| unreadable(error.to_string()))? as u64 > LONGEST_BYTES {
+        let read = read.map_err(|error| match error.kind() {
+            ErrorKind::InvalidData => unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()),
+            _ => unreadable(error.to_string()),
+        });
+        if read? as u64 > LONGEST_BYTES {
             return Err(unreadable(format!("it is longer than {LONGEST_BYTES} bytes")));
         }
         Self::parse(&file, &text, slaves)
@@ -117,9 +121,11 @@ impl Script {
     /// [`ScriptError::Line`].
     pub fn parse(file: &str, text: &str, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let mut steps = Vec::new();
+        // Editors on Windows put a byte order mark in front.
+        let text = text.strip_prefix('\u{FEFF}').unwrap_or(text);
         for (line, text) in (1..).zip(text.lines()) {
             verbs::line(line, text, slaves, &mut steps).map_err(|(column, message)| {
-                let file = file.to_owned();
+                let (file, message) = (file.to_owned(), visible(&message));
                 ScriptError::Line { file, line, column, message }
             })?;
         }
@@ -142,4 +148,18 @@ impl Script {
     pub fn start(self, network: SimHandle, board: BoardHandle, now: Ns) -> Run {
         Run::new(self.steps, network, board, now)
     }
+}
+
+/// A message with the characters of a file in it that nobody can see, such as a NUL, made visible.
+fn visible(message: &str) -> String {
+    let mut shown = String::with_capacity(message.len());
+    for character in message.chars() {
+        if character.is_control() || matches!(character, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{FEFF}')
+        {
+            shown.extend(character.escape_unicode());
+        } else {
+            shown.push(character);
+        }
+    }
+    shown
 }

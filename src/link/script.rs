@@ -51,6 +51,7 @@ use std::path::Path;
 
 use super::keys::WHERE_TO_LOOK;
 use super::slaves::SlaveSpec;
+use super::uri::visible;
 use crate::engine::BoardHandle;
 use crate::fieldbus::Ns;
 use crate::fieldbus::sim::SimHandle;
@@ -148,18 +149,4 @@ impl Script {
     pub fn start(self, network: SimHandle, board: BoardHandle, now: Ns) -> Run {
         Run::new(self.steps, network, board, now)
     }
-}
-
-/// A message with the characters of a file in it that nobody can see, such as a NUL, made visible.
-fn visible(message: &str) -> String {
-    let mut shown = String::with_capacity(message.len());
-    for character in message.chars() {
-        if character.is_control() || matches!(character, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{FEFF}')
-        {
-            shown.extend(character.escape_unicode());
-        } else {
-            shown.push(character);
-        }
-    }
-    shown
 }

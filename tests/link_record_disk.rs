@@ -224,7 +224,9 @@ fn the_first_recording_replaces_a_file_and_later_ones_append() {
     // An older recording of another process, longer than what comes now.
     let older = dir.path().join("older");
     let link = record_to(&older, Clock::Virtual);
-    (0..100).for_each(|number| drop(link.write(&frame(number), Wait::Now).unwrap()));
+    for number in 0..100 {
+        link.write(&frame(number), Wait::Now).unwrap();
+    }
     link.close();
     std::fs::copy(&older, &path).unwrap();
     for number in 0..3 {

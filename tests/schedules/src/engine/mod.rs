@@ -27,6 +27,7 @@ mod sync {
 }
 
 use ecmsk::engine::Stop;
+use ecmsk::fieldbus::Ns;
 use ecmsk::sk::Frame;
 use handover::Handover;
 use shuttle::sync::Arc;

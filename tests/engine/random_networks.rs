@@ -63,7 +63,7 @@ const NETWORKS: [Network; 14] = [
 ];
 
 /// Frames for each network when nobody asks for more.
-const SHARE: u64 = 2000;
+const SHARE: u64 = 1000;
 
 fn asked(variable: &str) -> Option<u64> {
     let text = std::env::var(variable).ok()?;
@@ -118,7 +118,7 @@ fn random_frames_against_every_network() {
         );
         // Nothing of it is for lack of frames that are executed, dropped and lost.
         if !network.breaks {
-            totals.at_least(&[frames / 10, frames / 100, 0, 0, 0, 0, 0]);
+            totals.at_least(&[frames / 20, frames / 100, 0, 0, 0, 0, 0]);
         }
     }
 }

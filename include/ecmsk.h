@@ -258,7 +258,8 @@ const char *ecmsk_version(void);
  * failed in this thread, why OpenECMUSB failed last in any; else an empty text. A call that succeeds changes nothing.
  *
  * # Safety
- * None. The text is valid until this thread calls the library again or ends.
+ * None. The text is at one address for as long as the thread lives, at most 2047 bytes; the next call of this thread
+ * that fails writes its own text there.
  */
 const char *ecmsk_last_error(void);
 

@@ -17,6 +17,9 @@ use cli_support::{Ran, ecmsk};
 use ecmsk::link::uri::LinkUri;
 use tempfile::TempDir;
 
+/// What the library does when a program opens a board.
+const OPENS: &str = ": > \"$ECMSK_OPENED\";";
+
 /// A folder with something that looks like the library, and one for temporary files.
 struct Place {
     folder: TempDir,
@@ -45,9 +48,10 @@ impl Place {
         command
     }
 
-    /// Runs a shell script to its end; nothing is left behind.
+    /// Runs a shell script that does as the library does when a board is opened, to its end; nothing is left behind.
     fn run(&self, options: &[&str], script: &str) -> Ran {
-        let ran = self.exec(options).args(["--", "sh", "-c", script]).output().expect("the tool starts").into();
+        let script = format!("{OPENS} {script}");
+        let ran = self.exec(options).args(["--", "sh", "-c", &script]).output().expect("the tool starts").into();
         self.is_clean();
         ran
     }
@@ -87,10 +91,22 @@ fn the_link_reaches_the_program() {
 fn without_a_link_the_environment_stays() {
     let place = Place::new();
     assert_eq!(place.run(&[], "echo \"${ECMSK_LINK-not set}\"").quiet(), "not set\n");
-    let script = ["--", "sh", "-c", "echo \"$ECMSK_LINK\""];
+    let script = ["--", "sh", "-c", &format!("{OPENS} echo \"$ECMSK_LINK\"")];
     let mut command = place.exec(&[]);
     let ran = Ran::from(command.args(script).env("ECMSK_LINK", "anything").output().expect("the tool starts"));
     assert_eq!(ran.quiet(), "anything\n");
+}
+
+/// A program that never came to the library is named, with or without a link; the exit code is its own.
+#[test]
+fn a_program_that_opens_no_board_is_named() {
+    let place = Place::new();
+    for options in [&[] as &[&str], &["--link", "sim:"]] {
+        let ran = Ran::from(place.exec(options).args(["--", "sh", "-c", "exit 3"]).output().expect("the tool starts"));
+        assert_eq!(ran.code, Some(3));
+        assert!(ran.err.starts_with("note: sh has opened no board; ") && ran.err.contains("ldd"), "{}", ran.err);
+        assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+    }
 }
 
 /// The first folder of the search path is private and has the library under both its names, nothing else.
@@ -110,7 +126,9 @@ fn the_search_path_is_kept() {
     let place = Place::new();
     for (before, after) in [("/a:/b", ":/a:/b"), ("", "")] {
         let mut command = place.exec(&[]);
-        command.args(["--", "sh", "-c", "echo \"$LD_LIBRARY_PATH\""]).env("LD_LIBRARY_PATH", before);
+        command
+            .args(["--", "sh", "-c", ": > \"$ECMSK_OPENED\"; echo \"$LD_LIBRARY_PATH\""])
+            .env("LD_LIBRARY_PATH", before);
         let out = Ran::from(command.output().expect("the tool starts")).quiet();
         let own = out.trim_end().strip_suffix(after).expect("the user's folders stand at the end");
         assert!(own.starts_with(place.tmp().to_str().expect("UTF-8")) && !own.contains(':'), "{out}");
@@ -127,7 +145,7 @@ fn the_library_may_be_named() {
     fs::create_dir(&only_soname).expect("a folder");
     symlink(&file, only_soname.join("libNEXTWUSBLib.so.0")).expect("a link");
     for name in [&file, &only_soname] {
-        let script = "readlink -f \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so.0\"";
+        let script = ": > \"$ECMSK_OPENED\"; readlink -f \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so.0\"";
         let mut command = ecmsk(["exec", "--library"]);
         command.arg(name).args(["--", "sh", "-c", script]).env("TMPDIR", place.tmp());
         let out = Ran::from(command.output().expect("the tool starts")).quiet();
@@ -146,7 +164,13 @@ fn the_library_is_looked_for_beside_the_tool() {
     install(Path::new(env!("CARGO_BIN_EXE_ecmsk")), &tool, "755");
     let run = || {
         let mut command = Command::new(&tool);
-        command.args(["exec", "--", "sh", "-c", "readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so\""]);
+        command.args([
+            "exec",
+            "--",
+            "sh",
+            "-c",
+            ": > \"$ECMSK_OPENED\"; readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so\"",
+        ]);
         Ran::from(command.env("TMPDIR", place.tmp()).output().expect("the tool starts"))
     };
     let bin = fs::canonicalize(&bin).expect("a folder");
@@ -223,7 +247,7 @@ fn record_without_a_link() {
         }
         Ran::from(command.output().expect("the tool starts"))
     };
-    place.program("program", "#!/bin/sh\necho \"$ECMSK_LINK\"\n", "755");
+    place.program("program", "#!/bin/sh\n: > \"$ECMSK_OPENED\"; echo \"$ECMSK_LINK\"\n", "755");
     run(None).failed(2, &["`usb:` is not in this build"], "ecmsk link help");
     let record = LinkUri::parse(run(Some("sim:?slot=16")).quiet().trim_end()).expect("a link");
     let expected = fs::canonicalize(place.path()).expect("a folder").join("run.pcapng");
@@ -335,7 +359,7 @@ fn wrong_temporary_folders() {
 #[test]
 fn signals_are_inherited_as_they_were() {
     let place = Place::new();
-    let script = ["--", "sh", "-c", "cat /proc/self/status"];
+    let script = ["--", "sh", "-c", ": > \"$ECMSK_OPENED\"; cat /proc/self/status"];
     // Signals above 31 are the C library's own.
     let mask = |status: &str, name: &str| {
         let mask = status.lines().find_map(|line| line.strip_prefix(name)).expect("a line");

@@ -332,7 +332,6 @@ fn errors() {
     recorded.try_plot(&["--from", "9"]).failed(1, &["asked for 9 s and later", &end], "change --from or --to");
     recorded.try_plot(&["--to", "-1"]).failed(1, &["asked for all until -1 s", &end], "change --from or --to");
     recorded.try_plot(&["--from", "0.5", "--to", "0.4"]).failed(1, &["0.5 s to 0.4 s"], "change --from or --to");
-    recorded.try_plot(&["--from", "nan"]).failed(1, &["NaN"], "change --from or --to");
     recorded.try_plot(&["--axes", "0"]).misused(&["--axes"]);
     recorded.try_plot(&["--axes", "41"]).misused(&["--axes"]);
     recorded.try_plot(&["--axes", "31", "--slot-size", "16"]).failed(
@@ -385,4 +384,26 @@ fn a_clear_is_a_command_too() {
         board.cycle();
     }
     assert_eq!(Recorded::new(&board).plot(&[]).panel_names().len(), 3);
+}
+
+/// An axis that the recording says nothing of is an error, and the text names those that there are.
+#[test]
+fn empty_axes() {
+    let (board, _) = two_axes();
+    let recorded = Recorded::new(&board);
+    recorded.try_plot(&["--axes", "1,9"]).failed(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
+    recorded.plot(&["--axes", "2"]);
+}
+
+/// A time is a finite number.
+#[test]
+fn times_that_are_none() {
+    let (board, _) = two_axes();
+    let recorded = Recorded::new(&board);
+    for option in ["--from", "--to"] {
+        for none in ["nan", "inf", "-1e999", "NaN", "1e999"] {
+            recorded.try_plot(&[option, none]).misused(&[option, none, "not a time"]);
+        }
+        recorded.try_plot(&[option, "soon"]).misused(&[option, "soon", "not a number of seconds"]);
+    }
 }

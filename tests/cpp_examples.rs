@@ -72,17 +72,20 @@ fn uri_part(path: &str) -> String {
 fn built() -> &'static PathBuf {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
+        let moved = out_dir().join("prefix to be moved");
         let prefix = out_dir().join("prefix");
-        let _ = fs::remove_dir_all(&prefix);
-        fs::create_dir_all(&prefix).expect("a folder in the target folder");
-        symlink(&support::library().dir, prefix.join("lib")).expect("a symbolic link");
-        symlink(support::include_dir(), prefix.join("include")).expect("a symbolic link");
+        [&moved, &prefix].map(fs::remove_dir_all).into_iter().for_each(drop);
+        let pkgconfig = moved.join("lib/pkgconfig");
+        fs::create_dir_all(&pkgconfig).expect("a folder in the target folder");
+        for name in ["libNEXTWUSBLib.so", "libNEXTWUSBLib.so.0"] {
+            symlink(support::library().dir.join(name), moved.join("lib").join(name)).expect("a symbolic link");
+        }
+        symlink(support::include_dir(), moved.join("include")).expect("a symbolic link");
         let template = fs::read_to_string(root().join("capi/nextwusblib.pc.in")).expect("capi/nextwusblib.pc.in");
-        let file = template
-            .replace("@PREFIX@", prefix.to_str().expect("UTF-8"))
-            .replace("@VERSION@", env!("CARGO_PKG_VERSION"))
-            .replace("@PRIVATE_LIBS@", "");
-        fs::write(prefix.join("nextwusblib.pc"), file).expect("a file in the target folder");
+        let file = template.replace("@VERSION@", env!("CARGO_PKG_VERSION")).replace("@PRIVATE_LIBS@", "");
+        fs::write(pkgconfig.join("nextwusblib.pc"), file).expect("a file in the target folder");
+        // What was installed may be moved: no file in it names its place.
+        fs::rename(&moved, &prefix).expect("a folder can be moved");
 
         let out = out_dir().join("programs");
         let _ = fs::remove_dir_all(&out);
@@ -90,7 +93,7 @@ fn built() -> &'static PathBuf {
             let mut make = Command::new("make");
             make.arg("-C").arg(root().join("examples").join(folder)).arg(format!("OUT={}", out.display()));
             make.arg(format!("{variable}=-std={standard} -O1 -g -Wall -Wextra -pedantic -Werror"));
-            support::succeed(make.env("PKG_CONFIG_PATH", &prefix));
+            support::succeed(make.env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig")));
         }
         out
     })

@@ -221,7 +221,14 @@ fn a_file_that_cannot_be_written_is_named() {
 fn the_first_recording_replaces_a_file_and_later_ones_append() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("recording");
-    std::fs::write(&path, vec![0xA5; 100_000]).unwrap();
+    // An older recording of another process, longer than what comes now.
+    let older = dir.path().join("older");
+    let link = record_to(&older, Clock::Virtual);
+    for number in 0..100 {
+        link.write(&frame(number), Wait::Now).unwrap();
+    }
+    link.close();
+    std::fs::copy(&older, &path).unwrap();
     for number in 0..3 {
         let link = record_to(&path, Clock::Virtual);
         link.write(&frame(number), Wait::Now).unwrap();
@@ -231,4 +238,25 @@ fn the_first_recording_replaces_a_file_and_later_ones_append() {
         let recorded = read_file(&path);
         assert!(recorded.iter().map(|recorded| &recorded.frame).eq((0..=number).map(frame).collect::<Vec<_>>().iter()));
     }
+}
+
+/// A file that holds something else is left alone, and the message says so; an empty one is taken.
+#[test]
+fn other_files_are_not_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("drawing");
+    let mut capture = vec![0x0A, 0x0D, 0x0D, 0x0A, 28, 0, 0, 0, 0x4D, 0x3C, 0x2B, 0x1A, 1, 0, 0, 0];
+    capture.extend([[0xFF; 8].as_slice(), &[28, 0, 0, 0], b"ecmsk stands behind its header"].concat());
+    for text in [b"G1 X10 Y20\n".as_slice(), b"e", b"ecmsk is named here", &[0x0A, 0x0D, 0x0D, 0x0A], &capture] {
+        std::fs::write(&path, text).unwrap();
+        for _ in 0..2 {
+            let refused = RecordLink::new(Arc::new(Echo::new(true)), &path, &meta(Clock::Virtual, 0)).err().unwrap();
+            let said = refused.to_string();
+            assert!(said.contains("no recording of ecmsk") && said.contains("name another file"), "{said}");
+            assert_eq!(std::fs::read(&path).unwrap(), text);
+        }
+    }
+    std::fs::write(&path, b"").unwrap();
+    record_to(&path, Clock::Virtual).close();
+    assert_eq!(read_file(&path).len(), 0);
 }

@@ -32,6 +32,28 @@ fn what_a_script_may_say() {
     assert_eq!(script.map(|script| script.len()), Ok(2), "the second channel of a module");
 }
 
+/// What editors on Windows make of a file: a byte order mark in front is no part of it, UTF-16 is named as what it is; what
+/// nobody can see in a message is shown by its code.
+#[test]
+fn files_of_other_editors() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("script");
+    let load = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).expect("a file");
+        Script::load(&path, &slaves("drive*2"))
+    };
+    assert_eq!(load(b"\xEF\xBB\xBFat 5ms mute 1\r\nat 6ms end mute 1\r\n").map(|script| script.len()), Ok(2));
+    let utf_16: Vec<u8> = [0xFEFF].into_iter().chain("mute 1".encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    for bytes in [utf_16.as_slice(), b"\xFF"] {
+        let said = load(bytes).unwrap_err().to_string();
+        assert!(said.contains("no text in UTF-8; save it as UTF-8"), "{said}");
+    }
+    for (bytes, shown) in [(b"mute\0 1".as_slice(), "`mute\\u{0}`"), (b"at 5ms\x1b[2J mute 1", "`5ms\\u{1b}[2J`")] {
+        let said = load(bytes).unwrap_err().to_string();
+        assert!(said.contains(shown) && !said.chars().any(char::is_control), "{said}");
+    }
+}
+
 #[test]
 fn what_is_wrong_is_said_with_its_place_and_what_is_allowed() {
     const VERBS: &str = "alarm, cut, heal, mute, refuse, sdo-delay, sdo-abort, silent, full, inputs";

@@ -406,3 +406,23 @@ proptest! {
         }
     }
 }
+
+/// What nobody can see in a value is shown by its code.
+#[test]
+fn control_characters_are_shown() {
+    for (uri, shown) in
+        [("sim:?slaves=%00", "`\\u{0}`"), ("sim:?slot=1%0A2", "`1\\u{a}2`"), ("sim:?rate=%E2%80%8B1", "`\\u{200b}1`")]
+    {
+        let said = LinkUri::parse(uri).unwrap_err().to_string();
+        assert!(said.contains(shown) && !said.contains(char::is_control), "{said}");
+    }
+}
+
+/// A kind that is nearly one is guessed.
+#[test]
+fn kinds_that_are_nearly_right() {
+    for (list, near) in [("Drive*2", "did you mean `drive`?"), ("drve", "did you mean `drive`?"), ("hps2", "`hsp2`?")] {
+        let said = LinkUri::parse(&format!("sim:?slaves={list}")).unwrap_err().to_string();
+        assert!(said.contains(near), "{said}");
+    }
+}

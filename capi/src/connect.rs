@@ -14,6 +14,7 @@ use crate::error::CallError;
 /// # Errors
 /// [`CallError::Link`], [`CallError::Configured`].
 pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
+    say_opened();
     let configured = config::find(&Environment::from_process(library_dir())).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
     link::open(&configured.link, Share::ByUri)
@@ -25,7 +26,18 @@ pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
 /// # Errors
 /// [`CallError::Link`].
 pub fn named(uri: &str) -> Result<Arc<dyn Link>, Box<CallError>> {
+    say_opened();
     Ok(link::open(uri, Share::ByName)?)
+}
+
+/// Tells `ecmsk exec`, if that started the program.
+fn say_opened() {
+    if let Some(file) = std::env::var_os(config::OPENED)
+        && let Err(error) = std::fs::File::create(&file)
+    {
+        // Nobody but the tool asks for it, and its folder may be gone by now.
+        log::debug!("{}: {error}", file.display());
+    }
 }
 
 /// The folder that this library was loaded from, as the loader names it; for the static library the program's.

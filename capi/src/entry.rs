@@ -108,4 +108,19 @@ mod tests {
             });
         });
     }
+    /// The text stays where it is: a program that keeps the address reads the newest error there. A long one is cut
+    /// between two characters.
+    #[test]
+    fn the_text_has_one_place_in_a_thread() {
+        let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes.into()) });
+        let kept = error::last();
+        let long = "\u{20AC}".repeat(5000);
+        let _ = entry!(Tried(), { Err::<(), _>(CallError::Panic(long.clone()).into()) });
+        assert_eq!(error::last(), kept);
+        let text = last_error();
+        assert!(text.len() <= 2047 && text.len() > 2043, "{}", text.len());
+        assert!(CallError::Panic(long).to_string().starts_with(&text));
+        let _ = entry!(Tried(), { Err::<(), _>(CallError::NotOpen.into()) });
+        assert_eq!((error::last(), last_error()), (kept, CallError::NotOpen.to_string()));
+    }
 }

@@ -1,7 +1,7 @@
 //! Why a call failed, and the text of it that a program can ask for.
 
 use std::cell::RefCell;
-use std::ffi::{CString, c_char};
+use std::ffi::c_char;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecmsk::link::LinkError;
@@ -84,44 +84,47 @@ impl From<LinkError> for Box<CallError> {
     }
 }
 
+/// Room for the text of an error, its 0 included; a longer one is cut.
+const TEXT_LEN: usize = 2048;
+
+/// A text as C has it.
+type Text = [u8; TEXT_LEN];
+
 thread_local! {
-    static THIS_THREAD: RefCell<Option<CString>> = const { RefCell::new(None) };
+    /// This thread's last error; empty: it had none. It stays where it is until the thread ends.
+    static THIS_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
 }
 
 /// What the last OpenECMUSB that failed said, whichever thread it was.
-static LAST_OPEN: Mutex<Option<CString>> = Mutex::new(None);
+static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 
 /// Keeps the error for [`last`].
 pub fn remember(error: &CallError) {
-    let text = as_c(error);
-    // A thread that is ending has no storage left; nobody can ask there either.
-    let _ = THIS_THREAD.try_with(|last| last.replace(Some(text)));
+    THIS_THREAD.with_borrow_mut(|text| write(text, error));
 }
 
 /// Keeps the error of an OpenECMUSB for every thread.
 pub fn remember_open(error: &CallError) {
-    *lock(&LAST_OPEN) = Some(as_c(error));
+    write(&mut lock(&LAST_OPEN), error);
 }
 
 /// The text of this thread's last error; if it had none, of the last OpenECMUSB that failed; else empty.
 ///
-/// Valid until the next call of this thread that fails, or that asks here.
+/// Always at the same place for a thread, where the next error of this thread is written too.
 pub fn last() -> *const c_char {
-    THIS_THREAD
-        .try_with(|last| {
-            let mut last = last.borrow_mut();
-            if last.is_none() {
-                *last = lock(&LAST_OPEN).clone();
-            }
-            last.as_ref().map_or(c"".as_ptr(), |text| text.as_ptr())
-        })
-        .unwrap_or(c"".as_ptr())
+    THIS_THREAD.with(|text| {
+        if text.borrow()[0] == 0 {
+            *text.borrow_mut() = *lock(&LAST_OPEN);
+        }
+        text.as_ptr().cast_const().cast()
+    })
 }
 
-fn as_c(error: &CallError) -> CString {
-    let mut text = error.to_string().into_bytes();
-    text.retain(|byte| *byte != 0);
-    CString::new(text).unwrap_or_default()
+fn write(text: &mut Text, error: &CallError) {
+    let said = error.to_string().replace('\0', "");
+    let length = said.floor_char_boundary(TEXT_LEN - 1);
+    text[..length].copy_from_slice(&said.as_bytes()[..length]);
+    text[length..].fill(0);
 }
 
 /// Locks, also after a panic of another holder: what these locks guard is whole between any two statements.

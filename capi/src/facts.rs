@@ -99,7 +99,8 @@ pub extern "C" fn ecmsk_version() -> *const c_char {
 /// failed in this thread, why OpenECMUSB failed last in any; else an empty text. A call that succeeds changes nothing.
 ///
 /// # Safety
-/// None. The text is valid until this thread calls the library again or ends.
+/// None. The text is at one address for as long as the thread lives, at most 2047 bytes; the next call of this thread
+/// that fails writes its own text there.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecmsk_last_error() -> *const c_char {
     std::panic::catch_unwind(error::last).unwrap_or(c"".as_ptr())

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use clap::ValueHint;
-use ecmsk::link::config::{ConfigError, VARIABLE};
+use ecmsk::link::config::{ConfigError, OPENED, VARIABLE};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
 
@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 
     let mut command = Command::new(program);
-    command.args(arguments).env(library::SEARCH_PATH, &search_path);
+    command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED, library.opened());
     if let Some(link) = &link {
         command.env(VARIABLE, link.to_string());
     }
@@ -172,7 +172,14 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     if args.verbose {
         say("program", &ended);
     }
+    if !library.opened().exists() {
+        say("note", &format_args!("{} has opened no board; {}", Path::new(program).display(), unopened_hint()));
+    }
     Ok(ExitCode::from(child::exit_code(ended)))
+}
+
+const fn unopened_hint() -> &'static str {
+    "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library"
 }
 
 fn in_build() -> String {

@@ -54,11 +54,11 @@ pub struct Args {
     axes: Vec<u8>,
 
     /// Leave out what is before this time, in seconds
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = parse_seconds)]
     from: Option<f64>,
 
     /// Leave out what is after this time, in seconds
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = parse_seconds)]
     to: Option<f64>,
 
     /// Show the following difference too: the target executed in a cycle minus the actual position reported by it
@@ -108,6 +108,14 @@ pub enum PlotError {
         axis: u8,
         /// The frames' slot size.
         size: SlotSize,
+    },
+    /// An axis that the recording says nothing of.
+    #[error("axis {axis} is empty: no slave has its slot in OP, and no command is for it; {}", others(.axes))]
+    EmptyAxis {
+        /// The axis.
+        axis: u8,
+        /// Those that are not.
+        axes: Vec<u8>,
     },
     /// The plot would replace the recording.
     #[error("the plot would replace the recording {}; name another file with -o", .file.display())]
@@ -203,6 +211,9 @@ fn axes(args: &Args, survey: &Survey) -> Result<Vec<u8>, PlotError> {
     if let Some(axis) = args.axes.iter().copied().find(|axis| usize::from(*axis) > size.max_slaves()) {
         return Err(PlotError::NoSuchAxis { axis, size });
     }
+    if let Some(axis) = args.axes.iter().copied().find(|axis| survey.is_empty(*axis)) {
+        return Err(PlotError::EmptyAxis { axis, axes: survey.axes() });
+    }
     let mut axes = if args.axes.is_empty() { survey.axes() } else { args.axes.clone() };
     axes.sort_unstable();
     axes.dedup();
@@ -227,6 +238,20 @@ fn write(args: &Args, drawing: &str) -> Result<(), CliError> {
     Ok(output::print(format!("{}\n", file.display()))?)
 }
 
+/// What can be asked for instead.
+fn others(axes: &[u8]) -> String {
+    match axes {
+        [] => "leave --axes out, for the FIFO alone".to_owned(),
+        axes => format!("name some of {} with --axes", style::list(axes)),
+    }
+}
+
+/// A time of the command line: NaN and the infinities are none.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().map_err(|_| "not a number of seconds; write it as in 3.5".to_owned())?;
+    if f64::is_finite(seconds) { Ok(seconds) } else { Err("not a time; leave the option out for no limit".to_owned()) }
+}
+
 fn asked(from: Option<f64>, to: Option<f64>) -> String {
     match (from, to) {
         (Some(from), Some(to)) => format!("asked for {from} s to {to} s"),
@@ -248,13 +273,12 @@ impl Window {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
 
-    /// The part between two times in seconds; `None` if nothing is left. What is no number leaves nothing.
+    /// The part between two times in seconds; `None` if nothing is left.
     fn cut(self, from: Option<f64>, to: Option<f64>) -> Option<Self> {
         // A float becomes the nearest nanosecond there is.
         let from_ns = from.map_or(self.from_ns, |s| self.from_ns.max((s * 1e9) as i64));
         let to_ns = to.map_or(self.to_ns, |s| self.to_ns.min((s * 1e9) as i64));
-        let numbers = from.is_none_or(|s| !s.is_nan()) && to.is_none_or(|s| !s.is_nan());
-        (numbers && from_ns <= to_ns).then_some(Self { from_ns, to_ns })
+        (from_ns <= to_ns).then_some(Self { from_ns, to_ns })
     }
 }
 

@@ -91,9 +91,12 @@ impl Handover {
         }
     }
 
-    /// Runner: the oldest frame that has arrived.
-    pub(super) fn next_frame(&self, out: &mut Frame) -> Option<Ns> {
+    /// Runner: the oldest frame, if it arrives at `by` or before.
+    pub(super) fn next_frame(&self, out: &mut Frame, by: Ns) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
+        if inbox.frames.front().is_none_or(|(_, at)| *at > by) {
+            return None;
+        }
         let was_full = inbox.frames.len() == inbox.room;
         let (frame, at) = inbox.frames.pop_front()?;
         drop(inbox);

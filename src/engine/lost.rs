@@ -19,9 +19,11 @@ pub(super) struct Moved {
 }
 
 impl Engine {
-    /// Slaves that the outputs of the newest cycle have not reached.
+    /// Slaves that the outputs of the newest cycle have not reached. One that is declared as none is not in OP, and its
+    /// slot answers for nobody: it shows what came last, as that of an empty place does.
     fn unreached(&self) -> SlaveSet {
-        self.inputs.lost.union(self.inputs.deaf)
+        let unreached = self.inputs.lost.union(self.inputs.deaf);
+        if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
     /// Commands that went with those outputs and have not reached their slaves.

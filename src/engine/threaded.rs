@@ -18,7 +18,8 @@ const VISIT: Duration = Duration::from_millis(5);
 /// Frames a host can hand over between two visits: more than can come in that time.
 const INBOX_FRAMES: usize = 256;
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
-/// time leaves the gap out, and it is counted \[OURS].
+/// time leaves the whole gap out, and it is counted \[OURS]. A machine that is too slow for its cycles gets there again
+/// and again, and its board goes on all the same, slower than its clock.
 const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
 /// A write that may not wait waits for its turn on the wire all the same, but no longer than one USB microframe of the
 /// board's time \[OURS]: two writes in a row are no failure.
@@ -43,6 +44,7 @@ struct Shown {
     snapshot: Snapshot,
     events: Vec<Event>,
     events_total: u64,
+    now: Ns,
 }
 
 struct Shared {
@@ -64,12 +66,22 @@ impl Shared {
                 snapshot: board.snapshot(),
                 events: Vec::with_capacity(EVENTS_KEPT),
                 events_total: board.engine().events_total(),
+                now: board.now(),
             }),
             cycles: AtomicU64::new(0),
             worst_ns: AtomicU64::new(0),
             skipped_ns: AtomicU64::new(0),
         }
     }
+}
+
+/// When writes arrive.
+#[derive(Default)]
+struct Writes {
+    /// When the next one may, on the clock.
+    next: Duration,
+    /// The newest arrival, in board time.
+    newest: Ns,
 }
 
 /// A board on the real clock.
@@ -79,8 +91,7 @@ pub struct Threaded {
     /// Board time when the clock started.
     zero: Ns,
     host: Duration,
-    /// When the next write may arrive, on the clock.
-    next_write: Mutex<Duration>,
+    writes: Mutex<Writes>,
     thread: Mutex<Option<JoinHandle<Board>>>,
 }
 
@@ -109,7 +120,7 @@ impl Threaded {
             clock,
             zero,
             host: Duration::from_nanos(host_ns),
-            next_write: Mutex::default(),
+            writes: Mutex::default(),
             thread: Mutex::new(Some(thread)),
         })
     }
@@ -123,15 +134,18 @@ impl Threaded {
         let now = self.clock.now();
         let rate = self.clock.rate();
         let limit = limit.map(|limit| limit.max(rate.real(TURN)));
-        let arrival = {
-            let mut next = self.next_write.lock().unwrap_or_else(PoisonError::into_inner);
-            let arrival = now.max(*next);
+        let (arrival, at) = {
+            let mut writes = self.writes.lock().unwrap_or_else(PoisonError::into_inner);
+            let arrival = now.max(writes.next);
             if limit.is_none_or(|limit| rate.real(arrival - now) <= limit) {
-                *next = arrival + self.host;
+                writes.next = arrival + self.host;
             }
-            arrival
+            // Without what the board's time has left out, and in order, though it leaves something out meanwhile.
+            let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
+            let at = self.zero + (arrival.as_nanos() as Ns).saturating_sub(skipped);
+            writes.newest = writes.newest.max(at);
+            (arrival, writes.newest)
         };
-        let at = self.zero + arrival.as_nanos() as Ns;
         let turn = self.clock.instant(arrival);
         self.shared.handover.send(frame, at, turn, limit.and_then(end_after))?;
         Ok(at)
@@ -174,9 +188,10 @@ impl Threaded {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
     }
 
-    /// Takes the events since the last look.
-    pub fn take_events(&self) -> Vec<Event> {
-        self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).events.drain(..).collect()
+    /// Takes the events since the last look; with the counters and the time of the board's last cycle.
+    pub fn take_events(&self) -> (Vec<Event>, Counters, Ns) {
+        let mut shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        (shown.events.drain(..).collect(), shown.counters, shown.now)
     }
 
     /// How late cycles were so far.
@@ -225,25 +240,28 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let mut frame = Frame::new();
     // Gaps that the board's time left out: how much later than its own time the clock is.
     let mut skipped = Duration::ZERO;
-    let mut visit = Duration::ZERO;
+    let mut now = Duration::ZERO;
     let rate = clock.rate();
     let (between_visits, longest_catch_up) = (rate.slowed(VISIT), rate.slowed(LONGEST_CATCH_UP));
     while !shared.stop.load(Ordering::Acquire) {
-        let due = skipped + Duration::from_nanos(board.next_cycle() - zero);
-        visit = due.min(visit + between_visits);
-        clock.sleep_until(visit);
-        let now = clock.now();
-        if let Some(gap) = now.checked_sub(due + longest_catch_up) {
-            skipped += gap;
-            shared.skipped_ns.fetch_add(gap.as_nanos() as u64, Ordering::Relaxed);
-            visit = now;
-            continue;
+        let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
+        clock.sleep_until(due.min(now + between_visits));
+        now = clock.now();
+        let late = now.saturating_sub(due);
+        if late > longest_catch_up {
+            // The next cycle is due now. Were any of the gap left to catch up on, the next look would find it too long
+            // again.
+            due = now;
+            skipped += late;
+            shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
         }
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
-        take_frames(&mut board, board_now, shared, &mut frame);
+        // Cycles to catch up on run in parts, with a visit after each.
+        let part = board_now.min(board.next_cycle() + between_visits.as_nanos() as Ns);
+        take_frames(&mut board, part, board_now, shared, &mut frame);
         if now >= due {
             shared.worst_ns.fetch_max(rate.real(now - due).as_nanos() as u64, Ordering::Relaxed);
-            board.advance(board_now, &mut |frame, at| shared.handover.publish(frame, at));
+            board.advance(part, &mut |frame, at| shared.handover.publish(frame, at));
             shared.cycles.store(board.cycles() - cycles, Ordering::Relaxed);
             show(&board, shared);
         }
@@ -253,14 +271,15 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     }
     // A frame that was accepted before the end has arrived.
     let now = board.now();
-    take_frames(&mut board, now, shared, &mut frame);
+    take_frames(&mut board, now, now, shared, &mut frame);
     board
 }
 
-/// The frames in the inbox arrive, by `board_now` at the latest.
-fn take_frames(board: &mut Board, board_now: Ns, shared: &Shared, frame: &mut Frame) {
-    while let Some(at) = shared.handover.next_frame(frame) {
-        let at = at.clamp(board.now(), board_now.max(board.now()));
+/// Of the frames in the inbox those arrive that came by `until`; all, if that is the board's present time.
+fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, frame: &mut Frame) {
+    let by = if until == board_now { Ns::MAX } else { until };
+    while let Some(at) = shared.handover.next_frame(frame, by) {
+        let at = at.clamp(board.now(), until.max(board.now()));
         board.host(frame, at, &mut |frame, at| shared.handover.publish(frame, at));
     }
 }
@@ -271,6 +290,7 @@ fn show(board: &Board, shared: &Shared) {
     let engine = board.engine();
     shown.counters = *engine.counters();
     shown.snapshot = board.snapshot();
+    shown.now = board.now();
     let seen = std::mem::replace(&mut shown.events_total, engine.events_total());
     if engine.events_total() > seen {
         let room = EVENTS_KEPT - shown.events.len();

@@ -20,6 +20,9 @@ use super::keys::WHERE_TO_LOOK;
 
 /// The variable that names a link.
 pub const VARIABLE: &str = "ECMSK_LINK";
+/// The variable that names a file which the library makes when a program opens a board, whether that succeeds or not:
+/// `ecmsk exec` sees by it whether the program came to the library at all.
+pub const OPENED: &str = "ECMSK_OPENED";
 /// The file that names a link.
 pub const FILE: &str = "ecmsk.toml";
 /// The link when nothing names one.

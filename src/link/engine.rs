@@ -1,11 +1,12 @@
 //! The link to an EC01M in this process: the engine over a bus, on the real clock or on a virtual one.
 
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
+use super::rejections::RejectionLog;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
-use crate::engine::{Board, Counters, Event, Rate, RealTime, Stepped, Stop, Threaded};
+use crate::engine::{Board, Counters, Rate, RealTime, Stepped, Stop, Threaded};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
@@ -59,8 +60,14 @@ pub struct EngineLink {
     /// The board's counters when the link was closed.
     last: OnceLock<(Counters, u64)>,
     counts: Counts,
-    /// Events of the board that were logged.
-    logged: AtomicU64,
+    told: Mutex<Told>,
+}
+
+/// What the log was told of the board.
+struct Told {
+    /// Events so far (on virtual time; a thread hands them over once).
+    events: u64,
+    rejections: RejectionLog,
 }
 
 #[derive(Default)]
@@ -97,7 +104,10 @@ impl EngineLink {
             read_wait: options.read_wait,
             write_wait: options.write_wait,
         };
-        let logged = AtomicU64::new(board.engine().events_total());
+        let told = Told {
+            events: board.engine().events_total(),
+            rejections: RejectionLog::new(&board.engine().counters().rejected),
+        };
         let runner = if options.virtual_time {
             Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
         } else {
@@ -114,7 +124,7 @@ impl EngineLink {
             closed: AtomicBool::new(false),
             last: OnceLock::new(),
             counts: Counts::default(),
-            logged,
+            told: Mutex::new(told),
         })
     }
 
@@ -156,15 +166,25 @@ impl EngineLink {
         if !log::log_enabled!(log::Level::Warn) {
             return;
         }
+        let mut told = self.told();
+        let Told { events: seen, rejections } = &mut *told;
         match &self.runner {
-            Runner::Threaded(threaded) => threaded.take_events().iter().for_each(log_event),
+            Runner::Threaded(threaded) => {
+                let (events, counters, now) = threaded.take_events();
+                rejections.tell(events, &counters.rejected, now, &mut warn);
+            }
             Runner::Stepped(stepped) => {
                 stepped.look(|board, _| {
-                    let from = self.logged.swap(board.engine().events_total(), Ordering::Relaxed);
-                    board.engine().events_since(from).for_each(|event| log_event(&event));
+                    let engine = board.engine();
+                    let from = std::mem::replace(seen, engine.events_total());
+                    rejections.tell(engine.events_since(from), &engine.counters().rejected, board.now(), &mut warn);
                 });
             }
         }
+    }
+
+    fn told(&self) -> MutexGuard<'_, Told> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn board_counters(&self) -> Option<(Counters, u64)> {
@@ -178,8 +198,8 @@ impl EngineLink {
     }
 }
 
-fn log_event(event: &Event) {
-    log::warn!("{event}");
+fn warn(line: String) {
+    log::warn!("{line}");
 }
 
 fn limit(wait: Wait) -> Option<Duration> {
@@ -263,6 +283,9 @@ impl Link for EngineLink {
             Runner::Threaded(threaded) => (threaded.close(), threaded.counters().1),
         };
         if let Some(board) = &board {
+            if log::log_enabled!(log::Level::Warn) {
+                self.told().rejections.end(&board.engine().counters().rejected, &mut warn);
+            }
             // Closing happens once, so the cell is empty.
             let _ = self.last.set((*board.engine().counters(), dropped));
         }

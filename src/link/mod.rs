@@ -9,6 +9,7 @@ mod fraction;
 pub mod keys;
 pub mod options;
 pub mod record;
+mod rejections;
 #[cfg(feature = "sim")]
 pub mod script;
 #[cfg(feature = "sim")]

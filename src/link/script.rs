@@ -46,11 +46,12 @@ mod verbs;
 mod words;
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use super::keys::WHERE_TO_LOOK;
 use super::slaves::SlaveSpec;
+use super::uri::visible;
 use crate::engine::BoardHandle;
 use crate::fieldbus::Ns;
 use crate::fieldbus::sim::SimHandle;
@@ -105,7 +106,11 @@ impl Script {
         let mut text = String::new();
         let reader = File::open(path).map_err(|error| unreadable(error.to_string()))?;
         let read = reader.take(LONGEST_BYTES + 1).read_to_string(&mut text);
-        if read.map_err(|error| unreadable(error.to_string()))? as u64 > LONGEST_BYTES {
+        let read = read.map_err(|error| match error.kind() {
+            ErrorKind::InvalidData => unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()),
+            _ => unreadable(error.to_string()),
+        });
+        if read? as u64 > LONGEST_BYTES {
             return Err(unreadable(format!("it is longer than {LONGEST_BYTES} bytes")));
         }
         Self::parse(&file, &text, slaves)
@@ -117,9 +122,11 @@ impl Script {
     /// [`ScriptError::Line`].
     pub fn parse(file: &str, text: &str, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let mut steps = Vec::new();
+        // Editors on Windows put a byte order mark in front.
+        let text = text.strip_prefix('\u{FEFF}').unwrap_or(text);
         for (line, text) in (1..).zip(text.lines()) {
             verbs::line(line, text, slaves, &mut steps).map_err(|(column, message)| {
-                let file = file.to_owned();
+                let (file, message) = (file.to_owned(), visible(&message));
                 ScriptError::Line { file, line, column, message }
             })?;
         }

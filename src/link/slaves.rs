@@ -1,5 +1,6 @@
 //! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network.
 
+use super::uri::suggestion;
 use crate::sk::SlotSize;
 
 /// A model of a slave that this build has.
@@ -88,8 +89,12 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             None => (item, 1),
         };
         let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
-            let state = if LATER.contains(&kind) { "not in this build yet" } else { "unknown" };
-            format!("kind `{kind}` is {state}; allowed: {}", kinds())
+            let (state, near) = if LATER.contains(&kind) {
+                ("not in this build yet", String::new())
+            } else {
+                ("unknown", suggestion(kind, SlaveModel::ALL.map(SlaveModel::name)))
+            };
+            format!("kind `{kind}` is {state};{near} allowed: {}", kinds())
         })?;
         slaves.extend(std::iter::repeat_n(SlaveSpec { model }, count));
         if slaves.len() > MAX {

@@ -111,7 +111,7 @@ pub enum UriError {
         second: String,
     },
     /// A value that the key does not take.
-    #[error("key `{key}` does not take `{value}`; {why}; {WHERE_TO_LOOK}")]
+    #[error("key `{key}` does not take `{}`; {}; {WHERE_TO_LOOK}", visible(.value), visible(.why))]
     BadValue {
         /// Key.
         key: String,
@@ -316,6 +316,20 @@ fn scheme_names() -> String {
 
 fn key_names(scheme: Scheme) -> String {
     Key::of(scheme).map(|row| row.name).collect::<Vec<_>>().join(", ")
+}
+
+/// A text of the user's in a message, with what nobody can see in it, such as a NUL, by its code.
+pub(super) fn visible(message: &str) -> String {
+    let mut shown = String::with_capacity(message.len());
+    for character in message.chars() {
+        if character.is_control() || matches!(character, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{FEFF}')
+        {
+            shown.extend(character.escape_unicode());
+        } else {
+            shown.push(character);
+        }
+    }
+    shown
 }
 
 /// Words longer than this get no suggestion: comparing takes time that grows with the square of the length.

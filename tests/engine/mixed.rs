@@ -6,55 +6,14 @@ use ecmsk::sk::{
     AxisTarget, DriveSync, HspResponse, IoResponse, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind,
     SlotSize,
 };
-use ecmsk::slave::{Channels, Drive, DriveConfig, HspConfig, Slave};
 
 use allocation_counter::measure;
 
-use crate::host::Host;
+use crate::models::Model::{self, *};
+use crate::models::{MODELS, declare};
 use crate::probe::Bench;
 
-/// What the slaves are: the kind to declare them as, and whether they have a second channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Model {
-    Servo,
-    Io,
-    Step,
-    Hsp,
-    Hsp2,
-}
-use Model::*;
-
-const MODELS: [Model; 5] = [Servo, Io, Step, Hsp, Hsp2];
 const KINDS: [SlaveKind; 4] = [SlaveKind::Drive, SlaveKind::Io, SlaveKind::Hsp, SlaveKind::Step];
-
-impl Model {
-    fn kind(self) -> SlaveKind {
-        match self {
-            Servo => SlaveKind::Drive,
-            Io => SlaveKind::Io,
-            Step => SlaveKind::Step,
-            Hsp | Hsp2 => SlaveKind::Hsp,
-        }
-    }
-
-    fn build(self) -> Box<dyn Slave> {
-        match self {
-            Servo => Box::new(Drive::new(DriveConfig::default())),
-            Io => Box::<ecmsk::slave::Io>::default(),
-            Step => Box::new(Drive::new(DriveConfig::stepper())),
-            Hsp => Box::<ecmsk::slave::Hsp>::default(),
-            Hsp2 => Box::new(ecmsk::slave::Hsp::new(HspConfig::with(Channels::Two))),
-        }
-    }
-}
-
-/// Declares slaves, those beyond the list as none.
-fn declare(host: &mut Host, kinds: &[SlaveKind]) {
-    for group in 0..5u8 {
-        let kind = |k: usize| kinds.get(usize::from(group) * 8 + k).copied().unwrap_or(SlaveKind::None);
-        host.master(MasterCommand::SetAxis { group, kinds: std::array::from_fn(kind) });
-    }
-}
 
 /// SK-1.1 SK-1.2 SK-1.3 A board drives 40 slaves (30 with 16-byte slots) of all kinds at once, each by its own slot and
 /// with its own layout, by one frame a cycle, which allocates nothing.

@@ -3,7 +3,7 @@
 use ecmsk::engine::{Board, Counters, EngineConfig, Firmware};
 use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
-use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlotSize};
+use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
 
 use crate::ahead_bus::{Ahead, AheadBus};
 use crate::crc::crc8;
@@ -17,7 +17,7 @@ const FRAMES: u64 = 500;
 const RUNS: u64 = 20;
 
 /// Changes that are swift, so that frames come in every part of them.
-const SWIFT: Timing = Timing {
+pub const SWIFT: Timing = Timing {
     scan_ns: 2_000_000,
     scan_slave_ns: 100_000,
     configure_slave_ns: 1_000_000,
@@ -111,19 +111,21 @@ struct Books {
     boot: Counters,
 }
 
-struct Run {
+pub struct Run {
     config: EngineConfig,
-    board: Board,
+    pub board: Board,
     books: Books,
+    /// What the slaves are declared as; those beyond are drives.
+    kinds: Vec<SlaveKind>,
     what: String,
 }
 
 impl Run {
-    fn new(config: EngineConfig, bus: Box<dyn Fieldbus>, what: String) -> Self {
+    pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>, kinds: Vec<SlaveKind>, what: String) -> Self {
         let mut board = Board::new(config, bus);
         assert!(board.boot(BOOT_LIMIT));
         let books = Books { switches: (false, true), remembered: (false, true), ..Books::default() };
-        Self { config, board, books, what }
+        Self { config, board, books, kinds, what }
     }
 
     /// Time passes; every report is looked at.
@@ -140,7 +142,7 @@ impl Run {
     }
 
     fn check_report(&self, report: &Frame) {
-        let Self { config: EngineConfig { slot: size, firmware, .. }, board, books, what } = self;
+        let Self { config: EngineConfig { slot: size, firmware, .. }, board, books, what, .. } = self;
         let size = *size;
         let counters = board.engine().counters();
         let right = if books.switches.1 { crc8(report.wire(size)) } else { 0 };
@@ -213,17 +215,26 @@ impl Run {
     }
 
     /// Switches the CRCs and boots.
-    fn switch_crc(&mut self, data1: u32) {
+    pub fn switch_crc(&mut self, data1: u32) {
         self.send_master(RawSlot { id: 0x04, data1, ..RawSlot::ZERO });
         self.send_master(RawSlot { id: 0xBB, ..RawSlot::ZERO });
-        self.advance(self.board.now() + 50_000_000);
+        self.advance(self.board.now() + self.patience());
     }
 
-    /// All slaves are drives; then OP.
+    /// Says what the slaves are; then OP.
     fn reach_op(&mut self) {
-        self.send_master(RawSlot { id: 0x02, ..RawSlot::ZERO });
+        for group in 0..5 {
+            let nibble = |k: u16| self.kinds.get(usize::from(group * 8 + k)).map_or(0, |kind| kind.nibble());
+            let data1 = (0..8).rev().fold(0, |word, k| word << 4 | u32::from(nibble(k)));
+            self.send_master(RawSlot { id: 0x02, parm: group, data1, ..RawSlot::ZERO });
+        }
         self.send_master(RawSlot { id: 0x01, data1: 8, ..RawSlot::ZERO });
-        self.advance(self.board.now() + 50_000_000);
+        self.advance(self.board.now() + self.patience());
+    }
+
+    /// No boot and no way to OP takes longer with [`SWIFT`].
+    fn patience(&self) -> u64 {
+        50_000_000 + 3_000_000 * self.kinds.len() as u64
     }
 
     /// Something happens to the network, or everything is whole again.
@@ -242,7 +253,7 @@ impl Run {
     }
 
     /// One step of a run.
-    fn step(&mut self, dice: &mut Dice, network: &SimHandle, disturbed: bool) {
+    pub fn step(&mut self, dice: &mut Dice, network: &SimHandle, disturbed: bool) {
         if disturbed && dice.one_in(15) {
             Self::disturb(dice, network);
         }
@@ -280,21 +291,14 @@ fn run_all(size: SlotSize, ahead: Option<Ahead>, disturbed: bool) -> Totals {
             Some(how) => Box::new(AheadBus::new(bus, how)),
             None => Box::new(bus),
         };
-        let mut run = Run::new(config, bus, format!("{size:?}, {ahead:?}, seed {seed}"));
+        let mut run = Run::new(config, bus, Vec::new(), format!("{size:?}, {ahead:?}, seed {seed}"));
         let mut dice = Dice(seed);
         run.switch_crc(dice.pick(&[0x00, 0x01, 0x10, 0x11]));
         while run.board.engine().counters().frames < FRAMES {
             run.step(&mut dice, &network, disturbed);
             totals.failed_in_op += u64::from(run.board.engine().state().0 == 0x18);
         }
-        let counters = run.board.engine().counters();
-        totals.frames += counters.frames;
-        totals.executed += counters.executed;
-        totals.cleared += counters.cleared;
-        totals.full += counters.full;
-        totals.wrong += run.books.wrong;
-        totals.resets += run.books.resets;
-        totals.for_lost += counters.for_lost;
+        totals.add(&run);
     }
     assert!(totals.frames >= 10_000, "{totals:?}");
     totals
@@ -302,7 +306,7 @@ fn run_all(size: SlotSize, ahead: Option<Ahead>, disturbed: bool) -> Totals {
 
 /// What all runs did.
 #[derive(Debug, Default)]
-struct Totals {
+pub struct Totals {
     frames: u64,
     executed: u64,
     cleared: u64,
@@ -315,7 +319,18 @@ struct Totals {
 }
 
 impl Totals {
-    fn at_least(&self, least: &[u64; 7]) {
+    pub fn add(&mut self, run: &Run) {
+        let counters = run.board.engine().counters();
+        self.frames += counters.frames;
+        self.executed += counters.executed;
+        self.cleared += counters.cleared;
+        self.full += counters.full;
+        self.wrong += run.books.wrong;
+        self.resets += run.books.resets;
+        self.for_lost += counters.for_lost;
+    }
+
+    pub fn at_least(&self, least: &[u64; 7]) {
         let Self { executed, cleared, full, wrong, resets, for_lost, failed_in_op, .. } = *self;
         let seen = [executed, cleared, full, wrong, resets, for_lost, failed_in_op];
         assert!(seen.iter().zip(least).all(|(seen, least)| seen >= least), "{self:?}");

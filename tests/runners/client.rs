@@ -1,6 +1,7 @@
 //! A program beside a link: writes typed commands, reads typed answers.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::Ns;
@@ -15,6 +16,8 @@ use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
 pub const MS: Ns = 1_000_000;
+/// A wait that ends with an error where the board hangs.
+pub const PATIENCE: Wait = Wait::For(Duration::from_secs(60));
 
 /// A board with that many servo drives that has booted, and its network.
 pub fn board(drives: usize) -> (Board, SimHandle) {
@@ -74,7 +77,7 @@ impl Client {
     }
 
     pub fn read(&mut self) -> ReadMeta {
-        self.try_read(Wait::Forever).unwrap()
+        self.try_read(PATIENCE).unwrap()
     }
 
     pub fn answer(&self) -> MasterResponse {

@@ -4,6 +4,7 @@
 mod boards;
 mod client;
 mod habits;
+mod slow;
 mod stepped;
 mod stress;
 mod threaded;

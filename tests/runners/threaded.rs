@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use ecmsk::engine::{Board, EngineConfig, RealTime};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::link::engine::{EngineLink, Keeper, RunOptions};
 use ecmsk::link::{Dir, Link, LinkError, Wait};
 use ecmsk::sk::{CrcPolicy, CycleTime, DcShift, FIFO_ENTRIES, Frame, MasterCommand, MasterState, RawSlot, StateByte};
 use ecmsk::slave::{Drive, DriveConfig};
 
 use crate::client::{Client, MS, SIZE, board, open, open_kept, soft_reset, target};
+use crate::slow::Hooked;
 
 fn options() -> RunOptions {
     RunOptions { virtual_time: false, ..RunOptions::default() }
@@ -260,39 +260,10 @@ fn dropping_gives_the_board_back() {
 /// LIB-35 Nobody waits for a board whose thread has died.
 #[test]
 fn a_dead_runner_ends_the_waits() {
-    struct Broken(SimBus, u32);
-    impl Fieldbus for Broken {
-        fn pacing(&self) -> Pacing {
-            self.0.pacing()
-        }
-        fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-            self.0.start(job, now)
-        }
-        fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-            self.0.poll_job(now)
-        }
-        fn cancel_job(&mut self) {
-            self.0.cancel_job();
-        }
-        fn room(&self) -> u16 {
-            self.0.room()
-        }
-        fn held(&self) -> u16 {
-            self.0.held()
-        }
-        fn discard_ahead(&mut self) -> u16 {
-            self.0.discard_ahead()
-        }
-        fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-            self.0.push(outputs)
-        }
-        fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-            self.1 = self.1.checked_sub(1).expect("this bus breaks now");
-            self.0.poll(now, inputs)
-        }
-    }
-    let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
-    let mut board = Board::new(EngineConfig::default(), Box::new(Broken(bus, 2000)));
+    let mut cycles_left = 2000_u32;
+    let breaks = move || cycles_left = cycles_left.checked_sub(1).expect("this bus breaks now");
+    let bus = Hooked(SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]), breaks);
+    let mut board = Board::new(EngineConfig::default(), Box::new(bus));
     assert!(board.boot(2000 * MS));
     let mut client = Client::on(Arc::new(EngineLink::open("broken", board, options(), None).unwrap()));
     let ended = loop {

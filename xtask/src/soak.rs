@@ -1,4 +1,7 @@
-//! `cargo xtask soak`: the random schedules and the long day of tests/invariants, many more than the test runs.
+//! `cargo xtask soak`: the random schedules and the long day of tests/invariants, and the random frames against every
+//! network of tests/engine, many more than the test runs.
+
+use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
@@ -9,19 +12,32 @@ pub struct Arguments {
     /// How many random schedules
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..))]
     schedules: u64,
-    /// Seed of the first one
+    /// Seed of the first one, and of the frames against the first network
     #[arg(long, default_value_t = 0)]
     first: u64,
     /// Virtual hours of the long day
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     hours: u64,
+    /// Random frames in a row against each network
+    #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    frames: u64,
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    let mut frames = test(project, "engine", &["random_networks::"]);
+    frames.env("ECMSK_SOAK_FRAMES", arguments.frames.to_string());
+    frames.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
+    command::run(&mut frames)?;
+    let mut invariants = test(project, "invariants", &[]);
+    invariants.env("ECMSK_SOAK_SCHEDULES", arguments.schedules.to_string());
+    invariants.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
+    invariants.env("ECMSK_SOAK_MINUTES", (arguments.hours * 60).to_string());
+    command::run(&mut invariants)
+}
+
+/// A test program of the library, or the part of it that `filter` names.
+fn test(project: &Project, name: &str, filter: &[&str]) -> Command {
     let mut cargo = project.cargo();
-    cargo.args(["test", "--release", "--package=ecmsk", "--test=invariants", "--", "--nocapture"]);
-    cargo.env("ECMSK_SOAK_SCHEDULES", arguments.schedules.to_string());
-    cargo.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
-    cargo.env("ECMSK_SOAK_MINUTES", (arguments.hours * 60).to_string());
-    command::run(&mut cargo)
+    cargo.args(["test", "--release", "--package=ecmsk", "--test", name, "--", "--nocapture"]).args(filter);
+    cargo
 }

@@ -55,9 +55,8 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
         copy(&header, &include.join(header.file_name().unwrap_or_default()))?;
     }
 
-    let prefix = prefix.canonicalize().map_err(Error::file("find", prefix))?;
     let file = pkgconfig.join("nextwusblib.pc");
-    fs::write(&file, pkgconfig_file(&prefix)).map_err(Error::file("write", &file))
+    fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))
 }
 
 /// cargo's folder for a profile: its own names but for the built-in ones.
@@ -96,13 +95,9 @@ fn headers(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-fn pkgconfig_file(prefix: &Path) -> String {
-    // pkg-config splits its flags at blanks that have no backslash before them.
-    let prefix = prefix.display().to_string().replace('\\', r"\\").replace(' ', r"\ ");
-    PKGCONFIG_TEMPLATE
-        .replace("@PREFIX@", &prefix)
-        .replace("@VERSION@", env!("CARGO_PKG_VERSION"))
-        .replace("@PRIVATE_LIBS@", PRIVATE_LIBS)
+/// It finds its prefix by where it lies, so that the folder can be moved.
+fn pkgconfig_file() -> String {
+    PKGCONFIG_TEMPLATE.replace("@VERSION@", env!("CARGO_PKG_VERSION")).replace("@PRIVATE_LIBS@", PRIVATE_LIBS)
 }
 
 #[cfg(test)]
@@ -110,10 +105,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pkgconfig_file_names_the_prefix_with_its_blanks() {
-        let file = pkgconfig_file(Path::new("/opt/two words"));
-        assert!(file.starts_with("prefix=/opt/two\\ words\n"), "{file}");
+    fn pkgconfig_file_has_no_path_of_the_build() {
+        let file = pkgconfig_file();
+        assert!(file.starts_with("prefix=${pcfiledir}/../..\n"), "{file}");
         assert!(file.contains("\nLibs: -L${libdir} -lNEXTWUSBLib\n"), "{file}");
+        assert!(!file.contains('@') && !file.contains(env!("CARGO_MANIFEST_DIR")), "{file}");
     }
 
     #[test]

@@ -97,6 +97,11 @@ impl LibraryFolder {
         &self.library
     }
 
+    /// The file that the library makes when the program opens a board.
+    pub fn opened(&self) -> PathBuf {
+        self.folder.path().join(".opened")
+    }
+
     /// The search path with this folder in front of what is there.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = self.folder.path().as_os_str().to_owned();

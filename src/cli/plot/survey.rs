@@ -2,7 +2,7 @@
 
 use ecmsk::link::Dir;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotMeaning};
-use ecmsk::sk::{CommandId, MasterResponse, MasterState, SlaveKind, SlotSize};
+use ecmsk::sk::{CommandId, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize};
 
 use super::Window;
 use crate::cli::kinds::Kinds;
@@ -20,6 +20,8 @@ pub struct Survey {
     moved: [bool; MAX_SLAVES],
     /// Slaves whose slot is a drive's in OP.
     drives: [bool; MAX_SLAVES],
+    /// Slaves that anything is known of: their slot of a frame in OP held something.
+    seen: [bool; MAX_SLAVES],
     /// Times between the first reports in OP.
     intervals_ns: Vec<i64>,
 }
@@ -38,6 +40,7 @@ impl Default for Survey {
             kinds: Kinds::new(None),
             moved: [false; MAX_SLAVES],
             drives: [false; MAX_SLAVES],
+            seen: [false; MAX_SLAVES],
             intervals_ns: Vec::new(),
         }
     }
@@ -88,12 +91,25 @@ impl Survey {
         (1..).zip(chosen).filter(|(_, chosen)| **chosen).map(|(n, _)| n).collect()
     }
 
+    /// Whether a plot of that slave (from 1) would show nothing.
+    pub fn is_empty(&self, slave: u8) -> bool {
+        let known = usize::from(slave).checked_sub(1).and_then(|n| self.seen.get(n));
+        !known.copied().unwrap_or_default()
+    }
+
+    fn see(&mut self, framed: &Framed) {
+        for (n, seen) in (1..=framed.size.max_slaves()).zip(&mut self.seen) {
+            *seen |= framed.recorded.frame.slot(framed.size, n) != RawSlot::ZERO;
+        }
+    }
+
     fn command(&mut self, framed: &Framed) {
         let (frame, size) = (&framed.recorded.frame, framed.size);
         self.kinds.command(frame, size);
         if !self.in_op {
             return;
         }
+        self.see(framed);
         for (n, moved) in (1..=size.max_slaves()).zip(&mut self.moved) {
             let id = CommandId::from_code(frame.slot(size, n).id);
             *moved |=
@@ -108,6 +124,7 @@ impl Survey {
         if !self.in_op {
             return;
         }
+        self.see(framed);
         self.board.get_or_insert(framed.board());
         self.size = size;
         if self.link.is_none() {

@@ -2,11 +2,12 @@
 //!
 //! A program that opens its board again, as it must after SW_RESET or when a cable was pulled, does not lose what was
 //! recorded before \[OURS]: the first recording of a process replaces the file, later ones to the same file append a
-//! section to it, which pcapng allows. Two recordings into one file at a time are refused.
+//! section to it, which pcapng allows. Two recordings into one file at a time are refused, and so is a file that holds
+//! something else: a slip of the keyboard costs nobody a drawing or a program \[OURS].
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -34,12 +35,35 @@ pub(super) fn open(path: &Path) -> io::Result<WholeWrites> {
     if file.metadata()?.is_file() {
         let first = RECORDED.lock().unwrap_or_else(PoisonError::into_inner).insert(std::path::absolute(path)?);
         if first {
+            if !may_be_replaced(path)? {
+                RECORDED.lock().unwrap_or_else(PoisonError::into_inner).remove(&std::path::absolute(path)?);
+                return Err(io::Error::new(
+                    io::ErrorKind::AlreadyExists,
+                    "the file is there and is no recording of ecmsk; it stays as it is",
+                ));
+            }
             file.set_len(0)?;
         }
         good = Some(file.seek(SeekFrom::End(0))?);
     }
     Ok(WholeWrites { file, good })
 }
+
+/// Whether a file is empty or a recording of ours: its section header names the application.
+fn may_be_replaced(path: &Path) -> io::Result<bool> {
+    let mut start = Vec::new();
+    File::open(path)?.take(LONGEST_SECTION_HEADER).read_to_end(&mut start)?;
+    let header = match start.first_chunk::<8>() {
+        Some([0x0A, 0x0D, 0x0D, 0x0A, length @ ..]) => &start[..start.len().min(u32::from_le_bytes(*length) as usize)],
+        _ => return Ok(start.is_empty()),
+    };
+    Ok(header.windows(APPLICATION.len()).any(|bytes| bytes == APPLICATION.as_bytes()))
+}
+
+/// How the application's name begins in a recording's section header.
+const APPLICATION: &str = "ecmsk ";
+/// No section header of ours is longer, whatever its link.
+const LONGEST_SECTION_HEADER: u64 = 1 << 20;
 
 /// A file that holds every write whole or not at all: what a full disk has cut is taken back.
 pub(super) struct WholeWrites {

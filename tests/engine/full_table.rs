@@ -1,0 +1,269 @@
+//! The rules of the full table: what one command does in any state, for any slave, in any slot. Written from UG17 1.8
+//! and the decisions of SK-4, SK-6 and SK-7; `full_table_run` goes through all of it.
+
+use ecmsk::engine::{Firmware, Reason};
+use ecmsk::sk::{Malformed, RawSlot, SlotSize};
+
+/// What stands at a place, in the order of their slots: slot 0, then slaves from 1 on, then the SDO slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    Master,
+    DriveCsp,
+    DriveCsv,
+    DriveCst,
+    /// A drive that is off, with 0x6060 = 6.
+    Homable,
+    /// A drive that is homing, where the state is OP.
+    Homing,
+    Step,
+    Hsp,
+    /// A pulse module of two channels.
+    Hsp2,
+    Io,
+    /// A slave that was found and is declared as none.
+    DeclaredNone,
+    /// A drive that was lost, where the state is a failed one.
+    Lost,
+    /// An IO slave that other commands of the frame are for.
+    Witness,
+    /// Nobody.
+    Empty,
+    Sdo,
+}
+use Place::*;
+
+pub const PLACES: [Place; 14] =
+    [Master, DriveCsp, DriveCsv, DriveCst, Homable, Homing, Step, Hsp, Hsp2, Io, DeclaredNone, Lost, Empty, Sdo];
+
+impl Place {
+    pub fn slot(self, size: SlotSize) -> usize {
+        if self == Sdo { size.sdo_slot() } else { self as usize }
+    }
+
+    pub fn is_slave(self) -> bool {
+        !matches!(self, Master | Sdo)
+    }
+
+    fn is_drive(self) -> bool {
+        matches!(self, DriveCsp | DriveCsv | DriveCst | Homable | Homing | Lost)
+    }
+
+    fn is_nobody(self) -> bool {
+        matches!(self, DeclaredNone | Empty)
+    }
+
+    /// Whether it has an axis: column D of the guide.
+    fn has_axis(self) -> bool {
+        self.is_drive() || matches!(self, Step | Hsp | Hsp2)
+    }
+}
+
+/// Where a command belongs: column "slot" of the guide.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Column {
+    Any,
+    /// The board.
+    E,
+    /// Drives, steppers, pulse modules.
+    D,
+    /// Any slave's slot, whoever is there (DRIVE_MODE).
+    AnySlave,
+    I,
+    S,
+}
+use Column::{Any, AnySlave, D, E, I, S};
+
+/// UG17 1.8, table 1.3: id, where, states.
+const TABLE: [(u8, Column, &str); 22] = [
+    (0x00, Any, "ipso"),
+    (0x01, E, "ipso"),
+    (0x02, E, "ip"),
+    (0x03, E, "ip"),
+    (0x04, E, "ips"),
+    (0x05, E, "o"),
+    (0x06, AnySlave, "ip"),
+    (0x07, S, "pso"),
+    (0x08, S, "pso"),
+    (0x10, D, "o"),
+    (0x11, D, "o"),
+    (0x12, D, "o"),
+    (0x13, I, "o"),
+    (0x14, I, "o"),
+    (0x15, D, "o"),
+    (0x16, D, "o"),
+    (0x17, D, "o"),
+    (0x18, D, "o"),
+    (0x19, D, "o"),
+    (0x21, E, "ipso"),
+    (0x22, E, "ipso"),
+    (0xBB, E, "ipso"),
+];
+
+/// Ids that are none: beside those of the table, and at the ends. `commands` sends all of them.
+const UNKNOWN: [u8; 14] = [0x09, 0x0A, 0x0F, 0x1A, 0x1F, 0x20, 0x23, 0x33, 0x7F, 0x80, 0xBA, 0xBC, 0xBF, 0xFF];
+
+/// Where the board is.
+#[derive(Clone, Copy, Debug)]
+pub struct State {
+    /// 1, 2, 4, 8.
+    pub code: u8,
+    /// 0x10 is set.
+    pub failed: bool,
+}
+
+impl State {
+    pub fn byte(self) -> u8 {
+        self.code | if self.failed { 0x10 } else { 0 }
+    }
+
+    fn letter(self) -> char {
+        match self.code {
+            1 => 'i',
+            2 => 'p',
+            4 => 's',
+            _ => 'o',
+        }
+    }
+
+    pub fn is_op(self) -> bool {
+        self.code == 8
+    }
+}
+
+/// A command with arguments, and why they are wrong, if they are.
+#[derive(Clone, Copy, Debug)]
+pub struct Sent {
+    pub slot: RawSlot,
+    pub wrong: Option<Malformed>,
+}
+
+/// Every id with right arguments and with each kind of wrong ones, in that state.
+pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
+    let mut all = Vec::new();
+    let mut put = |id: u8, parm: u16, data1: u32, data2: u32, wrong: Option<Malformed>| {
+        all.push(Sent { slot: RawSlot { id, index: 0, parm, data1, data2, data3: 0 }, wrong });
+    };
+    put(0x01, 0, state.code.into(), 0, None);
+    for data1 in [0, 3, 0x10, 0x18, 0x102, u32::MAX] {
+        put(0x01, 0, data1, 0, Some(Malformed::State(data1)));
+    }
+    put(0x02, 4, 0x1111_1111, 0, None);
+    put(0x02, 5, 0x1111_1111, 0, Some(Malformed::Group(5)));
+    put(0x02, 0xFF, 0, 0, Some(Malformed::Group(0xFF)));
+    for nibble in 4..=14u8 {
+        put(0x02, 0, u32::from(nibble) << 8, 0, Some(Malformed::Kind { slave: 3, nibble }));
+    }
+    put(0x03, 0, 1000, 0xFFFF, None);
+    put(0x03, 0, 1000, 0xFFFF_0000, None);
+    for data1 in [0, 249, 750, 1_000_000, u32::MAX] {
+        put(0x03, 0, data1, 0xFFFF, Some(Malformed::CycleTime(data1)));
+    }
+    put(0x04, 0, 0x10, 0, None);
+    put(0x05, 1, 0, 0, None);
+    put(0x05, 2, 160, 0, None);
+    put(0x05, 2, 0, 0, Some(Malformed::ZeroThreshold));
+    for action in [0, 3, 0xFF] {
+        put(0x05, action.into(), 160, 0, Some(Malformed::FifoAction(action)));
+    }
+    put(0x06, 0, 8, 1, None);
+    for data1 in [0, 6, 7, 11, 0x108] {
+        put(0x06, 0, data1, 1, Some(Malformed::DriveMode(data1)));
+    }
+    put(0x06, 0, 8, 2, Some(Malformed::DriveType(2)));
+    put(0x07, 1, 0x1018_0001, 0, None);
+    put(0x08, 0x0401, 0x6065_0000, 30_000, None);
+    let beyond = size.max_slaves() as u16 + 1;
+    for slave in [0, beyond] {
+        put(0x07, slave, 0x1018_0001, 0, Some(Malformed::SdoSlave(slave)));
+        put(0x08, 0x0400 | slave, 0x6065_0000, 0, Some(Malformed::SdoSlave(slave)));
+    }
+    put(0x07, 1, 0x1018_0100, 0, Some(Malformed::SubIndex(0x100)));
+    put(0x08, 0x0401, 0x6065_FFFF, 0, Some(Malformed::SubIndex(0xFFFF)));
+    for bytes in [0u8, 3, 5, 0xFF] {
+        put(0x08, u16::from(bytes) << 8 | 1, 0x6065_0000, 0, Some(Malformed::SdoSize(bytes)));
+    }
+    for id in [0x00, 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x21, 0x22, 0xBB] {
+        put(id, 0, 0, 0, None);
+    }
+    for id in UNKNOWN {
+        put(id, 0, 0x0102_0304, 0, None);
+    }
+    all
+}
+
+/// What becomes of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Accepted,
+    /// Accepted, and its target discarded: the drive is not on.
+    Discarded,
+    IgnoredHoming,
+    ForLost,
+    Rejected(Reason),
+}
+
+/// The table. Where several reasons hold the first one of these counts [OURS]: unknown id, wrong column, wrong state, bad
+/// argument, nobody there, wrong kind of slave, wrong mode.
+pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> Outcome {
+    use Outcome::*;
+    let id = sent.slot.id;
+    let Some((_, column, states)) = TABLE.iter().find(|row| row.0 == id) else {
+        return Rejected(Reason::UnknownId);
+    };
+    let belongs = match column {
+        Any => true,
+        E => place == Master,
+        S => place == Sdo,
+        D | I | AnySlave => place.is_slave(),
+    };
+    if !belongs {
+        return Rejected(Reason::WrongSlot);
+    }
+    if !states.contains(state.letter()) {
+        return Rejected(Reason::WrongState);
+    }
+    if let Some(wrong) = sent.wrong
+        && *column != Any
+    {
+        return Rejected(Reason::BadArgument(wrong));
+    }
+    if !place.is_slave() || matches!(column, Any | AnySlave) {
+        return Accepted;
+    }
+    // What follows is in OP alone.
+    if place == Lost && state.failed {
+        // It is for all slaves, wherever it stands.
+        return if id == 0x19 { Accepted } else { ForLost };
+    }
+    if place.is_nobody() {
+        return Rejected(Reason::NoSlave);
+    }
+    let suits = match id {
+        0x13 | 0x14 => place == Io,
+        0x16 => place.is_drive() || matches!(place, Hsp | Hsp2),
+        0x17 => place.is_drive(),
+        _ => place.has_axis(),
+    };
+    if !suits {
+        return Rejected(Reason::WrongSlot);
+    }
+    if place == Homing && matches!(id, 0x11 | 0x15 | 0x16 | 0x17 | 0x18) {
+        return IgnoredHoming;
+    }
+    match id {
+        0x15..=0x17 => {
+            let right = match place {
+                DriveCsv => 0x16,
+                DriveCst => 0x17,
+                Homable => 0,
+                _ => 0x15,
+            };
+            if id == right { Discarded } else { Rejected(Reason::WrongMode) }
+        }
+        0x18 if place != Homable => Rejected(Reason::NotInHomingMode),
+        // Another one is homing, which only 1.7 minds; and it is off.
+        0x18 if firmware == Firmware::V17 => Rejected(Reason::HomingElsewhere),
+        0x18 => Rejected(Reason::NotEnabled),
+        _ => Accepted,
+    }
+}

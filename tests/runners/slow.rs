@@ -1,0 +1,124 @@
+//! The runner of the real clock on a machine that is away for a while, or too slow for its cycles. No test here asserts
+//! how long anything takes: what must go on, goes on.
+
+use std::sync::Arc;
+use std::thread::sleep;
+use std::time::Duration;
+
+use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::link::engine::{EngineLink, RunOptions};
+use ecmsk::link::{Link, LinkError, Wait};
+use ecmsk::sk::FIFO_ENTRIES;
+use ecmsk::slave::{Drive, DriveConfig};
+
+use crate::client::{Client, MS, PATIENCE, target};
+
+/// A bus that does something of the test's at the beginning of every cycle.
+pub struct Hooked<F>(pub SimBus, pub F);
+
+impl<F: FnMut() + Send> Fieldbus for Hooked<F> {
+    fn pacing(&self) -> Pacing {
+        self.0.pacing()
+    }
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        self.0.start(job, now)
+    }
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        self.0.poll_job(now)
+    }
+    fn cancel_job(&mut self) {
+        self.0.cancel_job();
+    }
+    fn room(&self) -> u16 {
+        self.0.room()
+    }
+    fn held(&self) -> u16 {
+        self.0.held()
+    }
+    fn discard_ahead(&mut self) -> u16 {
+        self.0.discard_ahead()
+    }
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        self.0.push(outputs)
+    }
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        (self.1)();
+        self.0.poll(now, inputs)
+    }
+}
+
+/// A link to a board with one drive that has booted; from then on `hook` is called with the number of each cycle.
+fn open(mut hook: impl FnMut(u64) + Send + 'static) -> (Client, Arc<EngineLink>) {
+    let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
+    let (booted, has_booted) = std::sync::mpsc::channel();
+    let mut cycle = None;
+    let hooked = Hooked(bus, move || {
+        if let Some(cycle) = &mut cycle {
+            *cycle += 1;
+            hook(*cycle);
+        } else if has_booted.try_recv().is_ok() {
+            cycle = Some(0);
+        }
+    });
+    let mut board = Board::new(EngineConfig::default(), Box::new(hooked));
+    assert!(board.boot(60_000 * MS));
+    booted.send(()).expect("the bus waits for it");
+    let options = RunOptions { virtual_time: false, ..RunOptions::default() };
+    let link = Arc::new(EngineLink::open("slow", board, options, None).expect("opens"));
+    (Client::on(Arc::clone(&link) as Arc<dyn Link>), link)
+}
+
+/// SK-9.8 A host that was suspended, or stopped in a debugger, for longer than its board catches up on goes on when it
+/// is back: reports come, and frames are executed. The gap is left out and counted.
+#[test]
+fn a_host_that_was_away_goes_on() {
+    let (mut client, link) = open(|cycle| {
+        if matches!(cycle, 20 | 3000) {
+            sleep(Duration::from_millis(1500));
+        }
+    });
+    let mut last = None;
+    while link.lateness().expect("on the real clock").skipped_ns < 1_000_000_000 {
+        last = Some(client.try_read(PATIENCE).expect("a report after the gap"));
+    }
+    for _ in 0..100 {
+        let report = client.try_read(PATIENCE).expect("reports go on");
+        let before = last.replace(report).expect("there was one before");
+        let reports = report.sequence - before.sequence;
+        assert_eq!(report.at.0 - before.at.0, reports * MS, "the board's time has no gap");
+    }
+    client.op();
+    let at = client.link.write(&target(1, 1), Wait::Forever).expect("is taken");
+    let executed = loop {
+        let report = client.try_read(PATIENCE).expect("reports go on");
+        if client.slot(1).index == 1 {
+            break report;
+        }
+    };
+    assert!(executed.at >= at, "nothing is executed before it arrives: {executed:?}, {at:?}");
+    client.until("an empty FIFO", |client| client.answer().fifo_free == FIFO_ENTRIES);
+    client.link.close();
+    assert_eq!(client.link.stats().board.expect("a simulated board").executed, 1);
+}
+
+/// SK-4.44 A board whose cycles take the machine longer than they last gets later and later, and leaves gaps out again
+/// and again. It goes on, loses no frame, and can be closed.
+#[test]
+fn a_machine_that_is_too_slow_goes_on() {
+    let (mut client, link) = open(|_| sleep(Duration::from_millis(4)));
+    client.op();
+    let mut frames = 0;
+    while frames < 20 || link.lateness().expect("on the real clock").skipped_ns < 2_000_000_000 {
+        client.write(&target(frames, frames as u8));
+        frames += 1;
+        client.try_read(PATIENCE).expect("a report");
+        client.try_read(PATIENCE).expect("a report");
+    }
+    client.until("an empty FIFO", |client| client.answer().fifo_free == FIFO_ENTRIES);
+    client.link.close();
+    let counters = client.link.stats().board.expect("a simulated board");
+    assert_eq!((counters.executed, counters.full), (frames as u64, 0), "{counters:?}");
+    assert_eq!(client.try_read(Wait::Now), Err(LinkError::Closed));
+}

@@ -20,6 +20,7 @@ mod homing_ends;
 mod homing_restore;
 mod host;
 mod hsp;
+mod hsp_homing;
 mod io_slaves;
 mod leaving;
 mod leds;

@@ -1,12 +1,16 @@
 //! Homing of the simulated pulse module: every method on both channels, each on its own, and what is not homing.
 #![cfg(feature = "sim")]
 
+mod homing_tables;
+
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{Channels, HomeSwitch, Hsp, HspConfig, Input, Slave, Travel};
+
+use homing_tables::{METHODS, Places};
 
 const MS: Ns = 1_000_000;
 const TURN: i64 = 10_000;
@@ -20,6 +24,9 @@ const INDEX: i64 = 1234;
 const STARTS: [i64; 2] = [9000, -8000];
 const SECOND: u16 = 0x800;
 
+const PLACES: Places =
+    Places { limits: (NEGATIVE_LIMIT, POSITIVE_LIMIT), cam: (FIRST, LAST), index: INDEX, turn: TURN };
+
 fn travel() -> Travel {
     Travel {
         negative_limit: Some(NEGATIVE_LIMIT),
@@ -29,32 +36,6 @@ fn travel() -> Travel {
         stops: None,
         search_limit: 500_000,
     }
-}
-
-/// Where a method ends on that travel (the tables of CiA 402-2); `None`: it finds no home from the right, or the left.
-fn home(method: i8, start: i64) -> Option<i64> {
-    let right = start > LAST;
-    let (edge, direction) = match method {
-        1 | 17 => (NEGATIVE_LIMIT + 1, 1),
-        2 | 18 => (POSITIVE_LIMIT - 1, -1),
-        3 | 19 if !right => (FIRST - 1, -1),
-        4 | 20 if !right => (FIRST, 1),
-        5 | 21 if right => (LAST + 1, 1),
-        6 | 22 if right => (LAST, -1),
-        3..=6 | 19..=22 => return None,
-        7 | 14 | 23 | 30 => (FIRST - 1, -1),
-        8 | 13 | 24 | 29 => (FIRST, 1),
-        10 | 11 | 26 | 27 => (LAST + 1, 1),
-        9 | 12 | 25 | 28 => (LAST, -1),
-        33 => (start, -1),
-        34 => (start, 1),
-        35 | 37 => return Some(start),
-        _ => panic!("there is no method {method}"),
-    };
-    if (15..=30).contains(&method) {
-        return Some(edge);
-    }
-    (1..=TURN).map(|way| edge + direction * way).find(|at| (at - INDEX) % TURN == 0)
 }
 
 /// A module in Operation enabled, with a master that sends what it saw and so never asks for a jump.
@@ -145,11 +126,6 @@ impl Bench {
     }
 }
 
-const METHODS: [i8; 32] = [
-    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 33, 34, 35,
-    37,
-];
-
 /// SK-7.20 Every method ends where CiA 402-2 says, to the pulse, and shows bits 10 and 12; with 0x607C the position
 /// there is the offset. Both channels at once, from different places; and back in CSP nothing moves.
 #[test]
@@ -164,7 +140,7 @@ fn every_method_on_both_channels() {
         bench.until_end(&[0, 1]);
         bench.cycle(true);
         for (channel, start) in STARTS.into_iter().enumerate() {
-            let expected = home(method, start);
+            let expected = PLACES.home(method, start);
             let name = format!("method {method}, channel {channel}, {mode}");
             let Some(expected) = expected else {
                 assert!(matches!(bench.error(channel), Some(HomingError::WrongLimit(_))), "{name}");

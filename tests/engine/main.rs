@@ -17,7 +17,10 @@ mod fifo;
 mod homer;
 mod homing;
 mod homing_ends;
+mod homing_real;
 mod homing_restore;
+#[path = "../homing_tables/mod.rs"]
+mod homing_tables;
 mod host;
 mod hsp;
 mod hsp_homing;

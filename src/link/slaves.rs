@@ -40,6 +40,23 @@ impl SlaveModel {
             Self::Hsp2 => 2,
         }
     }
+
+    /// Axes with a motor of their own, which can be jammed: 0..=1.
+    pub const fn motors(self) -> usize {
+        match self {
+            Self::Drive | Self::Step => 1,
+            Self::Hsp | Self::Hsp2 | Self::Io => 0,
+        }
+    }
+
+    /// Channels with 16 digital inputs and outputs: 0..=2.
+    pub const fn channels(self) -> usize {
+        match self {
+            Self::Drive | Self::Step => 0,
+            Self::Hsp | Self::Io => 1,
+            Self::Hsp2 => 2,
+        }
+    }
 }
 
 /// Kinds whose names are known, but which are in no build yet: Xinje DP3CL.

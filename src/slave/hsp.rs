@@ -11,6 +11,7 @@ mod objects;
 use super::axis::Axis;
 use super::device::{Base, Model, mode_refused, not_of_this_kind};
 use super::dictionary::Object;
+use super::lines::Lines;
 use super::plant::PulseTrain;
 use super::state_machine::TransitionTimes;
 use super::switches::Travel;
@@ -82,13 +83,6 @@ impl Default for HspConfig {
     }
 }
 
-/// Digital lines of a channel.
-#[derive(Clone, Copy, Debug, Default)]
-struct Lines {
-    outputs: u16,
-    inputs: u16,
-}
-
 /// The module.
 #[derive(Clone, Debug)]
 pub struct Hsp {
@@ -120,7 +114,7 @@ impl Hsp {
     /// # Panics
     /// If `channel` is not below [`MAX_AXES`].
     pub const fn outputs(&self, channel: usize) -> u16 {
-        self.lines[channel].outputs
+        self.lines[channel].outputs()
     }
 
     /// Objects that a channel works with are new.
@@ -177,21 +171,26 @@ impl Model for Hsp {
 
     fn put_inputs(&self, inputs: &mut SlaveIn) {
         for (input, (_, lines)) in inputs.iter_mut().zip(self.axes.iter().zip(&self.lines)) {
-            input.inputs = lines.inputs;
+            input.inputs = lines.inputs();
         }
     }
 
     fn take_outputs(&mut self, outputs: &SlaveOut) {
         for (lines, (_, out)) in self.lines.iter_mut().zip(self.axes.iter().zip(outputs)) {
-            lines.outputs = out.outputs;
+            lines.set_outputs(out.outputs);
         }
     }
 
-    fn pass(&mut self, _dt_ns: Ns) {
-        self.lines.iter_mut().for_each(|lines| lines.inputs = lines.outputs);
+    fn lines_mut(&mut self) -> &mut [Lines] {
+        let channels = self.axes.len();
+        &mut self.lines[..channels]
+    }
+
+    fn pass(&mut self, dt_ns: Ns) {
+        self.lines.iter_mut().for_each(|lines| lines.pass(dt_ns));
     }
 
     fn lose_outputs(&mut self) {
-        self.lines.iter_mut().for_each(|lines| lines.outputs = 0);
+        self.lines.iter_mut().for_each(|lines| lines.set_outputs(0));
     }
 }

@@ -26,6 +26,9 @@ pub enum Input {
 }
 
 impl Input {
+    /// Every input.
+    pub const ALL: [Self; 4] = [Self::NegativeLimit, Self::PositiveLimit, Self::Home, Self::Index];
+
     /// Its name for people.
     pub const fn name(self) -> &'static str {
         match self {

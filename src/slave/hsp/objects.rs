@@ -256,15 +256,17 @@ const fn channel<const N: usize>() -> [Row; 28] {
                 .range(1, u32::MAX as i64)
                 .default(1)
                 .changed(changed::<N>),
-            Row::u32(index(0x60FD, N), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs.into()),
+            Row::u32(index(0x60FD, N), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs().into()),
             Row::u8(index(0x60FE, N), 0, "Digital outputs").default(1),
             // [OURS] Bits 16 to 31 have no line: they are ignored, and read as 0.
-            Row::u32(index(0x60FE, N), 1, "Physical outputs").rw().rx().live(|hsp| hsp.lines[N].outputs.into()).setter(
-                |hsp, bits| {
-                    hsp.lines[N].outputs = bits as u16;
+            Row::u32(index(0x60FE, N), 1, "Physical outputs")
+                .rw()
+                .rx()
+                .live(|hsp| hsp.lines[N].outputs().into())
+                .setter(|hsp, bits| {
+                    hsp.lines[N].set_outputs(bits as u16);
                     Ok(())
-                },
-            ),
+                }),
             Row::i32(index(0x60FF, N), 0, "Target velocity")
                 .rw()
                 .rx()

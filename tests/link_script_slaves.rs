@@ -191,8 +191,10 @@ fn opening_again_takes_everything_back() {
     first.link.close();
     let mut second = Client::with("drive*2,io", "slaves-again", options, "");
     // Slave 2 is in Init: all of them go there before they go up.
-    second.request(MasterState::Init);
-    second.until("Init", |c| c.answer().state == StateByte::reached(MasterState::Init));
+    for state in [MasterState::Init, MasterState::PreOp] {
+        second.request(state);
+        second.until("the state", |c| c.answer().state == StateByte::reached(state));
+    }
     second.op();
     command(&second, 3, SlaveCommand::IoRead);
     (0..10).for_each(|_| {

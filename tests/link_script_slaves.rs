@@ -147,6 +147,22 @@ fn a_jam_brings_a_following_error() {
     client.until("it moves", |c| (drive(c, 1).position - stands - 500).abs() <= 5);
 }
 
+/// Homes slave 1; whether it was attained.
+fn home(client: &mut Client, method: u32) -> bool {
+    write(client, 1, 0x6060, 6);
+    write(client, 1, 0x6098, method);
+    command(client, 1, SlaveCommand::GoHome);
+    client.until("an end", |c| {
+        let word = drive(c, 1).statusword.0;
+        word & 0x2000 != 0 || word & 0x1400 == 0x1400
+    });
+    let attained = drive(client, 1).statusword.0 & 0x2000 == 0;
+    (0..100).for_each(|_| {
+        client.read();
+    });
+    attained
+}
+
 /// `stick`: homing meets the input as it sticks, and works when it does again.
 #[test]
 fn an_input_that_sticks_ends_homing_in_an_error() {
@@ -155,20 +171,6 @@ fn an_input_that_sticks_ends_homing_in_an_error() {
     let mut client = Client::stepped("stick", text);
     client.op();
     servo_on(&mut client, 1);
-    let home = |client: &mut Client, method| {
-        write(client, 1, 0x6060, 6);
-        write(client, 1, 0x6098, method);
-        command(client, 1, SlaveCommand::GoHome);
-        client.until("an end", |c| {
-            let word = drive(c, 1).statusword.0;
-            word & 0x2000 != 0 || word & 0x1400 == 0x1400
-        });
-        let attained = drive(client, 1).statusword.0 & 0x2000 == 0;
-        (0..100).for_each(|_| {
-            client.read();
-        });
-        attained
-    };
     let before = client.read();
     assert!(before < 4000 * MS, "{before}");
     while client.read() < 1100 * MS {}
@@ -205,10 +207,7 @@ fn opening_again_takes_everything_back() {
     servo_on(&mut second, 1);
     command(&second, 1, SlaveCommand::Csp(Motion::to(700)));
     second.until("it moves", |c| (drive(c, 1).position - 700).abs() <= 5);
-    write(&mut second, 1, 0x6060, 6);
-    write(&mut second, 1, 0x6098, 34);
-    command(&second, 1, SlaveCommand::GoHome);
-    second.until("home", |c| drive(c, 1).statusword.0 & 0x3400 == 0x1400);
+    assert!(home(&mut second, 34));
 }
 
 mod needs_cxx {

@@ -24,6 +24,7 @@ mod homing_tables;
 mod host;
 mod hsp;
 mod hsp_homing;
+mod hsp_network;
 mod io_slaves;
 mod leaving;
 mod leds;

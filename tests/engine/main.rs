@@ -19,6 +19,7 @@ mod homing;
 mod homing_ends;
 mod homing_real;
 mod homing_restore;
+mod homing_sdo;
 #[path = "../homing_tables/mod.rs"]
 mod homing_tables;
 mod host;

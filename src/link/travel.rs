@@ -92,7 +92,7 @@ const PARTS: [Part; 6] = [
             travel.limits = unless_none(text, Span::parse);
             travel.limits.is_some()
         },
-        write: |travel| travel.limits.map(|limits| or_none(limits)),
+        write: |travel| travel.limits.map(or_none),
     },
     Part {
         word: "home",
@@ -102,7 +102,7 @@ const PARTS: [Part; 6] = [
             travel.home = unless_none(text, Span::parse);
             travel.home.is_some()
         },
-        write: |travel| travel.home.map(|home| or_none(home)),
+        write: |travel| travel.home.map(or_none),
     },
     Part {
         word: "index",

@@ -8,7 +8,6 @@ use crate::homer::{Home, Script};
 
 use crate::homing_restore::{home_it, read_method, rejected, write_mode};
 
-const PROFILES: [Firmware; 2] = [Firmware::V17, Firmware::V15];
 const MS: Ns = 1_000_000;
 
 /// SK-7.25 Restoring is an SDO of the board's own: it takes several cycles and is not seen in the SDO slot.

@@ -5,7 +5,6 @@ use ecmsk::fieldbus::Ns;
 use ecmsk::sk::{CommandId, MasterCommand, MasterState, Motion, SdoResponse, SlaveCommand, StateByte};
 
 use crate::homer::{Home, Script};
-
 use crate::homing_restore::{home_it, read_method, rejected, write_mode};
 
 const MS: Ns = 1_000_000;

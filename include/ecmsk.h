@@ -97,6 +97,28 @@ typedef struct ecmsk_board ecmsk_board;
 typedef int32_t ecmsk_result;
 
 /**
+ * Faults that a link injected in one direction (`fault.` keys), since it was opened.
+ */
+typedef struct {
+  /**
+   * Frames lost on the way.
+   */
+  uint64_t dropped;
+  /**
+   * Frames with a bit turned over.
+   */
+  uint64_t corrupted;
+  /**
+   * Frames that arrived twice.
+   */
+  uint64_t duplicated;
+  /**
+   * Frames that were held up.
+   */
+  uint64_t delayed;
+} ecmsk_faults;
+
+/**
  * What a link moved since it was opened. Set `size` to sizeof of the structure before the call; afterwards it is the
  * number of bytes filled in.
  */
@@ -133,6 +155,18 @@ typedef struct {
    * Frames that a recording could not take.
    */
   uint64_t record_dropped;
+  /**
+   * Faults injected into command frames.
+   */
+  ecmsk_faults write_faults;
+  /**
+   * Faults injected into reports.
+   */
+  ecmsk_faults read_faults;
+  /**
+   * 1: a fault took the board away; else 0.
+   */
+  uint64_t disconnected;
 } ecmsk_stats;
 
 /**
@@ -195,6 +229,14 @@ typedef struct {
    * Command frames that arrived while the board booted; not among `frames`.
    */
   uint64_t while_booting;
+  /**
+   * Commands for slaves that were lost.
+   */
+  uint64_t for_lost;
+  /**
+   * Times the mode after homing could not be written back: the drive has stayed in mode 6.
+   */
+  uint64_t modes_not_restored;
 } ecmsk_counters;
 
 #ifdef __cplusplus

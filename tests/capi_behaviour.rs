@@ -213,6 +213,16 @@ mod needs_cxx {
         passes("boards", "sim:?slaves=drive*2&clock=virtual", &[]);
     }
 
+    /// Counters of what came for a lost slave and of modes that homing left behind; statistics of faults that the link
+    /// injected.
+    #[test]
+    fn counters_and_faults_are_shown() {
+        let script = out_dir().join("facts.ecmscript");
+        let text = "at 3s sdo-abort 1 0x6060:0 0x06020000\nat 6s mute 2\n";
+        fs::write(&script, text).expect("a file in the target folder");
+        passes("facts", &format!("sim:?slaves=drive*2&clock=virtual&script={}", script.display()), &[]);
+    }
+
     /// Nothing is printed unless `ECMSK_LOG` asks; then every call is traced and every failure has its reason.
     #[test]
     fn the_log_speaks_when_it_is_asked() {

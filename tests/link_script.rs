@@ -1,110 +1,20 @@
 //! Scripts of what happens to a simulated board, `script=`.
 
+mod script_client;
 mod support;
 
 use std::fs;
-use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::{Board, EngineConfig, Event, Script as _};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::link::options::SimOptions;
 use ecmsk::link::script::{Script, ScriptError};
-use ecmsk::link::slaves::SlaveSpec;
-use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Link, LinkError, ReadMeta, Share, Wait};
-use ecmsk::sk::{
-    Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SdoResponse, SlaveKind, SlotSize, StateByte,
-};
+use ecmsk::link::{self, LinkError, Share};
+use ecmsk::sk::{MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SdoResponse, StateByte};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
-const SIZE: SlotSize = SlotSize::Bytes12;
-const MS: u64 = 1_000_000;
-
-fn slaves(list: &str) -> Vec<SlaveSpec> {
-    let uri = LinkUri::parse(&format!("sim:?slaves={list}")).expect(list);
-    SimOptions::from_uri(&uri).expect(list).slaves
-}
-
-/// A file of that text.
-fn file(name: &str, text: &str) -> PathBuf {
-    let file = support::out_dir().join(name).with_extension("ecmscript");
-    fs::write(&file, text).expect("a file in the target folder");
-    file
-}
-
-/// A program on a board of two drives with that script.
-struct Client {
-    link: Arc<dyn Link>,
-    report: Frame,
-    zero: u64,
-}
-
-impl Client {
-    fn open(name: &str, options: &str, script: &str) -> Self {
-        let uri = format!("sim:?slaves=drive*2&{options}&script={}", file(name, script).display());
-        let link = link::open(&uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"));
-        let zero = link.info().opened_at.0;
-        Self { link, report: Frame::new(), zero }
-    }
-
-    /// On a virtual clock.
-    fn stepped(name: &str, script: &str) -> Self {
-        Self::open(name, "clock=virtual", script)
-    }
-
-    fn try_read(&mut self) -> Result<ReadMeta, LinkError> {
-        self.link.read(&mut self.report, Wait::Forever)
-    }
-
-    /// Reads a report and says when it was made, from the opening of the link.
-    fn read(&mut self) -> u64 {
-        self.try_read().expect("a report").at.0 - self.zero
-    }
-
-    fn write(&self, put: impl FnOnce(&mut Frame)) {
-        let mut frame = Frame::new();
-        put(&mut frame);
-        self.link.write(&frame, Wait::Forever).expect("written");
-    }
-
-    fn answer(&self) -> MasterResponse {
-        MasterResponse::decode(&self.report.slot(SIZE, 0))
-    }
-
-    fn slot(&self, slot: usize) -> RawSlot {
-        self.report.slot(SIZE, slot)
-    }
-
-    /// Reads until it is so; says when that was.
-    fn until(&mut self, what: &str, so: impl Fn(&Self) -> bool) -> u64 {
-        for _ in 0..100_000 {
-            let at = self.read();
-            if so(self) {
-                return at;
-            }
-        }
-        panic!("never: {what}; {:?}", self.answer());
-    }
-
-    fn declare(&self) {
-        for group in 0..5 {
-            self.write(|f| f.put_master(SIZE, &MasterCommand::SetAxis { group, kinds: [SlaveKind::Drive; 8] }));
-        }
-    }
-
-    fn request(&self, state: MasterState) {
-        self.write(|f| f.put_master(SIZE, &MasterCommand::SetState(state)));
-    }
-
-    fn op(&mut self) {
-        self.declare();
-        self.request(MasterState::Op);
-        self.until("OP", |c| c.answer().state == StateByte::reached(MasterState::Op));
-    }
-}
+use script_client::{Client, MS, SIZE, file, slaves};
 
 /// A drive's error code: bytes 10..11 of its slot (SK-7).
 fn error_code(slot: &RawSlot) -> u16 {

@@ -28,6 +28,14 @@ fn what_a_script_may_say() {
         let script = Script::parse("test", text, &slaves("drive*2"));
         assert_eq!(script.map(|script| script.len()), Ok(steps), "{text}");
     }
+    let text = "lose 1 for 1s\nat 2s find 1\nend lose 1\njam 2\nend jam 2\nstick 1.2 home off for 1s\nstick 1 index on\n\
+                end stick 1\nio 3 inputs 0xFFFF for 1s\nio 1.2 walk 20ms for 1s\nend io 1.2";
+    assert_eq!(Script::parse("test", text, &slaves("hsp2,step,io")).map(|script| script.len()), Ok(15));
+    for list in ["drive", "io", "hsp"] {
+        let model = slaves(list)[0].model;
+        assert_eq!(Script::parse("test", "jam 1", &slaves(list)).is_ok(), model.motors() > 0, "{list}");
+        assert_eq!(Script::parse("test", "io 1 inputs 1", &slaves(list)).is_ok(), model.channels() > 0, "{list}");
+    }
     let script = Script::parse("test", "alarm 1.2 0x7500\nalarm 2 0x7500", &slaves("hsp2,step"));
     assert_eq!(script.map(|script| script.len()), Ok(2), "the second channel of a module");
 }
@@ -56,8 +64,9 @@ fn files_of_other_editors() {
 
 #[test]
 fn what_is_wrong_is_said_with_its_place_and_what_is_allowed() {
-    const VERBS: &str = "alarm, cut, heal, mute, refuse, sdo-delay, sdo-abort, silent, full, inputs";
-    const LASTING: &str = "cut, mute, refuse, sdo-delay, sdo-abort, silent, full";
+    const VERBS: &str = "alarm, cut, heal, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \
+                         io, silent, full, inputs";
+    const LASTING: &str = "cut, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";
     const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
     for (text, line, column, message) in [
         ("\n  alram 1 0x7500", 2, 3, format!("`alram` is no verb; did you mean `alarm`? allowed: at, end, {VERBS}")),
@@ -97,6 +106,37 @@ fn what_is_wrong_is_said_with_its_place_and_what_is_allowed() {
         ),
         ("sdo-abort 1 0x6098:0", 1, 21, "CODE is missing; allowed: sdo-abort SLAVE [INDEX:SUB] CODE [for TIME]".into()),
         ("inputs 0x40", 1, 8, "`0x40` is no BITS; allowed: a number from 0x0 to 0x3F".into()),
+        ("lose 4", 1, 6, "`4` is no slave of this network; allowed: a number from 1 to 3".into()),
+        ("find 1 for 1s", 1, 8, "`for` is too much; allowed: find SLAVE".into()),
+        ("end find 1", 1, 5, format!("`find` is no verb that `end` ends; allowed: {LASTING}")),
+        ("jam 3", 1, 5, "`3` is no axis; allowed: a slave with a motor; slave 3 is an io".into()),
+        ("jam 1.2", 1, 5, "`1.2` is no axis; allowed: 1, slave 1 has one axis".into()),
+        ("jam 1 2", 1, 7, "`2` is too much; allowed: jam SLAVE [for TIME]".into()),
+        ("stick 1", 1, 8, "INPUT is missing; allowed: stick SLAVE[.AXIS] INPUT on|off [for TIME]".into()),
+        (
+            "stick 1 negative-limt on",
+            1,
+            9,
+            "`negative-limt` is no input; did you mean `negative-limit`? allowed: negative-limit, positive-limit, home, index"
+                .into(),
+        ),
+        ("stick 1 home", 1, 13, "on|off is missing; allowed: stick SLAVE[.AXIS] INPUT on|off [for TIME]".into()),
+        ("stick 1 home open", 1, 14, "`open` is no value; allowed: on, off".into()),
+        ("stick 3 home on", 1, 7, "`3` is no axis; allowed: a slave with a drive; slave 3 is an io".into()),
+        ("end stick 1 home", 1, 13, "`home` is too much; allowed: end stick SLAVE[.AXIS]".into()),
+        ("io 1 inputs 0", 1, 4, "`1` is no channel; allowed: a slave with digital inputs; slave 1 is a drive".into()),
+        ("io 3.2 inputs 0", 1, 4, "`3.2` is no channel; allowed: 3, slave 3 has one channel".into()),
+        (
+            "io 3",
+            1,
+            5,
+            "inputs|walk is missing; allowed: io SLAVE[.CHANNEL] inputs BITS|walk TIME [for TIME]".into(),
+        ),
+        ("io 3 input 1", 1, 6, "`input` is no pattern; did you mean `inputs`? allowed: inputs, walk".into()),
+        ("io 3 inputs 0x10000", 1, 13, "`0x10000` is no BITS; allowed: a number from 0x0 to 0xFFFF".into()),
+        ("io 3 walk 5", 1, 11, format!("`5` is no time; allowed: {TIMES}")),
+        ("io 3 walk 0ms", 1, 11, "`0ms` is no TIME; allowed: a time that is longer than 0".into()),
+        ("end io", 1, 7, "SLAVE is missing; allowed: end io SLAVE[.CHANNEL]".into()),
         ("# ä\nä 1", 2, 1, format!("`ä` is no verb; allowed: at, end, {VERBS}")),
         ("silent ä x", 1, 8, "`ä` is too much; allowed: silent [for TIME]".into()),
     ] {
@@ -122,13 +162,18 @@ fn the_help_has_every_verb() {
         "sdo-abort SLAVE [INDEX:SUB] CODE [for TIME]",
         "silent [for TIME]",
         "inputs BITS",
+        "lose SLAVE [for TIME]",
+        "find SLAVE",
+        "stick SLAVE[.AXIS] INPUT on|off [for TIME]",
+        "jam SLAVE [for TIME]",
+        "io SLAVE[.CHANNEL] inputs BITS|walk TIME [for TIME]",
     ] {
         assert!(help.contains(&format!("\n  {verb}")), "{verb}:\n{help}");
     }
 }
 
 fn word() -> impl Strategy<Value = String> {
-    let words = "at end for alarm cut heal mute refuse sdo-delay sdo-abort silent full inputs stays init safeop op 1 2 1.1 \
+    let words = "at end for alarm cut heal mute refuse sdo-delay sdo-abort silent full inputs stick jam lose find io walk home index on off 3 stays init safeop op 1 2 1.1 \
                  0x7500 0x6098:0 2.5s 200ms 0s # ä";
     let known: Vec<String> = words.split(' ').map(String::from).collect();
     prop_oneof![4 => proptest::sample::select(known), 1 => any::<String>()]

@@ -3,6 +3,7 @@
 use std::ffi::{CStr, CString, c_char};
 
 use ecmsk::engine::Reason;
+use ecmsk::link::fault::FaultCounts;
 
 use crate::boards::{EcmskBoard, EcmskResult, code, find};
 use crate::entry::entry;
@@ -11,6 +12,26 @@ use crate::error::{self, CallError};
 /// Room for kinds of rejection: more than there are, so that a later version can count more.
 pub const ECMSK_REJECT_KINDS: usize = 16;
 const _: () = assert!(Reason::KINDS <= ECMSK_REJECT_KINDS);
+
+/// Faults that a link injected in one direction (`fault.` keys), since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct EcmskFaults {
+    /// Frames lost on the way.
+    pub dropped: u64,
+    /// Frames with a bit turned over.
+    pub corrupted: u64,
+    /// Frames that arrived twice.
+    pub duplicated: u64,
+    /// Frames that were held up.
+    pub delayed: u64,
+}
+
+impl From<FaultCounts> for EcmskFaults {
+    fn from(FaultCounts { dropped, corrupted, duplicated, delayed }: FaultCounts) -> Self {
+        Self { dropped, corrupted, duplicated, delayed }
+    }
+}
 
 /// What a link moved since it was opened. Set `size` to sizeof of the structure before the call; afterwards it is the
 /// number of bytes filled in.
@@ -33,6 +54,12 @@ pub struct EcmskStats {
     pub read_errors: u64,
     /// Frames that a recording could not take.
     pub record_dropped: u64,
+    /// Faults injected into command frames.
+    pub write_faults: EcmskFaults,
+    /// Faults injected into reports.
+    pub read_faults: EcmskFaults,
+    /// 1: a fault took the board away; else 0.
+    pub disconnected: u64,
 }
 
 /// What happened to commands on the board since it booted. `size` as in `ecmsk_stats`.
@@ -67,6 +94,10 @@ pub struct EcmskCounters {
     pub idle_cycles: u64,
     /// Command frames that arrived while the board booted; not among `frames`.
     pub while_booting: u64,
+    /// Commands for slaves that were lost.
+    pub for_lost: u64,
+    /// Times the mode after homing could not be written back: the drive has stayed in mode 6.
+    pub modes_not_restored: u64,
 }
 
 /// A structure that begins with its own size.
@@ -74,7 +105,7 @@ pub struct EcmskCounters {
 /// # Safety
 /// `repr(C)`, made of integers without padding; the first four bytes are the `size`, set to that of the type.
 unsafe trait Versioned: Copy {}
-// SAFETY: see the declarations: u32, u32, then u64 only; `size` is set where they are made.
+// SAFETY: see the declarations: u32, u32, then u64 and structures of u64 only; `size` is set where they are made.
 unsafe impl Versioned for EcmskStats {}
 // SAFETY: as above.
 unsafe impl Versioned for EcmskCounters {}
@@ -124,6 +155,9 @@ pub unsafe extern "C" fn ecmsk_get_stats(board: *mut EcmskBoard, stats: *mut Ecm
             write_errors: link.write_errors,
             read_errors: link.read_errors,
             record_dropped: link.record_dropped,
+            write_faults: link.faults.write.into(),
+            read_faults: link.faults.read.into(),
+            disconnected: link.faults.disconnected.into(),
         };
         // SAFETY: as this function's own.
         unsafe { give(ours, stats, "stats") }
@@ -160,6 +194,8 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
             executed: board.executed,
             idle_cycles: board.idle_cycles,
             while_booting: board.while_booting,
+            for_lost: board.for_lost,
+            modes_not_restored: board.modes_not_restored,
         };
         // SAFETY: as this function's own.
         unsafe { give(ours, counters, "counters") }

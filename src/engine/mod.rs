@@ -30,6 +30,7 @@ mod stepped;
 mod sync;
 mod test_mode;
 mod threaded;
+mod volatile;
 
 use std::collections::VecDeque;
 
@@ -47,15 +48,12 @@ pub use stepped::{Stepped, Stop};
 pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 
-use crate::cia402::Mode;
 use crate::fieldbus::{Fieldbus, Inputs, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
-use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind, SlotSize, StateByte};
+use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use axis::Axis;
 use counters::EventLog;
 use fifo::CommandFifo;
-use network::Network;
-use restore::Restores;
-use sdo::SdoSlot;
+use volatile::{CrcSwitches, FACTORY_CRC, Head, Volatile};
 
 /// What a board is, apart from what programs tell it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,25 +85,6 @@ impl Default for EngineConfig {
     }
 }
 
-/// The switches of SET_EX.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct CrcSwitches {
-    check_commands: bool,
-    fill_responses: bool,
-}
-
-/// SK-1 \[OURS]: the factory setting.
-const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
-
-/// What a slave's slot shows of the command executed last.
-#[derive(Clone, Copy, Debug, Default)]
-struct Head {
-    id: u8,
-    index: u8,
-    /// The command was IO_WR: Data1 of the answer is this output image.
-    output_image: Option<u16>,
-}
-
 /// What stood behind the outputs with one id.
 #[derive(Clone, Debug)]
 struct Executed {
@@ -117,64 +96,6 @@ struct Executed {
     commanded: SlaveSet,
     /// Where the test was.
     test: test_mode::Test,
-}
-
-/// What a board forgets at SW_RESET.
-struct Volatile {
-    switches: CrcSwitches,
-    kinds: [SlaveKind; MAX_SLAVES],
-    modes: [(Mode, DriveSync); MAX_SLAVES],
-    cycle: CycleTime,
-    network: Network,
-    /// Cycle, roles and synchronisation as they were configured on the way to SafeOP.
-    cycle_in_op: CycleTime,
-    roles: [Role; MAX_SLAVES],
-    /// Pulse modules of two channels among them.
-    second_axes: SlaveSet,
-    syncs: [DriveSync; MAX_SLAVES],
-    moved: lost::Moved,
-    test: test_mode::Test,
-    /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
-    modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
-    axes: [[Axis; MAX_AXES]; MAX_SLAVES],
-    sdo: SdoSlot,
-    /// Modes that the board has to write back after homing.
-    restores: Restores,
-    /// Byte 0 and bytes 4..7 of slot 0 outside OP.
-    master_id: CommandId,
-    master_result: u32,
-    crc_errors: u8,
-    local_outputs: u8,
-    heads: [Head; MAX_SLAVES],
-    response: Frame,
-}
-
-impl Volatile {
-    fn new(switches: CrcSwitches) -> Self {
-        Self {
-            switches,
-            kinds: [SlaveKind::default(); MAX_SLAVES],
-            modes: [(Mode::Csp, DriveSync::DcSync); MAX_SLAVES],
-            cycle: CycleTime::DEFAULT,
-            network: Network::default(),
-            cycle_in_op: CycleTime::DEFAULT,
-            roles: [Role::Unused; MAX_SLAVES],
-            second_axes: SlaveSet::EMPTY,
-            syncs: [DriveSync::DcSync; MAX_SLAVES],
-            moved: lost::Moved::default(),
-            test: test_mode::Test::default(),
-            modes_written: [[0; MAX_AXES]; MAX_SLAVES],
-            axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
-            sdo: SdoSlot::new(),
-            restores: Restores::new(),
-            master_id: CommandId::GetStatus,
-            master_result: 0,
-            crc_errors: 0,
-            local_outputs: 0,
-            heads: [Head::default(); MAX_SLAVES],
-            response: Frame::new(),
-        }
-    }
 }
 
 /// The EC01M.

@@ -154,6 +154,7 @@ impl SimBus {
                 Mishap::Fault(fault) => slave.raise_fault(axis, fault),
                 Mishap::Stuck(input, value) => slave.stick_input(axis, input, value),
                 Mishap::Jam(jammed) => slave.jam(axis, jammed),
+                Mishap::Forced(pattern) => slave.force_inputs(axis, pattern),
             };
         });
     }

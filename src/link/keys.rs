@@ -221,6 +221,7 @@ pub fn help() -> String {
         let _ = writeln!(text, "  {form}\n      {} [{whose}{default}]", key.meaning);
     }
     let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
+    let _ = write!(text, "\n{}", super::travel::help());
     #[cfg(feature = "sim")]
     let _ = write!(text, "\n{}", super::script::help());
     text

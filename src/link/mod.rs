@@ -15,6 +15,7 @@ pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
+pub mod travel;
 pub mod uri;
 
 use std::sync::Arc;

@@ -41,6 +41,7 @@
 //! taken back. An end (`for`, `end`) takes back whatever of its kind holds at that time. While a script has lines to come
 //! no silence is for ever: a read on a virtual clock waits for them.
 
+mod reader;
 mod run;
 mod verbs;
 mod words;

@@ -6,13 +6,14 @@ use super::boards::{self, Key};
 use super::engine::{EngineLink, Keeper, RunOptions};
 use super::options::{Clock, CommonOptions, SimOptions};
 use super::script::{self, Script};
-use super::slaves::SlaveModel;
+use super::slaves::{SlaveModel, SlaveSpec};
+use super::travel::{Span, TravelSpec};
 use super::uri::LinkUri;
 use super::{LinkError, Share};
 use crate::engine::{Board, EngineConfig, Rate, RealTime};
-use crate::fieldbus::Ns;
 use crate::fieldbus::sim::{SimBus, SimHandle};
-use crate::slave::{Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
+use crate::fieldbus::{MAX_AXES, Ns};
+use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -69,7 +70,7 @@ fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
         test: options.test,
         ..EngineConfig::default()
     };
-    let slaves = options.slaves.iter().map(|slave| build(slave.model)).collect();
+    let slaves = options.slaves.iter().map(build).collect();
     let bus = SimBus::new(slaves);
     let network = bus.handle();
     let mut board = Board::new(config, Box::new(bus));
@@ -77,13 +78,42 @@ fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
     (board, network)
 }
 
-fn build(model: SlaveModel) -> Box<dyn Slave> {
+fn build(spec: &SlaveSpec) -> Box<dyn Slave> {
+    let SlaveSpec { model, travel: said } = spec;
+    let position = said.start.unwrap_or(0);
+    let drive = |config: DriveConfig| {
+        let travel = travel(said, config.travel);
+        Box::new(Drive::new(DriveConfig { position, travel, ..config }))
+    };
+    let hsp = |channels| {
+        let config = HspConfig::with(channels);
+        let travels = config.travels.map(|usual| travel(said, usual));
+        Box::new(Hsp::new(HspConfig { positions: [position; MAX_AXES], travels, ..config }))
+    };
     match model {
-        SlaveModel::Drive => Box::new(Drive::new(DriveConfig::default())),
-        SlaveModel::Step => Box::new(Drive::new(DriveConfig::stepper())),
-        SlaveModel::Hsp => Box::new(Hsp::new(HspConfig::with(Channels::One))),
-        SlaveModel::Hsp2 => Box::new(Hsp::new(HspConfig::with(Channels::Two))),
+        SlaveModel::Drive => drive(DriveConfig::default()),
+        SlaveModel::Step => drive(DriveConfig::stepper()),
+        SlaveModel::Hsp => hsp(Channels::One),
+        SlaveModel::Hsp2 => hsp(Channels::Two),
         SlaveModel::Io => Box::<Io>::default(),
+    }
+}
+
+/// The usual travel with what a link says of it.
+fn travel(said: &TravelSpec, usual: Travel) -> Travel {
+    let home = |span: Span| match span {
+        Span { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
+        Span { from: Some(first), to: None } => Some(HomeSwitch::From(first)),
+        Span { from: None, to: Some(last) } => Some(HomeSwitch::UpTo(last)),
+        Span { from: None, to: None } => None,
+    };
+    Travel {
+        negative_limit: said.limits.map_or(usual.negative_limit, |limits| limits?.from),
+        positive_limit: said.limits.map_or(usual.positive_limit, |limits| limits?.to),
+        home: said.home.map_or(usual.home, |span| span.and_then(home)),
+        index: said.index.unwrap_or(usual.index),
+        stops: said.stops.and_then(|stops| stops.from.zip(stops.to)),
+        search_limit: said.search.unwrap_or(usual.search_limit),
     }
 }
 

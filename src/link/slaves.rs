@@ -1,5 +1,7 @@
-//! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network.
+//! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network. Behind a kind may stand what
+//! is along the way of its axes, see [`travel`](super::travel).
 
+use super::travel::TravelSpec;
 use super::uri::suggestion;
 use crate::sk::SlotSize;
 
@@ -41,6 +43,23 @@ impl SlaveModel {
             Self::Hsp2 => 2,
         }
     }
+
+    /// Axes with a motor of their own, which can be jammed: 0..=1.
+    pub const fn motors(self) -> usize {
+        match self {
+            Self::Drive | Self::Step => 1,
+            Self::Hsp | Self::Hsp2 | Self::Io => 0,
+        }
+    }
+
+    /// Channels with 16 digital inputs and outputs: 0..=2.
+    pub const fn channels(self) -> usize {
+        match self {
+            Self::Drive | Self::Step => 0,
+            Self::Hsp | Self::Io => 1,
+            Self::Hsp2 => 2,
+        }
+    }
 }
 
 /// Kinds whose names are known, but which are in no build yet: Xinje DP3CL.
@@ -57,12 +76,15 @@ const MAX: usize = SlotSize::Bytes12.max_slaves();
 pub struct SlaveSpec {
     /// What it is.
     pub model: SlaveModel,
+    /// What is along the way of its axes; nothing is said of a model without axes.
+    pub travel: TravelSpec,
 }
 
 /// What a list looks like.
 pub(super) fn form() -> String {
     format!(
-        "a comma list of kinds, each with *N if there are N in a row: {}; {NONE} for no slave; at most {MAX} slaves, {} with slot=16",
+        "a comma list of kinds, each with *N if there are N in a row and with its travel (:limits@N..P and so on, see below) \
+         if it is not the usual one: {}; {NONE} for no slave; at most {MAX} slaves, {} with slot=16",
         kinds(),
         SlotSize::Bytes16.max_slaves()
     )
@@ -88,6 +110,10 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             Some((kind, count)) => (kind, parse_count(item, count)?),
             None => (item, 1),
         };
+        let (kind, travel) = match kind.split_once(':') {
+            Some((kind, travel)) => (kind, Some(travel)),
+            None => (kind, None),
+        };
         let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
             let (state, near) = if LATER.contains(&kind) {
                 ("not in this build yet", String::new())
@@ -96,7 +122,11 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             };
             format!("kind `{kind}` is {state};{near} allowed: {}", kinds())
         })?;
-        slaves.extend(std::iter::repeat_n(SlaveSpec { model }, count));
+        let travel = match travel {
+            Some(travel) => travel_of(model, travel).map_err(|why| format!("in `{item}`, {why}"))?,
+            None => TravelSpec::default(),
+        };
+        slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel }, count));
         if slaves.len() > MAX {
             return Err(too_many(SlotSize::Bytes12));
         }
@@ -109,9 +139,11 @@ pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
     if slaves.is_empty() {
         return NONE.to_owned();
     }
-    let runs = slaves.chunk_by(|a, b| a == b).map(|run| match run.len() {
-        1 => run[0].model.name().to_owned(),
-        n => format!("{}*{n}", run[0].model.name()),
+    // What says nothing more than the default does is not written, so it must not keep neighbours apart.
+    let names: Vec<String> = slaves.iter().map(|slave| format!("{}{}", slave.model.name(), slave.travel)).collect();
+    let runs = names.chunk_by(|a, b| a == b).map(|run| match run.len() {
+        1 => run[0].clone(),
+        n => format!("{}*{n}", run[0]),
     });
     runs.collect::<Vec<_>>().join(",")
 }
@@ -119,6 +151,17 @@ pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
 /// Why a list is too long for a board of that slot size.
 pub(super) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
+}
+
+fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
+    if model.axes() == 0 {
+        return Err(format!("a slave of kind {} has no axis and no travel; allowed: {}", model.name(), model.name()));
+    }
+    let travel = TravelSpec::parse(text)?;
+    if travel.stops.is_some() && model.motors() == 0 {
+        return Err(format!("the pulses of an {} meet no stops; allowed: stops@ of drive and step", model.name()));
+    }
+    Ok(travel)
 }
 
 fn parse_count(item: &str, count: &str) -> Result<usize, String> {

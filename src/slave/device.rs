@@ -7,6 +7,7 @@
 use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::dictionary::{self, Object, Values};
+use super::lines::{InputPattern, Lines};
 use super::state_machine::DeviceFault;
 use super::switches::Input;
 use super::{AlStatus, SdoValue, Slave};
@@ -83,6 +84,11 @@ pub trait Model: Send + Sized + 'static {
 
     /// Its axes, to move them.
     fn axes_mut(&mut self) -> &mut [Axis] {
+        &mut []
+    }
+
+    /// Its digital lines, those of a channel each.
+    fn lines_mut(&mut self) -> &mut [Lines] {
         &mut []
     }
 
@@ -225,6 +231,11 @@ impl<M: Model> Slave for M {
     fn jam(&mut self, axis: usize, jammed: bool) -> bool {
         let found = self.axes_mut().get_mut(axis);
         found.map(|axis| axis.jam(jammed)).is_some()
+    }
+
+    fn force_inputs(&mut self, channel: usize, pattern: Option<InputPattern>) -> bool {
+        let found = self.lines_mut().get_mut(channel);
+        found.map(|lines| lines.force(pattern)).is_some()
     }
 
     fn has_dc(&self) -> bool {

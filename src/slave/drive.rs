@@ -43,7 +43,7 @@ pub struct DriveConfig {
     pub motor: Motor,
     /// How long its transitions take.
     pub times: TransitionTimes,
-    /// Its switches, in counts of the shaft: with another motor than the default one, [`Travel::for_motor`].
+    /// Its switches, in counts of the shaft: with another motor than the default one, [`Travel::for_turn`].
     pub travel: Travel,
 }
 
@@ -65,7 +65,7 @@ impl DriveConfig {
     /// The stepper as it is by default.
     pub fn stepper() -> Self {
         let motor = Motor::stepper();
-        let travel = Travel::for_motor(&motor);
+        let travel = Travel::for_turn(motor.counts_per_turn);
         Self { name: "step".into(), kind: DriveKind::Stepper, motor, travel, ..Self::default() }
     }
 }
@@ -88,7 +88,7 @@ impl Drive {
     pub fn new(config: DriveConfig) -> Self {
         let DriveConfig { name, serial, kind, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
-        let axis = Axis::new(&motor, times, settings(&values), position).on(&travel, &motor);
+        let axis = Axis::new(&motor, times, settings(&values), position).on(&travel, motor.counts_per_turn);
         Self { base: Base::new(name, serial, objects::identity_of(kind), values), kind, motor, axis }
     }
 

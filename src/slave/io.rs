@@ -1,10 +1,12 @@
 //! A digital IO module: 16 outputs and 16 inputs (SK-7, table).
 //!
-//! \[OURS] Output k is wired to input k of the same module: what is written is read back a cycle later. Outside OP the
-//! outputs are off.
+//! Its outputs are wired to its inputs, see [`lines`](super::lines). \[OURS] Outside OP the outputs are off.
+
+use std::slice;
 
 use super::device::{Base, Identity, Model, VENDOR_ID, identity, not_of_this_kind};
 use super::dictionary::{Object, Values, check, join, rows};
+use super::lines::Lines;
 use crate::fieldbus::{AxisIn, Ns, Refusal, Role, SlaveIn, SlaveOut};
 
 /// 0x1018:2. \[OURS] "IO16".
@@ -40,20 +42,19 @@ impl Default for IoConfig {
 #[derive(Clone, Debug)]
 pub struct Io {
     base: Base,
-    outputs: u16,
-    inputs: u16,
+    lines: Lines,
 }
 
 impl Io {
     /// A module that is switched on now.
     pub fn new(config: IoConfig) -> Self {
         let IoConfig { name, serial } = config;
-        Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS)), outputs: 0, inputs: 0 }
+        Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS)), lines: Lines::default() }
     }
 
     /// The outputs as they are, bit k is output k.
     pub const fn outputs(&self) -> u16 {
-        self.outputs
+        self.lines.outputs()
     }
 }
 
@@ -82,7 +83,7 @@ impl Model for Io {
     }
 
     fn put_inputs(&self, inputs: &mut SlaveIn) {
-        inputs[0] = AxisIn { inputs: self.inputs, ..AxisIn::default() };
+        inputs[0] = AxisIn { inputs: self.lines.inputs(), ..AxisIn::default() };
     }
 
     fn has_dc(&self) -> bool {
@@ -90,15 +91,19 @@ impl Model for Io {
     }
 
     fn take_outputs(&mut self, [out, ..]: &SlaveOut) {
-        self.outputs = out.outputs;
+        self.lines.set_outputs(out.outputs);
     }
 
-    fn pass(&mut self, _dt_ns: Ns) {
-        self.inputs = self.outputs;
+    fn lines_mut(&mut self) -> &mut [Lines] {
+        slice::from_mut(&mut self.lines)
+    }
+
+    fn pass(&mut self, dt_ns: Ns) {
+        self.lines.pass(dt_ns);
     }
 
     fn lose_outputs(&mut self) {
-        self.outputs = 0;
+        self.lines.set_outputs(0);
     }
 }
 
@@ -120,7 +125,7 @@ const OWN: &[Row] = &[
     Row::u8(0x1C13, 0, "TxPDO assign").live(|io| io.base.mapped().is_some().into()),
     Row::u16(0x1C13, 1, "TxPDO").live(|io| if io.base.mapped().is_some() { 0x1A00 } else { 0 }),
     Row::u8(0x6000, 0, "Digital inputs").default(1),
-    Row::u16(0x6000, 1, "Inputs").tx().live(|io| io.inputs.into()),
+    Row::u16(0x6000, 1, "Inputs").tx().live(|io| io.lines.inputs().into()),
     Row::u8(0x7000, 0, "Digital outputs").default(1),
-    Row::u16(0x7000, 1, "Outputs").rx().live(|io| io.outputs.into()),
+    Row::u16(0x7000, 1, "Outputs").rx().live(|io| io.lines.outputs().into()),
 ];

@@ -3,7 +3,7 @@
 //! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
 //! [`plant`] joined to an [`axis`], which does its [`homing`] by [`switches`]; [`device`] is what all of them do alike.
 //! [`drive`] is a servo drive or a stepper made of them, [`hsp`] a pulse module, [`io`] a module of digital inputs and
-//! outputs.
+//! outputs; both have digital [`lines`].
 
 pub mod al;
 pub mod axis;
@@ -13,6 +13,7 @@ pub mod drive;
 pub mod homing;
 pub mod hsp;
 pub mod io;
+pub mod lines;
 pub mod plant;
 pub mod state_machine;
 pub mod switches;
@@ -20,6 +21,7 @@ pub mod switches;
 pub use drive::{Drive, DriveConfig, DriveKind};
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
+pub use lines::InputPattern;
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
 
@@ -109,6 +111,12 @@ pub trait Slave: Send {
     /// such axis.
     fn jam(&mut self, axis: usize, jammed: bool) -> bool {
         let _ = (axis, jammed);
+        false
+    }
+
+    /// The digital inputs of a channel (from 0) are forced, or work again: `None`. False: it has no such channel.
+    fn force_inputs(&mut self, channel: usize, pattern: Option<InputPattern>) -> bool {
+        let _ = (channel, pattern);
         false
     }
 

@@ -9,7 +9,7 @@ use super::plant::Motor;
 
 /// \[OURS] A run gives up after that many turns, unless [`Travel::search_limit`] says another way.
 const SEARCH_LIMIT_TURNS: u64 = 100;
-/// \[OURS] Where the limit switches of [`Travel::for_motor`] are, turns from 0 in either direction.
+/// \[OURS] Where the limit switches of [`Travel::for_turn`] are, turns from 0 in either direction.
 const LIMIT_TURNS: i64 = 10;
 
 /// An input of an axis that can be wired, or stick.
@@ -26,6 +26,9 @@ pub enum Input {
 }
 
 impl Input {
+    /// Every input.
+    pub const ALL: [Self; 4] = [Self::NegativeLimit, Self::PositiveLimit, Self::Home, Self::Index];
+
     /// Its name for people.
     pub const fn name(self) -> &'static str {
         match self {
@@ -120,11 +123,11 @@ impl Travel {
         search_limit: u64::MAX,
     };
 
-    /// \[OURS] A travel on which every homing method finds home from where a drive stands at power-on, position 0:
+    /// \[OURS] A travel on which every homing method finds home from where an axis stands at power-on, position 0:
     /// limit switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every
     /// whole turn, no end stops, and runs of 100 turns at most.
-    pub fn for_motor(motor: &Motor) -> Self {
-        let turn = i64::from(motor.counts_per_turn.max(1));
+    pub fn for_turn(counts_per_turn: u32) -> Self {
+        let turn = i64::from(counts_per_turn.max(1));
         Self {
             negative_limit: Some(-LIMIT_TURNS * turn),
             positive_limit: Some(LIMIT_TURNS * turn),
@@ -139,7 +142,7 @@ impl Travel {
 impl Default for Travel {
     /// That of the default motor.
     fn default() -> Self {
-        Self::for_motor(&Motor::default())
+        Self::for_turn(Motor::default().counts_per_turn)
     }
 }
 

@@ -19,9 +19,15 @@ mod full_table_run;
 mod homer;
 mod homing;
 mod homing_ends;
+mod homing_real;
 mod homing_restore;
+mod homing_sdo;
+#[path = "../homing_tables/mod.rs"]
+mod homing_tables;
 mod host;
 mod hsp;
+mod hsp_homing;
+mod hsp_network;
 mod io_slaves;
 mod leaving;
 mod leds;

@@ -37,7 +37,7 @@ fn short_travel(turn: i64) -> Travel {
         negative_limit: Some(-turn / 4),
         positive_limit: Some(turn / 4),
         home: Some(HomeSwitch::Cam { first: -turn / 50, last: turn / 50 }),
-        ..Travel::for_motor(&DriveConfig::default().motor)
+        ..Travel::for_turn(DriveConfig::default().motor.counts_per_turn)
     }
 }
 

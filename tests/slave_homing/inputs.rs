@@ -155,7 +155,7 @@ fn end_stops() {
 #[test]
 fn travel_of_a_motor() {
     let motor = Motor { counts_per_turn: 4_000, max_velocity: 400_000, ..Motor::default() };
-    let travel = Travel::for_motor(&motor);
+    let travel = Travel::for_turn(motor.counts_per_turn);
     assert_eq!((travel.negative_limit, travel.positive_limit), (Some(-40_000), Some(40_000)));
     assert_eq!(Travel::default().positive_limit, Some(10 * TURN));
     assert!(travel.stops.is_none() && FAST > 0);

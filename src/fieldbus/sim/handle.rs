@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
-use crate::slave::{AlStatus, DeviceFault, Input};
+use crate::slave::{AlStatus, DeviceFault, Input, InputPattern};
 
 /// Where the shafts really are.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,6 +37,7 @@ pub(super) enum Mishap {
     Fault(DeviceFault),
     Stuck(Input, Option<bool>),
     Jam(bool),
+    Forced(Option<InputPattern>),
 }
 
 struct Shared {
@@ -142,6 +143,11 @@ impl SimHandle {
     /// is free again.
     pub fn jam(&self, slave: u8, axis: usize, jammed: bool) {
         self.befall(slave, axis, Mishap::Jam(jammed));
+    }
+
+    /// The digital inputs of a slave's channel (from 0) are forced from the next cycle on, or work again: `None`.
+    pub fn force_inputs(&self, slave: u8, channel: usize, pattern: Option<InputPattern>) {
+        self.befall(slave, channel, Mishap::Forced(pattern));
     }
 
     /// Where the shafts were at the end of a cycle, all at the same time.

@@ -30,7 +30,8 @@ pub const KEYS: &[Key] = &[
         example: "drive*2,io",
         meaning: "the slaves on the network, in order, e.g. drive*2,io: drive, a servo drive; io, 16 outputs and \
                   inputs; step, a stepper; hsp and hsp2, a pulse module of one and of two channels (outputs of io and \
-                  hsp are wired to their inputs); none: a board that finds no slave",
+                  hsp are wired to their inputs); none: a board that finds no slave; a kind may have its travel behind it, \
+                  e.g. drive:limits@-200000..300000 (see below)",
     },
     Key {
         name: "slot",

@@ -3,8 +3,8 @@
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::engine::{self, BoardHandle, Event};
 use crate::fieldbus::sim::SimHandle;
-use crate::fieldbus::{AlState, MAX_SLAVES, Ns};
-use crate::slave::{AlStatus, DeviceFault};
+use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
+use crate::slave::{AlStatus, DeviceFault, Input, InputPattern};
 
 /// Something that happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +33,28 @@ pub(super) enum Deed {
         slave: u8,
         abort: Option<(Option<ObjectAddress>, AbortCode)>,
     },
+    /// One input of an axis, or all of them; `None`: it works.
+    Stick {
+        slave: u8,
+        axis: usize,
+        input: Option<Input>,
+        value: Option<bool>,
+    },
+    Jam {
+        slave: u8,
+        axis: usize,
+        jammed: bool,
+    },
+    Lose {
+        slave: u8,
+        lost: bool,
+    },
+    /// `None`: its inputs work.
+    Force {
+        slave: u8,
+        channel: usize,
+        pattern: Option<InputPattern>,
+    },
     Silent(bool),
     Full(bool),
     Inputs(u8),
@@ -48,6 +70,10 @@ impl Deed {
             Self::Refuse { slave, .. } => Self::Refuse { slave, state: None },
             Self::SdoDelay { slave, .. } => Self::SdoDelay { slave, ns: 0 },
             Self::SdoAbort { slave, .. } => Self::SdoAbort { slave, abort: None },
+            Self::Stick { slave, axis, input, .. } => Self::Stick { slave, axis, input, value: None },
+            Self::Jam { slave, axis, .. } => Self::Jam { slave, axis, jammed: false },
+            Self::Lose { slave, .. } => Self::Lose { slave, lost: false },
+            Self::Force { slave, channel, .. } => Self::Force { slave, channel, pattern: None },
             Self::Silent(_) => Self::Silent(false),
             Self::Full(_) => Self::Full(false),
         }
@@ -69,6 +95,14 @@ impl Deed {
             Self::SdoAbort { slave, abort: Some((Some(object), code)) } => {
                 network.abort_object(slave, Some((object, code)));
             }
+            Self::Stick { slave, axis, input: Some(input), value } => network.stick_input(slave, axis, input, value),
+            Self::Stick { slave, axis, input: None, value } => {
+                Input::ALL.into_iter().for_each(|input| network.stick_input(slave, axis, input, value));
+            }
+            Self::Jam { slave, axis, jammed } => network.jam(slave, axis, jammed),
+            Self::Lose { slave, lost: true } => network.lose(slave),
+            Self::Lose { slave, lost: false } => network.find(slave),
+            Self::Force { slave, channel, pattern } => network.force_inputs(slave, channel, pattern),
             Self::Silent(silent) => board.mute(silent),
             Self::Full(full) => board.hold_fifo(full),
             Self::Inputs(bits) => board.set_local_inputs(bits),
@@ -122,13 +156,23 @@ pub(crate) fn take_back(network: &SimHandle, board: &BoardHandle) {
     let everywhere = [Deed::Cut(None), Deed::Silent(false), Deed::Full(false), Deed::Inputs(0)];
     let of_slave = |slave| {
         [
+            // It is found by that, too.
             Deed::Mute { slave, mute: false },
             Deed::Refuse { slave, state: None },
             Deed::SdoDelay { slave, ns: 0 },
             Deed::SdoAbort { slave, abort: None },
         ]
     };
-    for deed in everywhere.into_iter().chain((1..=MAX_SLAVES as u8).flat_map(of_slave)) {
+    let of_axis = |(slave, axis)| {
+        [
+            Deed::Stick { slave, axis, input: None, value: None },
+            Deed::Jam { slave, axis, jammed: false },
+            Deed::Force { slave, channel: axis, pattern: None },
+        ]
+    };
+    let slaves = 1..=MAX_SLAVES as u8;
+    let axes = slaves.clone().flat_map(|slave| (0..MAX_AXES).map(move |axis| (slave, axis)));
+    for deed in everywhere.into_iter().chain(slaves.flat_map(of_slave)).chain(axes.flat_map(of_axis)) {
         deed.happen(network, board);
     }
 }

@@ -1,11 +1,10 @@
 //! The verbs of a script: the one table that lines are read by and the help is made from.
 
+use super::reader::Reader;
 use super::run::{Deed, Step};
-use super::words::{Word, Words, Wrong, number, time, whole};
-use crate::coe::{AbortCode, ObjectAddress};
-use crate::fieldbus::AlState;
+use super::words::{Word, Words, Wrong, number, time};
 use crate::link::slaves::SlaveSpec;
-use crate::slave::{AlStatus, DeviceFault};
+use crate::slave::DeviceFault;
 
 /// One verb.
 struct Verb {
@@ -17,15 +16,6 @@ struct Verb {
     lasts: bool,
     /// Reads what stands behind it, or what stands behind `end` and it.
     read: fn(&mut Reader) -> Result<Deed, Wrong>,
-}
-
-/// Reads the words behind a verb.
-struct Reader<'a, 'b> {
-    words: &'b mut Words<'a>,
-    slaves: &'b [SlaveSpec],
-    form: String,
-    /// `end` stood before the verb: what says how is left out.
-    ends: bool,
 }
 
 const VERBS: &[Verb] = &[
@@ -96,6 +86,54 @@ const VERBS: &[Verb] = &[
         },
     },
     Verb {
+        name: "lose",
+        form: "SLAVE",
+        meaning: "a slave loses its power: it falls to Init and answers nothing, while frames still pass it",
+        lasts: true,
+        read: |line| Ok(Deed::Lose { slave: line.slave()?, lost: true }),
+    },
+    Verb {
+        name: "find",
+        form: "SLAVE",
+        meaning: "a slave has power again: it answers, in Init, as with `end lose`",
+        lasts: false,
+        read: |line| Ok(Deed::Lose { slave: line.slave()?, lost: false }),
+    },
+    Verb {
+        name: "stick",
+        form: "SLAVE[.AXIS] INPUT on|off",
+        meaning: "an input of an axis sticks: negative-limit, positive-limit, home or index (no pulse comes any more); \
+                  `end stick` frees all of the axis",
+        lasts: true,
+        read: |line| {
+            let (slave, axis) = line.axis()?;
+            let stuck = if line.ends { None } else { Some((line.input()?, line.on_or_off()?)) };
+            Ok(Deed::Stick { slave, axis, input: stuck.map(|(input, _)| input), value: stuck.map(|(_, on)| on) })
+        },
+    },
+    Verb {
+        name: "jam",
+        form: "SLAVE",
+        meaning: "the shaft of a drive or a step is jammed: it stands whatever the torque, and a following error comes",
+        lasts: true,
+        read: |line| {
+            let (slave, axis) = line.motor()?;
+            Ok(Deed::Jam { slave, axis, jammed: true })
+        },
+    },
+    Verb {
+        name: "io",
+        form: "SLAVE[.CHANNEL] inputs BITS|walk TIME",
+        meaning: "digital inputs of an io or hsp are forced, instead of being wired to the outputs: to BITS, bit k is \
+                  input k, or one after the other for TIME each",
+        lasts: true,
+        read: |line| {
+            let (slave, channel) = line.channel()?;
+            let pattern = if line.ends { None } else { Some(line.pattern()?) };
+            Ok(Deed::Force { slave, channel, pattern })
+        },
+    },
+    Verb {
         name: "silent",
         form: "",
         meaning: "the board makes no reports, while everything else goes on",
@@ -117,9 +155,6 @@ const VERBS: &[Verb] = &[
         read: |line| Ok(Deed::Inputs(number(line.words, "BITS", &line.form, 0, 0x3F)? as u8)),
     },
 ];
-
-const AL_STATES: [(&str, AlState); 4] =
-    [("init", AlState::Init), ("preop", AlState::PreOp), ("safeop", AlState::SafeOp), ("op", AlState::Op)];
 
 /// The verbs, for `ecmsk link help`.
 pub(crate) fn help() -> String {
@@ -154,8 +189,10 @@ pub(super) fn line(line: u32, text: &str, slaves: &[SlaveSpec], steps: &mut Vec<
     let form = match (ends, verb.lasts) {
         (false, true) => format!("{} [for TIME]", form(verb)),
         (false, false) => form(verb),
-        (true, _) if verb.form.starts_with("SLAVE") && verb.name != "cut" => format!("end {} SLAVE", verb.name),
-        (true, _) => format!("end {}", verb.name),
+        (true, _) => match verb.form.split(' ').next() {
+            Some(slave) if slave.starts_with("SLAVE") && verb.name != "cut" => format!("end {} {slave}", verb.name),
+            _ => format!("end {}", verb.name),
+        },
     };
     let mut reader = Reader { words: &mut words, slaves, form: form.clone(), ends };
     let deed = (verb.read)(&mut reader)?;
@@ -181,69 +218,5 @@ fn unknown_verb(word: Word, ends: bool) -> Wrong {
         let mut known = vec!["at", "end"];
         known.extend(names(false));
         word.unknown("verb", &known)
-    }
-}
-
-impl Reader<'_, '_> {
-    fn slave(&mut self) -> Result<u8, Wrong> {
-        let word = self.words.need("SLAVE", &self.form)?;
-        self.slave_of(word, word.text)
-    }
-
-    fn slave_of(&self, word: Word, text: &str) -> Result<u8, Wrong> {
-        let count = self.slaves.len();
-        let slave = whole(text).and_then(|slave| u8::try_from(slave).ok());
-        slave.filter(|slave| (1..=count).contains(&usize::from(*slave))).ok_or_else(|| {
-            if count == 0 {
-                return word.wrong("no slave of this network", "none, the network has no slaves");
-            }
-            word.wrong("no slave of this network", &format!("a number from 1 to {count}"))
-        })
-    }
-
-    /// A slave and one of its axes, from 0.
-    fn axis(&mut self) -> Result<(u8, usize), Wrong> {
-        let word = self.words.need("SLAVE", &self.form)?;
-        let (slave, axis) = word.text.split_once('.').unwrap_or((word.text, "1"));
-        let slave = self.slave_of(word, slave)?;
-        let model = self.slaves[usize::from(slave) - 1].model;
-        let axes = model.axes();
-        let axis = whole(axis).and_then(|axis| usize::try_from(axis).ok()).filter(|axis| (1..=axes).contains(axis));
-        let allowed = match axes {
-            0 => format!("a slave with a drive; slave {slave} is an {}", model.name()),
-            1 => format!("{slave}, slave {slave} has one axis"),
-            n => format!("{slave}.1 to {slave}.{n}"),
-        };
-        axis.map(|axis| (slave, axis - 1)).ok_or_else(|| word.wrong("no axis", &allowed))
-    }
-
-    fn state(&mut self) -> Result<AlState, Wrong> {
-        let word = self.words.need("STATE", &self.form)?;
-        let state = AL_STATES.iter().find(|(name, _)| *name == word.text).map(|(_, state)| *state);
-        state.ok_or_else(|| word.unknown("state", &AL_STATES.map(|(name, _)| name)))
-    }
-
-    /// The code that a refusal comes with, [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
-    fn al_status(&mut self) -> Result<AlStatus, Wrong> {
-        match self.words.peek() {
-            None => Ok(AlStatus::INVALID_CHANGE),
-            Some(word) if word.text == "for" => Ok(AlStatus::INVALID_CHANGE),
-            Some(_) => number(self.words, "AL_STATUS", &self.form, 1, 0xFFFF).map(|code| AlStatus(code as u16)),
-        }
-    }
-
-    fn abort_code(&mut self) -> Result<AbortCode, Wrong> {
-        number(self.words, "CODE", &self.form, 1, u32::MAX.into()).map(|code| AbortCode(code as u32))
-    }
-
-    /// An object if one is named.
-    fn object(&mut self) -> Result<Option<ObjectAddress>, Wrong> {
-        let Some(word) = self.words.peek().filter(|word| word.text.contains(':')) else { return Ok(None) };
-        self.words.next();
-        let parts = word.text.split_once(':');
-        let index = parts.and_then(|(index, _)| u16::try_from(whole(index)?).ok());
-        let sub = parts.and_then(|(_, sub)| u8::try_from(whole(sub)?).ok());
-        let object = index.zip(sub).map(|(index, sub)| ObjectAddress::new(index, sub));
-        object.map(Some).ok_or_else(|| word.wrong("no object", "index and subindex, such as 0x6098:0"))
     }
 }

@@ -10,7 +10,7 @@ use super::{Axis, Demand, Motion, rounded};
 use crate::cia402::Mode;
 use crate::fieldbus::Ns;
 use crate::slave::homing::{Homed, Homing, Shaft};
-use crate::slave::plant::{Effort, Motor};
+use crate::slave::plant::Effort;
 use crate::slave::switches::{Input, Inputs, Switches, Travel};
 
 /// So long a shaft does not move before it stands: where it turns it is still for a moment only \[OURS].
@@ -18,8 +18,8 @@ const STILL_NS: Ns = 5_000_000;
 
 impl Axis {
     /// The same axis with switches along its travel; one that was only made has none.
-    pub fn on(mut self, travel: &Travel, motor: &Motor) -> Self {
-        self.switches = Switches::new(travel, motor.counts_per_turn);
+    pub fn on(mut self, travel: &Travel, counts_per_turn: u32) -> Self {
+        self.switches = Switches::new(travel, counts_per_turn);
         self.plant.set_stops(travel.stops);
         self
     }

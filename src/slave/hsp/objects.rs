@@ -2,7 +2,6 @@
 
 use super::{Channels, Hsp};
 use crate::cia402::{Controlword, SECOND_AXIS_OFFSET};
-use crate::coe::AbortCode;
 use crate::fieldbus::{MAX_AXES, Role};
 use crate::slave::axis::{Axis, NO_FOLLOWING_WINDOW, Settings, rounded};
 use crate::slave::device::{Identity, Model, VENDOR_ID, identity, synchronization};
@@ -33,13 +32,16 @@ pub(super) const fn identity_of(channels: Channels) -> &'static Identity {
     }
 }
 
-/// 0x6502: CSP, CSV.
-const SUPPORTED_MODES: i64 = 1 << 7 | 1 << 8;
+/// 0x6502: homing, CSP, CSV.
+const SUPPORTED_MODES: i64 = 1 << 5 | 1 << 7 | 1 << 8;
 
 /// Slots of an object of both axes.
 macro_rules! of_each_axis {
     ($index:literal) => {
-        [slot(OBJECTS, $index, 0), slot(OBJECTS, $index + SECOND_AXIS_OFFSET, 0)]
+        of_each_axis!($index, 0)
+    };
+    ($index:literal, $sub:literal) => {
+        [slot(OBJECTS, $index, $sub), slot(OBJECTS, $index + SECOND_AXIS_OFFSET, $sub)]
     };
 }
 
@@ -51,15 +53,25 @@ const FAULT_OPTION: Slots<i16> = of_each_axis!(0x605E);
 const MAX_VELOCITY: Slots<u32> = of_each_axis!(0x607F);
 const PROFILE_DECELERATION: Slots<u32> = of_each_axis!(0x6084);
 const QUICK_STOP_DECELERATION: Slots<u32> = of_each_axis!(0x6085);
+const HALT_OPTION: Slots<i16> = of_each_axis!(0x605D);
+const HOME_OFFSET: Slots<i32> = of_each_axis!(0x607C);
+const HOMING_METHOD: Slots<i8> = of_each_axis!(0x6098);
+const HOMING_SPEED_SWITCH: Slots<u32> = of_each_axis!(0x6099, 1);
+const HOMING_SPEED_ZERO: Slots<u32> = of_each_axis!(0x6099, 2);
+const HOMING_ACCELERATION: Slots<u32> = of_each_axis!(0x609A);
 
 /// The table's defaults, and \[OURS] those that go by the greatest rate: it is braked from in a tenth of a second, and by
-/// a quick stop in a hundredth.
-pub(super) fn defaults(train: &PulseTrain) -> Values {
+/// a quick stop in a hundredth. Homing goes by the turn: two a second, and a fifth of one in the search for zero.
+pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     let mut values = Values::new(OBJECTS);
+    let turn = pulses_per_turn.max(5);
     for n in 0..MAX_AXES {
         values.set(MAX_VELOCITY[n], train.max_rate);
         values.set(PROFILE_DECELERATION[n], train.max_rate.saturating_mul(10).max(1));
         values.set(QUICK_STOP_DECELERATION[n], train.max_rate.saturating_mul(100).max(1));
+        values.set(HOMING_SPEED_SWITCH[n], turn.saturating_mul(2));
+        values.set(HOMING_SPEED_ZERO[n], turn / 5);
+        values.set(HOMING_ACCELERATION[n], turn.saturating_mul(100));
     }
     values
 }
@@ -80,13 +92,21 @@ pub(super) fn settings(values: &Values, channel: usize) -> Settings {
             disable_operation: values.get(DISABLE_OPTION[channel]),
             fault_reaction: values.get(FAULT_OPTION[channel]),
         },
-        homing: HomingSettings::default(),
+        homing: HomingSettings {
+            method: values.get(HOMING_METHOD[channel]),
+            offset: values.get(HOME_OFFSET[channel]),
+            switch_speed: values.get(HOMING_SPEED_SWITCH[channel]),
+            zero_speed: values.get(HOMING_SPEED_ZERO[channel]),
+            acceleration: values.get(HOMING_ACCELERATION[channel]),
+            halt_option: values.get(HALT_OPTION[channel]),
+        },
     }
 }
 
 type Row = Object<Hsp>;
 
-/// Every object. Homing objects (0x607C, 0x6098 to 0x609A) are kept for what will use them.
+/// Every object. 0x605D, halt, acts in homing. 0x6098 takes any value: a method that there is not ends in a homing error
+/// when it is started \[OURS].
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 11] = [
@@ -161,7 +181,7 @@ fn changed<const N: usize>(hsp: &mut Hsp) {
 }
 
 /// Objects of the axis of channel `N` (from 0).
-const fn channel<const N: usize>() -> [Row; 27] {
+const fn channel<const N: usize>() -> [Row; 28] {
     const fn index(of_axis_1: u16, channel: usize) -> u16 {
         of_axis_1 + SECOND_AXIS_OFFSET * channel as u16
     }
@@ -185,6 +205,7 @@ const fn channel<const N: usize>() -> [Row; 27] {
                 .range(0, 1)
                 .default(1)
                 .changed(changed::<N>),
+            Row::i16(index(0x605D, N), 0, "Halt option code").rw().range(1, 4).default(1).changed(changed::<N>),
             Row::i16(index(0x605E, N), 0, "Fault reaction option code")
                 .rw()
                 .range(0, 4)
@@ -199,7 +220,7 @@ const fn channel<const N: usize>() -> [Row; 27] {
                 .tx()
                 .live(|hsp| axis::<N>(hsp).mode().code().into()),
             Row::i32(index(0x6062, N), 0, "Position demand value").tx().live(|hsp| axis::<N>(hsp).demand()),
-            Row::i32(index(0x6064, N), 0, "Position actual value").tx().live(|hsp| axis::<N>(hsp).plant().position()),
+            Row::i32(index(0x6064, N), 0, "Position actual value").tx().live(|hsp| axis::<N>(hsp).position()),
             Row::i32(index(0x606C, N), 0, "Velocity actual value")
                 .tx()
                 .live(|hsp| rounded(axis::<N>(hsp).plant().velocity())),
@@ -211,7 +232,7 @@ const fn channel<const N: usize>() -> [Row; 27] {
                     hsp.axes[N].targets_mut().position = position as i32;
                     Ok(())
                 }),
-            Row::i32(index(0x607C, N), 0, "Home offset").rw(),
+            Row::i32(index(0x607C, N), 0, "Home offset").rw().changed(changed::<N>),
             Row::u32(index(0x607F, N), 0, "Max profile velocity").rw().rx().changed(changed::<N>),
             Row::u32(index(0x6084, N), 0, "Profile deceleration")
                 .rw()
@@ -225,23 +246,27 @@ const fn channel<const N: usize>() -> [Row; 27] {
                 .range(1, u32::MAX as i64)
                 .default(1)
                 .changed(changed::<N>),
-            Row::i8(index(0x6098, N), 0, "Homing method").rw().rx().default(35).accept(|_, _, method| match method {
-                1..=14 | 17..=30 | 33..=35 | 37 => Ok(()),
-                _ => Err(AbortCode::VALUE_RANGE),
-            }),
+            Row::i8(index(0x6098, N), 0, "Homing method").rw().rx().default(35).changed(changed::<N>),
             Row::u8(index(0x6099, N), 0, "Homing speeds").default(2),
-            Row::u32(index(0x6099, N), 1, "Speed during search for switch").rw().rx().default(20_000),
-            Row::u32(index(0x6099, N), 2, "Speed during search for zero").rw().rx().default(2000),
-            Row::u32(index(0x609A, N), 0, "Homing acceleration").rw().rx().range(1, u32::MAX as i64).default(1_000_000),
-            Row::u32(index(0x60FD, N), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs.into()),
+            Row::u32(index(0x6099, N), 1, "Speed during search for switch").rw().rx().changed(changed::<N>),
+            Row::u32(index(0x6099, N), 2, "Speed during search for zero").rw().rx().changed(changed::<N>),
+            Row::u32(index(0x609A, N), 0, "Homing acceleration")
+                .rw()
+                .rx()
+                .range(1, u32::MAX as i64)
+                .default(1)
+                .changed(changed::<N>),
+            Row::u32(index(0x60FD, N), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs().into()),
             Row::u8(index(0x60FE, N), 0, "Digital outputs").default(1),
             // [OURS] Bits 16 to 31 have no line: they are ignored, and read as 0.
-            Row::u32(index(0x60FE, N), 1, "Physical outputs").rw().rx().live(|hsp| hsp.lines[N].outputs.into()).setter(
-                |hsp, bits| {
-                    hsp.lines[N].outputs = bits as u16;
+            Row::u32(index(0x60FE, N), 1, "Physical outputs")
+                .rw()
+                .rx()
+                .live(|hsp| hsp.lines[N].outputs().into())
+                .setter(|hsp, bits| {
+                    hsp.lines[N].set_outputs(bits as u16);
                     Ok(())
-                },
-            ),
+                }),
             Row::i32(index(0x60FF, N), 0, "Target velocity")
                 .rw()
                 .rx()

@@ -1,0 +1,142 @@
+//! What stands behind a verb: slaves, axes, inputs, states, codes.
+
+use super::words::{Word, Words, Wrong, number, time, whole};
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::fieldbus::AlState;
+use crate::link::slaves::{SlaveModel, SlaveSpec};
+use crate::slave::{AlStatus, Input, InputPattern};
+
+const AL_STATES: [(&str, AlState); 4] =
+    [("init", AlState::Init), ("preop", AlState::PreOp), ("safeop", AlState::SafeOp), ("op", AlState::Op)];
+const INPUTS: [(&str, Input); 4] = [
+    ("negative-limit", Input::NegativeLimit),
+    ("positive-limit", Input::PositiveLimit),
+    ("home", Input::Home),
+    ("index", Input::Index),
+];
+
+/// Reads the words behind a verb.
+pub(super) struct Reader<'a, 'b> {
+    pub(super) words: &'b mut Words<'a>,
+    pub(super) slaves: &'b [SlaveSpec],
+    pub(super) form: String,
+    /// `end` stood before the verb: what says how is left out.
+    pub(super) ends: bool,
+}
+
+impl Reader<'_, '_> {
+    pub(super) fn slave(&mut self) -> Result<u8, Wrong> {
+        let word = self.words.need("SLAVE", &self.form)?;
+        self.slave_of(word, word.text)
+    }
+
+    fn slave_of(&self, word: Word, text: &str) -> Result<u8, Wrong> {
+        let count = self.slaves.len();
+        let slave = whole(text).and_then(|slave| u8::try_from(slave).ok());
+        slave.filter(|slave| (1..=count).contains(&usize::from(*slave))).ok_or_else(|| {
+            if count == 0 {
+                return word.wrong("no slave of this network", "none, the network has no slaves");
+            }
+            word.wrong("no slave of this network", &format!("a number from 1 to {count}"))
+        })
+    }
+
+    /// A slave and one of its axes, from 0.
+    pub(super) fn axis(&mut self) -> Result<(u8, usize), Wrong> {
+        self.part(SlaveModel::axes, "axis", "a drive")
+    }
+
+    /// A slave and one of its axes that has a motor, from 0.
+    pub(super) fn motor(&mut self) -> Result<(u8, usize), Wrong> {
+        self.part(SlaveModel::motors, "axis", "a motor")
+    }
+
+    /// A slave and one of its channels of digital lines, from 0.
+    pub(super) fn channel(&mut self) -> Result<(u8, usize), Wrong> {
+        self.part(SlaveModel::channels, "channel", "digital inputs")
+    }
+
+    /// A slave and one of its parts, of which its model has so many.
+    fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), Wrong> {
+        let word = self.words.need("SLAVE", &self.form)?;
+        let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));
+        let slave = self.slave_of(word, slave)?;
+        let model = self.slaves[usize::from(slave) - 1].model;
+        let count = parts(model);
+        let part = whole(part).and_then(|part| usize::try_from(part).ok()).filter(|part| (1..=count).contains(part));
+        let allowed = match count {
+            0 => format!("a slave with {has}; slave {slave} is {} {}", article(model), model.name()),
+            1 => format!("{slave}, slave {slave} has one {name}"),
+            n => format!("{slave}.1 to {slave}.{n}"),
+        };
+        part.map(|part| (slave, part - 1)).ok_or_else(|| word.wrong(&format!("no {name}"), &allowed))
+    }
+
+    pub(super) fn input(&mut self) -> Result<Input, Wrong> {
+        let word = self.words.need("INPUT", &self.form)?;
+        let input = INPUTS.iter().find(|(name, _)| *name == word.text).map(|(_, input)| *input);
+        input.ok_or_else(|| word.unknown("input", &INPUTS.map(|(name, _)| name)))
+    }
+
+    pub(super) fn on_or_off(&mut self) -> Result<bool, Wrong> {
+        let word = self.words.need("on|off", &self.form)?;
+        match word.text {
+            "on" => Ok(true),
+            "off" => Ok(false),
+            _ => Err(word.unknown("value", &["on", "off"])),
+        }
+    }
+
+    /// What inputs are forced to.
+    pub(super) fn pattern(&mut self) -> Result<InputPattern, Wrong> {
+        let word = self.words.need("inputs|walk", &self.form)?;
+        match word.text {
+            "inputs" => number(self.words, "BITS", &self.form, 0, 0xFFFF).map(|bits| InputPattern::Bits(bits as u16)),
+            "walk" => {
+                let word = self.words.peek();
+                match (time(self.words, &self.form)?, word) {
+                    (0, Some(word)) => Err(word.wrong("no TIME", "a time that is longer than 0")),
+                    (step_ns, _) => Ok(InputPattern::Walk { step_ns }),
+                }
+            }
+            _ => Err(word.unknown("pattern", &["inputs", "walk"])),
+        }
+    }
+
+    pub(super) fn state(&mut self) -> Result<AlState, Wrong> {
+        let word = self.words.need("STATE", &self.form)?;
+        let state = AL_STATES.iter().find(|(name, _)| *name == word.text).map(|(_, state)| *state);
+        state.ok_or_else(|| word.unknown("state", &AL_STATES.map(|(name, _)| name)))
+    }
+
+    /// The code that a refusal comes with, [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
+    pub(super) fn al_status(&mut self) -> Result<AlStatus, Wrong> {
+        match self.words.peek() {
+            None => Ok(AlStatus::INVALID_CHANGE),
+            Some(word) if word.text == "for" => Ok(AlStatus::INVALID_CHANGE),
+            Some(_) => number(self.words, "AL_STATUS", &self.form, 1, 0xFFFF).map(|code| AlStatus(code as u16)),
+        }
+    }
+
+    pub(super) fn abort_code(&mut self) -> Result<AbortCode, Wrong> {
+        number(self.words, "CODE", &self.form, 1, u32::MAX.into()).map(|code| AbortCode(code as u32))
+    }
+
+    /// An object if one is named.
+    pub(super) fn object(&mut self) -> Result<Option<ObjectAddress>, Wrong> {
+        let Some(word) = self.words.peek().filter(|word| word.text.contains(':')) else { return Ok(None) };
+        self.words.next();
+        let parts = word.text.split_once(':');
+        let index = parts.and_then(|(index, _)| u16::try_from(whole(index)?).ok());
+        let sub = parts.and_then(|(_, sub)| u8::try_from(whole(sub)?).ok());
+        let object = index.zip(sub).map(|(index, sub)| ObjectAddress::new(index, sub));
+        object.map(Some).ok_or_else(|| word.wrong("no object", "index and subindex, such as 0x6098:0"))
+    }
+}
+
+const fn article(model: SlaveModel) -> &'static str {
+    match model {
+        SlaveModel::Drive | SlaveModel::Step => "a",
+        SlaveModel::Hsp | SlaveModel::Hsp2 | SlaveModel::Io => "an",
+    }
+}

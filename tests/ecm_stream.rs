@@ -90,6 +90,7 @@ fn any_increase_of_the_full_count_is_a_loss() {
         let count = counts[(n as usize).min(counts.len() - 1)];
         slot.data2 = slot.data2 & 0xFFFF | u32::from(count) << 16;
         frame.put(SIZE, 0, &slot);
+        frame.fill_crc(SIZE);
     });
     let before = ecm.stats().unwrap().losses;
     for _ in 0..8 {

@@ -65,9 +65,10 @@ impl Credit {
         while self.sent.front().is_some_and(|sent| sent.0.saturating_add(margin_ns) <= at.0) {
             self.sent.pop_front();
         }
+        let had_entries = self.used() > 0;
         self.free = free.min(FIFO_ENTRIES);
         self.cycles += cycles as i64;
-        let later = self.sent.iter().rev().take_while(|sent| **sent > at).count() as i64;
+        let later = self.sent.iter().rev().take_while(|sent| **sent >= at).count() as i64;
         let arrived = self.total - later;
         // One entry a cycle is taken out, unless there is none.
         let idle = self.cycles - (arrived - i64::from(self.used()));
@@ -77,7 +78,10 @@ impl Credit {
                 // A frame may be counted as arrived a little early, so the count may fall: what was seen stays.
                 let new = (idle - before).max(0);
                 if new > 0 {
-                    self.underruns += new as u64;
+                    // With entries before and after a cycle it found one: a frame was counted as arrived too early.
+                    if !(cycles == 1 && had_entries && self.used() > 0) {
+                        self.underruns += new as u64;
+                    }
                     self.watch = Some(Watch::Since(idle));
                 }
             }

@@ -65,16 +65,23 @@ fn underruns_are_the_cycles_without_an_entry() {
 /// SK-5.11 A board that takes nothing out makes the stream wait, with a limit; it never overfills.
 #[test]
 fn a_full_board_is_waited_for_and_never_overfilled() {
-    let file = script("full", "at 1s full for 2s\n");
+    let file = script("full", "at 1s full for 500ms\nat 3s full\n");
     let tap = Tap::open(&format!("slaves=drive&script={file}"));
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     let mut stream = ecm.stream(150).unwrap();
     let at = stream.snapshot().unwrap().position(1).unwrap();
-    for _ in 0..4000 {
+    let mut steps = 0;
+    let error = loop {
         stream.csp(1, at).unwrap();
-        stream.step().unwrap();
-    }
+        match stream.step() {
+            Ok(_) => steps += 1,
+            Err(error) => break error,
+        }
+    };
+    assert!(steps > 2000, "{steps}");
+    assert!(matches!(error, EcmError::Timeout { what: "room in the FIFO", .. }), "{error}");
     assert_eq!(stream.stats().unwrap().losses, 0);
+    drop(stream);
     assert_eq!(tap.stats().board.unwrap().full, 0);
 }
 

@@ -30,6 +30,7 @@ impl Ecm {
     }
 
     fn rest(&self, off: bool) -> Result<(), EcmError> {
+        self.core.link.check()?;
         let deadline = self.core.now() + CLOSE_LIMIT;
         let mut session = self.core.lock()?;
         ramp::to_standstill(self, &mut session, deadline)?;

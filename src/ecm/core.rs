@@ -81,9 +81,8 @@ impl Core {
     }
 
     /// How long the board may be silent.
-    fn patience(&self, session: &Session) -> Duration {
-        let cycles = Duration::from_nanos(session.plan.cycle_ns.unwrap_or_default()) * 3;
-        self.options.read_limit.max(cycles)
+    pub(super) fn patience(&self, session: &Session) -> Duration {
+        self.options.read_limit.max(session.plan.cycle() * 3)
     }
 
     /// Reads a report that comes by `deadline`; says whether there was one that can be used.

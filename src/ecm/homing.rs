@@ -90,6 +90,7 @@ impl Ecm {
                 return Err(EcmError::NotEnabled { slave, statusword });
             }
             session.homing |= 1 << slave;
+            session.aborted = 0;
             session.targets[usize::from(slave)] = Default::default();
             config.axis().map_or(Mode::Csp, |axis| axis.mode)
         };
@@ -161,7 +162,7 @@ impl Ecm {
                 }
                 tell(HomingPhase::Moving, session);
                 refuse_alarm(session, slave)?;
-                if session.homing & 1 << slave == 0 {
+                if session.aborted & 1 << slave != 0 {
                     return failed("it was aborted");
                 }
                 if !word.is_enabled() {
@@ -194,11 +195,12 @@ impl Ecm {
     /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::Link`].
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
-            let session = self.core.lock()?;
+            let mut session = self.core.lock()?;
             require_op(&session, "abort_homing")?;
             if session.homing == 0 {
                 return Ok(());
             }
+            session.aborted = session.homing;
             let slave = session.homing.trailing_zeros() as usize;
             (slave, SlotCommand::from(SlaveCommand::AbortHome).encode(session.size))
         };
@@ -206,13 +208,7 @@ impl Ecm {
         let task = Task { what: "ending homing", hint: HINT, limit, commands: &[(slot, command)], resend: true };
         self.core.run(
             &task,
-            |session, sent| {
-                let ran = session.credit.ran(sent.number);
-                if ran {
-                    session.homing = 0;
-                }
-                Ok(ran.then_some(()))
-            },
+            |session, sent| Ok(session.credit.ran(sent.number).then_some(())),
             |session| format!("the board is in {}", session.board.state),
         )
     }

@@ -103,6 +103,8 @@ pub(super) struct Session {
     pub(super) targets: [Target; SLOTS],
     /// Slaves that are homing, a bit each.
     pub(super) homing: u64,
+    /// Those of them that were told to end: back in CSP bits 10 and 12 look like a home.
+    pub(super) aborted: u64,
     pub(super) pacer: Option<Pacer>,
     pub(super) stats: Stats,
     news: VecDeque<News>,
@@ -133,6 +135,7 @@ impl Session {
             flushed_number: 0,
             targets: [Target::default(); SLOTS],
             homing: 0,
+            aborted: 0,
             pacer: None,
             stats: Stats::default(),
             news: VecDeque::with_capacity(NEWS_KEPT),

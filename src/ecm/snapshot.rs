@@ -1,5 +1,7 @@
 //! One report with its meaning: what board and slaves said in one cycle.
 
+use std::time::Duration;
+
 use super::config::{Config, Slave};
 use super::scale::Scale;
 use crate::link::ReadMeta;
@@ -23,6 +25,11 @@ impl Plan {
             *place = *slave;
         }
         Self { count: config.slaves.len(), cycle_ns: Some(u64::from(config.cycle_us) * 1000), ..plan }
+    }
+
+    /// Zero if it is not known.
+    pub(super) fn cycle(&self) -> Duration {
+        Duration::from_nanos(self.cycle_ns.unwrap_or_default())
     }
 
     /// Slave 1..; `None` if it is not configured.

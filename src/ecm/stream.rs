@@ -146,12 +146,13 @@ impl Stream<'_> {
 
     /// Writes the next frame as soon as the board has room for it, and waits until there is room for another one: at
     /// most `depth` frames are ahead. So a loop of steps keeps the pace of the board, at least one frame a cycle, and
-    /// several after a delay (SK-5.11). Neither allocates nor waits longer than [`Options::read_limit`] for a report.
+    /// several after a delay (SK-5.11). It does not allocate, waits for a report at most [`Options::read_limit`], and for
+    /// room as long and 160 cycles.
     ///
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`]. Nothing is
+    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`]. Nothing is
     /// written then. What one axis does is no error here: the next target for it is refused.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         let core = &self.ecm.core;
@@ -226,15 +227,29 @@ impl Drop for Stream<'_> {
 impl Ecm {
     /// Reads until fewer than `depth` frames are ahead of the board.
     pub(super) fn pace(&self, session: &mut Session, depth: u16) -> Result<(), EcmError> {
+        require_op(session, "a stream")?;
+        if session.credit.ahead() < depth {
+            return Ok(());
+        }
         let began = self.core.now();
+        // A board that runs has taken all out by then.
+        let limit = self.core.patience(session) + session.plan.cycle() * FIFO_ENTRIES.into();
         loop {
+            if !self.core.read(session, began + limit)? {
+                self.core.check_silence(session, began, "a stream")?;
+            }
             require_op(session, "a stream")?;
             if session.credit.ahead() < depth {
                 return Ok(());
             }
-            let deadline = self.core.now() + self.core.options.read_limit;
-            if !self.core.read(session, deadline)? {
-                self.core.check_silence(session, began, "a stream")?;
+            let waited = self.core.now().saturating_sub(began);
+            if waited >= limit {
+                return Err(EcmError::Timeout {
+                    what: "room in the FIFO",
+                    waited,
+                    seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+                    hint: "see what else writes to the board, or leave OP and enter it again",
+                });
             }
         }
     }

@@ -151,11 +151,7 @@ impl Ecm {
             self.core.check_silence(&session, began, "the next cycle")?;
             let waited = self.core.now().saturating_sub(began);
             if waited >= limit {
-                return Err(EcmError::NoReport {
-                    what: "the next cycle",
-                    waited,
-                    bad_crc: session.stats.bad_crc,
-                });
+                return Err(EcmError::NoReport { what: "the next cycle", waited, bad_crc: session.stats.bad_crc });
             }
             session = self.core.pause(session)?;
         }

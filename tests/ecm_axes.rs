@@ -4,12 +4,12 @@ mod ecm_support;
 
 use std::time::Duration;
 
+use ecm_support::{Tap, enable, enabled, in_op, open, script};
 use ecmsk::cia402::{MODES_OF_OPERATION, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Axis, Config, EcmError, Homing, HomingPhase, Options, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::MasterState;
-use ecm_support::{Tap, enable, enabled, in_op, open, script};
 
 const SECOND: Duration = Duration::from_secs(1);
 

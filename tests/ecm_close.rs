@@ -4,10 +4,10 @@ mod ecm_support;
 
 use std::time::Duration;
 
+use ecm_support::{SIZE, Tap, enable, open, script};
 use ecmsk::ecm::{Axis, CLOSE_LIMIT, Close, Config, Ecm, EcmError, Options, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::{CommandId, MasterState, StateByte};
-use ecm_support::{SIZE, Tap, enable, open, script};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -71,7 +71,11 @@ fn hold_servo_off_leave() {
         let ecm = enable(tap.ecm(Options { close: how, ..Options::default() }).unwrap(), &Config::drives(2));
         moving(&ecm, 100);
         tap.take();
-        if dropped { drop(ecm) } else { ecm.close(how).unwrap() }
+        if dropped {
+            drop(ecm)
+        } else {
+            ecm.close(how).unwrap()
+        }
         let written = tap.take();
         assert_eq!(written.is_empty(), how != Close::ServoOff, "{how:?}: a board at rest needs nothing");
         let ecm = open(&keys);

@@ -4,12 +4,12 @@ mod ecm_support;
 
 use std::time::Duration;
 
+use ecm_support::{SIZE, Tap, enable, enabled, in_op, open, script};
 use ecmsk::cia402::MODES_OF_OPERATION;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Config, EcmError, Options, SdoValue};
 use ecmsk::link::Link;
 use ecmsk::sk::{CommandId, MasterState, RawSlot, SdoCommand, SlotSize};
-use ecm_support::{SIZE, Tap, enable, enabled, in_op, open, script};
 
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
 const WINDOW: ObjectAddress = ObjectAddress::new(0x6065, 0);

@@ -4,12 +4,12 @@ mod ecm_support;
 
 use std::time::Duration;
 
+use ecm_support::{SIZE, Tap, enable, enabled, in_op, open, script, uri};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Close, Config, ConfigError, Ecm, EcmError, Guard, News, Options, Scale, Slave, Suspect};
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{Frame, MasterState, SlotSize, StateByte};
-use ecm_support::{SIZE, Tap, enable, enabled, in_op, open, script, uri};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -323,7 +323,8 @@ fn on_the_real_clock() {
 /// SK-9.8 A frame of the board's own making: the snapshot shows what came.
 #[test]
 fn a_snapshot_is_the_report() {
-    let ecm = enabled("slaves=drive,io", &Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() });
+    let ecm =
+        enabled("slaves=drive,io", &Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() });
     let shot = ecm.next_cycle(SECOND).unwrap();
     assert_eq!(shot.slaves(), 2);
     assert_eq!(shot.drive(1).unwrap().position, shot.position(1).unwrap());

@@ -5,12 +5,12 @@ mod ecm_support;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use ecm_support::{SIZE, Tap, enable, enabled, open, script};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, News, Options, Scale, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::{AxisTarget, CommandId, MasterState};
-use ecm_support::{SIZE, Tap, enable, enabled, open, script};
 
 /// SK-5.11 At least one CSP frame a cycle, several at first, paused when `depth` frames are ahead: the axis follows
 /// without a gap and nothing is lost.

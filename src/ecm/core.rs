@@ -142,12 +142,7 @@ impl Core {
     }
 
     /// The error of a board that has been silent since `since`, if that is too long.
-    pub(super) fn check_silence(
-        &self,
-        session: &Session,
-        since: Duration,
-        what: &'static str,
-    ) -> Result<(), EcmError> {
+    pub(super) fn check_silence(&self, session: &Session, since: Duration, what: &'static str) -> Result<(), EcmError> {
         let waited = self.now().saturating_sub(session.heard.max(since));
         if waited < self.patience(session) {
             return Ok(());

@@ -80,7 +80,9 @@ pub enum EcmError {
         found: StateByte,
     },
     /// The network has another number of slaves than the configuration.
-    #[error("{declared} slaves are configured and the board found {found}; correct `slaves`, or check cables and power")]
+    #[error(
+        "{declared} slaves are configured and the board found {found}; correct `slaves`, or check cables and power"
+    )]
     SlaveCount {
         /// In the configuration.
         declared: usize,
@@ -118,7 +120,9 @@ pub enum EcmError {
         wanted: Mode,
     },
     /// A slave refused an SDO transfer.
-    #[error("{verb} {object} of slave {slave} was aborted with {code}; check object, size and state in the slave's manual")]
+    #[error(
+        "{verb} {object} of slave {slave} was aborted with {code}; check object, size and state in the slave's manual"
+    )]
     SdoAborted {
         /// `reading` or `writing`.
         verb: &'static str,

@@ -72,12 +72,7 @@ impl Ecm {
     /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an object
     /// or method the drive has not got, [`EcmError::Timeout`], [`EcmError::Busy`] while another homing runs,
     /// [`EcmError::WrongState`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::Link`].
-    pub fn home(
-        &self,
-        slave: u8,
-        homing: &Homing,
-        mut progress: impl FnMut(&HomingProgress),
-    ) -> Result<(), EcmError> {
+    pub fn home(&self, slave: u8, homing: &Homing, mut progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
         let began = self.core.now();
         let turn = self.core.homing_turn.try_lock().ok_or(EcmError::Busy { what: "homing" })?;
         let go = self.axis_commands("homing", &[slave], SlaveCommand::GoHome)?;

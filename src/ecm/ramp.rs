@@ -95,24 +95,14 @@ pub(super) fn to_standstill(
     }
 }
 
-fn room(
-    ecm: &Ecm,
-    session: &mut MutexGuard<'_, Session>,
-    deadline: Duration,
-    began: Duration,
-) -> Result<(), EcmError> {
+fn room(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, began: Duration) -> Result<(), EcmError> {
     while session.in_op() && session.credit.ahead() >= DEPTH {
         read(ecm, session, deadline, began)?;
     }
     Ok(())
 }
 
-fn read(
-    ecm: &Ecm,
-    session: &mut MutexGuard<'_, Session>,
-    deadline: Duration,
-    began: Duration,
-) -> Result<(), EcmError> {
+fn read(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, began: Duration) -> Result<(), EcmError> {
     if !ecm.core.read(session, deadline)? {
         ecm.core.check_silence(session, began, "a standstill")?;
     }
@@ -152,10 +142,7 @@ fn measured(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
         return [(now.data1 as i32).wrapping_sub(before.data1 as i32), 0];
     }
     let (now, before) = (HspResponse::decode(&now, session.size), HspResponse::decode(&before, session.size));
-    [
-        now.first.position.wrapping_sub(before.first.position),
-        now.second.position.wrapping_sub(before.second.position),
-    ]
+    [now.first.position.wrapping_sub(before.first.position), now.second.position.wrapping_sub(before.second.position)]
 }
 
 fn moves(session: &Session, slave: u8, config: &Slave) -> bool {

@@ -93,7 +93,8 @@ impl Ecm {
         let (size, shown) = {
             let mut session = self.core.lock()?;
             self.core.catch_up(&mut session)?;
-            if !matches!(session.board.state.state(), Some(MasterState::PreOp | MasterState::SafeOp | MasterState::Op)) {
+            if !matches!(session.board.state.state(), Some(MasterState::PreOp | MasterState::SafeOp | MasterState::Op))
+            {
                 let found = session.board.state;
                 return Err(EcmError::WrongState { what: "an SDO", needs: "PreOP, SafeOP or OP", found });
             }

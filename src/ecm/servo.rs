@@ -103,11 +103,7 @@ impl Ecm {
 }
 
 pub(super) fn require_op(session: &Session, what: &'static str) -> Result<(), EcmError> {
-    if session.in_op() {
-        Ok(())
-    } else {
-        Err(EcmError::WrongState { what, needs: "OP", found: session.board.state })
-    }
+    if session.in_op() { Ok(()) } else { Err(EcmError::WrongState { what, needs: "OP", found: session.board.state }) }
 }
 
 pub(super) fn declared(session: &Session, slave: u8) -> Result<Slave, EcmError> {

@@ -10,7 +10,8 @@ use super::{Ecm, EcmError};
 use crate::cia402;
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::sk::{
-    CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, SlotCommand, StateByte,
+    CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, SlotCommand,
+    StateByte,
 };
 
 /// SK-4 `[OURS]`: what the slave count of SET_AXIS and the answers of SET_DC and DRIVE_MODE may take.
@@ -51,8 +52,7 @@ impl Ecm {
             })
             .collect();
         if !modes.is_empty() {
-            let task =
-                Task { what: "DRIVE_MODE", hint: HINT, limit: CONFIGURE_LIMIT, commands: &modes, resend: true };
+            let task = Task { what: "DRIVE_MODE", hint: HINT, limit: CONFIGURE_LIMIT, commands: &modes, resend: true };
             let id = CommandId::DriveMode.code();
             self.core.run(
                 &task,

@@ -28,8 +28,7 @@ pub fn enabled(keys: &str, config: &Config) -> Ecm {
 
 pub fn enable(ecm: Ecm, config: &Config) -> Ecm {
     in_op(&ecm, config);
-    let axes: Vec<u8> =
-        (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(n, _)| n).collect();
+    let axes: Vec<u8> = (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(n, _)| n).collect();
     ecm.servo_on(&axes).unwrap();
     ecm
 }

@@ -22,7 +22,7 @@
 //!
 //! [`Ecm`] may be shared by threads: calls take turns report by report, and a command of one thread rides in the frames
 //! of another thread's [`Stream`]. Every call has a limit ([`Options`]). A board that is lost stays lost
-//! ([`LinkError::Lost`](crate::link::LinkError::Lost)): opening another [`Ecm`] is the program's decision.
+//! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision.
 //!
 //! Positions, velocities and torques are those of the wire, counts and 0.1 %; a [`Scale`] of an axis converts positions.
 //! On a link of virtual time limits are the board's time; on any other the machine's.

@@ -18,7 +18,7 @@ fn commands(slots: &[RawSlot]) -> Vec<SdoCommand> {
     slots.iter().map(|slot| SdoCommand::decode(slot, SIZE).unwrap()).collect()
 }
 
-/// SK-6.1 Values of all types, in every state that has SDO, of several slaves, with both slot sizes and firmwares.
+/// SK-4.17 SK-4.18 Values of all types, in every state that has SDO, of several slaves, with both slot sizes and firmwares.
 #[test]
 fn typed_values() {
     for keys in ["slaves=drive*2", "slaves=drive*2&slot=16", "slaves=drive*2&fw=1.5"] {
@@ -38,7 +38,7 @@ fn typed_values() {
     }
 }
 
-/// SK-6.3 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
+/// SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
 #[test]
 fn widths() {
     assert_eq!((i8::from_raw(0xFF), i8::from_raw(0x100), u8::from_raw(0xFF)), (Some(-1), None, Some(255)));
@@ -52,7 +52,7 @@ fn widths() {
     assert_eq!(error, EcmError::SdoTooWide { slave: 1, object: WINDOW, value: 0x1_0000, bits: 16 });
 }
 
-/// SK-6.14 An abort is an error with its code and the code's text.
+/// SK-6.14 SK-6.12 SK-6.7 An abort is an error with its code and the code's text.
 #[test]
 fn aborts_are_typed() {
     let ecm = open("slaves=drive");
@@ -133,7 +133,7 @@ fn every_read_is_fresh() {
     assert_eq!(sent[0], SdoCommand::Read { slave: 1, object: DEVICE_TYPE }, "the slot showed it from before");
 }
 
-/// SK-6.6 One that meets a transfer under way is rejected by the board: it is asked again, and the right answer found.
+/// SK-6.3 One that meets a transfer under way is rejected by the board: it is asked again, and the right answer found.
 #[test]
 fn a_slow_slave_and_a_limit() {
     let file = script("slow", "sdo-delay 1 400ms\n");
@@ -159,7 +159,7 @@ fn a_slow_slave_and_a_limit() {
     assert!(asked >= 2, "asked {asked} times");
 }
 
-/// SK-6.2 In Init there is no SDO.
+/// SK-4.35 In Init there is no SDO.
 #[test]
 fn no_sdo_in_init() {
     let ecm = open("slaves=drive");
@@ -189,7 +189,7 @@ fn threads_take_turns() {
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
-/// SK-6.10 In the middle of a full FIFO a request waits for its entry, and nothing is asked twice.
+/// SK-5.20 In the middle of a full FIFO a request waits for its entry, and nothing is asked twice.
 #[test]
 fn behind_a_deep_fifo() {
     let tap = Tap::open("slaves=drive");

@@ -13,7 +13,7 @@ use ecmsk::sk::{Frame, MasterState, SlotSize, StateByte};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// SK-4.21 From PreOP to OP with the configuration, by either firmware and slot size, and back.
+/// SK-4.49 SK-4.50 SK-4.51 From PreOP to OP with the configuration, by either firmware and slot size, and back.
 #[test]
 fn configure_and_reach_op() {
     for keys in ["slaves=drive*2,io", "slaves=drive*2,io&fw=1.5", "slaves=drive*2,io&slot=16"] {
@@ -33,7 +33,7 @@ fn configure_and_reach_op() {
     assert_eq!((second.meta.at.0 - first.meta.at.0, second.meta.sequence - first.meta.sequence), (500_000, 1));
 }
 
-/// SK-4.9 A wrong configuration is refused before a byte is sent, with the slave and what is allowed.
+/// A wrong configuration is refused before a byte is sent, with the slave and what is allowed.
 #[test]
 fn a_wrong_configuration_sends_nothing() {
     let tap = Tap::open("slaves=drive");
@@ -71,7 +71,7 @@ fn another_number_of_slaves_is_an_error() {
     ecm.configure(&Config::drives(2)).unwrap();
 }
 
-/// SK-4.26 A change that gets stuck says where and, as far as the wire shows it, on which slave.
+/// SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
 #[test]
 fn a_stuck_change_says_where_and_on_whom() {
     // Declared as drives, and the second one is an IO slave.
@@ -108,7 +108,7 @@ fn a_stuck_change_says_where_and_on_whom() {
     assert_eq!(error, EcmError::StateStuck { wanted: MasterState::Op, found, suspect: Suspect::Unknown });
 }
 
-/// SK-4.21 A board found in OP is adopted as it is: nothing is sent, its axes go on, and configuring it is refused.
+/// SK-5.5 A board found in OP is adopted as it is: nothing is sent, its axes go on, and configuring it is refused.
 #[test]
 fn a_board_in_op_is_attached_to() {
     let keys = "slaves=drive&name=attach";
@@ -169,7 +169,7 @@ fn a_change_of_byte_1_is_told() {
     ecm.servo_off(&[1]).unwrap();
 }
 
-/// SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
+/// SK-1.20 SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
 #[test]
 fn the_crc_of_reports() {
     let bent = |byte: u8, strict_crc| {
@@ -198,7 +198,7 @@ fn the_crc_of_reports() {
     assert!(matches!(error, EcmError::NoReport { bad_crc, .. } if bad_crc > 900), "{error}");
 }
 
-/// SK-1.2 Where the link does not say how wide slots are the CRC of its reports does.
+/// SK-1.13 Where the link does not say how wide slots are the CRC of its reports does.
 #[test]
 fn the_slot_size_is_found() {
     for (keys, size) in [("slaves=drive", SlotSize::Bytes12), ("slaves=drive&slot=16", SlotSize::Bytes16)] {
@@ -266,7 +266,7 @@ fn lost_reports_are_told() {
     assert!(now.meta.dropped >= 45);
 }
 
-/// SK-9.10 A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
+/// A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
 #[test]
 fn a_bad_line_is_lived_with() {
     for seed in 1..4 {
@@ -288,7 +288,7 @@ fn a_bad_line_is_lived_with() {
     }
 }
 
-/// SK-9.6 A board that goes away is an error of the link; nothing opens it again by itself.
+/// A board that goes away is an error of the link; nothing opens it again by itself.
 #[test]
 fn a_lost_board_stays_lost() {
     let ecm = Ecm::open(&uri("slaves=drive&fault.disconnect_ms=100")).unwrap();
@@ -320,7 +320,7 @@ fn on_the_real_clock() {
     ecm.close(Close::ServoOff).unwrap();
 }
 
-/// SK-9.8 A frame of the board's own making: the snapshot shows what came.
+/// SK-3.12 The snapshot shows what came.
 #[test]
 fn a_snapshot_is_the_report() {
     let ecm =

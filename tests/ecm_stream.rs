@@ -9,8 +9,8 @@ use ecm_support::{SIZE, Tap, enable, enabled, open, script};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, News, Options, Scale, Slave};
-use ecmsk::link::Link;
-use ecmsk::sk::{AxisTarget, CommandId, MasterState};
+use ecmsk::link::{self, Link, LinkError, Share, Wait};
+use ecmsk::sk::{AxisTarget, CommandId, Frame, MasterCommand, MasterState};
 
 /// SK-5.11 At least one CSP frame a cycle, several at first, paused when `depth` frames are ahead: the axis follows
 /// without a gap and nothing is lost.
@@ -37,7 +37,7 @@ fn a_stream_keeps_its_depth_and_the_axis_follows() {
     }
 }
 
-/// SK-5.11 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
+/// SK-5.4 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
 #[test]
 fn underruns_are_the_cycles_without_an_entry() {
     let tap = Tap::open("slaves=drive&queue=64");
@@ -119,7 +119,7 @@ fn losses_show_in_the_stream() {
     stream.step().unwrap();
     // Eight frames a cycle: the FIFO fills and overflows.
     for _ in 0..300 {
-        tap.write(&ecmsk::sk::Frame::new(), ecmsk::link::Wait::Now).unwrap();
+        tap.write(&Frame::new(), Wait::Now).unwrap();
     }
     for _ in 0..3 {
         stream.step().unwrap();
@@ -129,7 +129,7 @@ fn losses_show_in_the_stream() {
     assert!(stream.stats().unwrap().losses > 0);
 }
 
-/// SK-5.11 The guard refuses a target that is too far from the actual position, and nothing of it reaches the board.
+/// The guard refuses a target that is too far from the actual position, and nothing of it reaches the board.
 #[test]
 fn the_guard_refuses_what_is_too_far() {
     let tap = Tap::open("slaves=drive*2");
@@ -157,7 +157,7 @@ fn the_guard_refuses_what_is_too_far() {
     ecm.stream(4).unwrap().csp(1, 9_999).unwrap();
 }
 
-/// SK-5.11 Units: 90 degrees of a 17-bit encoder are 32768 counts.
+/// Units: 90 degrees of a 17-bit encoder are 32768 counts.
 #[test]
 fn targets_in_units() {
     let tap = Tap::open("slaves=drive");
@@ -197,7 +197,7 @@ fn targets_that_make_no_sense_are_refused() {
     }
 }
 
-/// SK-7.17 An axis that got an alarm is refused further targets, the others go on; on again it gets no old target.
+/// An axis that got an alarm is refused further targets, the others go on; on again it gets no old target.
 #[test]
 fn an_alarm_of_one_axis_stops_that_one_alone() {
     let file = script("stream-alarm", "at 1s alarm 1 0x7500\n");
@@ -217,27 +217,44 @@ fn an_alarm_of_one_axis_stops_that_one_alone() {
     assert!(tap.take().last().unwrap().slot(SIZE, 1).is_zero(), "no target for an axis that is off");
 }
 
-/// SK-1.22 Every frame that is written carries its CRC; SK-1.14 so a board that checks takes them all.
+/// SK-1.22 Every frame that is written carries its CRC: a board that checks them (SET_EX, SW_RESET) takes them all.
 #[test]
 fn every_frame_carries_its_crc() {
-    let tap = Tap::open("slaves=drive,io");
+    let keys = "slaves=drive,io&name=checking";
+    let link = link::open(&ecm_support::uri(keys), Share::ByName).unwrap();
+    for command in [MasterCommand::SetEx { check_commands: true, fill_responses: true }, MasterCommand::SoftReset] {
+        let mut frame = Frame::new();
+        frame.put_master(SIZE, &command);
+        link.write(&frame, Wait::Now).unwrap();
+    }
+    drop(link);
+    let tap = loop {
+        match link::open(&ecm_support::uri(keys), Share::ByName) {
+            Ok(link) => break Tap::around(link),
+            Err(LinkError::NoBoard { .. }) => {}
+            Err(other) => panic!("{other}"),
+        }
+    };
     let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() };
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &config);
     ecm.sdo_read::<u32>(1, ObjectAddress::new(0x1000, 0)).unwrap();
     ecm.set_outputs(2, 0x55).unwrap();
     let mut stream = ecm.stream(4).unwrap();
-    stream.csp(1, 100).unwrap();
-    (0..50).for_each(|_| {
+    for n in 0..50 {
+        stream.csp(1, n * 10).unwrap();
         stream.step().unwrap();
-    });
+    }
     drop(stream);
     let frames = tap.take();
     assert!(frames.len() > 60);
-    let bad = frames.iter().filter(|frame| frame.crc_byte() != frame.crc(SIZE)).count();
-    assert_eq!(bad, 0, "of {}", frames.len());
+    assert!(frames.iter().all(|frame| frame.crc_byte() == frame.crc(SIZE)));
+    assert_eq!(tap.stats().board.unwrap().crc, 0);
+    // The board does check.
+    tap.write(&Frame::new(), Wait::Now).unwrap();
+    assert_eq!(tap.stats().board.unwrap().crc, 1);
 }
 
-/// SK-5.3 A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
+/// A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
 #[test]
 fn a_stream_allocates_nothing() {
     let ecm = enabled("slaves=drive*40", &Config::drives(40));
@@ -255,7 +272,7 @@ fn a_stream_allocates_nothing() {
     assert!(stream.snapshot().unwrap().position(40).unwrap() > 20_000);
 }
 
-/// SK-5.11 Commands of other threads ride in the stream's frames: none of them takes a cycle from the motion.
+/// SK-5.2 Commands of other threads ride in the stream's frames: none of them takes a cycle from the motion.
 #[test]
 fn other_threads_ride_along() {
     let tap = Tap::open("slaves=drive,io");
@@ -311,7 +328,7 @@ fn a_cut_cable_ends_the_wait() {
     assert!(error.to_string().ends_with("check the cable to the first slave and the board's power"), "{error}");
 }
 
-/// SK-4.21 A stream ends with an error when the network leaves OP.
+/// SK-5.25 A stream ends with an error when the network leaves OP.
 #[test]
 fn leaving_op_ends_the_stream() {
     let ecm = enabled("slaves=drive", &Config::drives(1));
@@ -321,7 +338,7 @@ fn leaving_op_ends_the_stream() {
     assert!(matches!(stream.step(), Err(EcmError::WrongState { .. })));
 }
 
-/// SK-3.24 An HSP of two channels takes both targets and outputs, and the guard looks at both.
+/// SK-3.23 An HSP of two channels takes both targets and outputs, and the guard looks at both.
 #[test]
 fn two_channels() {
     let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };

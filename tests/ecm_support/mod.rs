@@ -67,14 +67,17 @@ impl Tap {
         Self::over(keys, true)
     }
 
+    pub fn around(link: Arc<dyn Link>) -> Arc<Self> {
+        Self::new(link, false)
+    }
+
     fn over(keys: &str, hide_slot: bool) -> Arc<Self> {
-        Arc::new(Self {
-            inner: link::open(&uri(keys), Share::ByName).unwrap(),
-            written: Mutex::default(),
-            waits: Mutex::default(),
-            bend: Mutex::default(),
-            hide_slot,
-        })
+        Self::new(link::open(&uri(keys), Share::ByName).unwrap(), hide_slot)
+    }
+
+    fn new(inner: Arc<dyn Link>, hide_slot: bool) -> Arc<Self> {
+        let (written, waits, bend) = Default::default();
+        Arc::new(Self { inner, written, waits, bend, hide_slot })
     }
 
     pub fn ecm(self: &Arc<Self>, options: Options) -> Result<Ecm, EcmError> {

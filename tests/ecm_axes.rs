@@ -4,12 +4,12 @@ mod ecm_support;
 
 use std::time::Duration;
 
-use ecm_support::{Tap, enable, enabled, in_op, open, script};
+use ecm_support::{SIZE, Tap, enable, enabled, in_op, open, script};
 use ecmsk::cia402::{MODES_OF_OPERATION, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Axis, Config, EcmError, Homing, HomingPhase, Options, Slave};
 use ecmsk::link::Link;
-use ecmsk::sk::MasterState;
+use ecmsk::sk::{CommandId, MasterState};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -153,6 +153,26 @@ fn homing_that_fails() {
     let ecm = enabled(&format!("slaves=drive&script={file}"), &Config::drives(1));
     let error = ecm.home(1, &Homing::method(33), |_| {}).unwrap_err();
     assert!(matches!(error, EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }), "{error}");
+}
+
+/// SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
+#[test]
+fn an_old_home_is_none() {
+    let tap = Tap::open("slaves=drive");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let mut old = 5;
+    tap.bend(move |_, frame| {
+        let mut slot = frame.slot(SIZE, 1);
+        if slot.id == CommandId::GoHome.code() && old > 0 {
+            old -= 1;
+            slot.parm |= 1 << 10 | 1 << 12;
+            frame.put(SIZE, 1, &slot);
+            frame.fill_crc(SIZE);
+        }
+    });
+    let mut moving = 0;
+    ecm.home(1, &Homing::method(33), |progress| moving += u32::from(progress.phase == HomingPhase::Moving)).unwrap();
+    assert!(moving > 20, "it ended after {moving} reports");
 }
 
 /// SK-7.21 SK-7.27 Another thread aborts homing; while it runs another homing and targets are refused.

@@ -54,6 +54,8 @@ fn underruns_are_the_cycles_without_an_entry() {
     tap.pass(Duration::from_millis(30)).unwrap();
     for _ in 0..50 {
         stream.step().unwrap();
+        let now = tap.pass(Duration::ZERO).unwrap().unwrap().0;
+        assert!(now - stream.snapshot().unwrap().meta.at.0 <= 2_000_000, "the newest report counts");
     }
     let gaps = stream.stats().unwrap().underruns - before.underruns;
     assert!(gaps.abs_diff(30 - entries) <= 1, "{gaps} gaps, {entries} entries were there");
@@ -308,7 +310,9 @@ fn other_threads_ride_along() {
     let frames = tap.take();
     let csp = CommandId::Csp.code();
     assert!(frames.iter().all(|frame| frame.slot(SIZE, 1).id == csp), "each frame has the axis's target");
-    assert!(frames.len() >= steps as usize);
+    // 57 commands; a few may go alone while the stream's thread gets no time.
+    let alone = frames.len() - steps as usize;
+    assert!(alone < 30, "{alone} frames beside the stream's {steps}");
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 

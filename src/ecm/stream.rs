@@ -30,6 +30,9 @@ pub struct StreamStats {
 /// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then [`step`](Stream::step). A
 /// target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping ramp what moves
 /// to a standstill; the axes stay enabled.
+///
+/// Calls of [`Ecm`] by other threads ride in the frames of steps. One by the thread that steps writes frames of its own,
+/// which repeat the last targets: between two steps of a motion it costs a cycle of standstill each.
 pub struct Stream<'a> {
     ecm: &'a Ecm,
     depth: u16,

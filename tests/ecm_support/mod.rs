@@ -41,7 +41,10 @@ pub fn in_op(ecm: &Ecm, config: &Config) {
 /// A script file of that text.
 pub fn script(name: &str, text: &str) -> String {
     let file: PathBuf = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("ecm-{name}.ecmscript"));
-    fs::write(&file, text).unwrap();
+    // In one go: the same tests may run in another process.
+    let own = file.with_extension(std::process::id().to_string());
+    fs::write(&own, text).unwrap();
+    fs::rename(&own, &file).unwrap();
     file.display().to_string()
 }
 

@@ -6,6 +6,8 @@ pub mod coe;
 pub mod sk;
 
 #[cfg(feature = "std")]
+pub mod ecm;
+#[cfg(feature = "std")]
 pub mod engine;
 #[cfg(feature = "std")]
 pub mod fieldbus;
@@ -13,3 +15,6 @@ pub mod fieldbus;
 pub mod link;
 #[cfg(feature = "sim")]
 pub mod slave;
+
+#[cfg(feature = "std")]
+pub use ecm::Ecm;

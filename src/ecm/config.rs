@@ -1,0 +1,194 @@
+//! What the network is, as a value: it is checked as a whole before a byte of it is sent.
+
+use super::scale::Scale;
+use crate::cia402::Mode;
+use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
+
+/// \[OURS] How far from the actual position a target may be unless the axis says otherwise: one turn of a 17-bit encoder.
+pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
+
+/// How far from the actual position a target of CSP may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Guard {
+    /// At most that many counts, 1 or more.
+    Within(u32),
+    /// As far as one likes.
+    Off,
+}
+
+impl Default for Guard {
+    fn default() -> Self {
+        Self::Within(DEFAULT_GUARD_COUNTS)
+    }
+}
+
+/// How an axis is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    /// CSP, CSV or CST; it fixes the process data (SK-7.31).
+    pub mode: Mode,
+    /// Whether distributed clocks pace the slave.
+    pub sync: DriveSync,
+    /// Targets further away than this are refused.
+    pub guard: Guard,
+    /// Counts of one unit of yours.
+    pub scale: Scale,
+}
+
+impl Axis {
+    /// CSP with distributed clocks, the default guard, in counts.
+    pub const CSP: Self = Self::new(Mode::Csp);
+    /// CSV, else as [`Axis::CSP`]; a velocity has no guard.
+    pub const CSV: Self = Self::new(Mode::Csv);
+    /// CST, else as [`Axis::CSP`]; a torque has no guard.
+    pub const CST: Self = Self::new(Mode::Cst);
+
+    const fn new(mode: Mode) -> Self {
+        Self { mode, sync: DriveSync::DcSync, guard: Guard::Within(DEFAULT_GUARD_COUNTS), scale: Scale::COUNTS }
+    }
+}
+
+impl Default for Axis {
+    fn default() -> Self {
+        Self::CSP
+    }
+}
+
+/// One slave of the network.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Slave {
+    /// A servo drive.
+    Drive(Axis),
+    /// A stepper: CSP alone (SK-7.36).
+    Step(Axis),
+    /// A pulse module of one or two channels: CSP or CSV (SK-7.35). Both channels share the axis's settings.
+    Hsp(Axis),
+    /// 16 inputs and 16 outputs.
+    Io,
+    /// A slave that is there and stays unused, in PreOP.
+    Unused,
+}
+
+impl Slave {
+    /// What SET_AXIS calls it.
+    pub const fn kind(&self) -> SlaveKind {
+        match self {
+            Self::Drive(_) => SlaveKind::Drive,
+            Self::Step(_) => SlaveKind::Step,
+            Self::Hsp(_) => SlaveKind::Hsp,
+            Self::Io => SlaveKind::Io,
+            Self::Unused => SlaveKind::None,
+        }
+    }
+
+    /// Its axis; `None` for IO.
+    pub const fn axis(&self) -> Option<&Axis> {
+        match self {
+            Self::Drive(axis) | Self::Step(axis) | Self::Hsp(axis) => Some(axis),
+            Self::Io | Self::Unused => None,
+        }
+    }
+}
+
+/// The network: what [`Ecm::configure`](super::Ecm::configure) sends.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The slaves in the order of the cable: slave 1 is the first.
+    pub slaves: Vec<Slave>,
+    /// EtherCAT cycle, microseconds: 250 * 2^n, at most 1 s.
+    pub cycle_us: u32,
+}
+
+impl Default for Config {
+    /// No slave yet, a cycle of 1000 us.
+    fn default() -> Self {
+        Self { slaves: Vec::new(), cycle_us: CycleTime::DEFAULT.us() }
+    }
+}
+
+impl Config {
+    /// That many drives in CSP, a cycle of 1000 us.
+    pub fn drives(count: usize) -> Self {
+        Self { slaves: vec![Slave::Drive(Axis::CSP); count], ..Self::default() }
+    }
+
+    /// Whether a board of that slot size can run it.
+    ///
+    /// # Errors
+    /// [`ConfigError`], the first thing that is wrong.
+    pub fn check(&self, size: SlotSize) -> Result<CycleTime, ConfigError> {
+        let cycle = CycleTime::from_us(self.cycle_us).ok_or(ConfigError::Cycle { found_us: self.cycle_us })?;
+        if self.slaves.is_empty() || self.slaves.len() > size.max_slaves() {
+            return Err(ConfigError::Count { found: self.slaves.len(), max: size.max_slaves(), slot: size.bytes() });
+        }
+        for (slave, config) in (1..).zip(&self.slaves) {
+            let Some(axis) = config.axis() else { continue };
+            let allowed: &'static [Mode] = match config {
+                Slave::Step(_) => &[Mode::Csp],
+                Slave::Hsp(_) => &[Mode::Csp, Mode::Csv],
+                _ => &[Mode::Csp, Mode::Csv, Mode::Cst],
+            };
+            if !allowed.contains(&axis.mode) {
+                return Err(ConfigError::Mode { slave, kind: config.kind().name(), found: axis.mode, allowed });
+            }
+            if axis.guard == Guard::Within(0) {
+                return Err(ConfigError::Guard { slave });
+            }
+            if !axis.scale.is_valid() {
+                return Err(ConfigError::Scale { slave, found: axis.scale.counts_per_unit });
+            }
+        }
+        Ok(cycle)
+    }
+}
+
+/// What is wrong with a [`Config`]. Nothing of it was sent.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ConfigError {
+    /// The board has no such cycle.
+    #[error("cycle_us is {found_us}: a cycle is 250 us * 2^n, at most 1 s; set 250, 500, 1000, 2000 or 4000")]
+    Cycle {
+        /// What was given.
+        found_us: u32,
+    },
+    /// No slaves or too many.
+    #[error("{found} slaves: with slots of {slot} bytes a board drives 1 to {max}; list the slaves in `slaves`")]
+    Count {
+        /// How many there are.
+        found: usize,
+        /// How many the board has slots for.
+        max: usize,
+        /// Bytes of a slot.
+        slot: usize,
+    },
+    /// The kind of slave has no such mode.
+    #[error("slave {slave} is a {kind} in {found}: set its mode to {}", names(allowed))]
+    Mode {
+        /// Slave.
+        slave: u8,
+        /// Its kind.
+        kind: &'static str,
+        /// The mode that was given.
+        found: Mode,
+        /// The modes it has.
+        allowed: &'static [Mode],
+    },
+    /// A guard that lets nothing pass.
+    #[error("slave {slave} has a guard of 0 counts, which lets no target pass; set 1 or more, or Guard::Off")]
+    Guard {
+        /// Slave.
+        slave: u8,
+    },
+    /// A scale that is no number of counts.
+    #[error("slave {slave} has {found} counts per unit; set a number that is finite and not 0")]
+    Scale {
+        /// Slave.
+        slave: u8,
+        /// What was given.
+        found: f64,
+    },
+}
+
+fn names(modes: &[Mode]) -> String {
+    modes.iter().map(|mode| mode.name()).collect::<Vec<_>>().join(", ")
+}

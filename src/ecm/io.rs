@@ -1,0 +1,103 @@
+//! IO slaves, and the board's own inputs and outputs.
+
+use super::config::Slave;
+use super::core::Task;
+use super::servo::{declared, require_op};
+use super::{Ecm, EcmError};
+use crate::sk::{CommandId, IoResponse, MasterCommand, SlaveCommand, SlotCommand};
+
+const HINT: &str = "see whether the slave is on the network and frames get lost (Ecm::stats)";
+
+impl Ecm {
+    /// The 16 inputs of an IO slave, bit k is input k; in OP.
+    ///
+    /// # Errors
+    /// [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`], [`EcmError::Timeout`],
+    /// [`EcmError::Link`].
+    pub fn inputs(&self, slave: u8) -> Result<u16, EcmError> {
+        self.io("reading inputs", slave, SlaveCommand::IoRead, |_| true)
+    }
+
+    /// Sets the 16 outputs of an IO slave, bit k is output k; in OP. They stay until they are set again.
+    ///
+    /// # Errors
+    /// As [`Ecm::inputs`].
+    pub fn set_outputs(&self, slave: u8, bits: u16) -> Result<(), EcmError> {
+        self.io("setting outputs", slave, SlaveCommand::IoWrite(bits), |image| image == bits).map(|_| ())
+    }
+
+    fn io(
+        &self,
+        what: &'static str,
+        slave: u8,
+        command: SlaveCommand,
+        is_it: impl Fn(u16) -> bool,
+    ) -> Result<u16, EcmError> {
+        let slot = {
+            let mut session = self.core.lock()?;
+            self.core.catch_up(&mut session)?;
+            require_op(&session, what)?;
+            let config = declared(&session, slave)?;
+            if config != Slave::Io {
+                return Err(EcmError::WrongKind { slave, kind: config.kind().name(), what, wanted: "an IO slave" });
+            }
+            SlotCommand::from(command).encode(session.size)
+        };
+        let limit = self.core.options.servo_limit;
+        let task = Task { what, hint: HINT, limit, commands: &[(slave.into(), slot)], resend: true };
+        self.core.run(
+            &task,
+            |session, sent| {
+                require_op(session, what)?;
+                let answer = IoResponse::decode(&session.slot(slave.into()));
+                if answer.head.id == slot.id && is_it(answer.bits) {
+                    return Ok(Some(answer.bits));
+                }
+                // In a stream's frames the next one asks for nothing, so the id stands for one report only; the slot
+                // then shows inputs.
+                let passed = session.pacer.is_some() && session.credit.ran(sent.number) && answer.head.id == 0;
+                Ok(passed.then_some(answer.bits))
+            },
+            |session| format!("the board is in {}", session.board.state),
+        )
+    }
+
+    /// The board's own six inputs, in any state, bit k is input k.
+    ///
+    /// # Errors
+    /// [`EcmError::Timeout`], [`EcmError::Link`].
+    pub fn local_inputs(&self) -> Result<u8, EcmError> {
+        self.local("reading the board's inputs", MasterCommand::LocalRead).map(|result| result as u8)
+    }
+
+    /// Sets the board's own six outputs, in any state, bit k is output k.
+    ///
+    /// # Errors
+    /// [`EcmError::Setting`] for bits 6 and 7, [`EcmError::Timeout`], [`EcmError::Link`].
+    pub fn set_local_outputs(&self, bits: u8) -> Result<(), EcmError> {
+        if bits > 0x3F {
+            let found = format!("0x{bits:02X}");
+            return Err(EcmError::Setting { what: "the board's outputs", found, allowed: "six bits, 0x00 to 0x3F" });
+        }
+        self.local("setting the board's outputs", MasterCommand::LocalWrite(bits)).map(|_| ())
+    }
+
+    fn local(&self, what: &'static str, command: MasterCommand) -> Result<u32, EcmError> {
+        let slot = command.encode();
+        let limit = self.core.options.servo_limit;
+        let task = Task { what, hint: HINT, limit, commands: &[(0, slot)], resend: true };
+        self.core.run(
+            &task,
+            |session, sent| {
+                // In OP the answer has no marker: it is valid once its entry has run (SK-8.3).
+                let valid = if session.in_op() {
+                    session.credit.ran(sent.number)
+                } else {
+                    CommandId::from_code(session.board.id) == CommandId::from_code(slot.id)
+                };
+                Ok(valid.then_some(session.board.result))
+            },
+            |session| format!("the board is in {}", session.board.state),
+        )
+    }
+}

@@ -1,0 +1,67 @@
+//! How an [`Ecm`](super::Ecm) behaves: limits, checks, what closing does.
+
+use std::time::Duration;
+
+use crate::sk::SlotSize;
+
+/// SK `[OURS]`: what closing may take in all.
+pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
+
+/// What becomes of the axes when an [`Ecm`](super::Ecm) is closed or dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Close {
+    /// Moving axes are ramped to a standstill and stay enabled: a vertical axis does not drop.
+    #[default]
+    Hold,
+    /// As [`Close::Hold`], then the axes are switched off.
+    ServoOff,
+    /// Nothing is sent: what is in the board's FIFO runs on.
+    Leave,
+}
+
+/// Settings of an [`Ecm`](super::Ecm). Every value has a default; all limits are \[OURS].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// The board's slot size, where the link does not say it.
+    pub slot: Option<SlotSize>,
+    /// Whether a response whose CRC byte is 0 must match too: 0 else counts as absent (SK-1).
+    pub strict_crc: bool,
+    /// Whether the guards of the axes act.
+    pub guard: bool,
+    /// How long a board may be silent: 1 s, and never less than three cycles.
+    pub read_limit: Duration,
+    /// How long the board may take to accept a frame: 1 s.
+    pub write_limit: Duration,
+    /// How long a change of state may take: 30 s, more than the board's own limit.
+    pub state_limit: Duration,
+    /// How long an SDO transfer may take: 3 s, more than the board's own limit.
+    pub sdo_limit: Duration,
+    /// How long switching on and off, an alarm clear and IO may take: 5 s.
+    pub servo_limit: Duration,
+    /// What dropping does.
+    pub close: Close,
+    /// How long the ramp to a standstill takes: 250 ms, at most 1.5 s.
+    pub ramp: Duration,
+}
+
+impl Options {
+    /// The longest ramp: closing has to end within [`CLOSE_LIMIT`].
+    pub const MAX_RAMP: Duration = Duration::from_millis(1500);
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            slot: None,
+            strict_crc: false,
+            guard: true,
+            read_limit: Duration::from_secs(1),
+            write_limit: Duration::from_secs(1),
+            state_limit: Duration::from_secs(30),
+            sdo_limit: Duration::from_secs(3),
+            servo_limit: Duration::from_secs(5),
+            close: Close::Hold,
+            ramp: Duration::from_millis(250),
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! Bringing axes to a standstill from the host: a straight ramp of what was commanded last. The axes stay enabled.
+//!
+//! CSP: the speed of the last two targets falls to 0, the axis then holds. CSV: the velocity falls to 0. CST: a torque
+//! that holds a standing axis stays, one that moves it falls to 0: a host that gave the torque is the only one to know
+//! how to stop it better. \[OURS]
+
+use std::time::Duration;
+
+use parking_lot::MutexGuard;
+
+use super::config::Slave;
+use super::session::Session;
+use super::{Ecm, EcmError};
+use crate::cia402::Mode;
+use crate::sk::{AxisTarget, DriveResponse, HspResponse, Motion, SlaveCommand, SlotSize};
+
+/// \[OURS] Slower than that many counts a cycle is a standstill: the last count of an encoder flickers.
+const STILL: i32 = 2;
+/// \[OURS] Frames of the ramp that are ahead of the board at most.
+const DEPTH: u16 = 64;
+/// \[OURS] What of the limit is left for standing still after the ramp.
+const SETTLE: Duration = Duration::from_millis(200);
+
+/// How one axis is braked.
+#[derive(Clone, Copy, Debug)]
+enum Brake {
+    /// Last targets, and how far they went in a frame.
+    Position(Motion, [f64; 2]),
+    Velocity(Motion),
+    Torque(i16),
+}
+
+impl Brake {
+    /// The command of frame `k` of `n`.
+    fn at(&self, k: u32, n: u32) -> SlaveCommand {
+        let left = f64::from(n - k) / f64::from(n);
+        let scaled = |value: i32| (f64::from(value) * left).round() as i32;
+        match self {
+            Self::Position(last, speed) => {
+                // The sum of the speeds so far, which fall in a straight line.
+                let k = f64::from(k);
+                let frames = k - k * (k + 1.0) / (2.0 * f64::from(n));
+                let to = |axis: AxisTarget, speed: f64| AxisTarget {
+                    target: axis.target.wrapping_add((speed * frames).round() as i32),
+                    ..axis
+                };
+                SlaveCommand::Csp(Motion { first: to(last.first, speed[0]), second: to(last.second, speed[1]) })
+            }
+            Self::Velocity(last) => {
+                let to = |axis: AxisTarget| AxisTarget { target: scaled(axis.target), ..axis };
+                SlaveCommand::Csv(Motion { first: to(last.first), second: to(last.second) })
+            }
+            Self::Torque(torque) => SlaveCommand::Cst(scaled((*torque).into()) as i16),
+        }
+    }
+}
+
+/// Ramps what moves to a standstill, by `deadline`.
+pub(super) fn to_standstill(
+    ecm: &Ecm,
+    session: &mut MutexGuard<'_, Session>,
+    deadline: Duration,
+) -> Result<(), EcmError> {
+    let began = ecm.core.now();
+    ecm.core.catch_up(session)?;
+    if !session.in_op() || session.plan.count == 0 {
+        return Ok(());
+    }
+    let mut brakes = [None; SlotSize::Bytes12.slots()];
+    let plan = session.plan;
+    for (slave, config) in plan.slaves() {
+        brakes[usize::from(slave)] = brake(session, slave, config);
+    }
+    if brakes.iter().any(Option::is_some) {
+        let frames = frames(ecm, session, deadline.saturating_sub(began));
+        for k in 1..=frames {
+            for (target, brake) in session.targets.iter_mut().zip(&brakes) {
+                if let Some(brake) = brake {
+                    // An axis that went off meanwhile gets none: its slot shows so when the frame is built.
+                    target.now = Some(brake.at(k, frames));
+                }
+            }
+            drop_off(session);
+            room(ecm, session, deadline, began)?;
+            ecm.core.write(session, deadline)?;
+        }
+    }
+    // What is in the FIFO still moves the axes.
+    loop {
+        let still = plan.slaves().all(|(slave, config)| !moves(session, slave, config));
+        if session.credit.ahead() == 0 && still || !session.in_op() {
+            return Ok(());
+        }
+        read(ecm, session, deadline, began)?;
+    }
+}
+
+fn room(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, began: Duration) -> Result<(), EcmError> {
+    while session.in_op() && session.credit.ahead() >= DEPTH {
+        read(ecm, session, deadline, began)?;
+    }
+    Ok(())
+}
+
+fn read(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, began: Duration) -> Result<(), EcmError> {
+    if !ecm.core.read(session, deadline)? {
+        ecm.core.check_silence(session, began, "a standstill")?;
+    }
+    let waited = ecm.core.now().saturating_sub(began);
+    if ecm.core.now() < deadline {
+        return Ok(());
+    }
+    Err(EcmError::Timeout {
+        what: "a standstill",
+        waited,
+        seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+        hint: "use the emergency stop if axes move",
+    })
+}
+
+/// Frames of the ramp: those of its time, as many as end before the limit.
+fn frames(ecm: &Ecm, session: &Session, left: Duration) -> u32 {
+    let cycle = session.plan.cycle_ns.unwrap_or(1_000_000).max(1);
+    let of = |time: Duration| (time.as_nanos() as u64).div_ceil(cycle) as u32;
+    let possible = of(left.saturating_sub(SETTLE)).saturating_sub(session.credit.ahead().into());
+    of(ecm.core.options.ramp).min(possible).max(1)
+}
+
+/// No targets for axes that are off.
+fn drop_off(session: &mut Session) {
+    for slave in 1..=session.plan.count {
+        if !session.statusword(slave as u8).is_enabled() {
+            session.targets[slave].now = None;
+        }
+    }
+}
+
+/// Counts that a slave's axes moved in the last cycle.
+fn measured(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
+    let (now, before) = (session.slot(slave.into()), session.previous.slot(session.size, slave.into()));
+    if !matches!(config, Slave::Hsp(_)) {
+        return [(now.data1 as i32).wrapping_sub(before.data1 as i32), 0];
+    }
+    let (now, before) = (HspResponse::decode(&now, session.size), HspResponse::decode(&before, session.size));
+    [now.first.position.wrapping_sub(before.first.position), now.second.position.wrapping_sub(before.second.position)]
+}
+
+fn moves(session: &Session, slave: u8, config: &Slave) -> bool {
+    config.axis().is_some()
+        && session.statusword(slave).is_enabled()
+        && session.homing & 1 << slave == 0
+        && measured(session, slave, config).iter().any(|counts| counts.abs() > STILL)
+}
+
+/// How an axis has to be braked; `None` if it stands, is off or is homing.
+fn brake(session: &Session, slave: u8, config: &Slave) -> Option<Brake> {
+    let axis = config.axis()?;
+    if !session.statusword(slave).is_enabled() || session.homing & 1 << slave != 0 {
+        return None;
+    }
+    let target = session.targets[usize::from(slave)];
+    let moved = measured(session, slave, config);
+    let is_moving = moves(session, slave, config);
+    match (axis.mode, target.last) {
+        (Mode::Csv, Some(SlaveCommand::Csv(motion))) => {
+            (motion.first.target != 0 || motion.second.target != 0).then_some(Brake::Velocity(motion))
+        }
+        // Somebody else has set it going. SK-4 `[OURS]`: 0x60FF is counts a second then.
+        (Mode::Csv, _) if is_moving => {
+            let ns = session.meta?.at.0.saturating_sub(session.previous_at.0).max(1) as f64;
+            let outputs = |counts: i32| AxisTarget { target: (f64::from(counts) * 1e9 / ns) as i32, outputs: 0 };
+            Some(Brake::Velocity(Motion { first: outputs(moved[0]), second: outputs(moved[1]) }))
+        }
+        (Mode::Cst, Some(SlaveCommand::Cst(torque))) if is_moving => Some(Brake::Torque(torque)),
+        (Mode::Cst, None) if is_moving => {
+            Some(Brake::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
+        }
+        (Mode::Csp, Some(SlaveCommand::Csp(last))) => {
+            let Some(SlaveCommand::Csp(before)) = target.before else { return None };
+            let commanded = [
+                last.first.target.wrapping_sub(before.first.target),
+                last.second.target.wrapping_sub(before.second.target),
+            ];
+            // A board that ran dry has stopped already: it must not move again because of a ramp.
+            let dry = session.credit.ahead() == 0;
+            let speed = [0, 1].map(|i| if dry { slower(commanded[i], moved[i]) } else { commanded[i] });
+            let moves = speed.iter().any(|counts| counts.abs() > STILL);
+            moves.then(|| Brake::Position(last, speed.map(f64::from)))
+        }
+        // A position of somebody else's is held once its FIFO is empty.
+        _ => None,
+    }
+}
+
+/// The slower of two speeds; 0 if they point in opposite ways.
+const fn slower(a: i32, b: i32) -> i32 {
+    if a.signum() != b.signum() {
+        0
+    } else if a.unsigned_abs() < b.unsigned_abs() {
+        a
+    } else {
+        b
+    }
+}

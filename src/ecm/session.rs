@@ -1,0 +1,318 @@
+//! What one exchange with the board knows: the newest report, the commands that wait for the next frame, the counts.
+
+use std::collections::VecDeque;
+use std::thread::ThreadId;
+use std::time::Instant;
+
+use super::credit::Credit;
+use super::snapshot::{Plan, Snapshot};
+use crate::cia402::Statusword;
+use crate::link::{ReadMeta, Stamp};
+use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, RawSlot, SlaveCommand, SlotSize};
+
+/// News kept until somebody takes them; the oldest go first. \[OURS]
+const NEWS_KEPT: usize = 64;
+const SLOTS: usize = SlotSize::Bytes12.slots();
+
+/// Something that a program may want to log, and that fails nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum News {
+    /// Byte 1 of slot 0 changed: the CRC error count of firmware 1.7 (SK-2.7).
+    ErrorByte {
+        /// Before.
+        from: u8,
+        /// Now.
+        to: u8,
+    },
+    /// The FIFO-full count went up: commands were lost. The numbers are the board's own (SK-5.10).
+    CommandsLost {
+        /// Before.
+        from: u16,
+        /// Now.
+        to: u16,
+    },
+    /// Reports that nobody read, or that were lost on the way.
+    ReportsLost {
+        /// How many.
+        count: u64,
+    },
+    /// A report was thrown away, its CRC is wrong.
+    BadCrc,
+}
+
+/// Counts since the board was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Command frames written.
+    pub written: u64,
+    /// Reports that could be used.
+    pub reports: u64,
+    /// Reports thrown away for a wrong CRC.
+    pub bad_crc: u64,
+    /// Reports lost before they were read.
+    pub reports_lost: u64,
+    /// Reports that came again or too late, thrown away.
+    pub stale: u64,
+    /// Times byte 1 of slot 0 was seen changed.
+    pub error_byte_changes: u64,
+    /// Times the FIFO-full count was seen increased. How many commands each time the wire does not say for sure, and no
+    /// division finds out (SK-5.10).
+    pub losses: u64,
+    /// Cycles of streams that found the FIFO empty.
+    pub underruns: u64,
+}
+
+/// What a stream commands a slave.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Target {
+    /// With the next frame, and with every one after it until there is another.
+    pub(super) now: Option<SlaveCommand>,
+    /// In the last step, and in the one before: how fast the axis is meant to move.
+    pub(super) last: Option<SlaveCommand>,
+    pub(super) before: Option<SlaveCommand>,
+}
+
+/// Who paces frames by a stream.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pacer {
+    pub(super) thread: ThreadId,
+    pub(super) last_step: Instant,
+}
+
+pub(super) struct Session {
+    pub(super) size: SlotSize,
+    policy: CrcPolicy,
+    pub(super) incoming: Frame,
+    pub(super) report: Frame,
+    pub(super) previous: Frame,
+    pub(super) outgoing: Frame,
+    pub(super) meta: Option<ReadMeta>,
+    pub(super) previous_at: Stamp,
+    last_sequence: u64,
+    pub(super) board: MasterResponse,
+    pub(super) plan: Plan,
+    pub(super) credit: Credit,
+    /// Commands for the next frame; a bit of `posted` for each slot that has one.
+    commands: [RawSlot; SLOTS],
+    posted: u64,
+    /// Frames written so far, when the last one was, and its number in the FIFO.
+    pub(super) flushes: u64,
+    pub(super) flushed_at: Stamp,
+    pub(super) flushed_number: i64,
+    /// What a stream keeps sending, by slave.
+    pub(super) targets: [Target; SLOTS],
+    /// Slaves that are homing, a bit each.
+    pub(super) homing: u64,
+    /// Those of them that were told to end: back in CSP bits 10 and 12 look like a home.
+    pub(super) aborted: u64,
+    pub(super) pacer: Option<Pacer>,
+    pub(super) stats: Stats,
+    news: VecDeque<News>,
+    /// When a usable report came last, on the caller's clock.
+    pub(super) heard: std::time::Duration,
+    pub(super) closed: bool,
+}
+
+impl Session {
+    pub(super) fn new(size: SlotSize, strict: bool) -> Self {
+        Self {
+            size,
+            policy: if strict { CrcPolicy::Strict } else { CrcPolicy::AbsentAllowed },
+            incoming: Frame::new(),
+            report: Frame::new(),
+            previous: Frame::new(),
+            outgoing: Frame::new(),
+            meta: None,
+            previous_at: Stamp(0),
+            last_sequence: 0,
+            board: MasterResponse::default(),
+            plan: Plan::NONE,
+            credit: Credit::new(),
+            commands: [RawSlot::ZERO; SLOTS],
+            posted: 0,
+            flushes: 0,
+            flushed_at: Stamp(0),
+            flushed_number: 0,
+            targets: [Target::default(); SLOTS],
+            homing: 0,
+            aborted: 0,
+            pacer: None,
+            stats: Stats::default(),
+            news: VecDeque::with_capacity(NEWS_KEPT),
+            heard: std::time::Duration::ZERO,
+            closed: false,
+        }
+    }
+
+    pub(super) fn in_op(&self) -> bool {
+        self.board.state.state() == Some(MasterState::Op)
+    }
+
+    pub(super) fn news(&mut self) -> Vec<News> {
+        self.news.drain(..).collect()
+    }
+
+    fn tell(&mut self, news: News) {
+        if self.news.len() == NEWS_KEPT {
+            self.news.pop_front();
+        }
+        self.news.push_back(news);
+    }
+
+    /// Takes the report in `incoming`; says whether it is one that can be used.
+    pub(super) fn take(&mut self, meta: ReadMeta) -> bool {
+        if self.incoming.check_crc(self.size, self.policy).is_err() {
+            self.stats.bad_crc += 1;
+            self.tell(News::BadCrc);
+            self.last_sequence = self.last_sequence.max(meta.sequence);
+            return false;
+        }
+        let before = self.meta;
+        if let Some(before) = before {
+            if meta.sequence <= before.sequence {
+                self.stats.stale += 1;
+                return false;
+            }
+            let lost = meta.sequence.saturating_sub(self.last_sequence + 1);
+            if lost > 0 {
+                self.stats.reports_lost += lost;
+                self.tell(News::ReportsLost { count: lost });
+            }
+        }
+        self.last_sequence = self.last_sequence.max(meta.sequence);
+        std::mem::swap(&mut self.report, &mut self.previous);
+        std::mem::swap(&mut self.incoming, &mut self.report);
+        self.meta = Some(meta);
+        self.previous_at = before.map_or(meta.at, |before| before.at);
+        self.stats.reports += 1;
+        self.read_board(before, meta);
+        self.drop_dead_targets();
+        true
+    }
+
+    fn read_board(&mut self, before: Option<ReadMeta>, meta: ReadMeta) {
+        let was = (self.board, self.in_op());
+        self.board = MasterResponse::decode(&self.report.slot(self.size, 0));
+        let Some(before) = before else { return };
+        if was.0.error != self.board.error {
+            self.stats.error_byte_changes += 1;
+            self.tell(News::ErrorByte { from: was.0.error, to: self.board.error });
+        }
+        if !self.in_op() {
+            self.credit.reset();
+            self.homing = 0;
+            return;
+        }
+        // It wraps: whatever is different is more.
+        if was.1 && was.0.full_count != self.board.full_count {
+            self.stats.losses += 1;
+            self.tell(News::CommandsLost { from: was.0.full_count, to: self.board.full_count });
+        }
+        let cycles = meta.sequence - before.sequence;
+        let measured = meta.at.0.saturating_sub(before.at.0) / cycles.max(1);
+        // SK-5 [OURS]: a frame counts as arrived one cycle after it was written.
+        let margin = self.plan.cycle_ns.unwrap_or(measured);
+        self.credit.report(meta.at, self.board.fifo_free, cycles, margin);
+        self.stats.underruns = self.credit.underruns();
+    }
+
+    /// An axis that went off has no target any more: switched on again, it must not jump to an old one.
+    fn drop_dead_targets(&mut self) {
+        let slots = self.report.slots(self.size);
+        for slave in 1..=self.plan.count {
+            if self.targets[slave].now.is_some() && !Statusword(slots.head(slave).parm.get()).is_enabled() {
+                self.targets[slave] = Target::default();
+            }
+        }
+    }
+
+    pub(super) fn statusword(&self, slave: u8) -> Statusword {
+        Statusword(self.report.slots(self.size).head(slave.into()).parm.get())
+    }
+
+    pub(super) fn slot(&self, slot: usize) -> RawSlot {
+        self.report.slot(self.size, slot)
+    }
+
+    pub(super) fn snapshot(&self) -> Snapshot {
+        Snapshot {
+            meta: self.meta.unwrap_or_default(),
+            board: self.board,
+            frame: self.report.clone(),
+            size: self.size,
+            plan: self.plan,
+        }
+    }
+
+    /// Puts commands into the next frame, all or none: a slot that is taken takes no second one.
+    pub(super) fn post(&mut self, commands: &[(usize, RawSlot)]) -> bool {
+        let wanted = mask(commands);
+        if self.posted & wanted != 0 {
+            return false;
+        }
+        for (slot, command) in commands {
+            self.commands[*slot] = *command;
+        }
+        self.posted |= wanted;
+        true
+    }
+
+    /// Takes back what was posted and not written.
+    pub(super) fn withdraw(&mut self, commands: &[(usize, RawSlot)]) {
+        self.posted &= !mask(commands);
+    }
+
+    pub(super) const fn has_posts(&self) -> bool {
+        self.posted != 0
+    }
+
+    /// Whether the board takes a frame now.
+    pub(super) fn may_write(&self) -> bool {
+        !self.in_op() || self.credit.credit() > 0
+    }
+
+    /// Builds the next frame: posted commands first, else what a stream keeps sending, else nothing. CRC last (SK-1.22).
+    pub(super) fn compose(&mut self) {
+        self.outgoing.bytes_mut().fill(0);
+        let size = self.size;
+        if self.in_op() {
+            for slave in 1..=self.plan.count {
+                if let Some(target) = self.targets[slave].now {
+                    self.outgoing.put_slave(size, slave, &target.into());
+                }
+            }
+        }
+        let mut posted = self.posted;
+        while posted != 0 {
+            let slot = posted.trailing_zeros() as usize;
+            posted &= posted - 1;
+            self.outgoing.put(size, slot, &self.commands[slot]);
+        }
+        self.outgoing.fill_crc(size);
+    }
+
+    /// The frame was written.
+    pub(super) fn wrote(&mut self, at: Stamp) {
+        self.posted = 0;
+        self.flushes += 1;
+        self.flushed_at = at;
+        self.stats.written += 1;
+        self.flushed_number = if self.in_op() { self.credit.sent(at) } else { 0 };
+    }
+
+    /// A stream has stepped: its targets are in a frame.
+    pub(super) fn stepped(&mut self) {
+        for target in &mut self.targets[1..=self.plan.count] {
+            (target.before, target.last) = (target.last, target.now);
+        }
+    }
+
+    /// The frame was not taken: what it held is forgotten, its senders send again or say so.
+    pub(super) const fn failed(&mut self) {
+        self.posted = 0;
+    }
+}
+
+fn mask(commands: &[(usize, RawSlot)]) -> u64 {
+    commands.iter().fold(0, |mask, (slot, _)| mask | 1 << slot)
+}

@@ -1,0 +1,163 @@
+//! Configuring the board and changing its state.
+
+use std::time::Duration;
+
+use super::config::{Config, Slave};
+use super::core::Task;
+use super::error::Suspect;
+use super::snapshot::Plan;
+use super::{Ecm, EcmError};
+use crate::cia402;
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::sk::{
+    CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, SlotCommand,
+    StateByte,
+};
+
+/// SK-4 `[OURS]`: what the slave count of SET_AXIS and the answers of SET_DC and DRIVE_MODE may take.
+const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
+/// \[OURS] How long the search for the slave that got stuck may take in all.
+const SUSPECT_LIMIT: Duration = Duration::from_secs(3);
+const HINT: &str = "see whether frames get lost (Ecm::stats), then configure again";
+
+impl Ecm {
+    /// Says what the network is, in PreOP: SET_AXIS, SET_DC, DRIVE_MODE. Everything is checked before anything is sent,
+    /// and each answer is waited for.
+    ///
+    /// # Errors
+    /// [`EcmError::Config`], [`EcmError::WrongState`] (also for a board found in OP: see [`Ecm::adopt`]),
+    /// [`EcmError::SlaveCount`], [`EcmError::Timeout`], [`EcmError::Link`].
+    pub fn configure(&self, config: &Config) -> Result<(), EcmError> {
+        let size = self.slot_size()?;
+        let cycle = config.check(size)?;
+        let found = self.state()?;
+        if found.state() != Some(MasterState::PreOp) {
+            return Err(EcmError::WrongState { what: "configure", needs: "PreOP", found });
+        }
+        let mut count = 0;
+        for group in 0..size.max_slaves().div_ceil(8) {
+            let kinds = std::array::from_fn(|k| config.slaves.get(group * 8 + k).map_or(SlaveKind::None, Slave::kind));
+            count = self.master("SET_AXIS", &MasterCommand::SetAxis { group: group as u8, kinds })?;
+        }
+        if count as usize != config.slaves.len() {
+            return Err(EcmError::SlaveCount { declared: config.slaves.len(), found: count as usize });
+        }
+        self.master("SET_DC", &MasterCommand::SetDc { cycle, shift: DcShift::Auto })?;
+        let modes: Vec<(usize, RawSlot)> = (1..)
+            .zip(&config.slaves)
+            .filter_map(|(slave, config)| {
+                let axis = config.axis()?;
+                let command = SlaveCommand::DriveMode { mode: axis.mode, sync: axis.sync };
+                Some((slave, SlotCommand::from(command).encode(size)))
+            })
+            .collect();
+        if !modes.is_empty() {
+            let task = Task { what: "DRIVE_MODE", hint: HINT, limit: CONFIGURE_LIMIT, commands: &modes, resend: true };
+            let id = CommandId::DriveMode.code();
+            self.core.run(
+                &task,
+                |session, _| Ok(modes.iter().all(|(slot, _)| session.slot(*slot).id == id).then_some(())),
+                |session| format!("the board is in {}", session.board.state),
+            )?;
+        }
+        self.core.lock()?.plan = Plan::of(config);
+        Ok(())
+    }
+
+    /// Says what a board that runs already was configured as; nothing is sent, axes in motion go on.
+    ///
+    /// # Errors
+    /// [`EcmError::Config`], [`EcmError::Busy`].
+    pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
+        config.check(self.slot_size()?)?;
+        self.core.lock()?.plan = Plan::of(config);
+        Ok(())
+    }
+
+    /// A command for the board itself, outside OP; gives the result.
+    fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
+        let slot = command.encode();
+        let task = Task { what, hint: HINT, limit: CONFIGURE_LIMIT, commands: &[(0, slot)], resend: true };
+        self.core.run(
+            &task,
+            |session, _| Ok((session.board.id == slot.id).then_some(session.board.result)),
+            |session| format!("the board is in {}", session.board.state),
+        )
+    }
+
+    /// Changes the network's state and waits until it is reached.
+    ///
+    /// # Errors
+    /// [`EcmError::StateStuck`], which says where and, as far as a host can know, on which slave;
+    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`].
+    pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
+        self.set_state_within(wanted, self.core.options.state_limit)
+    }
+
+    /// As [`Ecm::set_state`], with a limit of its own.
+    ///
+    /// # Errors
+    /// As [`Ecm::set_state`].
+    pub fn set_state_within(&self, wanted: MasterState, limit: Duration) -> Result<(), EcmError> {
+        let task = Task {
+            what: "a change of state",
+            hint: "give it more time, or look at the slaves' LEDs",
+            limit,
+            commands: &[(0, MasterCommand::SetState(wanted).encode())],
+            // A repeat would start a change that has failed again; a lost frame shows as a timeout.
+            resend: false,
+        };
+        // A failure shown before the change has begun is an old one.
+        let old = self.state()?;
+        let mut moved = !old.is_failed();
+        let ended = self.core.run(
+            &task,
+            |session, _| {
+                let now = session.board.state;
+                moved |= now != old;
+                if now == StateByte::reached(wanted) {
+                    return Ok(Some(None));
+                }
+                Ok((moved && now.is_failed()).then_some(Some(now)))
+            },
+            |session| format!("the board is in {}", session.board.state),
+        );
+        match ended {
+            Ok(None) => Ok(()),
+            Ok(Some(found)) => Err(EcmError::StateStuck { wanted, found, suspect: self.suspect() }),
+            Err(EcmError::Timeout { .. }) if self.state()?.is_failed() => {
+                Err(EcmError::StateStuck { wanted, found: self.state()?, suspect: self.suspect() })
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Asks every slave for what its kind needs: the first that does not answer or lacks it is the suspect.
+    fn suspect(&self) -> Suspect {
+        let began = self.core.now();
+        let Ok(session) = self.core.lock() else { return Suspect::Network };
+        let plan = session.plan;
+        drop(session);
+        let mut asked = 0;
+        for (slave, config) in plan.slaves() {
+            let left = SUSPECT_LIMIT.saturating_sub(self.core.now().saturating_sub(began));
+            let needed = match config {
+                Slave::Unused => continue,
+                Slave::Io => ObjectAddress::new(0x1000, 0),
+                _ => ObjectAddress::new(cia402::STATUSWORD, 0),
+            };
+            match self.transfer(SdoCommand::Read { slave, object: needed }, left) {
+                Ok(_) => asked += 1,
+                Err(EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }) => {
+                    return Suspect::NotOfKind { slave, kind: config.kind().name(), missing: needed };
+                }
+                Err(EcmError::SdoAborted { code: AbortCode::TIMEOUT, .. } | EcmError::Timeout { .. }) => {
+                    return Suspect::Silent { slave };
+                }
+                Err(EcmError::SdoAborted { .. }) => asked += 1,
+                Err(_) => return Suspect::Network,
+            }
+        }
+        if asked > 0 { Suspect::Unknown } else { Suspect::Network }
+    }
+}

@@ -1,0 +1,286 @@
+//! A cyclic stream of targets, paced by credit: it never overfills the board's FIFO and counts when it runs dry.
+
+use std::thread;
+use std::time::Instant;
+
+use super::config::{Axis, Guard, Slave};
+use super::servo::{declared, refuse_alarm, require_op};
+use super::session::{Pacer, Session};
+use super::snapshot::Snapshot;
+use super::{Ecm, EcmError, ramp};
+use crate::cia402::Mode;
+use crate::sk::{AxisTarget, FIFO_ENTRIES, HspResponse, Motion, SlaveCommand, SlotSize};
+
+/// \[OURS] Entries of the FIFO that a stream leaves free: commands of other programs and the ramp find room.
+const SPARE: u16 = 10;
+
+/// What a stream did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StreamStats {
+    /// Frames that steps have written.
+    pub frames: u64,
+    /// Cycles that found the FIFO empty since the first frame: each is a gap in the motion.
+    pub underruns: u64,
+    /// Times the board's FIFO-full count was seen increased: any is a loss (SK-5.10).
+    pub losses: u64,
+}
+
+/// A stream of targets for all axes, one frame a step. There is one at a time.
+///
+/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then [`step`](Stream::step). A
+/// target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping ramp what moves
+/// to a standstill; the axes stay enabled.
+///
+/// Calls of [`Ecm`] by other threads ride in the frames of steps. One by the thread that steps writes frames of its own,
+/// which repeat the last targets: between two steps of a motion it costs a cycle of standstill each.
+pub struct Stream<'a> {
+    ecm: &'a Ecm,
+    depth: u16,
+    frames: u64,
+    underruns_before: u64,
+    losses_before: u64,
+    done: bool,
+}
+
+impl Ecm {
+    /// Begins a stream that keeps up to `depth` frames ahead of the board: 1 to 150. That many cycles may the program
+    /// be late, and that many cycles pass until a target acts.
+    ///
+    /// # Errors
+    /// [`EcmError::Setting`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is configured,
+    /// [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
+    pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
+        if depth == 0 || depth > FIFO_ENTRIES - SPARE {
+            return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
+        }
+        let mut session = self.core.lock()?;
+        self.core.catch_up(&mut session)?;
+        require_op(&session, "a stream")?;
+        declared(&session, 1)?;
+        if session.pacer.is_some() {
+            return Err(EcmError::Busy { what: "the stream" });
+        }
+        session.pacer = Some(pacer());
+        session.credit.watch(true);
+        let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
+        Ok(Stream { ecm: self, depth, frames: 0, underruns_before, losses_before, done: false })
+    }
+}
+
+fn pacer() -> Pacer {
+    Pacer { thread: thread::current().id(), last_step: Instant::now() }
+}
+
+impl Stream<'_> {
+    /// The next target position of an axis in CSP, counts. The guard of the axis refuses one that is too far from the
+    /// actual position of the newest report; nothing changes then.
+    ///
+    /// # Errors
+    /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
+    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`].
+    pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
+        self.aim(slave, SlaveCommand::Csp(Motion::to(target)))
+    }
+
+    /// As [`csp`](Stream::csp), in the axis's units.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), and [`EcmError::OutOfRange`].
+    pub fn csp_units(&mut self, slave: u8, units: f64) -> Result<(), EcmError> {
+        let scale = {
+            let session = self.ecm.core.lock()?;
+            axis(&session, slave)?.scale
+        };
+        self.csp(slave, scale.to_counts(units).ok_or(EcmError::OutOfRange { slave, units })?)
+    }
+
+    /// The next targets and outputs of an HSP in CSP, both channels. The guard looks at both.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp).
+    pub fn csp_hsp(&mut self, slave: u8, first: AxisTarget, second: AxisTarget) -> Result<(), EcmError> {
+        self.aim(slave, SlaveCommand::Csp(Motion { first, second }))
+    }
+
+    /// The next target velocity of an axis in CSV, in the drive's units (0x60FF). It goes on until there is another.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
+        self.aim(slave, SlaveCommand::Csv(Motion::to(velocity)))
+    }
+
+    /// The next target torque of an axis in CST, 0.1 % of rated. It goes on until there is another.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn cst(&mut self, slave: u8, torque: i16) -> Result<(), EcmError> {
+        self.aim(slave, SlaveCommand::Cst(torque))
+    }
+
+    fn aim(&mut self, slave: u8, command: SlaveCommand) -> Result<(), EcmError> {
+        let mut session = self.ecm.core.lock()?;
+        require_op(&session, "a target")?;
+        let axis = axis(&session, slave)?;
+        let wanted = match command {
+            SlaveCommand::Csv(_) => Mode::Csv,
+            SlaveCommand::Cst(_) => Mode::Cst,
+            _ => Mode::Csp,
+        };
+        if axis.mode != wanted {
+            return Err(EcmError::WrongMode { slave, mode: axis.mode, wanted });
+        }
+        if session.homing & 1 << slave != 0 {
+            return Err(EcmError::IsHoming { slave });
+        }
+        let statusword = session.statusword(slave);
+        if !statusword.is_enabled() {
+            refuse_alarm(&session, slave)?;
+            return Err(EcmError::NotEnabled { slave, statusword });
+        }
+        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) =
+            (command, axis.guard, self.ecm.core.options.guard)
+        {
+            check_guard(&session, slave, &motion, limit)?;
+        }
+        session.targets[usize::from(slave)].now = Some(command);
+        Ok(())
+    }
+
+    /// Writes the next frame as soon as the board has room for it, and waits until there is room for another one: at
+    /// most `depth` frames are ahead. So a loop of steps keeps the pace of the board, at least one frame a cycle, and
+    /// several after a delay (SK-5.11). It does not allocate, waits for a report at most [`Options::read_limit`], and for
+    /// room as long and 160 cycles.
+    ///
+    /// [`Options::read_limit`]: super::Options::read_limit
+    ///
+    /// # Errors
+    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`]. Nothing is
+    /// written then. What one axis does is no error here: the next target for it is refused.
+    pub fn step(&mut self) -> Result<StreamStats, EcmError> {
+        let core = &self.ecm.core;
+        let mut session = core.lock()?;
+        session.pacer = Some(pacer());
+        core.catch_up(&mut session)?;
+        self.ecm.pace(&mut session, self.depth)?;
+        let deadline = core.now() + core.options.write_limit;
+        core.write(&mut session, deadline)?;
+        session.stepped();
+        self.frames += 1;
+        self.ecm.pace(&mut session, self.depth)?;
+        Ok(self.stats_of(&session))
+    }
+
+    /// The newest report, without waiting.
+    ///
+    /// # Errors
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
+        Ok(self.ecm.core.lock()?.snapshot())
+    }
+
+    /// What it did so far.
+    ///
+    /// # Errors
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn stats(&self) -> Result<StreamStats, EcmError> {
+        Ok(self.stats_of(&*self.ecm.core.lock()?))
+    }
+
+    const fn stats_of(&self, session: &Session) -> StreamStats {
+        StreamStats {
+            frames: self.frames,
+            underruns: session.stats.underruns - self.underruns_before,
+            losses: session.stats.losses - self.losses_before,
+        }
+    }
+
+    /// Ends it: axes that move are ramped to a standstill, within 2 s, and stay enabled.
+    ///
+    /// # Errors
+    /// [`EcmError::Timeout`] if they still move then, [`EcmError::NoReport`], [`EcmError::Link`].
+    pub fn finish(mut self) -> Result<StreamStats, EcmError> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Result<StreamStats, EcmError> {
+        let core = &self.ecm.core;
+        self.done = true;
+        let mut session = core.lock()?;
+        session.credit.watch(false);
+        let stats = self.stats_of(&session);
+        let deadline = core.now() + super::CLOSE_LIMIT;
+        let stopped = ramp::to_standstill(self.ecm, &mut session, deadline);
+        session.pacer = None;
+        session.targets.fill(super::session::Target::default());
+        stopped.map(|()| stats)
+    }
+}
+
+impl Drop for Stream<'_> {
+    fn drop(&mut self) {
+        if !self.done
+            && let Err(error) = self.end()
+        {
+            log::warn!("a stream ended while axes may move: {error}");
+        }
+    }
+}
+
+impl Ecm {
+    /// Reads until fewer than `depth` frames are ahead of the board.
+    pub(super) fn pace(&self, session: &mut Session, depth: u16) -> Result<(), EcmError> {
+        require_op(session, "a stream")?;
+        if session.credit.ahead() < depth {
+            return Ok(());
+        }
+        let began = self.core.now();
+        // A board that runs has taken all out by then.
+        let limit = self.core.patience(session) + session.plan.cycle() * FIFO_ENTRIES.into();
+        loop {
+            if !self.core.read(session, began + limit)? {
+                self.core.check_silence(session, began, "a stream")?;
+            }
+            require_op(session, "a stream")?;
+            if session.credit.ahead() < depth {
+                return Ok(());
+            }
+            let waited = self.core.now().saturating_sub(began);
+            if waited >= limit {
+                return Err(EcmError::Timeout {
+                    what: "room in the FIFO",
+                    waited,
+                    seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+                    hint: "see what else writes to the board, or leave OP and enter it again",
+                });
+            }
+        }
+    }
+}
+
+fn axis(session: &Session, slave: u8) -> Result<Axis, EcmError> {
+    let config = declared(session, slave)?;
+    config.axis().copied().ok_or(EcmError::WrongKind {
+        slave,
+        kind: config.kind().name(),
+        what: "a target",
+        wanted: "a drive, STEP or HSP",
+    })
+}
+
+/// Refuses a target that is too far away. Positions wrap, as the wire's 32 bits do.
+fn check_guard(session: &Session, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
+    let slot = session.slot(slave.into());
+    let check = |target: i32, actual: i32| {
+        if target.wrapping_sub(actual).unsigned_abs() > limit {
+            return Err(EcmError::TooFar { slave, target, actual, limit });
+        }
+        Ok(())
+    };
+    if !matches!(session.plan.slave(slave), Some(Slave::Hsp(_))) {
+        return check(motion.first.target, slot.data1 as i32);
+    }
+    let hsp = HspResponse::decode(&slot, session.size);
+    check(motion.first.target, hsp.first.position)?;
+    if session.size == SlotSize::Bytes16 { check(motion.second.target, hsp.second.position) } else { Ok(()) }
+}

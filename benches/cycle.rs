@@ -9,16 +9,10 @@ mod host;
 use std::hint::black_box;
 use std::time::Instant;
 
-use ecmsk::engine::{Board, EngineConfig};
-use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::sk::{
-    DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind, SlotSize,
-    StateByte, crc::frame_crc,
-};
+use ecmsk::sk::{Frame, MasterResponse, MasterState, Motion, SlaveCommand, StateByte, crc::frame_crc};
 use ecmsk::slave::plant::{Effort, Motor, Servo};
-use ecmsk::slave::{Drive, DriveConfig, Slave};
+use host::{SIZE, drives_in_op};
 
-const SIZE: SlotSize = SlotSize::Bytes12;
 const DRIVES: usize = 40;
 const CYCLE_NS: u64 = 1_000_000;
 /// Counts in a cycle: the axes move all the time.

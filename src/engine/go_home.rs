@@ -25,6 +25,9 @@ impl Engine {
         let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.v.axes.get(n)) else {
             return HomingPhase::Idle;
         };
+        if !self.v.homers.contains(slave) && !self.v.restores.concern(slave) {
+            return HomingPhase::Idle;
+        }
         if axes.iter().any(|axis| axis.homing.is_homing()) {
             return HomingPhase::Homing;
         }
@@ -35,9 +38,12 @@ impl Engine {
     /// Slaves that are homing.
     pub(super) fn homing_slaves(&self) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
-        for (n, axes) in self.v.axes.iter().enumerate() {
-            if axes.iter().any(|axis| axis.homing.is_homing()) {
-                slaves.insert(n as u8 + 1);
+        if self.v.homers.is_empty() {
+            return slaves;
+        }
+        for slave in self.v.homers.iter() {
+            if self.v.axes[usize::from(slave) - 1].iter().any(|axis| axis.homing.is_homing()) {
+                slaves.insert(slave);
             }
         }
         slaves
@@ -81,6 +87,7 @@ impl Engine {
         for axis in (0..axes).filter(is_chosen) {
             axes_of_slave[axis].homing.start();
         }
+        self.v.homers.insert(slave as u8);
         Ok(())
     }
 
@@ -114,10 +121,18 @@ impl Engine {
         let lost = self.inputs.lost;
         lost.iter().for_each(|slave| self.end_homing_of_lost(slave.into(), done.at));
         let (heard, period_ns) = (self.heard, self.period_ns());
-        for slave in 1..=usize::from(self.v.network.found()) {
+        self.heard = done.outputs.or(self.heard);
+        if self.v.homers.is_empty() {
+            return;
+        }
+        for slave in self.v.homers.iter().map(usize::from) {
+            if self.v.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
+                self.v.homers.remove(slave as u8);
+                continue;
+            }
             for axis in 0..MAX_AXES {
                 let homing = &mut self.v.axes[slave - 1][axis].homing;
-                if !homing.is_homing() && !homing.is_ending() {
+                if homing.is_idle() {
                     continue;
                 }
                 let statusword = self.inputs.slaves[slave - 1][axis].statusword;
@@ -130,7 +145,6 @@ impl Engine {
                 }
             }
         }
-        self.heard = done.outputs.or(self.heard);
     }
 
     /// A slave that does not answer is not homing any more, and no mode can be written to it.

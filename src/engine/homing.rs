@@ -157,6 +157,11 @@ impl AxisHoming {
         matches!(self.phase, Phase::Braking { .. } | Phase::Holding { .. })
     }
 
+    /// There is nothing to do for it.
+    pub(super) const fn is_idle(&self) -> bool {
+        matches!(self.phase, Phase::Idle)
+    }
+
     /// GO_HOME.
     pub(super) const fn start(&mut self) {
         self.phase = Phase::Asked;

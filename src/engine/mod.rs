@@ -135,9 +135,10 @@ pub struct Engine {
 impl Engine {
     /// A board that was just switched on, over a bus of that pacing.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        let depth = match pacing {
-            Pacing::Runner => 1,
-            Pacing::Bus { depth } => usize::from(depth),
+        // A cycle that we run is answered at once.
+        let (depth, delay) = match pacing {
+            Pacing::Runner => (1, 0),
+            Pacing::Bus { depth } => (usize::from(depth), MAX_ANSWER_DELAY),
         };
         Self {
             config,
@@ -161,7 +162,7 @@ impl Engine {
                     commanded: SlaveSet::EMPTY,
                     test: test_mode::Test::default(),
                 };
-                depth + MAX_ANSWER_DELAY + 1
+                depth + delay + 1
             ],
             ahead: VecDeque::with_capacity(depth + 1),
             commanded: SlaveSet::EMPTY,

@@ -106,6 +106,9 @@ impl Engine {
             for (axis, then) in axes.iter_mut().zip(then) {
                 axis.go_back_to(then);
             }
+            if axes.iter().any(|axis| !axis.homing.is_idle()) {
+                self.v.homers.insert(slave);
+            }
         }
     }
 }

@@ -68,6 +68,9 @@ impl Engine {
     /// Starts the next transfer, if one is due: of those that have failed least often, and not before all axes of its
     /// slave are done.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        if self.v.restores.due.iter().all(|due| due.is_empty()) {
+            return;
+        }
         // A lost slave takes nothing.
         let not_yet = self.homing_slaves().union(self.v.network.lost());
         let restores = &mut self.v.restores;

@@ -47,6 +47,8 @@ pub(super) struct Volatile {
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     pub(super) axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
+    /// Slaves with an axis that is homing, or not done with what follows; and perhaps some that have just been.
+    pub(super) homers: SlaveSet,
     /// Modes that the board has to write back after homing.
     pub(super) restores: Restores,
     /// Byte 0 and bytes 4..7 of slot 0 outside OP.
@@ -75,6 +77,7 @@ impl Volatile {
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
+            homers: SlaveSet::EMPTY,
             restores: Restores::new(),
             master_id: CommandId::GetStatus,
             master_result: 0,

@@ -24,7 +24,7 @@ pub const NO_FOLLOWING_WINDOW: u32 = u32::MAX;
 /// \[OURS] The state machine and the following error are looked at about that often; short cycles: once a cycle.
 const SLICE_NS: Ns = 1_000_000;
 /// \[OURS] In homing that often, so that a switch acts as soon as it is seen.
-const HOMING_SLICE_NS: Ns = SUBSTEP_MAX_NS;
+const HOMING_SLICE_NS: Ns = 2 * SUBSTEP_MAX_NS;
 
 /// What an axis reads of its drive's objects. Times in ms, the rest in counts, counts/s and counts/s².
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

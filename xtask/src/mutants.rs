@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::command;
 use crate::error::Error;
-use crate::needs::{self, MUTANTS};
+use crate::needs::{self, MUTANTS, NEXTEST};
 use crate::project::Project;
 
 #[derive(clap::Args)]
@@ -74,7 +74,7 @@ const LISTS: [(&str, Fate); 4] = [
 type Fates = BTreeMap<String, Fate>;
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    needs::require(project, &[MUTANTS])?;
+    needs::require(project, &[MUTANTS, NEXTEST])?;
     let wanted = |room: &&Room| arguments.room.as_deref().is_none_or(|name| name == room.name);
     let mut short = Vec::new();
     for room in ROOMS.iter().filter(wanted) {
@@ -158,7 +158,13 @@ fn try_mutants(project: &Project, room: &Room, place: &Place, arguments: &Argume
     let mut cargo = cargo_mutants(project, room, arguments.shard.as_deref());
     // Debug information takes longer to link than the tests run; without the tool there is half as much to build.
     cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").args(["--no-default-features", "--features=sim"]);
-    cargo.args(["--iterate", "--minimum-test-timeout=20", &format!("--jobs={}", arguments.jobs)]);
+    // nextest stops at the first test that fails.
+    cargo.args([
+        "--test-tool=nextest",
+        "--iterate",
+        "--minimum-test-timeout=20",
+        &format!("--jobs={}", arguments.jobs),
+    ]);
     cargo.arg("--output").arg(&place.folder).args(["--", "--lib"]);
     for tests in room.tests {
         cargo.args(["--test", tests]);

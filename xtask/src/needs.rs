@@ -31,6 +31,7 @@ pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debia
 pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
+pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };
 pub const MUTANTS: Need = Need { program: "mutants", source: Source::Crate("cargo-mutants") };
 
 impl Need {

@@ -42,7 +42,7 @@ fn grows_with_slaves() {
         })
         .collect();
     for (drives, ns) in &points {
-        common::fact(&format!("cycle_{drives}_csp"), *ns, "ns");
+        common::fact(&format!("cycle_cost_{drives}_drives"), *ns, "ns");
     }
     let (per_slave, fixed, r_squared) = line(&points);
     common::fact("cycle_cost_per_drive", per_slave, "ns");

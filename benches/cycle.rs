@@ -11,15 +11,10 @@ use std::time::Instant;
 
 use ecmsk::sk::{Frame, MasterResponse, MasterState, Motion, SlaveCommand, StateByte, crc::frame_crc};
 use ecmsk::slave::plant::{Effort, Motor, Servo};
-use host::{SIZE, drives_in_op};
+use host::{Path, SIZE, drives_in_op};
 
 const DRIVES: usize = 40;
 const CYCLE_NS: u64 = 1_000_000;
-/// Counts in a cycle: the axes move all the time.
-const STEP: i32 = 20;
-/// They turn back after so many cycles.
-const STROKE: i32 = 1000;
-
 fn main() {
     let memory_before = resident_kib();
     let mut board = drives_in_op(DRIVES);
@@ -52,20 +47,6 @@ fn main() {
         (StateByte::reached(MasterState::Op), 0),
         "the bench's board ran well"
     );
-}
-
-/// A target that goes to and fro.
-#[derive(Default)]
-struct Path {
-    target: i32,
-    n: i32,
-}
-
-impl Path {
-    fn advance(&mut self) {
-        self.target += if self.n % (2 * STROKE) < STROKE { STEP } else { -STEP };
-        self.n += 1;
-    }
 }
 
 struct PlainLoop {

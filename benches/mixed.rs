@@ -14,11 +14,8 @@ use ecmsk::sk::{
     Frame, MasterResponse, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand, SlaveKind, StateByte,
 };
 use ecmsk::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
-use host::{SIZE, board_in_op, cycle_until, drives_in_op, send};
+use host::{Path, SIZE, board_in_op, cycle_until, drives_in_op, send};
 
-/// Counts in a cycle: the axes move all the time, to and fro.
-const STEP: i32 = 20;
-const STROKE: i32 = 1000;
 /// Cycles of a virtual day, 1 ms each.
 const DAY: u64 = 24 * 3600 * 1000;
 
@@ -100,20 +97,6 @@ fn exchange(board: &mut Board, command: &mut Frame, report: &mut Frame) {
     board.host(black_box(command), at, &mut |_, _| {});
     board.cycle(&mut |frame, _| report.clone_from(frame));
     black_box(report);
-}
-
-/// A target that goes to and fro.
-#[derive(Default)]
-struct Path {
-    target: i32,
-    n: i32,
-}
-
-impl Path {
-    fn advance(&mut self) {
-        self.target += if self.n % (2 * STROKE) < STROKE { STEP } else { -STEP };
-        self.n += 1;
-    }
 }
 
 /// A network of every kind of slave.

@@ -10,6 +10,26 @@ use ecmsk::sk::{
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
+/// Counts in a cycle: the axes move all the time.
+const STEP: i32 = 20;
+/// They turn back after so many cycles.
+const STROKE: i32 = 1000;
+
+/// A target that goes to and fro.
+#[derive(Default)]
+pub struct Path {
+    /// The target of this cycle.
+    pub target: i32,
+    n: i32,
+}
+
+impl Path {
+    /// The next cycle.
+    pub fn advance(&mut self) {
+        self.target += if self.n % (2 * STROKE) < STROKE { STEP } else { -STEP };
+        self.n += 1;
+    }
+}
 
 /// `n` servo drives in CSP.
 pub fn drives_in_op(n: usize) -> Board {

@@ -49,5 +49,7 @@ mod sdo;
 mod slave_answers;
 mod states;
 mod step;
+#[path = "../swift/mod.rs"]
+mod swift;
 mod test_mode;
 mod watch;

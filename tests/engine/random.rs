@@ -2,7 +2,7 @@
 
 use ecmsk::engine::{Board, Counters, EngineConfig, Firmware};
 use ecmsk::fieldbus::Fieldbus;
-use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
 
 use crate::ahead_bus::{Ahead, AheadBus};
@@ -10,25 +10,12 @@ use crate::crc::crc8;
 use crate::dice::Dice;
 use crate::host::{BOOT_LIMIT, MICROFRAME};
 use crate::probe::{any_slaves, drives};
+use crate::swift::SWIFT;
 
 /// Frames of one run, at least.
 const FRAMES: u64 = 500;
 /// Runs for each size of slot: 10,000 frames.
 const RUNS: u64 = 20;
-
-/// Changes that are swift, so that frames come in every part of them.
-pub const SWIFT: Timing = Timing {
-    scan_ns: 2_000_000,
-    scan_slave_ns: 100_000,
-    configure_slave_ns: 1_000_000,
-    to_preop_ns: 3_000_000,
-    to_safeop_ns: 10_000_000,
-    to_op_ns: 3_000_000,
-    down_ns: 2_000_000,
-    change_slave_ns: 100_000,
-    retry_ns: 5_000_000,
-    sdo_ns: 3_000_000,
-};
 
 /// What this test throws them for.
 trait Throws {

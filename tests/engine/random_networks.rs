@@ -12,7 +12,8 @@ use crate::ahead_bus::{Ahead, AheadBus};
 use crate::dice::Dice;
 use crate::models::MODELS;
 use crate::models::Model::{self, *};
-use crate::random::{Run, SWIFT, Totals};
+use crate::random::{Run, Totals};
+use crate::swift::SWIFT;
 
 /// A network and the board at it.
 struct Network {

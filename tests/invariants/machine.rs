@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::engine::{Board, EngineConfig};
-use ecmsk::fieldbus::sim::{SimBus, SimHandle, Timing};
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{
     CycleTime, DcShift, DriveSync, Frame, HspResponse, MasterCommand, MasterState, SlaveCommand, SlaveKind, SlotSize,
     StateByte,
@@ -10,26 +10,13 @@ use ecmsk::sk::{
 use ecmsk::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
 
 use crate::dice::Dice;
+use crate::swift::SWIFT;
 use crate::tap::{Seen, Tap};
 
 /// The IO module, whose IO_RD in every frame names the frame.
 pub const MARKER: usize = 1;
 /// Speed of the programs, counts/s: two turns.
 pub const SPEED: i32 = 2 << 17;
-
-/// Changes that are swift, so that a schedule sees many.
-pub const SWIFT: Timing = Timing {
-    scan_ns: 2_000_000,
-    scan_slave_ns: 100_000,
-    configure_slave_ns: 1_000_000,
-    to_preop_ns: 3_000_000,
-    to_safeop_ns: 10_000_000,
-    to_op_ns: 3_000_000,
-    down_ns: 2_000_000,
-    change_slave_ns: 100_000,
-    retry_ns: 5_000_000,
-    sdo_ns: 3_000_000,
-};
 
 /// A travel that is short, so that homing on it ends within a schedule.
 fn short_travel(turn: i64) -> Travel {

@@ -10,6 +10,8 @@ mod dice;
 mod machine;
 mod path;
 mod program;
+#[path = "../swift/mod.rs"]
+mod swift;
 mod tap;
 mod watch;
 

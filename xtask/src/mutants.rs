@@ -165,10 +165,9 @@ fn try_mutants(project: &Project, room: &Room, place: &Place, arguments: &Argume
         "--minimum-test-timeout=20",
         &format!("--jobs={}", arguments.jobs),
     ]);
-    cargo.arg("--output").arg(&place.folder).args(["--", "--lib"]);
-    for tests in room.tests {
-        cargo.args(["--test", tests]);
-    }
+    cargo.arg("--output").arg(&place.folder);
+    // Not behind `--`: then all tests would be built.
+    cargo.arg("--cargo-arg=--lib").args(room.tests.iter().map(|tests| format!("--cargo-arg=--test={tests}")));
     let status = cargo.status().map_err(|source| Error::Start { command: command::shown(&cargo), source })?;
     match status.code() {
         // All caught; some missed; some never ended; some of both.

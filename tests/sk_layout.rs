@@ -291,3 +291,11 @@ fn frames_from_slices() {
     let short = Frame::from_prefix(&[0xA5; 504]);
     assert_eq!((&short.bytes()[..504], &short.bytes()[504..]), ([0xA5; 504].as_slice(), [0; 8].as_slice()));
 }
+
+/// A frame shows its first bytes where a test or a program prints it.
+#[test]
+fn a_frame_is_shown_by_its_first_bytes() {
+    let mut frame = Frame::new();
+    frame.bytes_mut()[..3].copy_from_slice(&[0xBF, 0x00, 0x18]);
+    assert_eq!(format!("{frame:?}"), "Frame[bf001800000000000000000000000000..]");
+}

@@ -101,7 +101,7 @@ impl Axis {
     }
 
     /// A cycle's answer: the next step of a walk, and the target that holds the axis where it is while it does not
-    /// follow (SK-7 \[OURS]: 0x607A = actual position, 0x60FF = 0, 0x6071 = 0).
+    /// follow.
     ///
     /// Once enabled the last such target stays until the first motion command: a load that pulls does not take the
     /// target along.
@@ -114,17 +114,14 @@ impl Axis {
         }
         self.walk(state);
         if !self.enabled {
-            self.out.target = match mode {
-                Mode::Csp => input.position,
-                _ => 0,
-            };
+            self.out.target = holding(input, Some(mode));
         }
     }
 
-    /// Its slave is lost: nothing is under way any more, and no motor starts when it comes back. The target holds what
-    /// was measured last, 0x60FF = 0, 0x6071 = 0.
+    /// Its slave is lost: nothing is under way any more, and no motor starts when it comes back. The target holds it
+    /// where it was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
-        let target = if mode == Some(Mode::Csp) { input.position } else { 0 };
+        let target = holding(input, mode);
         *self = Self { out: AxisOut { target, ..AxisOut::default() }, ..Self::default() };
     }
 
@@ -166,4 +163,9 @@ impl Axis {
         self.power = power;
         self.out.controlword = controlword;
     }
+}
+
+/// The target that holds an axis where it is (SK-7 \[OURS]): 0x607A = actual position, 0x60FF = 0, 0x6071 = 0.
+fn holding(input: &AxisIn, mode: Option<Mode>) -> i32 {
+    if mode == Some(Mode::Csp) { input.position } else { 0 }
 }

@@ -127,7 +127,7 @@ impl Engine {
             Step::Move(to) if self.leaves_others_in_preop(to) => (to, self.present(self.used_slaves())),
             Step::Move(to) => (to, self.present(self.all_slaves())),
             Step::Fetch => (MasterState::PreOp, self.v.network.returning()),
-            Step::Reconfigure => return Some(Job::Configure(self.last_config())),
+            Step::Reconfigure => return Some(Job::Configure(self.last_config(self.v.network.returning()))),
             Step::Return(to) => (to, self.v.network.returning()),
         };
         if slaves.is_empty() {
@@ -179,31 +179,20 @@ impl Engine {
         (0..usize::from(self.v.network.found())).all(|n| self.declared_role(n).has_process_data())
     }
 
+    /// The network as programs declared it; from now on it is configured so.
     fn bus_config(&mut self) -> BusConfig {
-        let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync };
-        let mut config = BusConfig { cycle: self.v.cycle, who: self.all_slaves(), slaves: [unused; MAX_SLAVES] };
+        self.v.cycle_in_op = self.v.cycle;
+        (self.v.roles, self.v.syncs) = ([Role::Unused; MAX_SLAVES], [DriveSync::DcSync; MAX_SLAVES]);
         for n in 0..usize::from(self.v.network.found()) {
-            let (_, sync) = self.v.modes[n];
-            config.slaves[n] = SlaveConfig { role: self.declared_role(n), sync };
+            (self.v.roles[n], self.v.syncs[n]) = (self.declared_role(n), self.v.modes[n].1);
         }
-        self.v.cycle_in_op = config.cycle;
-        for (n, slave) in config.slaves.iter().enumerate() {
-            (self.v.roles[n], self.v.syncs[n]) = (slave.role, slave.sync);
-        }
-        config
+        self.last_config(self.all_slaves())
     }
 
-    /// What the network was configured with, for those that come back to it.
-    fn last_config(&self) -> BusConfig {
-        let mut config = BusConfig {
-            cycle: self.v.cycle_in_op,
-            who: self.v.network.returning(),
-            slaves: [SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync }; MAX_SLAVES],
-        };
-        for (n, slave) in config.slaves.iter_mut().enumerate() {
-            *slave = SlaveConfig { role: self.v.roles[n], sync: self.v.syncs[n] };
-        }
-        config
+    /// What the network was configured with, for these slaves.
+    fn last_config(&self, who: SlaveSet) -> BusConfig {
+        let slaves = std::array::from_fn(|n| SlaveConfig { role: self.v.roles[n], sync: self.v.syncs[n] });
+        BusConfig { cycle: self.v.cycle_in_op, who, slaves }
     }
 
     fn finish(&mut self, work: Work, done: JobDone, now: Ns) {

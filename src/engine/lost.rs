@@ -5,8 +5,7 @@ use super::execute::Place;
 use super::jobs::Work;
 use super::network::Step;
 use super::{Engine, Event};
-use crate::cia402::Mode;
-use crate::fieldbus::{CycleDone, Fieldbus, MAX_ANSWER_DELAY, Ns, Pacing, Role, SlaveSet};
+use crate::fieldbus::{CycleDone, Fieldbus, MAX_ANSWER_DELAY, Ns, Pacing, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlotCommand};
 
 /// Slaves that a change has just brought somewhere. Answers that a bus has still under way are older than that, and
@@ -65,16 +64,9 @@ impl Engine {
             // Commands that a bus had taken ahead do not reach it.
             self.v.heads[slave - 1] = self.shown[slave - 1];
         }
-        let mode = self.mode_of(slave);
+        let mode = self.role(slave).mode();
         for (axis, input) in self.v.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]) {
             axis.lose(input, mode);
-        }
-    }
-
-    fn mode_of(&self, slave: usize) -> Option<Mode> {
-        match self.role(slave) {
-            Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode) => Some(mode),
-            Role::Io | Role::Unused => None,
         }
     }
 

@@ -5,7 +5,7 @@ use super::jobs::{Work, mode_object};
 use super::{Engine, Event};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, Role, SdoRequest, SlaveSet};
+use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
 /// A transfer that fails is tried so often \[OURS]; then the drive stays in mode 6, which is counted and logged.
@@ -78,7 +78,7 @@ impl Engine {
         let ready = due.filter(|restore| !not_yet.contains(restore.slave));
         let next = ready.min_by_key(|restore| restores.failed[usize::from(restore.slave) - 1][restore.axis]);
         let Some(restore) = next else { return };
-        let (Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode)) = self.role(restore.slave.into()) else {
+        let Some(mode) = self.role(restore.slave.into()).mode() else {
             return self.v.restores.cancel(restore);
         };
         let request = SdoRequest {

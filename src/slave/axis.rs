@@ -23,7 +23,8 @@ pub const FOLLOWING_ERROR: u16 = 0x8611;
 pub const NO_FOLLOWING_WINDOW: u32 = u32::MAX;
 /// \[OURS] The state machine and the following error are looked at about that often; short cycles: once a cycle.
 const SLICE_NS: Ns = 1_000_000;
-/// \[OURS] In homing that often, so that a switch acts as soon as it is seen.
+/// \[OURS] In homing that often, so that a switch acts soon after it is seen; where it was is known to the count all
+/// the same.
 const HOMING_SLICE_NS: Ns = 2 * SUBSTEP_MAX_NS;
 
 /// What an axis reads of its drive's objects. Times in ms, the rest in counts, counts/s and counts/s².

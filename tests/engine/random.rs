@@ -262,7 +262,7 @@ fn run(size: SlotSize, ahead: Option<Ahead>) {
     let disturbed = false;
     let totals = run_all(size, ahead, disturbed);
     // Nothing of it is for lack of such frames.
-    totals.at_least(&[2000, 500, 50, 100, 5, 0, 0]);
+    totals.at_least(&[2001, 501, 101, 101, 6, 0, 0]);
 }
 
 fn run_all(size: SlotSize, ahead: Option<Ahead>, disturbed: bool) -> Totals {

@@ -1,7 +1,12 @@
-//! Ids of rules: `SK-5.3` for the board, `LIB-7` for the library.
+//! Ids of rules: `SK-5.3` for the board, which has sections, `LIB-7` and the like for what is built around it.
 
 use std::fmt;
 use std::iter;
+
+/// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
+/// native API, the tool, a board on the network.
+pub const PREFIXES: [(&str, bool); 5] =
+    [("SK-", true), ("LIB-", false), ("API-", false), ("TOOL-", false), ("TCP-", false)];
 
 /// An id as it is written; it need not be one of docs/RULES.md.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -18,7 +23,7 @@ pub fn ids_in(text: &str) -> impl Iterator<Item = RuleId> + '_ {
     let mut rest = text;
     iter::from_fn(move || {
         loop {
-            let start = [rest.find("SK-"), rest.find("LIB-")].into_iter().flatten().min()?;
+            let start = PREFIXES.iter().filter_map(|(prefix, _)| rest.find(prefix)).min()?;
             let joined = rest[..start].ends_with(|c: char| c.is_alphanumeric() || c == '-' || c == '_');
             let len = id_len(&rest[start..]);
             let (word, after) = rest[start..].split_at(len.unwrap_or(3));
@@ -37,7 +42,7 @@ pub fn id_of(text: &str) -> Option<RuleId> {
 
 /// Length of the id that `text` begins with.
 fn id_len(text: &str) -> Option<usize> {
-    let (prefix, dotted) = if text.starts_with("SK-") { ("SK-", true) } else { ("LIB-", false) };
+    let &(prefix, dotted) = PREFIXES.iter().find(|(prefix, _)| text.starts_with(prefix))?;
     let mut len = prefix.len() + number_len(text.strip_prefix(prefix)?)?;
     let mut dots = 0;
     while let Some(more) = text[len..].strip_prefix('.').and_then(number_len) {
@@ -69,6 +74,7 @@ mod tests {
             ["SK-5.3", "LIB-12", "SK-1.1"]
         );
         assert_eq!(found("SK-5.25"), ["SK-5.25"]);
+        assert_eq!(found("API-1, TOOL-22 and TCP-3"), ["API-1", "TOOL-22", "TCP-3"]);
         assert_eq!(found("(SK-5.3)(LIB-7):SK-11.10"), ["SK-5.3", "LIB-7", "SK-11.10"]);
     }
 

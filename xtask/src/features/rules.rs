@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::id::{RuleId, id_of};
+use super::id::{PREFIXES, RuleId, id_of};
 
 /// Whether a rule is claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +47,8 @@ impl Rules {
             if let Some(title) = line.strip_prefix("## ") {
                 sections.push(Section { title: title.trim().to_owned(), rules: Vec::new() });
             }
-            if !(line.starts_with("| SK-") || line.starts_with("| LIB-")) {
+            let row = |prefix: &str| line.strip_prefix("| ").is_some_and(|cell| cell.starts_with(prefix));
+            if !PREFIXES.iter().any(|(prefix, _)| row(prefix)) {
                 continue;
             }
             let rule = Self::row(line).map_err(|problem| (number, problem))?;
@@ -71,7 +72,7 @@ impl Rules {
         let [id, text, source, status] = cells.as_slice() else {
             return Err(format!("{} cells where `| id | rule | source | status |` has 4", cells.len()));
         };
-        let id = id_of(id).ok_or(format!("`{id}` is no id: SK-<section>.<n> or LIB-<n>"))?;
+        let id = id_of(id).ok_or(format!("`{id}` is no id: SK-<section>.<n>, LIB-<n> .."))?;
         if text.is_empty() || source.is_empty() {
             return Err(format!("{id} has no rule or no source"));
         }

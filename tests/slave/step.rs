@@ -1,14 +1,11 @@
 //! The simulated stepper as a slave: a drive that has CSP alone.
-#![cfg(feature = "sim")]
 
-mod slave_rig;
-
+use crate::rig::{MS, Rig, enter, read, write};
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, Refusal, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use slave_rig::{MS, Rig, enter, read, write};
 
 fn config(role: Role) -> SlaveConfig {
     SlaveConfig { role, sync: DriveSync::DcSync }

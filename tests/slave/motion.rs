@@ -1,13 +1,10 @@
 //! Motion of a simulated axis: what its loops, its limits and its friction do to the shaft.
-#![cfg(feature = "sim")]
 
-mod slave_rig;
-
+use crate::rig::{MS, Rig};
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::plant::Motor;
 use ecmsk::slave::{DriveConfig, Slave};
-use slave_rig::{MS, Rig};
 
 const TURN: i64 = 1 << 17;
 /// Acceleration and speed of the test moves: 50 turns/s² up to 10 turns/s.

@@ -1,7 +1,4 @@
 //! Homing of the simulated pulse module: every method on both channels, each on its own, and what is not homing.
-#![cfg(feature = "sim")]
-
-mod homing_tables;
 
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -10,7 +7,7 @@ use ecmsk::sk::DriveSync;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{Channels, HomeSwitch, Hsp, HspConfig, Input, Slave, Travel};
 
-use homing_tables::{METHODS, Places};
+use crate::homing_tables::{METHODS, Places};
 
 const MS: Ns = 1_000_000;
 const TURN: i64 = 10_000;

@@ -6,7 +6,7 @@ use ecmsk::fieldbus::AlState;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{DriveConfig, HomeSwitch, Slave, Travel};
 
-use crate::slave_rig::{MS, Rig};
+use crate::rig::{MS, Rig};
 
 pub const TURN: i64 = 1 << 17;
 /// Speeds of the tests, counts/s, and their ramp, counts/s²: 4 turns/s, 1 turn/s and 200 turns/s².

@@ -8,10 +8,10 @@ use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{DriveConfig, HomeSwitch, Input};
 
-use crate::bench::{
+use super::bench::{
     Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, Outcome, POSITIVE_LIMIT, SLOW, TURN, travel,
 };
-use crate::slave_rig::{MS, Rig};
+use crate::rig::{MS, Rig};
 
 pub const METHODS: [i8; 32] = [
     1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 33, 34, 35,

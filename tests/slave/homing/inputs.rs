@@ -8,9 +8,9 @@ use ecmsk::slave::plant::Motor;
 use ecmsk::slave::switches::Switches;
 use ecmsk::slave::{Drive, DriveConfig, HomeSwitch, Input, Io, Slave, Travel};
 
-use crate::bench::{Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, POSITIVE_LIMIT, TURN, travel};
+use super::bench::{Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, POSITIVE_LIMIT, TURN, travel};
 use crate::fieldbus_rig;
-use crate::slave_rig::MS;
+use crate::rig::MS;
 
 fn digital_inputs(position: i64, travel: Travel) -> u32 {
     let mut drive = Drive::new(DriveConfig { position, travel, ..DriveConfig::default() });
@@ -127,7 +127,7 @@ fn jammed() {
 #[test]
 fn jammed_in_cyclic_modes() {
     for mode in [Mode::Csv, Mode::Cst] {
-        let mut rig = crate::slave_rig::Rig::enabled(DriveConfig::default(), mode, MS);
+        let mut rig = crate::rig::Rig::enabled(DriveConfig::default(), mode, MS);
         rig.drive.jam(0, true);
         rig.out.target = 500;
         rig.run_for(100 * MS);

@@ -5,8 +5,8 @@ use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
 use proptest::prelude::*;
 
-use crate::bench::{Bench, INDEX, TURN};
-use crate::methods::{METHODS, final_edge, pulse_beyond};
+use super::bench::{Bench, INDEX, TURN};
+use super::methods::{METHODS, final_edge, pulse_beyond};
 
 #[derive(Debug)]
 struct Case {

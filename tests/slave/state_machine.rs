@@ -1,6 +1,4 @@
 //! The CiA 402 state machine, transition by transition, from the tables of CiA 402-2 (IEC 61800-7-201).
-#![cfg(feature = "sim")]
-
 use ecmsk::cia402::{Controlword, DriveState, Statusword};
 use ecmsk::fieldbus::Ns;
 use ecmsk::slave::DeviceFault;

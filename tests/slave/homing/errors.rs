@@ -5,8 +5,8 @@ use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
 
-use crate::bench::{Bench, Bits, CAM, FIRST, LAST, Outcome, travel};
-use crate::methods::METHODS;
+use super::bench::{Bench, Bits, CAM, FIRST, LAST, Outcome, travel};
+use super::methods::METHODS;
 
 const INPUTS: [Input; 4] = [Input::NegativeLimit, Input::PositiveLimit, Input::Home, Input::Index];
 

@@ -1,6 +1,4 @@
 //! Object dictionaries: types, access, ranges and the CoE abort codes of ETG.1000.6.
-#![cfg(feature = "sim")]
-
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::AlState;
 use ecmsk::slave::SdoValue;

@@ -1,15 +1,12 @@
 //! The simulated servo drive as a slave: AL states, configuration, objects, process data, faults.
-#![cfg(feature = "sim")]
 
-mod slave_rig;
-
+use crate::rig::{MS, Rig, enter, read, write};
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Refusal, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::dictionary::{Device, PdoDirection};
 use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Slave};
-use slave_rig::{MS, Rig, enter, read, write};
 
 use AlState::*;
 

@@ -4,7 +4,7 @@
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::SdoSize;
 
-use crate::bench::{Bench, Bits, CAM, FIRST, TURN, travel};
+use super::bench::{Bench, Bits, CAM, FIRST, TURN, travel};
 
 /// Largest way that the shaft may go meanwhile, counts: what a position loop settles by.
 const STILL: i64 = 2;
@@ -110,7 +110,7 @@ fn entered_in_motion() {
     for mode in [Mode::Csp, Mode::Csv] {
         let mut bench = Bench::in_csp(travel(CAM), 0);
         if mode == Mode::Csv {
-            bench = Bench { rig: crate::slave_rig::Rig::enabled(Default::default(), mode, 1_000_000), ..bench };
+            bench = Bench { rig: crate::rig::Rig::enabled(Default::default(), mode, 1_000_000), ..bench };
             bench.rig.write(0x609A, 0, SdoSize::Four, 200 * TURN);
             bench.rig.out.target = 3 * TURN as i32;
             bench.rig.run_for(300_000_000);

@@ -1,6 +1,4 @@
 //! The simulated IO module as a slave: AL states, roles, objects, and outputs that come back as inputs.
-#![cfg(feature = "sim")]
-
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Ns, Refusal, Role, SlaveConfig};

@@ -1,5 +1,4 @@
 //! A simulated drive by itself, with a master that walks it through its states cycle by cycle.
-#![allow(dead_code, reason = "each test file uses its part of the rig")]
 
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};

@@ -1,6 +1,4 @@
 //! The simulated pulse module as a slave: roles, objects, pulses that follow their targets, digital lines.
-#![cfg(feature = "sim")]
-
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Refusal, Role, SlaveConfig};

@@ -5,7 +5,7 @@ use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{DeviceFault, Slave};
 
-use crate::bench::{Bench, Bits, CAM, FAST, FIRST, LAST, RAMP, travel};
+use super::bench::{Bench, Bits, CAM, FAST, FIRST, LAST, RAMP, travel};
 
 const HALT: u16 = 1 << 8;
 const START: u16 = Controlword::HOMING_START;

@@ -164,7 +164,7 @@ fn try_mutants(project: &Project, room: &Room, place: &Place, arguments: &Argume
     cargo.args([
         "--test-tool=nextest",
         "--iterate",
-        "--minimum-test-timeout=45",
+        "--minimum-test-timeout=30",
         &format!("--jobs={}", arguments.jobs),
     ]);
     cargo.arg("--output").arg(&place.folder);

@@ -11,6 +11,7 @@ mod homing_tables;
 mod hsp;
 mod hsp_homing;
 mod io;
+mod least;
 mod motion;
 mod rig;
 mod state_machine;

@@ -1,0 +1,54 @@
+//! A slave that is no device of ours and has only what it must: what the others have, it does without.
+
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::slave::{AlStatus, DeviceFault, Input, InputPattern, SdoValue, Slave};
+
+struct Least;
+
+impl Slave for Least {
+    fn name(&self) -> &str {
+        "least"
+    }
+
+    fn state(&self) -> AlState {
+        AlState::Init
+    }
+
+    fn enter(&mut self, _: AlState) -> Result<(), AlStatus> {
+        Err(AlStatus::INVALID_CHANGE)
+    }
+
+    fn configure(&mut self, _: &SlaveConfig) -> Result<(), Refusal> {
+        Ok(())
+    }
+
+    fn upload(&mut self, _: ObjectAddress) -> Result<SdoValue, AbortCode> {
+        Err(AbortCode::TIMEOUT)
+    }
+
+    fn download(&mut self, _: ObjectAddress, _: SdoSize, _: u32) -> Result<(), AbortCode> {
+        Err(AbortCode::TIMEOUT)
+    }
+
+    fn exchange(&mut self, _: Option<&SlaveOut>, _: &mut SlaveIn) {}
+
+    fn step(&mut self, _: Ns) {}
+}
+
+/// A script that wants a fault, a stuck switch, a jam or forced inputs of it is told that it has no such axis.
+#[test]
+fn it_has_no_axis_and_no_channel() {
+    let mut slave = Least;
+    assert!(!slave.raise_fault(0, DeviceFault { code: 0x7305, resettable: true }));
+    assert!(!slave.stick_input(0, Input::Home, Some(true)));
+    assert!(!slave.jam(0, true));
+    assert!(!slave.force_inputs(0, Some(InputPattern::Bits(1))));
+    assert_eq!(slave.shaft(0), None);
+}
+
+/// UG15 DC reference clock: most slaves could be it.
+#[test]
+fn it_has_distributed_clocks() {
+    assert!(Least.has_dc());
+}

@@ -15,6 +15,8 @@ pub mod fieldbus;
 pub mod link;
 #[cfg(feature = "sim")]
 pub mod slave;
+#[cfg(feature = "std")]
+mod threads;
 
 #[cfg(feature = "std")]
 pub use ecm::Ecm;

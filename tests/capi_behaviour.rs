@@ -118,12 +118,21 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-41, LIB-47 A global object's destructor, which runs last of all, may write, read and close.
+    /// LIB-41, LIB-47 A global object's destructor still has the board: it may write what brings the machine to rest,
+    /// read and close. A recording has it all, closed or not.
     #[test]
-    fn a_destructor_of_a_global_may_close() {
+    fn a_destructor_of_a_global_has_the_board() {
         let source = support::root().join("tests/c/late_close.cpp");
         let program = support::compile(&source, support::Language::Cpp("c++11"));
         for link in CLOCKS {
+            let file = out_dir().join("late.pcapng");
+            for how in [&[][..], &["forgets"]] {
+                let ended = program.run(&format!("{link}&record={}", file.display()), how);
+                assert_eq!((ended.stderr.as_str(), ended.stdout.as_str()), ("", "ok\n"), "{how:?} on {link}");
+                let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+                let frames = frames.unwrap_or_else(|error| panic!("{how:?} on {link}: {error}"));
+                assert_eq!(frames.iter().filter(|frame| frame.dir == Dir::Write).count(), 21, "{how:?} on {link}");
+            }
             let ended = program.run(link, [""; 0]);
             assert_eq!(ended.stderr, "");
             assert_eq!(ended.success(), "ok\n", "{link}");
@@ -133,15 +142,34 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-1 The static library does the same.
+    /// A signal of the program is taken where the program says, whatever threads the library has.
+    #[test]
+    fn a_signal_goes_to_the_program() {
+        for link in CLOCKS {
+            let file = out_dir().join("signals.pcapng");
+            passes("signals", &format!("{link}&record={}", file.display()), &[]);
+        }
+    }
+
+    /// LIB-1 The static library does the same. LIB-41 Programs that end without Close among them.
     #[test]
     fn a_program_may_link_the_static_library() {
-        let exe = out_dir().join("not_open-static");
-        let mut compiler = support::Language::C("c99").compiler();
-        compiler.arg(support::root().join("tests/c/not_open.c")).arg("-o").arg(&exe).arg(&support::library().archive);
-        support::succeed(compiler.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-lm", "-ldl"]));
-        for link in CLOCKS {
-            assert_eq!(support::Program { exe: exe.clone() }.run(link, [""; 0]).success(), "ok\n", "{link}");
+        for (name, arguments) in [("not_open", &[][..]), ("exit_open", &["moves"])] {
+            let exe = out_dir().join(format!("{name}-static"));
+            let mut compiler = support::Language::C("c99").compiler();
+            compiler.arg(support::root().join(format!("tests/c/{name}.c"))).arg("-o").arg(&exe);
+            compiler.arg(&support::library().archive);
+            support::succeed(compiler.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-lm", "-ldl"]));
+            let program = support::Program { exe };
+            for link in CLOCKS {
+                let file = out_dir().join("static.pcapng");
+                let link = format!("{link}&record={}", file.display());
+                assert_eq!(program.run(&link, arguments).success(), "ok\n", "{link}");
+                if name == "exit_open" {
+                    let frames = Recording::open(&file).expect("a recording").map(|frame| frame.expect("whole"));
+                    assert_eq!(frames.count(), 200, "{link}");
+                }
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! Why a call failed, and the text of it that a program can ask for.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::ffi::c_char;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -91,8 +91,10 @@ const TEXT_LEN: usize = 2048;
 type Text = [u8; TEXT_LEN];
 
 thread_local! {
-    /// This thread's last error; empty: it had none. It stays where it is until the thread ends.
+    /// What this thread is told. It stays where it is until the thread ends.
     static THIS_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
+    /// Whether that is an error of its own.
+    static OWN: Cell<bool> = const { Cell::new(false) };
 }
 
 /// What the last OpenECMUSB that failed said, whichever thread it was.
@@ -101,6 +103,7 @@ static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 /// Keeps the error for [`last`].
 pub fn remember(error: &CallError) {
     THIS_THREAD.with_borrow_mut(|text| write(text, error));
+    OWN.set(true);
 }
 
 /// Keeps the error of an OpenECMUSB for every thread.
@@ -110,10 +113,11 @@ pub fn remember_open(error: &CallError) {
 
 /// The text of this thread's last error; if it had none, of the last OpenECMUSB that failed; else empty.
 ///
-/// Always at the same place for a thread, where the next error of this thread is written too.
+/// Always at the same place for a thread, where its next error is written too and, before it has one, what the next
+/// call of this tells.
 pub fn last() -> *const c_char {
     THIS_THREAD.with(|text| {
-        if text.borrow()[0] == 0 {
+        if !OWN.get() {
             *text.borrow_mut() = *lock(&LAST_OPEN);
         }
         text.as_ptr().cast_const().cast()

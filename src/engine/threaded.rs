@@ -80,8 +80,10 @@ impl Shared {
 struct Writes {
     /// When the next one may, on the clock.
     next: Duration,
-    /// The newest arrival, in board time.
+    /// The newest arrival, in board time; none is told before it while nothing more is left out.
     newest: Ns,
+    /// What the board's time had left out then.
+    skipped: Ns,
 }
 
 /// A board on the real clock.
@@ -105,7 +107,7 @@ impl Threaded {
         let shared = Arc::new(Shared::new(&board, queue));
         let clock = Arc::new(Clock::start(rate));
         let zero = board.now();
-        let thread = std::thread::Builder::new().name("ecmsk-board".into()).spawn({
+        let thread = crate::threads::spawn("ecmsk-board", {
             let (shared, clock) = (Arc::clone(&shared), Arc::clone(&clock));
             move || {
                 for warning in wishes.apply() {
@@ -140,10 +142,12 @@ impl Threaded {
             if limit.is_none_or(|limit| rate.real(arrival - now) <= limit) {
                 writes.next = arrival + self.host;
             }
-            // Without what the board's time has left out, and in order, though it leaves something out meanwhile.
+            // Without what the board's time has left out.
             let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
             let at = self.zero + (arrival.as_nanos() as Ns).saturating_sub(skipped);
-            writes.newest = writes.newest.max(at);
+            // A write in a gap was told a time that the board's has not got to: none is to follow it.
+            let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
+            writes.newest = newest.max(at);
             (arrival, writes.newest)
         };
         let turn = self.clock.instant(arrival);

@@ -10,8 +10,9 @@ use crate::engine::{Board, Counters, Rate, RealTime, Stepped, Stop, Threaded};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// What takes the board when its link is closed: a real board does not vanish with the program either.
-pub type Keeper = Box<dyn Fn(Board) + Send + Sync>;
+/// What takes the board when its link is closed: a real board does not vanish with the program either. `None`: there is
+/// none any more, a defect has ended its thread.
+pub type Keeper = Box<dyn Fn(Option<Board>) + Send + Sync>;
 
 /// How a board's host interface is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,7 +93,7 @@ impl EngineLink {
                 "it is booting; open it again in a moment"
             };
             if let Some(keep) = keeper {
-                keep(board);
+                keep(Some(board));
             }
             return Err(LinkError::NoBoard { name: name.into(), reason: reason.into() });
         }
@@ -289,7 +290,7 @@ impl Link for EngineLink {
             // Closing happens once, so the cell is empty.
             let _ = self.last.set((*board.engine().counters(), dropped));
         }
-        if let (Some(board), Some(keep)) = (board, &self.keeper) {
+        if let Some(keep) = &self.keeper {
             keep(board);
         }
     }

@@ -52,7 +52,10 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     }
     let keeper = key.clone().map(|key| {
         let network = network.clone();
-        Box::new(move |board| boards::park(&key, board, network.clone())) as Keeper
+        Box::new(move |board: Option<_>| match board {
+            Some(board) => boards::park(&key, board, network.clone()),
+            None => boards::forget(&key),
+        }) as Keeper
     });
     let link = EngineLink::open(&name, board, run_options(&options, common), keeper);
     if let (Err(LinkError::Io { .. }), Some(key)) = (&link, &key) {

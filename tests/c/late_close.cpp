@@ -1,21 +1,26 @@
-// A program whose global object closes the board in its destructor, as many do: that runs after the library's own end of
-// the process, and finds a board that is closed.
+// A program whose global object brings the machine to rest and closes the board in its destructor, as many do. It is
+// made before the board is opened. With an argument it forgets to close.
 #include "NEXTWUSBLib_12B.h"
 
 #include <cstdio>
 #include <cstdlib>
 
 static unsigned char frame[504];
+static bool forgetful;
 
 struct Machine {
     Machine() {}
     ~Machine()
     {
-        if (ECMUSBWrite(frame, sizeof frame) || ECMUSBRead(frame, sizeof frame)) {
-            std::puts("a board after the end");
-            std::_Exit(1);
+        for (int i = 0; i < 20; i++) {
+            if (!ECMUSBWrite(frame, sizeof frame) || !ECMUSBRead(frame, sizeof frame)) {
+                std::puts("no board at the end");
+                std::_Exit(1);
+            }
         }
-        CloseECMUSB();
+        if (!forgetful) {
+            CloseECMUSB();
+        }
         std::puts("ok");
         std::fflush(stdout);
     }
@@ -23,7 +28,8 @@ struct Machine {
 
 static Machine machine;
 
-int main()
+int main(int count, char **)
 {
+    forgetful = count > 1;
     return OpenECMUSB() && ECMUSBRead(frame, sizeof frame) && ECMUSBWrite(frame, sizeof frame) ? 0 : 1;
 }

@@ -2,6 +2,7 @@
 //! how long anything takes: what must go on, goes on.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -10,7 +11,7 @@ use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::link::engine::{EngineLink, RunOptions};
 use ecmsk::link::{Link, LinkError, Wait};
-use ecmsk::sk::FIFO_ENTRIES;
+use ecmsk::sk::{FIFO_ENTRIES, Frame};
 use ecmsk::slave::{Drive, DriveConfig};
 
 use crate::client::{Client, MS, PATIENCE, target};
@@ -101,6 +102,62 @@ fn a_host_that_was_away_goes_on() {
     client.until("an empty FIFO", |client| client.answer().fifo_free == FIFO_ENTRIES);
     client.link.close();
     assert_eq!(client.link.stats().board.expect("a simulated board").executed, 1);
+}
+
+/// What is written while the board's thread is away is told a time that the board leaves out when it is back. Writes
+/// after that are told the board's own time again, and not that of the gap.
+#[test]
+fn a_write_in_a_gap_does_not_move_the_times_of_later_ones() {
+    const GAP: Duration = Duration::from_millis(1500);
+    let away = Arc::new(AtomicBool::new(false));
+    let (gone, is_gone) = std::sync::mpsc::channel();
+    let (mut client, link) = open({
+        let away = Arc::clone(&away);
+        move |_| {
+            if away.swap(false, Ordering::AcqRel) {
+                gone.send(()).expect("the host waits for it");
+                sleep(GAP);
+            }
+        }
+    });
+    client.op();
+    away.store(true, Ordering::Release);
+    is_gone.recv().expect("the next cycle");
+    sleep(GAP / 2);
+    client.write(&target(1, 1));
+    while link.lateness().expect("on the real clock").skipped_ns < 1_000_000_000 {
+        client.try_read(PATIENCE).expect("a report after the gap");
+    }
+    let told = client.link.write(&target(2, 2), Wait::Forever).expect("is taken");
+    let executed = loop {
+        let report = client.try_read(PATIENCE).expect("reports go on");
+        if client.slot(1).index == 2 {
+            break report;
+        }
+    };
+    assert!(executed.at >= told, "told {told:?}, executed {:?}", executed.at);
+}
+
+/// A board whose thread has ended by a defect is given up: its place is free.
+#[test]
+fn a_board_that_broke_is_given_up() {
+    let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
+    let mut board = Board::new(
+        EngineConfig::default(),
+        Box::new(Hooked(bus, {
+            let host = std::thread::current().id();
+            move || assert_eq!(std::thread::current().id(), host, "a defect, on purpose")
+        })),
+    );
+    assert!(board.boot(60_000 * MS));
+    let (told, tells) = std::sync::mpsc::channel();
+    let keeper = Box::new(move |board: Option<Board>| told.send(board.is_some()).expect("the test waits"));
+    let options = RunOptions { virtual_time: false, ..RunOptions::default() };
+    let link = EngineLink::open("broken", board, options, Some(keeper)).expect("opens");
+    let mut report = Frame::new();
+    while link.read(&mut report, Wait::Forever).is_ok() {}
+    link.close();
+    assert_eq!(tells.try_recv(), Ok(false));
 }
 
 /// SK-4.44 A board whose cycles take the machine longer than they last gets later and later, and leaves gaps out again

@@ -23,7 +23,7 @@ fn eight_threads_and_a_full_account() {
     for host_ns in [0, 125_000] {
         let place: Arc<Mutex<Option<Board>>> = Arc::default();
         let keep = Arc::clone(&place);
-        let keeper = Box::new(move |board| *keep.lock().unwrap() = Some(board));
+        let keeper = Box::new(move |board| *keep.lock().unwrap() = board);
         let options = RunOptions { virtual_time: false, host_ns, ..RunOptions::default() };
         let (board, _) = board(1);
         let reports_before = board.engine().counters().reports;

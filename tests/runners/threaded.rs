@@ -28,7 +28,7 @@ fn slow_writes() -> RunOptions {
 fn kept() -> (Keeper, Arc<Mutex<Option<Board>>>) {
     let place: Arc<Mutex<Option<Board>>> = Arc::default();
     let keep = Arc::clone(&place);
-    (Box::new(move |board| *keep.lock().unwrap() = Some(board)), place)
+    (Box::new(move |board| *keep.lock().unwrap() = board), place)
 }
 
 /// Calls `end` until `call` has ended in its own thread, and says with what.

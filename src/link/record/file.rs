@@ -4,6 +4,8 @@
 //! recorded before \[OURS]: the first recording of a process replaces the file, later ones to the same file append a
 //! section to it, which pcapng allows. Two recordings into one file at a time are refused, and so is a file that holds
 //! something else: a slip of the keyboard costs nobody a drawing or a program \[OURS].
+//!
+//! A pipe takes a recording too, for a program that looks at it live. Nobody waits for one that does not read.
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
@@ -24,7 +26,7 @@ pub(super) fn open(path: &Path) -> io::Result<WholeWrites> {
         const FILE_SHARE_READ: u32 = 1;
         options.share_mode(FILE_SHARE_READ);
     }
-    let mut file = options.open(path)?;
+    let mut file = open_at_once(&mut options, path)?;
     // Windows' locks would keep readers out too; there the share mode keeps other writers out.
     #[cfg(not(windows))]
     if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
@@ -49,6 +51,29 @@ pub(super) fn open(path: &Path) -> io::Result<WholeWrites> {
     Ok(WholeWrites { file, good })
 }
 
+/// Opening a pipe that nobody reads would wait for somebody who does.
+#[cfg(unix)]
+fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+    use std::os::unix::fs::OpenOptionsExt;
+
+    options.custom_flags(OFlags::NONBLOCK.bits() as i32);
+    let file = options.open(path).map_err(|error| match error.raw_os_error() {
+        Some(code) if code == libc::ENXIO => {
+            io::Error::new(io::ErrorKind::NotConnected, "nobody reads the pipe; start its reader first")
+        }
+        _ => error,
+    })?;
+    // A write waits again: it is a thread of its own that writes.
+    fcntl_setfl(&file, fcntl_getfl(&file)? - OFlags::NONBLOCK)?;
+    Ok(file)
+}
+
+#[cfg(not(unix))]
+fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    options.open(path)
+}
+
 /// Whether a file is empty or a recording of ours: its section header names the application.
 fn may_be_replaced(path: &Path) -> io::Result<bool> {
     let mut start = Vec::new();
@@ -70,6 +95,13 @@ pub(super) struct WholeWrites {
     file: File,
     /// Length after the last write that went well; `None` for what has no length.
     good: Option<u64>,
+}
+
+impl WholeWrites {
+    /// Whether it is a file on a disk, which takes what it is given sooner or later. A pipe need not.
+    pub(super) const fn is_on_disk(&self) -> bool {
+        self.good.is_some()
+    }
 }
 
 impl Drop for WholeWrites {

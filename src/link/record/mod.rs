@@ -14,11 +14,11 @@ mod writer;
 
 use std::io::{self, Write};
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
-use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 pub use meta::RecordMeta;
 pub use reader::{RecordError, Recorded, Recording};
@@ -26,6 +26,7 @@ pub use reader::{RecordError, Recorded, Recording};
 use super::options::Clock;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
+use crate::threads;
 use writer::{Capture, Entry};
 
 /// Frames that may wait for a slow disk, in memory that is taken at the start: both directions of a 250 us cycle for a
@@ -35,12 +36,15 @@ pub const QUEUE: usize = 8192;
 /// The same on a virtual clock, where a caller may wait: a program that crashes loses no more than these \[OURS].
 pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
 
+/// How long a pipe's reader may take nothing before it is given up. \[OURS]
+const PIPE_PATIENCE: Duration = Duration::from_secs(2);
+
 /// A link that records.
 ///
 /// A frame is in the recording once the call that moved it has succeeded. On the real clock the caller never waits for
 /// the disk: a frame for which there is no room is counted in [`LinkStats::record_dropped`]. On a virtual clock it
 /// waits, as no time passes meanwhile, and nothing is lost. When the disk is full the recording ends, whole, and all
-/// further frames are counted.
+/// further frames are counted. So they are when the reader of a pipe takes nothing for 2 s.
 ///
 /// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by what the disk has
 /// not taken yet.
@@ -48,10 +52,12 @@ pub struct RecordLink {
     inner: Arc<dyn Link>,
     base_ns: u64,
     may_wait: bool,
+    patience: Option<Duration>,
+    given_up: AtomicBool,
     dropped: Arc<AtomicU64>,
     /// Taken away by [`Link::close`]. A call takes a clone before it begins: the recording ends when the last is gone.
     entries: RwLock<Option<SyncSender<Entry>>>,
-    writer: Mutex<Option<JoinHandle<()>>>,
+    writer: Mutex<Option<Writer>>,
 }
 
 impl RecordLink {
@@ -66,7 +72,8 @@ impl RecordLink {
             Clock::Real => QUEUE,
             Clock::Virtual => QUEUE_IN_VIRTUAL_TIME,
         };
-        Self::to_sink(inner, &name, Box::new(file), meta, queue)
+        let patience = (!file.is_on_disk()).then_some(PIPE_PATIENCE);
+        Self::begin(inner, &name, Box::new(file), meta, queue, patience)
     }
 
     /// Records `inner` to anything that takes bytes; up to `queue` frames wait for it. `name` is for messages.
@@ -80,19 +87,36 @@ impl RecordLink {
         meta: &RecordMeta,
         queue: usize,
     ) -> Result<Self, LinkError> {
+        Self::begin(inner, name, sink, meta, queue, None)
+    }
+
+    fn begin(
+        inner: Arc<dyn Link>,
+        name: &str,
+        sink: Box<dyn Write + Send>,
+        meta: &RecordMeta,
+        queue: usize,
+        patience: Option<Duration>,
+    ) -> Result<Self, LinkError> {
         let failed = |error: io::Error| cannot_record(name, &error);
         let dropped = Arc::new(AtomicU64::new(0));
         let capture = Capture::begin(name.to_owned(), sink, meta, Arc::clone(&dropped)).map_err(failed)?;
         let (sender, receiver) = sync_channel(queue.max(1));
-        let writer = thread::Builder::new().name("ecmsk-record".to_owned());
-        let writer = writer.spawn(move || writer::run(&receiver, capture)).map_err(failed)?;
+        let (ended, end) = channel();
+        let write = move || {
+            let _ended: Sender<()> = ended;
+            writer::run(&receiver, capture);
+        };
+        let writer = threads::spawn("ecmsk-record", write).map_err(failed)?;
         Ok(Self {
             inner,
             base_ns: meta.base_ns,
             may_wait: meta.clock == Clock::Virtual,
+            patience,
+            given_up: AtomicBool::new(false),
             dropped,
             entries: RwLock::new(Some(sender)),
-            writer: Mutex::new(Some(writer)),
+            writer: Mutex::new(Some(Writer { thread: writer, end })),
         })
     }
 
@@ -103,7 +127,7 @@ impl RecordLink {
     fn record(&self, entries: Option<SyncSender<Entry>>, dir: Dir, at: Stamp, frame: &Frame) {
         let entry = Entry { at_ns: self.base_ns.saturating_add(at.0), dir, frame: frame.clone() };
         let taken = match entries {
-            Some(entries) if self.may_wait => entries.send(entry).is_ok(),
+            Some(entries) if self.may_wait => self.hand_over(&entries, entry),
             Some(entries) => entries.try_send(entry).is_ok(),
             None => false,
         };
@@ -112,16 +136,46 @@ impl RecordLink {
         }
     }
 
+    /// Waits for room, but not without end for somebody who may never read.
+    fn hand_over(&self, entries: &SyncSender<Entry>, mut entry: Entry) -> bool {
+        let Some(patience) = self.patience else { return entries.send(entry).is_ok() };
+        let began = Instant::now();
+        loop {
+            match entries.try_send(entry) {
+                Ok(()) => return true,
+                Err(TrySendError::Disconnected(_)) => return false,
+                Err(TrySendError::Full(back)) => entry = back,
+            }
+            if self.given_up.load(Ordering::Relaxed) || began.elapsed() > patience {
+                self.given_up.store(true, Ordering::Relaxed);
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     /// Ends the recording once no call can add to it any more.
     fn finish(&self) {
         drop(self.entries.write().unwrap_or_else(PoisonError::into_inner).take());
         // A second closer waits here until the first one's file is complete.
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(writer) = writer.take() {
-            // The thread ends by itself; that it panicked cannot be told to anybody here.
-            let _ = writer.join();
+        let Some(Writer { thread, end }) = writer.take() else { return };
+        if let Some(patience) = self.patience
+            && end.recv_timeout(patience) == Err(RecvTimeoutError::Timeout)
+        {
+            log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {patience:?}");
+            return;
         }
+        // That it panicked cannot be told to anybody here.
+        let _ = thread.join();
     }
+}
+
+/// The thread that writes.
+struct Writer {
+    thread: JoinHandle<()>,
+    /// Nothing comes; its other half goes with the thread.
+    end: Receiver<()>,
 }
 
 impl Link for RecordLink {

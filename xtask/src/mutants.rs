@@ -270,7 +270,7 @@ impl Figures {
 mod tests {
     use super::*;
 
-    const ROOM: Room = Room { name: "sk", tests: &[], least: 0.9 };
+    const ROOM: Room = Room { name: "sk", tests: &[], unit_tests: false, least: 0.9 };
 
     fn names(n: usize) -> Vec<String> {
         (0..n).map(|n| format!("src/sk/a.rs:{n}:3: replace f{n} -> u8 with 0")).collect()

@@ -12,6 +12,7 @@ mod hsp;
 mod hsp_homing;
 mod io;
 mod least;
+mod modules;
 mod motion;
 mod rig;
 mod state_machine;

@@ -27,6 +27,7 @@
 //! Positions, velocities and torques are those of the wire, counts and 0.1 %; a [`Scale`] of an axis converts positions.
 //! On a link of virtual time limits are the board's time; on any other the machine's.
 
+mod aim;
 mod close;
 mod config;
 mod core;
@@ -43,6 +44,7 @@ mod session;
 mod snapshot;
 mod state;
 mod stream;
+mod targets;
 
 use std::sync::Arc;
 use std::time::Duration;

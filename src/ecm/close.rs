@@ -34,7 +34,7 @@ impl Ecm {
         let deadline = self.core.now() + CLOSE_LIMIT;
         let mut session = self.core.lock()?;
         ramp::to_standstill(self, &mut session, deadline)?;
-        session.targets.fill(super::session::Target::default());
+        session.targets.clear();
         if !off || !session.in_op() {
             return Ok(());
         }

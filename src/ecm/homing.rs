@@ -86,7 +86,8 @@ impl Ecm {
             }
             session.homing |= 1 << slave;
             session.aborted = 0;
-            session.targets[usize::from(slave)] = Default::default();
+            session.drop_targets(1 << slave);
+            self.core.changed();
             config.axis().map_or(Mode::Csp, |axis| axis.mode)
         };
         let mut tell = |phase, session: &Session| {
@@ -105,6 +106,7 @@ impl Ecm {
             self.sdo_write(slave, ObjectAddress::new(MODES_OF_OPERATION, 0), mode.code())
         });
         self.core.lock()?.homing &= !(1 << slave);
+        self.core.changed();
         drop(turn);
         done.and(aborted).and(restored)
     }

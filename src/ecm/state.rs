@@ -1,11 +1,11 @@
 //! Configuring the board and changing its state.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::config::{Config, Slave};
 use super::core::Task;
 use super::error::Suspect;
-use super::snapshot::Plan;
 use super::{Ecm, EcmError};
 use crate::cia402;
 use crate::coe::{AbortCode, ObjectAddress};
@@ -60,7 +60,7 @@ impl Ecm {
                 |session| format!("the board is in {}", session.board.state),
             )?;
         }
-        self.core.lock()?.plan = Plan::of(config);
+        self.core.plan(config)?;
         Ok(())
     }
 
@@ -70,7 +70,7 @@ impl Ecm {
     /// [`EcmError::Config`], [`EcmError::Busy`].
     pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
         config.check(self.slot_size()?)?;
-        self.core.lock()?.plan = Plan::of(config);
+        self.core.plan(config)?;
         Ok(())
     }
 
@@ -136,7 +136,7 @@ impl Ecm {
     fn suspect(&self) -> Suspect {
         let began = self.core.now();
         let Ok(session) = self.core.lock() else { return Suspect::Network };
-        let plan = session.plan;
+        let plan = Arc::clone(&session.plan);
         drop(session);
         let mut asked = 0;
         for (slave, config) in plan.slaves() {

@@ -3,13 +3,12 @@
 use std::thread;
 use std::time::Instant;
 
-use super::config::{Axis, Guard, Slave};
-use super::servo::{declared, refuse_alarm, require_op};
+use super::aim::Aim;
+use super::servo::{declared, require_op};
 use super::session::{Pacer, Session};
 use super::snapshot::Snapshot;
 use super::{Ecm, EcmError, ramp};
-use crate::cia402::Mode;
-use crate::sk::{AxisTarget, FIFO_ENTRIES, HspResponse, Motion, SlaveCommand, SlotSize};
+use crate::sk::{AxisTarget, FIFO_ENTRIES, Motion, SlaveCommand};
 
 /// \[OURS] Entries of the FIFO that a stream leaves free: commands of other programs and the ramp find room.
 const SPARE: u16 = 10;
@@ -27,8 +26,8 @@ pub struct StreamStats {
 
 /// A stream of targets for all axes, one frame a step. There is one at a time.
 ///
-/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then [`step`](Stream::step). A
-/// target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping ramp what moves
+/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then [`step`](Stream::step), with
+/// which they go out. A target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping ramp what moves
 /// to a standstill; the axes stay enabled.
 ///
 /// Calls of [`Ecm`] by other threads ride in the frames of steps. One by the thread that steps writes frames of its own,
@@ -36,6 +35,7 @@ pub struct StreamStats {
 pub struct Stream<'a> {
     ecm: &'a Ecm,
     depth: u16,
+    aim: Aim,
     frames: u64,
     underruns_before: u64,
     losses_before: u64,
@@ -63,7 +63,8 @@ impl Ecm {
         session.pacer = Some(pacer());
         session.credit.watch(true);
         let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
-        Ok(Stream { ecm: self, depth, frames: 0, underruns_before, losses_before, done: false })
+        let aim = Aim::new(&mut session, self.core.changes());
+        Ok(Stream { ecm: self, depth, aim, frames: 0, underruns_before, losses_before, done: false })
     }
 }
 
@@ -87,10 +88,8 @@ impl Stream<'_> {
     /// # Errors
     /// As [`csp`](Stream::csp), and [`EcmError::OutOfRange`].
     pub fn csp_units(&mut self, slave: u8, units: f64) -> Result<(), EcmError> {
-        let scale = {
-            let session = self.ecm.core.lock()?;
-            axis(&session, slave)?.scale
-        };
+        self.look()?;
+        let scale = self.aim.axis(slave)?.scale;
         self.csp(slave, scale.to_counts(units).ok_or(EcmError::OutOfRange { slave, units })?)
     }
 
@@ -119,31 +118,17 @@ impl Stream<'_> {
     }
 
     fn aim(&mut self, slave: u8, command: SlaveCommand) -> Result<(), EcmError> {
-        let mut session = self.ecm.core.lock()?;
-        require_op(&session, "a target")?;
-        let axis = axis(&session, slave)?;
-        let wanted = match command {
-            SlaveCommand::Csv(_) => Mode::Csv,
-            SlaveCommand::Cst(_) => Mode::Cst,
-            _ => Mode::Csp,
-        };
-        if axis.mode != wanted {
-            return Err(EcmError::WrongMode { slave, mode: axis.mode, wanted });
+        self.look()?;
+        self.aim.at(slave, command, self.ecm.core.options.guard)
+    }
+
+    /// Looks at the session again, if anything has changed: targets are checked by the newest report, and 40 of them in a
+    /// row take no lock.
+    fn look(&mut self) -> Result<(), EcmError> {
+        if self.aim.changes != self.ecm.core.changes() {
+            let mut session = self.ecm.core.lock()?;
+            self.aim.look(&mut session, self.ecm.core.changes());
         }
-        if session.homing & 1 << slave != 0 {
-            return Err(EcmError::IsHoming { slave });
-        }
-        let statusword = session.statusword(slave);
-        if !statusword.is_enabled() {
-            refuse_alarm(&session, slave)?;
-            return Err(EcmError::NotEnabled { slave, statusword });
-        }
-        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) =
-            (command, axis.guard, self.ecm.core.options.guard)
-        {
-            check_guard(&session, slave, &motion, limit)?;
-        }
-        session.targets[usize::from(slave)].now = Some(command);
         Ok(())
     }
 
@@ -163,11 +148,12 @@ impl Stream<'_> {
         session.pacer = Some(pacer());
         core.catch_up(&mut session)?;
         self.ecm.pace(&mut session, self.depth)?;
-        let deadline = core.now() + core.options.write_limit;
-        core.write(&mut session, deadline)?;
-        session.stepped();
+        self.aim.go(&mut session);
+        core.write_within(&mut session, core.options.write_limit)?;
+        session.targets.stepped();
         self.frames += 1;
         self.ecm.pace(&mut session, self.depth)?;
+        self.aim.look(&mut session, core.changes());
         Ok(self.stats_of(&session))
     }
 
@@ -212,7 +198,7 @@ impl Stream<'_> {
         let deadline = core.now() + super::CLOSE_LIMIT;
         let stopped = ramp::to_standstill(self.ecm, &mut session, deadline);
         session.pacer = None;
-        session.targets.fill(super::session::Target::default());
+        session.targets.clear();
         stopped.map(|()| stats)
     }
 }
@@ -237,15 +223,17 @@ impl Ecm {
         let began = self.core.now();
         // A board that runs has taken all out by then.
         let limit = self.core.patience(session) + session.plan.cycle() * FIFO_ENTRIES.into();
+        let mut now = began;
         loop {
-            if !self.core.read(session, began + limit)? {
+            if !self.core.read_at(session, now, began + limit)? {
                 self.core.check_silence(session, began, "a stream")?;
             }
             require_op(session, "a stream")?;
             if session.credit.ahead() < depth {
                 return Ok(());
             }
-            let waited = self.core.now().saturating_sub(began);
+            now = self.core.now();
+            let waited = now.saturating_sub(began);
             if waited >= limit {
                 return Err(EcmError::Timeout {
                     what: "room in the FIFO",
@@ -256,31 +244,4 @@ impl Ecm {
             }
         }
     }
-}
-
-fn axis(session: &Session, slave: u8) -> Result<Axis, EcmError> {
-    let config = declared(session, slave)?;
-    config.axis().copied().ok_or(EcmError::WrongKind {
-        slave,
-        kind: config.kind().name(),
-        what: "a target",
-        wanted: "a drive, STEP or HSP",
-    })
-}
-
-/// Refuses a target that is too far away. Positions wrap, as the wire's 32 bits do.
-fn check_guard(session: &Session, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
-    let slot = session.slot(slave.into());
-    let check = |target: i32, actual: i32| {
-        if target.wrapping_sub(actual).unsigned_abs() > limit {
-            return Err(EcmError::TooFar { slave, target, actual, limit });
-        }
-        Ok(())
-    };
-    if !matches!(session.plan.slave(slave), Some(Slave::Hsp(_))) {
-        return check(motion.first.target, slot.data1 as i32);
-    }
-    let hsp = HspResponse::decode(&slot, session.size);
-    check(motion.first.target, hsp.first.position)?;
-    if session.size == SlotSize::Bytes16 { check(motion.second.target, hsp.second.position) } else { Ok(()) }
 }

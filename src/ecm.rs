@@ -22,12 +22,13 @@
 //!
 //! [`Ecm`] may be shared by threads: calls take turns report by report, and a command of one thread rides in the frames
 //! of another thread's [`Stream`]. Every call has a limit ([`Options`]). A board that is lost stays lost
-//! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision.
+//! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision ([`Ecm::open_when_there`]).
 //!
 //! Positions, velocities and torques are those of the wire, counts and 0.1 %; a [`Scale`] of an axis converts positions.
 //! On a link of virtual time limits are the board's time; on any other the machine's.
 
 mod aim;
+mod board;
 mod close;
 mod config;
 mod core;
@@ -49,6 +50,7 @@ mod targets;
 use std::sync::Arc;
 use std::time::Duration;
 
+pub use board::CrcSwitches;
 pub use config::{Axis, Config, ConfigError, DEFAULT_GUARD_COUNTS, Guard, Slave};
 pub use error::{EcmError, Suspect};
 pub use homing::{Homing, HomingPhase, HomingProgress};

@@ -75,7 +75,7 @@ impl Ecm {
     }
 
     /// A command for the board itself, outside OP; gives the result.
-    fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
+    pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
         let task = Task { what, hint: HINT, limit: CONFIGURE_LIMIT, commands: &[(0, slot)], resend: true };
         self.core.run(

@@ -1,14 +1,14 @@
 //! A cyclic stream of targets, paced by credit: it never overfills the board's FIFO and counts when it runs dry.
 
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::aim::Aim;
 use super::servo::{declared, require_op};
 use super::session::{Pacer, Session};
 use super::snapshot::Snapshot;
 use super::{Ecm, EcmError, ramp};
-use crate::sk::{AxisTarget, FIFO_ENTRIES, Motion, SlaveCommand};
+use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, SlaveCommand};
 
 /// \[OURS] Entries of the FIFO that a stream leaves free: commands of other programs and the ramp find room.
 const SPARE: u16 = 10;
@@ -36,6 +36,8 @@ pub struct Stream<'a> {
     ecm: &'a Ecm,
     depth: u16,
     aim: Aim,
+    /// Frames that the board collects before it begins; 0: none.
+    prefill: u16,
     frames: u64,
     underruns_before: u64,
     losses_before: u64,
@@ -64,7 +66,7 @@ impl Ecm {
         session.credit.watch(true);
         let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
         let aim = Aim::new(&mut session, self.core.changes());
-        Ok(Stream { ecm: self, depth, aim, frames: 0, underruns_before, losses_before, done: false })
+        Ok(Stream { ecm: self, depth, aim, prefill: 0, frames: 0, underruns_before, losses_before, done: false })
     }
 }
 
@@ -73,6 +75,26 @@ fn pacer() -> Pacer {
 }
 
 impl Stream<'_> {
+    /// Lets the board collect that many frames, 2 to the stream's depth, before it executes the first one (SET_FIFO's
+    /// threshold): the motion begins with a full reserve. Before the first step. A stream that ends earlier drops them.
+    ///
+    /// # Errors
+    /// [`EcmError::Setting`] for another number, or once frames were written; [`EcmError::WrongState`],
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
+        if frames < 2 || frames > self.depth {
+            let found = frames.to_string();
+            return Err(EcmError::Setting { what: "prefill", found, allowed: "2 to the depth of the stream" });
+        }
+        if self.frames > 0 {
+            let found = format!("set after {} frames", self.frames);
+            return Err(EcmError::Setting { what: "prefill", found, allowed: "it before the first step" });
+        }
+        require_op(&*self.ecm.core.lock()?, "prefill")?;
+        self.prefill = frames;
+        Ok(())
+    }
+
     /// The next target position of an axis in CSP, counts. The guard of the axis refuses one that is too far from the
     /// actual position of the newest report; nothing changes then.
     ///
@@ -107,6 +129,14 @@ impl Stream<'_> {
     /// As [`csp`](Stream::csp), but for the guard.
     pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
         self.aim(slave, SlaveCommand::Csv(Motion::to(velocity)))
+    }
+
+    /// The next target velocities and outputs of an HSP in CSV, both channels.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn csv_hsp(&mut self, slave: u8, first: AxisTarget, second: AxisTarget) -> Result<(), EcmError> {
+        self.aim(slave, SlaveCommand::Csv(Motion { first, second }))
     }
 
     /// The next target torque of an axis in CST, 0.1 % of rated. It goes on until there is another.
@@ -149,6 +179,9 @@ impl Stream<'_> {
         core.catch_up(&mut session)?;
         self.ecm.pace(&mut session, self.depth)?;
         self.aim.go(&mut session);
+        if self.frames == 0 && self.prefill > 0 {
+            self.ecm.set_threshold(&mut session, self.prefill)?;
+        }
         core.write_within(&mut session, core.options.write_limit)?;
         session.targets.stepped();
         self.frames += 1;
@@ -196,7 +229,12 @@ impl Stream<'_> {
         session.credit.watch(false);
         let stats = self.stats_of(&session);
         let deadline = core.now() + super::CLOSE_LIMIT;
-        let stopped = ramp::to_standstill(self.ecm, &mut session, deadline);
+        let dropped = if (1..u64::from(self.prefill)).contains(&self.frames) {
+            self.ecm.drop_prefill(&mut session, deadline)
+        } else {
+            Ok(())
+        };
+        let stopped = dropped.and_then(|()| ramp::to_standstill(self.ecm, &mut session, deadline));
         session.pacer = None;
         session.targets.clear();
         stopped.map(|()| stats)
@@ -214,6 +252,30 @@ impl Drop for Stream<'_> {
 }
 
 impl Ecm {
+    /// Puts the threshold that `frames` entries reach into the next frame: it acts on arrival, before that is queued.
+    fn set_threshold(&self, session: &mut Session, frames: u16) -> Result<(), EcmError> {
+        let threshold = FIFO_ENTRIES + 1 - frames;
+        let command = MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode();
+        if session.post(&[(0, command)]) { Ok(()) } else { Err(EcmError::Busy { what: "the slot of the board" }) }
+    }
+
+    /// Nothing of what the board collects has run, and nothing shall.
+    fn drop_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
+        if !session.in_op() {
+            return Ok(());
+        }
+        session.targets.clear();
+        // Whatever another thread has in that slot comes after it.
+        let command = MasterCommand::SetFifo(FifoAction::Clear).encode();
+        if !session.post(&[(0, command)]) {
+            self.core.write(session, deadline)?;
+            session.post(&[(0, command)]);
+        }
+        self.core.write(session, deadline)?;
+        session.credit.cleared();
+        Ok(())
+    }
+
     /// Reads until fewer than `depth` frames are ahead of the board.
     pub(super) fn pace(&self, session: &mut Session, depth: u16) -> Result<(), EcmError> {
         require_op(session, "a stream")?;

@@ -225,6 +225,7 @@ impl Ecm {
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
             let mut session = self.core.lock()?;
+            self.core.catch_up(&mut session)?;
             require_op(&session, "abort_homing")?;
             if session.homing == 0 {
                 return Ok(());

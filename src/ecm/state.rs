@@ -85,11 +85,13 @@ impl Ecm {
         )
     }
 
-    /// Changes the network's state and waits until it is reached.
+    /// Changes the network's state and waits until it is reached. From Init the way is by PreOP, where the network is
+    /// configured.
     ///
     /// # Errors
     /// [`EcmError::StateStuck`], which says where and, as far as a host can know, on which slave;
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
+    /// [`EcmError::Link`].
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
         self.set_state_within(wanted, self.core.options.state_limit)
     }
@@ -109,6 +111,10 @@ impl Ecm {
         };
         // A failure shown before the change has begun is an old one.
         let old = self.state()?;
+        // The board rejects it (SK-4.63), and shows nothing of that.
+        if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {
+            return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
+        }
         let mut moved = !old.is_failed();
         let ended = self.core.run(
             &task,
@@ -138,6 +144,9 @@ impl Ecm {
         let Ok(session) = self.core.lock() else { return Suspect::Network };
         let plan = Arc::clone(&session.plan);
         drop(session);
+        if plan.count == 0 {
+            return Suspect::Undeclared;
+        }
         let mut asked = 0;
         for (slave, config) in plan.slaves() {
             let left = SUSPECT_LIMIT.saturating_sub(self.core.now().saturating_sub(began));

@@ -171,7 +171,15 @@ impl Core {
             }
             Err(error) => {
                 session.failed();
-                Err(error.into())
+                Err(match error {
+                    LinkError::Timeout { waited, what, .. } => EcmError::Timeout {
+                        what: "writing a frame",
+                        waited,
+                        seen: what.to_owned(),
+                        hint: "see whether the board still reports (Ecm::next_cycle), else switch it off and on",
+                    },
+                    other => other.into(),
+                })
             }
         }
     }

@@ -124,12 +124,11 @@ const DEEDS: &[&str] = &[
     "widen",
 ];
 
-/// Whether an error ends with what to do: its last part begins with a deed.
+/// Whether an error says what happened, and then what to do: a part of it begins with a deed.
 pub fn has_next_step(error: &EcmError) -> bool {
     let text = error.to_string();
-    let last = text.rsplit([';', ':']).next().unwrap_or_default();
-    let word = last.split_whitespace().next().unwrap_or_default();
-    text.contains([';', ':']) && DEEDS.contains(&word)
+    let parts = text.split("; ").flat_map(|part| part.split(": ")).skip(1);
+    parts.into_iter().any(|part| DEEDS.contains(&part.split_whitespace().next().unwrap_or_default()))
 }
 
 pub fn options() -> Options {

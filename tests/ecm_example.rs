@@ -14,7 +14,7 @@ fn run(arguments: &[&str]) -> Output {
     cargo.output().expect("cargo runs")
 }
 
-/// SK-5.11 Two axes go where they are sent, with the same result every time on virtual time.
+/// API-32 SK-5.11 Two axes go where they are sent, with the same result every time on virtual time.
 #[test]
 fn two_axes() {
     for arguments in [&[][..], &["sim:?slaves=drive*2&clock=virtual&fw=1.5&slot=16"]] {
@@ -26,7 +26,7 @@ fn two_axes() {
     }
 }
 
-/// SK-4.10 What goes wrong is said with the next step to do.
+/// API-32 SK-4.10 What goes wrong is said with the next step to do.
 #[test]
 fn two_axes_on_a_board_of_three() {
     let ran = run(&["sim:?slaves=drive*3&clock=virtual"]);

@@ -188,6 +188,11 @@ impl Ecm {
     }
 }
 
+/// docs/GUIDE.md: its programs run as tests.
+#[cfg(all(doctest, feature = "sim"))]
+#[doc = include_str!("../docs/GUIDE.md")]
+struct Guide;
+
 /// Which slot size the reports of a link have that does not know: that whose CRC is right (it has to be switched on).
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();

@@ -65,6 +65,17 @@ fn move_axis() {
     assert!(ended.stderr.starts_with("Error: no board at `sim:") && ended.stderr.ends_with("`slaves=`\n"), "{ended:?}");
 }
 
+/// API-34 README shows that program, and the guide's programs run as doc tests.
+#[test]
+fn readme_shows_the_shortest_program() {
+    let read = |file: &str| fs::read_to_string(root().join(file)).expect("a file of the repository");
+    let program = read("examples/rust/move_axis.rs");
+    let (_, program) = program.split_once("\n\n").expect("its comment, then the program");
+    assert!(read("README.md").contains(&format!("```rust\n{program}```\n")), "README has another program");
+    assert!(read("src/ecm.rs").contains("include_str!(\"../docs/GUIDE.md\")"));
+    assert!(!read("docs/GUIDE.md").contains("```rust,"), "every program of the guide runs");
+}
+
 /// API-32 API-20 SK-7.19 SK-7.24 Both axes home at once, move, and a homing fails: the same on both firmwares.
 #[test]
 fn homing() {

@@ -15,6 +15,8 @@ use ecmsk::sk::{CommandId, MasterState};
 const SECOND: Duration = Duration::from_secs(1);
 const WINDOW: ObjectAddress = ObjectAddress::new(0x6065, 0);
 
+type Call = fn(&Ecm) -> Result<(), EcmError>;
+
 fn mixed() -> Config {
     Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSP), Slave::Io, Slave::Io], ..Config::default() }
 }
@@ -117,7 +119,7 @@ fn a_stream_that_sleeps_holds_nobody_up() {
 #[test]
 fn closing_ends_what_waits() {
     let file = script("threads-silent", "at 600ms silent\n");
-    let waits: [fn(&Ecm) -> Result<(), EcmError>; 3] = [
+    let waits: [Call; 3] = [
         |ecm| ecm.next_cycle(Duration::from_secs(3600)).map(drop),
         |ecm| ecm.set_state_within(MasterState::PreOp, Duration::from_secs(3600)),
         |ecm| ecm.sdo_read::<u32>(1, WINDOW).map(drop),

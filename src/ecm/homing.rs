@@ -126,14 +126,15 @@ impl Ecm {
         };
         let aborted = if started && goes_on { self.abort_homing() } else { Ok(()) };
         // It ends homing on either firmware, and the axes take targets again; all are tried, whether that is heard or not.
-        let restored = slaves.iter().zip(modes).fold(Ok(()), |all, (slave, mode)| {
+        let mut restored = Ok(());
+        for (slave, mode) in slaves.iter().zip(modes) {
             let one = self.core.lock().and_then(|session| {
                 tell(*slave, HomingPhase::Restoring, &session);
                 drop(session);
                 self.sdo_write(*slave, ObjectAddress::new(MODES_OF_OPERATION, 0), mode.code())
             });
-            all.and(one)
-        });
+            restored = restored.and(one);
+        }
         let released =
             self.core.lock().map(|mut session| slaves.iter().for_each(|slave| session.homing &= !(1 << slave)));
         self.core.changed();

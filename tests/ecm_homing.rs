@@ -84,8 +84,16 @@ fn one_that_fails_ends_all() {
         let tap = Tap::open(keys);
         let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
         let slow = Homing { switch_speed: Some(1), ..Homing::method(17) };
+        tap.take();
         let error = ecm.home_all(&[(1, slow), (2, Homing::method(99))], |_| {}).unwrap_err();
         assert!(matches!(error, EcmError::HomingFailed { slave: 2, .. }), "{keys}: {error}");
+        // Before the modes are set back, one after the other.
+        let frames = tap.take();
+        let at = |code: u8, slot| frames.iter().rposition(|frame| frame.slot(SIZE, slot).id == code).unwrap();
+        let abort = at(CommandId::AbortHome.code(), 1);
+        let before = frames[..abort].iter().rev().find(|frame| !frame.slot(SIZE, 1).is_zero()).unwrap();
+        assert_eq!(before.slot(SIZE, 1).id, CommandId::GoHome.code(), "{keys}");
+        assert!(frames[abort..].iter().filter(|frame| frame.slot(SIZE, 41).id != 0).count() >= 2, "{keys}");
         assert_eq!(modes(&ecm, &[1, 2]), [8, 8], "{keys}");
         away(&ecm, &[1, 2]);
         ecm.home_all(&[homed(1, 0), homed(2, 0)], |_| {}).unwrap_or_else(|error| panic!("{keys}: {error}"));
@@ -140,4 +148,35 @@ fn the_longest_limit_holds() {
     assert!(waited >= second * 3 && waited < second * 4, "{waited:?}");
     assert!(seen.contains("slave 1") && seen.contains("slave 2"), "{seen}");
     assert_eq!(modes(&ecm, &[1, 2]), [8, 8]);
+}
+
+/// API-20 A mode that cannot be set back is an error, of the slave that it is; the others are in theirs.
+#[test]
+fn a_mode_that_stays_is_told() {
+    let file = script("homing-stays", "at 1s sdo-abort 1 0x6060:0 0x08000022 for 20s\n");
+    let ecm = enable(open(&format!("slaves=drive*2&fw=1.5&script={file}")), &Config::drives(2));
+    let error = ecm.home_all(&[(1, Homing::method(17)), (2, Homing::method(17))], |_| {}).unwrap_err();
+    let mode = ObjectAddress::new(MODES_OF_OPERATION, 0);
+    assert!(matches!(error, EcmError::SdoAborted { slave: 1, object, .. } if object == mode), "{error}");
+    assert_eq!(modes(&ecm, &[2]), [8]);
+}
+
+/// API-14 API-20 An axis that homes beside an open stream gets none of the stream's targets, neither then nor after it.
+#[test]
+fn homing_beside_a_stream() {
+    let tap = Tap::open("slaves=drive*2");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let mut stream = ecm.stream(8).unwrap();
+    for n in 0..100 {
+        stream.csp(1, n * 10).unwrap();
+        stream.csp(2, n * 10).unwrap();
+        stream.step().unwrap();
+    }
+    ecm.home(1, &homed(1, 0).1, |_| {}).unwrap();
+    assert_eq!(tap.stats().board.unwrap().ignored_homing, 0);
+    tap.take();
+    stream.step().unwrap();
+    let frame = tap.take().remove(0);
+    assert!(frame.slot(SIZE, 1).is_zero());
+    assert_eq!(frame.slot(SIZE, 2).data1, 990);
 }

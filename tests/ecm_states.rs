@@ -106,6 +106,11 @@ fn a_stuck_change_says_where_and_on_whom() {
     let error = ecm.set_state(MasterState::Op).unwrap_err();
     let found = StateByte::failed(Some(MasterState::SafeOp));
     assert_eq!(error, EcmError::StateStuck { wanted: MasterState::Op, found, suspect: Suspect::Unknown });
+
+    // Nothing is configured: the board takes the drives for IO slaves.
+    let error = open("slaves=drive").set_state(MasterState::Op).unwrap_err();
+    assert!(matches!(error, EcmError::StateStuck { suspect: Suspect::Undeclared, .. }), "{error}");
+    assert!(error.to_string().ends_with("call configure first"), "{error}");
 }
 
 /// API-27 SK-5.5 A board found in OP is adopted as it is: nothing is sent, its axes go on, and configuring it is refused.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ecm_support::{SIZE, enable, open, script, uri};
 use ecmsk::cia402::DriveState;
-use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, Options, Slave};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, News, Options, Slave};
 use ecmsk::link::{self, Link, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
 
@@ -155,16 +155,20 @@ fn a_cut_cable_stops_the_drives() {
     assert!(!is_on(&ecm, 1) && !is_on(&ecm, 2));
 }
 
-/// API-35 SK-4.61 A slave that loses its power is lost alone: the others do as they are told.
+/// API-35 API-16 SK-4.61 A slave that loses its power is lost alone: the others do as they are told.
 #[test]
 fn one_slave_without_power_stops_alone() {
     let file = script("safety-lose", "at 1s lose 1\n");
     let ecm = enable(open(&format!("slaves=drive*2&script={file}")), &config(Axis::CSP));
+    assert_eq!(ecm.stats().unwrap().slaves_failed, 0);
     let mut stream = ecm.stream(16).unwrap();
     for n in 0..2000 {
         stream.csp(2, n * 20).unwrap();
         stream.step().unwrap();
     }
+    assert_eq!(ecm.stats().unwrap().slaves_failed, 1);
+    let state = StateByte::failed(Some(MasterState::Op));
+    assert!(ecm.take_news().unwrap().contains(&News::SlavesFailed { state }));
     let snapshot = stream.snapshot().unwrap();
     assert_eq!(snapshot.state(), StateByte::failed(Some(MasterState::Op)));
     assert!(snapshot.position(2).unwrap() > 39_000);

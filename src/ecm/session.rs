@@ -10,7 +10,7 @@ use super::snapshot::{Plan, Snapshot};
 use super::targets::{Targets, bits};
 use crate::cia402::Statusword;
 use crate::link::{ReadMeta, Stamp};
-use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, RawSlot, SlotSize};
+use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, RawSlot, SlotSize, StateByte};
 
 /// News kept until somebody takes them; the oldest go first. \[OURS]
 const NEWS_KEPT: usize = 64;
@@ -40,6 +40,13 @@ pub enum News {
     },
     /// A report was thrown away, its CRC is wrong.
     BadCrc,
+    /// The state shows a failure, as when slaves are lost in OP (SK-4.61): the others go on, what the lost ones show is
+    /// old, and the wire does not say which they are. [`Ecm::set_state`](super::Ecm::set_state) brings back those that
+    /// are there again.
+    SlavesFailed {
+        /// What it shows.
+        state: StateByte,
+    },
 }
 
 /// Counts since the board was opened.
@@ -62,6 +69,8 @@ pub struct Stats {
     pub losses: u64,
     /// Cycles of streams that found the FIFO empty.
     pub underruns: u64,
+    /// Times the state began to show a failure (0x10).
+    pub slaves_failed: u64,
 }
 
 /// Who paces frames by a stream.
@@ -192,6 +201,10 @@ impl Session {
         if was.0.error != self.board.error {
             self.stats.error_byte_changes += 1;
             self.tell(News::ErrorByte { from: was.0.error, to: self.board.error });
+        }
+        if self.board.state.is_failed() && !was.0.state.is_failed() {
+            self.stats.slaves_failed += 1;
+            self.tell(News::SlavesFailed { state: self.board.state });
         }
         if !self.in_op() {
             self.credit.reset();

@@ -130,7 +130,8 @@ fn crc_switches_act_after_a_boot() {
     assert!(tap.take().is_empty());
 }
 
-/// API-22 SK-5.18 SK-5.22 A cleared FIFO is empty: what was ahead never runs, and the axis stands.
+/// API-22 SK-5.18 SK-5.22 A cleared FIFO is empty: what was ahead never runs, and the axis stands where it was. The stream
+/// is over: its next targets begin somewhere else.
 #[test]
 fn a_cleared_fifo_stops_the_axis() {
     let tap = Tap::open("slaves=drive");
@@ -142,26 +143,67 @@ fn a_cleared_fifo_stops_the_axis() {
     }
     let before = tap.stats().board.unwrap().cleared;
     let at = ecm.next_cycle(SECOND).unwrap().position(1).unwrap();
+    tap.take();
     ecm.clear_fifo().unwrap();
     assert!(tap.stats().board.unwrap().cleared - before > 140);
+    assert!(tap.take().iter().all(|frame| frame.slot(SIZE, 1).is_zero()), "the newest target would be a jump");
     for _ in 0..200 {
         ecm.next_cycle(SECOND).unwrap();
     }
-    // The last target that the stream steps repeat is in the frame of the clear.
     let snapshot = ecm.snapshot().unwrap();
     assert_eq!(snapshot.board.fifo_free, 160);
-    assert!(snapshot.position(1).unwrap() > at);
-    assert_eq!(stream.stats().unwrap().losses, 0);
+    let way = snapshot.position(1).unwrap() - at;
+    assert!((0..400).contains(&way), "{way} counts, not the 3000 that were ahead");
+
+    assert_eq!(stream.csp(1, 8000), Err(EcmError::Cleared));
+    assert_eq!(stream.step(), Err(EcmError::Cleared));
+    assert_eq!(stream.finish().unwrap().losses, 0);
+    let start = ecm.snapshot().unwrap().position(1).unwrap();
+    let mut stream = ecm.stream(20).unwrap();
+    stream.csp(1, start + 10).unwrap();
+    stream.step().unwrap();
 }
 
-/// API-22 API-2 Entries that were dropped are no underruns, and hide none that come after.
+/// API-22 API-15 Cleared by another thread: the stream ends with its next call, and no target has gone out with the clear.
+#[test]
+fn a_fifo_that_another_thread_clears() {
+    let tap = Tap::open("slaves=drive");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    std::thread::scope(|scope| {
+        let (begun, has_begun) = std::sync::mpsc::channel();
+        let ecm = &ecm;
+        let streaming = scope.spawn(move || {
+            let mut stream = ecm.stream(100).unwrap();
+            for n in 0.. {
+                if let Err(error) = stream.csp(1, n * 20).and_then(|()| stream.step()) {
+                    return error;
+                }
+                if n == 200 {
+                    begun.send(()).unwrap();
+                }
+            }
+            unreachable!("it has no end by itself")
+        });
+        has_begun.recv().unwrap();
+        ecm.clear_fifo().unwrap();
+        assert_eq!(streaming.join().unwrap(), EcmError::Cleared);
+    });
+    let frames = tap.take();
+    let clear = frames.iter().position(|frame| frame.slot(SIZE, 0).id == CommandId::SetFifo.code()).unwrap();
+    assert!(frames[clear..].iter().all(|frame| frame.slot(SIZE, 1).is_zero()));
+}
+
+/// API-22 API-2 Entries that were dropped are no underruns, and hide none of the stream that comes after.
 #[test]
 fn underruns_after_a_clear_count() {
     let tap = Tap::open("slaves=drive&queue=64");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
-    let mut stream = ecm.stream(100).unwrap();
-    (0..200).for_each(|_| stream.step().map(drop).unwrap());
+    let mut cleared = ecm.stream(100).unwrap();
+    (0..200).for_each(|_| cleared.step().map(drop).unwrap());
     ecm.clear_fifo().unwrap();
+    assert_eq!(cleared.stats().unwrap().underruns, 0);
+    drop(cleared);
+    let mut stream = ecm.stream(100).unwrap();
     (0..300).for_each(|_| stream.step().map(drop).unwrap());
     assert_eq!(stream.stats().unwrap().underruns, 0);
     let entries = u64::from(160 - stream.snapshot().unwrap().board.fifo_free);

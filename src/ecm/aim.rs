@@ -20,6 +20,8 @@ pub(super) struct Aim {
     plan: Arc<Plan>,
     state: StateByte,
     homing: u64,
+    /// Times the FIFO had been cleared when the stream began, and now.
+    clears: [u64; 2],
     report: Frame,
     next: Frame,
     /// Slaves that have a target in `next`, a bit each.
@@ -35,6 +37,7 @@ impl Aim {
             plan: Arc::clone(&session.plan),
             state: session.board.state,
             homing: session.homing,
+            clears: [session.clears; 2],
             report: Frame::clone(&session.report),
             next: Frame::new(),
             some: 0,
@@ -50,6 +53,7 @@ impl Aim {
         }
         self.state = session.board.state;
         self.homing = session.homing;
+        self.clears[1] = session.clears;
         self.report.clone_from(&session.report);
     }
 
@@ -66,6 +70,11 @@ impl Aim {
             self.next.put(self.size, slave, &RawSlot::ZERO);
         }
         self.some &= !dropped;
+    }
+
+    /// Whether the stream still leads on from where the axes are.
+    pub(super) const fn leads_on(&self) -> Result<(), EcmError> {
+        if self.clears[0] == self.clears[1] { Ok(()) } else { Err(EcmError::Cleared) }
     }
 
     /// The settings of a slave's axis.
@@ -85,6 +94,7 @@ impl Aim {
         if self.state.state() != Some(MasterState::Op) {
             return Err(EcmError::WrongState { what: "a target", needs: "OP", found: self.state });
         }
+        self.leads_on()?;
         let axis = self.axis(slave)?;
         let wanted = match command {
             SlaveCommand::Csv(_) => Mode::Csv,

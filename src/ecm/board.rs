@@ -44,8 +44,12 @@ impl Ecm {
         self.master("SET_EX", &MasterCommand::SetEx { check_commands, fill_responses }).map(|_| ())
     }
 
-    /// Drops what waits in the board's FIFO: axes stop where they are, at once and without a ramp. To stop gently end the
-    /// stream instead. A [`Stream`](super::Stream) that is open goes on from its next step.
+    /// Drops what waits in the board's FIFO. An axis in CSP holds the target that was executed last: it stops at once and
+    /// without a ramp. One in CSV turns on, one in CST keeps its torque, as executed last. To stop gently end the stream
+    /// instead.
+    ///
+    /// A [`Stream`](super::Stream) that is open has lost its way then: it takes no target and no step any more
+    /// ([`EcmError::Cleared`]). Its end ramps what still moves.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
@@ -64,14 +68,8 @@ impl Ecm {
         };
         self.core.run(
             &task,
-            |session, sent| {
-                // It acts on arrival; its own frame is the first entry after it.
-                let done = session.credit.ran(sent.number);
-                if done {
-                    session.credit.cleared();
-                }
-                Ok(done.then_some(()))
-            },
+            // It acts on arrival; its own frame is the first entry after it.
+            |session, sent| Ok(session.credit.ran(sent.number).then_some(())),
             |session| format!("{} entries are ahead of the board", session.credit.ahead()),
         )
     }

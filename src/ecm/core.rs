@@ -164,9 +164,13 @@ impl Core {
     /// Writes the next frame, within that time.
     pub(super) fn write_within(&self, session: &mut Session, limit: Duration) -> Result<(), EcmError> {
         session.compose();
+        let clears = session.clears;
         match self.link.write(&session.outgoing, Wait::For(limit)) {
             Ok(at) => {
                 session.wrote(at);
+                if session.clears != clears {
+                    self.changed();
+                }
                 Ok(())
             }
             Err(error) => {

@@ -96,11 +96,6 @@ impl Credit {
         self.watch = on.then_some(Watch::From(self.total));
     }
 
-    /// Entries were dropped that will never run: what is watched begins again with the next frame.
-    pub(super) fn cleared(&mut self) {
-        self.watch(self.watch.is_some());
-    }
-
     /// Cycles that found no entry while they were watched.
     pub(super) const fn underruns(&self) -> u64 {
         self.underruns

@@ -185,6 +185,9 @@ pub enum EcmError {
         /// What was asked for.
         units: f64,
     },
+    /// The FIFO was cleared under a stream: the axes are not where its next targets begin.
+    #[error("the FIFO was cleared while the stream was open; end it, and start another one from the actual positions")]
+    Cleared,
     /// The axis is homing.
     #[error("slave {slave} is homing; wait for it to end, or abort it")]
     IsHoming {

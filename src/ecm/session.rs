@@ -10,7 +10,9 @@ use super::snapshot::{Plan, Snapshot};
 use super::targets::{Targets, bits};
 use crate::cia402::Statusword;
 use crate::link::{ReadMeta, Stamp};
-use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, RawSlot, SlotSize, StateByte};
+use crate::sk::{
+    CrcPolicy, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlotSize, StateByte,
+};
 
 /// News kept until somebody takes them; the oldest go first. \[OURS]
 const NEWS_KEPT: usize = 64;
@@ -100,6 +102,8 @@ pub(super) struct Session {
     pub(super) flushes: u64,
     pub(super) flushed_at: Stamp,
     pub(super) flushed_number: i64,
+    /// Times the FIFO was cleared: a stream that was open then has lost its way.
+    pub(super) clears: u64,
     /// What a stream keeps sending.
     pub(super) targets: Targets,
     /// Slaves whose targets hold no longer since the stream looked last, a bit each.
@@ -136,6 +140,7 @@ impl Session {
             flushes: 0,
             flushed_at: Stamp(0),
             flushed_number: 0,
+            clears: 0,
             targets: Targets::new(size),
             dropped: 0,
             homing: 0,
@@ -286,7 +291,8 @@ impl Session {
     /// Builds the next frame: posted commands first, else what a stream keeps sending, else nothing. CRC last (SK-1.22).
     pub(super) fn compose(&mut self) {
         let size = self.size;
-        if self.in_op() {
+        // A target in the frame of a clear would be the newest one, and the way to it is what is dropped: a jump.
+        if self.in_op() && !self.clears_now() {
             self.outgoing.clone_from(self.targets.next());
         } else {
             self.outgoing.bytes_mut().fill(0);
@@ -297,8 +303,17 @@ impl Session {
         self.outgoing.fill_crc(size);
     }
 
+    /// Whether the next frame clears the FIFO.
+    fn clears_now(&self) -> bool {
+        self.posted & 1 != 0 && self.commands[0] == MasterCommand::SetFifo(FifoAction::Clear).encode()
+    }
+
     /// The frame was written.
     pub(super) fn wrote(&mut self, at: Stamp) {
+        if self.clears_now() {
+            self.clears += 1;
+            self.targets.clear();
+        }
         self.posted = 0;
         self.flushes += 1;
         self.flushed_at = at;

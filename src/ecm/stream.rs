@@ -77,6 +77,7 @@ fn pacer() -> Pacer {
 impl Stream<'_> {
     /// Lets the board collect that many frames, 2 to the stream's depth, before it executes the first one (SET_FIFO's
     /// threshold): the motion begins with a full reserve. Before the first step. A stream that ends earlier drops them.
+    /// Until then the board executes no command of other calls either: they wait.
     ///
     /// # Errors
     /// [`EcmError::Setting`] for another number, or once frames were written; [`EcmError::WrongState`],
@@ -100,7 +101,8 @@ impl Stream<'_> {
     ///
     /// # Errors
     /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
-    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`].
+    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
+    /// [`EcmError::Cleared`].
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.aim(slave, SlaveCommand::Csp(Motion::to(target)))
     }
@@ -170,9 +172,11 @@ impl Stream<'_> {
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`]. Nothing is
-    /// written then. What one axis does is no error here: the next target for it is refused.
+    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
+    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. What one axis does is no error here: the next target for it is refused.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
+        self.look()?;
+        self.aim.leads_on()?;
         let core = &self.ecm.core;
         let mut session = core.lock()?;
         session.pacer = Some(pacer());
@@ -271,9 +275,7 @@ impl Ecm {
             self.core.write(session, deadline)?;
             session.post(&[(0, command)]);
         }
-        self.core.write(session, deadline)?;
-        session.credit.cleared();
-        Ok(())
+        self.core.write(session, deadline)
     }
 
     /// Reads until fewer than `depth` frames are ahead of the board.

@@ -181,7 +181,7 @@ impl Stream<'_> {
         let mut session = core.lock()?;
         session.pacer = Some(pacer());
         core.catch_up(&mut session)?;
-        self.ecm.pace(&mut session, self.depth)?;
+        self.ecm.pace(&mut session, self.depth, None)?;
         self.aim.go(&mut session);
         if self.frames == 0 && self.prefill > 0 {
             self.ecm.set_threshold(&mut session, self.prefill)?;
@@ -189,7 +189,9 @@ impl Stream<'_> {
         core.write_within(&mut session, core.options.write_limit)?;
         session.targets.stepped();
         self.frames += 1;
-        self.ecm.pace(&mut session, self.depth)?;
+        // On virtual time the stamp of the frame is the time.
+        let now = core.info.virtual_time.then(|| Duration::from_nanos(session.flushed_at.0));
+        self.ecm.pace(&mut session, self.depth, now)?;
         self.aim.look(&mut session, core.changes());
         Ok(self.stats_of(&session))
     }
@@ -278,13 +280,13 @@ impl Ecm {
         self.core.write(session, deadline)
     }
 
-    /// Reads until fewer than `depth` frames are ahead of the board.
-    pub(super) fn pace(&self, session: &mut Session, depth: u16) -> Result<(), EcmError> {
+    /// Reads until fewer than `depth` frames are ahead of the board; `now`, if it is known.
+    fn pace(&self, session: &mut Session, depth: u16, now: Option<Duration>) -> Result<(), EcmError> {
         require_op(session, "a stream")?;
         if session.credit.ahead() < depth {
             return Ok(());
         }
-        let began = self.core.now();
+        let began = now.unwrap_or_else(|| self.core.now());
         // A board that runs has taken all out by then.
         let limit = self.core.patience(session) + session.plan.cycle() * FIFO_ENTRIES.into();
         let mut now = began;

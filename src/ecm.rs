@@ -22,16 +22,19 @@
 //!
 //! [`Ecm`] may be shared by threads: calls take turns report by report, and a command of one thread rides in the frames
 //! of another thread's [`Stream`]. Every call has a limit ([`Options`]). A board that is lost stays lost
-//! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision.
+//! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision ([`Ecm::open_when_there`]).
 //!
 //! Positions, velocities and torques are those of the wire, counts and 0.1 %; a [`Scale`] of an axis converts positions.
 //! On a link of virtual time limits are the board's time; on any other the machine's.
 
+mod aim;
+mod board;
 mod close;
 mod config;
 mod core;
 mod credit;
 mod error;
+mod failure;
 mod homing;
 mod io;
 mod options;
@@ -43,12 +46,15 @@ mod session;
 mod snapshot;
 mod state;
 mod stream;
+mod targets;
 
 use std::sync::Arc;
 use std::time::Duration;
 
+pub use board::CrcSwitches;
 pub use config::{Axis, Config, ConfigError, DEFAULT_GUARD_COUNTS, Guard, Slave};
 pub use error::{EcmError, Suspect};
+pub use failure::Failure;
 pub use homing::{Homing, HomingPhase, HomingProgress};
 pub use options::{CLOSE_LIMIT, Close, Options};
 pub use scale::Scale;
@@ -181,6 +187,11 @@ impl Ecm {
         Ok(self.core.lock()?.news())
     }
 }
+
+/// docs/GUIDE.md: its programs run as tests.
+#[cfg(all(doctest, feature = "sim"))]
+#[doc = include_str!("../docs/GUIDE.md")]
+struct Guide;
 
 /// Which slot size the reports of a link have that does not know: that whose CRC is right (it has to be switched on).
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {

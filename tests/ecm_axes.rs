@@ -13,7 +13,7 @@ use ecmsk::sk::{CommandId, MasterState};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// SK-7.15 SK-7.8 SK-7.10 Axes are on when servo_on returns and off when servo_off does, one or many.
+/// API-29 SK-7.15 SK-7.8 SK-7.10 Axes are on when servo_on returns and off when servo_off does, one or many.
 #[test]
 fn on_and_off() {
     for keys in ["slaves=drive*3", "slaves=drive*3&fw=1.5", "slaves=drive*3&slot=16"] {
@@ -28,7 +28,7 @@ fn on_and_off() {
     }
 }
 
-/// What an axis or a state does not allow is refused before it is sent.
+/// API-23 What an axis or a state does not allow is refused before it is sent.
 #[test]
 fn senseless_calls_send_nothing() {
     let tap = Tap::open("slaves=drive,io");
@@ -51,7 +51,7 @@ fn senseless_calls_send_nothing() {
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
-/// SK-7.9 SK-7.11 SK-7.12 An alarm ends switching on with its code; cleared, if it can be.
+/// API-29 SK-7.9 SK-7.11 SK-7.12 An alarm ends switching on with its code; cleared, if it can be.
 #[test]
 fn alarms() {
     let file = script("axes-alarm", "at 500ms alarm 1 0x7500 stays\n");
@@ -89,7 +89,7 @@ fn alarms() {
     ecm.servo_on(&[1]).unwrap();
 }
 
-/// SK-7.19 SK-7.20 SK-7.24 Homing by both firmwares: progress in order, home is 0, the axis takes targets again.
+/// API-31 SK-7.19 SK-7.20 SK-7.24 Homing by both firmwares: progress in order, home is 0, the axis takes targets again.
 #[test]
 fn homing_with_progress() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5", "slaves=drive*2&slot=16"] {
@@ -126,7 +126,7 @@ fn homing_with_progress() {
     }
 }
 
-/// SK-7.21 SK-6.5 A method the drive has not got, and a home that is not found, are errors; the axis is in its mode after.
+/// API-8 API-31 SK-7.21 SK-6.5 A method the drive has not got, and a home that is not found, are errors; the axis is in its mode after.
 #[test]
 fn homing_that_fails() {
     let ecm = enabled("slaves=drive", &Config::drives(1));
@@ -155,7 +155,7 @@ fn homing_that_fails() {
     assert!(matches!(error, EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }), "{error}");
 }
 
-/// SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
+/// API-31 SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
 #[test]
 fn an_old_home_is_none() {
     let tap = Tap::open("slaves=drive");
@@ -175,7 +175,7 @@ fn an_old_home_is_none() {
     assert!(moving > 20, "it ended after {moving} reports");
 }
 
-/// SK-7.21 SK-7.27 Another thread aborts homing; while it runs another homing and targets are refused.
+/// API-15 SK-7.21 SK-7.27 Another thread aborts homing; while it runs another homing and targets are refused.
 #[test]
 fn homing_is_aborted_by_another_thread() {
     let tap = Tap::open("slaves=drive*2");
@@ -204,7 +204,7 @@ fn homing_is_aborted_by_another_thread() {
     assert!(ecm.snapshot().unwrap().drive(1).unwrap().statusword.is_enabled());
 }
 
-/// SK-3.17 SK-3.18 Inputs are those of now, whatever was answered before; output k is wired to input k.
+/// API-30 SK-3.17 SK-3.18 Inputs are those of now, whatever was answered before; output k is wired to input k.
 #[test]
 fn inputs_and_outputs() {
     for keys in ["slaves=io,drive", "slaves=io,drive&fw=1.5", "slaves=io,drive&slot=16"] {
@@ -221,7 +221,7 @@ fn inputs_and_outputs() {
     }
 }
 
-/// SK-8.2 SK-8.3 SK-5.21 The board's own IO, in PreOP, in OP and behind a deep FIFO.
+/// API-30 SK-8.2 SK-8.3 SK-5.21 The board's own IO, in PreOP, in OP and behind a deep FIFO.
 #[test]
 fn local_io() {
     let file = script("local", "inputs 0x15\nat 3s inputs 0x2A\n");

@@ -27,7 +27,7 @@ fn targets(tap: &Tap, slave: usize) -> Vec<i32> {
     slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect()
 }
 
-/// A stream that ends ramps its axes: targets go on with falling steps, none is larger than the last, and the
+/// API-9 API-10 A stream that ends ramps its axes: targets go on with falling steps, none is larger than the last, and the
 /// axes stand and are enabled.
 #[test]
 fn a_stream_that_ends_ramps_down() {
@@ -55,7 +55,7 @@ fn a_stream_that_ends_ramps_down() {
     }
 }
 
-/// SK-7.10 SK-4.65 Closing and dropping hold, switch off or leave, as asked for.
+/// API-9 SK-7.10 SK-4.65 Closing and dropping hold, switch off or leave, as asked for.
 #[test]
 fn hold_servo_off_leave() {
     for (how, dropped, on) in [
@@ -88,7 +88,7 @@ fn hold_servo_off_leave() {
     }
 }
 
-/// SK-5.5 CSV ramps its velocity to 0 and CST keeps the torque of an axis that stands.
+/// API-10 SK-5.5 CSV ramps its velocity to 0 and CST keeps the torque of an axis that stands.
 #[test]
 fn velocity_and_torque() {
     let slaves = vec![Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST), Slave::Drive(Axis::CST)];
@@ -120,7 +120,7 @@ fn velocity_and_torque() {
     assert!((ecm.snapshot().unwrap().position(1).unwrap() - first).abs() <= 2);
 }
 
-/// SK-5.4 A board that ran dry stands: the end of its stream must not set it going again.
+/// API-10 SK-5.4 A board that ran dry stands: the end of its stream must not set it going again.
 #[test]
 fn a_dry_board_is_not_set_going() {
     let tap = Tap::open("slaves=drive*2&queue=4");
@@ -136,7 +136,7 @@ fn a_dry_board_is_not_set_going() {
     assert!(tap.take().is_empty());
 }
 
-/// SK-4.59 Closing ends within 2 s whatever the board does: full, silent, cut.
+/// API-9 API-6 SK-4.59 Closing ends within 2 s whatever the board does: full, silent, cut.
 #[test]
 fn closing_is_bounded() {
     for (name, text) in [("full", "at 1s full\n"), ("silent", "at 1s silent\n"), ("cut", "at 1s cut 1\n")] {
@@ -165,7 +165,7 @@ fn closing_is_bounded() {
     }
 }
 
-/// A ramp that would not fit into the limit is refused when the board is opened.
+/// API-9 A ramp that would not fit into the limit is refused when the board is opened.
 #[test]
 fn a_ramp_has_to_fit() {
     let long = Options { ramp: Duration::from_secs(3), ..Options::default() };
@@ -173,7 +173,7 @@ fn a_ramp_has_to_fit() {
     assert!(matches!(error, EcmError::Setting { what: "ramp", .. }), "{error}");
 }
 
-/// Nothing is done to axes that were neither configured nor adopted.
+/// API-27 Nothing is done to axes that were neither configured nor adopted.
 #[test]
 fn foreign_axes_are_left_alone() {
     let keys = "slaves=drive*2&name=foreign";

@@ -1,36 +1,140 @@
-//! The examples of the native API run and print what they promise.
+//! The examples of the native API run and print what they promise: on virtual time what `tests/snapshots/` holds.
+#![cfg(target_os = "linux")]
 
+mod support;
+
+use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
-fn run(arguments: &[&str]) -> Output {
+use support::{Ended, root};
+
+const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
+
+fn run(example: &str, link: Option<&str>) -> Ended {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("it lies in the target folder");
     let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["run", "--quiet", "--example", "two_axes", "--target-dir"]).arg(target);
+    cargo.args(["run", "--quiet", "--example", example, "--target-dir"]).arg(target);
     if !cfg!(debug_assertions) {
         cargo.arg("--release");
     }
-    cargo.arg("--").args(arguments).current_dir(env!("CARGO_MANIFEST_DIR"));
-    cargo.output().expect("cargo runs")
+    support::run(cargo.arg("--").args(link).current_dir(root()))
 }
 
-/// SK-5.11 Two axes go where they are sent, with the same result every time on virtual time.
-#[test]
-fn two_axes() {
-    for arguments in [&[][..], &["sim:?slaves=drive*2&clock=virtual&fw=1.5&slot=16"]] {
-        let ran = run(arguments);
-        let said = String::from_utf8_lossy(&ran.stderr);
-        assert!(ran.status.success(), "{said}");
-        let expected = "on\naxis 1: 90.0 degrees\naxis 2: -45.0 degrees\n2000 frames, 0 underruns, 0 losses\n";
-        assert_eq!(String::from_utf8_lossy(&ran.stdout), expected);
+/// Without a link, and on links where nothing else comes out, it prints its snapshot.
+fn prints_its_snapshot(example: &str, links: &[&str]) {
+    for link in std::iter::once(None).chain(links.iter().copied().map(Some)) {
+        let ended = run(example, link);
+        assert_eq!(ended.stderr, "", "{example} on {link:?}");
+        support::snapshot(&format!("rust_{example}"), &ended.success());
     }
 }
 
-/// SK-4.10 What goes wrong is said with the next step to do.
+/// A link with what happens by a script of `examples/scripts/`.
+fn scripted(link: &str, script: &str) -> String {
+    format!("{link}&script=examples/scripts/{script}.ecmscript")
+}
+
+/// API-32 SK-5.11 Two axes go where they are sent.
+#[test]
+fn two_axes() {
+    prints_its_snapshot("two_axes", &[&format!("{DRIVES}&fw=1.5&slot=16")]);
+}
+
+/// API-32 SK-4.10 What goes wrong is said with the next step to do.
 #[test]
 fn two_axes_on_a_board_of_three() {
-    let ran = run(&["sim:?slaves=drive*3&clock=virtual"]);
-    assert_eq!(ran.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&ran.stderr);
-    assert!(said.ends_with("correct `slaves`, or check cables and power\n"), "{said}");
+    let ended = run("two_axes", Some("sim:?slaves=drive*3&clock=virtual"));
+    assert_eq!(ended.status.code(), Some(1));
+    assert!(ended.stderr.ends_with("correct `slaves`, or check cables and power\n"), "{}", ended.stderr);
+}
+
+/// API-32 The shortest program moves an axis, and ends with words where it cannot.
+#[test]
+fn move_axis() {
+    let link = "sim:?slaves=drive&clock=virtual";
+    for link in [link, &format!("{link}&fw=1.5&slot=16"), "sim:?slaves=drive&clock=real"] {
+        let said = run("move_axis", Some(link)).success();
+        assert!(
+            said.starts_with("StreamStats { frames: 1000, underruns: ") && said.ends_with("losses: 0 }\n"),
+            "{said}"
+        );
+    }
+    let ended = run("move_axis", Some("sim:?slaves=none&clock=virtual"));
+    assert_eq!(ended.status.code(), Some(1));
+    assert!(ended.stderr.starts_with("Error: no board at `sim:") && ended.stderr.ends_with("`slaves=`\n"), "{ended:?}");
+}
+
+/// API-34 README shows that program, and the guide's programs run as doc tests.
+#[test]
+fn readme_shows_the_shortest_program() {
+    let read = |file: &str| fs::read_to_string(root().join(file)).expect("a file of the repository");
+    let program = read("examples/rust/move_axis.rs");
+    let (_, program) = program.split_once("\n\n").expect("its comment, then the program");
+    assert!(read("README.md").contains(&format!("```rust\n{program}```\n")), "README has another program");
+    assert!(read("src/ecm.rs").contains("include_str!(\"../docs/GUIDE.md\")"));
+    assert!(!read("docs/GUIDE.md").contains("```rust,"), "every program of the guide runs");
+}
+
+/// API-32 API-20 SK-7.19 SK-7.24 Both axes home at once, move, and a homing fails: the same on both firmwares.
+#[test]
+fn homing() {
+    prints_its_snapshot("homing", &[&format!("{DRIVES}&fw=1.5")]);
+}
+
+/// API-32 API-29 SK-7.11 An alarm on the way is cleared and overcome; one that stays ends the program with its words.
+#[test]
+fn alarm_recovery() {
+    prints_its_snapshot("alarm_recovery", &[&format!("{DRIVES}&fw=1.5&slot=16")]);
+    let on_the_way = run("alarm_recovery", Some(&scripted(DRIVES, "alarm_on_the_way")));
+    support::snapshot("rust_alarm_on_the_way", &on_the_way.success());
+    let stays = run("alarm_recovery", Some(&scripted(DRIVES, "alarm_that_stays")));
+    assert_eq!(stays.status.code(), Some(1));
+    assert!(stays.stdout.contains("axis 1: alarm 0x7305"), "{stays:?}");
+    assert!(stays.stderr.starts_with("Error: slave 1 has alarm 0x7305; remove the cause"), "{stays:?}");
+}
+
+/// API-32 API-30 The same lines as the program in C prints.
+#[test]
+fn io() {
+    let link = scripted("sim:?slaves=io&clock=virtual", "local_inputs");
+    for link in [link.clone(), format!("{link}&fw=1.5"), format!("{link}&slot=16")] {
+        support::snapshot("io", &run("io", Some(&link)).success());
+    }
+}
+
+/// API-32 API-10 SK-4.26 SK-4.27 One drive by velocity, one by torque.
+#[test]
+fn csv_cst() {
+    prints_its_snapshot("csv_cst", &[&format!("{DRIVES}&fw=1.5")]);
+}
+
+/// API-32 SK-3.22 SK-3.23 Both channels of a pulse module, with outputs and inputs of each.
+#[test]
+fn hsp() {
+    prints_its_snapshot("hsp", &["sim:?slaves=hsp2&slot=16&clock=virtual&fw=1.5"]);
+}
+
+/// API-32 API-23 A panel: buttons at wrong moments say why they do not go; an alarm while jogging.
+#[test]
+fn operator_panel() {
+    prints_its_snapshot("operator_panel", &[&format!("{DRIVES}&fw=1.5")]);
+    let alarm = run("operator_panel", Some(&scripted(DRIVES, "alarm")));
+    support::snapshot("rust_operator_panel_alarm", &alarm.success());
+}
+
+/// API-32 Every program of the folder is one of these, and is short.
+#[test]
+fn no_example_is_left_out() {
+    let tests = fs::read_to_string(root().join("tests/ecm_example.rs")).expect("this file");
+    for entry in fs::read_dir(root().join("examples/rust")).expect("the folder") {
+        let path = entry.expect("readable").path();
+        if path.is_dir() {
+            continue;
+        }
+        let name = path.file_stem().expect("a name").to_string_lossy().into_owned();
+        assert!(tests.contains(&format!("fn {name}()")), "{name} has no test");
+        let lines = fs::read_to_string(&path).expect("a program").lines().count();
+        assert!(lines <= 70, "{name} has {lines} lines");
+    }
 }

@@ -38,7 +38,7 @@ fn typed_values() {
     }
 }
 
-/// SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
+/// API-8 SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
 #[test]
 fn widths() {
     assert_eq!((i8::from_raw(0xFF), i8::from_raw(0x100), u8::from_raw(0xFF)), (Some(-1), None, Some(255)));
@@ -52,7 +52,7 @@ fn widths() {
     assert_eq!(error, EcmError::SdoTooWide { slave: 1, object: WINDOW, value: 0x1_0000, bits: 16 });
 }
 
-/// SK-6.14 SK-6.12 SK-6.7 An abort is an error with its code and the code's text.
+/// API-8 SK-6.14 SK-6.12 SK-6.7 An abort is an error with its code and the code's text.
 #[test]
 fn aborts_are_typed() {
     let ecm = open("slaves=drive");
@@ -78,7 +78,7 @@ fn aborts_are_typed() {
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
 }
 
-/// SK-6.10 A request that the slot shows already is asked for after another object was read, and only then.
+/// API-7 SK-6.10 A request that the slot shows already is asked for after another object was read, and only then.
 #[test]
 fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     let tap = Tap::open("slaves=drive*2");
@@ -107,7 +107,7 @@ fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     assert_eq!(sent()[1], read(1, DEVICE_TYPE));
 }
 
-/// SK-6.10 A value that changes is read anew each time, also when the answers of another program's session are there.
+/// API-7 SK-6.10 A value that changes is read anew each time, also when the answers of another program's session are there.
 #[test]
 fn every_read_is_fresh() {
     let keys = "slaves=drive&name=fresh";
@@ -133,7 +133,7 @@ fn every_read_is_fresh() {
     assert_eq!(sent[0], SdoCommand::Read { slave: 1, object: DEVICE_TYPE }, "the slot showed it from before");
 }
 
-/// SK-6.3 One that meets a transfer under way is rejected by the board: it is asked again, and the right answer found.
+/// API-6 SK-6.3 One that meets a transfer under way is rejected by the board: it is asked again, and the right answer found.
 #[test]
 fn a_slow_slave_and_a_limit() {
     let file = script("slow", "sdo-delay 1 400ms\n");
@@ -168,7 +168,7 @@ fn no_sdo_in_init() {
     assert!(matches!(error, EcmError::WrongState { needs: "PreOP, SafeOP or OP", .. }), "{error}");
 }
 
-/// SK-6.1 Threads take turns: each gets its own answers.
+/// API-15 SK-6.1 Threads take turns: each gets its own answers.
 #[test]
 fn threads_take_turns() {
     let tap = Tap::open("slaves=drive*4");

@@ -13,7 +13,7 @@ use ecmsk::sk::{Frame, MasterState, SlotSize, StateByte};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// SK-4.49 SK-4.50 SK-4.51 From PreOP to OP with the configuration, by either firmware and slot size, and back.
+/// API-5 SK-4.49 SK-4.50 SK-4.51 From PreOP to OP with the configuration, by either firmware and slot size, and back.
 #[test]
 fn configure_and_reach_op() {
     for keys in ["slaves=drive*2,io", "slaves=drive*2,io&fw=1.5", "slaves=drive*2,io&slot=16"] {
@@ -33,7 +33,7 @@ fn configure_and_reach_op() {
     assert_eq!((second.meta.at.0 - first.meta.at.0, second.meta.sequence - first.meta.sequence), (500_000, 1));
 }
 
-/// A wrong configuration is refused before a byte is sent, with the slave and what is allowed.
+/// API-4 A wrong configuration is refused before a byte is sent, with the slave and what is allowed.
 #[test]
 fn a_wrong_configuration_sends_nothing() {
     let tap = Tap::open("slaves=drive");
@@ -71,7 +71,7 @@ fn another_number_of_slaves_is_an_error() {
     ecm.configure(&Config::drives(2)).unwrap();
 }
 
-/// SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
+/// API-5 SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
 #[test]
 fn a_stuck_change_says_where_and_on_whom() {
     // Declared as drives, and the second one is an IO slave.
@@ -106,9 +106,14 @@ fn a_stuck_change_says_where_and_on_whom() {
     let error = ecm.set_state(MasterState::Op).unwrap_err();
     let found = StateByte::failed(Some(MasterState::SafeOp));
     assert_eq!(error, EcmError::StateStuck { wanted: MasterState::Op, found, suspect: Suspect::Unknown });
+
+    // Nothing is configured: the board takes the drives for IO slaves.
+    let error = open("slaves=drive").set_state(MasterState::Op).unwrap_err();
+    assert!(matches!(error, EcmError::StateStuck { suspect: Suspect::Undeclared, .. }), "{error}");
+    assert!(error.to_string().ends_with("call configure first"), "{error}");
 }
 
-/// SK-5.5 A board found in OP is adopted as it is: nothing is sent, its axes go on, and configuring it is refused.
+/// API-27 SK-5.5 A board found in OP is adopted as it is: nothing is sent, its axes go on, and configuring it is refused.
 #[test]
 fn a_board_in_op_is_attached_to() {
     let keys = "slaves=drive&name=attach";
@@ -149,7 +154,7 @@ fn a_board_in_op_is_attached_to() {
     assert!(still.drive(1).unwrap().statusword.is_enabled());
 }
 
-/// SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
+/// API-16 SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
 #[test]
 fn a_change_of_byte_1_is_told() {
     let tap = Tap::open("slaves=drive");
@@ -169,7 +174,7 @@ fn a_change_of_byte_1_is_told() {
     ecm.servo_off(&[1]).unwrap();
 }
 
-/// SK-1.20 SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
+/// API-16 SK-1.20 SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
 #[test]
 fn the_crc_of_reports() {
     let bent = |byte: u8, strict_crc| {
@@ -198,7 +203,7 @@ fn the_crc_of_reports() {
     assert!(matches!(error, EcmError::NoReport { bad_crc, .. } if bad_crc > 900), "{error}");
 }
 
-/// SK-1.13 Where the link does not say how wide slots are the CRC of its reports does.
+/// API-28 SK-1.13 Where the link does not say how wide slots are the CRC of its reports does.
 #[test]
 fn the_slot_size_is_found() {
     for (keys, size) in [("slaves=drive", SlotSize::Bytes12), ("slaves=drive&slot=16", SlotSize::Bytes16)] {
@@ -213,7 +218,7 @@ fn the_slot_size_is_found() {
     Tap::without_slot("slaves=drive").ecm(given).unwrap();
 }
 
-/// LIB-37 Every read and write has a limit, whatever is done, even where the link's own default waits for ever.
+/// API-6 LIB-37 Every read and write has a limit, whatever is done, even where the link's own default waits for ever.
 #[test]
 fn every_wait_has_a_limit() {
     let tap = Tap::open("slaves=drive,io");
@@ -237,7 +242,7 @@ fn every_wait_has_a_limit() {
     assert!(longest <= Some(SECOND), "{longest:?}");
 }
 
-/// LIB-37 SK-9.12 A board that says nothing ends every call with an error that says what to do.
+/// API-6 LIB-37 SK-9.12 A board that says nothing ends every call with an error that says what to do.
 #[test]
 fn a_silent_board_ends_calls() {
     let file = script("silent", "at 50ms silent\n");
@@ -253,7 +258,7 @@ fn a_silent_board_ends_calls() {
     silent(ecm.local_inputs().map(|_| ()));
 }
 
-/// SK-9.11 Reports that were lost are told, and nothing goes wrong with the rest.
+/// API-16 SK-9.11 Reports that were lost are told, and nothing goes wrong with the rest.
 #[test]
 fn lost_reports_are_told() {
     let tap = Tap::open("slaves=drive&queue=4");
@@ -266,7 +271,7 @@ fn lost_reports_are_told() {
     assert!(now.meta.dropped >= 45);
 }
 
-/// A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
+/// API-16 A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
 #[test]
 fn a_bad_line_is_lived_with() {
     for seed in 1..4 {
@@ -288,7 +293,7 @@ fn a_bad_line_is_lived_with() {
     }
 }
 
-/// A board that goes away is an error of the link; nothing opens it again by itself.
+/// API-17 A board that goes away is an error of the link; nothing opens it again by itself.
 #[test]
 fn a_lost_board_stays_lost() {
     let ecm = Ecm::open(&uri("slaves=drive&fault.disconnect_ms=100")).unwrap();

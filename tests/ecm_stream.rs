@@ -12,7 +12,7 @@ use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, News, Options, Scale, Slave
 use ecmsk::link::{self, Link, LinkError, Share, Wait};
 use ecmsk::sk::{AxisTarget, CommandId, Frame, MasterCommand, MasterState};
 
-/// SK-5.11 At least one CSP frame a cycle, several at first, paused when `depth` frames are ahead: the axis follows
+/// API-1 API-12 SK-5.11 At least one CSP frame a cycle, several at first, paused when `depth` frames are ahead: the axis follows
 /// without a gap and nothing is lost.
 #[test]
 fn a_stream_keeps_its_depth_and_the_axis_follows() {
@@ -37,7 +37,7 @@ fn a_stream_keeps_its_depth_and_the_axis_follows() {
     }
 }
 
-/// SK-5.4 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
+/// API-2 SK-5.4 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
 #[test]
 fn underruns_are_the_cycles_without_an_entry() {
     let tap = Tap::open("slaves=drive&queue=64");
@@ -64,7 +64,7 @@ fn underruns_are_the_cycles_without_an_entry() {
     assert!(stream.snapshot().unwrap().board.fifo_free <= 153, "{:?}", stream.snapshot().unwrap().board);
 }
 
-/// SK-5.11 A board that takes nothing out makes the stream wait, with a limit; it never overfills.
+/// API-1 API-6 SK-5.11 A board that takes nothing out makes the stream wait, with a limit; it never overfills.
 #[test]
 fn a_full_board_is_waited_for_and_never_overfilled() {
     let file = script("full", "at 1s full for 500ms\nat 3s full\n");
@@ -87,7 +87,7 @@ fn a_full_board_is_waited_for_and_never_overfilled() {
     assert_eq!(tap.stats().board.unwrap().full, 0);
 }
 
-/// SK-5.10 Any increase of the full count is a loss, by 1 or by 126, over the wrap too; it is told and not divided.
+/// API-16 SK-5.10 Any increase of the full count is a loss, by 1 or by 126, over the wrap too; it is told and not divided.
 #[test]
 fn any_increase_of_the_full_count_is_a_loss() {
     let tap = Tap::open("slaves=drive");
@@ -112,7 +112,7 @@ fn any_increase_of_the_full_count_is_a_loss() {
     assert_eq!(lost, [lost_at(0, 1), lost_at(1, 127), lost_at(127, 65_500), lost_at(65_500, 3)]);
 }
 
-/// SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
+/// API-16 SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
 #[test]
 fn losses_show_in_the_stream() {
     let tap = Tap::open("slaves=drive&fw=1.5");
@@ -131,7 +131,7 @@ fn losses_show_in_the_stream() {
     assert!(stream.stats().unwrap().losses > 0);
 }
 
-/// The guard refuses a target that is too far from the actual position, and nothing of it reaches the board.
+/// API-3 The guard refuses a target that is too far from the actual position, and nothing of it reaches the board.
 #[test]
 fn the_guard_refuses_what_is_too_far() {
     let tap = Tap::open("slaves=drive*2");
@@ -159,7 +159,7 @@ fn the_guard_refuses_what_is_too_far() {
     ecm.stream(4).unwrap().csp(1, 9_999).unwrap();
 }
 
-/// Units: 90 degrees of a 17-bit encoder are 32768 counts.
+/// API-26 Units: 90 degrees of a 17-bit encoder are 32768 counts.
 #[test]
 fn targets_in_units() {
     let tap = Tap::open("slaves=drive");
@@ -175,7 +175,7 @@ fn targets_in_units() {
     assert!(matches!(stream.csp_units(1, f64::NAN), Err(EcmError::OutOfRange { .. })));
 }
 
-/// SK-7.31 SK-7.33 What an axis cannot take is refused before it is sent, with the reason.
+/// API-23 SK-7.31 SK-7.33 What an axis cannot take is refused before it is sent, with the reason.
 #[test]
 fn targets_that_make_no_sense_are_refused() {
     let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Io, Slave::Drive(Axis::CST)];
@@ -199,7 +199,7 @@ fn targets_that_make_no_sense_are_refused() {
     }
 }
 
-/// An axis that got an alarm is refused further targets, the others go on; on again it gets no old target.
+/// API-14 An axis that got an alarm is refused further targets, the others go on; on again it gets no old target.
 #[test]
 fn an_alarm_of_one_axis_stops_that_one_alone() {
     let file = script("stream-alarm", "at 1s alarm 1 0x7500\n");
@@ -256,7 +256,7 @@ fn every_frame_carries_its_crc() {
     assert_eq!(tap.stats().board.unwrap().crc, 1);
 }
 
-/// A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
+/// API-11 A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
 #[test]
 fn a_stream_allocates_nothing() {
     let ecm = enabled("slaves=drive*40", &Config::drives(40));
@@ -274,7 +274,7 @@ fn a_stream_allocates_nothing() {
     assert!(stream.snapshot().unwrap().position(40).unwrap() > 20_000);
 }
 
-/// SK-5.2 Commands of other threads ride in the stream's frames: none of them takes a cycle from the motion.
+/// API-15 SK-5.2 Commands of other threads ride in the stream's frames: none of them takes a cycle from the motion.
 #[test]
 fn other_threads_ride_along() {
     let tap = Tap::open("slaves=drive,io");
@@ -316,7 +316,7 @@ fn other_threads_ride_along() {
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
-/// SK-9.12 Reports that stop end the stream's wait with an error.
+/// API-6 SK-9.12 Reports that stop end the stream's wait with an error.
 #[test]
 fn a_cut_cable_ends_the_wait() {
     let file = script("cut", "at 1s cut 1\n");
@@ -332,7 +332,7 @@ fn a_cut_cable_ends_the_wait() {
     assert!(error.to_string().ends_with("check the cable to the first slave and the board's power"), "{error}");
 }
 
-/// SK-5.25 A stream ends with an error when the network leaves OP.
+/// API-25 SK-5.25 A stream ends with an error when the network leaves OP.
 #[test]
 fn leaving_op_ends_the_stream() {
     let ecm = enabled("slaves=drive", &Config::drives(1));
@@ -342,7 +342,7 @@ fn leaving_op_ends_the_stream() {
     assert!(matches!(stream.step(), Err(EcmError::WrongState { .. })));
 }
 
-/// SK-3.23 An HSP of two channels takes both targets and outputs, and the guard looks at both.
+/// API-3 SK-3.23 An HSP of two channels takes both targets and outputs, and the guard looks at both.
 #[test]
 fn two_channels() {
     let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };

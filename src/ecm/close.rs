@@ -16,7 +16,7 @@ impl Ecm {
         self.end(how)
     }
 
-    fn end(&mut self, how: Close) -> Result<(), EcmError> {
+    pub(super) fn end(&mut self, how: Close) -> Result<(), EcmError> {
         if self.done {
             return Ok(());
         }
@@ -29,12 +29,12 @@ impl Ecm {
         rested
     }
 
-    fn rest(&self, off: bool) -> Result<(), EcmError> {
+    pub(super) fn rest(&self, off: bool) -> Result<(), EcmError> {
         self.core.link.check()?;
         let deadline = self.core.now() + CLOSE_LIMIT;
         let mut session = self.core.lock()?;
         ramp::to_standstill(self, &mut session, deadline)?;
-        session.targets.fill(super::session::Target::default());
+        session.targets.clear();
         if !off || !session.in_op() {
             return Ok(());
         }

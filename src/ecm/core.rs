@@ -5,14 +5,17 @@
 //! threads ride in its frames, so that none of them takes an entry from the motion.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use super::EcmError;
+use super::config::Config;
 use super::options::Options;
 use super::session::Session;
+use super::snapshot::Plan;
 use crate::link::{Link, LinkError, LinkInfo, Stamp, Wait};
 use crate::sk::{RawSlot, SlotSize};
 
@@ -29,6 +32,8 @@ pub(super) struct Core {
     pub(super) options: Options,
     started: Instant,
     session: Mutex<Session>,
+    /// Counts what a stream has to look at again: reports, another plan, an axis that homes.
+    changes: AtomicU64,
     news: Condvar,
     pub(super) sdo_turn: Mutex<()>,
     pub(super) homing_turn: Mutex<()>,
@@ -58,6 +63,7 @@ impl Core {
             options,
             started: Instant::now(),
             session: Mutex::new(Session::new(size, options.strict_crc)),
+            changes: AtomicU64::new(0),
             news: Condvar::new(),
             sdo_turn: Mutex::new(()),
             homing_turn: Mutex::new(()),
@@ -85,9 +91,31 @@ impl Core {
         self.options.read_limit.max(session.plan.cycle() * 3)
     }
 
+    /// How often anything has changed that a stream looks at.
+    pub(super) fn changes(&self) -> u64 {
+        self.changes.load(Ordering::Acquire)
+    }
+
+    /// Something of the session has changed; the caller has it locked.
+    pub(super) fn changed(&self) {
+        self.changes.fetch_add(1, Ordering::Release);
+    }
+
+    /// Says what the slaves are.
+    pub(super) fn plan(&self, config: &Config) -> Result<(), EcmError> {
+        let plan = Arc::new(Plan::of(config));
+        self.lock()?.plan = plan;
+        self.changed();
+        Ok(())
+    }
+
     /// Reads a report that comes by `deadline`; says whether there was one that can be used.
     pub(super) fn read(&self, session: &mut Session, deadline: Duration) -> Result<bool, EcmError> {
-        let now = self.now();
+        self.read_at(session, self.now(), deadline)
+    }
+
+    /// As [`Core::read`], for a caller that knows the time.
+    pub(super) fn read_at(&self, session: &mut Session, now: Duration, deadline: Duration) -> Result<bool, EcmError> {
         let wait = match deadline.saturating_sub(now).min(self.patience(session)) {
             Duration::ZERO => Wait::Now,
             left => Wait::For(left),
@@ -97,6 +125,7 @@ impl Core {
                 let usable = session.take(meta);
                 if usable {
                     session.heard = now;
+                    self.changed();
                     self.news.notify_all();
                 }
                 Ok(usable)
@@ -112,7 +141,9 @@ impl Core {
         for _ in 0..DRAIN_MAX {
             if self.info.virtual_time {
                 let (Some(meta), Some(cycle)) = (session.meta, session.plan.cycle_ns) else { return Ok(()) };
-                if self.now() < Duration::from_nanos(meta.at.0 + cycle) {
+                // A board that is gone says so here.
+                let now = self.link.pass(Duration::ZERO)?;
+                if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
                     return Ok(());
                 }
             }
@@ -125,18 +156,34 @@ impl Core {
         Ok(())
     }
 
-    /// Writes the next frame. The caller has seen that the board takes one.
+    /// Writes the next frame by `deadline`. The caller has seen that the board takes one.
     pub(super) fn write(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
+        self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
+    }
+
+    /// Writes the next frame, within that time.
+    pub(super) fn write_within(&self, session: &mut Session, limit: Duration) -> Result<(), EcmError> {
         session.compose();
-        let left = deadline.saturating_sub(self.now()).min(self.options.write_limit);
-        match self.link.write(&session.outgoing, Wait::For(left)) {
+        let clears = session.clears;
+        match self.link.write(&session.outgoing, Wait::For(limit)) {
             Ok(at) => {
                 session.wrote(at);
+                if session.clears != clears {
+                    self.changed();
+                }
                 Ok(())
             }
             Err(error) => {
                 session.failed();
-                Err(error.into())
+                Err(match error {
+                    LinkError::Timeout { waited, what, .. } => EcmError::Timeout {
+                        what: "writing a frame",
+                        waited,
+                        seen: what.to_owned(),
+                        hint: "see whether the board still reports (Ecm::next_cycle), else switch it off and on",
+                    },
+                    other => other.into(),
+                })
             }
         }
     }

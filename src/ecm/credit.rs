@@ -26,7 +26,7 @@ pub(super) struct Credit {
 /// Since when underruns count.
 #[derive(Clone, Copy, Debug)]
 enum Watch {
-    /// From the first report after this many frames have arrived.
+    /// From the first report after more frames than that have been executed.
     From(i64),
     /// Idle cycles before that.
     Since(i64),
@@ -73,7 +73,9 @@ impl Credit {
         // One entry a cycle is taken out, unless there is none.
         let idle = self.cycles - (arrived - i64::from(self.used()));
         match self.watch {
-            Some(Watch::From(frames)) if arrived > frames => self.watch = Some(Watch::Since(idle)),
+            Some(Watch::From(frames)) if arrived - i64::from(self.used()) > frames => {
+                self.watch = Some(Watch::Since(idle))
+            }
             Some(Watch::Since(before)) => {
                 // A frame may be counted as arrived a little early, so the count may fall: what was seen stays.
                 let new = (idle - before).max(0);

@@ -185,6 +185,9 @@ pub enum EcmError {
         /// What was asked for.
         units: f64,
     },
+    /// The FIFO was cleared under a stream: the axes are not where its next targets begin.
+    #[error("the FIFO was cleared while the stream was open; end it, and start another one from the actual positions")]
+    Cleared,
     /// The axis is homing.
     #[error("slave {slave} is homing; wait for it to end, or abort it")]
     IsHoming {
@@ -224,6 +227,8 @@ pub enum Suspect {
         /// The object that is missing.
         missing: ObjectAddress,
     },
+    /// Nothing is configured: without it the board takes every slave for an IO slave.
+    Undeclared,
     /// All answer and fit; the wire does not carry AL status codes.
     Unknown,
     /// No slave is there at all, or the state allows no SDO to look.
@@ -237,6 +242,9 @@ impl std::fmt::Display for Suspect {
             Self::NotOfKind { slave, kind, missing } => {
                 write!(f, "slave {slave} is no {kind}, it has no object {missing}; correct the configuration")
             }
+            Self::Undeclared => f.write_str(
+                "no slave is configured, so that the board takes all for IO slaves; call configure first",
+            ),
             Self::Unknown => f.write_str(
                 "every slave answers and fits, one refuses (the wire does not say which); look at the slaves' error LEDs",
             ),

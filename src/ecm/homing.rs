@@ -1,4 +1,4 @@
-//! Homing with progress. One at a time, as the board wants it (SK-7.27).
+//! Homing with progress: one axis, or several that start in one frame, as the board wants it (SK-7.27).
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use super::session::Session;
 use super::{Ecm, EcmError};
 use crate::cia402::{MODES_OF_OPERATION, Mode, Statusword};
 use crate::coe::ObjectAddress;
-use crate::sk::{CommandId, SlaveCommand, SlotCommand};
+use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 
 /// \[OURS] A result that stood from the beginning counts after that time: bits 12 and 13 may be those of an earlier
 /// homing, which the drive clears when it begins.
@@ -54,6 +54,8 @@ pub enum HomingPhase {
 /// What a homing axis does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HomingProgress {
+    /// Which slave it is.
+    pub slave: u8,
     /// How far it is.
     pub phase: HomingPhase,
     /// Actual position, counts.
@@ -72,51 +74,103 @@ impl Ecm {
     /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an object
     /// or method the drive has not got, [`EcmError::Timeout`], [`EcmError::Busy`] while another homing runs,
     /// [`EcmError::WrongState`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::Link`].
-    pub fn home(&self, slave: u8, homing: &Homing, mut progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
+    pub fn home(&self, slave: u8, homing: &Homing, progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
+        self.home_all(&[(slave, *homing)], progress)
+    }
+
+    /// Homes several axes together: all objects are written first, one frame starts them, and it waits for the last. The
+    /// longest of their limits holds for all. If one fails, homing of the others is ended too, and the error is that of
+    /// the one.
+    ///
+    /// ```
+    /// use ecmsk::ecm::{Config, Ecm, Homing};
+    /// use ecmsk::sk::MasterState;
+    ///
+    /// let ecm = Ecm::open("sim:?slaves=drive*2&clock=virtual")?;
+    /// ecm.configure(&Config::drives(2))?;
+    /// ecm.set_state(MasterState::Op)?;
+    /// ecm.servo_on(&[1, 2])?;
+    /// ecm.home_all(&[(1, Homing::method(33)), (2, Homing::method(34))], |_| {})?;
+    /// # Ok::<(), ecmsk::ecm::EcmError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Ecm::home`], and [`EcmError::Setting`] for a slave that is named twice.
+    pub fn home_all(&self, axes: &[(u8, Homing)], mut progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
         let began = self.core.now();
+        let slaves: Vec<u8> = axes.iter().map(|(slave, _)| *slave).collect();
+        if let Some((n, slave)) = slaves.iter().enumerate().find(|(n, slave)| slaves[..*n].contains(slave)) {
+            let found = format!("slave {slave} at place {}", n + 1);
+            return Err(EcmError::Setting { what: "the list of axes to home", found, allowed: "each slave once" });
+        }
         let turn = self.core.homing_turn.try_lock().ok_or(EcmError::Busy { what: "homing" })?;
-        let go = self.axis_commands("homing", &[slave], SlaveCommand::GoHome)?;
-        let mode = {
-            let mut session = self.core.lock()?;
+        let go = self.axis_commands("homing", &slaves, SlaveCommand::GoHome)?;
+        if slaves.is_empty() {
+            return Ok(());
+        }
+        let modes = self.reserve(&slaves)?;
+        let mut tell = |slave: u8, phase, session: &Session| {
+            let position = session.slot(slave.into()).data1 as i32;
+            let elapsed = self.core.now().saturating_sub(began);
+            progress(&HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed });
+        };
+        let limit = axes.iter().map(|(_, homing)| homing.limit).max().unwrap_or_default();
+        let prepared = axes.iter().try_for_each(|(slave, homing)| self.prepare(*slave, homing, &mut tell));
+        let started = prepared.is_ok();
+        let done = prepared.and_then(|()| self.go(&slaves, &go, limit, &mut tell));
+        // \[OURS] Nothing homes any more when this returns. One axis that failed has ended by itself.
+        let goes_on = match &done {
+            Ok(()) => false,
+            Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
+            Err(_) => true,
+        };
+        let aborted = if started && goes_on { self.abort_homing() } else { Ok(()) };
+        // It ends homing on either firmware, and the axes take targets again; all are tried, whether that is heard or not.
+        let mut restored = Ok(());
+        for (slave, mode) in slaves.iter().zip(modes) {
+            let one = self.core.lock().and_then(|session| {
+                tell(*slave, HomingPhase::Restoring, &session);
+                drop(session);
+                self.sdo_write(*slave, ObjectAddress::new(MODES_OF_OPERATION, 0), mode.code())
+            });
+            restored = restored.and(one);
+        }
+        let released =
+            self.core.lock().map(|mut session| slaves.iter().for_each(|slave| session.homing &= !(1 << slave)));
+        self.core.changed();
+        drop(turn);
+        done.and(aborted).and(restored).and(released)
+    }
+
+    /// Takes axes that can home out of what streams may move; gives their modes.
+    fn reserve(&self, slaves: &[u8]) -> Result<Vec<Mode>, EcmError> {
+        let mut session = self.core.lock()?;
+        let mut modes = Vec::with_capacity(slaves.len());
+        for slave in slaves.iter().copied() {
             let config = declared(&session, slave)?;
             refuse_alarm(&session, slave)?;
             let statusword = session.statusword(slave);
             if !statusword.is_enabled() {
                 return Err(EcmError::NotEnabled { slave, statusword });
             }
-            session.homing |= 1 << slave;
-            session.aborted = 0;
-            session.targets[usize::from(slave)] = Default::default();
-            config.axis().map_or(Mode::Csp, |axis| axis.mode)
-        };
-        let mut tell = |phase, session: &Session| {
-            let position = session.slot(slave.into()).data1 as i32;
-            let elapsed = self.core.now().saturating_sub(began);
-            progress(&HomingProgress { phase, position, statusword: session.statusword(slave), elapsed });
-        };
-        let prepared = self.prepare(slave, homing, &mut tell);
-        let done = prepared.and_then(|()| self.go(slave, &go, homing.limit, &mut tell));
-        // The mode is set back whether that is heard or not.
-        let aborted = if let Err(EcmError::Timeout { .. }) = done { self.abort_homing() } else { Ok(()) };
-        // It ends homing on either firmware, and the axis takes targets again.
-        let restored = self.core.lock().and_then(|session| {
-            tell(HomingPhase::Restoring, &session);
-            drop(session);
-            self.sdo_write(slave, ObjectAddress::new(MODES_OF_OPERATION, 0), mode.code())
-        });
-        self.core.lock()?.homing &= !(1 << slave);
-        drop(turn);
-        done.and(aborted).and(restored)
+            modes.push(config.axis().map_or(Mode::Csp, |axis| axis.mode));
+        }
+        let homing = slaves.iter().fold(0, |homing, slave| homing | 1 << slave);
+        session.homing |= homing;
+        session.aborted = 0;
+        session.drop_targets(homing);
+        self.core.changed();
+        Ok(modes)
     }
 
     fn prepare(
         &self,
         slave: u8,
         homing: &Homing,
-        tell: &mut impl FnMut(HomingPhase, &Session),
+        tell: &mut impl FnMut(u8, HomingPhase, &Session),
     ) -> Result<(), EcmError> {
         let object = ObjectAddress::new;
-        tell(HomingPhase::Preparing, &*self.core.lock()?);
+        tell(slave, HomingPhase::Preparing, &*self.core.lock()?);
         self.sdo_write(slave, object(MODES_OF_OPERATION, 0), Mode::Homing.code())?;
         self.sdo_write(slave, object(0x6098, 0), homing.method)?;
         if let Some(speed) = homing.switch_speed {
@@ -136,50 +190,31 @@ impl Ecm {
 
     fn go(
         &self,
-        slave: u8,
-        commands: &[(usize, crate::sk::RawSlot)],
+        slaves: &[u8],
+        commands: &[(usize, RawSlot)],
         limit: Duration,
-        tell: &mut impl FnMut(HomingPhase, &Session),
+        tell: &mut impl FnMut(u8, HomingPhase, &Session),
     ) -> Result<(), EcmError> {
         // A repeat after its end would start another homing: a lost frame shows as a timeout.
         let task = Task { what: "homing", hint: HINT, limit, commands, resend: false };
-        let failed = |why| Err(EcmError::HomingFailed { slave, why });
-        let (mut seen_clear, mut since, mut taken) = (false, None, false);
+        let mut axes: Vec<Search> = slaves.iter().map(|slave| Search::of(*slave)).collect();
         self.core.run(
             &task,
             |session, sent| {
                 require_op(session, "homing")?;
-                let word = session.statusword(slave);
-                let id = CommandId::from_code(session.slot(slave.into()).id);
-                taken |= id == CommandId::GoHome;
-                if !taken && !session.credit.ran(sent.number) {
-                    return Ok(None);
+                let mut all = true;
+                for axis in &mut axes {
+                    all &= axis.look(session, session.credit.ran(sent.number), tell)?;
                 }
-                tell(HomingPhase::Moving, session);
-                refuse_alarm(session, slave)?;
-                if session.aborted & 1 << slave != 0 {
-                    return failed("it was aborted");
-                }
-                if !word.is_enabled() {
-                    return failed("the drive was switched off");
-                }
-                // Without a stream nothing follows in the slot, so a board that has taken it shows it.
-                if !taken && session.pacer.is_none() {
-                    return failed("the board did not take GO_HOME");
-                }
-                let (attained, error) = (word.0 & Statusword::BIT12 != 0, word.0 & Statusword::BIT13 != 0);
-                seen_clear |= !attained && !error;
-                let now = session.meta.map_or(0, |meta| meta.at.0);
-                let stood = Duration::from_nanos(now - *since.get_or_insert(now)) >= STANDS;
-                if !seen_clear && !stood {
-                    return Ok(None);
-                }
-                if error {
-                    return failed("the drive reports a homing error (statusword bit 13)");
-                }
-                Ok((attained && word.0 & Statusword::TARGET_REACHED != 0).then_some(()))
+                Ok(all.then_some(()))
             },
-            |session| format!("slave {slave} shows statusword 0x{:04X}", session.statusword(slave).0),
+            |session| {
+                let words = slaves.iter().map(|slave| {
+                    let word = session.statusword(*slave).0;
+                    format!("slave {slave} shows statusword 0x{word:04X}")
+                });
+                words.collect::<Vec<_>>().join(", ")
+            },
         )
     }
 
@@ -191,6 +226,7 @@ impl Ecm {
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
             let mut session = self.core.lock()?;
+            self.core.catch_up(&mut session)?;
             require_op(&session, "abort_homing")?;
             if session.homing == 0 {
                 return Ok(());
@@ -206,5 +242,66 @@ impl Ecm {
             |session, sent| Ok(session.credit.ran(sent.number).then_some(())),
             |session| format!("the board is in {}", session.board.state),
         )
+    }
+}
+
+/// One axis on its way home, report by report.
+struct Search {
+    slave: u8,
+    /// The board has taken GO_HOME.
+    taken: bool,
+    /// Neither a home nor an error was shown once.
+    seen_clear: bool,
+    /// When it was looked at first.
+    since: Option<u64>,
+    /// It is home. The board may have set the mode back since, and its bits mean something else.
+    home: bool,
+}
+
+impl Search {
+    const fn of(slave: u8) -> Self {
+        Self { slave, taken: false, seen_clear: false, since: None, home: false }
+    }
+
+    /// Whether it is home; `ran`: the frame with GO_HOME was executed for sure.
+    fn look(
+        &mut self,
+        session: &Session,
+        ran: bool,
+        tell: &mut impl FnMut(u8, HomingPhase, &Session),
+    ) -> Result<bool, EcmError> {
+        let slave = self.slave;
+        let failed = |why| Err(EcmError::HomingFailed { slave, why });
+        let word = session.statusword(slave);
+        self.taken |= CommandId::from_code(session.slot(slave.into()).id) == CommandId::GoHome;
+        if !self.taken && !ran {
+            return Ok(false);
+        }
+        if !self.home {
+            tell(slave, HomingPhase::Moving, session);
+        }
+        refuse_alarm(session, slave)?;
+        if session.aborted & 1 << slave != 0 {
+            return failed("it was aborted");
+        }
+        if !word.is_enabled() {
+            return failed("the drive was switched off");
+        }
+        // Without a stream nothing follows in the slot, so a board that has taken it shows it.
+        if !self.taken && session.pacer.is_none() {
+            return failed("the board did not take GO_HOME");
+        }
+        let (attained, error) = (word.0 & Statusword::BIT12 != 0, word.0 & Statusword::BIT13 != 0);
+        self.seen_clear |= !attained && !error;
+        let now = session.meta.map_or(0, |meta| meta.at.0);
+        let stood = Duration::from_nanos(now - *self.since.get_or_insert(now)) >= STANDS;
+        if !self.seen_clear && !stood {
+            return Ok(false);
+        }
+        if error && !self.home {
+            return failed("the drive reports a homing error (statusword bit 13)");
+        }
+        self.home |= attained && word.0 & Statusword::TARGET_REACHED != 0;
+        Ok(self.home)
     }
 }

@@ -4,6 +4,7 @@
 //! that holds a standing axis stays, one that moves it falls to 0: a host that gave the torque is the only one to know
 //! how to stop it better. \[OURS]
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::MutexGuard;
@@ -67,20 +68,19 @@ pub(super) fn to_standstill(
         return Ok(());
     }
     let mut brakes = [None; SlotSize::Bytes12.slots()];
-    let plan = session.plan;
+    let plan = Arc::clone(&session.plan);
     for (slave, config) in plan.slaves() {
         brakes[usize::from(slave)] = brake(session, slave, config);
     }
     if brakes.iter().any(Option::is_some) {
         let frames = frames(ecm, session, deadline.saturating_sub(began));
         for k in 1..=frames {
-            for (target, brake) in session.targets.iter_mut().zip(&brakes) {
-                if let Some(brake) = brake {
-                    // An axis that went off meanwhile gets none: its slot shows so when the frame is built.
-                    target.now = Some(brake.at(k, frames));
-                }
+            for (slave, brake) in brakes.iter().enumerate() {
+                let Some(brake) = brake else { continue };
+                // An axis that went off meanwhile gets none.
+                let is_on = session.statusword(slave as u8).is_enabled();
+                session.targets.set(slave, is_on.then(|| brake.at(k, frames)));
             }
-            drop_off(session);
             room(ecm, session, deadline, began)?;
             ecm.core.write(session, deadline)?;
         }
@@ -126,15 +126,6 @@ fn frames(ecm: &Ecm, session: &Session, left: Duration) -> u32 {
     of(ecm.core.options.ramp).min(possible).max(1)
 }
 
-/// No targets for axes that are off.
-fn drop_off(session: &mut Session) {
-    for slave in 1..=session.plan.count {
-        if !session.statusword(slave as u8).is_enabled() {
-            session.targets[slave].now = None;
-        }
-    }
-}
-
 /// Counts that a slave's axes moved in the last cycle.
 fn measured(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
     let (now, before) = (session.slot(slave.into()), session.previous.slot(session.size, slave.into()));
@@ -158,10 +149,10 @@ fn brake(session: &Session, slave: u8, config: &Slave) -> Option<Brake> {
     if !session.statusword(slave).is_enabled() || session.homing & 1 << slave != 0 {
         return None;
     }
-    let target = session.targets[usize::from(slave)];
+    let last = session.targets.last(slave);
     let moved = measured(session, slave, config);
     let is_moving = moves(session, slave, config);
-    match (axis.mode, target.last) {
+    match (axis.mode, last) {
         (Mode::Csv, Some(SlaveCommand::Csv(motion))) => {
             (motion.first.target != 0 || motion.second.target != 0).then_some(Brake::Velocity(motion))
         }
@@ -176,7 +167,7 @@ fn brake(session: &Session, slave: u8, config: &Slave) -> Option<Brake> {
             Some(Brake::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
         }
         (Mode::Csp, Some(SlaveCommand::Csp(last))) => {
-            let Some(SlaveCommand::Csp(before)) = target.before else { return None };
+            let Some(SlaveCommand::Csp(before)) = session.targets.before(slave) else { return None };
             let commanded = [
                 last.first.target.wrapping_sub(before.first.target),
                 last.second.target.wrapping_sub(before.second.target),

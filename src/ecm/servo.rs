@@ -13,10 +13,15 @@ impl Ecm {
     /// Switches axes on and waits until all are in Operation enabled. They stand where they are.
     ///
     /// # Errors
-    /// [`EcmError::Alarm`] at once if one of them has an alarm, [`EcmError::Timeout`], [`EcmError::WrongState`],
-    /// [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`], [`EcmError::Link`].
+    /// [`EcmError::Alarm`] at once if one of them has an alarm, [`EcmError::IsHoming`], [`EcmError::Timeout`],
+    /// [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`], [`EcmError::Link`].
     pub fn servo_on(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let commands = self.axis_commands("servo_on", slaves, SlaveCommand::ServoOn)?;
+        // The board ignores it for an axis that homes (SK-7.43), which is on anyway.
+        let homing = self.core.lock()?.homing;
+        if let Some(slave) = slaves.iter().copied().find(|slave| homing & 1 << slave != 0) {
+            return Err(EcmError::IsHoming { slave });
+        }
         self.until("switching on", &commands, slaves, |session, slave| {
             refuse_alarm(session, slave)?;
             Ok(session.statusword(slave).is_enabled())

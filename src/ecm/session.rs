@@ -1,14 +1,18 @@
 //! What one exchange with the board knows: the newest report, the commands that wait for the next frame, the counts.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::thread::ThreadId;
 use std::time::Instant;
 
 use super::credit::Credit;
 use super::snapshot::{Plan, Snapshot};
+use super::targets::{Targets, bits};
 use crate::cia402::Statusword;
 use crate::link::{ReadMeta, Stamp};
-use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, RawSlot, SlaveCommand, SlotSize};
+use crate::sk::{
+    CrcPolicy, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlotSize, StateByte,
+};
 
 /// News kept until somebody takes them; the oldest go first. \[OURS]
 const NEWS_KEPT: usize = 64;
@@ -38,6 +42,13 @@ pub enum News {
     },
     /// A report was thrown away, its CRC is wrong.
     BadCrc,
+    /// The state shows a failure, as when slaves are lost in OP (SK-4.61): the others go on, what the lost ones show is
+    /// old, and the wire does not say which they are. [`Ecm::set_state`](super::Ecm::set_state) brings back those that
+    /// are there again.
+    SlavesFailed {
+        /// What it shows.
+        state: StateByte,
+    },
 }
 
 /// Counts since the board was opened.
@@ -60,16 +71,8 @@ pub struct Stats {
     pub losses: u64,
     /// Cycles of streams that found the FIFO empty.
     pub underruns: u64,
-}
-
-/// What a stream commands a slave.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Target {
-    /// With the next frame, and with every one after it until there is another.
-    pub(super) now: Option<SlaveCommand>,
-    /// In the last step, and in the one before: how fast the axis is meant to move.
-    pub(super) last: Option<SlaveCommand>,
-    pub(super) before: Option<SlaveCommand>,
+    /// Times the state began to show a failure (0x10).
+    pub slaves_failed: u64,
 }
 
 /// Who paces frames by a stream.
@@ -82,15 +85,15 @@ pub(super) struct Pacer {
 pub(super) struct Session {
     pub(super) size: SlotSize,
     policy: CrcPolicy,
-    pub(super) incoming: Frame,
-    pub(super) report: Frame,
-    pub(super) previous: Frame,
+    pub(super) incoming: Box<Frame>,
+    pub(super) report: Box<Frame>,
+    pub(super) previous: Box<Frame>,
     pub(super) outgoing: Frame,
     pub(super) meta: Option<ReadMeta>,
     pub(super) previous_at: Stamp,
     last_sequence: u64,
     pub(super) board: MasterResponse,
-    pub(super) plan: Plan,
+    pub(super) plan: Arc<Plan>,
     pub(super) credit: Credit,
     /// Commands for the next frame; a bit of `posted` for each slot that has one.
     commands: [RawSlot; SLOTS],
@@ -99,8 +102,12 @@ pub(super) struct Session {
     pub(super) flushes: u64,
     pub(super) flushed_at: Stamp,
     pub(super) flushed_number: i64,
-    /// What a stream keeps sending, by slave.
-    pub(super) targets: [Target; SLOTS],
+    /// Times the FIFO was cleared: a stream that was open then has lost its way.
+    pub(super) clears: u64,
+    /// What a stream keeps sending.
+    pub(super) targets: Targets,
+    /// Slaves whose targets hold no longer since the stream looked last, a bit each.
+    pub(super) dropped: u64,
     /// Slaves that are homing, a bit each.
     pub(super) homing: u64,
     /// Those of them that were told to end: back in CSP bits 10 and 12 look like a home.
@@ -118,22 +125,24 @@ impl Session {
         Self {
             size,
             policy: if strict { CrcPolicy::Strict } else { CrcPolicy::AbsentAllowed },
-            incoming: Frame::new(),
-            report: Frame::new(),
-            previous: Frame::new(),
+            incoming: Box::default(),
+            report: Box::default(),
+            previous: Box::default(),
             outgoing: Frame::new(),
             meta: None,
             previous_at: Stamp(0),
             last_sequence: 0,
             board: MasterResponse::default(),
-            plan: Plan::NONE,
+            plan: Arc::new(Plan::NONE),
             credit: Credit::new(),
             commands: [RawSlot::ZERO; SLOTS],
             posted: 0,
             flushes: 0,
             flushed_at: Stamp(0),
             flushed_number: 0,
-            targets: [Target::default(); SLOTS],
+            clears: 0,
+            targets: Targets::new(size),
+            dropped: 0,
             homing: 0,
             aborted: 0,
             pacer: None,
@@ -198,6 +207,10 @@ impl Session {
             self.stats.error_byte_changes += 1;
             self.tell(News::ErrorByte { from: was.0.error, to: self.board.error });
         }
+        if self.board.state.is_failed() && !was.0.state.is_failed() {
+            self.stats.slaves_failed += 1;
+            self.tell(News::SlavesFailed { state: self.board.state });
+        }
         if !self.in_op() {
             self.credit.reset();
             self.homing = 0;
@@ -219,11 +232,15 @@ impl Session {
     /// An axis that went off has no target any more: switched on again, it must not jump to an old one.
     fn drop_dead_targets(&mut self) {
         let slots = self.report.slots(self.size);
-        for slave in 1..=self.plan.count {
-            if self.targets[slave].now.is_some() && !Statusword(slots.head(slave).parm.get()).is_enabled() {
-                self.targets[slave] = Target::default();
-            }
-        }
+        let is_off = |slave: usize| u64::from(!Statusword(slots.head(slave).parm.get()).is_enabled());
+        let off = (1..=self.plan.count).fold(0, |off, slave| off | is_off(slave) << slave);
+        self.drop_targets(off);
+    }
+
+    /// Takes the targets of slaves away, a bit each, and those that a stream has for its next step.
+    pub(super) fn drop_targets(&mut self, slaves: u64) {
+        self.targets.forget(slaves);
+        self.dropped |= slaves;
     }
 
     pub(super) fn statusword(&self, slave: u8) -> Statusword {
@@ -238,9 +255,9 @@ impl Session {
         Snapshot {
             meta: self.meta.unwrap_or_default(),
             board: self.board,
-            frame: self.report.clone(),
+            frame: Frame::clone(&self.report),
             size: self.size,
-            plan: self.plan,
+            plan: Arc::clone(&self.plan),
         }
     }
 
@@ -273,38 +290,35 @@ impl Session {
 
     /// Builds the next frame: posted commands first, else what a stream keeps sending, else nothing. CRC last (SK-1.22).
     pub(super) fn compose(&mut self) {
-        self.outgoing.bytes_mut().fill(0);
         let size = self.size;
-        if self.in_op() {
-            for slave in 1..=self.plan.count {
-                if let Some(target) = self.targets[slave].now {
-                    self.outgoing.put_slave(size, slave, &target.into());
-                }
-            }
+        // A target in the frame of a clear would be the newest one, and the way to it is what is dropped: a jump.
+        if self.in_op() && !self.clears_now() {
+            self.outgoing.clone_from(self.targets.next());
+        } else {
+            self.outgoing.bytes_mut().fill(0);
         }
-        let mut posted = self.posted;
-        while posted != 0 {
-            let slot = posted.trailing_zeros() as usize;
-            posted &= posted - 1;
+        for slot in bits(self.posted) {
             self.outgoing.put(size, slot, &self.commands[slot]);
         }
         self.outgoing.fill_crc(size);
     }
 
+    /// Whether the next frame clears the FIFO.
+    fn clears_now(&self) -> bool {
+        self.posted & 1 != 0 && self.commands[0] == MasterCommand::SetFifo(FifoAction::Clear).encode()
+    }
+
     /// The frame was written.
     pub(super) fn wrote(&mut self, at: Stamp) {
+        if self.clears_now() {
+            self.clears += 1;
+            self.targets.clear();
+        }
         self.posted = 0;
         self.flushes += 1;
         self.flushed_at = at;
         self.stats.written += 1;
         self.flushed_number = if self.in_op() { self.credit.sent(at) } else { 0 };
-    }
-
-    /// A stream has stepped: its targets are in a frame.
-    pub(super) fn stepped(&mut self) {
-        for target in &mut self.targets[1..=self.plan.count] {
-            (target.before, target.last) = (target.last, target.now);
-        }
     }
 
     /// The frame was not taken: what it held is forgotten, its senders send again or say so.

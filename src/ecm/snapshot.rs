@@ -1,5 +1,6 @@
 //! One report with its meaning: what board and slaves said in one cycle.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::config::{Config, Slave};
@@ -63,7 +64,7 @@ pub struct Snapshot {
     pub board: MasterResponse,
     pub(super) frame: Frame,
     pub(super) size: SlotSize,
-    pub(super) plan: Plan,
+    pub(super) plan: Arc<Plan>,
 }
 
 impl Snapshot {
@@ -73,7 +74,7 @@ impl Snapshot {
     }
 
     /// How many slaves are configured.
-    pub const fn slaves(&self) -> usize {
+    pub fn slaves(&self) -> usize {
         self.plan.count
     }
 

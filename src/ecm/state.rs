@@ -1,11 +1,11 @@
 //! Configuring the board and changing its state.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::config::{Config, Slave};
 use super::core::Task;
 use super::error::Suspect;
-use super::snapshot::Plan;
 use super::{Ecm, EcmError};
 use crate::cia402;
 use crate::coe::{AbortCode, ObjectAddress};
@@ -60,7 +60,7 @@ impl Ecm {
                 |session| format!("the board is in {}", session.board.state),
             )?;
         }
-        self.core.lock()?.plan = Plan::of(config);
+        self.core.plan(config)?;
         Ok(())
     }
 
@@ -70,12 +70,12 @@ impl Ecm {
     /// [`EcmError::Config`], [`EcmError::Busy`].
     pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
         config.check(self.slot_size()?)?;
-        self.core.lock()?.plan = Plan::of(config);
+        self.core.plan(config)?;
         Ok(())
     }
 
     /// A command for the board itself, outside OP; gives the result.
-    fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
+    pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
         let task = Task { what, hint: HINT, limit: CONFIGURE_LIMIT, commands: &[(0, slot)], resend: true };
         self.core.run(
@@ -85,11 +85,13 @@ impl Ecm {
         )
     }
 
-    /// Changes the network's state and waits until it is reached.
+    /// Changes the network's state and waits until it is reached. From Init the way is by PreOP, where the network is
+    /// configured.
     ///
     /// # Errors
     /// [`EcmError::StateStuck`], which says where and, as far as a host can know, on which slave;
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
+    /// [`EcmError::Link`].
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
         self.set_state_within(wanted, self.core.options.state_limit)
     }
@@ -109,6 +111,10 @@ impl Ecm {
         };
         // A failure shown before the change has begun is an old one.
         let old = self.state()?;
+        // The board rejects it (SK-4.63), and shows nothing of that.
+        if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {
+            return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
+        }
         let mut moved = !old.is_failed();
         let ended = self.core.run(
             &task,
@@ -136,8 +142,11 @@ impl Ecm {
     fn suspect(&self) -> Suspect {
         let began = self.core.now();
         let Ok(session) = self.core.lock() else { return Suspect::Network };
-        let plan = session.plan;
+        let plan = Arc::clone(&session.plan);
         drop(session);
+        if plan.count == 0 {
+            return Suspect::Undeclared;
+        }
         let mut asked = 0;
         for (slave, config) in plan.slaves() {
             let left = SUSPECT_LIMIT.saturating_sub(self.core.now().saturating_sub(began));

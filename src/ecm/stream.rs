@@ -1,15 +1,14 @@
 //! A cyclic stream of targets, paced by credit: it never overfills the board's FIFO and counts when it runs dry.
 
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use super::config::{Axis, Guard, Slave};
-use super::servo::{declared, refuse_alarm, require_op};
+use super::aim::Aim;
+use super::servo::{declared, require_op};
 use super::session::{Pacer, Session};
 use super::snapshot::Snapshot;
 use super::{Ecm, EcmError, ramp};
-use crate::cia402::Mode;
-use crate::sk::{AxisTarget, FIFO_ENTRIES, HspResponse, Motion, SlaveCommand, SlotSize};
+use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, SlaveCommand};
 
 /// \[OURS] Entries of the FIFO that a stream leaves free: commands of other programs and the ramp find room.
 const SPARE: u16 = 10;
@@ -27,8 +26,8 @@ pub struct StreamStats {
 
 /// A stream of targets for all axes, one frame a step. There is one at a time.
 ///
-/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then [`step`](Stream::step). A
-/// target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping ramp what moves
+/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then [`step`](Stream::step), with
+/// which they go out. A target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping ramp what moves
 /// to a standstill; the axes stay enabled.
 ///
 /// Calls of [`Ecm`] by other threads ride in the frames of steps. One by the thread that steps writes frames of its own,
@@ -36,6 +35,9 @@ pub struct StreamStats {
 pub struct Stream<'a> {
     ecm: &'a Ecm,
     depth: u16,
+    aim: Aim,
+    /// Frames that the board collects before it begins; 0: none.
+    prefill: u16,
     frames: u64,
     underruns_before: u64,
     losses_before: u64,
@@ -63,7 +65,8 @@ impl Ecm {
         session.pacer = Some(pacer());
         session.credit.watch(true);
         let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
-        Ok(Stream { ecm: self, depth, frames: 0, underruns_before, losses_before, done: false })
+        let aim = Aim::new(&mut session, self.core.changes());
+        Ok(Stream { ecm: self, depth, aim, prefill: 0, frames: 0, underruns_before, losses_before, done: false })
     }
 }
 
@@ -72,12 +75,34 @@ fn pacer() -> Pacer {
 }
 
 impl Stream<'_> {
+    /// Lets the board collect that many frames, 2 to the stream's depth, before it executes the first one (SET_FIFO's
+    /// threshold): the motion begins with a full reserve. Before the first step. A stream that ends earlier drops them.
+    /// Until then the board executes no command of other calls either: they wait.
+    ///
+    /// # Errors
+    /// [`EcmError::Setting`] for another number, or once frames were written; [`EcmError::WrongState`],
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
+        if frames < 2 || frames > self.depth {
+            let found = frames.to_string();
+            return Err(EcmError::Setting { what: "prefill", found, allowed: "2 to the depth of the stream" });
+        }
+        if self.frames > 0 {
+            let found = format!("set after {} frames", self.frames);
+            return Err(EcmError::Setting { what: "prefill", found, allowed: "it before the first step" });
+        }
+        require_op(&*self.ecm.core.lock()?, "prefill")?;
+        self.prefill = frames;
+        Ok(())
+    }
+
     /// The next target position of an axis in CSP, counts. The guard of the axis refuses one that is too far from the
     /// actual position of the newest report; nothing changes then.
     ///
     /// # Errors
     /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
-    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`].
+    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
+    /// [`EcmError::Cleared`].
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.aim(slave, SlaveCommand::Csp(Motion::to(target)))
     }
@@ -87,10 +112,8 @@ impl Stream<'_> {
     /// # Errors
     /// As [`csp`](Stream::csp), and [`EcmError::OutOfRange`].
     pub fn csp_units(&mut self, slave: u8, units: f64) -> Result<(), EcmError> {
-        let scale = {
-            let session = self.ecm.core.lock()?;
-            axis(&session, slave)?.scale
-        };
+        self.look()?;
+        let scale = self.aim.axis(slave)?.scale;
         self.csp(slave, scale.to_counts(units).ok_or(EcmError::OutOfRange { slave, units })?)
     }
 
@@ -110,6 +133,14 @@ impl Stream<'_> {
         self.aim(slave, SlaveCommand::Csv(Motion::to(velocity)))
     }
 
+    /// The next target velocities and outputs of an HSP in CSV, both channels.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn csv_hsp(&mut self, slave: u8, first: AxisTarget, second: AxisTarget) -> Result<(), EcmError> {
+        self.aim(slave, SlaveCommand::Csv(Motion { first, second }))
+    }
+
     /// The next target torque of an axis in CST, 0.1 % of rated. It goes on until there is another.
     ///
     /// # Errors
@@ -119,31 +150,17 @@ impl Stream<'_> {
     }
 
     fn aim(&mut self, slave: u8, command: SlaveCommand) -> Result<(), EcmError> {
-        let mut session = self.ecm.core.lock()?;
-        require_op(&session, "a target")?;
-        let axis = axis(&session, slave)?;
-        let wanted = match command {
-            SlaveCommand::Csv(_) => Mode::Csv,
-            SlaveCommand::Cst(_) => Mode::Cst,
-            _ => Mode::Csp,
-        };
-        if axis.mode != wanted {
-            return Err(EcmError::WrongMode { slave, mode: axis.mode, wanted });
+        self.look()?;
+        self.aim.at(slave, command, self.ecm.core.options.guard)
+    }
+
+    /// Looks at the session again, if anything has changed: targets are checked by the newest report, and 40 of them in a
+    /// row take no lock.
+    fn look(&mut self) -> Result<(), EcmError> {
+        if self.aim.changes != self.ecm.core.changes() {
+            let mut session = self.ecm.core.lock()?;
+            self.aim.look(&mut session, self.ecm.core.changes());
         }
-        if session.homing & 1 << slave != 0 {
-            return Err(EcmError::IsHoming { slave });
-        }
-        let statusword = session.statusword(slave);
-        if !statusword.is_enabled() {
-            refuse_alarm(&session, slave)?;
-            return Err(EcmError::NotEnabled { slave, statusword });
-        }
-        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) =
-            (command, axis.guard, self.ecm.core.options.guard)
-        {
-            check_guard(&session, slave, &motion, limit)?;
-        }
-        session.targets[usize::from(slave)].now = Some(command);
         Ok(())
     }
 
@@ -155,19 +172,27 @@ impl Stream<'_> {
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`]. Nothing is
-    /// written then. What one axis does is no error here: the next target for it is refused.
+    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
+    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. What one axis does is no error here: the next target for it is refused.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
+        self.look()?;
+        self.aim.leads_on()?;
         let core = &self.ecm.core;
         let mut session = core.lock()?;
         session.pacer = Some(pacer());
         core.catch_up(&mut session)?;
-        self.ecm.pace(&mut session, self.depth)?;
-        let deadline = core.now() + core.options.write_limit;
-        core.write(&mut session, deadline)?;
-        session.stepped();
+        self.ecm.pace(&mut session, self.depth, None)?;
+        self.aim.go(&mut session);
+        if self.frames == 0 && self.prefill > 0 {
+            self.ecm.set_threshold(&mut session, self.prefill)?;
+        }
+        core.write_within(&mut session, core.options.write_limit)?;
+        session.targets.stepped();
         self.frames += 1;
-        self.ecm.pace(&mut session, self.depth)?;
+        // On virtual time the stamp of the frame is the time.
+        let now = core.info.virtual_time.then(|| Duration::from_nanos(session.flushed_at.0));
+        self.ecm.pace(&mut session, self.depth, now)?;
+        self.aim.look(&mut session, core.changes());
         Ok(self.stats_of(&session))
     }
 
@@ -210,9 +235,14 @@ impl Stream<'_> {
         session.credit.watch(false);
         let stats = self.stats_of(&session);
         let deadline = core.now() + super::CLOSE_LIMIT;
-        let stopped = ramp::to_standstill(self.ecm, &mut session, deadline);
+        let dropped = if (1..u64::from(self.prefill)).contains(&self.frames) {
+            self.ecm.drop_prefill(&mut session, deadline)
+        } else {
+            Ok(())
+        };
+        let stopped = dropped.and_then(|()| ramp::to_standstill(self.ecm, &mut session, deadline));
         session.pacer = None;
-        session.targets.fill(super::session::Target::default());
+        session.targets.clear();
         stopped.map(|()| stats)
     }
 }
@@ -228,24 +258,48 @@ impl Drop for Stream<'_> {
 }
 
 impl Ecm {
-    /// Reads until fewer than `depth` frames are ahead of the board.
-    pub(super) fn pace(&self, session: &mut Session, depth: u16) -> Result<(), EcmError> {
+    /// Puts the threshold that `frames` entries reach into the next frame: it acts on arrival, before that is queued.
+    fn set_threshold(&self, session: &mut Session, frames: u16) -> Result<(), EcmError> {
+        let threshold = FIFO_ENTRIES + 1 - frames;
+        let command = MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode();
+        if session.post(&[(0, command)]) { Ok(()) } else { Err(EcmError::Busy { what: "the slot of the board" }) }
+    }
+
+    /// Nothing of what the board collects has run, and nothing shall.
+    fn drop_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
+        if !session.in_op() {
+            return Ok(());
+        }
+        session.targets.clear();
+        // Whatever another thread has in that slot comes after it.
+        let command = MasterCommand::SetFifo(FifoAction::Clear).encode();
+        if !session.post(&[(0, command)]) {
+            self.core.write(session, deadline)?;
+            session.post(&[(0, command)]);
+        }
+        self.core.write(session, deadline)
+    }
+
+    /// Reads until fewer than `depth` frames are ahead of the board; `now`, if it is known.
+    fn pace(&self, session: &mut Session, depth: u16, now: Option<Duration>) -> Result<(), EcmError> {
         require_op(session, "a stream")?;
         if session.credit.ahead() < depth {
             return Ok(());
         }
-        let began = self.core.now();
+        let began = now.unwrap_or_else(|| self.core.now());
         // A board that runs has taken all out by then.
         let limit = self.core.patience(session) + session.plan.cycle() * FIFO_ENTRIES.into();
+        let mut now = began;
         loop {
-            if !self.core.read(session, began + limit)? {
+            if !self.core.read_at(session, now, began + limit)? {
                 self.core.check_silence(session, began, "a stream")?;
             }
             require_op(session, "a stream")?;
             if session.credit.ahead() < depth {
                 return Ok(());
             }
-            let waited = self.core.now().saturating_sub(began);
+            now = self.core.now();
+            let waited = now.saturating_sub(began);
             if waited >= limit {
                 return Err(EcmError::Timeout {
                     what: "room in the FIFO",
@@ -256,31 +310,4 @@ impl Ecm {
             }
         }
     }
-}
-
-fn axis(session: &Session, slave: u8) -> Result<Axis, EcmError> {
-    let config = declared(session, slave)?;
-    config.axis().copied().ok_or(EcmError::WrongKind {
-        slave,
-        kind: config.kind().name(),
-        what: "a target",
-        wanted: "a drive, STEP or HSP",
-    })
-}
-
-/// Refuses a target that is too far away. Positions wrap, as the wire's 32 bits do.
-fn check_guard(session: &Session, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
-    let slot = session.slot(slave.into());
-    let check = |target: i32, actual: i32| {
-        if target.wrapping_sub(actual).unsigned_abs() > limit {
-            return Err(EcmError::TooFar { slave, target, actual, limit });
-        }
-        Ok(())
-    };
-    if !matches!(session.plan.slave(slave), Some(Slave::Hsp(_))) {
-        return check(motion.first.target, slot.data1 as i32);
-    }
-    let hsp = HspResponse::decode(&slot, session.size);
-    check(motion.first.target, hsp.first.position)?;
-    if session.size == SlotSize::Bytes16 { check(motion.second.target, hsp.second.position) } else { Ok(()) }
 }

@@ -243,6 +243,9 @@ pub trait Link: Send + Sync {
     fn stats(&self) -> LinkStats;
 }
 
+/// LIB: what a failed open costs a board on virtual time \[OURS], so that a loop that opens again after SW_RESET ends.
+pub(crate) const FAILED_OPEN: Duration = Duration::from_millis(50);
+
 /// Which boards of this process a link finds again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Share {

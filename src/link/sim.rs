@@ -9,7 +9,7 @@ use super::script::{self, Script};
 use super::slaves::{SlaveModel, SlaveSpec};
 use super::travel::{Span, TravelSpec};
 use super::uri::LinkUri;
-use super::{LinkError, Share};
+use super::{FAILED_OPEN, LinkError, Share};
 use crate::engine::{Board, EngineConfig, Rate, RealTime};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{MAX_AXES, Ns};
@@ -17,8 +17,6 @@ use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io,
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// LIB: what a failed open costs a board on virtual time \[OURS], so that a loop that opens again after SW_RESET ends.
-const FAILED_OPEN_NS: Ns = 50_000_000;
 
 /// Opens the board that the URI describes: one that this process has already, if `share` finds it, else a new one that
 /// has been switched on long ago.
@@ -128,7 +126,7 @@ fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
         // However little it is to catch up with: it boots, or it would never open again.
         (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
         (Clock::Virtual, true) => 0,
-        (Clock::Virtual, false) => FAILED_OPEN_NS,
+        (Clock::Virtual, false) => FAILED_OPEN.as_nanos() as Ns,
     };
     let now = board.now() + away;
     board.advance(now, &mut |_, _| {});

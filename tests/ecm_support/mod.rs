@@ -1,6 +1,8 @@
 //! What the tests of the native API share: boards, and a link that shows and bends what passes.
 #![allow(dead_code, reason = "every test uses its part")]
 
+pub mod calls;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};

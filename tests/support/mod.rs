@@ -229,7 +229,7 @@ pub fn run(command: &mut Command) -> Ended {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = match command.spawn() {
         Ok(child) => child,
-        Err(error) => panic!("{command:?}: {error}"),
+        Err(error) => panic!("{command:?}: {error}; install the packages that CONTRIBUTING.md names"),
     };
     let stdout = drain(child.stdout.take().expect("piped"));
     let stderr = drain(child.stderr.take().expect("piped"));

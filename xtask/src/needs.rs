@@ -27,6 +27,7 @@ enum Source {
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
 pub const MAKE: Need = Need { program: "make", source: Source::Debian(&["make"]) };
 pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debian(&["pkg-config"]) };
+pub const PYTHON: Need = Need { program: "python3", source: Source::Debian(&["python3"]) };
 /// memcheck reads the symbols of the dynamic linker, which are in libc6-dbg.
 pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use crate::error::Error;
-use crate::needs::{CLIPPY, CXX, MAKE, Need, PKG_CONFIG, RUSTFMT, VALGRIND};
+use crate::needs::{CLIPPY, CXX, MAKE, Need, PKG_CONFIG, PYTHON, RUSTFMT, VALGRIND};
 use crate::project::Project;
 use crate::{command, features, needs, stage};
 
@@ -52,6 +52,7 @@ struct Gate {
 
 const GATES: &[Gate] = &[
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
+    Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
@@ -168,6 +169,7 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
+        assert_eq!(closed(&[PYTHON]), ["needs_python"]);
         assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_valgrind"]);
         assert!(closed(&[CLIPPY]).is_empty());
     }

@@ -1,0 +1,150 @@
+//! Targets on their way into the next frame: what they are checked by, without asking the session for each.
+
+use std::sync::Arc;
+
+use super::EcmError;
+use super::config::{Axis, Guard, Slave};
+use super::session::Session;
+use super::snapshot::Plan;
+use super::targets::bits;
+use crate::cia402::{Mode, Statusword};
+use crate::sk::{
+    DriveResponse, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
+};
+
+/// A look at the session, and the slots of the next frame.
+pub(super) struct Aim {
+    /// How often anything had changed when it was taken.
+    pub(super) changes: u64,
+    size: SlotSize,
+    plan: Arc<Plan>,
+    state: StateByte,
+    homing: u64,
+    /// Times the FIFO had been cleared when the stream began, and now.
+    clears: [u64; 2],
+    report: Frame,
+    next: Frame,
+    /// Slaves that have a target in `next`, a bit each.
+    some: u64,
+}
+
+impl Aim {
+    pub(super) fn new(session: &mut Session, changes: u64) -> Self {
+        session.dropped = 0;
+        Self {
+            changes,
+            size: session.size,
+            plan: Arc::clone(&session.plan),
+            state: session.board.state,
+            homing: session.homing,
+            clears: [session.clears; 2],
+            report: Frame::clone(&session.report),
+            next: Frame::new(),
+            some: 0,
+        }
+    }
+
+    /// Sees what the session knows now.
+    pub(super) fn look(&mut self, session: &mut Session, changes: u64) {
+        self.drop_dead(session);
+        self.changes = changes;
+        if !Arc::ptr_eq(&self.plan, &session.plan) {
+            self.plan = Arc::clone(&session.plan);
+        }
+        self.state = session.board.state;
+        self.homing = session.homing;
+        self.clears[1] = session.clears;
+        self.report.clone_from(&session.report);
+    }
+
+    /// Puts the targets into the session's next frame.
+    pub(super) fn go(&mut self, session: &mut Session) {
+        self.drop_dead(session);
+        session.targets.take(&self.next, self.some);
+    }
+
+    /// Axes that went off meanwhile, or home, have no target here either.
+    fn drop_dead(&mut self, session: &mut Session) {
+        let dropped = std::mem::take(&mut session.dropped);
+        for slave in bits(dropped & self.some) {
+            self.next.put(self.size, slave, &RawSlot::ZERO);
+        }
+        self.some &= !dropped;
+    }
+
+    /// Whether the stream still leads on from where the axes are.
+    pub(super) const fn leads_on(&self) -> Result<(), EcmError> {
+        if self.clears[0] == self.clears[1] { Ok(()) } else { Err(EcmError::Cleared) }
+    }
+
+    /// The settings of a slave's axis.
+    pub(super) fn axis(&self, slave: u8) -> Result<&Axis, EcmError> {
+        let none = EcmError::NoSuchSlave { slave, declared: self.plan.count };
+        let config = self.plan.slave(slave).ok_or(none)?;
+        config.axis().ok_or(EcmError::WrongKind {
+            slave,
+            kind: config.kind().name(),
+            what: "a target",
+            wanted: "a drive, STEP or HSP",
+        })
+    }
+
+    /// Takes a target for the next step, if everything allows it.
+    pub(super) fn at(&mut self, slave: u8, command: SlaveCommand, guard: bool) -> Result<(), EcmError> {
+        if self.state.state() != Some(MasterState::Op) {
+            return Err(EcmError::WrongState { what: "a target", needs: "OP", found: self.state });
+        }
+        self.leads_on()?;
+        let axis = self.axis(slave)?;
+        let wanted = match command {
+            SlaveCommand::Csv(_) => Mode::Csv,
+            SlaveCommand::Cst(_) => Mode::Cst,
+            _ => Mode::Csp,
+        };
+        if axis.mode != wanted {
+            return Err(EcmError::WrongMode { slave, mode: axis.mode, wanted });
+        }
+        if self.homing & 1 << slave != 0 {
+            return Err(EcmError::IsHoming { slave });
+        }
+        let slot = self.report.slots(self.size).head(slave.into());
+        let statusword = Statusword(slot.parm.get());
+        if !statusword.is_enabled() {
+            return Err(self.off(slave, statusword));
+        }
+        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, axis.guard, guard) {
+            self.check_guard(slave, motion, slot.data1.get() as i32, limit)?;
+        }
+        self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
+        self.some |= 1 << slave;
+        Ok(())
+    }
+
+    /// Why an axis that is off takes no target.
+    fn off(&self, slave: u8, statusword: Statusword) -> EcmError {
+        if statusword.0 & Statusword::FAULT == 0 {
+            return EcmError::NotEnabled { slave, statusword };
+        }
+        let code = match self.plan.slave(slave) {
+            Some(Slave::Hsp(_)) => 0,
+            _ => DriveResponse::decode(&self.report.slot(self.size, slave.into())).error_code,
+        };
+        EcmError::Alarm { slave, code }
+    }
+
+    /// Refuses a target that is too far away. Positions wrap, as the wire's 32 bits do.
+    fn check_guard(&self, slave: u8, motion: &Motion, actual: i32, limit: u32) -> Result<(), EcmError> {
+        let check = |target: i32, actual: i32| {
+            if target.wrapping_sub(actual).unsigned_abs() > limit {
+                return Err(EcmError::TooFar { slave, target, actual, limit });
+            }
+            Ok(())
+        };
+        check(motion.first.target, actual)?;
+        if self.size == SlotSize::Bytes16 && matches!(self.plan.slave(slave), Some(Slave::Hsp(_))) {
+            let hsp = HspResponse::decode(&self.report.slot(self.size, slave.into()), self.size);
+            check(motion.second.target, hsp.second.position)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,89 @@
+//! What verbs say: results on standard output, all else on standard error. As JSON all that a program would read is on
+//! standard output, one object a line.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::fmt::Display;
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::cli::error::say;
+
+/// How to say it.
+#[derive(Debug)]
+pub struct Talk {
+    json: bool,
+    /// Standard error is a terminal: progress is one line that changes.
+    terminal: bool,
+    /// Such a line stands there.
+    shown: AtomicBool,
+}
+
+impl Talk {
+    pub fn new(json: bool) -> Self {
+        Self { json, terminal: io::stderr().is_terminal(), shown: AtomicBool::new(false) }
+    }
+
+    /// A result: lines of text without the last line feed, or an object.
+    pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
+        self.clear();
+        let mut out = io::stdout().lock();
+        if self.json { writeln!(out, "{json}")? } else { writeln!(out, "{text}")? }
+        out.flush()
+    }
+
+    /// What somebody in front of it may want to know.
+    pub fn note(&self, text: impl Display) {
+        self.clear();
+        say("note", &text);
+    }
+
+    /// How far something is.
+    pub fn progress(&self, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
+        if self.json {
+            let mut out = io::stdout().lock();
+            writeln!(out, "{}", json())?;
+            return out.flush();
+        }
+        if self.terminal {
+            let _ = write!(io::stderr(), "\r\x1b[K{text}");
+            let _ = io::stderr().flush();
+            self.shown.store(true, Ordering::Relaxed);
+        } else {
+            say("progress", &text);
+        }
+        Ok(())
+    }
+
+    /// Takes the line of progress away.
+    pub fn clear(&self) {
+        if self.shown.swap(false, Ordering::Relaxed) {
+            let _ = write!(io::stderr(), "\r\x1b[K");
+        }
+    }
+
+    /// When to tell how far it is: not within the first second, then once a second, in a terminal ten times.
+    pub const fn pace(&self) -> Pace {
+        let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };
+        Pace { every, next: Duration::from_secs(1) }
+    }
+}
+
+/// When to tell how far it is, by a time that begins with 0.
+#[derive(Debug)]
+pub struct Pace {
+    every: Duration,
+    next: Duration,
+}
+
+impl Pace {
+    /// Whether it is time to.
+    pub fn due(&mut self, elapsed: Duration) -> bool {
+        let due = elapsed >= self.next;
+        while self.next <= elapsed {
+            self.next += self.every;
+        }
+        due
+    }
+}

@@ -29,47 +29,48 @@ const HEADING: &str = "Board";
 
 // No doc comment: it would become that of every verb.
 #[derive(Clone, Debug, clap::Args)]
+#[group(skip)]
 pub struct Args {
     /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
-    #[arg(long, value_name = "URI", value_parser = LinkUri::parse, help_heading = HEADING)]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     link: Option<LinkUri>,
 
     /// The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of drive, step, hsp, io, none, each with :csv or :cst
     /// if it does not run in CSP [default: those of a sim: link]
-    #[arg(long, value_name = "LIST", value_parser = Network::parse, help_heading = HEADING)]
+    #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING)]
     slaves: Option<Network>,
 
     /// Bring the network up as far as the verb needs: configure it, enter OP, switch on the axes that it moves
-    #[arg(long, help_heading = HEADING)]
+    #[arg(long, global = true, help_heading = HEADING)]
     up: bool,
 
     /// EtherCAT cycle, microseconds: 250, 500, 1000, 2000, 4000 ..
-    #[arg(long, value_name = "N", default_value_t = 1000, help_heading = HEADING)]
+    #[arg(long, value_name = "N", default_value_t = 1000, global = true, help_heading = HEADING)]
     cycle_us: u32,
 
     /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
-    #[arg(long, value_name = "12|16", value_parser = slot_size::parse, help_heading = HEADING)]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
     slot: Option<SlotSize>,
 
     /// How long anything may take, e.g. 10s or 500ms [default: SDOs 3s, servo and IO 5s, states 30s, homing 60s]
-    #[arg(long, value_name = "TIME", value_parser = duration, help_heading = HEADING)]
+    #[arg(long, value_name = "TIME", value_parser = duration, global = true, help_heading = HEADING)]
     timeout: Option<Duration>,
 
     /// Refuse targets further than this from the actual position: counts, or off [default: 131072]
-    #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, help_heading = HEADING)]
+    #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
     guard: Option<Guard>,
 
     /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
-    #[arg(long, value_name = "N", value_parser = Scales::parse, help_heading = HEADING)]
+    #[arg(long, value_name = "N", value_parser = Scales::parse, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 
     /// What becomes of the axes at the end: hold (ramp to a standstill, stay on), servo-off (then switch off), leave
     /// [default: hold; leave for a verb that moves nothing]
-    #[arg(long, value_name = "HOW", value_parser = close, help_heading = HEADING)]
+    #[arg(long, value_name = "HOW", value_parser = close, global = true, help_heading = HEADING)]
     close: Option<Close>,
 
     /// Print one JSON object a line: results, and progress once a second
-    #[arg(long, help_heading = HEADING)]
+    #[arg(long, global = true, help_heading = HEADING)]
     json: bool,
 }
 

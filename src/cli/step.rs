@@ -78,8 +78,10 @@ impl Step {
     }
 }
 
-/// A step as a verb of the command line, with the options that say which board.
+// A step as a verb of the command line, with the options that say which board. No doc comment: it would become that of
+// the verb.
 #[derive(Debug, clap::Args)]
+#[group(skip)]
 pub struct OnBoard<T: clap::Args> {
     #[command(flatten)]
     pub step: T,

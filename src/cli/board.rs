@@ -10,17 +10,17 @@ mod talk;
 
 use std::time::Duration;
 
-use ecmsk::ecm::{Close, Guard};
+use ecmsk::ecm::{Close, Config, Guard};
+use ecmsk::link::LinkError;
+use ecmsk::link::config::{Environment, find};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
 pub use error::BoardError;
-pub use interrupt::Interrupt;
 pub use number::{duration, positive, whole};
 pub use network::{describe, find_slave, list};
 pub use session::{Board, Needs, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
-pub use talk::Pace;
 
 use super::slot_size;
 use network::{Network, Scales};
@@ -72,6 +72,25 @@ pub struct Args {
     /// Print one JSON object a line: results, and progress once a second
     #[arg(long, global = true, help_heading = HEADING)]
     json: bool,
+}
+
+impl Args {
+    /// Which board.
+    ///
+    /// # Errors
+    /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
+    pub fn uri(&self) -> Result<LinkUri, BoardError> {
+        match &self.link {
+            Some(uri) => Ok(uri.clone()),
+            None => Ok(LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?),
+        }
+    }
+
+    /// What the network is, if that is said or the link knows it.
+    pub fn network(&self, uri: &LinkUri) -> Option<Config> {
+        let network = self.slaves.clone().or_else(|| Network::of_link(uri))?;
+        Some(network.config(self.cycle_us, self.guard, self.counts_per_unit.as_ref()))
+    }
 }
 
 fn close(text: &str) -> Result<Close, String> {

@@ -11,6 +11,8 @@ mod link;
 mod output;
 mod plot;
 mod recording;
+mod script;
+mod shell;
 mod slot_size;
 mod step;
 
@@ -46,6 +48,8 @@ enum Verb {
     Plot(plot::Args),
     #[command(flatten)]
     Step(step::Verb),
+    Run(script::Args),
+    Shell(shell::Args),
     Link(link::Args),
     Completions(completions::Args),
 }
@@ -68,6 +72,8 @@ impl Verb {
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
+            Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
+            Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

@@ -4,6 +4,7 @@ mod expect;
 mod home;
 mod info;
 mod io;
+mod line;
 mod motion;
 mod object;
 mod profile;
@@ -13,6 +14,7 @@ mod state;
 mod wait;
 
 use clap::Subcommand;
+pub use line::Line;
 use ecmsk::ecm::Config;
 
 use super::board::{self, Board, BoardError, Place, Use};

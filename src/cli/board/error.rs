@@ -13,6 +13,15 @@ pub enum BoardError {
     /// Standard output took no more, see [`crate::cli::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
+    /// Standard input gives no more.
+    #[error("cannot read standard input: {0}; give it lines of text")]
+    Input(io::Error),
+    /// A line of the shell is wrong.
+    #[error("{why}")]
+    Typed {
+        /// What is wrong with it and what may be typed.
+        why: String,
+    },
     /// It cannot be told which link is meant.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -104,21 +113,19 @@ pub enum BoardError {
         /// What to do.
         next: String,
     },
-    /// A script is wrong, or a line of it failed.
+    /// A line of a script failed.
     #[error("{place}: {why}")]
     Line {
         /// File and line.
         place: String,
         /// What is wrong; it ends with the next step.
         why: String,
-        /// Exit code.
-        code: u8,
     },
-    /// A script has errors.
-    #[error("{what}; correct them, nothing was sent")]
+    /// A script has errors; those before the last one are told.
+    #[error("{last} (nothing was sent)")]
     Script {
-        /// How many.
-        what: String,
+        /// File, line, what is wrong and what to do.
+        last: String,
     },
     /// Ctrl-C or another signal.
     #[error("stopped by {}; {next}", name(*.signal))]
@@ -135,7 +142,6 @@ impl BoardError {
     pub const fn code(&self) -> u8 {
         match self {
             Self::Stopped { signal, .. } => 128 + *signal,
-            Self::Line { code, .. } => *code,
             _ => 1,
         }
     }

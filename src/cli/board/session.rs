@@ -11,15 +11,14 @@ use std::time::{Duration, Instant};
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, SlaveView, Snapshot};
-use ecmsk::link::config::{Environment, find};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Dir, Link, LinkError, Share};
+use ecmsk::link::{self, Dir, Link, Share};
 use ecmsk::sk::{MasterState, SlotSize};
 use serde_json::json;
 
 use super::error::BoardError;
 use super::interrupt::Interrupt;
-use super::network::{Network, describe, find_slave, list};
+use super::network::{describe, find_slave, list};
 use super::talk::Talk;
 use super::Args;
 
@@ -84,13 +83,8 @@ impl Board {
     /// # Errors
     /// [`BoardError`]
     pub fn open(args: &Args, used: Use, place: Place) -> Result<Self, BoardError> {
-        let uri = match &args.link {
-            Some(uri) => uri.clone(),
-            None => LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?,
-        };
-        let network = args.slaves.clone().or_else(|| Network::of_link(&uri));
-        let config =
-            network.map(|network| network.config(args.cycle_us, args.guard, args.counts_per_unit.as_ref()));
+        let uri = args.uri()?;
+        let config = args.network(&uri);
         let default = Options::default();
         let limit = |default| args.timeout.unwrap_or(default);
         let options = Options {

@@ -1,7 +1,7 @@
 //! What verbs say: results on standard output, all else on standard error. As JSON all that a program would read is on
 //! standard output, one object a line.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
@@ -18,18 +18,38 @@ pub struct Talk {
     terminal: bool,
     /// Such a line stands there.
     shown: AtomicBool,
+    /// The line of the script that runs, from 1; 0: none.
+    line: AtomicU32,
 }
 
 impl Talk {
     pub fn new(json: bool) -> Self {
-        Self { json, terminal: io::stderr().is_terminal(), shown: AtomicBool::new(false) }
+        Self { json, terminal: io::stderr().is_terminal(), shown: AtomicBool::new(false), line: AtomicU32::new(0) }
     }
 
     /// A result: lines of text without the last line feed, or an object.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
+        if self.json {
+            return self.object(json.clone());
+        }
         let mut out = io::stdout().lock();
-        if self.json { writeln!(out, "{json}")? } else { writeln!(out, "{text}")? }
+        writeln!(out, "{text}")?;
+        out.flush()
+    }
+
+    /// Objects from now on say that they are of this line of a script.
+    pub fn at_line(&self, line: u32) {
+        self.line.store(line, Ordering::Relaxed);
+    }
+
+    fn object(&self, mut json: Value) -> io::Result<()> {
+        let line = self.line.load(Ordering::Relaxed);
+        if line > 0 {
+            json["line"] = line.into();
+        }
+        let mut out = io::stdout().lock();
+        writeln!(out, "{json}")?;
         out.flush()
     }
 
@@ -42,9 +62,7 @@ impl Talk {
     /// How far something is.
     pub fn progress(&self, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if self.json {
-            let mut out = io::stdout().lock();
-            writeln!(out, "{}", json())?;
-            return out.flush();
+            return self.object(json());
         }
         if self.terminal {
             let _ = write!(io::stderr(), "\r\x1b[K{text}");

@@ -18,9 +18,9 @@ pub use target::Target;
 
 const WHAT: &str = "move";
 /// \[OURS] How far ahead of the board the motion is: a program that is late by less leaves no gap.
-const AHEAD: Duration = Duration::from_millis(32);
+const AHEAD: Duration = Duration::from_millis(64);
 /// \[OURS] Frames that makes, with short and with long cycles.
-const DEPTHS: std::ops::RangeInclusive<u64> = 8..=128;
+const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
 /// \[OURS] How long braking may take on Ctrl-C: what is left of the 2 s is for the rest of closing.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 

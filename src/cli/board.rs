@@ -17,8 +17,8 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
 pub use error::BoardError;
-pub use number::{duration, positive, whole};
 pub use network::{describe, find_slave, list};
+pub use number::{duration, positive, whole};
 pub use session::{Board, Needs, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
 
@@ -61,7 +61,7 @@ pub struct Args {
     guard: Option<Guard>,
 
     /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
-    #[arg(long, value_name = "N", value_parser = Scales::parse, global = true, help_heading = HEADING)]
+    #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 
     /// What becomes of the axes at the end: hold (ramp to a standstill, stay on), servo-off (then switch off), leave

@@ -55,9 +55,13 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 
 fn read(path: &Path, name: &str) -> Result<String, BoardError> {
     let mut bytes = Vec::new();
-    let file: Result<Box<dyn Read>, io::Error> =
-        if path == Path::new("-") { Ok(Box::new(io::stdin())) } else { fs::File::open(path).map(|file| Box::new(file) as _) };
-    let wrong = |why: String, next: &str| BoardError::Refused { what: format!("the script {name}"), why, next: next.into() };
+    let file: Result<Box<dyn Read>, io::Error> = if path == Path::new("-") {
+        Ok(Box::new(io::stdin()))
+    } else {
+        fs::File::open(path).map(|file| Box::new(file) as _)
+    };
+    let wrong =
+        |why: String, next: &str| BoardError::Refused { what: format!("the script {name}"), why, next: next.into() };
     let read = file.and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes));
     read.map_err(|error| wrong(error.to_string(), "name a file that can be read"))?;
     if bytes.len() as u64 > LONGEST {

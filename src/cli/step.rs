@@ -14,8 +14,8 @@ mod state;
 mod wait;
 
 use clap::Subcommand;
-pub use line::Line;
 use ecmsk::ecm::Config;
+pub use line::Line;
 
 use super::board::{self, Board, BoardError, Place, Use};
 

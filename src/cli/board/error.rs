@@ -94,7 +94,9 @@ pub enum BoardError {
         wanted: &'static str,
     },
     /// Reports of another slot size.
-    #[error("no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot, or give {other}")]
+    #[error(
+        "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot, or give {other}"
+    )]
     WrongSlot {
         /// What was given.
         slot: usize,

@@ -16,11 +16,11 @@ use ecmsk::link::{self, Dir, Link, Share};
 use ecmsk::sk::{MasterState, SlotSize};
 use serde_json::json;
 
+use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
 use super::network::{describe, find_slave, list};
 use super::talk::Talk;
-use super::Args;
 
 /// \[OURS] How often Ctrl-C is looked for while the board is waited for.
 const LOOK: Duration = Duration::from_millis(20);
@@ -294,9 +294,10 @@ impl Board {
                 if stop.is_none() && pace.due(began.elapsed()) {
                     let seconds = began.elapsed().as_secs();
                     // An error of standard output shows with the result.
-                    let _ = self.talk.progress(format_args!("{what}, {seconds} s"), || {
-                        json!({"progress": what, "seconds": seconds})
-                    });
+                    let _ = self.talk.progress(
+                        format_args!("{what}, {seconds} s"),
+                        || json!({"progress": what, "seconds": seconds}),
+                    );
                 }
             }
             worker.join().unwrap_or_else(|panic| resume_unwind(panic))

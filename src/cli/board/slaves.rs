@@ -23,8 +23,12 @@ impl SlaveList {
         if text.eq_ignore_ascii_case("all") {
             return Ok(Self::All);
         }
-        let numbers = text.split(',').map(|number| number.trim().parse().ok().filter(|number| (1..=40).contains(number)));
-        numbers.collect::<Option<_>>().map(Self::Some).ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
+        let numbers =
+            text.split(',').map(|number| number.trim().parse().ok().filter(|number| (1..=40).contains(number)));
+        numbers
+            .collect::<Option<_>>()
+            .map(Self::Some)
+            .ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
     }
 
     /// The axes of lists, each once, in the order of the lists.

@@ -1,9 +1,9 @@
 //! What verbs say: results on standard output, all else on standard error. As JSON all that a program would read is on
 //! standard output, one object a line.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
 use serde_json::Value;

@@ -86,7 +86,11 @@ impl Args {
                 board.ready(WHAT, Needs::Op)?;
                 let found = board.attend("reading inputs", |ecm| ecm.inputs(*slave))?;
                 let is_it = found == *wanted;
-                if is_it { Ok(()) } else { Err(failed(format!("inputs of slave {slave} are 0x{found:04X}, not 0x{wanted:04X}"))) }
+                if is_it {
+                    Ok(())
+                } else {
+                    Err(failed(format!("inputs of slave {slave} are 0x{found:04X}, not 0x{wanted:04X}")))
+                }
             }
         }
     }

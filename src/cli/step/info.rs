@@ -62,12 +62,19 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
         Some(config) => line(&mut text, "network", format_args!("{}", list(config))),
         None => line(&mut text, "network", format_args!("not known: say it with --slaves, or ask with --scan")),
     }
-    let fifo = (state.state() == Some(MasterState::Op)).then_some((snapshot.board.fifo_free, snapshot.board.full_count));
+    let fifo =
+        (state.state() == Some(MasterState::Op)).then_some((snapshot.board.fifo_free, snapshot.board.full_count));
     match fifo {
-        Some((free, full)) => line(&mut text, "FIFO", format_args!("{free} of {FIFO_ENTRIES} entries free, full count {full}")),
+        Some((free, full)) => {
+            line(&mut text, "FIFO", format_args!("{free} of {FIFO_ENTRIES} entries free, full count {full}"))
+        }
         None => line(&mut text, "FIFO", format_args!("in OP only")),
     }
-    line(&mut text, "CRC errors", format_args!("{} of commands (byte 1), {} of reports", snapshot.board.error, stats.bad_crc));
+    line(
+        &mut text,
+        "CRC errors",
+        format_args!("{} of commands (byte 1), {} of reports", snapshot.board.error, stats.bad_crc),
+    );
     let (lost, dropped) = (stats.reports_lost, link.reports_dropped);
     line(&mut text, "reports", format_args!("{} read, {lost} lost, {dropped} dropped by the link", stats.reports));
     let mut slaves = Vec::new();
@@ -95,7 +102,8 @@ fn said(slave: &SlaveView) -> (String, Value) {
     match slave {
         SlaveView::Drive(drive) => {
             let word = drive.statusword;
-            let alarm = if drive.error_code == 0 { String::new() } else { format!(", error code 0x{:04X}", drive.error_code) };
+            let alarm =
+                if drive.error_code == 0 { String::new() } else { format!(", error code 0x{:04X}", drive.error_code) };
             let text = format!("{}, at {}{alarm}", shown(word), drive.position);
             (text, json!({"statusword": word.0, "position_counts": drive.position, "error_code": drive.error_code}))
         }

@@ -99,12 +99,9 @@ impl Args {
 pub fn io_slave(network: &Config, what: &str, slave: u8) -> Result<(), BoardError> {
     match find_slave(network, what, slave)? {
         Slave::Io => Ok(()),
-        other => Err(BoardError::WrongKind {
-            what: what.to_owned(),
-            slave,
-            found: describe(other),
-            wanted: "an io slave",
-        }),
+        other => {
+            Err(BoardError::WrongKind { what: what.to_owned(), slave, found: describe(other), wanted: "an io slave" })
+        }
     }
 }
 

@@ -21,6 +21,9 @@ const WHAT: &str = "move";
 const AHEAD: Duration = Duration::from_millis(64);
 /// \[OURS] Frames that makes, with short and with long cycles.
 const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
+/// \[OURS] How long axes may take to settle after the last target, and how many counts off it they have.
+const SETTLE: Duration = Duration::from_millis(500);
+const WINDOW: u32 = 2;
 /// \[OURS] How long braking may take on Ctrl-C: what is left of the 2 s is for the rest of closing.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
@@ -111,12 +114,13 @@ impl Args {
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         let stream = board.ecm.stream(depth).map_err(|error| board.told(error))?;
-        let moved = Run { board, path: &path, snapshot: &snapshot, cycle: f64::from(config.cycle_us) * 1e-6 }.go(stream);
+        let moved =
+            Run { board, path: &path, snapshot: &snapshot, cycle: f64::from(config.cycle_us) * 1e-6 }.go(stream);
         board.talk.clear();
-        let after = board.ecm.snapshot()?;
         let (seconds, stats) = match moved {
             Ok(moved) => moved,
             Err(error) => {
+                let after = board.ecm.snapshot()?;
                 for axis in &path.axes {
                     if let Some(position) = after.position(axis.slave) {
                         board.talk.note(format_args!("axis {} is at {position}", axis.slave));
@@ -129,12 +133,13 @@ impl Args {
             let cycles = stats.underruns;
             board.talk.note(format_args!("{cycles} cycles found no target in the board: the motion had gaps"));
         }
+        let after = settled(board, &path)?;
         for axis in &path.axes {
-            board.told_to(axis.slave, axis.target());
+            board.told_to(axis.slave, axis.end);
             let position = after.position(axis.slave).unwrap_or_default();
             let scale = board.axis(WHAT, axis.slave)?.scale;
             let mut json = json!({
-                "verb": WHAT, "axis": axis.slave, "target_counts": axis.target(), "position_counts": position,
+                "verb": WHAT, "axis": axis.slave, "target_counts": axis.end, "position_counts": position,
                 "seconds": seconds, "underruns": stats.underruns,
             });
             let mut text = format!("axis {}: at {position}", axis.slave);
@@ -241,6 +246,22 @@ impl Run<'_> {
             _ => stream.csp(slave, target),
         }
     }
+}
+
+/// The first report in which all axes are where they were told to be, or the last one of the time they have for it.
+fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
+    let mut now = board.ecm.snapshot()?;
+    let end = now.meta.at.0 + SETTLE.as_nanos() as u64;
+    let off = |now: &Snapshot, axis: &AxisPath| now.position(axis.slave).map_or(0, |at| axis.end.abs_diff(at));
+    while path.axes.iter().any(|axis| off(&now, axis) > WINDOW) && now.meta.at.0 < end {
+        board.check_stop()?;
+        now = board.ecm.next_cycle(board.options.read_limit)?;
+    }
+    for axis in path.axes.iter().filter(|axis| off(&now, axis) > WINDOW) {
+        let (slave, counts) = (axis.slave, off(&now, axis));
+        board.talk.note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
+    }
+    Ok(now)
 }
 
 /// Frames that are ahead of the board.

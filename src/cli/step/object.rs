@@ -93,7 +93,7 @@ pub struct Object {
 }
 
 /// Objects of ETG.1000.6 and CiA 402 that have names here.
-pub const KNOWN: [(&str, u16, u8, Type); 40] = [
+pub const KNOWN: [(&str, u16, u8, Type); 41] = [
     ("device_type", 0x1000, 0, U32),
     ("error_register", 0x1001, 0, U8),
     ("vendor_id", 0x1018, 1, U32),
@@ -134,6 +134,7 @@ pub const KNOWN: [(&str, u16, u8, Type); 40] = [
     ("digital_inputs", 0x60FD, 0, U32),
     ("digital_outputs", 0x60FE, 1, U32),
     ("target_velocity", 0x60FF, 0, I32),
+    ("supported_modes", 0x6502, 0, U32),
 ];
 
 impl Object {

@@ -56,7 +56,8 @@ impl Profile {
     pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
         let Limits { velocity, acceleration, jerk } = limits;
         // What one of the limits alone would take.
-        let alone = [length / velocity, (length / acceleration).sqrt(), jerk.map_or(0.0, |jerk| (length / jerk).cbrt())];
+        let alone =
+            [length / velocity, (length / acceleration).sqrt(), jerk.map_or(0.0, |jerk| (length / jerk).cbrt())];
         let scale = Scale { length, seconds: alone.into_iter().fold(0.0, f64::max) };
         let mut input = InputParameter::new(None);
         input.target_position[0] = 1.0;
@@ -155,10 +156,16 @@ mod tests {
             prop_assert!(now.acceleration.abs() <= limits.acceleration * close, "{now:?} {limits:?}");
             let moved = now.length - last.length;
             let bound = limits.velocity * dt * close + limits.velocity * 1e-9;
-            prop_assert!(moved.abs() <= bound + profile.scale.length * 1e-9 + from.length * 1e-15, "{moved} in {dt} s, {limits:?}");
+            prop_assert!(
+                moved.abs() <= bound + profile.scale.length * 1e-9 + from.length * 1e-15,
+                "{moved} in {dt} s, {limits:?}"
+            );
             if let Some(jerk) = limits.jerk {
                 let change = (now.acceleration - last.acceleration).abs();
-                prop_assert!(change <= jerk * dt * close + limits.acceleration * 1e-6, "{change} in {dt} s, {limits:?}");
+                prop_assert!(
+                    change <= jerk * dt * close + limits.acceleration * 1e-6,
+                    "{change} in {dt} s, {limits:?}"
+                );
             }
             last = now;
         }

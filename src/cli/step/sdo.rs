@@ -55,7 +55,10 @@ impl Args {
         let Verb::Write { which, value } = &self.verb else { return Ok(()) };
         let refused = |why, next: &str| BoardError::Refused { what: "sdo write".into(), why, next: next.into() };
         match which.of() {
-            None => Err(refused(format!("the type of {} is not known", which.object), "name it with --type, e.g. --type u16")),
+            None => Err(refused(
+                format!("the type of {} is not known", which.object),
+                "name it with --type, e.g. --type u16",
+            )),
             Some(of) if !of.takes(*value) => {
                 let why = format!("{} is {} {}, {} does not fit", which.object, article(of), of.name(), value.number);
                 Err(refused(why, "correct the value, or --type"))

@@ -30,9 +30,10 @@ impl Args {
             }
             if pace.due(elapsed) {
                 let (now, all) = (elapsed.as_secs_f64(), self.time.as_secs_f64());
-                board.talk.progress(format_args!("waiting, {now:.1} of {all} s"), || {
-                    json!({"verb": "wait", "progress": now / all, "seconds": now})
-                })?;
+                board.talk.progress(
+                    format_args!("waiting, {now:.1} of {all} s"),
+                    || json!({"verb": "wait", "progress": now / all, "seconds": now}),
+                )?;
             }
         }
     }

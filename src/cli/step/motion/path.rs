@@ -51,11 +51,6 @@ impl AxisPath {
         // Both ends fit into 32 bits, so what is between them does.
         (f64::from(self.start) + self.distance() * part.clamp(0.0, 1.0)).round() as i32
     }
-
-    /// Where it ends.
-    pub const fn target(&self) -> i32 {
-        self.end
-    }
 }
 
 /// The way of all axes.

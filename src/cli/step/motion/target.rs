@@ -41,7 +41,11 @@ impl Jerk {
     /// # Errors
     /// What is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
-        if text == "off" { Ok(Self::Off) } else { positive(text).map(Self::Limit).map_err(|why| format!("{why}, or off")) }
+        if text == "off" {
+            Ok(Self::Off)
+        } else {
+            positive(text).map(Self::Limit).map_err(|why| format!("{why}, or off"))
+        }
     }
 
     /// In other units.

@@ -29,7 +29,7 @@ pub struct Args {
     axes: Vec<SlaveList>,
 
     /// Homing method, 0x6098, e.g. 35: home is here [default: as the drive has it]
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i8>::new())]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i8>::new().range(-128..=127))]
     method: Option<i8>,
 
     /// Speed while looking for the switch, 0x6099:1, in the drive's units
@@ -45,7 +45,7 @@ pub struct Args {
     acceleration: Option<u32>,
 
     /// Home offset, 0x607C, counts
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i32>::new())]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i32>::new().range(-(1 << 31)..1 << 31))]
     offset: Option<i32>,
 }
 

@@ -46,15 +46,15 @@ pub struct Args {
     relative: bool,
 
     /// Speed of the fastest axis at most, units a second [default: 10000 counts a second]
-    #[arg(long, value_name = "N", value_parser = positive)]
+    #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
     velocity: Option<f64>,
 
     /// Units a second squared [default: what reaches the speed in 0.2 s]
-    #[arg(long, value_name = "N", value_parser = positive)]
+    #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
     acceleration: Option<f64>,
 
     /// Units a second cubed, or off [default: what reaches the acceleration in 0.1 s]
-    #[arg(long, value_name = "N|off", value_parser = Jerk::parse)]
+    #[arg(long, value_name = "N|off", value_parser = Jerk::parse, allow_negative_numbers = true)]
     jerk: Option<Jerk>,
 }
 

@@ -1,20 +1,15 @@
 //! `ecmsk shell`: steps as they are typed, on one open board.
 
-use std::io::{self, BufRead, IsTerminal};
-use std::process::ExitCode;
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
-use std::thread;
-use std::time::Duration;
+mod input;
 
-use rustyline::completion::Completer;
-use rustyline::error::ReadlineError;
-use rustyline::history::DefaultHistory;
-use rustyline::{Editor, Helper, Highlighter, Hinter, Validator};
+use std::io::{self, IsTerminal};
+use std::process::ExitCode;
 
 use super::board::{self, Board, BoardError, Place, Use};
 use super::error::say;
 use super::output;
 use super::step::Line;
+use input::Input;
 
 /// Type steps on one open board
 ///
@@ -27,16 +22,12 @@ pub struct Args {
     board: board::Args,
 }
 
-const PROMPT: &str = "ecmsk> ";
-/// \[OURS] How often signals are looked for while there is nothing to do.
-const LOOK: Duration = Duration::from_millis(20);
-
 /// # Errors
 /// [`BoardError`]
 pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
     let board = Board::open(&args.board, Use::Moves, Place::Lines)?;
     let typed = io::stdin().is_terminal();
-    let mut input = if typed { Input::terminal()? } else { Input::lines() };
+    let input = Input::start(typed);
     let mut failed = false;
     let done = loop {
         match input.next(&board) {
@@ -93,72 +84,6 @@ fn wrong(why: String) -> BoardError {
     BoardError::Typed { why }
 }
 
-/// Where lines come from.
-enum Input {
-    Terminal(Box<Editor<Words, DefaultHistory>>),
-    Lines(Receiver<io::Result<String>>),
-}
-
-impl Input {
-    fn terminal() -> Result<Self, BoardError> {
-        let mut editor = Editor::new().map_err(|error| BoardError::Output(io::Error::other(error)))?;
-        editor.set_helper(Some(Words));
-        Ok(Self::Terminal(Box::new(editor)))
-    }
-
-    /// A thread of its own reads, so that a signal is seen while no line comes.
-    fn lines() -> Self {
-        let (sender, lines) = mpsc::sync_channel(1);
-        thread::spawn(move || io::stdin().lock().lines().try_for_each(|line| sender.send(line)));
-        Self::Lines(lines)
-    }
-
-    /// The next line; `None` after the last one.
-    fn next(&mut self, board: &Board) -> Result<Option<String>, BoardError> {
-        match self {
-            Self::Terminal(editor) => loop {
-                let line = editor.readline(PROMPT);
-                board.check_stop()?;
-                match line {
-                    Ok(line) => {
-                        // Only a history file could fail.
-                        let _ = editor.add_history_entry(&line);
-                        return Ok(Some(line));
-                    }
-                    Err(ReadlineError::Interrupted) => board.talk.note("nothing runs; type quit to leave"),
-                    Err(ReadlineError::Eof) => return Ok(None),
-                    Err(error) => return Err(BoardError::Input(io::Error::other(error))),
-                }
-            },
-            Self::Lines(lines) => loop {
-                board.check_stop()?;
-                match lines.recv_timeout(LOOK) {
-                    Ok(line) => return line.map(Some).map_err(BoardError::Input),
-                    Err(RecvTimeoutError::Timeout) => {}
-                    Err(RecvTimeoutError::Disconnected) => return Ok(None),
-                }
-            },
-        }
-    }
-}
-
-/// Completes verbs and options.
-#[derive(Helper, Highlighter, Hinter, Validator)]
-struct Words;
-
-impl Completer for Words {
-    type Candidate = String;
-
-    fn complete(
-        &self,
-        line: &str,
-        at: usize,
-        _: &rustyline::Context<'_>,
-    ) -> rustyline::Result<(usize, Vec<Self::Candidate>)> {
-        Ok(complete(line.get(..at).unwrap_or_default()))
-    }
-}
-
 /// What a line may go on with, from where on.
 fn complete(line: &str) -> (usize, Vec<String>) {
     let start = line.rfind(char::is_whitespace).map_or(0, |blank| blank + 1);
@@ -170,6 +95,10 @@ fn complete(line: &str) -> (usize, Vec<String>) {
         Some(_) => Line::after(&words),
     };
     all.retain(|candidate| candidate.starts_with(word) && (word.starts_with('-') || !candidate.starts_with('-')));
+    if let [only] = &mut all[..] {
+        // Nothing else can be meant: on with the next word.
+        only.push(' ');
+    }
     (start, all)
 }
 
@@ -180,11 +109,11 @@ mod tests {
     /// TOOL-31 Tab completes verbs, their verbs and their options.
     #[test]
     fn completion() {
-        assert_eq!(complete("mo"), (0, vec!["move".to_owned()]));
-        assert_eq!(complete("sdo w"), (4, vec!["write".to_owned()]));
+        assert_eq!(complete("mo"), (0, vec!["move ".to_owned()]));
+        assert_eq!(complete("sdo w"), (4, vec!["write ".to_owned()]));
         assert_eq!(complete("servo o").1, ["on", "off"]);
-        assert_eq!(complete("move 1=5 --acc"), (9, vec!["--acceleration".to_owned()]));
-        assert_eq!(complete("help ho"), (5, vec!["home".to_owned()]));
+        assert_eq!(complete("move 1=5 --acc"), (9, vec!["--acceleration ".to_owned()]));
+        assert_eq!(complete("help ho"), (5, vec!["home ".to_owned()]));
         assert!(complete("").1.contains(&"quit".to_owned()));
         assert!(complete("nonsense x").1.is_empty());
     }

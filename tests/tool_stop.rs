@@ -45,7 +45,8 @@ impl Work {
     /// Waits until no signal is on its way: two of a kind on their way are one.
     fn until_delivered(&self) {
         let status = format!("/proc/{}/status", self.child.id());
-        let pending = |line: &str| line.strip_prefix("ShdPnd:").is_some_and(|mask| mask.trim().trim_matches('0') != "");
+        let pending =
+            |line: &str| line.strip_prefix("ShdPnd:").is_some_and(|mask| !mask.trim().trim_matches('0').is_empty());
         while std::fs::read_to_string(&status).expect("it runs").lines().skip(1).any(pending) {
             std::thread::yield_now();
         }

@@ -18,7 +18,7 @@ use ecmsk::sk::SlotSize;
 
 pub use error::BoardError;
 pub use network::{describe, find_slave, list};
-pub use number::{duration, positive, whole};
+pub use number::{duration, not_negative, positive, whole};
 pub use session::{Board, Needs, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
 

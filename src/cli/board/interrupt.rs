@@ -32,7 +32,6 @@ impl Interrupt {
     }
 
     #[cfg(not(unix))]
-    #[expect(clippy::unnecessary_wraps, reason = "it fails elsewhere")]
     pub fn watch() -> std::io::Result<Self> {
         Ok(Self::default())
     }

@@ -7,7 +7,7 @@ use ecmsk::sk::MasterState;
 use super::io::{bits, io_slave};
 use super::motion::Target;
 use super::state;
-use crate::cli::board::{Board, BoardError, Needs, find_slave, whole};
+use crate::cli::board::{Board, BoardError, Needs, find_slave, not_negative, whole};
 
 const WHAT: &str = "expect";
 
@@ -31,7 +31,7 @@ enum Verb {
         #[arg(value_name = "AXIS=POSITION", required = true, value_parser = Target::parse)]
         positions: Vec<Target>,
         /// Units that each may be off
-        #[arg(long, value_name = "N", default_value_t = 0.0)]
+        #[arg(long, value_name = "N", default_value = "0", value_parser = not_negative, allow_negative_numbers = true)]
         within: f64,
     },
     /// An IO slave's inputs are these bits
@@ -76,7 +76,7 @@ impl Args {
                 for Target { slave, value } in positions {
                     let scale: Scale = board.axis(WHAT, *slave)?.scale;
                     let found = snapshot.position(*slave).map_or(f64::NAN, |position| scale.to_units(position));
-                    if !((found - value).abs() <= *within) {
+                    if found.is_nan() || (found - value).abs() > *within {
                         return Err(failed(format!("axis {slave} is at {found}, not at {value} within {within}")));
                     }
                 }

@@ -149,8 +149,8 @@ fn the_guard() {
     let guarded = run(line.into_iter().chain(["--guard", "1000"]));
     guarded.failed(1, &["runs 64000 counts ahead of it, its guard is 1000"], "lower --velocity, or widen --guard");
     for passes in [run(line), run(line.into_iter().chain(["--guard", "off"]))] {
-        // Two counts off is where it is.
-        assert!(passes.code == Some(0) && passes.out.starts_with("axis 1: at 5000"), "{passes:?}");
+        let at: i32 = passes.out.trim().trim_start_matches("axis 1: at ").parse().expect("a position");
+        assert!(passes.code == Some(0) && at.abs_diff(50_000) <= 2, "it has settled: {passes:?}");
     }
     run(line.into_iter().chain(["--guard", "0"])).misused(&["counts, 1 or more, or off"]);
 }

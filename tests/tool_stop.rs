@@ -99,7 +99,10 @@ fn ctrl_c_brakes_a_move() {
         assert!(change.iter().all(|change| change.abs() <= 2), "{change:?}");
         assert!(speed.ends_with(&[0]) || speed.ends_with(&[1]), "it came to rest: {:?}", &speed[speed.len() - 5..]);
         let full = speed.iter().rposition(|step| *step >= 99).expect("it was fast");
-        assert!(speed.len() - full <= 1500, "{} frames to rest", speed.len() - full);
+        // 0.5 s at full acceleration, 0.1 s to get there and 0.1 s back.
+        let brake: Vec<i32> = speed[full..].windows(101).map(|window| window[0] - window[100]).collect();
+        assert!(brake.iter().all(|change| *change <= 22) && brake.iter().any(|change| *change >= 18), "{brake:?}");
+        assert!(speed.len() - full <= 800, "{} frames to rest", speed.len() - full);
         assert!(*first.last().unwrap() < 900_000);
         for (a, b) in first.iter().zip(&second) {
             assert!((f64::from(*b) + f64::from(*a) / 3.0).abs() <= 1.0, "off the line: {a}, {b}");

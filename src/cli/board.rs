@@ -1,5 +1,7 @@
 //! What all verbs that talk to a board have in common: which board, what is on its network, what becomes of it.
 
+mod attend;
+mod bring_up;
 mod error;
 mod interrupt;
 mod network;
@@ -16,10 +18,11 @@ use ecmsk::link::config::{Environment, find};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
+pub use bring_up::Needs;
 pub use error::BoardError;
 pub use network::{describe, find_slave, list};
 pub use number::{duration, not_negative, positive, whole};
-pub use session::{Board, Needs, Place, Use, in_mode, named, shown};
+pub use session::{Board, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
 
 use super::slot_size;

@@ -3,29 +3,21 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::panic::resume_unwind;
 use std::sync::Arc;
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, SlaveView, Snapshot};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Dir, Link, Share};
+use ecmsk::link::{self, Link, Share};
 use ecmsk::sk::{MasterState, SlotSize};
-use serde_json::json;
 
 use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
-use super::network::{describe, find_slave, list};
+use super::network::{describe, find_slave};
 use super::talk::Talk;
 
-/// \[OURS] How often Ctrl-C is looked for while the board is waited for.
-const LOOK: Duration = Duration::from_millis(20);
-/// \[OURS] How long work may take to end by itself on Ctrl-C.
-const STOP_LIMIT: Duration = Duration::from_secs(1);
 /// \[OURS] Where a move begins, if the axis is no further from its last target: a standing drive is a few counts off it.
 const NEAR_COUNTS: u32 = 64;
 
@@ -47,17 +39,6 @@ pub enum Use {
     Moves,
 }
 
-/// What a step needs of the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Needs<'a> {
-    /// PreOP or higher.
-    Sdo,
-    /// OP.
-    Op,
-    /// OP, and these axes on.
-    On(&'a [u8]),
-}
-
 /// An open board.
 pub struct Board {
     pub ecm: Ecm,
@@ -69,10 +50,11 @@ pub struct Board {
     pub options: Options,
     /// `--timeout`.
     pub limit: Option<Duration>,
-    link: Arc<dyn Link>,
-    up: bool,
+    pub(super) link: Arc<dyn Link>,
+    /// `--up`.
+    pub(super) up: bool,
     close: Close,
-    place: Place,
+    pub(super) place: Place,
     /// Where moves ended, by slave.
     targets: RefCell<BTreeMap<u8, i32>>,
 }
@@ -181,145 +163,6 @@ impl Board {
         Ok((1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect())
     }
 
-    /// What a step has to type to go on: the command line with `--up`, or the lines that bring it up.
-    fn next(&self, lines: &str) -> String {
-        match self.place {
-            Place::CommandLine => format!("to bring it up first, type: {} --up", command_line()),
-            Place::Lines => format!("write {lines} before it"),
-        }
-    }
-
-    /// Sees to what a step needs, with `--up` by bringing the network up; else says what to type.
-    ///
-    /// # Errors
-    /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and what goes wrong on the way up.
-    pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
-        let found = self.ecm.state()?;
-        let state = found.state().filter(|_| !found.is_failed());
-        let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
-        if needs != Needs::Sdo {
-            self.known(what)?;
-        }
-        if state.is_none_or(|state| state < wanted) {
-            if !self.up {
-                let needs = if wanted == MasterState::Op { "OP" } else { "PreOP, SafeOP or OP" };
-                let next = self.next(if wanted == MasterState::Op { "`state op`" } else { "`state preop`" });
-                return Err(BoardError::NotUp { what: what.to_owned(), needs, found, next });
-            }
-            self.go_to(wanted)?;
-        }
-        let Needs::On(axes) = needs else { return Ok(()) };
-        let snapshot = self.ecm.snapshot()?;
-        let mut off = Vec::new();
-        for slave in axes {
-            let word = self.statusword(&snapshot, *slave);
-            self.refuse_alarm(&snapshot, *slave)?;
-            if !word.is_enabled() {
-                off.push((*slave, word));
-            }
-        }
-        let Some((slave, word)) = off.first() else { return Ok(()) };
-        if !self.up {
-            let next = self.next(&format!("`servo on {slave}`"));
-            return Err(BoardError::AxisOff { what: what.to_owned(), slave: *slave, state: shown(*word), next });
-        }
-        let axes: Vec<u8> = off.iter().map(|(slave, _)| *slave).collect();
-        self.attend("switching on", |ecm| ecm.servo_on(&axes))?;
-        self.talk.note(format_args!("switched on: {}", named("axis", "axes", &axes)));
-        Ok(())
-    }
-
-    /// Changes the state; on the way from PreOP to higher ones the network is configured.
-    ///
-    /// # Errors
-    /// [`BoardError::UnknownNetwork`], and what the board says.
-    pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
-        let change = |to: MasterState| self.attend(&format!("going to {to}"), |ecm| ecm.set_state(to));
-        let from = self.ecm.state()?;
-        let settled = from.state().filter(|_| !from.is_failed());
-        self.targets.borrow_mut().clear();
-        if wanted <= MasterState::PreOp || matches!(settled, Some(MasterState::SafeOp | MasterState::Op)) {
-            return change(wanted);
-        }
-        let config = self.known(&format!("going to {wanted}"))?;
-        if settled != Some(MasterState::PreOp) {
-            change(MasterState::PreOp)?;
-        }
-        self.attend("configuring", |ecm| ecm.configure(config))?;
-        self.talk.note(format_args!("configured: {}, cycle {} us", list(config), config.cycle_us));
-        change(wanted)
-    }
-
-    /// Does what may take long in a thread, so that Ctrl-C ends it, and says so after a second.
-    ///
-    /// # Errors
-    /// [`BoardError::Stopped`], else those of the work.
-    pub fn attend<T: Send>(
-        &self,
-        what: &str,
-        work: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send,
-    ) -> Result<T, BoardError> {
-        self.attend_with(what, work, None)
-    }
-
-    /// As [`Board::attend`]; on Ctrl-C `stop` is called, which lets the work end by itself.
-    pub fn attend_with<T: Send>(
-        &self,
-        what: &str,
-        work: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send,
-        stop: Option<&dyn Fn()>,
-    ) -> Result<T, BoardError> {
-        self.check_stop()?;
-        let began = Instant::now();
-        let mut pace = self.talk.pace();
-        let mut stopped: Option<Instant> = None;
-        let (ecm, (running, ended)) = (&self.ecm, mpsc::channel::<()>());
-        let done = thread::scope(|scope| {
-            let worker = scope.spawn(move || {
-                let _running = running;
-                work(ecm)
-            });
-            while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
-                if self.interrupt.signal().is_some() {
-                    if stopped.is_none() {
-                        stop.into_iter().for_each(|stop| stop());
-                    }
-                    let since = *stopped.get_or_insert_with(Instant::now);
-                    if stop.is_none() || since.elapsed() > STOP_LIMIT {
-                        // Whatever it waits for, it waits for a report.
-                        self.link.cancel(Dir::Read);
-                        self.link.cancel(Dir::Write);
-                    }
-                }
-                if stop.is_none() && pace.due(began.elapsed()) {
-                    let seconds = began.elapsed().as_secs();
-                    // An error of standard output shows with the result.
-                    let _ = self.talk.progress(
-                        format_args!("{what}, {seconds} s"),
-                        || json!({"progress": what, "seconds": seconds}),
-                    );
-                }
-            }
-            worker.join().unwrap_or_else(|panic| resume_unwind(panic))
-        });
-        self.talk.clear();
-        if done.is_err() {
-            self.check_stop()?;
-        }
-        done.map_err(|error| self.told(error))
-    }
-
-    /// Whether Ctrl-C came.
-    ///
-    /// # Errors
-    /// [`BoardError::Stopped`]
-    pub fn check_stop(&self) -> Result<(), BoardError> {
-        match self.interrupt.signal() {
-            None => Ok(()),
-            Some(signal) => Err(BoardError::Stopped { signal, next: "the board is still open".into() }),
-        }
-    }
-
     /// An error of the library in words of the tool.
     pub fn told(&self, error: EcmError) -> BoardError {
         match error {
@@ -403,13 +246,4 @@ fn wrong_slot(error: EcmError, given: Option<SlotSize>) -> BoardError {
         }
         (error, _) => error.into(),
     }
-}
-
-/// What was typed, as a shell takes it again.
-fn command_line() -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%".contains(c);
-    let quoted = std::env::args().skip(1).map(|word| {
-        if !word.is_empty() && word.chars().all(plain) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }
-    });
-    std::iter::once("ecmsk".to_owned()).chain(quoted).collect::<Vec<_>>().join(" ")
 }

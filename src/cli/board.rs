@@ -1,5 +1,6 @@
 //! What all verbs that talk to a board have in common: which board, what is on its network, what becomes of it.
 
+mod adopted;
 mod attend;
 mod bring_up;
 mod error;

@@ -76,6 +76,7 @@ impl Board {
             change(MasterState::PreOp)?;
         }
         self.attend("configuring", |ecm| ecm.configure(config))?;
+        self.adopted.set(false);
         self.talk.note(format_args!("configured: {}, cycle {} us", list(config), config.cycle_us));
         change(wanted)
     }

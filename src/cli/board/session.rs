@@ -1,7 +1,7 @@
 //! One open board for as many steps as there are: it knows what the network is, brings it up when told to, ends what
 //! takes long on Ctrl-C, and leaves the axes as wanted.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -55,6 +55,8 @@ pub struct Board {
     pub(super) up: bool,
     close: Close,
     pub(super) place: Place,
+    /// The network was found running: what it was configured as is what the user says.
+    pub(super) adopted: Cell<bool>,
     /// Where moves ended, by slave.
     targets: RefCell<BTreeMap<u8, i32>>,
 }
@@ -85,11 +87,13 @@ impl Board {
         let interrupt = Interrupt::watch()?;
         let link = link::open(&uri.to_string(), Share::ByName)?;
         let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, args.slot))?;
+        let mut adopted = false;
         if let Some(config) = &config {
             let size = ecm.slot_size()?;
             config.check(size).map_err(EcmError::from)?;
             // A network that runs already is what it was configured as.
-            if matches!(ecm.state()?.state(), Some(MasterState::SafeOp | MasterState::Op)) {
+            adopted = matches!(ecm.state()?.state(), Some(MasterState::SafeOp | MasterState::Op));
+            if adopted {
                 ecm.adopt(config)?;
             }
         }
@@ -105,6 +109,7 @@ impl Board {
             up: args.up,
             close,
             place,
+            adopted: Cell::new(adopted),
             targets: RefCell::default(),
         })
     }

@@ -107,6 +107,7 @@ impl Args {
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
         board.ready(WHAT, Needs::On(&slaves))?;
+        board.check_adopted(WHAT, &slaves)?;
         let config = board.known(WHAT)?;
         let depth = depth(config);
         // What is in the FIFO still moves the axes.

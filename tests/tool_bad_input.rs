@@ -137,3 +137,18 @@ fn a_homing_that_fails() {
     let ran = script(nowhere, "state op\nservo on 1\nhome 1 --method 1\n");
     assert!(ran.err.contains(":3: homing of slave 1 failed: the drive reports a homing error"), "{ran:?}");
 }
+
+/// TOOL-8, TOOL-10 A change of state that fails says where it ended; SDOs still find out why, and the state stays as it is.
+#[test]
+fn a_state_that_is_not_reached() {
+    let events = text("refuse.ecmscript", "refuse 1 op 0x001B\n");
+    let board = format!("{BOARD}&script={events}&state_timeout_ms=500");
+    let ran =
+        cli_support::run_with_input(&["shell", "--link", &board], "state op\nstate\nsdo read 1 0x1000\nmove 1=5\n");
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.err.contains("error: OP was not reached, the board is in"), "{}", ran.err);
+    assert!(ran.err.contains("error: move needs OP, the network is in"), "{}", ran.err);
+    let mut lines = ran.out.lines();
+    assert!(lines.next().is_some_and(|state| state.contains("SafeOP")), "{}", ran.out);
+    assert_eq!((lines.next(), lines.next()), (Some("131474 (0x00020192)"), None));
+}

@@ -14,7 +14,7 @@ use input::Input;
 /// Type steps on one open board
 ///
 /// The same words as in a script (see `ecmsk run --help`), and help [VERB] and quit. Tab completes, arrow up brings back
-/// what was typed. Ctrl-C ends the step that runs, as --close says at the end only; Ctrl-D or quit closes the board.
+/// what was typed. Ctrl-C ends the step that runs; Ctrl-D or quit closes the board, as --close says.
 /// Without a terminal lines are read as they come, and the exit code is 1 if one of them failed.
 #[derive(Debug, clap::Args)]
 pub struct Args {

@@ -25,8 +25,9 @@ impl Board {
     /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and what goes wrong on the way up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
         let found = self.ecm.state()?;
-        let state = found.state().filter(|_| !found.is_failed());
         let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
+        // SDOs are what finds out why a change of state has failed.
+        let state = found.state().filter(|_| needs == Needs::Sdo || !found.is_failed());
         if needs != Needs::Sdo {
             self.known(what)?;
         }

@@ -14,7 +14,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 /// Nothing that is waited for takes a fraction of this.
-const HANG: Duration = Duration::from_secs(120);
+const HANG: Duration = Duration::from_secs(60);
 
 /// A terminal with the tool in it.
 struct Terminal {
@@ -133,7 +133,8 @@ fn signals_in_the_shell() {
     terminal.until("Operation enabled");
     terminal.until("ecmsk> ");
     terminal.keys("move 1=900000 --velocity 100000\r");
-    terminal.until("\r\x1b[Kmoving [#");
+    terminal.until("\r\x1b[K[##");
+    terminal.until("-] moving, ");
     terminal.until(" %, 1.1 of 9.3 s");
     terminal.signal(Signal::INT);
     terminal.until("error: stopped by Ctrl-C; the board is still open");

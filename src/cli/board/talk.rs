@@ -10,6 +10,9 @@ use serde_json::Value;
 
 use crate::cli::error::say;
 
+/// Characters of a bar.
+const BAR: u32 = 20;
+
 /// How to say it.
 #[derive(Debug)]
 pub struct Talk {
@@ -72,6 +75,15 @@ impl Talk {
             say("progress", &text);
         }
         Ok(())
+    }
+
+    /// As [`Talk::progress`], of something whose end is known: in a terminal with a bar.
+    pub fn part(&self, part: f64, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
+        if !self.terminal || self.json {
+            return self.progress(text, json);
+        }
+        let bar: String = (0..BAR).map(|k| if f64::from(k) < part * f64::from(BAR) { '#' } else { '-' }).collect();
+        self.progress(format_args!("[{bar}] {text}"), json)
     }
 
     /// Takes the line of progress away.

@@ -209,9 +209,8 @@ impl Run<'_> {
             }
             if pace.due(Duration::from_secs_f64(time)) {
                 let (all, part) = (profile.seconds(), time / profile.seconds());
-                let bar: String = (0..20).map(|k| if f64::from(k) < part * 20.0 { '#' } else { '-' }).collect();
-                let text = format_args!("moving [{bar}] {:.0} %, {time:.1} of {all:.1} s", part * 100.0).to_string();
-                self.board.talk.progress(text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
+                let text = format!("moving, {:.0} %, {time:.1} of {all:.1} s", part * 100.0);
+                self.board.talk.part(part, text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
             }
         }
         Ok(0.0)

@@ -30,7 +30,8 @@ impl Args {
             }
             if pace.due(elapsed) {
                 let (now, all) = (elapsed.as_secs_f64(), self.time.as_secs_f64());
-                board.talk.progress(
+                board.talk.part(
+                    now / all,
                     format_args!("waiting, {now:.1} of {all} s"),
                     || json!({"verb": "wait", "progress": now / all, "seconds": now}),
                 )?;

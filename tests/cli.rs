@@ -13,10 +13,25 @@ use cli_support::{Ran, ecmsk, run, run_with_input};
 #[test]
 fn help() {
     let help = run(["--help"]).quiet();
-    for code in ["0 ", "1 ", "2 ", "125 ", "126 ", "127 ", "128 + n"] {
+    for code in ["0 ", "1 ", "2 ", "130 ", "143 ", "125 ", "126 ", "127 ", "128 + n"] {
         assert!(help.contains(code), "{code} is missing in {help}");
     }
-    for verb in ["exec", "dump", "plot", "link", "completions"] {
+    for verb in [
+        "exec",
+        "dump",
+        "plot",
+        "info",
+        "state",
+        "sdo",
+        "io",
+        "servo",
+        "home",
+        "move",
+        "run",
+        "shell",
+        "link",
+        "completions",
+    ] {
         assert!(help.contains(&format!("\n  {verb} ")), "{verb} is missing in {help}");
         let about = run([verb, "--help"]).quiet();
         assert!(about.contains(&format!("Usage: ecmsk {verb}")), "{about}");
@@ -56,7 +71,7 @@ fn link_help() {
 fn completions() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = run(["completions", shell]).quiet();
-        for word in ["exec", "dump", "plot", "slot-size", "record", "difference"] {
+        for word in ["exec", "dump", "plot", "slot-size", "record", "difference", "servo", "counts-per-unit"] {
             assert!(script.contains(word), "{shell}: {word} is missing");
         }
     }
@@ -84,6 +99,7 @@ fn closed_pipe() {
         (&["completions", "bash"], ""),
         (&["link", "help"], ""),
         (&["--help"], ""),
+        (&["run", "-", "--link", "sim:?slaves=drive&clock=virtual"], &"info\nstate\n".repeat(2000)),
     ] {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("input");
@@ -105,7 +121,8 @@ fn closed_pipe() {
 #[test]
 #[cfg(target_os = "linux")]
 fn full_disk() {
-    for arguments in [&["link", "help"][..], &["completions", "fish"]] {
+    let board = "sim:?slaves=drive&clock=virtual";
+    for arguments in [&["link", "help"][..], &["completions", "fish"], &["info", "--link", board]] {
         let full = File::options().write(true).open("/dev/full").expect("Linux has it");
         let ran = Ran::from(ecmsk(arguments).stdout(full).output().expect("the tool starts"));
         ran.failed(1, &["cannot write to standard output", "No space left"], "send it to a place with room");

@@ -5,6 +5,8 @@ use std::process::ExitCode;
 
 use ecmsk::link::record::RecordError;
 
+use super::board::BoardError;
+
 /// Why the tool failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
@@ -20,6 +22,9 @@ pub enum CliError {
     /// See [`super::plot::PlotError`].
     #[error(transparent)]
     Plot(#[from] super::plot::PlotError),
+    /// See [`super::board::BoardError`].
+    #[error(transparent)]
+    Board(#[from] super::board::BoardError),
     /// See [`super::exec::ExecError`].
     #[cfg(unix)]
     #[error(transparent)]
@@ -31,7 +36,7 @@ impl CliError {
     ///
     /// A reader that has seen enough (`ecmsk dump F | head`) is no failure: nothing is said then.
     pub fn report(&self) -> ExitCode {
-        if let Self::Output(error) = self
+        if let Self::Output(error) | Self::Board(BoardError::Output(error)) = self
             && error.kind() == io::ErrorKind::BrokenPipe
         {
             return ExitCode::SUCCESS;
@@ -40,6 +45,7 @@ impl CliError {
         match self {
             #[cfg(unix)]
             Self::Exec(error) => ExitCode::from(error.code()),
+            Self::Board(error) => ExitCode::from(error.code()),
             _ => ExitCode::FAILURE,
         }
     }

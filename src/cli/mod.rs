@@ -1,5 +1,6 @@
 //! The command line: one file per verb, and what all verbs share.
 
+mod board;
 mod completions;
 mod dump;
 mod error;
@@ -10,7 +11,10 @@ mod link;
 mod output;
 mod plot;
 mod recording;
+mod script;
+mod shell;
 mod slot_size;
+mod step;
 
 use std::process::ExitCode;
 
@@ -24,6 +28,7 @@ Exit codes:
   0    done (also when whoever read the output has closed it)
   1    failed; the last line on standard error says why and what to do
   2    the command line is wrong
+  130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
        125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
 
@@ -41,6 +46,10 @@ enum Verb {
     Exec(exec::Args),
     Dump(dump::Args),
     Plot(plot::Args),
+    #[command(flatten)]
+    Step(step::Verb),
+    Run(script::Args),
+    Shell(shell::Args),
     Link(link::Args),
     Completions(completions::Args),
 }
@@ -62,6 +71,9 @@ impl Verb {
             Self::Exec(args) => Ok(exec::run(&args)?),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
+            Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
+            Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

@@ -1,0 +1,107 @@
+//! What all verbs that talk to a board have in common: which board, what is on its network, what becomes of it.
+
+mod adopted;
+mod attend;
+mod bring_up;
+mod error;
+mod interrupt;
+mod network;
+mod number;
+mod session;
+mod slaves;
+mod talk;
+
+use std::time::Duration;
+
+use ecmsk::ecm::{Close, Config, Guard};
+use ecmsk::link::LinkError;
+use ecmsk::link::config::{Environment, find};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::sk::SlotSize;
+
+pub use bring_up::Needs;
+pub use error::BoardError;
+pub use network::{describe, find_slave, list};
+pub use number::{duration, not_negative, positive, whole};
+pub use session::{Board, Place, Use, in_mode, named, shown};
+pub use slaves::SlaveList;
+
+use super::slot_size;
+use network::{Network, Scales};
+
+const HEADING: &str = "Board";
+
+// No doc comment: it would become that of every verb.
+#[derive(Clone, Debug, clap::Args)]
+#[group(skip)]
+pub struct Args {
+    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
+    link: Option<LinkUri>,
+
+    /// The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of drive, step, hsp, io, none, each with :csv or :cst
+    /// if it does not run in CSP [default: those of a sim: link]
+    #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING)]
+    slaves: Option<Network>,
+
+    /// Bring the network up as far as the verb needs: configure it, enter OP, switch on the axes that it moves
+    #[arg(long, global = true, help_heading = HEADING)]
+    up: bool,
+
+    /// EtherCAT cycle, microseconds: 250, 500, 1000, 2000, 4000 ..
+    #[arg(long, value_name = "N", default_value_t = 1000, global = true, help_heading = HEADING)]
+    cycle_us: u32,
+
+    /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
+    slot: Option<SlotSize>,
+
+    /// How long anything may take, e.g. 10s or 500ms [default: SDOs 3s, servo and IO 5s, states 30s, homing 60s]
+    #[arg(long, value_name = "TIME", value_parser = duration, global = true, help_heading = HEADING)]
+    timeout: Option<Duration>,
+
+    /// Refuse targets further than this from the actual position: counts, or off [default: 131072]
+    #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
+    guard: Option<Guard>,
+
+    /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
+    counts_per_unit: Option<Scales>,
+
+    /// What becomes of the axes at the end: hold (ramp to a standstill, stay on), servo-off (then switch off), leave
+    /// [default: hold; leave for a verb that moves nothing]
+    #[arg(long, value_name = "HOW", value_parser = close, global = true, help_heading = HEADING)]
+    close: Option<Close>,
+
+    /// Print one JSON object a line: results, and progress once a second
+    #[arg(long, global = true, help_heading = HEADING)]
+    json: bool,
+}
+
+impl Args {
+    /// Which board.
+    ///
+    /// # Errors
+    /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
+    pub fn uri(&self) -> Result<LinkUri, BoardError> {
+        match &self.link {
+            Some(uri) => Ok(uri.clone()),
+            None => Ok(LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?),
+        }
+    }
+
+    /// What the network is, if that is said or the link knows it.
+    pub fn network(&self, uri: &LinkUri) -> Option<Config> {
+        let network = self.slaves.clone().or_else(|| Network::of_link(uri))?;
+        Some(network.config(self.cycle_us, self.guard, self.counts_per_unit.as_ref()))
+    }
+}
+
+fn close(text: &str) -> Result<Close, String> {
+    match text {
+        "hold" => Ok(Close::Hold),
+        "servo-off" => Ok(Close::ServoOff),
+        "leave" => Ok(Close::Leave),
+        _ => Err("allowed: hold, servo-off, leave".into()),
+    }
+}

@@ -1,0 +1,89 @@
+//! Waiting for the board: Ctrl-C ends it, and who waits is told after a second.
+
+use std::panic::resume_unwind;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use ecmsk::ecm::{Ecm, EcmError};
+use ecmsk::link::Dir;
+use serde_json::json;
+
+use super::error::BoardError;
+use super::session::Board;
+
+/// \[OURS] How often Ctrl-C is looked for while the board is waited for.
+const LOOK: Duration = Duration::from_millis(20);
+/// \[OURS] How long work may take to end by itself on Ctrl-C.
+const STOP_LIMIT: Duration = Duration::from_secs(1);
+impl Board {
+    /// Does what may take long in a thread, so that Ctrl-C ends it, and says so after a second.
+    ///
+    /// # Errors
+    /// [`BoardError::Stopped`], else those of the work.
+    pub fn attend<T: Send>(
+        &self,
+        what: &str,
+        work: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send,
+    ) -> Result<T, BoardError> {
+        self.attend_with(what, work, None)
+    }
+
+    /// As [`Board::attend`]; on Ctrl-C `stop` is called, which lets the work end by itself.
+    pub fn attend_with<T: Send>(
+        &self,
+        what: &str,
+        work: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send,
+        stop: Option<&dyn Fn()>,
+    ) -> Result<T, BoardError> {
+        self.check_stop()?;
+        let began = Instant::now();
+        let mut pace = self.talk.pace();
+        let mut stopped: Option<Instant> = None;
+        let (ecm, (running, ended)) = (&self.ecm, mpsc::channel::<()>());
+        let done = thread::scope(|scope| {
+            let worker = scope.spawn(move || {
+                let _running = running;
+                work(ecm)
+            });
+            while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+                if self.interrupt.signal().is_some() {
+                    if stopped.is_none() {
+                        stop.into_iter().for_each(|stop| stop());
+                    }
+                    let since = *stopped.get_or_insert_with(Instant::now);
+                    if stop.is_none() || since.elapsed() > STOP_LIMIT {
+                        // Whatever it waits for, it waits for a report.
+                        self.link.cancel(Dir::Read);
+                        self.link.cancel(Dir::Write);
+                    }
+                }
+                if stop.is_none() && pace.due(began.elapsed()) {
+                    let seconds = began.elapsed().as_secs();
+                    // An error of standard output shows with the result.
+                    let _ = self.talk.progress(
+                        format_args!("{what}, {seconds} s"),
+                        || json!({"progress": what, "seconds": seconds}),
+                    );
+                }
+            }
+            worker.join().unwrap_or_else(|panic| resume_unwind(panic))
+        });
+        self.talk.clear();
+        if done.is_err() {
+            self.check_stop()?;
+        }
+        done.map_err(|error| self.told(error))
+    }
+
+    /// Whether Ctrl-C came.
+    ///
+    /// # Errors
+    /// [`BoardError::Stopped`]
+    pub fn check_stop(&self) -> Result<(), BoardError> {
+        match self.interrupt.signal() {
+            None => Ok(()),
+            Some(signal) => Err(BoardError::Stopped { signal, next: "the board is still open".into() }),
+        }
+    }
+}

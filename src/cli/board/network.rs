@@ -1,0 +1,209 @@
+//! What the network is, as options say it: kinds and modes of the slaves, guards and units of the axes.
+
+use ecmsk::cia402::Mode;
+use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
+use ecmsk::link::options::SimOptions;
+use ecmsk::link::slaves::SlaveModel;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::sk::SlotSize;
+
+use super::error::BoardError;
+
+const KINDS: &str = "drive, step, hsp, io, none";
+const MODES: &str = ":csp, :csv, :cst";
+/// What comes after a kind: a mode or a count.
+const SIGNS: [char; 2] = [':', '*'];
+const MAX: usize = SlotSize::Bytes12.max_slaves();
+
+/// The slaves in the order of the cable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network(Vec<Slave>);
+
+impl Network {
+    /// Reads a list such as `drive*2,io,hsp:csv`.
+    ///
+    /// # Errors
+    /// What is wrong and what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let mut slaves = Vec::new();
+        for item in text.split(',') {
+            // `drive:csv*2` as in a link, or `drive*2:csv`.
+            let (kind, mut rest) = item.split_at(item.find(SIGNS).unwrap_or(item.len()));
+            let (mut mode, mut count) = (Mode::Csp, 1);
+            while let Some(sign) = rest.chars().next() {
+                let body = &rest[sign.len_utf8()..];
+                let (value, next) = body.split_at(body.find(SIGNS).unwrap_or(body.len()));
+                match sign {
+                    ':' => mode = mode_of(item, value.trim())?,
+                    _ => count = count_of(item, value.trim())?,
+                }
+                rest = next;
+            }
+            let kind = kind.trim();
+            let slave = slave(kind, Axis { mode, ..Axis::CSP })
+                .ok_or_else(|| format!("kind `{kind}` is unknown; allowed: {KINDS}, each with {MODES} and *N"))?;
+            slaves.extend(std::iter::repeat_n(slave, count));
+        }
+        if slaves.len() > MAX {
+            return Err(format!("{} slaves, allowed: at most {MAX}", slaves.len()));
+        }
+        Ok(Self(slaves))
+    }
+
+    /// What a link of simulated slaves has; `None` for any other link.
+    pub fn of_link(link: &LinkUri) -> Option<Self> {
+        let options = SimOptions::from_uri(link).ok()?;
+        let slaves = options.slaves.iter().map(|slave| match slave.model {
+            SlaveModel::Drive => Slave::Drive(Axis::CSP),
+            SlaveModel::Step => Slave::Step(Axis::CSP),
+            SlaveModel::Hsp | SlaveModel::Hsp2 => Slave::Hsp(Axis::CSP),
+            SlaveModel::Io => Slave::Io,
+        });
+        Some(Self(slaves.collect()))
+    }
+
+    /// With what else options say of the axes.
+    pub fn config(self, cycle_us: u32, guard: Option<Guard>, scales: Option<&Scales>) -> Config {
+        let mut slaves = self.0;
+        for (number, slave) in (1..).zip(&mut slaves) {
+            if let Slave::Drive(axis) | Slave::Step(axis) | Slave::Hsp(axis) = slave {
+                axis.guard = guard.unwrap_or(axis.guard);
+                axis.scale = scales.map_or(axis.scale, |scales| scales.of(number));
+            }
+        }
+        Config { slaves, cycle_us }
+    }
+}
+
+fn slave(kind: &str, axis: Axis) -> Option<Slave> {
+    Some(match kind.to_ascii_lowercase().as_str() {
+        "drive" => Slave::Drive(axis),
+        "step" => Slave::Step(axis),
+        "hsp" | "hsp2" => Slave::Hsp(axis),
+        "io" => Slave::Io,
+        "none" => Slave::Unused,
+        _ => return None,
+    })
+}
+
+fn mode_of(item: &str, word: &str) -> Result<Mode, String> {
+    let mode = [Mode::Csp, Mode::Csv, Mode::Cst].into_iter().find(|mode| mode.name().eq_ignore_ascii_case(word));
+    mode.ok_or_else(|| format!("in `{item}`, mode `{word}` is unknown; allowed: {MODES}"))
+}
+
+fn count_of(item: &str, word: &str) -> Result<usize, String> {
+    let count = word.parse().ok().filter(|count| (1..=MAX).contains(count));
+    count.ok_or_else(|| format!("in `{item}` a number from 1 to {MAX} belongs after the *"))
+}
+
+/// What a slave is, for messages.
+pub fn describe(slave: &Slave) -> String {
+    let kind = match slave {
+        Slave::Drive(_) => "drive",
+        Slave::Step(_) => "step",
+        Slave::Hsp(_) => "hsp",
+        Slave::Io => "io",
+        Slave::Unused => "none",
+    };
+    match slave.axis() {
+        Some(axis) if axis.mode != Mode::Csp => format!("{kind}:{}", axis.mode.name().to_ascii_lowercase()),
+        _ => kind.to_owned(),
+    }
+}
+
+/// The slave of that number.
+pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Slave, BoardError> {
+    let found = usize::from(slave).checked_sub(1).and_then(|index| config.slaves.get(index));
+    found.ok_or_else(|| BoardError::NoSlave { what: what.to_owned(), slave, network: list(config) })
+}
+
+/// `1 drive, 2 io`.
+pub fn list(config: &Config) -> String {
+    if config.slaves.is_empty() {
+        return "empty".into();
+    }
+    let slaves = (1..).zip(&config.slaves).map(|(number, slave): (u8, _)| format!("{number} {}", describe(slave)));
+    slaves.collect::<Vec<_>>().join(", ")
+}
+
+/// Reads `--guard`.
+///
+/// # Errors
+/// What is allowed.
+pub fn guard(text: &str) -> Result<Guard, String> {
+    match (text, text.parse()) {
+        ("off", _) => Ok(Guard::Off),
+        (_, Ok(counts @ 1..)) => Ok(Guard::Within(counts)),
+        _ => Err("allowed: counts, 1 or more, or off".into()),
+    }
+}
+
+/// Counts of one unit: of all axes, or of some.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scales(Vec<(Option<u8>, Scale)>);
+
+impl Scales {
+    /// Reads `5000` or `1=5000,2=131072/360`.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let item = |item: &str| {
+            let (axis, number) = match item.split_once('=') {
+                Some((axis, number)) => (Some(axis.trim().parse().ok().filter(|axis| *axis > 0)?), number),
+                None => (None, item),
+            };
+            let (over, under) = number.split_once('/').unwrap_or((number, "1"));
+            let number = |text: &str| text.trim().parse::<f64>().ok();
+            let scale = Scale::per_unit(number(over)? / number(under)?);
+            scale.is_valid().then_some((axis, scale))
+        };
+        text.split(',').map(item).collect::<Option<_>>().map(Self).ok_or_else(|| {
+            "allowed: a number that is not 0, or a fraction, for all axes or AXIS=N for some, e.g. 1=5000,2=131072/360"
+                .into()
+        })
+    }
+
+    fn of(&self, axis: u8) -> Scale {
+        let own = self.0.iter().rev().find(|(of, _)| *of == Some(axis));
+        own.or_else(|| self.0.iter().rev().find(|(of, _)| of.is_none())).map_or(Scale::COUNTS, |(_, scale)| *scale)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-2 Kinds with modes and counts, in either order.
+    #[test]
+    fn lists() {
+        let csv = Slave::Drive(Axis::CSV);
+        let Network(slaves) = Network::parse("drive:csv*2,io, drive*2:csv,HSP,step,none").unwrap();
+        let rest = [Slave::Hsp(Axis::CSP), Slave::Step(Axis::CSP), Slave::Unused];
+        assert_eq!(slaves, [&[csv, csv, Slave::Io, csv, csv][..], &rest].concat());
+        for (wrong, why) in [
+            ("", "kind `` is unknown"),
+            ("drive,,io", "kind `` is unknown"),
+            ("motor", "kind `motor` is unknown; allowed: drive, step"),
+            ("drive*0", "from 1 to 40"),
+            ("drive*", "from 1 to 40"),
+            ("drive:pp", "mode `pp` is unknown; allowed: :csp"),
+            ("drive*40,io", "41 slaves, allowed: at most 40"),
+        ] {
+            let said = Network::parse(wrong).map_or_else(|said| said, |network| format!("{network:?}"));
+            assert!(said.contains(why), "{wrong}: {said}");
+        }
+    }
+
+    /// TOOL-3 A scale is a number or a fraction, of all axes or of one.
+    #[test]
+    fn scales() {
+        let scales = Scales::parse("2=131072/4,5000").unwrap();
+        assert_eq!([1, 2].map(|axis| scales.of(axis).counts_per_unit), [5000.0, 32768.0]);
+        assert_eq!(Scales::parse("1=-10").unwrap().of(1), Scale::per_unit(-10.0));
+        assert_eq!(Scales::parse("1=-10").unwrap().of(2), Scale::COUNTS);
+        for wrong in ["", "0", "1=", "0=5", "1/0", "x", "inf", "1=2=3"] {
+            assert!(Scales::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! Numbers as people write them.
+
+use std::time::Duration;
+
+/// `0.5s`, `500ms`, `2` (seconds); above 0.
+///
+/// # Errors
+/// What is allowed.
+pub fn duration(text: &str) -> Result<Duration, String> {
+    let (number, unit) = match text.strip_suffix("ms") {
+        Some(number) => (number, 1e-3),
+        None => (text.strip_suffix('s').unwrap_or(text), 1.0),
+    };
+    let seconds = number.trim().parse::<f64>().ok().map(|number| number * unit);
+    let seconds = seconds.filter(|seconds| (1e-6..=86_400.0).contains(seconds));
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "allowed: a time up to a day, e.g. 10s, 0.5s or 500ms".into())
+}
+
+/// A number above 0.
+///
+/// # Errors
+/// What is allowed.
+pub fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
+    number.ok_or_else(|| "allowed: a number above 0".into())
+}
+
+/// A number from 0.
+///
+/// # Errors
+/// What is allowed.
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number >= 0.0);
+    number.ok_or_else(|| "allowed: a number from 0".into())
+}
+
+/// A whole number, decimal or with 0x, maybe with a minus.
+pub fn whole(text: &str) -> Option<i64> {
+    let (sign, digits) = text.strip_prefix('-').map_or((1, text), |digits| (-1, digits));
+    let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
+    let (digits, radix) = hex.map_or((digits, 10), |hex| (hex, 16));
+    // `from_str_radix` would take another sign.
+    let known = !digits.is_empty() && digits.chars().all(|digit| digit.is_digit(radix));
+    known.then(|| i64::from_str_radix(digits, radix).ok()).flatten().map(|number| sign * number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-25 Times and numbers: what is taken and what is not.
+    #[test]
+    fn numbers() {
+        assert_eq!(duration("2"), Ok(Duration::from_secs(2)));
+        assert_eq!(duration("0.5s"), duration("500ms"));
+        for wrong in ["", "s", "ms", "-1s", "0", "nan", "inf", "1h", "86401", "1e-9"] {
+            assert!(duration(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(
+            (whole("0x10"), whole("-16"), whole("-0x10"), whole("0X1f")),
+            (Some(16), Some(-16), Some(-16), Some(31))
+        );
+        for wrong in ["", "-", "0x", "+1", "--1", "1.5", "0xg", "99999999999999999999"] {
+            assert_eq!(whole(wrong), None, "{wrong}");
+        }
+        assert!(positive("0").is_err() && positive("1e3") == Ok(1000.0) && not_negative("0") == Ok(0.0));
+        assert!(not_negative("-0.1").is_err() && not_negative("nan").is_err() && positive("inf").is_err());
+    }
+}

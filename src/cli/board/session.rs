@@ -1,0 +1,254 @@
+//! One open board for as many steps as there are: it knows what the network is, brings it up when told to, ends what
+//! takes long on Ctrl-C, and leaves the axes as wanted.
+
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ecmsk::cia402::{Mode, Statusword};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, SlaveView, Snapshot};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{self, Link, Share};
+use ecmsk::sk::{MasterState, SlotSize};
+
+use super::Args;
+use super::error::BoardError;
+use super::interrupt::Interrupt;
+use super::network::{describe, find_slave};
+use super::talk::Talk;
+
+/// \[OURS] Where a move begins, if the axis is no further from its last target: a standing drive is a few counts off it.
+const NEAR_COUNTS: u32 = 64;
+
+/// Where steps come from: it decides what an error tells to type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// One verb on the command line.
+    CommandLine,
+    /// Lines of a script or of the shell.
+    Lines,
+}
+
+/// What closing does if nobody says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// The verb moves nothing.
+    Looks,
+    /// The verb may move axes or switch them on.
+    Moves,
+}
+
+/// An open board.
+pub struct Board {
+    pub ecm: Ecm,
+    pub talk: Talk,
+    pub interrupt: Interrupt,
+    /// What the network is, if that is known.
+    pub config: Option<Config>,
+    pub uri: LinkUri,
+    pub options: Options,
+    /// `--timeout`.
+    pub limit: Option<Duration>,
+    pub(super) link: Arc<dyn Link>,
+    /// `--up`.
+    pub(super) up: bool,
+    close: Close,
+    pub(super) place: Place,
+    /// The network was found running: what it was configured as is what the user says.
+    pub(super) adopted: Cell<bool>,
+    /// Where moves ended, by slave.
+    targets: RefCell<BTreeMap<u8, i32>>,
+}
+
+impl Board {
+    /// Opens the board that the options name. Nothing is sent.
+    ///
+    /// # Errors
+    /// [`BoardError`]
+    pub fn open(args: &Args, used: Use, place: Place) -> Result<Self, BoardError> {
+        let uri = args.uri()?;
+        let config = args.network(&uri);
+        let default = Options::default();
+        let limit = |default| args.timeout.unwrap_or(default);
+        let options = Options {
+            slot: args.slot,
+            guard: args.guard != Some(ecmsk::ecm::Guard::Off),
+            state_limit: limit(default.state_limit),
+            sdo_limit: limit(default.sdo_limit),
+            servo_limit: limit(default.servo_limit),
+            ..default
+        };
+        let close = args.close.unwrap_or(match used {
+            Use::Looks => Close::Leave,
+            Use::Moves => Close::Hold,
+        });
+        let options = Options { close, ..options };
+        let interrupt = Interrupt::watch()?;
+        let link = link::open(&uri.to_string(), Share::ByName)?;
+        let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, args.slot))?;
+        let mut adopted = false;
+        if let Some(config) = &config {
+            let size = ecm.slot_size()?;
+            config.check(size).map_err(EcmError::from)?;
+            // A network that runs already is what it was configured as.
+            adopted = matches!(ecm.state()?.state(), Some(MasterState::SafeOp | MasterState::Op));
+            if adopted {
+                ecm.adopt(config)?;
+            }
+        }
+        Ok(Self {
+            ecm,
+            talk: Talk::new(args.json),
+            interrupt,
+            config,
+            uri,
+            options,
+            limit: args.timeout,
+            link,
+            up: args.up,
+            close,
+            place,
+            adopted: Cell::new(adopted),
+            targets: RefCell::default(),
+        })
+    }
+
+    /// What the link has counted.
+    pub fn link_stats(&self) -> link::LinkStats {
+        self.link.stats()
+    }
+
+    /// Leaves the axes as wanted. What a stopped step left is said here.
+    ///
+    /// # Errors
+    /// [`BoardError`]: that of the step, if it failed.
+    pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
+        let Self { ecm, talk, close, .. } = self;
+        talk.clear();
+        let closed = ecm.close(close);
+        if let (Err(BoardError::Stopped { signal, .. }), Ok(())) = (&done, &closed) {
+            let next = match close {
+                Close::Hold => "no axis moves, those that were on stay on; run it again to go on",
+                Close::ServoOff => "the axes are off; run it again to go on",
+                Close::Leave => "the axes were left as they are; see what they do with `ecmsk info`",
+            };
+            return Err(BoardError::Stopped { signal: *signal, next: next.into() });
+        }
+        match (done, closed) {
+            (Ok(()), closed) => Ok(closed?),
+            (Err(error), Err(also)) => {
+                talk.note(format_args!("closing the board failed too: {also}"));
+                Err(error)
+            }
+            (failed, Ok(())) => failed,
+        }
+    }
+
+    /// The network, or why a step cannot go on.
+    pub fn known(&self, what: &str) -> Result<&Config, BoardError> {
+        self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
+    }
+
+    /// The axis of a slave.
+    pub fn axis(&self, what: &str, slave: u8) -> Result<Axis, BoardError> {
+        let config = self.known(what)?;
+        let found = find_slave(config, what, slave)?;
+        found.axis().copied().ok_or_else(|| BoardError::WrongKind {
+            what: what.to_owned(),
+            slave,
+            found: describe(found),
+            wanted: "a drive, step or hsp",
+        })
+    }
+
+    /// All slaves with an axis.
+    pub fn axes(&self, what: &str) -> Result<Vec<u8>, BoardError> {
+        let config = self.known(what)?;
+        Ok((1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect())
+    }
+
+    /// An error of the library in words of the tool.
+    pub fn told(&self, error: EcmError) -> BoardError {
+        match error {
+            EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
+            error => error.into(),
+        }
+    }
+
+    fn clear_words(&self, slave: u8) -> String {
+        match self.place {
+            Place::CommandLine => format!("type: ecmsk servo clear {slave} (with the same options)"),
+            Place::Lines => format!("`servo clear {slave}` and `servo on {slave}`"),
+        }
+    }
+
+    /// # Errors
+    /// [`BoardError::Alarm`]
+    pub fn refuse_alarm(&self, snapshot: &Snapshot, slave: u8) -> Result<(), BoardError> {
+        if self.statusword(snapshot, slave).0 & Statusword::FAULT == 0 {
+            return Ok(());
+        }
+        let code = snapshot.drive(slave).map_or(0, |drive| drive.error_code);
+        Err(self.told(EcmError::Alarm { slave, code }))
+    }
+
+    /// Statusword of an axis.
+    pub fn statusword(&self, snapshot: &Snapshot, slave: u8) -> Statusword {
+        match snapshot.slave(slave) {
+            Some(SlaveView::Drive(drive)) => drive.statusword,
+            Some(SlaveView::Hsp(hsp)) => hsp.statusword,
+            _ => Statusword(0),
+        }
+    }
+
+    /// Where an axis was told to be, if it is there, else where it is.
+    pub fn rests_at(&self, snapshot: &Snapshot, slave: u8) -> i32 {
+        let actual = snapshot.position(slave).unwrap_or_default();
+        let told = self.targets.borrow().get(&slave).copied();
+        told.filter(|told| told.wrapping_sub(actual).unsigned_abs() <= NEAR_COUNTS).unwrap_or(actual)
+    }
+
+    /// A move has ended there.
+    pub fn told_to(&self, slave: u8, target: i32) {
+        self.targets.borrow_mut().insert(slave, target);
+    }
+
+    /// Where moves ended counts no more: an axis got new coordinates or went off.
+    pub fn forget_targets(&self) {
+        self.targets.borrow_mut().clear();
+    }
+}
+
+/// An axis that a mode of operation fits.
+pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
+    if axis.mode == wanted {
+        return Ok(());
+    }
+    Err(BoardError::Refused {
+        what: what.to_owned(),
+        why: format!("axis {slave} runs in {}, not in {wanted}", axis.mode),
+        next: "leave its mode out of --slaves, and configure the network again from PreOP".into(),
+    })
+}
+
+/// `axis 1`, `axes 1, 2`.
+pub fn named(one: &str, many: &str, slaves: &[u8]) -> String {
+    let numbers = slaves.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
+    format!("{} {numbers}", if slaves.len() == 1 { one } else { many })
+}
+
+/// `Operation enabled (0x0637)`.
+pub fn shown(word: Statusword) -> String {
+    format!("{} (0x{:04X})", word.state().map_or("an unknown state", |state| state.name()), word.0)
+}
+
+fn wrong_slot(error: EcmError, given: Option<SlotSize>) -> BoardError {
+    match (error, given) {
+        (EcmError::NoReport { bad_crc: bad_crc @ 1.., .. }, Some(slot)) => {
+            let other = if slot == SlotSize::Bytes12 { 16 } else { 12 };
+            BoardError::WrongSlot { slot: slot.bytes(), bad_crc, other }
+        }
+        (error, _) => error.into(),
+    }
+}

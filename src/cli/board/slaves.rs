@@ -1,0 +1,68 @@
+//! Which slaves a step is for: `1,2` or `all`.
+
+use ecmsk::ecm::Config;
+
+use super::error::BoardError;
+use super::network::{describe, find_slave};
+
+/// Slaves by their numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SlaveList {
+    /// All that have an axis.
+    All,
+    /// These.
+    Some(Vec<u8>),
+}
+
+impl SlaveList {
+    /// Reads `1,2` or `all`.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        if text.eq_ignore_ascii_case("all") {
+            return Ok(Self::All);
+        }
+        let numbers =
+            text.split(',').map(|number| number.trim().parse().ok().filter(|number| (1..=40).contains(number)));
+        numbers
+            .collect::<Option<_>>()
+            .map(Self::Some)
+            .ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
+    }
+
+    /// The axes of lists, each once, in the order of the lists.
+    ///
+    /// # Errors
+    /// [`BoardError::NoSlave`], [`BoardError::WrongKind`], [`BoardError::Refused`] if there is none.
+    pub fn axes(lists: &[Self], network: &Config, what: &str) -> Result<Vec<u8>, BoardError> {
+        let mut axes = Vec::new();
+        for list in lists {
+            let named: Vec<u8> = match list {
+                Self::Some(named) => named.clone(),
+                Self::All => {
+                    let slaves = (1..).zip(&network.slaves);
+                    slaves.filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
+                }
+            };
+            for slave in named {
+                let found = find_slave(network, what, slave)?;
+                if found.axis().is_none() {
+                    let (what, found) = (what.to_owned(), describe(found));
+                    return Err(BoardError::WrongKind { what, slave, found, wanted: "a drive, step or hsp" });
+                }
+                if !axes.contains(&slave) {
+                    axes.push(slave);
+                }
+            }
+        }
+        if axes.is_empty() {
+            return Err(BoardError::Refused {
+                what: what.to_owned(),
+                why: "the network has no axis".into(),
+                next: "correct --slaves".into(),
+            });
+        }
+        Ok(axes)
+    }
+}

@@ -1,0 +1,98 @@
+//! `ecmsk run`: several steps on one open board, from a file.
+
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use clap::ValueHint;
+use ecmsk::ecm::Config;
+
+use super::board::{self, Board, BoardError, Place, Use};
+use super::error::say;
+use super::step::{Line, Step};
+
+/// Run a script: several steps on one open board
+///
+/// A line is a verb with its options, as on the command line: state, servo, home, move, io, sdo, info; wait TIME; expect,
+/// which fails if the board is not as expected. `#` starts a comment. The whole script is read and checked before anything
+/// is sent; the first step that fails ends it.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  state op
+  servo on 1,2
+  home 1,2                              # as the drives are set
+  move 1=10000 2=-5000 --velocity 20000
+  wait 0.5s
+  io 3 --set 0x1
+  expect position 1=10000 2=-5000 --within 2")]
+pub struct Args {
+    /// The script; `-` is standard input
+    #[arg(value_name = "SCRIPT", value_hint = ValueHint::FilePath)]
+    script: PathBuf,
+
+    #[command(flatten)]
+    board: board::Args,
+}
+
+/// \[OURS] Bytes of a script at most.
+const LONGEST: u64 = 1 << 20;
+
+/// # Errors
+/// [`BoardError`]
+pub fn run(args: &Args) -> Result<(), BoardError> {
+    let name = if args.script == Path::new("-") { "standard input".into() } else { args.script.display().to_string() };
+    let text = read(&args.script, &name)?;
+    let uri = args.board.uri()?;
+    let steps = parse(&text, &name, args.board.network(&uri).as_ref())?;
+    let board = Board::open(&args.board, Use::Moves, Place::Lines)?;
+    let done = steps.iter().try_for_each(|(line, step)| {
+        board.talk.at_line(*line);
+        step.run(&board).map_err(|error| at(&name, *line, error))
+    });
+    board.close(done)
+}
+
+fn read(path: &Path, name: &str) -> Result<String, BoardError> {
+    let mut bytes = Vec::new();
+    let file: Result<Box<dyn Read>, io::Error> = if path == Path::new("-") {
+        Ok(Box::new(io::stdin()))
+    } else {
+        fs::File::open(path).map(|file| Box::new(file) as _)
+    };
+    let wrong =
+        |why: String, next: &str| BoardError::Refused { what: format!("the script {name}"), why, next: next.into() };
+    let read = file.and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes));
+    read.map_err(|error| wrong(error.to_string(), "name a file that can be read"))?;
+    if bytes.len() as u64 > LONGEST {
+        return Err(wrong(format!("it is longer than {LONGEST} bytes"), "cut it into several"));
+    }
+    String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8".into(), "name a text file"))
+}
+
+/// All steps with the numbers of their lines. Every line that is wrong is told.
+fn parse(text: &str, name: &str, network: Option<&Config>) -> Result<Vec<(u32, Step)>, BoardError> {
+    let mut steps = Vec::new();
+    let mut wrong = Vec::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let checked = Line::parse(line).and_then(|line| match line {
+            Line::Empty => Ok(None),
+            Line::Step(step) => step.check(network).map(|()| Some(*step)).map_err(|error| error.to_string()),
+        });
+        match checked {
+            Ok(step) => steps.extend(step.map(|step| (number, step))),
+            Err(why) => wrong.push(format!("{name}:{number}: {why}")),
+        }
+    }
+    let Some((last, others)) = wrong.split_last() else { return Ok(steps) };
+    others.iter().for_each(|why| say("error", why));
+    Err(BoardError::Script { last: last.clone() })
+}
+
+/// An error of a line. One that has nothing to do with the line stays what it is.
+fn at(name: &str, line: u32, error: BoardError) -> BoardError {
+    match error {
+        error @ (BoardError::Stopped { .. } | BoardError::Output(_)) => error,
+        error => BoardError::Line { place: format!("{name}:{line}"), why: error.to_string() },
+    }
+}

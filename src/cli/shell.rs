@@ -1,0 +1,120 @@
+//! `ecmsk shell`: steps as they are typed, on one open board.
+
+mod input;
+
+use std::io::{self, IsTerminal};
+use std::process::ExitCode;
+
+use super::board::{self, Board, BoardError, Place, Use};
+use super::error::say;
+use super::output;
+use super::step::Line;
+use input::Input;
+
+/// Type steps on one open board
+///
+/// The same words as in a script (see `ecmsk run --help`), and help [VERB] and quit. Tab completes, arrow up brings back
+/// what was typed. Ctrl-C ends the step that runs; Ctrl-D or quit closes the board, as --close says.
+/// Without a terminal lines are read as they come, and the exit code is 1 if one of them failed.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    board: board::Args,
+}
+
+/// # Errors
+/// [`BoardError`]
+pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
+    let board = Board::open(&args.board, Use::Moves, Place::Lines)?;
+    let typed = io::stdin().is_terminal();
+    let input = Input::start(typed);
+    let mut failed = false;
+    let done = loop {
+        match input.next(&board) {
+            Ok(Some(line)) => match answer(&board, &line) {
+                Ok(true) => {}
+                Ok(false) => break Ok(()),
+                Err(error) if ends(&board, &error) => break Err(error),
+                Err(error) => {
+                    failed = true;
+                    board.talk.clear();
+                    say("error", &error);
+                    board.interrupt.clear();
+                }
+            },
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    };
+    board.close(done)?;
+    Ok(if failed && !typed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Whether that error ends the shell: nobody is there any more.
+fn ends(board: &Board, error: &BoardError) -> bool {
+    match error {
+        // Ctrl-C is for the step.
+        BoardError::Stopped { signal, .. } => *signal != 2 || !io::stdin().is_terminal(),
+        BoardError::Output(_) => true,
+        _ => board.interrupt.signal().is_some_and(|signal| signal != 2),
+    }
+}
+
+/// Does what a line says; `false` if that is to leave.
+fn answer(board: &Board, line: &str) -> Result<bool, BoardError> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    match words.split_first() {
+        Some((&("quit" | "exit"), [])) => return Ok(false),
+        Some((&"help", words)) => {
+            let help = Line::help(words).map_err(wrong)?;
+            output::print(help)?;
+            if words.is_empty() {
+                output::print("\nhelp [VERB] and quit are of the shell; lines of a script are the rest.\n")?;
+            }
+        }
+        _ => match Line::parse(line).map_err(wrong)? {
+            Line::Empty => {}
+            Line::Step(step) => step.run(board)?,
+        },
+    }
+    Ok(true)
+}
+
+fn wrong(why: String) -> BoardError {
+    BoardError::Typed { why }
+}
+
+/// What a line may go on with, from where on.
+fn complete(line: &str) -> (usize, Vec<String>) {
+    let start = line.rfind(char::is_whitespace).map_or(0, |blank| blank + 1);
+    let (before, word) = line.split_at(start);
+    let words: Vec<&str> = before.split_whitespace().collect();
+    let mut all = match words.split_first() {
+        None => ["help", "quit"].map(str::to_owned).into_iter().chain(Line::verbs()).collect(),
+        Some((&"help", words)) => Line::after(words),
+        Some(_) => Line::after(&words),
+    };
+    all.retain(|candidate| candidate.starts_with(word) && (word.starts_with('-') || !candidate.starts_with('-')));
+    if let [only] = &mut all[..] {
+        // Nothing else can be meant: on with the next word.
+        only.push(' ');
+    }
+    (start, all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-31 Tab completes verbs, their verbs and their options.
+    #[test]
+    fn completion() {
+        assert_eq!(complete("mo"), (0, vec!["move ".to_owned()]));
+        assert_eq!(complete("sdo w"), (4, vec!["write ".to_owned()]));
+        assert_eq!(complete("servo o").1, ["on", "off"]);
+        assert_eq!(complete("move 1=5 --acc"), (9, vec!["--acceleration ".to_owned()]));
+        assert_eq!(complete("help ho"), (5, vec!["home ".to_owned()]));
+        assert!(complete("").1.contains(&"quit".to_owned()));
+        assert!(complete("nonsense x").1.is_empty());
+    }
+}

@@ -1,0 +1,133 @@
+//! The verbs that talk to a board: the same words on the command line, in a script and in the shell.
+
+mod expect;
+mod home;
+mod info;
+mod io;
+mod line;
+mod motion;
+mod object;
+mod profile;
+mod sdo;
+mod servo;
+mod state;
+mod wait;
+
+use clap::Subcommand;
+use ecmsk::ecm::Config;
+pub use line::Line;
+
+use super::board::{self, Board, BoardError, Place, Use};
+
+/// One verb with its options.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Step {
+    Info(info::Args),
+    State(state::Args),
+    Sdo(sdo::Args),
+    Io(io::Args),
+    Servo(servo::Args),
+    Home(home::Args),
+    Move(motion::Args),
+    Wait(wait::Args),
+    Expect(expect::Args),
+}
+
+impl Step {
+    /// Whether it may move an axis or switch it on.
+    pub const fn uses(&self) -> Use {
+        match self {
+            Self::Servo(_) | Self::Home(_) | Self::Move(_) => Use::Moves,
+            _ => Use::Looks,
+        }
+    }
+
+    /// What can be said of it before anything is sent.
+    ///
+    /// # Errors
+    /// Why it cannot be done on that network.
+    pub fn check(&self, network: Option<&Config>) -> Result<(), BoardError> {
+        let Some(network) = network else { return Ok(()) };
+        match self {
+            Self::Io(args) => args.check(network),
+            Self::Servo(args) => args.check(network),
+            Self::Home(args) => args.check(network),
+            Self::Move(args) => args.check(network),
+            Self::Expect(args) => args.check(network),
+            Self::Sdo(args) => args.check(),
+            Self::Info(_) | Self::State(_) | Self::Wait(_) => Ok(()),
+        }
+    }
+
+    /// Does it.
+    ///
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        board.check_stop()?;
+        self.check(board.config.as_ref())?;
+        match self {
+            Self::Info(args) => args.run(board),
+            Self::State(args) => args.run(board),
+            Self::Sdo(args) => args.run(board),
+            Self::Io(args) => args.run(board),
+            Self::Servo(args) => args.run(board),
+            Self::Home(args) => args.run(board),
+            Self::Move(args) => args.run(board),
+            Self::Wait(args) => args.run(board),
+            Self::Expect(args) => args.run(board),
+        }
+    }
+}
+
+// A step as a verb of the command line, with the options that say which board. No doc comment: it would become that of
+// the verb.
+#[derive(Debug, clap::Args)]
+#[group(skip)]
+pub struct OnBoard<T: clap::Args> {
+    #[command(flatten)]
+    pub step: T,
+    #[command(flatten)]
+    pub board: board::Args,
+}
+
+/// The verbs of the command line that are one step.
+macro_rules! verbs {
+    ($($name:ident => $args:ty,)*) => {
+        /// One step as a verb of the command line.
+        #[derive(Debug, Subcommand)]
+        pub enum Verb {
+            $($name(OnBoard<$args>),)*
+        }
+
+        impl Verb {
+            /// The step, and on which board.
+            pub fn split(self) -> (Step, board::Args) {
+                match self {
+                    $(Self::$name(OnBoard { step, board }) => (Step::$name(step), board),)*
+                }
+            }
+        }
+    };
+}
+
+verbs! {
+    Info => info::Args,
+    State => state::Args,
+    Sdo => sdo::Args,
+    Io => io::Args,
+    Servo => servo::Args,
+    Home => home::Args,
+    Move => motion::Args,
+}
+
+/// Opens the board, does the one step, closes the board.
+///
+/// # Errors
+/// [`BoardError`]
+pub fn run(verb: Verb) -> Result<(), BoardError> {
+    let (step, args) = verb.split();
+    let board = Board::open(&args, step.uses(), Place::CommandLine)?;
+    let done = step.run(&board);
+    board.close(done)
+}

@@ -1,0 +1,101 @@
+//! Steps as lines, of a script or of the shell: the words of the command line without `ecmsk` and without the options
+//! that say which board. `#` starts a comment.
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory, Parser};
+
+use super::Step;
+
+#[derive(Debug, Parser)]
+#[command(multicall = true, disable_help_flag = true, disable_help_subcommand = true)]
+struct Words {
+    #[command(subcommand)]
+    step: Step,
+}
+
+/// What stands in a line.
+#[derive(Debug)]
+pub enum Line {
+    /// Nothing, or a comment.
+    Empty,
+    /// A step.
+    Step(Box<Step>),
+}
+
+impl Line {
+    /// Reads a line.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what may be written.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let text = text.split_once('#').map_or(text, |(text, _)| text);
+        let words: Vec<&str> = text.split_whitespace().collect();
+        if words.is_empty() {
+            return Ok(Self::Empty);
+        }
+        match Words::try_parse_from(&words) {
+            Ok(Words { step }) => Ok(Self::Step(Box::new(step))),
+            Err(error) => Err(why(&error, &words)),
+        }
+    }
+
+    /// The words that may begin a line.
+    pub fn verbs() -> Vec<String> {
+        Words::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
+    }
+
+    /// What may come after these words.
+    pub fn after(words: &[&str]) -> Vec<String> {
+        let (at, _) = command(words);
+        let verbs = at.get_subcommands().map(|verb| verb.get_name().to_owned());
+        let options = at.get_arguments().filter_map(|argument| Some(format!("--{}", argument.get_long()?)));
+        let values = at.get_positionals().flat_map(|argument| argument.get_possible_values());
+        verbs.chain(values.map(|value| value.get_name().to_owned())).chain(options).collect()
+    }
+
+    /// What the words mean, for `help`.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    pub fn help(words: &[&str]) -> Result<String, String> {
+        let (mut at, rest) = command(words);
+        match rest {
+            [] => Ok(at.render_long_help().to_string()),
+            [word, ..] => Err(format!("`{word}` is unknown; allowed: {}", Self::verbs().join(", "))),
+        }
+    }
+}
+
+/// The command that the words begin with, as far as they are verbs, and the rest of them.
+fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
+    let mut at = Words::command();
+    at.build();
+    while let Some((word, rest)) = words.split_first()
+        && let Some(next) = at.find_subcommand(word).cloned()
+    {
+        (at, words) = (next, rest);
+    }
+    (at, words)
+}
+
+/// clap's words on one line, and how to write it.
+fn why(error: &clap::Error, words: &[&str]) -> String {
+    if let (.., [word, ..]) = command(words)
+        && word == &words[0]
+    {
+        return format!("`{}` is unknown; allowed: {}", words[0], Line::verbs().join(", "));
+    }
+    let text = error.render().to_string();
+    let first = text.split("\n\n").next().unwrap_or_default();
+    let first = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let first = match error.kind() {
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::DisplayHelp => "a word is missing",
+        _ => first.trim_start_matches("error: "),
+    };
+    let usage = match error.get(ContextKind::Usage) {
+        Some(ContextValue::StyledStr(usage)) => usage.to_string(),
+        _ => command(words).0.render_usage().to_string(),
+    };
+    let usage = usage.trim_start_matches("Usage:").split_whitespace().collect::<Vec<_>>().join(" ");
+    format!("{first}; write: {usage}")
+}

@@ -1,0 +1,210 @@
+//! How fast along a path: velocity, acceleration and, if wanted, jerk stay in their limits. One profile for all axes of
+//! a move, so that they begin and end together on a straight line. Calculated by `rsruckig`.
+
+use std::time::Duration;
+
+use rsruckig::prelude::{ControlInterface, DataArrayOrVec, InputParameter, Ruckig, ThrowErrorHandler, Trajectory};
+
+/// Along the path; the unit of length is the caller's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Length a second, above 0.
+    pub velocity: f64,
+    /// Length a second squared, above 0.
+    pub acceleration: f64,
+    /// Length a second cubed, above 0; `None`: the acceleration may change at once.
+    pub jerk: Option<f64>,
+}
+
+/// Where on the path, and how fast.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Along {
+    pub length: f64,
+    pub velocity: f64,
+    pub acceleration: f64,
+}
+
+/// A way along the path, from time 0 to [`Profile::seconds`].
+pub struct Profile {
+    /// `None`: it stands.
+    trajectory: Option<Trajectory<1>>,
+    /// Where it begins, of the caller's length.
+    from: f64,
+    scale: Scale,
+}
+
+/// The calculation is right to some 1e-8 of its numbers, and fails where they are far from 1: so it gets units in which
+/// they are not, whatever counts and speeds are.
+#[derive(Clone, Copy, Debug)]
+struct Scale {
+    length: f64,
+    seconds: f64,
+}
+
+/// \[OURS] Limits in those units: higher ones would not make anything faster that could be seen, and are not kept well.
+const MOST: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
+/// \[OURS] A speed below that part of the limit is none.
+const NO_SPEED: f64 = 1e-9;
+/// Times that the limits are raised: by 2^64.
+const RAISES: usize = 64;
+
+impl Profile {
+    /// From rest to rest over `length`, above 0.
+    ///
+    /// # Errors
+    /// Why there is no such way.
+    pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
+        let Limits { velocity, acceleration, jerk } = limits;
+        // What one of the limits alone would take.
+        let alone =
+            [length / velocity, (length / acceleration).sqrt(), jerk.map_or(0.0, |jerk| (length / jerk).cbrt())];
+        let scale = Scale { length, seconds: alone.into_iter().fold(0.0, f64::max) };
+        let mut input = InputParameter::new(None);
+        input.target_position[0] = 1.0;
+        Self::calculate(input, limits, 0.0, scale)
+    }
+
+    /// From a point of another profile to rest, anywhere. Within that time: acceleration and jerk are raised as far as
+    /// that takes.
+    ///
+    /// # Errors
+    /// Why there is no such way.
+    pub fn to_rest(from: Along, mut limits: Limits, within: Duration) -> Result<Self, String> {
+        for _ in 0..RAISES {
+            let profile = Self::brake(from, limits)?;
+            if profile.seconds() <= within.as_secs_f64() {
+                return Ok(profile);
+            }
+            limits.acceleration *= 2.0;
+            limits.jerk = limits.jerk.map(|jerk| jerk * 4.0);
+        }
+        Err(format!("no acceleration brakes {from:?} within {within:?}"))
+    }
+
+    fn brake(from: Along, limits: Limits) -> Result<Self, String> {
+        let Limits { acceleration, jerk, .. } = limits;
+        // What the speed rises to while the acceleration falls to 0.
+        let now = jerk.map_or(0.0, |_| from.acceleration);
+        let speed = from.velocity.abs().max(jerk.map_or(0.0, |jerk| now * now / jerk));
+        if speed <= limits.velocity * NO_SPEED {
+            return Ok(Self { trajectory: None, from: from.length, scale: Scale { length: 1.0, seconds: 1.0 } });
+        }
+        let alone = [speed / acceleration, jerk.map_or(0.0, |jerk| (speed / jerk).sqrt().max(now.abs() / jerk))];
+        let seconds = alone.into_iter().fold(0.0, f64::max);
+        let scale = Scale { length: speed * seconds, seconds };
+        let mut input = InputParameter::new(None);
+        input.control_interface = ControlInterface::Velocity;
+        input.current_velocity[0] = from.velocity / speed;
+        input.current_acceleration[0] = now * seconds / speed;
+        Self::calculate(input, limits, from.length, scale)
+    }
+
+    fn calculate(mut input: InputParameter<1>, limits: Limits, from: f64, scale: Scale) -> Result<Self, String> {
+        let Scale { length, seconds } = scale;
+        input.max_velocity[0] = (limits.velocity * seconds / length).min(MOST.velocity);
+        input.max_acceleration[0] = (limits.acceleration * seconds.powi(2) / length).min(MOST.acceleration);
+        let jerk = limits.jerk.map(|jerk| jerk * seconds.powi(3) / length);
+        input.max_jerk[0] = jerk.zip(MOST.jerk).map_or(f64::INFINITY, |(jerk, most)| jerk.min(most));
+        let mut trajectory = Trajectory::new(None);
+        let calculated = Ruckig::<1, ThrowErrorHandler>::new(None, 1e-3).calculate(&input, &mut trajectory);
+        calculated.map_err(|error| error.to_string().lines().next().unwrap_or_default().to_owned())?;
+        let profile = Self { trajectory: Some(trajectory), from, scale };
+        let duration = profile.seconds();
+        if duration.is_finite() { Ok(profile) } else { Err(format!("it would take {duration} s")) }
+    }
+
+    /// How long it takes.
+    pub fn seconds(&self) -> f64 {
+        self.trajectory.as_ref().map_or(0.0, Trajectory::get_duration) * self.scale.seconds
+    }
+
+    /// Where that is at a time; before the beginning and after the end, the first and the last point.
+    pub fn at(&self, seconds: f64) -> Along {
+        let Some(trajectory) = &self.trajectory else { return Along { length: self.from, ..Along::default() } };
+        let time = (seconds / self.scale.seconds).clamp(0.0, trajectory.get_duration());
+        let new = || DataArrayOrVec::new(None, 0.0);
+        let (mut length, mut velocity, mut acceleration) = (new(), new(), new());
+        let (l, v, a) = (&mut Some(&mut length), &mut Some(&mut velocity), &mut Some(&mut acceleration));
+        trajectory.at_time(time, l, v, a, &mut None, &mut None);
+        Along {
+            length: self.from + length[0] * self.scale.length,
+            velocity: velocity[0] * self.scale.length / self.scale.seconds,
+            acceleration: acceleration[0] * self.scale.length / self.scale.seconds.powi(2),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Steps through a profile; every difference must be what the limits allow, with a little for rounding.
+    fn check(profile: &Profile, limits: Limits, from: Along) -> Result<Along, TestCaseError> {
+        if profile.seconds() == 0.0 {
+            prop_assert!(from.velocity.abs() <= limits.velocity * NO_SPEED);
+            return Ok(from);
+        }
+        let steps = 2000;
+        let dt = profile.seconds() / f64::from(steps);
+        let mut last = from;
+        for step in 1..=steps {
+            let now = profile.at(f64::from(step) * dt);
+            let close = 1.0 + 1e-6;
+            prop_assert!(now.velocity.abs() <= limits.velocity * close, "{now:?} {limits:?}");
+            prop_assert!(now.acceleration.abs() <= limits.acceleration * close, "{now:?} {limits:?}");
+            let moved = now.length - last.length;
+            let bound = limits.velocity * dt * close + limits.velocity * 1e-9;
+            prop_assert!(
+                moved.abs() <= bound + profile.scale.length * 1e-9 + from.length * 1e-15,
+                "{moved} in {dt} s, {limits:?}"
+            );
+            if let Some(jerk) = limits.jerk {
+                let change = (now.acceleration - last.acceleration).abs();
+                prop_assert!(
+                    change <= jerk * dt * close + limits.acceleration * 1e-6,
+                    "{change} in {dt} s, {limits:?}"
+                );
+            }
+            last = now;
+        }
+        Ok(last)
+    }
+
+    fn limits() -> impl Strategy<Value = Limits> {
+        // Ten decades of speed; what accelerates takes 1 ms to 100 s, what smoothes that 1 ms to 10 s.
+        (0.0..7.0, -3.0..2.0, proptest::option::of(-3.0..1.0)).prop_map(|(v, t, s): (f64, f64, Option<f64>)| {
+            let velocity = 10_f64.powf(v);
+            let acceleration = velocity / 10_f64.powf(t);
+            Limits { velocity, acceleration, jerk: s.map(|s| acceleration / 10_f64.powf(s)) }
+        })
+    }
+
+    proptest! {
+        /// TOOL-15 A move keeps its limits and arrives, from one count to all that 32 bits hold.
+        #[test]
+        fn rest_to_rest(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
+            let profile = Profile::rest_to_rest(length, limits).unwrap();
+            let end = check(&profile, limits, Along::default())?;
+            prop_assert!((end.length - length).abs() < length * 1e-9 + 1e-6, "{end:?}, not {length}");
+            prop_assert!(end.velocity.abs() <= limits.velocity * 1e-6);
+        }
+
+        /// TOOL-16 From every point of a move there is a way to rest that keeps its limits, within any time.
+        #[test]
+        fn to_rest(
+            length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits(), part in 0.0..1.0,
+        ) {
+            let profile = Profile::rest_to_rest(length, limits).unwrap();
+            let from = profile.at(part * profile.seconds());
+            let brake = Profile::to_rest(from, limits, Duration::from_secs(1_000_000)).unwrap();
+            let end = check(&brake, limits, from)?;
+            prop_assert!(end.velocity.abs() <= limits.velocity * 1e-6);
+            prop_assert!(end.length <= length * (1.0 + 1e-6) + 1e-6 && end.length >= from.length * (1.0 - 1e-6) - 1e-6);
+            let short = Profile::to_rest(from, limits, Duration::from_millis(1500)).unwrap();
+            prop_assert!(short.seconds() <= 1.5 && short.at(1.5).velocity.abs() <= limits.velocity * 1e-6);
+            prop_assert!((short.at(0.0).velocity - from.velocity).abs() <= limits.velocity * 1e-6);
+        }
+    }
+}

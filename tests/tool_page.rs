@@ -1,0 +1,71 @@
+//! docs/TOOL.md: its commands are run as they stand there, in one shell, and print what stands there.
+#![cfg(all(target_os = "linux", feature = "cli"))]
+
+use std::path::Path;
+use std::process::Command;
+
+/// A command of the page with what it prints.
+#[derive(Debug, PartialEq, Eq)]
+struct Shown {
+    command: String,
+    output: String,
+}
+
+/// The commands of all `console` blocks: lines after `$ `, going on after `> `; what follows is their output.
+fn commands(page: &str) -> Vec<Shown> {
+    let mut shown: Vec<Shown> = Vec::new();
+    let mut inside = false;
+    for line in page.lines() {
+        match (inside, line) {
+            (false, "```console") => inside = true,
+            (true, "```") => inside = false,
+            (true, line) => match (line.strip_prefix("$ "), line.strip_prefix("> "), shown.last_mut()) {
+                (Some(command), ..) => shown.push(Shown { command: command.to_owned(), output: String::new() }),
+                (None, Some(more), Some(last)) => last.command += &format!("\n{more}"),
+                (None, None, Some(last)) => last.output += &format!("{line}\n"),
+                (None, _, None) => panic!("output before the first command: {line}"),
+            },
+            (false, _) => {}
+        }
+    }
+    shown
+}
+
+/// Runs them in one shell, in an empty folder, and gives what each prints.
+fn run(shown: &[Shown], keys: &str) -> Vec<String> {
+    const MARK: &str = "-- end of a command --";
+    let folder = tempfile::tempdir().expect("a folder");
+    let script: String = shown.iter().map(|shown| format!("{}\necho '{MARK}'\n", shown.command)).collect();
+    let script = script.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
+    let tool = Path::new(env!("CARGO_BIN_EXE_ecmsk")).parent().expect("its folder");
+    let path = format!("{}:{}", tool.display(), std::env::var("PATH").expect("it is set"));
+    let mut bash = Command::new("bash");
+    bash.args(["-c", &format!("exec 2>&1\n{script}")]).current_dir(folder.path()).env("PATH", path);
+    let output = bash.env_remove("ECMSK_LOG").output().expect("bash starts");
+    let text = String::from_utf8(output.stdout).expect("UTF-8").replace(keys, "");
+    let mut said: Vec<String> = text.split(&format!("{MARK}\n")).map(str::to_owned).collect();
+    assert_eq!(said.pop().as_deref(), Some(""), "the shell ended early: {text}");
+    said
+}
+
+/// TOOL-40 Every command of the page prints what the page says, on virtual time to the byte.
+#[test]
+fn the_page_is_true() {
+    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/TOOL.md")).expect("the page");
+    let shown = commands(&page);
+    assert!(shown.len() >= 12, "{shown:?}");
+    for (shown, said) in shown.iter().zip(run(&shown, "&clock=virtual")) {
+        assert_eq!(said, shown.output, "$ {}", shown.command);
+    }
+}
+
+/// TOOL-40 As they stand there, on the real clock, the commands that should succeed do.
+#[test]
+fn the_page_works_on_the_real_clock() {
+    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/TOOL.md")).expect("the page");
+    let shown = commands(&page);
+    for (shown, said) in shown.iter().zip(run(&shown, "&clock=real")) {
+        let has_error = |text: &str| text.lines().any(|line| line.starts_with("error: "));
+        assert_eq!(has_error(&said), has_error(&shown.output), "$ {}\n{said}", shown.command);
+    }
+}

@@ -5,6 +5,7 @@ mod dump;
 mod error;
 #[cfg(unix)]
 mod exec;
+mod filter;
 mod kinds;
 mod link;
 mod output;

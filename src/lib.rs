@@ -13,6 +13,8 @@ pub mod engine;
 pub mod fieldbus;
 #[cfg(feature = "std")]
 pub mod link;
+#[cfg(feature = "std")]
+pub mod recording;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]

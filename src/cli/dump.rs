@@ -16,14 +16,15 @@ use clap::ValueHint;
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
 use ecmsk::link::record::RecordMeta;
+use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 
 use super::error::{CliError, say};
 use super::filter::{Command, Slots, Times, parse_seconds};
-use super::kinds::{KindList, Kinds};
+use super::kinds::KindList;
 use super::output;
 use super::recording::{self, Framed, Frames};
-use super::slot_size::{self, SizeFinder, SizeFrom};
+use super::slot_size;
 use frames::{Shown, Time, View};
 use hex::{HexError, HexFrame};
 use text::Numbering;
@@ -166,7 +167,7 @@ fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(),
             printer.section(&now)?;
             section = Some(now);
         }
-        let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref()));
+        let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref().map(KindList::kinds)));
         let Framed { number, time_ns, recorded, size, .. } = framed;
         let time = Some(Time { since_start_ns: time_ns, recorded_ns: recorded.at_ns });
         let shown = Shown { number, time, direction: recorded.dir, guessed: false, size, frame: recorded.frame };
@@ -183,7 +184,7 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
         _ => None,
     };
     let mut sizes = SizeFinder::new(args.slot_size);
-    let mut kinds = Kinds::new(args.kinds.as_ref());
+    let mut kinds = Kinds::new(args.kinds.as_ref().map(KindList::kinds));
     let mut noted = false;
     let mut input = io::stdin().lock();
     let mut bytes = Vec::new();

@@ -3,7 +3,6 @@
 mod chart;
 mod decimate;
 mod follow;
-mod order;
 mod panel;
 mod series;
 mod states;
@@ -16,13 +15,13 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueHint;
 use ecmsk::link::record::RecordError;
+use ecmsk::recording::InOrder;
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::error::{CliError, say};
 use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
 use super::recording::{Framed, Frames};
 use super::{output, slot_size};
-use order::InOrder;
 use series::{AxisLines, Series};
 use survey::Survey;
 
@@ -215,7 +214,7 @@ fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Re
         match framed {
             Ok(framed) => {
                 walked.frames += 1;
-                order.push(framed).iter().for_each(&mut show);
+                order.push(framed.time_ns, framed).iter().for_each(&mut show);
             }
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
             Err(error) => return Err(error.into()),

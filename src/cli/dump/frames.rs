@@ -2,11 +2,11 @@
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{CommandDump, MAX_SLAVES, ResponseDump, SlotLine};
 use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
 
 use crate::cli::filter::{Command, Slots};
-use crate::cli::kinds::Kinds;
 
 /// A frame, and what is known of it.
 #[derive(Clone, Debug)]

@@ -1,6 +1,7 @@
 //! The second look at a recording: the lines of the plot.
 
 use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, SlaveCommand, SlaveKind,
     SlotCommand, SlotSize,
@@ -10,7 +11,6 @@ use super::decimate::Line;
 use super::follow::{Follow, InForce, Targets};
 use super::states::{Span, States};
 use super::{Window, style, survey};
-use crate::cli::kinds::Kinds;
 use crate::cli::recording::Framed;
 
 /// Columns of pixels that a line is thinned to: the width of a diagram.
@@ -196,9 +196,8 @@ impl Series {
             self.full_reports += u64::from(self.window.contains(at_ns));
             self.full.push(at_ns, 0.0);
         }
-        let MasterResponse { fifo_free, full_count, error, .. } = master;
         let follow = self.follow.as_mut();
-        let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, fifo_free, full_count, error));
+        let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, &master));
         let aborted = answers_abort_home(frame, size);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let number = usize::from(axis.number);

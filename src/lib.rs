@@ -6,6 +6,8 @@ pub mod coe;
 pub mod sk;
 
 #[cfg(feature = "std")]
+pub mod compare;
+#[cfg(feature = "std")]
 pub mod ecm;
 #[cfg(feature = "std")]
 pub mod engine;

@@ -20,6 +20,9 @@ pub enum CliError {
     /// See [`super::plot::PlotError`].
     #[error(transparent)]
     Plot(#[from] super::plot::PlotError),
+    /// See [`super::compare::CompareVerbError`].
+    #[error(transparent)]
+    Compare(#[from] super::compare::CompareVerbError),
     /// See [`super::exec::ExecError`].
     #[cfg(unix)]
     #[error(transparent)]
@@ -40,6 +43,7 @@ impl CliError {
         match self {
             #[cfg(unix)]
             Self::Exec(error) => ExitCode::from(error.code()),
+            Self::Compare(_) => ExitCode::from(super::compare::TROUBLE),
             _ => ExitCode::FAILURE,
         }
     }

@@ -1,5 +1,6 @@
 //! The command line: one file per verb, and what all verbs share.
 
+mod compare;
 mod completions;
 mod dump;
 mod error;
@@ -25,6 +26,8 @@ Exit codes:
   0    done (also when whoever read the output has closed it)
   1    failed; the last line on standard error says why and what to do
   2    the command line is wrong
+  compare
+       0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
        125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
 
@@ -42,6 +45,7 @@ enum Verb {
     Exec(exec::Args),
     Dump(dump::Args),
     Plot(plot::Args),
+    Compare(compare::Args),
     Link(link::Args),
     Completions(completions::Args),
 }
@@ -63,6 +67,7 @@ impl Verb {
             Self::Exec(args) => Ok(exec::run(&args)?),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Compare(args) => Ok(compare::run(&args)?),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

@@ -1,12 +1,12 @@
 //! `ecmsk plot`: a recording as a picture, what was commanded and what the drives did.
 
-mod chart;
-mod decimate;
+pub mod chart;
+pub mod decimate;
 mod follow;
-mod panel;
+pub mod panel;
 mod series;
 mod states;
-mod style;
+pub mod style;
 mod survey;
 
 use std::fs;
@@ -131,16 +131,20 @@ pub enum PlotError {
         axes: Vec<u8>,
     },
     /// The plot would replace the recording.
-    #[error("the plot would replace the recording {}; name another file with -o", .file.display())]
+    #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
         /// The file.
         file: PathBuf,
+        /// What names it.
+        option: &'static str,
     },
     /// The plot cannot be written.
-    #[error("cannot write {}: {source}; name another file with -o", .file.display())]
+    #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
     Write {
         /// The file.
         file: PathBuf,
+        /// What names it.
+        option: &'static str,
         /// The system's words.
         source: io::Error,
     },
@@ -183,19 +187,35 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let commands = names.collect::<Vec<_>>().join(", ");
         return Err(PlotError::NoSuchCommand { commands, axes }.into());
     }
-    let drawing = chart::draw(
-        lines,
-        &chart::Caption {
-            link: survey.link().unwrap_or_else(|| args.file.display().to_string()),
-            file: args.file.display().to_string(),
-            window,
-            frames,
-        },
-    )?;
+    let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
+    let file = args.file.display();
+    let caption = chart::Caption {
+        title: survey.link().unwrap_or_else(|| file.to_string()),
+        about: format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0)),
+        range: window.range(),
+        axis: "time (s)",
+    };
+    let drawing = chart::draw(&panel::panels(lines), &caption)?;
     if let Some(damage) = damage {
         say("note", &damage);
     }
-    write(args, &drawing)
+    let file = args.output.clone().unwrap_or_else(|| args.file.with_extension("svg"));
+    if file == Path::new("-") {
+        return Ok(output::print(drawing)?);
+    }
+    save(&file, "-o", &[&args.file], &drawing)?;
+    Ok(output::print(format!("{}\n", file.display()))?)
+}
+
+/// Writes a plot to a file, named by that option, that is none of the recordings it was made of.
+pub fn save(file: &Path, option: &'static str, recordings: &[&Path], drawing: &str) -> Result<(), PlotError> {
+    let same = |recording: &&Path| {
+        fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
+    };
+    if recordings.iter().any(same) {
+        return Err(PlotError::SameFile { file: file.to_owned(), option });
+    }
+    fs::write(file, drawing).map_err(|source| PlotError::Write { file: file.to_owned(), option, source })
 }
 
 /// What a walk through the recording came by.
@@ -254,19 +274,6 @@ fn axes(asked: Vec<u8>, survey: &Survey) -> Result<Vec<u8>, PlotError> {
     Ok(axes)
 }
 
-fn write(args: &Args, drawing: &str) -> Result<(), CliError> {
-    let file = args.output.clone().unwrap_or_else(|| args.file.with_extension("svg"));
-    if file == Path::new("-") {
-        return Ok(output::print(drawing)?);
-    }
-    let same = fs::canonicalize(&file).ok().zip(fs::canonicalize(&args.file).ok()).is_some_and(|(a, b)| a == b);
-    if same {
-        return Err(PlotError::SameFile { file }.into());
-    }
-    fs::write(&file, drawing).map_err(|source| PlotError::Write { file: file.clone(), source })?;
-    Ok(output::print(format!("{}\n", file.display()))?)
-}
-
 /// What can be asked for instead.
 fn others(axes: &[u8]) -> String {
     match axes {
@@ -290,6 +297,17 @@ pub struct Window {
 }
 
 impl Window {
+    /// Of commands by their numbers: they stand where seconds would.
+    pub const fn of_commands(count: u64) -> Self {
+        Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
+    }
+
+    /// From left to right; a single moment gets some room around.
+    pub fn range(self) -> std::ops::Range<f64> {
+        let (from, to) = (seconds(self.from_ns), seconds(self.to_ns));
+        if to > from { from..to } else { from - 0.001..to + 0.001 }
+    }
+
     const fn contains(self, at_ns: i64) -> bool {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
@@ -306,6 +324,11 @@ impl std::fmt::Display for Window {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{:.3} s to {:.3} s", seconds(self.from_ns), seconds(self.to_ns))
     }
+}
+
+/// Where command n stands in a window of commands.
+pub const fn command_place(n: u64) -> i64 {
+    (n as i64).saturating_mul(1_000_000_000)
 }
 
 /// Nanoseconds as seconds.

@@ -4,7 +4,7 @@ mod direction;
 mod frames;
 mod hex;
 mod json;
-mod slot_json;
+pub mod slot_json;
 mod text;
 
 use std::collections::BTreeMap;

@@ -23,6 +23,9 @@ pub enum CliError {
     /// See [`super::compare::CompareVerbError`].
     #[error(transparent)]
     Compare(#[from] super::compare::CompareVerbError),
+    /// See [`super::monitor::MonitorError`].
+    #[error(transparent)]
+    Monitor(#[from] super::monitor::MonitorError),
     /// See [`super::exec::ExecError`].
     #[cfg(unix)]
     #[error(transparent)]

@@ -9,6 +9,7 @@ mod exec;
 mod filter;
 mod kinds;
 mod link;
+mod monitor;
 mod output;
 mod plot;
 mod recording;
@@ -46,6 +47,7 @@ enum Verb {
     Dump(dump::Args),
     Plot(plot::Args),
     Compare(compare::Args),
+    Monitor(monitor::Args),
     Link(link::Args),
     Completions(completions::Args),
 }
@@ -68,6 +70,7 @@ impl Verb {
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Compare(args) => Ok(compare::run(&args)?),
+            Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

@@ -23,6 +23,9 @@ pub enum CliError {
     /// See [`super::compare::CompareVerbError`].
     #[error(transparent)]
     Compare(#[from] super::compare::CompareVerbError),
+    /// See [`super::man::ManError`].
+    #[error(transparent)]
+    Man(#[from] super::man::ManError),
     /// See [`super::monitor::MonitorError`].
     #[error(transparent)]
     Monitor(#[from] super::monitor::MonitorError),

@@ -9,6 +9,7 @@ mod exec;
 mod filter;
 mod kinds;
 mod link;
+mod man;
 mod monitor;
 mod output;
 mod plot;
@@ -50,6 +51,7 @@ enum Verb {
     Monitor(monitor::Args),
     Link(link::Args),
     Completions(completions::Args),
+    Man(man::Args),
 }
 
 /// Runs the tool on the arguments of this process.
@@ -72,6 +74,7 @@ impl Verb {
             Self::Compare(args) => Ok(compare::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }
     }

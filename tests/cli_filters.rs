@@ -78,6 +78,13 @@ fn dump_by_command() {
     assert!(cyclic.len() == 22 && cyclic.iter().all(|frame| slots(frame) == [0]), "{}", cyclic.len());
     let second = json(&recorded, &["--commands", "CSP", "--slots", "2"]);
     assert!(second.len() > 40 && second.iter().all(|frame| slots(frame) == [2]));
+    let [sent, answered] = ["command", "response"].map(|direction| {
+        let frames = json(&recorded, &["--commands", "CSP", "--direction", direction]);
+        assert!(frames.iter().all(|frame| frame["direction"] == direction), "{direction}");
+        frames.len()
+    });
+    assert_eq!((sent, sent + answered), (20, json(&recorded, &["--commands", "CSP"]).len()));
+    dump(&recorded, &["--direction", "up"]).misused(&["--direction", "allowed: command, response"]);
     dump(&recorded, &["--commands", "CPS"]).misused(&["--commands", "CSP", "SET_STATE", "CYCLIC"]);
     // What SET_AXIS said counts, though it is not shown.
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");

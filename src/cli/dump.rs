@@ -41,7 +41,7 @@ it is guessed from slot 0, and the output says so.
 
 Examples:
   ecmsk dump run.pcapng --slots 0,3-5,sdo | less
-  ecmsk dump run.pcapng --commands CSP,SET_STATE --from 1.5s --to 2s
+  ecmsk dump run.pcapng --commands CSP,SET_STATE --direction command --from 1.5s --to 2s
   ecmsk dump run.pcapng --json | jq 'select(.direction == \"response\") | .slots[0].fifo_free_entries'
   xxd -p -c 0 frame.bin | ecmsk dump --hex --command")]
 pub struct Args {
@@ -77,6 +77,10 @@ pub struct Args {
     /// without any of them are left out
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
     commands: Vec<Command>,
+
+    /// Show only frames to the board, or only those from it
+    #[arg(long, value_name = "command|response", value_parser = direction::parse)]
+    direction: Option<Dir>,
 
     /// Leave out what is before this time, as 1.5, 1.5s or 1500ms since the recording's first frame
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
@@ -231,6 +235,7 @@ struct Printer {
     numbering: Numbering,
     view: View,
     times: Times,
+    direction: Option<Dir>,
     /// What the user says of the firmware.
     firmware: Option<Firmware>,
     /// Frames that went by, and those of them that were printed.
@@ -251,6 +256,7 @@ impl Printer {
                 firmware: args.fw.unwrap_or_default(),
             },
             times: Times { from: args.from, to: args.to },
+            direction: args.direction,
             firmware: args.fw,
             frames: 0,
             printed: 0,
@@ -275,7 +281,8 @@ impl Printer {
         }
         self.frames += 1;
         shown.tell(kinds);
-        if shown.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
+        let other_way = self.direction.is_some_and(|direction| direction != shown.direction);
+        if other_way || shown.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
             return Ok(());
         }
         let lines = self.view.lines(shown, kinds);
@@ -295,7 +302,10 @@ impl Printer {
     fn note_nothing_left(&self) {
         if self.printed == 0 && self.frames > 0 {
             let frames = self.frames;
-            say("note", &format_args!("none of {frames} frames is left; change --commands, --from or --to"));
+            say(
+                "note",
+                &format_args!("none of {frames} frames is left; change --commands, --direction, --from or --to"),
+            );
         }
     }
 }

@@ -120,15 +120,18 @@ impl Program {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("run.pcapng");
         let script = folder.path().join("script");
-        std::fs::write(&script, &self.script).expect("a file");
         self.record_to(&file, &script);
         Run { _folder: folder, file }
     }
 
-    fn record_to(&self, file: &Path, script: &Path) {
+    /// The same to files of the caller's: the recording, and the script if it has one.
+    pub fn record_to(&self, file: &Path, script: &Path) {
         let Self { keys, polls, repeats, .. } = self;
-        let (record, script) = (file.display(), script.display());
-        let uri = format!("sim:?slaves=drive*2,io&clock=virtual&script={script}&record={record}{keys}");
+        let mut uri = format!("sim:?slaves=drive*2,io&clock=virtual&record={}{keys}", file.display());
+        if !self.script.is_empty() {
+            std::fs::write(script, &self.script).expect("a file");
+            uri += &format!("&script={}", script.display());
+        }
         let link = link::open(&uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"));
         let mut host = Host { link, report: Frame::new(), polls: *polls, repeats: *repeats };
         let mut kinds = [SlaveKind::None; 8];

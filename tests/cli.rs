@@ -16,7 +16,7 @@ fn help() {
     for code in ["0 ", "1 ", "2 ", "125 ", "126 ", "127 ", "128 + n"] {
         assert!(help.contains(code), "{code} is missing in {help}");
     }
-    for verb in ["exec", "dump", "plot", "link", "completions"] {
+    for verb in ["exec", "dump", "plot", "compare", "monitor", "man", "link", "completions"] {
         assert!(help.contains(&format!("\n  {verb} ")), "{verb} is missing in {help}");
         let about = run([verb, "--help"]).quiet();
         assert!(about.contains(&format!("Usage: ecmsk {verb}")), "{about}");
@@ -56,7 +56,7 @@ fn link_help() {
 fn completions() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = run(["completions", shell]).quiet();
-        for word in ["exec", "dump", "plot", "slot-size", "record", "difference"] {
+        for word in ["exec", "dump", "plot", "compare", "monitor", "slot-size", "record", "difference", "tolerance"] {
             assert!(script.contains(word), "{shell}: {word} is missing");
         }
     }

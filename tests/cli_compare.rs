@@ -133,7 +133,7 @@ fn picture() {
     let largest = difference.iter().map(|(_, counts)| *counts).fold(0.0, f64::max);
     assert!(largest > 50.0, "{largest}");
     assert!(difference.iter().filter(|(at, _)| *at < command - 1.0).all(|(_, counts)| counts.abs() < 5.0));
-    assert!(plot.texts().iter().any(|text| *text == "first difference: command 105"), "{:?}", plot.texts());
+    assert!(plot.texts().contains(&"first difference: command 105"), "{:?}", plot.texts());
     compare(&a, &b, &["--plot", a.path()]).failed(2, &["would replace the recording"], "with --plot");
     compare(&a, &b, &["--plot", "/no/such/folder/x.svg"]).failed(2, &["cannot write"], "with --plot");
     assert!(Path::new(a.path()).exists());

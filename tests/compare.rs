@@ -50,6 +50,16 @@ fn timing_is_no_difference() {
     }
 }
 
+/// TOOL-56 Answers are found at any cycle: it is what SET_DC says.
+#[test]
+fn other_cycles() {
+    for cycle_us in [250, 2000] {
+        let run = |keys: &str| Program { cycle_us, keys: keys.into(), ..Program::default() }.record();
+        let found = compared(&run("&host_us=100"), &run("&host_us=60"), &Options::default());
+        assert!(found.is_equal() && found.answers > 300, "{cycle_us}: {found}");
+    }
+}
+
 /// TOOL-57 A command that is another one is the difference, named by its number, slave and both targets.
 #[test]
 fn another_target() {
@@ -89,9 +99,10 @@ fn a_fault_of_one_board() {
 }
 
 /// A board whose frames are made up: one drive, 1 ms a cycle, in OP.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 struct Board {
     frames: Vec<Observed>,
+    state: MasterState,
     at_ns: i64,
     full: u16,
 }
@@ -99,7 +110,7 @@ struct Board {
 impl Board {
     /// A board that has been seen in OP.
     fn op() -> Self {
-        let mut board = Self::default();
+        let mut board = Self { frames: Vec::new(), state: MasterState::Op, at_ns: 0, full: 0 };
         board.send(&MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
         board.report(160, 0, 0x1637, 0);
         board
@@ -141,7 +152,7 @@ impl Board {
     fn report_with(&mut self, free: u16, position: i32, statusword: u16, error_code: u16, sdo: SdoResponse) {
         self.at_ns = (self.at_ns / 1_000_000 + 1) * 1_000_000 - 100_000;
         let mut frame = Frame::new();
-        let state = StateByte::reached(MasterState::Op);
+        let state = StateByte::reached(self.state);
         let full_count = self.full;
         let board = MasterResponse { id: 0xBF, state, fifo_free: free, full_count, ..Default::default() };
         frame.put(SIZE, 0, &board.encode());
@@ -198,6 +209,23 @@ fn the_last_answer_counts() {
     assert_eq!(what(&a, &run(&[0x0233, 0x1637]), &Options::default()), None);
     let late = what(&a, &run(&[0x0231, 0x0233]), &Options::default()).expect("a difference");
     assert_eq!(late.0, 2);
+}
+
+/// TOOL-58 Outside OP slaves' slots are what they were (SK-4), and do not count; the state does.
+#[test]
+fn slaves_count_in_op_alone() {
+    let run = |state, position| {
+        let mut board = Board::op();
+        board.send(&MasterCommand::SetState(MasterState::SafeOp));
+        board.state = state;
+        board.report(0, position, 0x1637, 0);
+        board
+    };
+    let safe_op = |position| run(MasterState::SafeOp, position);
+    assert_eq!(what(&safe_op(1), &safe_op(2), &Options::default()), None);
+    let (command, found) = what(&safe_op(1), &run(MasterState::PreOp, 1), &Options::default()).expect("a difference");
+    let states = [MasterState::SafeOp, MasterState::PreOp].map(StateByte::reached);
+    assert_eq!((command, found), (2, vec![What::State { states }]));
 }
 
 /// TOOL-58 A fault that one board had on the way is told though it is gone when the program moves on.

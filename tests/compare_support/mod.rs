@@ -32,6 +32,8 @@ pub struct Program {
     pub other_target: Option<(i32, i32)>,
     /// What it writes to an object of drive 1.
     pub home_offset: u32,
+    /// EtherCAT cycle.
+    pub cycle_us: u32,
     /// Whether it stops after the motion.
     pub short: bool,
 }
@@ -45,6 +47,7 @@ impl Default for Program {
             repeats: 1,
             other_target: None,
             home_offset: 0,
+            cycle_us: 1000,
             short: false,
         }
     }
@@ -137,7 +140,7 @@ impl Program {
         let mut kinds = [SlaveKind::None; 8];
         kinds[..3].copy_from_slice(&[SlaveKind::Drive, SlaveKind::Drive, SlaveKind::Io]);
         host.write(|frame| frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds }));
-        let cycle = ecmsk::sk::CycleTime::from_us(1000).expect("a cycle");
+        let cycle = ecmsk::sk::CycleTime::from_us(self.cycle_us).expect("a cycle");
         let shift = ecmsk::sk::DcShift::Auto;
         host.write(|frame| frame.put_master(SIZE, &MasterCommand::SetDc { cycle, shift }));
         host.state(MasterState::Op);

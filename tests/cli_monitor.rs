@@ -89,7 +89,7 @@ fn kinds_of_slaves() {
     let guessed = monitor(&file, &["--once"]).quiet();
     assert!(guessed.contains("    1 drive? Operation enabled"), "{guessed}");
     assert!(guessed.contains("    4 io "), "an answer to IO_RD is of an IO slave: {guessed}");
-    let told = monitor(&file, &["--once", "--slaves", "drive,none,step,io,hsp2"]).quiet();
+    let told = monitor(&file, &["--once", "--slaves", "drive:csv,none,step,io,hsp2"]).quiet();
     assert!(told.contains("    1 drive  Operation enabled") && told.contains("axis 2"), "{told}");
     assert!(!told.contains("\n    2 "), "{told}");
 }

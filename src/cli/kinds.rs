@@ -29,7 +29,8 @@ impl KindList {
         &self.0
     }
 
-    /// Reads a comma list of kinds, each with `*N` if there are N in a row.
+    /// Reads a comma list of kinds, each with `*N` if there are N in a row. What stands behind a colon is how a slave runs or
+    /// what is along its way, as other lists of slaves have it, and no matter here.
     ///
     /// # Errors
     /// What is wrong and what is allowed.
@@ -37,6 +38,7 @@ impl KindList {
         let mut kinds = Vec::new();
         for item in text.split(',') {
             let (word, count) = item.split_once('*').map_or((item, Some(1)), |(word, n)| (word, n.parse().ok()));
+            let word = word.split(':').next().unwrap_or_default();
             let kind = WORDS.into_iter().find(|(name, _)| name.eq_ignore_ascii_case(word.trim()));
             let Some((_, kind)) = kind else {
                 return Err(format!("kind `{word}` is unknown; allowed: {}", WORDS.map(|(name, _)| name).join(", ")));

@@ -17,7 +17,7 @@ use clap::ValueHint;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::Firmware;
 use ecmsk::link::config::{Environment, find};
-use ecmsk::link::keys::{KEYS, Scheme};
+use ecmsk::link::keys::Scheme;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::record::RecordError;
 use ecmsk::link::slaves::SlaveModel;
@@ -211,10 +211,10 @@ fn uri(args: &Args) -> Result<LinkUri, MonitorError> {
 
 /// A link on which the monitor is no writer, where links tell one from the other.
 fn reading(uri: &LinkUri) -> LinkUri {
-    let knows = KEYS.iter().any(|key| key.name == "role");
-    if uri.scheme() != Scheme::Tcp || uri.value("role").is_some() || !knows {
+    if uri.value("role") != Some("writer") {
         return uri.clone();
     }
+    // The normal form leaves out what is so by itself.
     let text = uri.to_string();
     let sign = if text.contains('?') { '&' } else { '?' };
     LinkUri::parse(&format!("{text}{sign}role=reader")).unwrap_or_else(|_| uri.clone())

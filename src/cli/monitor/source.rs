@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use ecmsk::ecm::{Close, Ecm, EcmError, Options};
 use ecmsk::link::record::RecordError;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Dir, Link, LinkError, Share};
+use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share};
 use ecmsk::recording::InOrder;
 use ecmsk::sk::SlotSize;
 
@@ -38,6 +38,8 @@ impl Feed {
         let ecm = Ecm::over(Arc::clone(&link), options)?;
         let size = ecm.slot_size()?;
         watched.live = true;
+        let first = ecm.snapshot()?;
+        watched.report(nanoseconds(first.meta), first.frame(), size);
         let failed = Arc::new(Mutex::new(None));
         let problem = Arc::clone(&failed);
         Ok(Self::start(watched, Some(link), failed, move |watched, stop| {
@@ -120,7 +122,7 @@ fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) 
         let stats = ecm.stats()?;
         {
             let mut watched = lock(watched);
-            watched.report(i64::try_from(snapshot.meta.at.0).unwrap_or(i64::MAX), snapshot.frame(), size);
+            watched.report(nanoseconds(snapshot.meta), snapshot.frame(), size);
             watched.counts.lost = stats.reports_lost;
             watched.counts.bad_crc = stats.bad_crc;
         }
@@ -172,6 +174,11 @@ pub fn walk(
         }
     }
     Ok(damage)
+}
+
+/// When a report was made.
+fn nanoseconds(meta: ReadMeta) -> i64 {
+    i64::try_from(meta.at.0).unwrap_or(i64::MAX)
 }
 
 fn lock(watched: &Mutex<Watched>) -> MutexGuard<'_, Watched> {

@@ -370,36 +370,42 @@ mod any_frames {
 
     use super::*;
 
-    /// Frames of few kinds in any order, a millisecond apart at most: commands of all kinds, reports of any state.
+    prop_compose! {
+        /// A slot, often with a command that there is.
+        fn slots()(code: u8, index in 0_u8..4, parm: u16, data1: u32, data2: u32) -> RawSlot {
+            let id = CommandId::ALL.get(usize::from(code)).map_or(code, |known| known.code());
+            RawSlot { id, index, parm, data1, data2, data3: 0 }
+        }
+    }
+
+    prop_compose! {
+        /// A frame and the time since the one before: a command of any kind, or a report of any state.
+        fn frames()(
+            is_report: bool,
+            state in prop::sample::select(vec![0_u8, 1, 2, 4, 8, 8, 8, 0x12, 0x18, 0xFF]),
+            fifo_free in 0_u16..200,
+            place in 0_usize..42,
+            slot in slots(),
+            after_ns in 0_i64..1_000_000,
+        ) -> (Dir, Frame, i64) {
+            let mut frame = Frame::new();
+            frame.put(SIZE, place, &slot);
+            if is_report {
+                let board = MasterResponse { id: 0xBF, state: StateByte(state), fifo_free, ..Default::default() };
+                frame.put(SIZE, 0, &board.encode());
+            }
+            (if is_report { Dir::Read } else { Dir::Write }, frame, after_ns)
+        }
+    }
+
     fn runs() -> impl Strategy<Value = Vec<Observed>> {
-        let state = prop::sample::select(vec![0_u8, 1, 2, 4, 8, 8, 8, 0x12, 0x18, 0xFF]);
-        let slot = (any::<u8>(), 0_u8..4, any::<u16>(), any::<u32>(), any::<u32>());
-        let frame = (any::<bool>(), state, 0_u16..200, 0_usize..42, slot, 0_i64..1_000_000);
-        prop::collection::vec(frame, 0..200).prop_map(|frames| {
+        prop::collection::vec(frames(), 0..200).prop_map(|frames| {
             let mut at_ns = 0;
-            let observe = |(number, frame): (usize, _)| {
-                let (is_report, state, free, i, (id, index, parm, data1, data2), after): (
-                    bool,
-                    u8,
-                    u16,
-                    _,
-                    (u8, u8, u16, u32, u32),
-                    i64,
-                ) = frame;
-                at_ns += after;
-                let mut bytes = Frame::new();
-                // Often a command that there is.
-                let id = CommandId::ALL.get(usize::from(id)).map_or(id, |known| known.code());
-                bytes.put(SIZE, i, &RawSlot { id, index, parm, data1, data2, data3: 0 });
-                if is_report {
-                    let state = StateByte(state);
-                    let board = MasterResponse { id: 0xBF, state, fifo_free: free, ..Default::default() };
-                    bytes.put(SIZE, 0, &board.encode());
-                }
-                let dir = if is_report { Dir::Read } else { Dir::Write };
-                Observed { number: number as u64 + 1, at_ns, dir, frame: bytes }
+            let observe = |(number, (dir, frame, after_ns))| {
+                at_ns += after_ns;
+                Observed { number, at_ns, dir, frame }
             };
-            frames.into_iter().enumerate().map(observe).collect()
+            (1..).zip(frames).map(observe).collect()
         })
     }
 

@@ -6,6 +6,8 @@ pub mod coe;
 pub mod sk;
 
 #[cfg(feature = "std")]
+pub mod compare;
+#[cfg(feature = "std")]
 pub mod ecm;
 #[cfg(feature = "std")]
 pub mod engine;
@@ -13,6 +15,8 @@ pub mod engine;
 pub mod fieldbus;
 #[cfg(feature = "std")]
 pub mod link;
+#[cfg(feature = "std")]
+pub mod recording;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]

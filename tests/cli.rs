@@ -20,6 +20,8 @@ fn help() {
         "exec",
         "dump",
         "plot",
+        "compare",
+        "monitor",
         "info",
         "state",
         "sdo",
@@ -31,6 +33,7 @@ fn help() {
         "shell",
         "link",
         "completions",
+        "man",
     ] {
         assert!(help.contains(&format!("\n  {verb} ")), "{verb} is missing in {help}");
         let about = run([verb, "--help"]).quiet();
@@ -71,7 +74,19 @@ fn link_help() {
 fn completions() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = run(["completions", shell]).quiet();
-        for word in ["exec", "dump", "plot", "slot-size", "record", "difference", "servo", "counts-per-unit"] {
+        for word in [
+            "exec",
+            "dump",
+            "plot",
+            "compare",
+            "monitor",
+            "tolerance",
+            "slot-size",
+            "record",
+            "difference",
+            "servo",
+            "counts-per-unit",
+        ] {
             assert!(script.contains(word), "{shell}: {word} is missing");
         }
     }

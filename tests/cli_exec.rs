@@ -1,81 +1,20 @@
 //! `ecmsk exec`: what a program is given, and how its end comes back. Shell scripts stand for programs here; programs on
-//! the real library are in the module `needs_cxx`.
+//! the real library are in the module `needs_cxx`. Which library they get: `cli_exec_library.rs`.
 #![cfg(all(feature = "cli", target_os = "linux"))]
 
 mod cli_support;
+mod exec_support;
 mod support;
 
-use std::ffi::OsStr;
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::os::unix::fs::symlink;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use cli_support::{Ran, ecmsk};
+use cli_support::Ran;
 use ecmsk::link::uri::LinkUri;
-use tempfile::TempDir;
-
-/// What the library does when a program opens a board.
-const OPENS: &str = ": > \"$ECMSK_OPENED\";";
-
-/// A folder with something that looks like the library, and one for temporary files.
-struct Place {
-    folder: TempDir,
-}
-
-impl Place {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().expect("a folder");
-        fs::create_dir(folder.path().join("tmp")).expect("a folder");
-        symlink(env!("CARGO_BIN_EXE_ecmsk"), folder.path().join("libNEXTWUSBLib.so")).expect("a link");
-        Self { folder }
-    }
-
-    fn path(&self) -> &Path {
-        self.folder.path()
-    }
-
-    fn tmp(&self) -> PathBuf {
-        self.path().join("tmp")
-    }
-
-    /// `ecmsk exec` with this library, in this folder.
-    fn exec(&self, options: &[&str]) -> Command {
-        let mut command = ecmsk(["exec", "--library"]);
-        command.arg(self.path()).args(options).env("TMPDIR", self.tmp()).current_dir(self.path());
-        command
-    }
-
-    /// Runs a shell script that does as the library does when a board is opened, to its end; nothing is left behind.
-    fn run(&self, options: &[&str], script: &str) -> Ran {
-        let script = format!("{OPENS} {script}");
-        let ran = self.exec(options).args(["--", "sh", "-c", &script]).output().expect("the tool starts").into();
-        self.is_clean();
-        ran
-    }
-
-    /// A file with these permissions.
-    fn program(&self, name: &str, text: &str, mode: &str) {
-        let source = self.path().join("source");
-        fs::write(&source, text).expect("a file");
-        install(&source, &self.path().join(name), mode);
-    }
-
-    #[track_caller]
-    fn is_clean(&self) {
-        let left: Vec<_> = fs::read_dir(self.tmp()).expect("a folder").flatten().map(|entry| entry.path()).collect();
-        assert_eq!(left, Vec::<PathBuf>::new(), "left behind");
-    }
-}
-
-/// A copy to be executed. Another process makes it: while this one has it open for writing, a program that another test
-/// starts holds it too for a moment, and a file open for writing cannot be executed.
-fn install(from: &Path, to: &Path, mode: &str) {
-    let status = Command::new("install").args(["-m", mode]).args([from, to]).status().expect("install starts");
-    assert!(status.success(), "install {}", to.display());
-}
+use exec_support::{OPENS, Place};
 
 /// The program gets the link in normal form, and nothing is said.
 #[test]
@@ -107,103 +46,6 @@ fn a_program_that_opens_no_board_is_named() {
         assert!(ran.err.starts_with("note: sh has opened no board; ") && ran.err.contains("ldd"), "{}", ran.err);
         assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
     }
-}
-
-/// The first folder of the search path is private and has the library under both its names, nothing else.
-#[test]
-fn the_library_is_found_first() {
-    let place = Place::new();
-    let script = "first=${LD_LIBRARY_PATH%%:*}; stat -c %a \"$first\"; cd \"$first\"; for f in *; do echo \"$f\"; readlink \"$f\"; done";
-    let out = place.run(&["--link", "sim:"], script).quiet();
-    let library = place.path().join("libNEXTWUSBLib.so");
-    let library = library.display();
-    assert_eq!(out, format!("700\nlibNEXTWUSBLib.so\n{library}\nlibNEXTWUSBLib.so.0\n{library}\n"));
-}
-
-/// The user's search path stays behind it; an empty one, which would mean the current folder, is not kept.
-#[test]
-fn the_search_path_is_kept() {
-    let place = Place::new();
-    for (before, after) in [("/a:/b", ":/a:/b"), ("", "")] {
-        let mut command = place.exec(&[]);
-        command
-            .args(["--", "sh", "-c", ": > \"$ECMSK_OPENED\"; echo \"$LD_LIBRARY_PATH\""])
-            .env("LD_LIBRARY_PATH", before);
-        let out = Ran::from(command.output().expect("the tool starts")).quiet();
-        let own = out.trim_end().strip_suffix(after).expect("the user's folders stand at the end");
-        assert!(own.starts_with(place.tmp().to_str().expect("UTF-8")) && !own.contains(':'), "{out}");
-    }
-}
-
-/// The library: a file, or a folder that has it by either name.
-#[test]
-fn the_library_may_be_named() {
-    let place = Place::new();
-    let file = place.path().join("build-7.so");
-    fs::copy("/bin/sh", &file).expect("a copy");
-    let only_soname = place.path().join("runtime");
-    fs::create_dir(&only_soname).expect("a folder");
-    symlink(&file, only_soname.join("libNEXTWUSBLib.so.0")).expect("a link");
-    for name in [&file, &only_soname] {
-        let script = ": > \"$ECMSK_OPENED\"; readlink -f \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so.0\"";
-        let mut command = ecmsk(["exec", "--library"]);
-        command.arg(name).args(["--", "sh", "-c", script]).env("TMPDIR", place.tmp());
-        let out = Ran::from(command.output().expect("the tool starts")).quiet();
-        assert_eq!(Path::new(out.trim_end()), fs::canonicalize(&file).expect("a file"));
-    }
-}
-
-/// Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them.
-#[test]
-fn the_library_is_looked_for_beside_the_tool() {
-    let place = Place::new();
-    let (bin, lib) = (place.path().join("stage/bin"), place.path().join("stage/lib"));
-    fs::create_dir_all(&bin).expect("a folder");
-    fs::create_dir_all(&lib).expect("a folder");
-    let tool = bin.join("ecmsk");
-    install(Path::new(env!("CARGO_BIN_EXE_ecmsk")), &tool, "755");
-    let run = || {
-        let mut command = Command::new(&tool);
-        command.args([
-            "exec",
-            "--",
-            "sh",
-            "-c",
-            ": > \"$ECMSK_OPENED\"; readlink \"${LD_LIBRARY_PATH%%:*}/libNEXTWUSBLib.so\"",
-        ]);
-        Ran::from(command.env("TMPDIR", place.tmp()).output().expect("the tool starts"))
-    };
-    let bin = fs::canonicalize(&bin).expect("a folder");
-    let lib = fs::canonicalize(&lib).expect("a folder");
-    run().failed(
-        125,
-        &["no libNEXTWUSBLib.so in", &format!("{} or {}", bin.display(), lib.display())],
-        "name it with --library",
-    );
-    for folder in [lib, bin] {
-        let library = folder.join("libNEXTWUSBLib.so");
-        fs::copy("/bin/sh", &library).expect("a copy");
-        assert_eq!(Path::new(run().quiet().trim_end()), library);
-    }
-}
-
-/// What is no library is an error of the tool: the dynamic linker would take another one without a word.
-#[test]
-fn what_is_no_library_is_refused() {
-    let place = Place::new();
-    let run = |library: &OsStr| {
-        let mut command = ecmsk(["exec", "--library"]);
-        command.arg(library).args(["--", "sh", "-c", "echo started"]).env("TMPDIR", place.tmp());
-        let ran = Ran::from(command.output().expect("the tool starts"));
-        assert_eq!(ran.out, "", "the program was started");
-        ran
-    };
-    let text = place.path().join("text.so");
-    fs::write(&text, "no library").expect("a file");
-    run(text.as_os_str()).failed(125, &["text.so is no shared library", "no ELF file"], "with --library");
-    fs::write(&text, "").expect("a file");
-    run(text.as_os_str()).failed(125, &["too short"], "with --library");
-    run(OsStr::new("/nowhere")).failed(125, &["no libNEXTWUSBLib.so in /nowhere"], "with --library");
 }
 
 /// --record stands in the link, encoded, with the whole path.

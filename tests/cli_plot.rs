@@ -404,6 +404,6 @@ fn times_that_are_none() {
         for none in ["nan", "inf", "-1e999", "NaN", "1e999"] {
             recorded.try_plot(&[option, none]).misused(&[option, none, "not a time"]);
         }
-        recorded.try_plot(&[option, "soon"]).misused(&[option, "soon", "not a number of seconds"]);
+        recorded.try_plot(&[option, "soon"]).misused(&[option, "soon", "not a time; write it as in 3.5"]);
     }
 }

@@ -4,7 +4,7 @@ mod direction;
 mod frames;
 mod hex;
 mod json;
-mod slot_json;
+pub mod slot_json;
 mod text;
 
 use std::collections::BTreeMap;
@@ -16,13 +16,15 @@ use clap::ValueHint;
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
 use ecmsk::link::record::RecordMeta;
+use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 
-use super::error::CliError;
-use super::kinds::{KindList, Kinds};
+use super::error::{CliError, say};
+use super::filter::{Command, Slots, Times, parse_seconds};
+use super::kinds::KindList;
 use super::output;
 use super::recording::{self, Framed, Frames};
-use super::slot_size::{self, SizeFinder, SizeFrom};
+use super::slot_size;
 use frames::{Shown, Time, View};
 use hex::{HexError, HexFrame};
 use text::Numbering;
@@ -38,7 +40,8 @@ frame to the board, `<` one from it. The direction of a line without either is t
 it is guessed from slot 0, and the output says so.
 
 Examples:
-  ecmsk dump run.pcapng --slot 1 | less
+  ecmsk dump run.pcapng --slots 0,3-5,sdo | less
+  ecmsk dump run.pcapng --commands CSP,SET_STATE --direction command --from 1.5s --to 2s
   ecmsk dump run.pcapng --json | jq 'select(.direction == \"response\") | .slots[0].fifo_free_entries'
   xxd -p -c 0 frame.bin | ecmsk dump --hex --command")]
 pub struct Args {
@@ -62,13 +65,30 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Show this slot alone, whatever it holds: 0 is the ECM, N is slave N, the last one is for SDOs; comma list
-    #[arg(long, value_name = "N", value_delimiter = ',')]
-    slot: Vec<u8>,
+    /// Show these slots alone, whatever they hold: 0 or ecm, N for slave N, sdo for the last; comma list with ranges
+    #[arg(long, visible_alias = "slot", value_name = "LIST", value_delimiter = ',', value_parser = Slots::parse)]
+    slots: Vec<Slots>,
 
     /// Show every slot
-    #[arg(long, conflicts_with = "slot")]
+    #[arg(long, conflicts_with = "slots")]
     all: bool,
+
+    /// Show only what asks for or answers one of these commands, by their names as CSP or SET_STATE; comma list. Frames
+    /// without any of them are left out
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
+    commands: Vec<Command>,
+
+    /// Show only frames to the board, or only those from it
+    #[arg(long, value_name = "command|response", value_parser = direction::parse)]
+    direction: Option<Dir>,
+
+    /// Leave out what is before this time, as 1.5, 1.5s or 1500ms since the recording's first frame
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
+    from: Option<f64>,
+
+    /// Leave out what is after this time
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
+    to: Option<f64>,
 
     /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
@@ -135,6 +155,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     };
     // What came before an error is worth having.
     printer.out.flush()?;
+    printer.note_nothing_left();
     shown
 }
 
@@ -150,7 +171,7 @@ fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(),
             printer.section(&now)?;
             section = Some(now);
         }
-        let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref()));
+        let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref().map(KindList::kinds)));
         let Framed { number, time_ns, recorded, size, .. } = framed;
         let time = Some(Time { since_start_ns: time_ns, recorded_ns: recorded.at_ns });
         let shown = Shown { number, time, direction: recorded.dir, guessed: false, size, frame: recorded.frame };
@@ -167,7 +188,7 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
         _ => None,
     };
     let mut sizes = SizeFinder::new(args.slot_size);
-    let mut kinds = Kinds::new(args.kinds.as_ref());
+    let mut kinds = Kinds::new(args.kinds.as_ref().map(KindList::kinds));
     let mut noted = false;
     let mut input = io::stdin().lock();
     let mut bytes = Vec::new();
@@ -213,8 +234,13 @@ struct Printer {
     json: bool,
     numbering: Numbering,
     view: View,
+    times: Times,
+    direction: Option<Dir>,
     /// What the user says of the firmware.
     firmware: Option<Firmware>,
+    /// Frames that went by, and those of them that were printed.
+    frames: u64,
+    printed: u64,
 }
 
 impl Printer {
@@ -224,11 +250,16 @@ impl Printer {
             json: args.json,
             numbering: if args.hex { Numbering::Line } else { Numbering::Frame },
             view: View {
-                slots: args.slot.iter().map(|slot| usize::from(*slot)).collect(),
+                slots: args.slots.clone(),
                 all: args.all,
+                commands: args.commands.clone(),
                 firmware: args.fw.unwrap_or_default(),
             },
+            times: Times { from: args.from, to: args.to },
+            direction: args.direction,
             firmware: args.fw,
+            frames: 0,
+            printed: 0,
         }
     }
 
@@ -245,16 +276,37 @@ impl Printer {
     }
 
     fn print(&mut self, shown: &Shown, kinds: &mut Kinds) -> Result<(), CliError> {
-        if let Some(slot) = self.view.slots.iter().copied().find(|slot| *slot >= shown.size.slots()) {
+        if let Some(slot) = self.view.slots.iter().find_map(|slots| slots.missing(shown.size)) {
             return Err(DumpError::NoSlot { slot, size: shown.size }.into());
         }
+        self.frames += 1;
+        shown.tell(kinds);
+        let other_way = self.direction.is_some_and(|direction| direction != shown.direction);
+        if other_way || shown.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
+            return Ok(());
+        }
         let lines = self.view.lines(shown, kinds);
+        if lines.is_empty() && !self.view.commands.is_empty() {
+            return Ok(());
+        }
+        self.printed += 1;
         if self.json {
             json::write(&mut self.out, shown, &lines)?;
         } else {
             text::write(&mut self.out, self.numbering, shown, &lines)?;
         }
         Ok(())
+    }
+
+    /// An empty output that was not meant to be is told.
+    fn note_nothing_left(&self) {
+        if self.printed == 0 && self.frames > 0 {
+            let frames = self.frames;
+            say(
+                "note",
+                &format_args!("none of {frames} frames is left; change --commands, --direction, --from or --to"),
+            );
+        }
     }
 }
 

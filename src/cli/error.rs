@@ -25,6 +25,15 @@ pub enum CliError {
     /// See [`super::board::BoardError`].
     #[error(transparent)]
     Board(#[from] super::board::BoardError),
+    /// See [`super::compare::CompareVerbError`].
+    #[error(transparent)]
+    Compare(#[from] super::compare::CompareVerbError),
+    /// See [`super::man::ManError`].
+    #[error(transparent)]
+    Man(#[from] super::man::ManError),
+    /// See [`super::monitor::MonitorError`].
+    #[error(transparent)]
+    Monitor(#[from] super::monitor::MonitorError),
     /// See [`super::exec::ExecError`].
     #[cfg(unix)]
     #[error(transparent)]
@@ -46,6 +55,7 @@ impl CliError {
             #[cfg(unix)]
             Self::Exec(error) => ExitCode::from(error.code()),
             Self::Board(error) => ExitCode::from(error.code()),
+            Self::Compare(_) => ExitCode::from(super::compare::TROUBLE),
             _ => ExitCode::FAILURE,
         }
     }

@@ -1,7 +1,7 @@
-//! What the slaves of a dump are, which responses do not say: from `--kinds`, else as SET_AXIS goes by.
+//! What slaves are in words: `--kinds`, and the JSON of a dump.
 
+use ecmsk::sk::SlaveKind;
 use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize};
 
 /// Kinds of slaves in the order of the network, as `--kinds` has them: `drive*2,io`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,7 +24,13 @@ pub fn word(kind: SlaveKind) -> &'static str {
 }
 
 impl KindList {
-    /// Reads a comma list of kinds, each with `*N` if there are N in a row.
+    /// Slave 1 first.
+    pub fn kinds(&self) -> &[SlaveKind] {
+        &self.0
+    }
+
+    /// Reads a comma list of kinds, each with `*N` if there are N in a row. What stands behind a colon is how a slave runs or
+    /// what is along its way, as other lists of slaves have it, and no matter here.
     ///
     /// # Errors
     /// What is wrong and what is allowed.
@@ -32,6 +38,7 @@ impl KindList {
         let mut kinds = Vec::new();
         for item in text.split(',') {
             let (word, count) = item.split_once('*').map_or((item, Some(1)), |(word, n)| (word, n.parse().ok()));
+            let word = word.split(':').next().unwrap_or_default();
             let kind = WORDS.into_iter().find(|(name, _)| name.eq_ignore_ascii_case(word.trim()));
             let Some((_, kind)) = kind else {
                 return Err(format!("kind `{word}` is unknown; allowed: {}", WORDS.map(|(name, _)| name).join(", ")));
@@ -45,52 +52,5 @@ impl KindList {
             return Err(format!("{} slaves, allowed: at most {MAX_SLAVES}", kinds.len()));
         }
         Ok(Self(kinds))
-    }
-}
-
-/// The kinds known at one point of a sequence of frames.
-#[derive(Debug)]
-pub struct Kinds {
-    kinds: [Option<SlaveKind>; MAX_SLAVES],
-    /// Whether SET_AXIS tells: the user has not.
-    follow: bool,
-    state: Option<MasterState>,
-}
-
-impl Kinds {
-    /// The user's list, slaves beyond it being none; without one, nothing is known until SET_AXIS tells.
-    pub fn new(given: Option<&KindList>) -> Self {
-        let kinds = match given {
-            Some(list) => std::array::from_fn(|i| Some(list.0.get(i).copied().unwrap_or(SlaveKind::None))),
-            None => [None; MAX_SLAVES],
-        };
-        Self { kinds, follow: given.is_none(), state: None }
-    }
-
-    /// What slave `n`, 1..=40, is.
-    pub fn of(&self, n: usize) -> Option<SlaveKind> {
-        self.kinds.get(n.checked_sub(1)?).copied().flatten()
-    }
-
-    /// A command frame goes by. SET_AXIS counts where a board takes it, in Init and PreOP; SW_RESET undoes it (SK-4).
-    pub fn command(&mut self, frame: &Frame, size: SlotSize) {
-        if !self.follow {
-            return;
-        }
-        match MasterCommand::decode(&frame.slot(size, 0), size) {
-            Ok(MasterCommand::SetAxis { group, kinds })
-                if !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) =>
-            {
-                let slaves = self.kinds.iter_mut().skip(usize::from(group) * 8);
-                slaves.zip(kinds).for_each(|(slave, kind)| *slave = Some(kind));
-            }
-            Ok(MasterCommand::SoftReset) => self.kinds = [None; MAX_SLAVES],
-            _ => {}
-        }
-    }
-
-    /// A response frame goes by.
-    pub fn response(&mut self, frame: &Frame, size: SlotSize) {
-        self.state = MasterResponse::decode(&frame.slot(size, 0)).state.state();
     }
 }

@@ -1,13 +1,17 @@
 //! The command line: one file per verb, and what all verbs share.
 
 mod board;
+mod compare;
 mod completions;
 mod dump;
 mod error;
 #[cfg(unix)]
 mod exec;
+mod filter;
 mod kinds;
 mod link;
+mod man;
+mod monitor;
 mod output;
 mod plot;
 mod recording;
@@ -29,6 +33,8 @@ Exit codes:
   1    failed; the last line on standard error says why and what to do
   2    the command line is wrong
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first
+  compare
+       0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
        125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
 
@@ -50,8 +56,11 @@ enum Verb {
     Step(step::Verb),
     Run(script::Args),
     Shell(shell::Args),
+    Compare(compare::Args),
+    Monitor(monitor::Args),
     Link(link::Args),
     Completions(completions::Args),
+    Man(man::Args),
 }
 
 /// Runs the tool on the arguments of this process.
@@ -74,7 +83,10 @@ impl Verb {
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Shell(args) => Ok(shell::run(&args)?),
+            Self::Compare(args) => Ok(compare::run(&args)?),
+            Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }
     }

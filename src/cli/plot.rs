@@ -1,13 +1,12 @@
 //! `ecmsk plot`: a recording as a picture, what was commanded and what the drives did.
 
-mod chart;
-mod decimate;
+pub mod chart;
+pub mod decimate;
 mod follow;
-mod order;
-mod panel;
+pub mod panel;
 mod series;
 mod states;
-mod style;
+pub mod style;
 mod survey;
 
 use std::fs;
@@ -16,14 +15,14 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueHint;
 use ecmsk::link::record::RecordError;
-use ecmsk::sk::SlotSize;
-use ecmsk::sk::dump::MAX_SLAVES;
+use ecmsk::recording::InOrder;
+use ecmsk::sk::{CommandId, SlotSize};
 
 use super::error::{CliError, say};
+use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
 use super::recording::{Framed, Frames};
 use super::{output, slot_size};
-use order::InOrder;
-use series::Series;
+use series::{AxisLines, Series};
 use survey::Survey;
 
 /// Axes that a plot can tell apart by their colours.
@@ -49,16 +48,20 @@ pub struct Args {
     #[arg(short, long, value_name = "SVG", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 
-    /// Slaves to show, at most 8; comma list [default: those that were moved, else all drives]
-    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=MAX_SLAVES as i64))]
-    axes: Vec<u8>,
+    /// Slaves to show, at most 8; comma list with ranges [default: those that were moved, else all drives]
+    #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = Slaves::parse)]
+    axes: Vec<Slaves>,
 
-    /// Leave out what is before this time, in seconds
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = parse_seconds)]
+    /// Show an axis only where its slot asks for or answers one of these commands, as CSP or GO_HOME; comma list
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
+    commands: Vec<Command>,
+
+    /// Leave out what is before this time, as 1.5, 1.5s or 1500ms
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     from: Option<f64>,
 
-    /// Leave out what is after this time, in seconds
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = parse_seconds)]
+    /// Leave out what is after this time
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     to: Option<f64>,
 
     /// Show the following difference too: the target executed in a cycle minus the actual position reported by it
@@ -95,6 +98,16 @@ pub enum PlotError {
         /// The times there are.
         op: String,
     },
+    /// The axes never had one of these commands.
+    #[error(
+        "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
+    )]
+    NoSuchCommand {
+        /// Those asked for.
+        commands: String,
+        /// The axes looked at.
+        axes: Vec<u8>,
+    },
     /// More than colours.
     #[error("{found} axes do not fit one plot, at most {MAX_AXES} do; name fewer with --axes")]
     TooManyAxes {
@@ -118,16 +131,20 @@ pub enum PlotError {
         axes: Vec<u8>,
     },
     /// The plot would replace the recording.
-    #[error("the plot would replace the recording {}; name another file with -o", .file.display())]
+    #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
         /// The file.
         file: PathBuf,
+        /// What names it.
+        option: &'static str,
     },
     /// The plot cannot be written.
-    #[error("cannot write {}: {source}; name another file with -o", .file.display())]
+    #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
     Write {
         /// The file.
         file: PathBuf,
+        /// What names it.
+        option: &'static str,
         /// The system's words.
         source: io::Error,
     },
@@ -144,8 +161,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
     }
-    if args.axes.len() > MAX_AXES {
-        return Err(PlotError::TooManyAxes { found: args.axes.len() }.into());
+    let asked = args.axes();
+    if asked.len() > MAX_AXES {
+        return Err(PlotError::TooManyAxes { found: asked.len() }.into());
     }
     let mut survey = Survey::default();
     let mut recording = Frames::open(&args.file, args.slot_size)?;
@@ -155,26 +173,49 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let no_op = PlotError::NoOp { file: args.file.clone(), frames };
         return Err(damage.map_or(no_op.into(), CliError::from));
     };
-    let axes = axes(args, &survey)?;
-    let window = op
-        .cut(args.from, args.to)
-        .ok_or_else(|| PlotError::NothingInRange { asked: asked(args.from, args.to), op: op.to_string() })?;
+    let axes = axes(asked, &survey)?;
+    let times = Times { from: args.from, to: args.to };
+    let window =
+        op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
     let cycle_ns = args.difference.then(|| survey.cycle_ns());
-    let mut series = Series::new(window, &axes, survey.board(), cycle_ns);
+    let commands = args.commands.iter().map(|command| command.code()).collect();
+    let mut series = Series::new(window, &axes, survey.board(), cycle_ns).only(commands);
     walk(&mut Frames::open(&args.file, args.slot_size)?.quiet(), |framed| series.frame(framed))?;
-    let drawing = chart::draw(
-        series.finish(),
-        &chart::Caption {
-            link: survey.link().unwrap_or_else(|| args.file.display().to_string()),
-            file: args.file.display().to_string(),
-            window,
-            frames,
-        },
-    )?;
+    let lines = series.finish();
+    if !args.commands.is_empty() && lines.axes.iter().all(AxisLines::is_empty) {
+        let names = args.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());
+        let commands = names.collect::<Vec<_>>().join(", ");
+        return Err(PlotError::NoSuchCommand { commands, axes }.into());
+    }
+    let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
+    let file = args.file.display();
+    let caption = chart::Caption {
+        title: survey.link().unwrap_or_else(|| file.to_string()),
+        about: format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0)),
+        range: window.range(),
+        axis: "time (s)",
+    };
+    let drawing = chart::draw(&panel::panels(lines), &caption)?;
     if let Some(damage) = damage {
         say("note", &damage);
     }
-    write(args, &drawing)
+    let file = args.output.clone().unwrap_or_else(|| args.file.with_extension("svg"));
+    if file == Path::new("-") {
+        return Ok(output::print(drawing)?);
+    }
+    save(&file, "-o", &[&args.file], &drawing)?;
+    Ok(output::print(format!("{}\n", file.display()))?)
+}
+
+/// Writes a plot to a file, named by that option, that is none of the recordings it was made of.
+pub fn save(file: &Path, option: &'static str, recordings: &[&Path], drawing: &str) -> Result<(), PlotError> {
+    let same = |recording: &&Path| {
+        fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
+    };
+    if recordings.iter().any(same) {
+        return Err(PlotError::SameFile { file: file.to_owned(), option });
+    }
+    fs::write(file, drawing).map_err(|source| PlotError::Write { file: file.to_owned(), option, source })
 }
 
 /// What a walk through the recording came by.
@@ -193,7 +234,7 @@ fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Re
         match framed {
             Ok(framed) => {
                 walked.frames += 1;
-                order.push(framed).iter().for_each(&mut show);
+                order.push(framed.time_ns, framed).iter().for_each(&mut show);
             }
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
             Err(error) => return Err(error.into()),
@@ -205,37 +246,32 @@ fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Re
     Ok(walked)
 }
 
+impl Args {
+    /// The axes asked for.
+    fn axes(&self) -> Vec<u8> {
+        let mut axes: Vec<u8> = self.axes.iter().flat_map(|slaves| slaves.numbers()).collect();
+        axes.sort_unstable();
+        axes.dedup();
+        axes
+    }
+}
+
 /// The axes to show: as asked, else as found.
-fn axes(args: &Args, survey: &Survey) -> Result<Vec<u8>, PlotError> {
+fn axes(asked: Vec<u8>, survey: &Survey) -> Result<Vec<u8>, PlotError> {
     let size = survey.size();
-    if let Some(axis) = args.axes.iter().copied().find(|axis| usize::from(*axis) > size.max_slaves()) {
+    if let Some(axis) = asked.iter().copied().find(|axis| usize::from(*axis) > size.max_slaves()) {
         return Err(PlotError::NoSuchAxis { axis, size });
     }
-    if let Some(axis) = args.axes.iter().copied().find(|axis| survey.is_empty(*axis)) {
+    if let Some(axis) = asked.iter().copied().find(|axis| survey.is_empty(*axis)) {
         return Err(PlotError::EmptyAxis { axis, axes: survey.axes() });
     }
-    let mut axes = if args.axes.is_empty() { survey.axes() } else { args.axes.clone() };
-    axes.sort_unstable();
-    axes.dedup();
+    let mut axes = if asked.is_empty() { survey.axes() } else { asked };
     if axes.len() > MAX_AXES {
         let (all, shown) = (axes.len(), style::list(&axes[..MAX_AXES]));
         say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
         axes.truncate(MAX_AXES);
     }
     Ok(axes)
-}
-
-fn write(args: &Args, drawing: &str) -> Result<(), CliError> {
-    let file = args.output.clone().unwrap_or_else(|| args.file.with_extension("svg"));
-    if file == Path::new("-") {
-        return Ok(output::print(drawing)?);
-    }
-    let same = fs::canonicalize(&file).ok().zip(fs::canonicalize(&args.file).ok()).is_some_and(|(a, b)| a == b);
-    if same {
-        return Err(PlotError::SameFile { file }.into());
-    }
-    fs::write(&file, drawing).map_err(|source| PlotError::Write { file: file.clone(), source })?;
-    Ok(output::print(format!("{}\n", file.display()))?)
 }
 
 /// What can be asked for instead.
@@ -246,18 +282,10 @@ fn others(axes: &[u8]) -> String {
     }
 }
 
-/// A time of the command line: NaN and the infinities are none.
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().map_err(|_| "not a number of seconds; write it as in 3.5".to_owned())?;
-    if f64::is_finite(seconds) { Ok(seconds) } else { Err("not a time; leave the option out for no limit".to_owned()) }
-}
-
-fn asked(from: Option<f64>, to: Option<f64>) -> String {
-    match (from, to) {
-        (Some(from), Some(to)) => format!("asked for {from} s to {to} s"),
-        (Some(from), None) => format!("asked for {from} s and later"),
-        (None, Some(to)) => format!("asked for all until {to} s"),
-        (None, None) => "asked for all".to_owned(),
+fn axes_list(axes: &[u8]) -> String {
+    match axes {
+        [axis] => format!("axis {axis}"),
+        axes => format!("axes {}", style::list(axes)),
     }
 }
 
@@ -269,15 +297,25 @@ pub struct Window {
 }
 
 impl Window {
+    /// Of commands by their numbers: they stand where seconds would.
+    pub const fn of_commands(count: u64) -> Self {
+        Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
+    }
+
+    /// From left to right; a single moment gets some room around.
+    pub fn range(self) -> std::ops::Range<f64> {
+        let (from, to) = (seconds(self.from_ns), seconds(self.to_ns));
+        if to > from { from..to } else { from - 0.001..to + 0.001 }
+    }
+
     const fn contains(self, at_ns: i64) -> bool {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
 
-    /// The part between two times in seconds; `None` if nothing is left.
-    fn cut(self, from: Option<f64>, to: Option<f64>) -> Option<Self> {
-        // A float becomes the nearest nanosecond there is.
-        let from_ns = from.map_or(self.from_ns, |s| self.from_ns.max((s * 1e9) as i64));
-        let to_ns = to.map_or(self.to_ns, |s| self.to_ns.min((s * 1e9) as i64));
+    /// The part between two times; `None` if nothing is left.
+    fn cut(self, times: Times) -> Option<Self> {
+        let from_ns = times.from.map_or(self.from_ns, |s| self.from_ns.max(nanoseconds(s)));
+        let to_ns = times.to.map_or(self.to_ns, |s| self.to_ns.min(nanoseconds(s)));
         (from_ns <= to_ns).then_some(Self { from_ns, to_ns })
     }
 }
@@ -286,6 +324,11 @@ impl std::fmt::Display for Window {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{:.3} s to {:.3} s", seconds(self.from_ns), seconds(self.to_ns))
     }
+}
+
+/// Where command n stands in a window of commands.
+pub const fn command_place(n: u64) -> i64 {
+    (n as i64).saturating_mul(1_000_000_000)
 }
 
 /// Nanoseconds as seconds.

@@ -9,10 +9,10 @@ use std::rc::Rc;
 use ecmsk::engine::Firmware;
 use ecmsk::link::record::{RecordError, RecordMeta, Recorded, Recording};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::recording::{SizeFinder, SizeFrom};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
 
 use super::error::say;
-use super::slot_size::{SizeFinder, SizeFrom};
 
 /// Frames that are looked at, at most, to find a slot size that the recording does not tell.
 const LOOK_AHEAD: usize = 1000;

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use ecmsk::cia402::Statusword;
 use ecmsk::sk::{
-    DriveResponse, FifoAction, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand,
-    SlaveKind, SlaveResponse, SlotSize, StateByte,
+    DriveResponse, FifoAction, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand,
+    SlaveCommand, SlaveKind, SlaveResponse, SlotSize, StateByte,
 };
 
 use super::recordings::Script;
@@ -102,6 +102,15 @@ impl Run {
     pub fn master(&mut self, command: &MasterCommand) {
         let mut frame = Frame::new();
         frame.put_master(self.size, command);
+        frame.fill_crc(self.size);
+        self.now_ns += CALL;
+        self.script.command(self.now_ns, frame);
+    }
+
+    /// The host asks for an SDO transfer.
+    pub fn sdo(&mut self, command: &SdoCommand) {
+        let mut frame = Frame::new();
+        frame.put_sdo(self.size, command);
         frame.fill_crc(self.size);
         self.now_ns += CALL;
         self.script.command(self.now_ns, frame);

@@ -157,7 +157,7 @@ impl Plot {
 }
 
 /// How names of panels begin.
-const PANELS: [&str; 5] = ["Axis ", "Torque ", "FIFO:", "Following ", "Target velocity"];
+const PANELS: [&str; 6] = ["Axis ", "Torque ", "FIFO:", "Following ", "Difference:", "Target velocity"];
 
 /// One of the diagrams.
 pub struct Panel<'a> {
@@ -230,7 +230,7 @@ impl Panel<'_> {
     /// What a place from left to right stands for.
     fn seconds(&self) -> impl Fn(f64) -> f64 + use<> {
         let numbers = self.plot.labels.iter().filter(|label| label.anchor == "middle");
-        let numbers = numbers.filter(|label| label.text != "time (s)");
+        let numbers = numbers.filter(|label| !["time (s)", "command"].contains(&label.text.as_str()));
         scale(numbers.map(|label| (label.x, number(&label.text))).collect())
     }
 }

@@ -1,9 +1,11 @@
-//! `cargo xtask stage`: the library, its headers, its pkg-config file and the tool, as they are installed.
+//! `cargo xtask stage`: the library, its headers, its pkg-config file and the tool with its manual pages and completions,
+//! as they are installed.
 
 use std::fs;
 use std::io;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
@@ -11,7 +13,7 @@ use crate::project::Project;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder that gets bin/, include/ and lib/; it is made if it is not there
+    /// Folder that gets bin/, include/, lib/ and share/; it is made if it is not there
     #[arg(long, value_name = "DIR")]
     prefix: PathBuf,
     /// Build profile of cargo
@@ -56,7 +58,30 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     }
 
     let file = pkgconfig.join("nextwusblib.pc");
-    fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))
+    fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;
+    share(&bin.join("ecmsk"), &prefix.join("share"))
+}
+
+/// Shells, and where each looks for what completes the tool's command line.
+const COMPLETIONS: [(&str, &str); 3] = [
+    ("bash", "bash-completion/completions/ecmsk"),
+    ("zsh", "zsh/site-functions/_ecmsk"),
+    ("fish", "fish/vendor_completions.d/ecmsk.fish"),
+];
+
+/// What the tool says of itself: manual pages and completions.
+fn share(tool: &Path, share: &Path) -> Result<(), Error> {
+    let man = share.join("man/man1");
+    command::output(Command::new(tool).args(["man", "--out"]).arg(&man))?;
+    for (shell, place) in COMPLETIONS {
+        let script = command::output(Command::new(tool).args(["completions", shell]))?;
+        let file = share.join(place);
+        if let Some(folder) = file.parent() {
+            fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+        }
+        fs::write(&file, script).map_err(Error::file("write", &file))?;
+    }
+    Ok(())
 }
 
 /// cargo's folder for a profile: its own names but for the built-in ones.

@@ -1,9 +1,21 @@
-//! Which way a bare frame went.
+//! Which way a frame went.
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, MASTER_CYCLIC, MasterState, SlotSize, StateByte};
 
-/// Which way a frame went, by its slot 0, whose first bytes are the same for both slot sizes. \[OURS]
+/// Reads `command` or `response`.
+///
+/// # Errors
+/// What is allowed.
+pub fn parse(text: &str) -> Result<Dir, String> {
+    match text {
+        "command" => Ok(Dir::Write),
+        "response" => Ok(Dir::Read),
+        _ => Err("allowed: command, response".to_owned()),
+    }
+}
+
+/// Which way a frame without a direction went, by its slot 0, whose first bytes are the same for both slot sizes. \[OURS]
 ///
 /// - byte 0 is the master's cyclic response 0xBF: a response;
 /// - byte 2 is 0: a command; a response has the state there, and is not sent while that is 0 (SK-4);

@@ -2,10 +2,11 @@
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{CommandDump, MAX_SLAVES, ResponseDump, SlotLine};
 use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
 
-use crate::cli::kinds::Kinds;
+use crate::cli::filter::{Command, Slots};
 
 /// A frame, and what is known of it.
 #[derive(Clone, Debug)]
@@ -42,6 +43,14 @@ impl Shown {
         }
     }
 
+    /// Takes account of what the frame tells of the slaves.
+    pub fn tell(&self, kinds: &mut Kinds) {
+        match self.direction {
+            Dir::Write => kinds.command(&self.frame, self.size),
+            Dir::Read => kinds.response(&self.frame, self.size),
+        }
+    }
+
     /// What byte 3 says.
     pub fn crc(&self) -> CrcStatus {
         self.frame.crc_status(self.size)
@@ -52,25 +61,25 @@ impl Shown {
 #[derive(Clone, Debug)]
 pub struct View {
     /// These; empty: those that say something, slot 0 always.
-    pub slots: Vec<usize>,
+    pub slots: Vec<Slots>,
     /// Every slot.
     pub all: bool,
+    /// Of those only what asks for or answers one of these; empty: all.
+    pub commands: Vec<Command>,
     /// What byte 1 of a slave's slot in a response is.
     pub firmware: Firmware,
 }
 
 impl View {
-    /// The lines of a frame, in the order of its slots. Takes account of what the frame tells of the slaves.
-    pub fn lines(&self, shown: &Shown, kinds: &mut Kinds) -> Vec<(usize, SlotLine)> {
+    /// The lines of a frame, in the order of its slots. `kinds`: of the slaves, this frame told already.
+    pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
         match shown.direction {
             Dir::Write => {
-                kinds.command(frame, size);
                 let dump = CommandDump::new(frame, size);
                 self.pick(size, |i| dump.line(i))
             }
             Dir::Read => {
-                kinds.response(frame, size);
                 let unknown = match self.firmware {
                     Firmware::V17 => ResponseDump::new(frame, size),
                     Firmware::V15 => ResponseDump::new(frame, size).mode_in_byte_1(),
@@ -86,9 +95,11 @@ impl View {
     fn pick(&self, size: SlotSize, line: impl Fn(usize) -> Option<SlotLine>) -> Vec<(usize, SlotLine)> {
         let wanted = |i: usize, line: &SlotLine| match self.slots.is_empty() {
             true => self.all || !line.is_idle(),
-            false => self.slots.contains(&i),
+            false => self.slots.iter().any(|slots| slots.contains(i, size)),
         };
+        let asked =
+            |line: &SlotLine| self.commands.is_empty() || self.commands.iter().any(|command| command.is_in(line));
         let lines = (0..size.slots()).filter_map(|i| Some((i, line(i)?)));
-        lines.filter(|(i, line)| wanted(*i, line)).collect()
+        lines.filter(|(i, line)| wanted(*i, line) && asked(line)).collect()
     }
 }

@@ -7,28 +7,26 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::panel::{Look, Panel, panels};
-use super::series::Lines;
+use super::PlotError;
+use super::panel::{Look, Panel};
 use super::style::{self, at, px};
-use super::{PlotError, Window, seconds};
 
 /// What stands above the panels.
 pub struct Caption {
-    /// The link.
-    pub link: String,
-    /// The recording.
-    pub file: String,
-    /// The time shown.
-    pub window: Window,
-    /// Frames of the recording.
-    pub frames: u64,
+    /// In large letters.
+    pub title: String,
+    /// Below it.
+    pub about: String,
+    /// What is shown, from left to right.
+    pub range: Range<f64>,
+    /// Name and unit of that.
+    pub axis: &'static str,
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// The plot as SVG.
-pub fn draw(lines: Lines, caption: &Caption) -> Result<String, PlotError> {
-    let panels = panels(lines);
+pub fn draw(panels: &[Panel], caption: &Caption) -> Result<String, PlotError> {
     let heights: u32 = panels.iter().map(|panel| style::PANEL_HEAD + panel.height).sum();
     let height = style::HEAD + heights + style::TIME_AXIS;
     let mut svg = String::new();
@@ -43,7 +41,7 @@ pub fn draw(lines: Lines, caption: &Caption) -> Result<String, PlotError> {
             draw_head(&head, panel)?;
             let time_axis = if i == last { style::TIME_AXIS } else { 0 };
             let (area, below) = below.split_vertically(at(panel.height + time_axis));
-            draw_panel(&area, panel, times(caption.window), time_axis)?;
+            draw_panel(&area, panel, caption, time_axis)?;
             rest = below;
         }
         root.present().map_err(failed)?;
@@ -60,14 +58,8 @@ fn in_pixels(svg: &str, height: u32) -> String {
 
 fn draw_caption(area: &Area<'_>, caption: &Caption) -> Result<(), PlotError> {
     let width = style::WIDTH - style::RIGHT - 20;
-    let title = style::fitting(&caption.link, style::TITLE, width);
-    let stretch = format!(
-        "{} to {} s",
-        style::number(seconds(caption.window.from_ns), 3),
-        style::number(seconds(caption.window.to_ns), 3)
-    );
-    let about = format!("{} of {}, {} frames", stretch, caption.file, style::number(caption.frames as f64, 0));
-    let about = style::fitting(&about, style::TEXT, width);
+    let title = style::fitting(&caption.title, style::TITLE, width);
+    let about = style::fitting(&caption.about, style::TEXT, width);
     write(area, &title, (20, 22), style::TITLE, style::INK, HPos::Left)?;
     write(area, &about, (20, 46), style::TEXT, style::SOFT_INK, HPos::Left)
 }
@@ -101,7 +93,8 @@ fn draw_head(area: &Area<'_>, panel: &Panel) -> Result<(), PlotError> {
     Ok(())
 }
 
-fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, time_axis: u32) -> Result<(), PlotError> {
+fn draw_panel(area: &Area<'_>, panel: &Panel, caption: &Caption, time_axis: u32) -> Result<(), PlotError> {
+    let times = caption.range.clone();
     let mut chart = ChartBuilder::on(area)
         .set_label_area_size(LabelAreaPosition::Left, px(style::LEFT))
         .set_label_area_size(LabelAreaPosition::Bottom, px(time_axis))
@@ -133,7 +126,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, time_axis: u32)
         .set_tick_mark_size(LabelAreaPosition::Left, px(4))
         .set_tick_mark_size(LabelAreaPosition::Bottom, px(if time_axis == 0 { 0 } else { 4 }));
     if time_axis > 0 {
-        mesh.x_desc("time (s)").axis_desc_style(numbers.color(&style::INK));
+        mesh.x_desc(caption.axis).axis_desc_style(numbers.color(&style::INK));
     }
     mesh.draw().map_err(failed)?;
     let marks = panel
@@ -189,12 +182,6 @@ fn stroke(look: Look) -> ShapeStyle {
         Look::Pale(colour) => colour.mix(0.35).stroke_width(px(5)),
         Look::Area(colour) => colour.filled(),
     }
-}
-
-/// The times shown; a single moment gets some room around.
-fn times(window: Window) -> Range<f64> {
-    let (from, to) = (seconds(window.from_ns), seconds(window.to_ns));
-    if to > from { from..to } else { from - 0.001..to + 0.001 }
 }
 
 fn failed(error: impl Display) -> PlotError {

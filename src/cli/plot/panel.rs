@@ -146,7 +146,13 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64) -> Panel {
 
 impl Panel {
     /// A panel whose values fit; `None` if there are no lines. `least`: the smallest step of a value.
-    fn of(name: String, height: u32, least: f64, strokes: Vec<Stroke>, legend: Vec<(Look, String)>) -> Option<Self> {
+    pub fn of(
+        name: String,
+        height: u32,
+        least: f64,
+        strokes: Vec<Stroke>,
+        legend: Vec<(Look, String)>,
+    ) -> Option<Self> {
         let values = || strokes.iter().flat_map(|stroke| stroke.pieces.iter().flatten()).map(|(_, value)| *value);
         let bottom = values().reduce(f64::min)?;
         let top = values().reduce(f64::max)?;

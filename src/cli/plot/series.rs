@@ -1,6 +1,7 @@
 //! The second look at a recording: the lines of the plot.
 
 use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, SlaveCommand, SlaveKind,
     SlotCommand, SlotSize,
@@ -10,7 +11,6 @@ use super::decimate::Line;
 use super::follow::{Follow, InForce, Targets};
 use super::states::{Span, States};
 use super::{Window, style, survey};
-use crate::cli::kinds::Kinds;
 use crate::cli::recording::Framed;
 
 /// Columns of pixels that a line is thinned to: the width of a diagram.
@@ -53,11 +53,21 @@ pub struct AxisLines {
     pub states: Vec<Span>,
 }
 
+impl AxisLines {
+    /// Whether nothing of the axis is drawn.
+    pub fn is_empty(&self) -> bool {
+        let lines = [&self.target, &self.position, &self.target_velocity, &self.target_torque, &self.torque];
+        lines.iter().all(|line| line.is_empty())
+    }
+}
+
 /// The lines under construction.
 pub struct Series {
     window: Window,
     board: Option<(u16, u8)>,
     axes: Vec<Axis>,
+    /// Ids of the commands shown; empty: all.
+    commands: Vec<u8>,
     fifo_free: Line,
     full: Line,
     full_reports: u64,
@@ -97,6 +107,7 @@ impl Series {
             window,
             board,
             axes: axes.iter().map(axis).collect(),
+            commands: Vec::new(),
             fifo_free: line(),
             full: line(),
             full_reports: 0,
@@ -105,6 +116,11 @@ impl Series {
             kinds: Kinds::new(None),
             follow: cycle_ns.map(Follow::new),
         }
+    }
+
+    /// Shows an axis only where its slot asks for or answers a command with one of these ids; none: always.
+    pub fn only(self, commands: Vec<u8>) -> Self {
+        Self { commands, ..self }
     }
 
     /// The next frame, in the order of time.
@@ -148,14 +164,19 @@ impl Series {
         }
         let mut targets = Targets::default();
         for (axis, target) in self.axes.iter_mut().zip(&mut targets) {
-            match SlotCommand::decode(&frame.slot(size, axis.number.into()), size).map(|slot| slot.command) {
+            let slot = frame.slot(size, axis.number.into());
+            let shown = self.commands.is_empty() || self.commands.contains(&slot.id);
+            match SlotCommand::decode(&slot, size).map(|slot| slot.command) {
                 Ok(SlaveCommand::Csp(motion)) => {
                     *target = Some(motion.first.target);
-                    axis.target.push(at_ns, motion.first.target.into());
+                    if shown {
+                        axis.target.push(at_ns, motion.first.target.into());
+                    }
                 }
+                Ok(SlaveCommand::GoHome) => axis.states.go_home(),
+                Ok(_) if !shown => {}
                 Ok(SlaveCommand::Csv(motion)) => axis.target_velocity.push(at_ns, motion.first.target.into()),
                 Ok(SlaveCommand::Cst(torque)) => axis.target_torque.push(at_ns, percent(torque)),
-                Ok(SlaveCommand::GoHome) => axis.states.go_home(),
                 _ => {}
             }
         }
@@ -175,14 +196,20 @@ impl Series {
             self.full_reports += u64::from(self.window.contains(at_ns));
             self.full.push(at_ns, 0.0);
         }
-        let MasterResponse { fifo_free, full_count, error, .. } = master;
         let follow = self.follow.as_mut();
-        let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, fifo_free, full_count, error));
+        let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, &master));
         let aborted = answers_abort_home(frame, size);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let number = usize::from(axis.number);
             let drive = DriveResponse::decode(&frame.slot(size, number));
-            axis.position.push(at_ns, drive.position.into());
+            let shown = self.commands.is_empty() || self.commands.contains(&drive.head.id);
+            if shown {
+                axis.position.push(at_ns, drive.position.into());
+            } else {
+                // Not a line from before to after.
+                let lines = [&mut axis.position, &mut axis.torque, &mut axis.difference];
+                lines.into_iter().for_each(|line| line.interrupt(at_ns));
+            }
             // An HSP has its inputs in the place of torque, and no error code.
             let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
             if axis.states.report(at_ns, &drive, aborted, is_drive) {
@@ -190,8 +217,11 @@ impl Series {
                 let targets = [&mut axis.target, &mut axis.target_velocity, &mut axis.target_torque];
                 targets.into_iter().for_each(|line| line.interrupt(at_ns));
             }
-            if is_drive {
+            if is_drive && shown {
                 axis.torque.push(at_ns, percent(drive.torque));
+            }
+            if !shown {
+                continue;
             }
             let target = match in_force {
                 InForce::Known(targets) => targets[i].filter(|_| drive.statusword.is_enabled()),

@@ -1,11 +1,11 @@
 //! The first look at a recording: when its board was in OP, and which axes were moved there.
 
 use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotMeaning};
 use ecmsk::sk::{CommandId, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize};
 
 use super::Window;
-use crate::cli::kinds::Kinds;
 use crate::cli::recording::{self, Framed};
 
 /// What was found so far. Of a capture with several boards the one is looked at that is in OP first.

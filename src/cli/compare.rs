@@ -1,0 +1,183 @@
+//! `ecmsk compare`: two recordings of the same program, held against each other command by command.
+
+mod json;
+mod picture;
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::ValueHint;
+use ecmsk::compare::{CompareError, Comparison, Options, Source, Steps, compare_steps};
+use ecmsk::sk::SlotSize;
+
+use super::error::say;
+use super::plot::{self, PlotError};
+use super::{output, recording, slot_size};
+use picture::Picture;
+
+/// Exit code for recordings that differ, as diff(1) has it.
+const DIFFERENT: u8 = 1;
+/// Exit code for what could not be compared; of a wrong command line too.
+pub const TROUBLE: u8 = 2;
+
+/// Compare two recordings of the same program, command by command: does the other board answer the same?
+///
+/// Commands are held against each other by their numbers and not by time: frames of nothing but GET_STATUS, the number of
+/// reports and when they came do not count. Of a command's answers the last one does, with what the program moved on: the
+/// states, statuswords, error codes, positions, inputs and SDO results of all slaves, and faults that came and went.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Exit codes, as those of diff: 0 the recordings are equal, 1 they differ, 2 they could not be compared.
+
+Examples:
+  ecmsk compare board.pcapng model.pcapng --tolerance 3
+  ecmsk compare before.pcapng after.pcapng --plot difference.svg
+  ecmsk dump model.pcapng --from 1.2s --to 1.3s")]
+pub struct Args {
+    /// The first recording
+    #[arg(value_name = "A", value_hint = ValueHint::FilePath)]
+    a: PathBuf,
+
+    /// The second recording
+    #[arg(value_name = "B", value_hint = ValueHint::FilePath)]
+    b: PathBuf,
+
+    /// Positions may be so many counts apart
+    #[arg(long, value_name = "COUNTS", default_value_t = 0)]
+    tolerance: u32,
+
+    /// Bits of a statusword that count, e.g. 0x006F for the CiA 402 state alone
+    #[arg(long, value_name = "MASK", default_value = "0xFFFF", value_parser = parse_mask)]
+    statusword_mask: u16,
+
+    /// A frame that is sent again and again counts as one: for programs that repeat it until it is carried out
+    #[arg(long)]
+    ignore_repeats: bool,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+
+    /// Make a picture of the positions in both, with the first difference marked
+    #[arg(long, value_name = "SVG", value_hint = ValueHint::FilePath)]
+    plot: Option<PathBuf>,
+
+    /// Bytes of a slot in both, 12 or 16 [default: what the recordings say, else what the CRCs fit, else 12]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+}
+
+/// Why nothing was compared.
+#[derive(Debug, thiserror::Error)]
+pub enum CompareVerbError {
+    /// See [`CompareError`].
+    #[error(transparent)]
+    Compare(#[from] CompareError),
+    /// See [`PlotError`].
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+    /// Recordings are read more than once.
+    #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
+    Stdin,
+    /// The picture has nothing to show.
+    #[error("no axis moves in either recording: there is nothing to plot; leave --plot out")]
+    NothingToPlot,
+    /// Standard output took no more.
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(io::Error),
+}
+
+/// Compares, and gives the exit code.
+pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
+    if [&args.a, &args.b].iter().any(|file| file.as_path() == Path::new("-")) {
+        return Err(CompareVerbError::Stdin);
+    }
+    let options = Options {
+        tolerance_counts: args.tolerance,
+        statusword_mask: args.statusword_mask,
+        ignore_repeats: args.ignore_repeats,
+        slot: args.slot_size,
+    };
+    let mut runs = Runs::open(args, &options)?;
+    let found = compare_steps(
+        Steps::new(&mut runs.a, runs.size, options.ignore_repeats),
+        Steps::new(&mut runs.b, runs.size, options.ignore_repeats),
+        &options,
+    );
+    runs.check()?;
+    if let Some(file) = &args.plot {
+        let drawing = draw(args, &options, &found)?;
+        plot::save(file, "--plot", &[&args.a, &args.b], &drawing)?;
+    }
+    let text = if args.json { json::text(args, &found) } else { text(args, &found) };
+    match output::print(text) {
+        // Whoever has seen enough of the words may still want the exit code.
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(CompareVerbError::Output(error)),
+        _ => {}
+    }
+    Ok(if found.is_equal() { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) })
+}
+
+/// Both recordings.
+struct Runs {
+    a: Source,
+    b: Source,
+    size: SlotSize,
+}
+
+impl Runs {
+    fn open(args: &Args, options: &Options) -> Result<Self, CompareVerbError> {
+        let [a, b] = [Source::open(&args.a, options.slot)?, Source::open(&args.b, options.slot)?];
+        let size = Source::common_size(&a, &b)?;
+        Ok(Self { a, b, size })
+    }
+
+    /// What is to be said of the recordings, once they were read.
+    fn check(&self) -> Result<(), CompareVerbError> {
+        for (name, source) in [("A", &self.a), ("B", &self.b)] {
+            source.check()?;
+            if source.is_size_assumed() {
+                recording::note_assumed(name, self.size);
+            }
+            if let Some(damage) = source.damage() {
+                say("note", &format_args!("{name}: {damage}"));
+            }
+            if source.missing() > 0 {
+                let missing = source.missing();
+                say(
+                    "note",
+                    &format_args!("{name}: {missing} frames are missing; record to a faster disk to have them all"),
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+fn draw(args: &Args, options: &Options, found: &Comparison) -> Result<String, CompareVerbError> {
+    let Runs { a, b, size } = Runs::open(args, options)?;
+    let commands = found.counts.map(|counts| counts.commands);
+    let mut picture = Picture::new(commands[0].max(commands[1]));
+    let [mut a, mut b] = [a, b].map(|source| Steps::new(source, size, options.ignore_repeats));
+    loop {
+        let (a, b) = (a.next(), b.next());
+        if a.is_none() && b.is_none() {
+            break;
+        }
+        picture.step(a.as_ref(), b.as_ref());
+    }
+    picture.draw(args, found)
+}
+
+fn text(args: &Args, found: &Comparison) -> String {
+    let (a, b) = (args.a.display(), args.b.display());
+    let picture = args.plot.as_ref().map_or_else(String::new, |file| format!("picture: {}\n", file.display()));
+    format!("A is {a}\nB is {b}\n{found}\n{picture}")
+}
+
+fn parse_mask(text: &str) -> Result<u16, String> {
+    let digits = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
+    let mask = digits.map_or_else(|| text.parse().ok(), |digits| u16::from_str_radix(digits, 16).ok());
+    mask.ok_or_else(|| "allowed: 16 bits, as 0x006F".to_owned())
+}

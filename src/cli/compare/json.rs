@@ -1,0 +1,114 @@
+//! What was found as one JSON object.
+
+use ecmsk::compare::{Comparison, Context, Counts, Difference, Side, What};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::Args;
+
+#[derive(Serialize)]
+struct Found<'a> {
+    equal: bool,
+    a: Run,
+    b: Run,
+    /// Commands with an answer in both.
+    answers: u64,
+    differing_answers: u64,
+    /// `a` or `b`.
+    ends_early: Option<&'static str>,
+    first: Option<First<'a>>,
+    context: Vec<Before<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    plot: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Run {
+    file: String,
+    commands: u64,
+    polls: u64,
+    repeats: u64,
+    reports: u64,
+    /// Time of the last frame since the first one.
+    last_ns: i64,
+}
+
+/// Pairs are of A and B; null where a run has ended.
+#[derive(Serialize)]
+struct First<'a> {
+    command: u64,
+    text: &'a str,
+    frames: [Option<u64>; 2],
+    at_ns: [Option<i64>; 2],
+    what: Vec<Value>,
+    message: String,
+}
+
+#[derive(Serialize)]
+struct Before<'a> {
+    command: u64,
+    at_ns: [i64; 2],
+    text: &'a str,
+}
+
+impl<'a> First<'a> {
+    fn of(first: &'a Difference) -> Self {
+        Self {
+            command: first.command,
+            text: &first.text,
+            frames: first.frames,
+            at_ns: first.at_ns,
+            what: first.what.iter().map(value).collect(),
+            message: first.to_string(),
+        }
+    }
+}
+
+/// The object on a line.
+pub fn text(args: &Args, found: &Comparison) -> String {
+    let run = |file: &std::path::Path, counts: &Counts| {
+        let Counts { commands, polls, repeats, reports, last_ns } = *counts;
+        Run { file: file.display().to_string(), commands, polls, repeats, reports, last_ns }
+    };
+    let context =
+        found.context.iter().map(|Context { command, at_ns, text }| Before { command: *command, at_ns: *at_ns, text });
+    let json = Found {
+        equal: found.is_equal(),
+        a: run(&args.a, &found.counts[0]),
+        b: run(&args.b, &found.counts[1]),
+        answers: found.answers,
+        differing_answers: found.differing_answers,
+        ends_early: found.ends_early.map(side),
+        first: found.first.as_ref().map(First::of),
+        context: context.collect(),
+        plot: args.plot.as_ref().map(|file| file.display().to_string()),
+    };
+    json!(json).to_string() + "\n"
+}
+
+const fn side(side: Side) -> &'static str {
+    match side {
+        Side::A => "a",
+        Side::B => "b",
+    }
+}
+
+/// One difference: what it is of, the slave if it is about one, both values where they are numbers, and the words.
+fn value(what: &What) -> Value {
+    let (kind, values) = match what {
+        What::Command { .. } => ("command", None),
+        What::Ends { side: at } => ("ends", Some(json!(side(*at)))),
+        What::Lost { side: at } => ("lost_commands", Some(json!(side(*at)))),
+        What::State { states } => ("state", Some(json!(states.map(|state| state.0)))),
+        What::Result { results } => ("result", Some(json!(results))),
+        What::Fault { side: at, .. } => ("fault", Some(json!(side(*at)))),
+        What::Statusword { words, .. } => ("statusword", Some(json!(words.map(|word| word.0)))),
+        What::ErrorCode { codes, .. } => ("error_code", Some(json!(codes))),
+        What::Position { counts, .. } => ("position_counts", Some(json!(counts))),
+        What::Inputs { bits, .. } => ("inputs", Some(json!(bits))),
+        What::Kind { .. } => ("kind", None),
+        What::Sdo { .. } => ("sdo", None),
+        What::NoSdoAnswer { side: at, .. } => ("sdo_without_answer", Some(json!(side(*at)))),
+    };
+    json!({ "of": kind, "slave": what.slave(), "values": values, "text": what.to_string() })
+}

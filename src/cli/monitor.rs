@@ -1,0 +1,250 @@
+//! `ecmsk monitor`: a live table of all slaves. It reads and never writes, so it disturbs nobody.
+
+mod json;
+mod rows;
+mod screen;
+mod source;
+mod terminal;
+mod watched;
+
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::ValueHint;
+use ecmsk::ecm::EcmError;
+use ecmsk::engine::Firmware;
+use ecmsk::link::config::{Environment, find};
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::options::SimOptions;
+use ecmsk::link::record::RecordError;
+use ecmsk::link::slaves::SlaveModel;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{LinkError, config};
+use ecmsk::sk::{SlaveKind, SlotSize};
+
+use super::error::CliError;
+use super::kinds::KindList;
+use super::{output, slot_size};
+use source::Feed;
+use watched::{View, Watched};
+
+/// Show what a board and all its slaves say, live: states, positions, inputs, alarms, FIFO and counters
+///
+/// Nothing is ever sent to the board: on `tcp:` the monitor is one of the readers, beside the program that moves. A
+/// `sim:` link is a board of this process alone, which nobody moves.
+///
+/// Keys: arrows, page up and down, home and end scroll; q or Ctrl-C ends.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk monitor --link tcp://192.168.1.20:7402 --slaves drive*6,io
+  ecmsk monitor --once
+  ecmsk monitor --recording run.pcapng
+  ecmsk monitor --json --interval 1s | jq '.slots[0].fifo_free_entries'")]
+pub struct Args {
+    /// Board to look at, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Show a recording instead, as fast as it was
+    #[arg(long, value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
+    recording: Option<PathBuf>,
+
+    /// The slaves in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, none [default: those of a
+    /// sim: link or as a recording tells, else guessed from what they say]
+    #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
+    slaves: Option<KindList>,
+
+    /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
+    #[arg(long, visible_alias = "slot-size", value_name = "12|16", value_parser = slot_size::parse)]
+    slot: Option<SlotSize>,
+
+    /// Print the table once and end; of a recording as it is at its end
+    #[arg(long)]
+    once: bool,
+
+    /// Print one JSON object each interval, each on a line of its own
+    #[arg(long)]
+    json: bool,
+
+    /// How often to look, e.g. 100ms
+    #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = interval)]
+    interval: Duration,
+
+    /// End after so many seconds
+    #[arg(long, value_name = "N", value_parser = seconds)]
+    seconds: Option<Duration>,
+}
+
+/// Why there is nothing to look at.
+#[derive(Debug, thiserror::Error)]
+pub enum MonitorError {
+    /// The link's file is wrong.
+    #[error(transparent)]
+    Config(#[from] config::ConfigError),
+    /// The board cannot be opened, or is gone.
+    #[error(transparent)]
+    Board(#[from] EcmError),
+    /// See [`RecordError`].
+    #[error(transparent)]
+    Recording(#[from] RecordError),
+    /// The recording has no report.
+    #[error("{} holds no report; record a program that reads", .file.display())]
+    NoReport {
+        /// The recording.
+        file: PathBuf,
+    },
+    /// Nowhere to draw.
+    #[error("standard output is no terminal; for other places use --once or --json")]
+    NoTerminal,
+    /// The terminal does not do what it should.
+    #[error("the terminal: {0}; for other places use --once or --json")]
+    Terminal(io::Error),
+}
+
+impl From<LinkError> for MonitorError {
+    fn from(error: LinkError) -> Self {
+        Self::Board(error.into())
+    }
+}
+
+/// Shows it; gives the exit code.
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    if args.once || args.json {
+        return match &args.recording {
+            Some(file) => replay(args, file),
+            None => look(args),
+        };
+    }
+    if !io::stdout().is_terminal() {
+        return Err(MonitorError::NoTerminal.into());
+    }
+    let feed = feed(args)?;
+    let code = terminal::run(&feed, args.interval, args.seconds)?;
+    Ok(code)
+}
+
+/// Looks at a board every interval.
+fn look(args: &Args) -> Result<ExitCode, CliError> {
+    let feed = feed(args)?;
+    // Rates count from here.
+    drop(feed.view());
+    let began = Instant::now();
+    let mut next = began;
+    loop {
+        // What was late is not made up for.
+        next = (next + args.interval).max(Instant::now());
+        thread::sleep(next.saturating_duration_since(Instant::now()));
+        let (view, end) = feed.view();
+        if let Some(error) = end {
+            return Err(error.into());
+        }
+        print(args, &view)?;
+        if args.once || args.seconds.is_some_and(|seconds| began.elapsed() >= seconds) {
+            return Ok(ExitCode::SUCCESS);
+        }
+    }
+}
+
+/// Looks at a recording every interval of its own time.
+fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
+    let mut watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
+    let interval_ns = i64::try_from(args.interval.as_nanos()).unwrap_or(i64::MAX);
+    let last_ns = args.seconds.map(|seconds| i64::try_from(seconds.as_nanos()).unwrap_or(i64::MAX));
+    let mut next_ns = None;
+    let mut seen = false;
+    let walked = source::walk(file, args.slot, |framed| {
+        let at_ns = framed.time_ns;
+        if last_ns.is_some_and(|last| at_ns > last) {
+            return Ok(false);
+        }
+        let due = *next_ns.get_or_insert(at_ns.saturating_add(interval_ns));
+        if at_ns > due {
+            let passed = (at_ns - due - 1) / interval_ns + 1;
+            next_ns = Some(due.saturating_add(passed.saturating_mul(interval_ns)));
+            let view = watched.view();
+            if args.json && view.board.is_some() {
+                print(args, &view)?;
+            }
+        }
+        source::take(&mut watched, &framed);
+        seen |= framed.recorded.dir == ecmsk::link::Dir::Read;
+        Ok(true)
+    })?;
+    if !seen {
+        return Err(MonitorError::NoReport { file: file.to_owned() }.into());
+    }
+    if let Some(damage) = walked {
+        super::error::say("note", &damage);
+    }
+    print(args, &watched.view())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print(args: &Args, view: &View) -> Result<(), CliError> {
+    let text = if args.json { json::line(view) } else { screen::text(view) };
+    Ok(output::print(text)?)
+}
+
+fn feed(args: &Args) -> Result<Feed, MonitorError> {
+    if let Some(file) = &args.recording {
+        let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
+        return Ok(Feed::recording(file.clone(), args.slot, watched)?);
+    }
+    let uri = reading(&uri(args)?);
+    let mut watched = Watched::new(uri.to_string(), kinds(args, Some(&uri)).as_deref());
+    if uri.value("fw") == Some("1.5") {
+        watched.firmware = Firmware::V15;
+    }
+    Feed::board(&uri, args.slot, watched)
+}
+
+fn uri(args: &Args) -> Result<LinkUri, MonitorError> {
+    match &args.link {
+        Some(uri) => Ok(uri.clone()),
+        None => Ok(LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?),
+    }
+}
+
+/// A link on which the monitor is no writer, where links tell one from the other.
+fn reading(uri: &LinkUri) -> LinkUri {
+    if uri.value("role") != Some("writer") {
+        return uri.clone();
+    }
+    // The normal form leaves out what is so by itself.
+    let text = uri.to_string();
+    let sign = if text.contains('?') { '&' } else { '?' };
+    LinkUri::parse(&format!("{text}{sign}role=reader")).unwrap_or_else(|_| uri.clone())
+}
+
+/// What the slaves are, if anybody knows.
+fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
+    if let Some(list) = &args.slaves {
+        return Some(list.kinds().to_vec());
+    }
+    let uri = uri.filter(|uri| uri.scheme() == Scheme::Sim)?;
+    let kind = |model| match model {
+        SlaveModel::Drive => SlaveKind::Drive,
+        SlaveModel::Step => SlaveKind::Step,
+        SlaveModel::Hsp | SlaveModel::Hsp2 => SlaveKind::Hsp,
+        SlaveModel::Io => SlaveKind::Io,
+    };
+    Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| kind(slave.model)).collect())
+}
+
+/// Shortest interval: nobody sees more. \[OURS]
+const SHORTEST: f64 = 0.01;
+
+fn interval(text: &str) -> Result<Duration, String> {
+    let seconds = super::filter::parse_seconds(text)?;
+    let interval = Duration::try_from_secs_f64(seconds).ok().filter(|_| (SHORTEST..=3600.0).contains(&seconds));
+    interval.ok_or_else(|| "allowed: 10ms to 3600s".to_owned())
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = super::filter::parse_seconds(text)?;
+    Duration::try_from_secs_f64(seconds).map_err(|_| "allowed: 0 and more seconds".to_owned())
+}

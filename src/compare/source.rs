@@ -1,0 +1,170 @@
+//! Recordings as runs to compare.
+
+use std::fs::File;
+use std::path::Path;
+
+use super::Observed;
+use crate::link::Dir;
+use crate::link::record::{RecordError, Recorded, Recording};
+use crate::recording::{InOrder, SizeFinder, SizeFrom};
+use crate::sk::{FRAME_LEN, SlotSize};
+
+/// Frames that are looked at, at most, to find a slot size that the recording does not tell. \[OURS]
+const LOOK_AT: usize = 1000;
+
+/// Why runs cannot be compared.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CompareError {
+    /// A recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordError),
+    /// Frames of different kinds.
+    #[error(
+        "A has slots of {} bytes and B of {}: their frames cannot be held against each other; if one of them is wrong, give the slot size",
+        .a.bytes(),
+        .b.bytes()
+    )]
+    SlotSizes {
+        /// Of the first.
+        a: SlotSize,
+        /// Of the second.
+        b: SlotSize,
+    },
+    /// Nothing to compare.
+    #[error("{name} holds no frame; record a program that opens the board")]
+    Empty {
+        /// The recording.
+        name: String,
+    },
+}
+
+/// The frames of a recording in the order of their times; of a capture with several boards those of the first. It ends at
+/// damage: what comes before is whole, and [`Source::damage`] tells.
+pub struct Source {
+    recording: Recording<File>,
+    /// Since when times count.
+    first_ns: u64,
+    board: (u16, u8),
+    size: SlotSize,
+    size_from: SizeFrom,
+    order: InOrder<Observed>,
+    number: u64,
+    error: Option<RecordError>,
+}
+
+impl Source {
+    /// Opens a recording. `slot`: its slot size, if it is known better than the recording tells.
+    ///
+    /// # Errors
+    /// [`CompareError::Recording`], [`CompareError::Empty`].
+    pub fn open(path: &Path, slot: Option<SlotSize>) -> Result<Self, CompareError> {
+        let Start { first, size, size_from } = Start::of(path, slot)?;
+        Ok(Self {
+            recording: Recording::open(path)?,
+            first_ns: first.at_ns,
+            board: (first.bus, first.device),
+            size,
+            size_from,
+            order: InOrder::default(),
+            number: 0,
+            error: None,
+        })
+    }
+
+    /// Bytes of a slot.
+    pub const fn size(&self) -> SlotSize {
+        self.size
+    }
+
+    /// Whether the slot size is but assumed.
+    pub fn is_size_assumed(&self) -> bool {
+        self.size_from == SizeFrom::Assumed
+    }
+
+    /// Frames that are known to be missing, as far as it was read.
+    pub const fn missing(&self) -> u64 {
+        self.recording.missing()
+    }
+
+    /// Why it ended early, if it did: it was cut off or is damaged.
+    pub const fn damage(&self) -> Option<&RecordError> {
+        self.error.as_ref()
+    }
+
+    /// That it could be read, to its end or to where it is cut off.
+    ///
+    /// # Errors
+    /// [`CompareError::Recording`].
+    pub fn check(&self) -> Result<(), CompareError> {
+        match &self.error {
+            None | Some(RecordError::Truncated { .. } | RecordError::Malformed { .. }) => Ok(()),
+            Some(error) => Err(error.clone().into()),
+        }
+    }
+
+    /// The slot size of two runs.
+    ///
+    /// # Errors
+    /// [`CompareError::SlotSizes`].
+    pub fn common_size(a: &Self, b: &Self) -> Result<SlotSize, CompareError> {
+        match (a.size, b.size) {
+            (a, b) if a == b => Ok(a),
+            (a, b) => Err(CompareError::SlotSizes { a, b }),
+        }
+    }
+}
+
+impl Iterator for Source {
+    type Item = Observed;
+
+    fn next(&mut self) -> Option<Observed> {
+        while self.error.is_none() {
+            let Recorded { at_ns, dir, frame, bus, device } = match self.recording.next() {
+                Some(Ok(recorded)) => recorded,
+                Some(Err(error)) => {
+                    self.error = Some(error);
+                    break;
+                }
+                None => break,
+            };
+            self.number += 1;
+            if (bus, device) != self.board {
+                continue;
+            }
+            let at_ns = i64::try_from(i128::from(at_ns) - i128::from(self.first_ns)).unwrap_or(i64::MAX);
+            let observed = Observed { number: self.number, at_ns, dir, frame };
+            // A command of the same moment had not reached the board when the report was made.
+            let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
+            if let Some(earliest) = self.order.push(key, observed) {
+                return Some(earliest);
+            }
+        }
+        self.order.pop()
+    }
+}
+
+/// What the first frames tell.
+struct Start {
+    first: Recorded,
+    size: SlotSize,
+    size_from: SizeFrom,
+}
+
+impl Start {
+    fn of(path: &Path, slot: Option<SlotSize>) -> Result<Self, CompareError> {
+        let mut recording = Recording::open(path)?;
+        let first = recording.next().transpose()?;
+        let first = first.ok_or_else(|| CompareError::Empty { name: path.display().to_string() })?;
+        let told = slot.or_else(|| recording.meta()?.slot);
+        let mut sizes = SizeFinder::new(told);
+        sizes.look(&first.frame, FRAME_LEN);
+        for recorded in recording.map_while(Result::ok).take(LOOK_AT) {
+            if sizes.is_sure() {
+                break;
+            }
+            sizes.look(&recorded.frame, FRAME_LEN);
+        }
+        let (size, size_from) = sizes.size();
+        Ok(Self { first, size, size_from })
+    }
+}

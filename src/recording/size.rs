@@ -1,0 +1,76 @@
+//! The slot size of frames, which they do not say of themselves.
+
+use crate::sk::{CrcStatus, Frame, SlotSize};
+
+/// How sure the slot size of a frame is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SizeFrom {
+    /// The user or the recording says so, only one size has frames of this length, or a CRC fits one size alone.
+    Known,
+    /// Nothing tells.
+    Assumed,
+}
+
+/// Finds the slot size of frames, by what is said and by what their CRCs fit.
+#[derive(Clone, Debug)]
+pub struct SizeFinder {
+    known: Option<SlotSize>,
+    /// Frames seen that can only be of 12-byte slots, only of 16-byte slots.
+    votes: [u32; 2],
+}
+
+impl SizeFinder {
+    /// `known`: what the user or the recording says.
+    pub const fn new(known: Option<SlotSize>) -> Self {
+        Self { known, votes: [0; 2] }
+    }
+
+    /// What the user or the recording says.
+    pub const fn given(&self) -> Option<SlotSize> {
+        self.known
+    }
+
+    /// Takes a frame of `len` bytes, 504..=512, into account.
+    pub fn look(&mut self, frame: &Frame, len: usize) {
+        if let Some(size) = own_size(frame, len) {
+            self.votes[usize::from(size == SlotSize::Bytes16)] += 1;
+        }
+    }
+
+    /// The size of one frame: by itself if it tells, else by the frames seen.
+    pub fn size_of(&self, frame: &Frame, len: usize) -> (SlotSize, SizeFrom) {
+        match self.known.or_else(|| own_size(frame, len)) {
+            Some(size) => (size, SizeFrom::Known),
+            None => self.size(),
+        }
+    }
+
+    /// The size by all frames seen. \[OURS] A tie is 12 bytes, the board's default.
+    pub fn size(&self) -> (SlotSize, SizeFrom) {
+        match (self.known, self.votes) {
+            (Some(size), _) => (size, SizeFrom::Known),
+            (None, [narrow, wide]) if wide > narrow => (SlotSize::Bytes16, SizeFrom::Known),
+            (None, [narrow, wide]) if narrow > wide => (SlotSize::Bytes12, SizeFrom::Known),
+            (None, _) => (SlotSize::default(), SizeFrom::Assumed),
+        }
+    }
+
+    /// Whether more frames would hardly change the answer: three that agree (a wrong CRC fits once in 256).
+    pub fn is_sure(&self) -> bool {
+        self.known.is_some() || self.votes[0].abs_diff(self.votes[1]) >= 3
+    }
+}
+
+/// The size that a frame shows by its length or its CRC.
+fn own_size(frame: &Frame, len: usize) -> Option<SlotSize> {
+    if len < SlotSize::Bytes16.frame_len() {
+        return Some(SlotSize::Bytes12);
+    }
+    let fits = |size| matches!(frame.crc_status(size), CrcStatus::Right(_));
+    // A byte 3 that is 0 is more often no CRC than one.
+    match (frame.crc_byte(), fits(SlotSize::Bytes12), fits(SlotSize::Bytes16)) {
+        (1.., true, false) => Some(SlotSize::Bytes12),
+        (1.., false, true) => Some(SlotSize::Bytes16),
+        _ => None,
+    }
+}

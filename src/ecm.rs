@@ -47,6 +47,7 @@ mod snapshot;
 mod state;
 mod stream;
 mod targets;
+mod watch;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -62,6 +63,7 @@ pub use sdo::SdoValue;
 pub use session::{News, Stats};
 pub use snapshot::{SlaveView, Snapshot};
 pub use stream::{Stream, StreamStats};
+pub use watch::Watch;
 
 use self::core::Core;
 use crate::link::{self, Link, LinkError, LinkInfo, Share, Wait};

@@ -17,6 +17,8 @@ pub mod fieldbus;
 pub mod link;
 #[cfg(feature = "std")]
 pub mod recording;
+#[cfg(all(feature = "serve", unix))]
+pub mod port;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]

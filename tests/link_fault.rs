@@ -210,7 +210,7 @@ fn after_that_many_frames_the_board_is_lost_until_it_is_opened_again() {
     sequences(&*link, 3);
     link.check().expect("still there");
     link.write(&status(), Wait::Forever).expect("5");
-    let lost = LinkError::Lost { name: link.info().name, reason: "fault.disconnect_after" };
+    let lost = LinkError::Lost { name: link.info().name, reason: "fault.disconnect_after".into() };
     let mut report = Frame::from_bytes([0xA5; 512]);
     assert_eq!(link.read(&mut report, Wait::Forever), Err(lost.clone()));
     assert_eq!(report.bytes(), &[0xA5; 512]);
@@ -240,7 +240,7 @@ fn at_that_time_the_board_is_lost() {
             Err(error) => break error,
         }
     };
-    assert_eq!(lost, LinkError::Lost { name: link.info().name, reason: "fault.disconnect_ms" });
+    assert_eq!(lost, LinkError::Lost { name: link.info().name, reason: "fault.disconnect_ms".into() });
     assert!(last < zero + 100 * MS && last > zero + 98 * MS, "{last}");
     assert!(reads > 90, "one a cycle: {reads}");
 }

@@ -213,7 +213,7 @@ fn link_code(error: &LinkError) -> EcmskResult {
         LinkError::InUse { .. } => ECMSK_ERROR_IN_USE,
         LinkError::Timeout { .. } => ECMSK_ERROR_TIMEOUT,
         LinkError::Silent { .. } => ECMSK_ERROR_SILENT,
-        LinkError::Lost { .. } => ECMSK_ERROR_LOST,
+        LinkError::Lost { .. } | LinkError::Unsure { .. } => ECMSK_ERROR_LOST,
         LinkError::Closed | LinkError::Cancelled { .. } => ECMSK_ERROR_CLOSED,
         LinkError::Io { .. } => ECMSK_ERROR_IO,
     }

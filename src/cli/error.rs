@@ -38,6 +38,10 @@ pub enum CliError {
     #[cfg(unix)]
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
+    /// See [`ecmsk::port::tcp::ServeError`].
+    #[cfg(unix)]
+    #[error(transparent)]
+    Serve(#[from] ecmsk::port::tcp::ServeError),
 }
 
 impl CliError {

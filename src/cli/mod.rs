@@ -17,6 +17,8 @@ mod plot;
 mod recording;
 mod script;
 mod shell;
+#[cfg(unix)]
+mod serve;
 mod slot_size;
 mod step;
 
@@ -59,6 +61,8 @@ enum Verb {
     Compare(compare::Args),
     Monitor(monitor::Args),
     Link(link::Args),
+    #[cfg(unix)]
+    Serve(serve::Args),
     Completions(completions::Args),
     Man(man::Args),
 }
@@ -87,6 +91,8 @@ impl Verb {
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
+            #[cfg(unix)]
+            Self::Serve(args) => serve::run(&args),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }
     }

@@ -59,7 +59,11 @@ pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
         });
     }
     match std::mem::replace(&mut entry.place, Place::Open) {
-        Place::Open => Err(LinkError::InUse { name: uri.into(), by: " by this process".into() }),
+        Place::Open => Err(LinkError::InUse {
+            name: uri.into(),
+            by: " by this process".into(),
+            instead: "give this board a `name=` of its own",
+        }),
         Place::Parked { board, network, since } => Ok(Some((*board, network, since))),
     }
 }

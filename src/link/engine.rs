@@ -156,7 +156,9 @@ impl EngineLink {
                 },
             },
             Stop::Silent { since, cycles } => LinkError::Silent { since_ns: since, cycles },
-            Stop::Rebooted => LinkError::Lost { name: self.info.name.clone(), reason: "it was reset (SW_RESET)" },
+            Stop::Rebooted => {
+                LinkError::Lost { name: self.info.name.clone(), reason: "it was reset (SW_RESET)".into() }
+            }
             Stop::Closed => LinkError::Closed,
             Stop::Cancelled => LinkError::Cancelled { dir },
         }

@@ -131,7 +131,7 @@ impl FaultLink {
     fn lost(&self) -> Option<LinkError> {
         let reason = *self.gone.get()?;
         let closed = self.closed.load(Ordering::Acquire);
-        (!closed).then(|| LinkError::Lost { name: self.info.name.clone(), reason })
+        (!closed).then(|| LinkError::Lost { name: self.info.name.clone(), reason: reason.into() })
     }
 
     /// Whether the board is there.

@@ -56,7 +56,8 @@ impl Scheme {
     pub const fn in_build(self) -> bool {
         match self {
             Self::Sim => cfg!(feature = "sim"),
-            Self::Usb | Self::Spi | Self::Tcp | Self::XfSim | Self::XfSpi | Self::Nic => false,
+            Self::Tcp => cfg!(all(feature = "tcp", unix)),
+            Self::Usb | Self::Spi | Self::XfSim | Self::XfSpi | Self::Nic => false,
         }
     }
 
@@ -75,7 +76,7 @@ impl Scheme {
             Self::Sim => "a simulated board in this process",
             Self::Usb => "a real ECM-SK on USB",
             Self::Spi => "a real ECM-SK on SPI",
-            Self::Tcp => "a board that another machine serves",
+            Self::Tcp => "a board that another process or machine serves (`ecmsk serve tcp`)",
             Self::XfSim => "a board over a model of an ECM-XF",
             Self::XfSpi => "a board over an ECM-XF on SPI",
             Self::Nic => "a board over a network interface of this machine",

@@ -15,9 +15,12 @@ pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
+#[cfg(all(feature = "tcp", unix))]
+pub mod tcp;
 pub mod travel;
 pub mod uri;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -137,12 +140,14 @@ pub enum LinkError {
         reason: String,
     },
     /// Somebody else has it open.
-    #[error("`{name}` is in use{by}; close it there, or give this board a `name=` of its own")]
+    #[error("`{name}` is in use{by}; close it there, or {instead}")]
     InUse {
         /// Which link.
         name: String,
         /// By whom, ` by ...`, where known.
         by: String,
+        /// What else can be done.
+        instead: &'static str,
     },
     /// The wait's limit has passed.
     #[error("{dir} {}: {what}", how_long(*waited))]
@@ -170,7 +175,18 @@ pub enum LinkError {
         /// Which link.
         name: String,
         /// Why.
-        reason: &'static str,
+        reason: Cow<'static, str>,
+    },
+    /// The connection to the board's server ended while a frame was on its way.
+    #[error(
+        "the connection to `{name}` ended while a frame was on its way ({reason}): whether the board took it is not \
+         known; open it again and look at the board before you send anything twice"
+    )]
+    Unsure {
+        /// Which link.
+        name: String,
+        /// How it ended.
+        reason: String,
     },
     /// The link was closed, by this or another thread.
     #[error("the link is closed; open it first")]
@@ -207,7 +223,7 @@ pub trait Link: Send + Sync {
     ///
     /// # Errors
     /// [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`], [`LinkError::Cancelled`], [`LinkError::Io`];
-    /// the frame was not taken then.
+    /// the frame was not taken then. [`LinkError::Unsure`] on a network: nobody knows.
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
 
     /// The oldest report not yet read; `out` is left alone if there is none.
@@ -286,11 +302,13 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 
-#[cfg_attr(not(feature = "sim"), expect(unused_variables, reason = "no link of this build uses them"))]
+#[cfg_attr(not(feature = "sim"), allow(unused_variables, reason = "a build without links uses none of them"))]
 fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     match uri.scheme() {
         #[cfg(feature = "sim")]
         keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
+        #[cfg(all(feature = "tcp", unix))]
+        keys::Scheme::Tcp => tcp::open(uri, options),
         other => Err(LinkError::Unsupported {
             scheme: other.name().into(),
             hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \

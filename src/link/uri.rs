@@ -76,6 +76,16 @@ pub enum UriError {
         /// What was found.
         path: String,
     },
+    /// What stands before the question mark is not what the scheme takes there.
+    #[error("`{scheme}:` does not take `{}` as its place; allowed: {allowed}; {WHERE_TO_LOOK}", visible(.path))]
+    BadPath {
+        /// Scheme.
+        scheme: Scheme,
+        /// What was found.
+        path: String,
+        /// What is allowed.
+        allowed: &'static str,
+    },
     /// A part of the query without `=`.
     #[error("`{part}` in a `{scheme}:` link is no `key=value`; {hint}; {WHERE_TO_LOOK}")]
     NotKeyValue {

@@ -56,7 +56,7 @@ impl FakeLink {
 fn usable(state: &State) -> Result<(), LinkError> {
     match state {
         State { closed: true, .. } => Err(LinkError::Closed),
-        State { lost: true, .. } => Err(LinkError::Lost { name: "fake:".to_owned(), reason: "unplugged" }),
+        State { lost: true, .. } => Err(LinkError::Lost { name: "fake:".to_owned(), reason: "unplugged".into() }),
         _ => Ok(()),
     }
 }

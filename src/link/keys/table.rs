@@ -13,6 +13,7 @@ const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Spi, Scheme::Tcp];
 /// The slowest clock of a board: a cycle of 250 us takes a quarter of a second. \[OURS]
 const SLOWEST: Fraction = Fraction::from_billionths(1_000_000);
 const SIM: &[Scheme] = &[Scheme::Sim];
+const TCP: &[Scheme] = &[Scheme::Tcp];
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
@@ -20,7 +21,7 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 ///
 /// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
 /// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `fault.seed`,
-/// `fault.delay_ms`, and the ends of every range.
+/// `fault.delay_ms`, those of `tcp:`, and the ends of every range.
 pub const KEYS: &[Key] = &[
     Key {
         name: "slaves",
@@ -145,6 +146,49 @@ pub const KEYS: &[Key] = &[
         default: None,
         example: "/tmp/cut.ecmscript",
         meaning: "a text file of what happens when, such as `at 2s alarm 1 0x7500` (see below); not given: nothing",
+    },
+    Key {
+        name: "role",
+        schemes: TCP,
+        syntax: Syntax::Choice(&["writer", "reader"]),
+        default: Some("writer"),
+        example: "reader",
+        meaning: "writer: the one client that sends commands, refused while there is another; reader: gets every report \
+                  and sends nothing",
+    },
+    Key {
+        name: "secret_file",
+        schemes: TCP,
+        syntax: Syntax::File,
+        default: None,
+        example: "ecmsk.secret",
+        meaning: "the file with the secret that the server has too: the connection is encrypted, and both ends show that \
+                  they know it; not given: the variable ECMSK_TCP_SECRET, and without that no secret",
+    },
+    Key {
+        name: "keepalive_ms",
+        schemes: TCP,
+        syntax: Syntax::Number(50, HOUR_MS),
+        default: Some("500"),
+        example: "2000",
+        meaning: "each end says at least this often that it is there, in ms; the connection is lost after four times \
+                  that without a word",
+    },
+    Key {
+        name: "connect_timeout_ms",
+        schemes: TCP,
+        syntax: Syntax::Number(1, HOUR_MS),
+        default: Some("3000"),
+        example: "500",
+        meaning: "how long connecting may take, in ms",
+    },
+    Key {
+        name: "reconnect_ms",
+        schemes: TCP,
+        syntax: Syntax::Number(0, DAY_MS),
+        default: Some("0"),
+        example: "60000",
+        meaning: "how long a reader whose connection is lost tries to connect again, in ms; a writer never does",
     },
     Key {
         name: "queue",

@@ -1,0 +1,113 @@
+//! `ecmsk serve`: a board for other processes and machines.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::{Subcommand, ValueEnum, ValueHint};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{self, LinkError, LinkInfo, Share, tcp::Secret};
+use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+
+use super::error::say;
+use super::{CliError, output};
+
+/// Serve a board to other processes and machines
+#[derive(clap::Args)]
+#[command(disable_help_subcommand = true, arg_required_else_help = true)]
+pub struct Args {
+    #[command(subcommand)]
+    port: Port,
+}
+
+#[derive(Subcommand)]
+enum Port {
+    Tcp(Tcp),
+}
+
+/// Serve a board on TCP, for links tcp://HOST:PORT
+///
+/// Every client gets every report; one of them, the writer, sends commands. Standard output says where it listens and
+/// what it serves, standard error who comes and goes. Ctrl-C and SIGTERM tell the clients, bring axes to a standstill
+/// if there is a writer, and end it.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk serve tcp --link 'sim:?slaves=drive*2'
+  ecmsk serve tcp --link usb: --listen 0.0.0.0:4711 --secret-file ecmsk.secret
+
+Make a secret: (umask 077; head -c 32 /dev/urandom | base64 > ecmsk.secret)")]
+struct Tcp {
+    /// Board to serve, see `ecmsk link help`
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: LinkUri,
+
+    /// Where to listen; anything but this machine itself takes a secret
+    #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:4711")]
+    listen: SocketAddr,
+
+    /// Serve those alone who have the secret in this file too, encrypted (TLS 1.3) [default: that of the variable
+    /// ECMSK_TCP_SECRET]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    secret_file: Option<PathBuf>,
+
+    /// What happens to moving axes when the writer is gone without having closed its link
+    #[arg(long, value_enum, default_value_t = Vanish::Ramp)]
+    on_vanish: Vanish,
+
+    /// Clients at the same time
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    max_clients: u16,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Vanish {
+    /// Ramp them to a standstill; they stay enabled
+    Ramp,
+    /// Leave them: what is in the board's FIFO runs on, a velocity or torque stays
+    Leave,
+    /// Ramp them to a standstill and switch them off
+    ServoOff,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let Port::Tcp(args) = &args.port;
+    let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
+    // Before anything moves.
+    let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
+    let uri = args.link.to_string();
+    let options = ServeOptions {
+        listen: args.listen,
+        secret: Secret::find(args.secret_file.as_deref()).map_err(ServeError::from)?,
+        on_vanish: match args.on_vanish {
+            Vanish::Ramp => OnVanish::Ramp,
+            Vanish::Leave => OnVanish::Leave,
+            Vanish::ServoOff => OnVanish::ServoOff,
+        },
+        max_clients: args.max_clients.into(),
+        tell: Arc::new(|line| say("serve", &line)),
+        ..ServeOptions::default()
+    };
+    let is_secret = options.secret.is_some();
+    let server = Server::start(move || open(&uri), options)?;
+    let protection = if is_secret { ", for clients with the secret" } else { "" };
+    output::print(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
+    let signal = signals.forever().next();
+    say("serve", &format!("stopped by {}", if signal == Some(SIGTERM) { "SIGTERM" } else { "SIGINT" }));
+    server.stop();
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A board that comes back is found again.
+fn open(uri: &str) -> Result<Arc<dyn link::Link>, LinkError> {
+    link::open(uri, Share::ByUri)
+}
+
+fn board(info: &LinkInfo) -> String {
+    let slot = info.slot.map(|slot| format!("slots of {} bytes", slot.bytes()));
+    let clock = if info.virtual_time { "virtual clock" } else { "real clock" };
+    format!("{} ({}, {clock})", info.name, slot.as_deref().unwrap_or("slot size not known"))
+}

@@ -1,0 +1,297 @@
+//! One connection, as both ends have it: a socket that never blocks, in the clear or with TLS, and a way to end a wait on it
+//! from another thread.
+
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::net::{Shutdown, SocketAddr, TcpStream};
+use std::os::unix::net::UnixStream;
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustls::Connection;
+
+use super::inbox::Inbox;
+use super::proof::Material;
+use super::tls;
+use super::wire::{MESSAGE_MAX, Message};
+
+/// Bytes that wait in the system for a slow peer, at most, about: what is older is dropped here, counted, and not there.
+/// \[OURS]
+const SYSTEM_BUFFER: usize = 64 * 1024;
+
+/// A connection.
+pub struct Channel {
+    socket: TcpStream,
+    tls: Option<Mutex<Connection>>,
+    waker: UnixStream,
+    woken: UnixStream,
+}
+
+/// Bytes that were not sent yet, and room for a message.
+pub struct Out {
+    bytes: Vec<u8>,
+    sent: usize,
+    message: [u8; MESSAGE_MAX],
+}
+
+impl Default for Out {
+    fn default() -> Self {
+        Self { bytes: Vec::with_capacity(4 * MESSAGE_MAX), sent: 0, message: [0; MESSAGE_MAX] }
+    }
+}
+
+impl Out {
+    /// Whether all was handed to the system.
+    pub const fn is_empty(&self) -> bool {
+        self.sent == self.bytes.len()
+    }
+
+    /// Bytes that wait.
+    pub const fn waiting(&self) -> usize {
+        self.bytes.len() - self.sent
+    }
+
+    /// Keeps a message in memory, in the clear, instead of sending it.
+    pub fn keep(&mut self, message: &Message<'_>) {
+        let length = message.encode(&mut self.message);
+        self.bytes.extend_from_slice(&self.message[..length]);
+    }
+
+    /// Takes what was kept.
+    pub fn take(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.bytes)
+    }
+}
+
+/// What a look at the socket found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Came {
+    /// Bytes; there may be more.
+    Bytes,
+    /// Nothing for now.
+    Nothing,
+    /// The other end sends no more.
+    End,
+}
+
+impl Channel {
+    /// A connection in the clear.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn new(socket: TcpStream) -> io::Result<Self> {
+        socket.set_nodelay(true)?;
+        socket.set_nonblocking(true)?;
+        rustix::net::sockopt::set_socket_send_buffer_size(&socket, SYSTEM_BUFFER)?;
+        let (waker, woken) = UnixStream::pair()?;
+        waker.set_nonblocking(true)?;
+        woken.set_nonblocking(true)?;
+        Ok(Self { socket, tls: None, waker, woken })
+    }
+
+    /// Puts a TLS session into it, by `deadline`; gives its keying material.
+    ///
+    /// # Errors
+    /// The system's, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end speaks no TLS.
+    pub fn secure(&mut self, mut session: Connection, deadline: Instant) -> io::Result<Material> {
+        let mut out = Out::default();
+        loop {
+            while session.wants_write() {
+                session.write_tls(&mut out.bytes)?;
+            }
+            self.flush(&mut out, deadline)?;
+            if !session.is_handshaking() {
+                break;
+            }
+            match session.read_tls(&mut &self.socket) {
+                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+                Ok(_) => {
+                    if let Err(error) = session.process_new_packets() {
+                        // The other end is told why, if it listens.
+                        let _ = session.write_tls(&mut &self.socket);
+                        return Err(io::Error::new(ErrorKind::InvalidData, error));
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => self.wait_until(false, deadline)?,
+                Err(error) => return Err(error),
+            }
+        }
+        let material = tls::material(&session)?;
+        self.tls = Some(Mutex::new(session));
+        Ok(material)
+    }
+
+    /// The other end.
+    ///
+    /// # Errors
+    /// It is gone.
+    pub fn peer(&self) -> io::Result<SocketAddr> {
+        self.socket.peer_addr()
+    }
+
+    /// Ends the wait of the thread that waits, or that of the next one.
+    pub fn wake(&self) {
+        // Full: it will wake up anyhow.
+        let _ = (&self.waker).write(&[0]);
+    }
+
+    /// Waits until there is something to receive, with `to_send` until something can be sent, until [`wake`](Self::wake)
+    /// or for `limit`; `None`: without limit.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn wait(&self, to_send: bool, limit: Option<Duration>) -> io::Result<()> {
+        let events = if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
+        let mut ready = [PollFd::new(&self.socket, events), PollFd::new(&self.woken, PollFlags::IN)];
+        let limit = limit.and_then(|limit| Timespec::try_from(limit).ok());
+        match poll(&mut ready, limit.as_ref()) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => {}
+            Err(error) => return Err(error.into()),
+        }
+        if !ready[1].revents().is_empty() {
+            let mut seen = [0; 64];
+            // It is empty when it says so.
+            while matches!((&self.woken).read(&mut seen), Ok(count) if count == seen.len()) {}
+        }
+        Ok(())
+    }
+
+    /// As [`wait`](Self::wait), or [`ErrorKind::TimedOut`] if `deadline` has passed.
+    pub(super) fn wait_until(&self, to_send: bool, deadline: Instant) -> io::Result<()> {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        self.wait(to_send, Some(left))
+    }
+
+    /// Takes what came; never waits.
+    ///
+    /// # Errors
+    /// The system's, and [`ErrorKind::InvalidData`] if it is no TLS where there should be.
+    pub fn receive(&self, inbox: &mut Inbox) -> io::Result<Came> {
+        let done = match &self.tls {
+            None => (&self.socket).read(inbox.room()),
+            Some(tls) => self.decrypt(&mut tls.lock(), inbox),
+        };
+        match done {
+            Ok(0) => Ok(Came::End),
+            Ok(count) => {
+                inbox.came(count);
+                Ok(Came::Bytes)
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Came::Nothing),
+            Err(error) if error.kind() == ErrorKind::Interrupted => Ok(Came::Nothing),
+            Err(error) if matches!(error.kind(), ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset) => {
+                Ok(Came::End)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    fn decrypt(&self, tls: &mut Connection, inbox: &mut Inbox) -> io::Result<usize> {
+        loop {
+            match tls.reader().read(inbox.room()) {
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                done => return done,
+            }
+            if tls.read_tls(&mut &self.socket)? == 0 {
+                return Ok(0);
+            }
+            tls.process_new_packets().map_err(|error| io::Error::new(ErrorKind::InvalidData, error))?;
+        }
+    }
+
+    /// Takes bytes of a greeting, in the clear; never waits.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(super) fn receive_plain(&self, bytes: &mut [u8]) -> io::Result<usize> {
+        (&self.socket).read(bytes)
+    }
+
+    /// Puts bytes in the clear behind what is to be sent.
+    pub fn stage_plain(&self, bytes: &[u8], out: &mut Out) {
+        out.bytes.extend_from_slice(bytes);
+    }
+
+    /// Puts a message behind what is to be sent. It stays there until [`push`](Self::push).
+    ///
+    /// # Errors
+    /// TLS cannot go on.
+    pub fn stage(&self, message: &Message<'_>, out: &mut Out) -> io::Result<()> {
+        let length = message.encode(&mut out.message);
+        if out.is_empty() {
+            out.bytes.clear();
+            out.sent = 0;
+        }
+        let Some(tls) = &self.tls else {
+            out.bytes.extend_from_slice(&out.message[..length]);
+            return Ok(());
+        };
+        let mut tls = tls.lock();
+        tls.writer().write_all(&out.message[..length])?;
+        while tls.wants_write() {
+            tls.write_tls(&mut out.bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Hands over what the system takes now; says whether that was all.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn push(&self, out: &mut Out) -> io::Result<bool> {
+        while !out.is_empty() {
+            match (&self.socket).write(&out.bytes[out.sent..]) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => out.sent += count,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(true)
+    }
+
+    /// Hands everything over, by `deadline`.
+    ///
+    /// # Errors
+    /// The system's, and [`ErrorKind::TimedOut`].
+    pub fn flush(&self, out: &mut Out, deadline: Instant) -> io::Result<()> {
+        while !self.push(out)? {
+            self.wait_until(true, deadline)?;
+        }
+        Ok(())
+    }
+
+    /// Nothing more is sent; with `both` nothing is received either. The other end sees it.
+    pub fn end(&self, both: bool) {
+        // It may be gone already.
+        let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
+    }
+}
+
+/// Receives until `look` has what it wants, by `deadline`.
+///
+/// # Errors
+/// The system's, [`ErrorKind::TimedOut`], [`ErrorKind::UnexpectedEof`].
+pub fn first_message<T>(
+    channel: &Channel,
+    inbox: &mut Inbox,
+    deadline: Instant,
+    look: impl FnOnce(Message<'_>) -> T,
+) -> io::Result<T> {
+    loop {
+        match inbox.next().map_err(|error| io::Error::new(ErrorKind::InvalidData, error)) {
+            Ok(Some(message)) => return Ok(look(message)),
+            Ok(None) => {}
+            Err(error) => return Err(error),
+        }
+        match channel.receive(inbox)? {
+            Came::Bytes => {}
+            Came::Nothing => channel.wait_until(false, deadline)?,
+            Came::End => return Err(ErrorKind::UnexpectedEof.into()),
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! [`LinkError`] as it travels: what the server's link said, in the words of the client's.
+
+use super::wire::Failure;
+use crate::link::{Dir, LinkError, Wait};
+
+const TIMEOUT: u8 = 1;
+const SILENT: u8 = 2;
+const LOST: u8 = 3;
+const CANCELLED: u8 = 4;
+const CLOSED: u8 = 5;
+const OTHER: u8 = 6;
+
+impl<'a> Failure<'a> {
+    /// The failure to send for an error; `text` keeps its words.
+    pub fn of(error: &LinkError, text: &'a mut String) -> Self {
+        text.clear();
+        let (code, numbers) = match error {
+            LinkError::Timeout { .. } => (TIMEOUT, [0; 2]),
+            LinkError::Silent { since_ns, cycles } => (SILENT, [*since_ns, *cycles]),
+            LinkError::Lost { reason, .. } => {
+                text.push_str(reason);
+                (LOST, [0; 2])
+            }
+            LinkError::Cancelled { .. } => (CANCELLED, [0; 2]),
+            LinkError::Closed => (CLOSED, [0; 2]),
+            other => {
+                text.push_str(&other.to_string());
+                (OTHER, [0; 2])
+            }
+        };
+        Self { code, numbers, text }
+    }
+
+    /// The error of a client's call, on the link of that name.
+    pub fn error(&self, name: &str, dir: Dir, wait: Wait) -> LinkError {
+        match self.code {
+            TIMEOUT => timeout(dir, wait),
+            SILENT => LinkError::Silent { since_ns: self.numbers[0], cycles: self.numbers[1] },
+            LOST => LinkError::Lost { name: name.to_owned(), reason: self.text.to_owned().into() },
+            CANCELLED => LinkError::Cancelled { dir },
+            CLOSED => LinkError::Lost { name: name.to_owned(), reason: "the server has closed its link".into() },
+            _ => LinkError::Io { what: format!("{dir} on the server of `{name}`"), message: self.text.to_owned() },
+        }
+    }
+}
+
+pub(super) fn timeout(dir: Dir, wait: Wait) -> LinkError {
+    let waited = match wait {
+        Wait::For(limit) => limit,
+        Wait::Forever | Wait::Now => std::time::Duration::ZERO,
+    };
+    let what = match dir {
+        Dir::Write => "the board takes no more frames",
+        Dir::Read => "no report came",
+    };
+    LinkError::Timeout { dir, waited, what }
+}

@@ -1,0 +1,145 @@
+//! Fields of a message, one after the other, little-endian: written into a fixed buffer, read out of a slice.
+
+use super::wire::{PAYLOAD_MAX, WireError};
+use crate::link::{Stamp, Wait};
+use crate::sk::FRAME_LEN;
+
+/// No limit, no value: all bits set.
+const NONE: u64 = u64::MAX;
+/// Bytes of a text at most; a longer one is cut. \[OURS]
+pub(super) const TEXT_MAX: usize = 256;
+
+/// Writes fields. What a message holds fits its buffer: a frame, some numbers and at most two texts.
+pub(super) struct Put<'a> {
+    bytes: &'a mut [u8],
+    pub(super) at: usize,
+}
+
+impl<'a> Put<'a> {
+    pub(super) const fn new(bytes: &'a mut [u8], at: usize) -> Self {
+        Self { bytes, at }
+    }
+
+    pub(super) fn bytes(&mut self, bytes: &[u8]) {
+        self.bytes[self.at..self.at + bytes.len()].copy_from_slice(bytes);
+        self.at += bytes.len();
+    }
+
+    pub(super) fn u8(&mut self, value: u8) {
+        self.bytes(&[value]);
+    }
+
+    pub(super) fn u16(&mut self, value: u16) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    pub(super) fn u32(&mut self, value: u32) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    pub(super) fn u64(&mut self, value: u64) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    pub(super) fn wait(&mut self, wait: Wait) {
+        self.u64(match wait {
+            Wait::Forever => NONE,
+            Wait::Now => 0,
+            Wait::For(limit) => u64::try_from(limit.as_nanos()).unwrap_or(NONE - 1).min(NONE - 1),
+        });
+    }
+
+    pub(super) fn stamp(&mut self, at: Option<Stamp>) {
+        self.u64(at.map_or(NONE, |at| at.0));
+    }
+
+    /// Its length, then as much of it as is allowed.
+    pub(super) fn text(&mut self, text: &str) {
+        let text = &text[..text.floor_char_boundary(TEXT_MAX)];
+        self.u16(text.len() as u16);
+        self.bytes(text.as_bytes());
+    }
+}
+
+/// Reads fields of a message of that kind.
+pub(super) struct Get<'a> {
+    kind: u8,
+    left: &'a [u8],
+}
+
+impl<'a> Get<'a> {
+    pub(super) const fn new(kind: u8, payload: &'a [u8]) -> Self {
+        Self { kind, left: payload }
+    }
+
+    /// The message has to end here.
+    pub(super) const fn end(self) -> Result<(), WireError> {
+        if self.left.is_empty() { Ok(()) } else { Err(WireError::Trailing { kind: self.kind, extra: self.left.len() }) }
+    }
+
+    pub(super) fn array<const N: usize>(&mut self) -> Result<&'a [u8; N], WireError> {
+        let short = WireError::Short { kind: self.kind, needed: N, found: self.left.len() };
+        let (array, rest) = self.left.split_first_chunk().ok_or(short)?;
+        self.left = rest;
+        Ok(array)
+    }
+
+    pub(super) fn u8(&mut self) -> Result<u8, WireError> {
+        Ok(u8::from_le_bytes(*self.array()?))
+    }
+
+    pub(super) fn u16(&mut self) -> Result<u16, WireError> {
+        Ok(u16::from_le_bytes(*self.array()?))
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, WireError> {
+        Ok(u32::from_le_bytes(*self.array()?))
+    }
+
+    pub(super) fn u64(&mut self) -> Result<u64, WireError> {
+        Ok(u64::from_le_bytes(*self.array()?))
+    }
+
+    pub(super) fn flag(&mut self) -> Result<bool, WireError> {
+        match self.u8()? {
+            0 => Ok(false),
+            1 => Ok(true),
+            found => Err(WireError::Value { kind: self.kind, field: "a flag", found: found.into() }),
+        }
+    }
+
+    pub(super) fn wait(&mut self) -> Result<Wait, WireError> {
+        Ok(match self.u64()? {
+            NONE => Wait::Forever,
+            0 => Wait::Now,
+            limit => Wait::For(std::time::Duration::from_nanos(limit)),
+        })
+    }
+
+    pub(super) fn stamp(&mut self) -> Result<Option<Stamp>, WireError> {
+        let at = self.u64()?;
+        Ok((at != NONE).then_some(Stamp(at)))
+    }
+
+    pub(super) fn text(&mut self) -> Result<&'a str, WireError> {
+        let length = usize::from(self.u16()?);
+        if length > TEXT_MAX {
+            return Err(WireError::Value { kind: self.kind, field: "the length of a text", found: length as u64 });
+        }
+        let short = WireError::Short { kind: self.kind, needed: length, found: self.left.len() };
+        let (text, rest) = self.left.split_at_checked(length).ok_or(short)?;
+        self.left = rest;
+        std::str::from_utf8(text).map_err(|_| WireError::Text { kind: self.kind })
+    }
+
+    pub(super) fn frame(&mut self) -> Result<&'a [u8; FRAME_LEN], WireError> {
+        self.array()
+    }
+
+    pub(super) const fn value(&self, field: &'static str, found: u64) -> WireError {
+        WireError::Value { kind: self.kind, field, found }
+    }
+}
+
+// A frame, some numbers and two texts.
+const _: () = assert!(FRAME_LEN + 128 <= PAYLOAD_MAX && 2 * (2 + TEXT_MAX) + 128 <= PAYLOAD_MAX);

@@ -1,0 +1,542 @@
+//! The bytes between a server and its clients: the one file of both ends with the layout.
+//!
+//! A server begins with a [`Greeting`], in the clear, whatever follows. Then, in a TLS session where the greeting says
+//! so, messages go both ways: length of the payload (`u16`), kind (`u8`), 0, payload; all numbers little-endian. The
+//! client's first is [`Message::Hello`]; the server's is [`Message::Welcome`] or [`Message::Refused`]. Requests are
+//! numbered by the client and answered in their order, each once; a client has one of them under way at most.
+
+use super::counts::{counters, get_counters};
+use super::fields::{Get, Put};
+use super::proof::PROOF_LEN;
+use crate::engine::Counters;
+use crate::link::{ReadMeta, Stamp, Wait};
+use crate::sk::{FRAME_LEN, SlotSize};
+
+/// What a server's first bytes are.
+const MAGIC: [u8; 8] = *b"ecmsktcp";
+/// The version of the protocol: both ends have to have the same.
+pub const VERSION: u16 = 1;
+/// Bytes of a greeting.
+pub const GREETING_LEN: usize = 16;
+/// Bytes before a payload.
+pub const HEADER_LEN: usize = 4;
+/// The longest payload. \[OURS]
+pub const PAYLOAD_MAX: usize = 1024;
+/// The longest message.
+pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
+
+/// What is wrong with bytes that came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WireError {
+    /// The first bytes are not a server's.
+    #[error("whoever listens there is no `ecmsk serve tcp`; check host and port")]
+    NoServer,
+    /// The other end has another version.
+    #[error("the other end speaks version {found} of the protocol, this one {VERSION}; use the same ecmsk on both")]
+    Version {
+        /// What it has.
+        found: u16,
+    },
+    /// A payload longer than any is.
+    #[error("a message of {found} bytes, allowed are {PAYLOAD_MAX}")]
+    Long {
+        /// What it says.
+        found: usize,
+    },
+    /// A kind of message that there is not.
+    #[error("a message of unknown kind 0x{kind:02X}")]
+    Kind {
+        /// Its code.
+        kind: u8,
+    },
+    /// A message ends in the middle of a field.
+    #[error("a message of kind 0x{kind:02X} is short: {needed} bytes needed, {found} left")]
+    Short {
+        /// Its code.
+        kind: u8,
+        /// Bytes of the field.
+        needed: usize,
+        /// Bytes there are.
+        found: usize,
+    },
+    /// A message goes on after its last field.
+    #[error("a message of kind 0x{kind:02X} has {extra} bytes too many")]
+    Trailing {
+        /// Its code.
+        kind: u8,
+        /// How many.
+        extra: usize,
+    },
+    /// A field holds what it may not.
+    #[error("a message of kind 0x{kind:02X} has {found} for {field}")]
+    Value {
+        /// Its code.
+        kind: u8,
+        /// Which.
+        field: &'static str,
+        /// What it holds.
+        found: u64,
+    },
+    /// A text is not UTF-8.
+    #[error("a message of kind 0x{kind:02X} has a text that is not UTF-8")]
+    Text {
+        /// Its code.
+        kind: u8,
+    },
+    /// A message that has no place there.
+    #[error("a message of kind 0x{kind:02X} came out of turn")]
+    OutOfTurn {
+        /// Its code.
+        kind: u8,
+    },
+}
+
+/// A server's first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Greeting {
+    /// Whether a TLS session follows.
+    pub tls: bool,
+    /// Whether the server takes the connection; it is closed if not.
+    pub has_room: bool,
+}
+
+impl Greeting {
+    /// Its bytes.
+    pub fn encode(self) -> [u8; GREETING_LEN] {
+        let mut bytes = [0; GREETING_LEN];
+        bytes[..8].copy_from_slice(&MAGIC);
+        bytes[8..10].copy_from_slice(&VERSION.to_le_bytes());
+        bytes[10] = self.tls.into();
+        bytes[11] = self.has_room.into();
+        bytes
+    }
+
+    /// The greeting of these bytes.
+    ///
+    /// # Errors
+    /// [`WireError::NoServer`], [`WireError::Version`].
+    pub fn decode(bytes: &[u8; GREETING_LEN]) -> Result<Self, WireError> {
+        if bytes[..8] != MAGIC {
+            return Err(WireError::NoServer);
+        }
+        let found = u16::from_le_bytes([bytes[8], bytes[9]]);
+        if found != VERSION {
+            return Err(WireError::Version { found });
+        }
+        match bytes[10..] {
+            [tls @ 0..=1, room @ 0..=1, 0, 0, 0, 0] => Ok(Self { tls: tls == 1, has_room: room == 1 }),
+            _ => Err(WireError::NoServer),
+        }
+    }
+}
+
+/// What a client wants to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Role {
+    /// It gets every report and may write: one at a time.
+    #[default]
+    Writer,
+    /// It gets every report.
+    Reader,
+}
+
+/// What a client says of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hello<'a> {
+    /// What it wants to be.
+    pub role: Role,
+    /// It says something at least this often, milliseconds.
+    pub keepalive_ms: u32,
+    /// Its process.
+    pub pid: u32,
+    /// Its program.
+    pub program: &'a str,
+    /// That it knows the secret; zeros where there is none.
+    pub proof: &'a [u8; PROOF_LEN],
+}
+
+/// What a server says of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Welcome<'a> {
+    /// That it knows the secret; zeros where there is none.
+    pub proof: &'a [u8; PROOF_LEN],
+    /// The board's slot size, if the server's link knows it.
+    pub slot: Option<SlotSize>,
+    /// Whether time passes by the writer's calls only.
+    pub virtual_time: bool,
+    /// Time of the board.
+    pub now: Stamp,
+    /// Sequence number of the next report.
+    pub sequence: u64,
+    /// The server's link.
+    pub board: &'a str,
+}
+
+/// Why a server does not take a client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Refusal {
+    /// Somebody else is the writer; the text says who.
+    HasWriter = 1,
+    /// The board is away; the text says why.
+    NoBoard = 2,
+    /// As many clients as it takes.
+    Full = 3,
+    /// The client does not know the secret.
+    WrongSecret = 4,
+    /// What it said is no hello.
+    NoHello = 5,
+}
+
+/// Why a connection is ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum End {
+    /// The client has closed its link.
+    Closed = 1,
+    /// The server is stopped.
+    Stopped = 2,
+    /// The board is gone; the text says why.
+    Lost = 3,
+    /// The other end does not keep to the protocol; the text says how.
+    Broken = 4,
+}
+
+/// Counters of a server's link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Reports dropped because nobody read them, before the server and in it.
+    pub reports_dropped: u64,
+    /// The board's counters, where the server's link sees them.
+    pub board: Option<Counters>,
+}
+
+/// Why a request failed: [`LinkError`] as it travels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Failure<'a> {
+    pub(super) code: u8,
+    pub(super) numbers: [u64; 2],
+    pub(super) text: &'a str,
+}
+
+/// One message. Those up to `Bye` are a client's, those from `Ping` on a server's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Message<'a> {
+    /// The first.
+    Hello(Hello<'a>),
+    /// A command frame.
+    Write {
+        /// Its number.
+        request: u64,
+        /// How long the server's link may wait.
+        wait: Wait,
+        /// The frame.
+        frame: &'a [u8; FRAME_LEN],
+    },
+    /// Virtual time alone: the oldest report not yet read.
+    Read {
+        /// Its number.
+        request: u64,
+        /// How long, in the board's time.
+        wait: Wait,
+    },
+    /// Virtual time alone: lets it pass.
+    Pass {
+        /// Its number.
+        request: u64,
+        /// Nanoseconds.
+        ns: u64,
+    },
+    /// Asks for counters.
+    Count {
+        /// Its number.
+        request: u64,
+    },
+    /// Ends the write under way.
+    Cancel {
+        /// Its number.
+        request: u64,
+    },
+    /// The other end is there.
+    Ping,
+    /// The last.
+    Bye {
+        /// Why.
+        end: End,
+        /// In words.
+        text: &'a str,
+    },
+    /// The client is taken.
+    Welcome(Welcome<'a>),
+    /// The client is not taken.
+    Refused {
+        /// Why.
+        why: Refusal,
+        /// In words.
+        text: &'a str,
+    },
+    /// A report that the board made.
+    Report {
+        /// Its meta data, of the server's link; `dropped` with those that were dropped for this client.
+        meta: ReadMeta,
+        /// The report.
+        frame: &'a [u8; FRAME_LEN],
+    },
+    /// The board has taken the frame.
+    Written {
+        /// Of which request.
+        request: u64,
+        /// When.
+        at: Stamp,
+        /// Time of the board after it, on virtual time.
+        now: Option<Stamp>,
+    },
+    /// Virtual time alone: the report.
+    Got {
+        /// Of which request.
+        request: u64,
+        /// Time of the board after it.
+        now: Option<Stamp>,
+        /// Its meta data.
+        meta: ReadMeta,
+        /// The report.
+        frame: &'a [u8; FRAME_LEN],
+    },
+    /// Time has passed.
+    Passed {
+        /// Of which request.
+        request: u64,
+        /// Time of the board after it.
+        now: Option<Stamp>,
+    },
+    /// Counters.
+    Counted {
+        /// Of which request.
+        request: u64,
+        /// They.
+        counts: Counts,
+    },
+    /// A request failed, and nothing of it was done.
+    Failed {
+        /// Which.
+        request: u64,
+        /// Time of the board after it, on virtual time.
+        now: Option<Stamp>,
+        /// Why.
+        failure: Failure<'a>,
+    },
+}
+
+const HELLO: u8 = 0x01;
+const WRITE: u8 = 0x02;
+const READ: u8 = 0x03;
+const PASS: u8 = 0x04;
+const COUNT: u8 = 0x05;
+const CANCEL: u8 = 0x06;
+const PING: u8 = 0x40;
+const BYE: u8 = 0x41;
+const WELCOME: u8 = 0x81;
+const REFUSED: u8 = 0x82;
+const REPORT: u8 = 0x83;
+const WRITTEN: u8 = 0x84;
+const GOT: u8 = 0x85;
+const PASSED: u8 = 0x86;
+const COUNTED: u8 = 0x87;
+const FAILED: u8 = 0x88;
+
+impl<'a> Message<'a> {
+    /// Its code.
+    pub const fn kind(&self) -> u8 {
+        match self {
+            Self::Hello(_) => HELLO,
+            Self::Write { .. } => WRITE,
+            Self::Read { .. } => READ,
+            Self::Pass { .. } => PASS,
+            Self::Count { .. } => COUNT,
+            Self::Cancel { .. } => CANCEL,
+            Self::Ping => PING,
+            Self::Bye { .. } => BYE,
+            Self::Welcome(_) => WELCOME,
+            Self::Refused { .. } => REFUSED,
+            Self::Report { .. } => REPORT,
+            Self::Written { .. } => WRITTEN,
+            Self::Got { .. } => GOT,
+            Self::Passed { .. } => PASSED,
+            Self::Counted { .. } => COUNTED,
+            Self::Failed { .. } => FAILED,
+        }
+    }
+
+    /// Writes it, header and payload; says how many bytes it has. A text that is too long is cut.
+    pub fn encode(&self, bytes: &mut [u8; MESSAGE_MAX]) -> usize {
+        let mut put = Put::new(bytes, HEADER_LEN);
+        self.put(&mut put);
+        let end = put.at;
+        bytes[..2].copy_from_slice(&((end - HEADER_LEN) as u16).to_le_bytes());
+        bytes[2..HEADER_LEN].copy_from_slice(&[self.kind(), 0]);
+        end
+    }
+
+    fn put(&self, put: &mut Put<'_>) {
+        match *self {
+            Self::Hello(hello) => {
+                put.u8(hello.role as u8);
+                put.u32(hello.keepalive_ms);
+                put.u32(hello.pid);
+                put.bytes(hello.proof);
+                put.text(hello.program);
+            }
+            Self::Write { request, wait, frame } => {
+                put.u64(request);
+                put.wait(wait);
+                put.bytes(frame);
+            }
+            Self::Read { request, wait } => {
+                put.u64(request);
+                put.wait(wait);
+            }
+            Self::Pass { request, ns } => {
+                put.u64(request);
+                put.u64(ns);
+            }
+            Self::Count { request } | Self::Cancel { request } => put.u64(request),
+            Self::Ping => {}
+            Self::Bye { end, text } => {
+                put.u8(end as u8);
+                put.text(text);
+            }
+            Self::Welcome(welcome) => {
+                put.bytes(welcome.proof);
+                put.u8(welcome.slot.map_or(0, |slot| slot.bytes() as u8));
+                put.u8(welcome.virtual_time.into());
+                put.u64(welcome.now.0);
+                put.u64(welcome.sequence);
+                put.text(welcome.board);
+            }
+            Self::Refused { why, text } => {
+                put.u8(why as u8);
+                put.text(text);
+            }
+            Self::Report { meta, frame } => {
+                put_meta(put, meta);
+                put.bytes(frame);
+            }
+            Self::Written { request, at, now } => {
+                put.u64(request);
+                put.u64(at.0);
+                put.stamp(now);
+            }
+            Self::Got { request, now, meta, frame } => {
+                put.u64(request);
+                put.stamp(now);
+                put_meta(put, meta);
+                put.bytes(frame);
+            }
+            Self::Passed { request, now } => {
+                put.u64(request);
+                put.stamp(now);
+            }
+            Self::Counted { request, counts } => {
+                put.u64(request);
+                put.u64(counts.reports_dropped);
+                put.u8(counts.board.is_some().into());
+                counts.board.iter().flat_map(counters).for_each(|count| put.u64(count));
+            }
+            Self::Failed { request, now, failure } => {
+                put.u64(request);
+                put.stamp(now);
+                put.u8(failure.code);
+                failure.numbers.iter().for_each(|number| put.u64(*number));
+                put.text(failure.text);
+            }
+        }
+    }
+
+    /// The message of that kind and payload.
+    ///
+    /// # Errors
+    /// [`WireError`].
+    pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Self, WireError> {
+        let mut get = Get::new(kind, payload);
+        let message = Self::get(kind, &mut get)?;
+        get.end()?;
+        Ok(message)
+    }
+
+    fn get(kind: u8, get: &mut Get<'a>) -> Result<Self, WireError> {
+        Ok(match kind {
+            HELLO => Self::Hello(Hello {
+                role: if get.flag()? { Role::Reader } else { Role::Writer },
+                keepalive_ms: get.u32()?,
+                pid: get.u32()?,
+                proof: get.array()?,
+                program: get.text()?,
+            }),
+            WRITE => Self::Write { request: get.u64()?, wait: get.wait()?, frame: get.frame()? },
+            READ => Self::Read { request: get.u64()?, wait: get.wait()? },
+            PASS => Self::Pass { request: get.u64()?, ns: get.u64()? },
+            COUNT => Self::Count { request: get.u64()? },
+            CANCEL => Self::Cancel { request: get.u64()? },
+            PING => Self::Ping,
+            BYE => {
+                let end = match get.u8()? {
+                    1 => End::Closed,
+                    2 => End::Stopped,
+                    3 => End::Lost,
+                    4 => End::Broken,
+                    found => return Err(get.value("the reason of an end", found.into())),
+                };
+                Self::Bye { end, text: get.text()? }
+            }
+            WELCOME => Self::Welcome(Welcome {
+                proof: get.array()?,
+                slot: match get.u8()? {
+                    0 => None,
+                    found => {
+                        Some(SlotSize::from_bytes(found.into()).ok_or_else(|| get.value("a slot size", found.into()))?)
+                    }
+                },
+                virtual_time: get.flag()?,
+                now: Stamp(get.u64()?),
+                sequence: get.u64()?,
+                board: get.text()?,
+            }),
+            REFUSED => {
+                let why = match get.u8()? {
+                    1 => Refusal::HasWriter,
+                    2 => Refusal::NoBoard,
+                    3 => Refusal::Full,
+                    4 => Refusal::WrongSecret,
+                    5 => Refusal::NoHello,
+                    found => return Err(get.value("the reason of a refusal", found.into())),
+                };
+                Self::Refused { why, text: get.text()? }
+            }
+            REPORT => Self::Report { meta: get_meta(get)?, frame: get.frame()? },
+            WRITTEN => Self::Written { request: get.u64()?, at: Stamp(get.u64()?), now: get.stamp()? },
+            GOT => Self::Got { request: get.u64()?, now: get.stamp()?, meta: get_meta(get)?, frame: get.frame()? },
+            PASSED => Self::Passed { request: get.u64()?, now: get.stamp()? },
+            COUNTED => {
+                let (request, reports_dropped) = (get.u64()?, get.u64()?);
+                let board = if get.flag()? { Some(get_counters(get)?) } else { None };
+                Self::Counted { request, counts: Counts { reports_dropped, board } }
+            }
+            FAILED => Self::Failed {
+                request: get.u64()?,
+                now: get.stamp()?,
+                failure: Failure { code: get.u8()?, numbers: [get.u64()?, get.u64()?], text: get.text()? },
+            },
+            kind => return Err(WireError::Kind { kind }),
+        })
+    }
+}
+
+fn put_meta(put: &mut Put<'_>, meta: ReadMeta) {
+    put.u64(meta.at.0);
+    put.u64(meta.sequence);
+    put.u64(meta.dropped);
+}
+
+fn get_meta(get: &mut Get<'_>) -> Result<ReadMeta, WireError> {
+    Ok(ReadMeta { at: Stamp(get.u64()?), sequence: get.u64()?, dropped: get.u64()? })
+}

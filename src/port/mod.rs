@@ -1,0 +1,4 @@
+//! Ports: what makes a board reachable for other processes and machines. A port serves whatever is behind a
+//! [`Link`](crate::link::Link) and knows nothing of it.
+
+pub mod tcp;

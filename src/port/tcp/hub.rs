@@ -1,0 +1,255 @@
+//! What a server's threads share: the board, its clients, who writes.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use parking_lot::{Condvar, Mutex};
+
+use super::ServeOptions;
+use super::client::Client;
+use super::seat::Queue;
+use crate::ecm::Watch;
+use crate::link::tcp::wire::{Counts, End, Message, Refusal, Role, Welcome};
+use crate::link::tcp::{Channel, PROOF_LEN};
+use crate::link::{Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
+use crate::sk::Frame;
+
+/// The board while it is there.
+pub(super) struct Board {
+    pub(super) link: Arc<dyn Link>,
+    pub(super) info: LinkInfo,
+    /// What passing frames say; nothing if the link does not know how wide slots are.
+    watch: Mutex<Watch>,
+    /// Time and number of the newest report, and reports dropped before the server.
+    newest: AtomicU64,
+    next: AtomicU64,
+    dropped: AtomicU64,
+}
+
+impl Board {
+    /// Hands a frame over and follows it.
+    pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let at = self.link.write(frame, wait)?;
+        if let Some(size) = self.info.slot {
+            self.watch.lock().command(frame, size);
+        }
+        Ok(at)
+    }
+
+    /// Time of the board on virtual time; `None` on the real clock, and if it cannot be told.
+    pub(super) fn now(&self) -> Option<Stamp> {
+        if self.info.virtual_time { self.link.pass(Duration::ZERO).ok().flatten() } else { None }
+    }
+
+    pub(super) fn watch(&self) -> Watch {
+        self.watch.lock().clone()
+    }
+
+    pub(super) fn counts(&self) -> Counts {
+        let stats = self.link.stats();
+        Counts { reports_dropped: stats.reports_dropped, board: stats.board }
+    }
+
+    fn saw(&self, frame: &Frame, meta: ReadMeta) {
+        if let Some(size) = self.info.slot {
+            self.watch.lock().report(frame, size);
+        }
+        self.newest.store(meta.at.0, Ordering::Relaxed);
+        self.next.store(meta.sequence + 1, Ordering::Relaxed);
+        self.dropped.store(meta.dropped, Ordering::Relaxed);
+    }
+}
+
+enum Place {
+    Here(Arc<Board>),
+    Away(String),
+}
+
+struct State {
+    place: Place,
+    clients: Vec<Arc<Client>>,
+    /// Who writes, in words.
+    writer: Option<String>,
+    /// The server's own seat, while it writes itself.
+    seat: Option<Arc<Queue>>,
+    is_stopping: bool,
+    is_over: bool,
+}
+
+pub(super) struct Hub {
+    pub(super) options: ServeOptions,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+/// Who wants to be a client.
+pub(super) struct Guest<'a> {
+    pub(super) who: String,
+    pub(super) role: Role,
+    pub(super) keepalive: Duration,
+    pub(super) proof: &'a [u8; PROOF_LEN],
+    /// `None`: what it gets is kept in memory.
+    pub(super) channel: Option<Channel>,
+}
+
+impl Hub {
+    pub(super) fn new(options: ServeOptions) -> Self {
+        let place = Place::Away("it is being opened".to_owned());
+        let (clients, writer, seat) = (Vec::with_capacity(options.max_clients), None, None);
+        let state = State { place, clients, writer, seat, is_stopping: false, is_over: false };
+        Self { options, state: Mutex::new(state), changed: Condvar::new() }
+    }
+
+    pub(super) fn tell(&self, line: &str) {
+        (self.options.tell)(line);
+    }
+
+    /// The board is there.
+    pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
+        let info = link.info();
+        let board = Arc::new(Board {
+            newest: AtomicU64::new(info.opened_at.0),
+            next: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            watch: Mutex::default(),
+            info,
+            link,
+        });
+        self.state.lock().place = Place::Here(Arc::clone(&board));
+        board
+    }
+
+    /// The board is gone: every client is told so.
+    pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
+        let reason = match error {
+            LinkError::Lost { reason, .. } => reason.to_string(),
+            other => other.to_string(),
+        };
+        let mut state = self.state.lock();
+        if !is_here(&state.place, board) {
+            return;
+        }
+        for client in &state.clients {
+            client.finish(End::Lost, &reason);
+        }
+        let line = format!("the board is gone: {reason}");
+        state.place = Place::Away(reason);
+        drop(state);
+        self.changed.notify_all();
+        self.tell(&line);
+    }
+
+    /// Whether that board is still there.
+    pub(super) fn has(&self, board: &Arc<Board>) -> bool {
+        is_here(&self.state.lock().place, board)
+    }
+
+    /// Takes a client in and welcomes it; gives the guest back with the reason if not.
+    pub(super) fn join<'a>(&self, guest: Guest<'a>) -> Result<(Arc<Client>, Arc<Board>), (Guest<'a>, Refusal, String)> {
+        let mut state = self.state.lock();
+        let board = match &state.place {
+            _ if state.is_stopping => return Err((guest, Refusal::NoBoard, "it is being stopped".to_owned())),
+            Place::Away(reason) => {
+                let reason = reason.clone();
+                return Err((guest, Refusal::NoBoard, reason));
+            }
+            Place::Here(board) => Arc::clone(board),
+        };
+        if state.clients.len() >= self.options.max_clients {
+            return Err((guest, Refusal::Full, String::new()));
+        }
+        if let (Role::Writer, Some(who)) = (guest.role, &state.writer) {
+            let who = who.clone();
+            return Err((guest, Refusal::HasWriter, who));
+        }
+        let Guest { who, role, keepalive, proof, channel } = guest;
+        if role == Role::Writer {
+            state.writer = Some(who.clone());
+        }
+        let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped.load(Ordering::Relaxed)));
+        client.reply(&Message::Welcome(Welcome {
+            proof,
+            slot: board.info.slot,
+            virtual_time: board.info.virtual_time,
+            now: board.now().unwrap_or(Stamp(board.newest.load(Ordering::Relaxed))),
+            sequence: board.next.load(Ordering::Relaxed),
+            board: &board.info.name,
+        }));
+        state.clients.push(Arc::clone(&client));
+        Ok((client, board))
+    }
+
+    /// A client is gone. A writer that is not `trusted` leaves its place to the server, which has to give it back
+    /// ([`leave_seat`](Self::leave_seat)).
+    pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<Queue>> {
+        let mut state = self.state.lock();
+        state.clients.retain(|other| !Arc::ptr_eq(other, client));
+        if client.role != Role::Writer {
+            return None;
+        }
+        state.writer = None;
+        if is_trusted {
+            return None;
+        }
+        let queue = Arc::new(Queue::default());
+        state.writer = Some(format!("the server itself, which brings axes to a standstill after {}", client.who));
+        state.seat = Some(Arc::clone(&queue));
+        Some(queue)
+    }
+
+    pub(super) fn leave_seat(&self) {
+        let mut state = self.state.lock();
+        (state.writer, state.seat) = (None, None);
+    }
+
+    /// A report for everybody, but not for a writer that gets it as an answer.
+    pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
+        board.saw(frame, meta);
+        let state = self.state.lock();
+        for client in &state.clients {
+            if !(board.info.virtual_time && client.role == Role::Writer) {
+                client.report(frame, meta);
+            }
+        }
+        if let Some(queue) = state.seat.as_ref().filter(|_| !board.info.virtual_time) {
+            queue.push(frame, meta);
+        }
+    }
+
+    /// No more clients; those there are get told.
+    pub(super) fn stop(&self) {
+        let mut state = self.state.lock();
+        state.is_stopping = true;
+        for client in &state.clients {
+            client.finish(End::Stopped, "");
+        }
+    }
+
+    /// Nobody needs the board any more.
+    pub(super) fn end(&self) {
+        let mut state = self.state.lock();
+        state.is_over = true;
+        if let Place::Here(board) = &state.place {
+            board.link.cancel(crate::link::Dir::Read);
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.state.lock().is_over
+    }
+
+    /// Waits until something of that changes, at most `limit`.
+    pub(super) fn rest(&self, limit: Duration) {
+        let mut state = self.state.lock();
+        if !state.is_over {
+            self.changed.wait_for(&mut state, limit);
+        }
+    }
+}
+
+fn is_here(place: &Place, board: &Arc<Board>) -> bool {
+    matches!(place, Place::Here(here) if Arc::ptr_eq(here, board))
+}

@@ -1,0 +1,57 @@
+//! The thread that has the board: it reads every report, and opens the board again when it was lost.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::hub::{Board, Hub};
+use crate::link::{Link, LinkError, Wait};
+use crate::sk::Frame;
+
+/// How long a read waits until it looks whether the server is being stopped. \[OURS]
+const LOOK: Duration = Duration::from_millis(100);
+/// Between two tries to open a board that is away. \[OURS]
+const AGAIN: Duration = Duration::from_millis(100);
+
+type Open<'a> = &'a mut (dyn FnMut() -> Result<Arc<dyn Link>, LinkError> + Send);
+
+pub(super) fn run(hub: &Hub, first: Arc<Board>, open: Open<'_>) {
+    let mut board = first;
+    loop {
+        serve(hub, &board);
+        board.link.close();
+        let Some(next) = again(hub, open) else { return };
+        hub.tell("the board is back");
+        board = next;
+    }
+}
+
+/// Hands reports on until the board is lost or the server ends.
+fn serve(hub: &Hub, board: &Arc<Board>) {
+    let mut frame = Frame::new();
+    while !hub.is_over() && hub.has(board) {
+        if board.info.virtual_time {
+            // The writer reads.
+            hub.rest(LOOK);
+            continue;
+        }
+        match board.link.read(&mut frame, Wait::For(LOOK)) {
+            Ok(meta) => hub.publish(board, &frame, meta),
+            Err(LinkError::Timeout { .. } | LinkError::Silent { .. } | LinkError::Cancelled { .. }) => {}
+            Err(error) => hub.lose(board, &error),
+        }
+    }
+}
+
+/// Opens the board until that succeeds; `None`: the server ends.
+fn again(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
+    loop {
+        if hub.is_over() {
+            return None;
+        }
+        match open() {
+            Ok(link) => return Some(hub.attach(link)),
+            Err(error) => log::debug!("{error}"),
+        }
+        hub.rest(AGAIN);
+    }
+}

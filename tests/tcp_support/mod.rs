@@ -2,6 +2,8 @@
 //! writes and reports the test decides on.
 #![allow(dead_code, reason = "every test uses its part")]
 
+pub mod proxy;
+
 use std::collections::VecDeque;
 use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
@@ -80,6 +82,14 @@ pub fn uri(server: &Server, keys: &str) -> String {
 
 pub fn connect(server: &Server, keys: &str) -> Arc<dyn Link> {
     link::open(&uri(server, keys), Share::ByName).unwrap()
+}
+
+/// The writer's link, once the writer before is out of the way.
+pub fn connect_next(server: &Server, keys: &str) -> Arc<dyn Link> {
+    until("place for a writer", || match link::open(&uri(server, keys), Share::ByName) {
+        Err(LinkError::InUse { .. }) => None,
+        other => Some(other.unwrap()),
+    })
 }
 
 pub fn refused(server: &Server, keys: &str) -> LinkError {
@@ -264,6 +274,14 @@ impl Raw {
                 other => return Some(other),
             }
         }
+    }
+
+    /// A client that is the writer, once the one before is out of the way.
+    pub fn writer(server: &Server) -> Self {
+        until("place for a writer", || {
+            let mut raw = Self::connect(server);
+            (raw.hello(false, 500)?.0 == 0x81).then_some(raw)
+        })
     }
 
     /// Says hello as a writer or a reader.

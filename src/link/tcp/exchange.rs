@@ -157,8 +157,13 @@ impl Exchange {
             Message::Failed { request, now, failure } => {
                 let under_way = self.request.as_ref().ok_or(WireError::OutOfTurn { kind: message.kind() })?;
                 let error = failure.error(&self.name, under_way.dir, under_way.wait);
+                // The good-bye that says it too is on its way.
+                let lost = matches!(error, LinkError::Lost { .. }).then(|| error.clone());
                 self.answer(message, request, Answer::Failed(error))?;
                 self.now = now;
+                if let Some(lost) = lost {
+                    self.end(lost, false);
+                }
             }
             Message::Bye { end, text } => {
                 let reason = match end {

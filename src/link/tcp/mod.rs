@@ -33,6 +33,8 @@ pub use options::TcpOptions;
 pub(crate) use proof::{PROOF_LEN, Side};
 pub use proof::{SECRET, Secret};
 pub(crate) use tls::ServerTls;
+#[cfg(all(test, feature = "sim"))]
+pub(crate) use tls::connect as client_session;
 pub use traffic::TcpLink;
 
 use super::options::CommonOptions;

@@ -152,13 +152,12 @@ fn connection(channel: Channel, number: u64, shared: &Shared) {
         }
         Left::Dismissed => {}
     }
-    let seat = hub.leave(&client, is_trusted);
-    // With its place free: a client that closes its link may be back at once.
-    farewell(channel, &client, &mut inbox, matches!(left, Left::Closed | Left::Gone(_)));
-    if let Some(queue) = seat {
+    // Axes first. And with its place free before it sees the end: a client that closes its link may be back at once.
+    if let Some(queue) = hub.leave(&client, is_trusted) {
         vanish::settle(hub, &board, queue, &client.who);
         hub.leave_seat();
     }
+    farewell(channel, &client, &mut inbox, matches!(left, Left::Gone(_)));
 }
 
 fn role_name(client: &Client) -> &'static str {

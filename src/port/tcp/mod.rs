@@ -25,6 +25,8 @@
 mod accept;
 mod client;
 mod hub;
+#[cfg(all(test, feature = "sim"))]
+mod middle;
 mod seat;
 mod session;
 mod supervise;

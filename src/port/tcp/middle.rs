@@ -1,0 +1,74 @@
+//! Test: somebody between client and server, with a TLS session to each.
+
+use std::io::ErrorKind;
+use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use super::{ServeOptions, Server};
+use crate::link::tcp::wire::{GREETING_LEN, Greeting, Message};
+use crate::link::tcp::{Channel, Inbox, Out, Secret, ServerTls, client_session, first_message};
+use crate::link::{self, LinkError, Share};
+
+/// TCP-15 Somebody in between, who ends the client's TLS session and begins one with the server, gets neither in: what the
+/// client proves is worth nothing in another session.
+#[test]
+fn somebody_in_between_gets_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("secret");
+    write_secret(&file);
+    let options = ServeOptions {
+        listen: ([127, 0, 0, 1], 0).into(),
+        secret: Some(Secret::load(&file).unwrap()),
+        ..ServeOptions::default()
+    };
+    let server = Server::start(|| link::open("sim:?clock=virtual&name=between", Share::ByUri), options).unwrap();
+
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let place = listener.local_addr().unwrap();
+    let hellos = Arc::new(AtomicUsize::new(0));
+    let (seen, address) = (Arc::clone(&hellos), server.address());
+    let between = std::thread::spawn(move || {
+        let deadline = Instant::now() + Duration::from_secs(30);
+        let mut out = Out::default();
+        let mut victim = Channel::new(listener.accept().unwrap().0).unwrap();
+        victim.stage_plain(&Greeting { tls: true, has_room: true }.encode(), &mut out);
+        victim.flush(&mut out, deadline).unwrap();
+        victim.secure(ServerTls::new().unwrap().accept().unwrap(), deadline).unwrap();
+        let mut server = Channel::new(TcpStream::connect(address).unwrap()).unwrap();
+        let mut greeting = [0; GREETING_LEN];
+        while server.receive_plain(&mut greeting).is_err_and(|error| error.kind() == ErrorKind::WouldBlock) {
+            server.wait(false, Some(Duration::from_millis(100))).unwrap();
+        }
+        server.secure(client_session().unwrap(), deadline).unwrap();
+        // What the client says, word for word; then what the server says.
+        for (from, to) in [(&victim, &server), (&server, &victim)] {
+            let mut out = Out::default();
+            let staged = first_message(from, &mut Inbox::default(), deadline, |message| {
+                if let Message::Hello(hello) = &message {
+                    assert_ne!(hello.proof, &[0; 32]);
+                    seen.fetch_add(1, Ordering::Relaxed);
+                }
+                to.stage(&message, &mut out)
+            });
+            staged.unwrap().unwrap();
+            to.flush(&mut out, deadline).unwrap();
+        }
+        (victim, server)
+    });
+
+    let uri = format!("tcp://{place}?secret_file={}", file.display());
+    let error = link::open(&uri, Share::ByName).err().expect("no link");
+    assert!(matches!(error, LinkError::NoBoard { .. }) && error.to_string().contains("another secret"), "{error}");
+    assert_eq!(hellos.load(Ordering::Relaxed), 1);
+    drop(between.join().unwrap());
+    let straight = format!("tcp://{}?secret_file={}", server.address(), file.display());
+    link::open(&straight, Share::ByName).unwrap();
+}
+
+fn write_secret(file: &std::path::Path) {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::write(file, "0123456789abcdef0123456789abcdef\n").unwrap();
+    std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o600)).unwrap();
+}

@@ -302,3 +302,22 @@ fn a_reader_connects_again() {
     let writer = link::open(&format!("tcp://{address}?reconnect_ms=1"), Share::ByName).err().unwrap();
     assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
 }
+
+/// TCP-17 A client's reads and writes allocate nothing once the link is open, in either time.
+#[test]
+fn a_clients_calls_allocate_nothing() {
+    for clock in ["real", "virtual"] {
+        let (server, _told) = serve(&format!("sim:?slaves=drive*2&clock={clock}"));
+        let link = connect(&server, "");
+        let mut report = Frame::new();
+        let mut exchange = || {
+            link.write(&Frame::new(), Wait::For(LIMIT)).unwrap();
+            link.read(&mut report, Wait::For(LIMIT)).unwrap();
+            let _ = link.read(&mut report, Wait::Now);
+            link.pass(Duration::ZERO).unwrap();
+        };
+        (0..10).for_each(|_| exchange());
+        let counted = allocation_counter::measure(|| (0..200).for_each(|_| exchange()));
+        assert_eq!(counted.count_total, 0, "{clock}: {counted:?}");
+    }
+}

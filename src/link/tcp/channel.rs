@@ -206,7 +206,7 @@ impl Channel {
     ///
     /// # Errors
     /// The system's.
-    pub(super) fn receive_plain(&self, bytes: &mut [u8]) -> io::Result<usize> {
+    pub fn receive_plain(&self, bytes: &mut [u8]) -> io::Result<usize> {
         (&self.socket).read(bytes)
     }
 

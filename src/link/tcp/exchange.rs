@@ -199,17 +199,50 @@ impl Exchange {
 #[doc(hidden)]
 pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     let mut exchange = Exchange::new("tcp:".to_owned(), 0, 4, None);
-    let mut inbox = Inbox::default();
-    let (mut reports, mut left) = (0, bytes);
+    let mut reports = 0;
     exchange.begin(Dir::Write, Wait::Forever);
-    while exchange.ended.is_none() && !left.is_empty() {
-        let room = inbox.room();
-        let count = room.len().min(left.len());
-        room[..count].copy_from_slice(&left[..count]);
-        left = &left[count..];
-        inbox.came(count);
-        reports += exchange.take_all(&mut inbox);
-    }
+    feed(bytes, |inbox| {
+        reports += exchange.take_all(inbox);
+        exchange.ended.is_none()
+    });
     assert!(exchange.reports.len() <= exchange.keep && reports as u64 >= exchange.dropped);
     (reports, exchange.ended.map(|ended| ended.error))
+}
+
+/// How many messages these bytes are, half a one at the end aside.
+///
+/// # Errors
+/// The first that is none.
+#[doc(hidden)]
+pub fn messages(bytes: &[u8]) -> Result<usize, WireError> {
+    let mut count = 0;
+    let mut wrong = None;
+    feed(bytes, |inbox| {
+        loop {
+            match inbox.next() {
+                Ok(Some(_)) => count += 1,
+                Ok(None) => return true,
+                Err(error) => {
+                    wrong = Some(error);
+                    return false;
+                }
+            }
+        }
+    });
+    wrong.map_or(Ok(count), Err)
+}
+
+/// Puts bytes into an inbox as they fit, until `take` has enough.
+fn feed(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> bool) {
+    let mut inbox = Inbox::default();
+    while !bytes.is_empty() {
+        let room = inbox.room();
+        let count = room.len().min(bytes.len());
+        room[..count].copy_from_slice(&bytes[..count]);
+        bytes = &bytes[count..];
+        inbox.came(count);
+        if !take(&mut inbox) {
+            return;
+        }
+    }
 }

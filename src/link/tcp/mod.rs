@@ -27,7 +27,7 @@ use std::sync::Arc;
 
 pub(crate) use channel::{Came, Channel, Out, first_message};
 #[doc(hidden)]
-pub use exchange::replay;
+pub use exchange::{messages, replay};
 pub(crate) use inbox::Inbox;
 pub use options::TcpOptions;
 pub(crate) use proof::{PROOF_LEN, Side};

@@ -23,6 +23,8 @@
 //! for it. On virtual time there is no such thread: the writer's calls let time pass, and readers get what it reads.
 
 mod accept;
+#[cfg(all(test, feature = "sim"))]
+mod allocation;
 mod client;
 mod hub;
 #[cfg(all(test, feature = "sim"))]

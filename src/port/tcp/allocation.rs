@@ -1,0 +1,91 @@
+//! Test: what a server does for each report and each frame allocates nothing.
+
+use std::io::Read as _;
+use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::hub::{Guest, Hub};
+use super::session::Session;
+use super::{ServeOptions, hub::Board};
+use crate::link::tcp::wire::{MESSAGE_MAX, Message, Role};
+use crate::link::tcp::{Channel, Inbox, PROOF_LEN};
+use crate::link::{Link, ReadMeta, Share, Stamp, Wait};
+use crate::sk::Frame;
+
+/// TCP-17 Frames and reports through a server, with a client that reads and one that does not, allocate nothing.
+#[test]
+fn a_cycle_allocates_nothing() {
+    let link = crate::link::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();
+    let hub = Hub::new(ServeOptions::default());
+    // Reports come from the test; the board behind is only written to.
+    let board = hub.attach(Arc::new(Real(link)));
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let mut clients = Vec::new();
+    for role in [Role::Writer, Role::Reader] {
+        let end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let channel = Some(Channel::new(listener.accept().unwrap().0).unwrap());
+        let keepalive = Duration::from_secs(1);
+        let guest = Guest { who: String::new(), role, keepalive, proof: &[0; PROOF_LEN], channel };
+        let Ok((client, _)) = hub.join(guest) else { panic!("it is taken") };
+        clients.push((client, end));
+    }
+    let mut reads = clients[0].1.try_clone().unwrap();
+    std::thread::spawn(move || while reads.read(&mut [0; 4096]).is_ok_and(|count| count > 0) {});
+    let mut session = Session::new(&hub, Arc::clone(&board), Arc::clone(&clients[0].0));
+    let mut cycles = cycles(&hub, &board, &mut session);
+    // Until the one that does not read takes no more.
+    cycles(3000);
+    assert!(clients[1].0.is_blocked() && clients[1].0.dropped() > 0);
+    let counted = allocation_counter::measure(|| cycles(1000));
+    assert_eq!(counted.count_total, 0, "{counted:?}");
+    assert!(!clients[0].0.is_over());
+}
+
+/// Runs so many cycles: bytes of a write come, its answer goes, a report goes to everybody.
+fn cycles<'a>(hub: &'a Hub, board: &'a Arc<Board>, session: &'a mut Session<'_>) -> impl FnMut(u64) + 'a {
+    let mut inbox = Inbox::default();
+    let mut sequence = 0;
+    let mut bytes = [0; MESSAGE_MAX];
+    move |count| {
+        for _ in 0..count {
+            let frame = Frame::new();
+            let write =
+                Message::Write { request: sequence, wait: Wait::For(Duration::from_secs(1)), frame: frame.bytes() };
+            let length = write.encode(&mut bytes);
+            inbox.room()[..length].copy_from_slice(&bytes[..length]);
+            inbox.came(length);
+            session.take(&inbox.next().unwrap().unwrap()).unwrap();
+            assert!(!session.is_busy());
+            hub.publish(board, &frame, ReadMeta { at: Stamp(sequence), sequence, dropped: 0 });
+            sequence += 1;
+        }
+    }
+}
+
+/// A link that says that its time is real.
+struct Real(Arc<dyn Link>);
+
+impl Link for Real {
+    fn info(&self) -> crate::link::LinkInfo {
+        crate::link::LinkInfo { virtual_time: false, ..self.0.info() }
+    }
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, crate::link::LinkError> {
+        self.0.write(frame, wait)
+    }
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, crate::link::LinkError> {
+        self.0.read(out, wait)
+    }
+    fn cancel(&self, dir: crate::link::Dir) {
+        self.0.cancel(dir);
+    }
+    fn close(&self) {
+        self.0.close();
+    }
+    fn check(&self) -> Result<(), crate::link::LinkError> {
+        self.0.check()
+    }
+    fn stats(&self) -> crate::link::LinkStats {
+        self.0.stats()
+    }
+}

@@ -117,6 +117,18 @@ fn axes_of_a_writer_that_is_gone() {
     }
 }
 
+/// TCP-10 A writer that closes its link is trusted: a velocity that it leaves goes on, and the server sends nothing.
+#[test]
+fn a_writer_that_closes() {
+    let (server, told) = served("virtual", OnVanish::Ramp);
+    let Wired { link, .. } = prepared(&server, &told);
+    drive(link.as_ref(), 200);
+    link.close();
+    let (first, later) = after(&server);
+    assert!(later[1].0 - first[1].0 > 1000, "{first:?} {later:?}");
+    assert!(!told.lines().iter().any(|line| line.contains("stand still")), "{:?}", told.lines());
+}
+
 /// TCP-9 While the server brings axes to a standstill it is the writer, and readers see how.
 #[test]
 fn readers_see_the_ramp() {

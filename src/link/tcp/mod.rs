@@ -10,22 +10,27 @@
 //! the link is open (in a TLS session rustls allocates for each message).
 
 mod channel;
+mod client;
 mod connect;
 mod counts;
 mod exchange;
 mod failure;
 mod fields;
 mod inbox;
+mod message;
 mod options;
 mod proof;
 mod reconnect;
 mod tls;
 mod traffic;
+#[cfg(test)]
+mod vectors;
 pub(crate) mod wire;
 
 use std::sync::Arc;
 
 pub(crate) use channel::{Came, Channel, Out, first_message};
+pub use client::TcpLink;
 #[doc(hidden)]
 pub use exchange::{messages, replay};
 pub(crate) use inbox::Inbox;
@@ -35,7 +40,6 @@ pub use proof::{SECRET, Secret};
 pub(crate) use tls::ServerTls;
 #[cfg(all(test, feature = "sim"))]
 pub(crate) use tls::connect as client_session;
-pub use traffic::TcpLink;
 
 use super::options::CommonOptions;
 use super::uri::LinkUri;

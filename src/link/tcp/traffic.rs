@@ -1,133 +1,67 @@
 //! The client's end while it is open: whose call receives, who may send, what a wait ends with.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread::JoinHandle;
+use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use super::DEAD_AFTER;
 use super::channel::{Came, Channel, Out};
-use super::connect::{Connected, connect, until_closed};
 use super::exchange::{Answer, Exchange};
 use super::failure::timeout;
 use super::inbox::Inbox;
-use super::options::TcpOptions;
-use super::wire::{Counts, End, Message, Role};
-use crate::link::options::CommonOptions;
-use crate::link::uri::LinkUri;
-use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use super::wire::{Message, Role};
+use crate::link::{Dir, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
 /// While nobody waits in a call, somebody looks at least this often what came. \[OURS]
 const LOOK: Duration = Duration::from_millis(20);
-/// How long closing waits for the server to have noticed. \[OURS]
-const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
-/// A link to a board that is served.
-pub struct TcpLink {
-    shared: Arc<Shared>,
-    keeper: Mutex<Option<JoinHandle<()>>>,
+pub(super) struct Shared {
+    pub(super) info: LinkInfo,
+    pub(super) board: String,
+    pub(super) role: Role,
+    pub(super) keepalive: Duration,
+    pub(super) channel: Channel,
+    pub(super) out: Mutex<Sender>,
+    pub(super) inbox: Mutex<Inbox>,
+    pub(super) state: Mutex<State>,
+    pub(super) changed: Condvar,
+    pub(super) over: Condvar,
+    pub(super) counts: Calls,
 }
 
-struct Shared {
-    info: LinkInfo,
-    board: String,
-    role: Role,
-    keepalive: Duration,
-    channel: Channel,
-    out: Mutex<Sender>,
-    inbox: Mutex<Inbox>,
-    state: Mutex<State>,
-    changed: Condvar,
-    over: Condvar,
-    counts: Calls,
+pub(super) struct Sender {
+    pub(super) out: Out,
+    pub(super) last: Instant,
 }
 
-struct Sender {
-    out: Out,
-    last: Instant,
-}
-
-struct State {
-    exchange: Exchange,
+pub(super) struct State {
+    pub(super) exchange: Exchange,
     /// Somebody is receiving.
-    receiving: bool,
+    pub(super) receiving: bool,
     /// Others wait for what it receives.
-    followers: u32,
-    cancels: [u64; 2],
+    pub(super) followers: u32,
+    pub(super) cancels: [u64; 2],
 }
 
 #[derive(Default)]
-struct Calls {
-    written: AtomicU64,
-    read: AtomicU64,
-    write_errors: AtomicU64,
-    read_errors: AtomicU64,
-}
-
-impl TcpLink {
-    /// Connects to the server that the URI names.
-    ///
-    /// # Errors
-    /// [`LinkError::NoBoard`], which says what the server or the system said; [`LinkError::InUse`] if another client is
-    /// the writer, and who; [`LinkError::Io`].
-    pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
-        let name = uri.to_string();
-        let Connected { channel, mut inbox, out, slot, virtual_time, now, sequence, board } = connect(&name, options)?;
-        // For a reader time passes by itself: the writer lets it.
-        let virtual_time = virtual_time && options.role == Role::Writer;
-        let info = LinkInfo {
-            name: name.clone(),
-            slot: common.slot.or(slot),
-            virtual_time,
-            opened_at: now,
-            read_wait: common.read_wait(),
-            write_wait: common.write_wait(),
-        };
-        let mut exchange = Exchange::new(name, sequence, common.queue, virtual_time.then_some(now));
-        // What came with the welcome.
-        exchange.take_all(&mut inbox);
-        let shared = Arc::new(Shared {
-            info,
-            board,
-            role: options.role,
-            keepalive: options.keepalive,
-            channel,
-            out: Mutex::new(Sender { out, last: Instant::now() }),
-            inbox: Mutex::new(inbox),
-            state: Mutex::new(State { exchange, receiving: false, followers: 0, cancels: [0; 2] }),
-            changed: Condvar::new(),
-            over: Condvar::new(),
-            counts: Calls::default(),
-        });
-        let keeper = std::thread::Builder::new().name("ecmsk-tcp".into()).spawn({
-            let shared = Arc::clone(&shared);
-            move || shared.keep()
-        });
-        let keeper = keeper.map_err(|error| LinkError::Io {
-            what: format!("start the thread of `{}`", shared.info.name),
-            message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
-        })?;
-        Ok(Self { shared, keeper: Mutex::new(Some(keeper)) })
-    }
-
-    /// The server's own link, as it calls it.
-    pub fn board(&self) -> &str {
-        &self.shared.board
-    }
+pub(super) struct Calls {
+    pub(super) written: AtomicU64,
+    pub(super) read: AtomicU64,
+    pub(super) write_errors: AtomicU64,
+    pub(super) read_errors: AtomicU64,
 }
 
 impl Shared {
     /// How long the other end may say nothing.
-    fn patience(&self) -> Duration {
+    pub(super) fn patience(&self) -> Duration {
         self.keepalive * DEAD_AFTER
     }
 
     /// The thread in the background: receives while nobody waits, says that the client is there, notices that the server
     /// is not.
-    fn keep(&self) {
+    pub(super) fn keep(&self) {
         let look = LOOK.min(self.keepalive / 4);
         let mut state = self.state.lock();
         while state.exchange.ended.is_none() {
@@ -238,7 +172,7 @@ impl Shared {
     }
 
     /// Sends a request and waits for its answer. The server keeps the limit; whatever it does, the wait ends.
-    fn request<'a>(
+    pub(super) fn request<'a>(
         &'a self,
         dir: Dir,
         wait: Wait,
@@ -328,7 +262,7 @@ impl Shared {
         (state, done)
     }
 
-    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+    pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         if self.role == Role::Reader {
             return Err(LinkError::Io {
                 what: format!("write to `{}`", self.info.name),
@@ -343,7 +277,7 @@ impl Shared {
         }
     }
 
-    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+    pub(super) fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         if self.info.virtual_time {
             let (state, answer) = self.request(Dir::Read, wait, |request| Message::Read { request, wait });
             return match answer? {
@@ -369,7 +303,7 @@ impl Shared {
         done.unwrap_or_else(|| Err(timeout(Dir::Read, wait)))
     }
 
-    fn nonsense(&self) -> LinkError {
+    pub(super) fn nonsense(&self) -> LinkError {
         LinkError::Lost { name: self.info.name.clone(), reason: "its server answers something else".into() }
     }
 }
@@ -380,124 +314,5 @@ fn end_after(wait: Wait) -> Option<Instant> {
         Wait::Forever => None,
         Wait::Now => Some(Instant::now()),
         Wait::For(limit) => Instant::now().checked_add(limit),
-    }
-}
-
-fn counted<T>(done: &AtomicU64, failed: &AtomicU64, result: Result<T, LinkError>) -> Result<T, LinkError> {
-    let counter = if result.is_ok() { done } else { failed };
-    counter.fetch_add(1, Ordering::Relaxed);
-    result
-}
-
-impl Link for TcpLink {
-    fn info(&self) -> LinkInfo {
-        self.shared.info.clone()
-    }
-
-    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let counts = &self.shared.counts;
-        counted(&counts.written, &counts.write_errors, self.shared.write(frame, wait))
-    }
-
-    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let counts = &self.shared.counts;
-        counted(&counts.read, &counts.read_errors, self.shared.read(out, wait))
-    }
-
-    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
-        self.check()?;
-        if !self.shared.info.virtual_time {
-            return Ok(None);
-        }
-        // Nobody else lets time pass, so what it was after the last request it is still.
-        if time.is_zero()
-            && let Some(now) = self.shared.state.lock().exchange.now
-        {
-            return Ok(Some(now));
-        }
-        let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-        let wait = Wait::For(self.shared.patience());
-        match self.shared.request(Dir::Read, wait, |request| Message::Pass { request, ns }).1? {
-            Answer::Passed(now) => Ok(now),
-            Answer::Failed(error) => Err(error),
-            _ => Err(self.shared.nonsense()),
-        }
-    }
-
-    fn cancel(&self, dir: Dir) {
-        self.shared.state.lock().cancels[dir as usize] += 1;
-        self.shared.changed.notify_all();
-        self.shared.channel.wake();
-    }
-
-    fn close(&self) {
-        let shared = &self.shared;
-        let first = {
-            let mut state = shared.state.lock();
-            let was_open = state.exchange.ended.is_none();
-            let closed = matches!(&state.exchange.ended, Some(ended) if ended.error == LinkError::Closed);
-            state.exchange.ended = Some(super::exchange::Ended { error: LinkError::Closed, unsure: false });
-            was_open.then_some(()).or((!closed).then_some(())).map(|()| was_open)
-        };
-        let Some(was_open) = first else { return };
-        shared.over.notify_all();
-        shared.changed.notify_all();
-        shared.channel.wake();
-        if was_open {
-            let mut sender = shared.out.lock();
-            let bye = Message::Bye { end: End::Closed, text: "" };
-            let deadline = Instant::now() + CLOSE_LIMIT;
-            let said = shared
-                .channel
-                .stage(&bye, &mut sender.out)
-                .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
-            shared.channel.end(false);
-            if said.is_ok() {
-                // Once it has closed its end, the next client may be the writer.
-                until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
-            }
-        }
-        shared.channel.end(true);
-        if let Some(keeper) = self.keeper.lock().take() {
-            // It ends at its next look.
-            let _ = keeper.join();
-        }
-    }
-
-    fn check(&self) -> Result<(), LinkError> {
-        match &self.shared.state.lock().exchange.ended {
-            None => Ok(()),
-            Some(ended) => Err(ended.error.clone()),
-        }
-    }
-
-    fn stats(&self) -> LinkStats {
-        let shared = &self.shared;
-        let wait = Wait::For(shared.patience());
-        let (state, asked) = shared.request(Dir::Read, wait, |request| Message::Count { request });
-        // Without an answer those of the last time are what is known.
-        let counts = match asked {
-            Ok(Answer::Counted(counts)) => counts,
-            _ => Counts { ..state.exchange.counts },
-        };
-        let here = state.exchange.dropped();
-        drop(state);
-        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        LinkStats {
-            written: count(&shared.counts.written),
-            read: count(&shared.counts.read),
-            reports_dropped: counts.reports_dropped + here,
-            write_errors: count(&shared.counts.write_errors),
-            read_errors: count(&shared.counts.read_errors),
-            record_dropped: 0,
-            faults: Default::default(),
-            board: counts.board,
-        }
-    }
-}
-
-impl Drop for TcpLink {
-    fn drop(&mut self) {
-        self.close();
     }
 }

@@ -40,6 +40,13 @@ struct Shared {
     strangers: Mutex<Vec<(u64, TcpStream)>>,
 }
 
+impl Shared {
+    /// A connection is no stranger any more.
+    fn introduced(&self, number: u64) {
+        self.strangers.lock().retain(|(other, _)| *other != number);
+    }
+}
+
 impl Acceptor {
     pub(super) fn start(listener: TcpListener, hub: &Arc<Hub>) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
@@ -109,6 +116,14 @@ fn take(socket: TcpStream, number: u64, shared: &Arc<Shared>) -> io::Result<Opti
         }
         has_room
     };
+    let taken = greet(socket, has_room, number, shared);
+    if has_room && taken.is_err() {
+        shared.introduced(number);
+    }
+    taken
+}
+
+fn greet(socket: TcpStream, has_room: bool, number: u64, shared: &Arc<Shared>) -> io::Result<Option<JoinHandle<()>>> {
     let channel = Channel::new(socket)?;
     let mut out = Out::default();
     channel.stage_plain(&Greeting { tls: shared.tls.is_some(), has_room }.encode(), &mut out);
@@ -117,14 +132,9 @@ fn take(socket: TcpStream, number: u64, shared: &Arc<Shared>) -> io::Result<Opti
     if !has_room {
         return Ok(None);
     }
-    let thread = std::thread::Builder::new().name("ecmsk-client".into()).spawn({
-        let shared = Arc::clone(shared);
-        move || connection(channel, number, &shared)
-    });
-    if thread.is_err() {
-        shared.strangers.lock().retain(|(other, _)| *other != number);
-    }
-    thread.map(Some)
+    let shared = Arc::clone(shared);
+    let thread = std::thread::Builder::new().name("ecmsk-client".into());
+    thread.spawn(move || connection(channel, number, &shared)).map(Some)
 }
 
 /// One connection, from its greeting to its end.
@@ -133,7 +143,7 @@ fn connection(channel: Channel, number: u64, shared: &Shared) {
     let from = channel.peer().map(|address| address.to_string()).unwrap_or_default();
     let mut inbox = Inbox::default();
     let joined = introduce(channel, &from, &mut inbox, shared);
-    shared.strangers.lock().retain(|(other, _)| *other != number);
+    shared.introduced(number);
     let (client, board) = match joined {
         Ok(joined) => joined,
         Err(reason) => return hub.tell(&format!("{from}: {reason}")),

@@ -1,0 +1,198 @@
+//! The link `tcp:` itself: opening, closing, and the calls of a [`Link`].
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
+
+use super::connect::{Connected, connect, until_closed};
+use super::exchange::{Answer, Ended, Exchange};
+use super::options::TcpOptions;
+use super::traffic::{Calls, Sender, Shared, State};
+use super::wire::{Counts, End, Message, Role};
+use crate::link::options::CommonOptions;
+use crate::link::uri::LinkUri;
+use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::sk::Frame;
+
+/// How long closing waits for the server to have noticed. \[OURS]
+const CLOSE_LIMIT: Duration = Duration::from_secs(1);
+
+/// A link to a board that is served.
+pub struct TcpLink {
+    shared: Arc<Shared>,
+    keeper: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl TcpLink {
+    /// Connects to the server that the URI names.
+    ///
+    /// # Errors
+    /// [`LinkError::NoBoard`], which says what the server or the system said; [`LinkError::InUse`] if another client is
+    /// the writer, and who; [`LinkError::Io`].
+    pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
+        let name = uri.to_string();
+        let Connected { channel, mut inbox, out, slot, virtual_time, now, sequence, board } = connect(&name, options)?;
+        // For a reader time passes by itself: the writer lets it.
+        let virtual_time = virtual_time && options.role == Role::Writer;
+        let info = LinkInfo {
+            name: name.clone(),
+            slot: common.slot.or(slot),
+            virtual_time,
+            opened_at: now,
+            read_wait: common.read_wait(),
+            write_wait: common.write_wait(),
+        };
+        let mut exchange = Exchange::new(name, sequence, common.queue, virtual_time.then_some(now));
+        // What came with the welcome.
+        exchange.take_all(&mut inbox);
+        let shared = Arc::new(Shared {
+            info,
+            board,
+            role: options.role,
+            keepalive: options.keepalive,
+            channel,
+            out: Mutex::new(Sender { out, last: Instant::now() }),
+            inbox: Mutex::new(inbox),
+            state: Mutex::new(State { exchange, receiving: false, followers: 0, cancels: [0; 2] }),
+            changed: Condvar::new(),
+            over: Condvar::new(),
+            counts: Calls::default(),
+        });
+        let keeper = std::thread::Builder::new().name("ecmsk-tcp".into()).spawn({
+            let shared = Arc::clone(&shared);
+            move || shared.keep()
+        });
+        let keeper = keeper.map_err(|error| LinkError::Io {
+            what: format!("start the thread of `{}`", shared.info.name),
+            message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
+        })?;
+        Ok(Self { shared, keeper: Mutex::new(Some(keeper)) })
+    }
+
+    /// The server's own link, as it calls it.
+    pub fn board(&self) -> &str {
+        &self.shared.board
+    }
+}
+
+fn counted<T>(done: &AtomicU64, failed: &AtomicU64, result: Result<T, LinkError>) -> Result<T, LinkError> {
+    let counter = if result.is_ok() { done } else { failed };
+    counter.fetch_add(1, Ordering::Relaxed);
+    result
+}
+
+impl Link for TcpLink {
+    fn info(&self) -> LinkInfo {
+        self.shared.info.clone()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let counts = &self.shared.counts;
+        counted(&counts.written, &counts.write_errors, self.shared.write(frame, wait))
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let counts = &self.shared.counts;
+        counted(&counts.read, &counts.read_errors, self.shared.read(out, wait))
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        self.check()?;
+        if !self.shared.info.virtual_time {
+            return Ok(None);
+        }
+        // Nobody else lets time pass, so what it was after the last request it is still.
+        if time.is_zero()
+            && let Some(now) = self.shared.state.lock().exchange.now
+        {
+            return Ok(Some(now));
+        }
+        let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        let wait = Wait::For(self.shared.patience());
+        match self.shared.request(Dir::Read, wait, |request| Message::Pass { request, ns }).1? {
+            Answer::Passed(now) => Ok(now),
+            Answer::Failed(error) => Err(error),
+            _ => Err(self.shared.nonsense()),
+        }
+    }
+
+    fn cancel(&self, dir: Dir) {
+        self.shared.state.lock().cancels[dir as usize] += 1;
+        self.shared.changed.notify_all();
+        self.shared.channel.wake();
+    }
+
+    fn close(&self) {
+        let shared = &self.shared;
+        let first = {
+            let mut state = shared.state.lock();
+            let was_open = state.exchange.ended.is_none();
+            let closed = matches!(&state.exchange.ended, Some(ended) if ended.error == LinkError::Closed);
+            state.exchange.ended = Some(Ended { error: LinkError::Closed, unsure: false });
+            was_open.then_some(()).or((!closed).then_some(())).map(|()| was_open)
+        };
+        let Some(was_open) = first else { return };
+        shared.over.notify_all();
+        shared.changed.notify_all();
+        shared.channel.wake();
+        if was_open {
+            let mut sender = shared.out.lock();
+            let bye = Message::Bye { end: End::Closed, text: "" };
+            let deadline = Instant::now() + CLOSE_LIMIT;
+            let said = shared
+                .channel
+                .stage(&bye, &mut sender.out)
+                .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
+            shared.channel.end(false);
+            if said.is_ok() {
+                // Once it has closed its end, the next client may be the writer.
+                until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
+            }
+        }
+        shared.channel.end(true);
+        if let Some(keeper) = self.keeper.lock().take() {
+            // It ends at its next look.
+            let _ = keeper.join();
+        }
+    }
+
+    fn check(&self) -> Result<(), LinkError> {
+        match &self.shared.state.lock().exchange.ended {
+            None => Ok(()),
+            Some(ended) => Err(ended.error.clone()),
+        }
+    }
+
+    fn stats(&self) -> LinkStats {
+        let shared = &self.shared;
+        let wait = Wait::For(shared.patience());
+        let (state, asked) = shared.request(Dir::Read, wait, |request| Message::Count { request });
+        // Without an answer those of the last time are what is known.
+        let counts = match asked {
+            Ok(Answer::Counted(counts)) => counts,
+            _ => Counts { ..state.exchange.counts },
+        };
+        let here = state.exchange.dropped();
+        drop(state);
+        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        LinkStats {
+            written: count(&shared.counts.written),
+            read: count(&shared.counts.read),
+            reports_dropped: counts.reports_dropped + here,
+            write_errors: count(&shared.counts.write_errors),
+            read_errors: count(&shared.counts.read_errors),
+            record_dropped: 0,
+            faults: Default::default(),
+            board: counts.board,
+        }
+    }
+}
+
+impl Drop for TcpLink {
+    fn drop(&mut self) {
+        self.close();
+    }
+}

@@ -1,0 +1,142 @@
+//! Test: the bytes of every message. They are frozen: a change needs another version of the protocol.
+
+use proptest::prelude::*;
+
+use super::wire::{
+    Counts, End, Failure, Greeting, Hello, MESSAGE_MAX, Message, PAYLOAD_MAX, Refusal, Role, Welcome, WireError,
+};
+use crate::engine::Counters;
+use crate::link::{ReadMeta, Stamp, Wait};
+use crate::sk::SlotSize;
+
+const FRAME: [u8; 512] = [0xA5; 512];
+const META: ReadMeta = ReadMeta { at: Stamp(0x0102), sequence: 3, dropped: 4 };
+
+fn all() -> Vec<(Message<'static>, &'static str)> {
+    let board = Counters {
+        frames: 1,
+        while_booting: 13,
+        rejected: std::array::from_fn(|i| i as u64 + 14),
+        ..Counters::default()
+    };
+    vec![
+        (
+            Message::Hello(Hello { role: Role::Reader, keepalive_ms: 500, pid: 0x1234, program: "p", proof: &[7; 32] }),
+            "2c000100 01 f4010000 34120000 [07;32] 0100 70",
+        ),
+        (
+            Message::Write { request: 1, wait: Wait::Forever, frame: &FRAME },
+            "10020200 0100000000000000 ffffffffffffffff [a5;512]",
+        ),
+        (Message::Read { request: 2, wait: Wait::Now }, "10000300 0200000000000000 0000000000000000"),
+        (Message::Pass { request: 3, ns: 1000 }, "10000400 0300000000000000 e803000000000000"),
+        (Message::Count { request: 4 }, "08000500 0400000000000000"),
+        (Message::Cancel { request: 5 }, "08000600 0500000000000000"),
+        (Message::Ping, "00004000"),
+        (Message::Bye { end: End::Lost, text: "oh" }, "05004100 03 0200 6f68"),
+        (
+            Message::Welcome(Welcome {
+                proof: &[7; 32],
+                slot: Some(SlotSize::Bytes16),
+                virtual_time: true,
+                now: Stamp(9),
+                sequence: 8,
+                board: "sim:",
+            }),
+            "38008100 [07;32] 10 01 0900000000000000 0800000000000000 0400 73696d3a",
+        ),
+        (Message::Refused { why: Refusal::HasWriter, text: "x" }, "04008200 01 0100 78"),
+        (
+            Message::Report { meta: META, frame: &FRAME },
+            "18028300 0201000000000000 0300000000000000 0400000000000000 [a5;512]",
+        ),
+        (
+            Message::Written { request: 6, at: Stamp(7), now: None },
+            "18008400 0600000000000000 0700000000000000 ffffffffffffffff",
+        ),
+        (
+            Message::Got { request: 6, now: Some(Stamp(7)), meta: META, frame: &FRAME },
+            "28028500 0600000000000000 0700000000000000 0201000000000000 0300000000000000 0400000000000000 [a5;512]",
+        ),
+        (Message::Passed { request: 6, now: Some(Stamp(7)) }, "10008600 0600000000000000 0700000000000000"),
+        (
+            Message::Counted { request: 6, counts: Counts { reports_dropped: 5, board: None } },
+            "11008700 0600000000000000 0500000000000000 00",
+        ),
+        (
+            Message::Counted { request: 6, counts: Counts { reports_dropped: 5, board: Some(board) } },
+            "c9008700 0600000000000000 0500000000000000 01 0100000000000000 [00;88] 0d00000000000000 \
+             0e00000000000000 0f00000000000000 1000000000000000 1100000000000000 1200000000000000 \
+             1300000000000000 1400000000000000 1500000000000000 1600000000000000 1700000000000000",
+        ),
+        (
+            Message::Failed { request: 6, now: None, failure: Failure { code: 2, numbers: [1, 2], text: "" } },
+            "23008800 0600000000000000 ffffffffffffffff 02 0100000000000000 0200000000000000 0000",
+        ),
+    ]
+}
+
+/// Bytes of a text: hexadecimal, `[xx;n]` for n times the same.
+fn bytes(text: &str) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for word in text.split_whitespace() {
+        if let Some((byte, count)) = word.strip_prefix('[').and_then(|word| word.strip_suffix(']')?.split_once(';')) {
+            bytes.extend(vec![u8::from_str_radix(byte, 16).unwrap(); count.parse().unwrap()]);
+        } else {
+            bytes.extend((0..word.len()).step_by(2).map(|i| u8::from_str_radix(&word[i..i + 2], 16).unwrap()));
+        }
+    }
+    bytes
+}
+
+/// TCP-1 Every message has these bytes, and they mean it.
+#[test]
+fn every_message_has_its_bytes() {
+    for (message, text) in all() {
+        let mut out = [0x5A; MESSAGE_MAX];
+        let length = message.encode(&mut out);
+        assert_eq!(out[..length], bytes(text), "{message:?}");
+        assert!(out[length..].iter().all(|byte| *byte == 0x5A));
+        assert_eq!(Message::decode(out[2], &out[4..length]), Ok(message));
+    }
+    let greeting = Greeting { tls: true, has_room: false };
+    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0100 01 00 00000000"));
+    assert_eq!(Greeting::decode(&greeting.encode()), Ok(greeting));
+}
+
+/// TCP-12 A message that lacks a byte or has one too many is none.
+#[test]
+fn no_byte_more_or_less() {
+    for (message, _) in all() {
+        let mut out = [0; MESSAGE_MAX];
+        let length = message.encode(&mut out);
+        for end in 4..length {
+            let cut = Message::decode(out[2], &out[4..end]);
+            assert!(matches!(cut, Err(WireError::Short { .. })), "{message:?} cut at {end}: {cut:?}");
+        }
+        let more = Message::decode(out[2], &out[4..=length]);
+        assert!(matches!(more, Err(WireError::Trailing { extra: 1, .. })), "{message:?}: {more:?}");
+    }
+}
+
+/// TCP-1 A text that is too long is cut at a letter.
+#[test]
+fn long_texts_are_cut() {
+    let text = "ä".repeat(200);
+    let mut out = [0; MESSAGE_MAX];
+    let length = Message::Bye { end: End::Lost, text: &text }.encode(&mut out);
+    let Ok(Message::Bye { text: came, .. }) = Message::decode(out[2], &out[4..length]) else { panic!("it is one") };
+    assert_eq!(came, "ä".repeat(128));
+}
+
+proptest! {
+    /// TCP-12 Any payload of any kind is a message that encodes to the same bytes, or an error.
+    #[test]
+    fn what_decodes_encodes_to_the_same(kind: u8, payload in prop::collection::vec(any::<u8>(), 0..PAYLOAD_MAX)) {
+        if let Ok(message) = Message::decode(kind, &payload) {
+            let mut out = [0; MESSAGE_MAX];
+            let length = message.encode(&mut out);
+            prop_assert_eq!((out[2], &out[4..length]), (kind, &payload[..]));
+        }
+    }
+}

@@ -4,6 +4,7 @@
 mod tcp_support;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
@@ -30,7 +31,7 @@ fn frames_move_untouched() {
     let link = connect(&server, "");
     let odd = Frame::from_bytes(std::array::from_fn(|i| (i * 7) as u8));
     link.write(&odd, Wait::For(LIMIT)).unwrap();
-    assert_eq!(puppet.taken(), [odd.clone()], "it is there when the call is back");
+    assert_eq!(puppet.taken(), [odd], "it is there when the call is back");
     for (number, byte) in [3, 4].into_iter().enumerate() {
         puppet.report(&frame(byte));
         let meta = link.read(&mut report, Wait::For(LIMIT)).unwrap();
@@ -285,16 +286,18 @@ fn a_reader_connects_again() {
     let limited = reader.read(&mut report, Wait::For(Duration::from_millis(20)));
     assert!(matches!(limited, Err(LinkError::Timeout { .. })), "{limited:?}");
     let server = serve_link(puppet.clone(), ecmsk::port::tcp::ServeOptions { listen: address, ..options });
+    let is_read = Arc::new(AtomicBool::new(false));
     let going = thread::spawn({
-        let puppet = puppet.clone();
+        let (puppet, is_read) = (puppet.clone(), Arc::clone(&is_read));
         move || {
-            (0..200).for_each(|_| {
+            while !is_read.load(Ordering::Relaxed) {
                 puppet.report(&frame(2));
                 thread::sleep(Duration::from_millis(10));
-            })
+            }
         }
     });
     let meta = reader.read(&mut report, Wait::For(LIMIT)).unwrap();
+    is_read.store(true, Ordering::Relaxed);
     assert_eq!((meta.sequence, report), (1, frame(2)));
     reader.close();
     drop(server);

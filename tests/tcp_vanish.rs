@@ -62,7 +62,9 @@ fn prepared(server: &Server, told: &Told) -> Wired {
 }
 
 /// Positions of the axes, and whether they are on.
-fn look(server: &Server) -> Vec<(i32, bool)> {
+type Axes = Vec<(i32, bool)>;
+
+fn look(server: &Server) -> Axes {
     let ecm = until("place for a writer", || Ecm::open(&uri(server, "")).ok());
     ecm.adopt(&config()).unwrap();
     let seen = ecm.next_cycle(LIMIT).unwrap();
@@ -75,7 +77,8 @@ fn look(server: &Server) -> Vec<(i32, bool)> {
     axes
 }
 
-fn after(server: &Server) -> (Vec<(i32, bool)>, Vec<(i32, bool)>) {
+/// The axes now, and 100 cycles later.
+fn after(server: &Server) -> (Axes, Axes) {
     let first = look(server);
     let ecm = Ecm::open(&uri(server, "")).unwrap();
     for _ in 0..100 {
@@ -109,10 +112,10 @@ fn axes_of_a_writer_that_is_gone() {
             assert!(holds, "{clock} {on_vanish:?} axis {axis}: {moved}");
         }
         assert!(later.iter().all(|axis| axis.1 == on), "{clock} {on_vanish:?}: {later:?}");
-        if on_vanish == OnVanish::Ramp {
+        if on_vanish == OnVanish::Ramp && clock == "virtual" {
             // 200 frames of 100 counts, then a ramp of 250 ms, which goes half as far as the speed would: 12500 counts.
             let end = later[0].0;
-            assert!((32_000..33_000).contains(&end), "{clock}: the last speed falls to 0: {end}");
+            assert!((32_000..33_000).contains(&end), "the last speed falls to 0: {end}");
         }
     }
 }
@@ -209,8 +212,7 @@ fn a_server_that_is_stopped() {
     let ecm = Ecm::open(&uri).unwrap();
     ecm.adopt(&config()).unwrap();
     let first = ecm.next_cycle(LIMIT).unwrap();
-    (0..100).for_each(|_| drop(ecm.next_cycle(LIMIT).unwrap()));
-    let later = ecm.next_cycle(LIMIT).unwrap();
+    let later = (0..100).map(|_| ecm.next_cycle(LIMIT).unwrap()).last().unwrap();
     for slave in [1, 2] {
         assert!((later.position(slave).unwrap() - first.position(slave).unwrap()).abs() < 20);
         assert!(later.drive(slave).unwrap().statusword.is_enabled());

@@ -12,7 +12,7 @@ use parking_lot::Mutex;
 use rustix::event::{PollFd, PollFlags, poll};
 
 use super::client::Client;
-use super::hub::{Guest, Hub};
+use super::hub::{Guest, Hub, Joined};
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::link::tcp::wire::{End, Greeting, Message, Refusal};
@@ -177,8 +177,6 @@ fn role_name(client: &Client) -> &'static str {
     }
 }
 
-type Joined = (Arc<Client>, Arc<super::hub::Board>);
-
 /// TLS session, hello, proof; or why it is no client.
 fn introduce(mut channel: Channel, from: &str, inbox: &mut Inbox, shared: &Shared) -> Result<Joined, String> {
     let options = &shared.hub.options;
@@ -209,9 +207,10 @@ fn introduce(mut channel: Channel, from: &str, inbox: &mut Inbox, shared: &Share
     let (channel, why, text) = match said {
         Ok(Introduction { role, keepalive, name, .. }) => {
             let who = format!("{name} at {from}");
-            match shared.hub.join(Guest { who, role, keepalive, proof: &proof, channel: Some(channel) }) {
+            let mut guest = Guest { who, role, keepalive, proof: &proof, channel: Some(channel) };
+            match shared.hub.join(&mut guest) {
                 Ok(joined) => return Ok(joined),
-                Err((guest, why, text)) => (guest.channel, why, text),
+                Err((why, text)) => (guest.channel, why, text),
             }
         }
         Err((why, text)) => (Some(channel), why, text),

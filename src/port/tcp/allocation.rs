@@ -26,8 +26,8 @@ fn a_cycle_allocates_nothing() {
         let end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let channel = Some(Channel::new(listener.accept().unwrap().0).unwrap());
         let keepalive = Duration::from_secs(1);
-        let guest = Guest { who: String::new(), role, keepalive, proof: &[0; PROOF_LEN], channel };
-        let Ok((client, _)) = hub.join(guest) else { panic!("it is taken") };
+        let mut guest = Guest { who: String::new(), role, keepalive, proof: &[0; PROOF_LEN], channel };
+        let Ok((client, _)) = hub.join(&mut guest) else { panic!("it is taken") };
         clients.push((client, end));
     }
     let mut reads = clients[0].1.try_clone().unwrap();

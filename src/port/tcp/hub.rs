@@ -83,6 +83,9 @@ pub(super) struct Hub {
     changed: Condvar,
 }
 
+/// A client, and the board it is a client of.
+pub(super) type Joined = (Arc<Client>, Arc<Board>);
+
 /// Who wants to be a client.
 pub(super) struct Guest<'a> {
     pub(super) who: String,
@@ -145,25 +148,26 @@ impl Hub {
         is_here(&self.state.lock().place, board)
     }
 
-    /// Takes a client in and welcomes it; gives the guest back with the reason if not.
-    pub(super) fn join<'a>(&self, guest: Guest<'a>) -> Result<(Arc<Client>, Arc<Board>), (Guest<'a>, Refusal, String)> {
+    /// Takes a client in with its channel, and welcomes it; or says why not.
+    pub(super) fn join(&self, guest: &mut Guest<'_>) -> Result<Joined, (Refusal, String)> {
         let mut state = self.state.lock();
         let board = match &state.place {
-            _ if state.is_stopping => return Err((guest, Refusal::NoBoard, "it is being stopped".to_owned())),
+            _ if state.is_stopping => return Err((Refusal::NoBoard, "it is being stopped".to_owned())),
             Place::Away(reason) => {
                 let reason = reason.clone();
-                return Err((guest, Refusal::NoBoard, reason));
+                return Err((Refusal::NoBoard, reason));
             }
             Place::Here(board) => Arc::clone(board),
         };
         if state.clients.len() >= self.options.max_clients {
-            return Err((guest, Refusal::Full, String::new()));
+            return Err((Refusal::Full, String::new()));
         }
         if let (Role::Writer, Some(who)) = (guest.role, &state.writer) {
             let who = who.clone();
-            return Err((guest, Refusal::HasWriter, who));
+            return Err((Refusal::HasWriter, who));
         }
-        let Guest { who, role, keepalive, proof, channel } = guest;
+        let Guest { role, keepalive, proof, .. } = *guest;
+        let (who, channel) = (std::mem::take(&mut guest.who), guest.channel.take());
         if role == Role::Writer {
             state.writer = Some(who.clone());
         }

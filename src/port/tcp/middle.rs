@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use super::{ServeOptions, Server};
-use crate::link::tcp::wire::{GREETING_LEN, Greeting, Message};
+use crate::link::tcp::wire::{GREETING_LEN, Greeting, Message, Welcome};
 use crate::link::tcp::{Channel, Inbox, Out, Secret, ServerTls, client_session, first_message};
 use crate::link::{self, LinkError, Share};
 
@@ -65,6 +65,42 @@ fn somebody_in_between_gets_nothing() {
     drop(between.join().unwrap());
     let straight = format!("tcp://{}?secret_file={}", server.address(), file.display());
     link::open(&straight, Share::ByName).unwrap();
+}
+
+/// TCP-15 Somebody who only pretends to be the server, and welcomes everybody, gets no client: it cannot prove what it does
+/// not know, and the client's own proof sent back is none.
+#[test]
+fn somebody_who_pretends_gets_no_client() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("secret");
+    write_secret(&file);
+    for sends_back in [false, true] {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let place = listener.local_addr().unwrap();
+        let pretending = std::thread::spawn(move || {
+            let deadline = Instant::now() + Duration::from_secs(30);
+            let mut out = Out::default();
+            let mut victim = Channel::new(listener.accept().unwrap().0).unwrap();
+            victim.stage_plain(&Greeting { tls: true, has_room: true }.encode(), &mut out);
+            victim.flush(&mut out, deadline).unwrap();
+            victim.secure(ServerTls::new().unwrap().accept().unwrap(), deadline).unwrap();
+            let proof = first_message(&victim, &mut Inbox::default(), deadline, |message| match message {
+                Message::Hello(hello) => *hello.proof,
+                other => panic!("{other:?}"),
+            });
+            let proof = if sends_back { proof.unwrap() } else { [0; 32] };
+            let board = "sim:";
+            let (now, sequence) = (crate::link::Stamp(0), 0);
+            let welcome = Welcome { proof: &proof, slot: None, virtual_time: false, now, sequence, board };
+            victim.stage(&Message::Welcome(welcome), &mut out).unwrap();
+            victim.flush(&mut out, deadline).unwrap();
+            victim
+        });
+        let uri = format!("tcp://{place}?secret_file={}", file.display());
+        let error = link::open(&uri, Share::ByName).err().expect("no link");
+        assert!(error.to_string().contains("does not know the secret"), "{error}");
+        drop(pretending.join().unwrap());
+    }
 }
 
 fn write_secret(file: &std::path::Path) {

@@ -198,8 +198,8 @@ pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
                 None => {
                     let Ok(hello) = Introduction::of(&message) else { return Vec::new() };
                     let Introduction { role, keepalive, name, .. } = hello;
-                    let guest = Guest { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
-                    let Ok((client, board)) = hub.join(guest) else { return Vec::new() };
+                    let mut guest = Guest { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
+                    let Ok((client, board)) = hub.join(&mut guest) else { return Vec::new() };
                     session = Some((Session::new(&hub, board, Arc::clone(&client)), client));
                 }
                 Some((session, client)) => {

@@ -5,9 +5,10 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::hub::{Guest, Hub};
+use super::ServeOptions;
+use super::client::Client;
+use super::hub::{Board, Guest, Hub};
 use super::session::Session;
-use super::{ServeOptions, hub::Board};
 use crate::link::tcp::wire::{MESSAGE_MAX, Message, Role};
 use crate::link::tcp::{Channel, Inbox, PROOF_LEN};
 use crate::link::{Link, ReadMeta, Share, Stamp, Wait};
@@ -33,7 +34,7 @@ fn a_cycle_allocates_nothing() {
     let mut reads = clients[0].1.try_clone().unwrap();
     std::thread::spawn(move || while reads.read(&mut [0; 4096]).is_ok_and(|count| count > 0) {});
     let mut session = Session::new(&hub, Arc::clone(&board), Arc::clone(&clients[0].0));
-    let mut cycles = cycles(&hub, &board, &mut session);
+    let mut cycles = cycles(&hub, &board, &clients[0].0, &mut session);
     // Until the one that does not read takes no more.
     cycles(3000);
     assert!(clients[1].0.is_blocked() && clients[1].0.dropped() > 0);
@@ -42,8 +43,13 @@ fn a_cycle_allocates_nothing() {
     assert!(!clients[0].0.is_over());
 }
 
-/// Runs so many cycles: bytes of a write come, its answer goes, a report goes to everybody.
-fn cycles<'a>(hub: &'a Hub, board: &'a Arc<Board>, session: &'a mut Session<'_>) -> impl FnMut(u64) + 'a {
+/// Runs so many cycles: bytes of a write come, its answer goes, a report goes to everybody. A writer waits for its answer.
+fn cycles<'a>(
+    hub: &'a Hub,
+    board: &'a Arc<Board>,
+    writer: &'a Client,
+    session: &'a mut Session<'_>,
+) -> impl FnMut(u64) + 'a {
     let mut inbox = Inbox::default();
     let mut sequence = 0;
     let mut bytes = [0; MESSAGE_MAX];
@@ -59,6 +65,10 @@ fn cycles<'a>(hub: &'a Hub, board: &'a Arc<Board>, session: &'a mut Session<'_>)
             assert!(!session.is_busy());
             hub.publish(board, &frame, ReadMeta { at: Stamp(sequence), sequence, dropped: 0 });
             sequence += 1;
+            while writer.is_blocked() {
+                std::thread::yield_now();
+                writer.flush();
+            }
         }
     }
 }

@@ -294,7 +294,7 @@ fn as_many_clients_as_allowed() {
 /// TCP-11 A client that never reads is no burden: the board's reports go to the others, and its answers end it.
 #[test]
 fn a_client_that_never_reads() {
-    let (puppet, server, _told, link) = served();
+    let (puppet, server, told, link) = served();
     let mut deaf = Raw::connect(&server);
     deaf.send(&hello(true, 3_600_000));
     let quick = connect(&server, "role=reader");
@@ -312,6 +312,7 @@ fn a_client_that_never_reads() {
         number += 1;
         deaf.0.write_all(&count(number)).err()
     });
+    told.wait("does not take what is sent to it");
     works(&link);
 }
 

@@ -160,6 +160,9 @@ fn connection(channel: Channel, number: u64, shared: &Shared) {
             client.finish(End::Broken, &error.to_string());
             hub.tell(&format!("{} does not keep to the protocol: {error}", client.who));
         }
+        Left::Dismissed if hub.has(&board) && !hub.is_stopping() => {
+            hub.tell(&format!("{} is gone: it does not take what is sent to it", client.who));
+        }
         Left::Dismissed => {}
     }
     // Axes first. And with its place free before it sees the end: a client that closes its link may be back at once.

@@ -230,6 +230,10 @@ impl Hub {
         }
     }
 
+    pub(super) fn is_stopping(&self) -> bool {
+        self.state.lock().is_stopping
+    }
+
     /// Nobody needs the board any more.
     pub(super) fn end(&self) {
         let mut state = self.state.lock();

@@ -42,7 +42,10 @@ fn main() {
         common::pair_of_blocks(demand, BLOCKS, ours, || percentile(share, || echo.exchange()));
     }
     // Its reports are dropped.
-    common::fact("tcp_write_p50", percentile(50, || drop(board.write(&frame, LIMIT).expect("it is taken"))), "ns");
+    let written = percentile(50, || {
+        board.write(&frame, LIMIT).expect("it is taken");
+    });
+    common::fact("tcp_write_p50", written, "ns");
     drop((board, server));
 
     let folder = tempfile::tempdir().expect("a folder");

@@ -16,6 +16,7 @@ use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
+use crate::threads;
 
 /// How long closing waits for the server to have noticed. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
@@ -61,7 +62,7 @@ impl TcpLink {
             over: Condvar::new(),
             counts: Calls::default(),
         });
-        let keeper = std::thread::Builder::new().name("ecmsk-tcp".into()).spawn({
+        let keeper = threads::spawn("ecmsk-tcp", {
             let shared = Arc::clone(&shared);
             move || shared.keep()
         });

@@ -17,6 +17,7 @@ use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::link::tcp::wire::{End, Greeting, Message, Refusal};
 use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, Out, PROOF_LEN, ServerTls, Side, first_message};
+use crate::threads;
 
 /// Connections that have not said what they want yet, at the same time. \[OURS]
 const STRANGERS: usize = 16;
@@ -57,7 +58,7 @@ impl Acceptor {
             stop: AtomicBool::new(false),
             strangers: Mutex::default(),
         });
-        let thread = std::thread::Builder::new().name("ecmsk-listen".into()).spawn({
+        let thread = threads::spawn("ecmsk-listen", {
             let shared = Arc::clone(&shared);
             move || listen(&listener, &woken, &shared)
         })?;
@@ -133,8 +134,7 @@ fn greet(socket: TcpStream, has_room: bool, number: u64, shared: &Arc<Shared>) -
         return Ok(None);
     }
     let shared = Arc::clone(shared);
-    let thread = std::thread::Builder::new().name("ecmsk-client".into());
-    thread.spawn(move || connection(channel, number, &shared)).map(Some)
+    threads::spawn("ecmsk-client", move || connection(channel, number, &shared)).map(Some)
 }
 
 /// One connection, from its greeting to its end.

@@ -41,6 +41,7 @@ use std::time::Duration;
 
 use crate::link::tcp::Secret;
 use crate::link::{Link, LinkError, LinkInfo};
+use crate::threads;
 
 use accept::Acceptor;
 use hub::Hub;
@@ -154,7 +155,7 @@ impl Server {
         let info = link.info();
         let system = |what| move |error: std::io::Error| ServeError::System { what, message: error.to_string() };
         let hub = Arc::new(Hub::new(options));
-        let supervisor = std::thread::Builder::new().name("ecmsk-serve".into()).spawn({
+        let supervisor = threads::spawn("ecmsk-serve", {
             let (hub, board) = (Arc::clone(&hub), hub.attach(link));
             move || supervise::run(&hub, board, &mut open)
         });

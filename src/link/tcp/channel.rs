@@ -68,6 +68,8 @@ impl Out {
 pub enum Came {
     /// Bytes; there may be more.
     Bytes,
+    /// Bytes; there are no more for now.
+    All,
     /// Nothing for now.
     Nothing,
     /// The other end sends no more.
@@ -121,6 +123,11 @@ impl Channel {
         Ok(material)
     }
 
+    /// Whether something may have come that a wait does not see.
+    pub const fn keeps_some(&self) -> bool {
+        self.tls.is_some()
+    }
+
     /// The other end.
     ///
     /// # Errors
@@ -170,15 +177,18 @@ impl Channel {
     /// # Errors
     /// The system's, and [`ErrorKind::InvalidData`] if it is no TLS where there should be.
     pub fn receive(&self, inbox: &mut Inbox) -> io::Result<Came> {
+        let room = inbox.room();
+        let all = room.len();
         let done = match &self.tls {
-            None => (&self.socket).read(inbox.room()),
+            None => (&self.socket).read(room),
             Some(tls) => self.decrypt(&mut tls.lock(), inbox),
         };
         match done {
             Ok(0) => Ok(Came::End),
             Ok(count) => {
                 inbox.came(count);
-                Ok(Came::Bytes)
+                // In a TLS session the rest of a record may be behind it.
+                Ok(if self.tls.is_none() && count < all { Came::All } else { Came::Bytes })
             }
             Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Came::Nothing),
             Err(error) if error.kind() == ErrorKind::Interrupted => Ok(Came::Nothing),
@@ -289,7 +299,7 @@ pub fn first_message<T>(
             Err(error) => return Err(error),
         }
         match channel.receive(inbox)? {
-            Came::Bytes => {}
+            Came::Bytes | Came::All => {}
             Came::Nothing => channel.wait_until(false, deadline)?,
             Came::End => return Err(ErrorKind::UnexpectedEof.into()),
         }

@@ -177,7 +177,7 @@ fn program() -> String {
 pub(super) fn until_closed(channel: &Channel, inbox: &mut Inbox, deadline: Instant) {
     loop {
         match channel.receive(inbox) {
-            Ok(Came::Bytes) => while matches!(inbox.next(), Ok(Some(_))) {},
+            Ok(Came::Bytes | Came::All) => while matches!(inbox.next(), Ok(Some(_))) {},
             Ok(Came::Nothing) => {
                 if channel.wait_until(false, deadline).is_err() {
                     return;

@@ -117,19 +117,21 @@ impl Shared {
 
     fn receive(&self, until: Option<Instant>) -> std::io::Result<()> {
         let mut inbox = self.inbox.lock();
-        let mut came = self.channel.receive(&mut inbox)?;
-        if came == Came::Nothing {
-            let left = until.map(|until| until.saturating_duration_since(Instant::now()));
-            if left == Some(Duration::ZERO) {
-                return Ok(());
-            }
+        let left = until.map(|until| until.saturating_duration_since(Instant::now()));
+        let may_wait = left != Some(Duration::ZERO);
+        // Whoever may wait has to, as a rule: then looking first is in vain.
+        let mut came = Came::Nothing;
+        if !may_wait || self.channel.keeps_some() {
+            came = self.channel.receive(&mut inbox)?;
+        }
+        if came == Came::Nothing && may_wait {
             self.channel.wait(false, left)?;
             came = self.channel.receive(&mut inbox)?;
         }
         let mut state = self.state.lock();
         match came {
             Came::Nothing => {}
-            Came::Bytes => {
+            Came::Bytes | Came::All => {
                 state.exchange.heard = Instant::now();
                 state.exchange.take_all(&mut inbox);
             }

@@ -240,6 +240,7 @@ fn introduce(mut channel: Channel, from: &str, inbox: &mut Inbox, shared: &Share
 fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut Session<'_>) -> Left {
     let mut heard = Instant::now();
     let patience = client.keepalive * DEAD_AFTER;
+    let mut is_drained = false;
     loop {
         // What came with the hello is in the inbox already.
         loop {
@@ -257,9 +258,12 @@ fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut
             return Left::Dismissed;
         }
         session.work();
-        match channel.receive(inbox) {
-            Ok(Came::Bytes) => {
+        // All that had come is done: what comes now ends the wait.
+        let came = if std::mem::take(&mut is_drained) { Ok(Came::Nothing) } else { channel.receive(inbox) };
+        match came {
+            Ok(came @ (Came::Bytes | Came::All)) => {
                 heard = Instant::now();
+                is_drained = came == Came::All;
                 continue;
             }
             Ok(Came::Nothing) => {}
@@ -307,7 +311,7 @@ fn drain(channel: &Channel, inbox: &mut Inbox, until: Instant) {
         let left = until.saturating_duration_since(Instant::now());
         match channel.receive(inbox) {
             _ if left.is_zero() => return,
-            Ok(Came::Bytes) => {}
+            Ok(Came::Bytes | Came::All) => {}
             Ok(Came::Nothing) if channel.wait(false, Some(left)).is_ok() => {}
             _ => return,
         }

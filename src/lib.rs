@@ -15,10 +15,10 @@ pub mod engine;
 pub mod fieldbus;
 #[cfg(feature = "std")]
 pub mod link;
-#[cfg(feature = "std")]
-pub mod recording;
 #[cfg(all(feature = "serve", unix))]
 pub mod port;
+#[cfg(feature = "std")]
+pub mod recording;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]

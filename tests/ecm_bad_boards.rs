@@ -63,7 +63,7 @@ impl Doomed {
 
     fn is_unplugged(&self) -> Result<(), LinkError> {
         if self.misfortune == Misfortune::Unplugged && self.left.load(Ordering::Relaxed) < 0 {
-            return Err(LinkError::Lost { name: self.inner.info().name, reason: "it was unplugged" });
+            return Err(LinkError::Lost { name: self.inner.info().name, reason: "it was unplugged".into() });
         }
         Ok(())
     }

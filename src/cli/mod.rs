@@ -16,9 +16,9 @@ mod output;
 mod plot;
 mod recording;
 mod script;
-mod shell;
 #[cfg(unix)]
 mod serve;
+mod shell;
 mod slot_size;
 mod step;
 

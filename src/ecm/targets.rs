@@ -52,6 +52,15 @@ impl Targets {
         self.some |= 1 << slave;
     }
 
+    /// What somebody else has told a slave last, and before that.
+    pub(super) fn told(&mut self, slave: usize, last: Option<SlaveCommand>, before: Option<SlaveCommand>) {
+        for (frame, command) in [(&mut self.last, last), (&mut self.before, before)] {
+            let slot = command.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
+            frame.put(self.size, slave, &slot);
+        }
+        self.some |= 1 << slave;
+    }
+
     /// The next targets are in a frame.
     pub(super) fn stepped(&mut self) {
         std::mem::swap(&mut self.last, &mut self.before);

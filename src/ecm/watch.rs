@@ -1,10 +1,13 @@
 //! What passing frames say of a network, for whoever sees them and has not sent them: what slaves are declared as, how
 //! they are run, and what was commanded last.
 
+use std::sync::Arc;
+
 use super::config::{Axis, Config, Slave};
 use super::snapshot::Plan;
 use super::{Ecm, EcmError};
 use crate::cia402::Mode;
+use crate::recording::Kinds;
 use crate::sk::{
     CycleTime, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveCommand, SlaveKind,
     SlotCommand, SlotSize,
@@ -15,7 +18,6 @@ const SLAVES: usize = SlotSize::Bytes12.max_slaves();
 /// What is known of one slave.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    kind: Option<SlaveKind>,
     mode: Option<(Mode, DriveSync)>,
     /// The last motion command and the one before.
     last: Option<SlaveCommand>,
@@ -26,6 +28,7 @@ struct Seen {
 /// Follows frames both ways. It holds what the board holds, as far as frames show it.
 #[derive(Clone, Debug)]
 pub struct Watch {
+    kinds: Kinds,
     slaves: [Seen; SLAVES],
     cycle: CycleTime,
     state: Option<MasterState>,
@@ -33,16 +36,11 @@ pub struct Watch {
 
 impl Default for Watch {
     fn default() -> Self {
-        Self { slaves: [Seen::default(); SLAVES], cycle: CycleTime::DEFAULT, state: None }
+        Self { kinds: Kinds::new(None), slaves: [Seen::default(); SLAVES], cycle: CycleTime::DEFAULT, state: None }
     }
 }
 
 impl Watch {
-    /// What slave `n`, 1..=40, is declared as; `None` before SET_AXIS.
-    pub fn kind(&self, n: usize) -> Option<SlaveKind> {
-        self.slaves.get(n.checked_sub(1)?)?.kind
-    }
-
     /// The network's state, by the newest report.
     pub const fn state(&self) -> Option<MasterState> {
         self.state
@@ -51,11 +49,10 @@ impl Watch {
     /// A command frame goes by that the board has taken.
     pub fn command(&mut self, frame: &Frame, size: SlotSize) {
         let set_up = !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op));
+        self.kinds.command(frame, size);
         match MasterCommand::decode(&frame.slot(size, 0), size) {
-            // SET_AXIS counts where a board takes it, in Init and PreOP; SW_RESET undoes it (SK-4).
-            Ok(MasterCommand::SetAxis { group, kinds }) if set_up => {
-                let slaves = self.slaves.iter_mut().skip(usize::from(group) * 8);
-                slaves.zip(kinds).for_each(|(slave, kind)| *slave = Seen { kind: Some(kind), ..Seen::default() });
+            Ok(MasterCommand::SetAxis { group, .. }) if set_up => {
+                self.slaves.iter_mut().skip(usize::from(group) * 8).take(8).for_each(|seen| *seen = Seen::default());
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
             Ok(MasterCommand::SoftReset) => *self = Self::default(),
@@ -64,7 +61,7 @@ impl Watch {
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
             // IO has other commands, and what is not declared has none.
-            if matches!(seen.kind, Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step)) {
+            if matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step)) {
                 seen.command(&frame.slot(size, n), size, set_up, in_op);
             }
         }
@@ -72,6 +69,7 @@ impl Watch {
 
     /// A report goes by.
     pub fn report(&mut self, frame: &Frame, size: SlotSize) {
+        self.kinds.response(frame, size);
         self.state = MasterResponse::decode(&frame.slot(size, 0)).state.state();
         if self.state != Some(MasterState::Op) {
             for seen in &mut self.slaves {
@@ -82,9 +80,9 @@ impl Watch {
 
     /// The network as a configuration; `None` if no SET_AXIS went by.
     pub fn config(&self) -> Option<Config> {
-        let declared = |seen: &Seen| seen.kind.is_some_and(|kind| kind != SlaveKind::None);
-        let count = self.slaves.iter().rposition(declared)? + 1;
-        let slaves = self.slaves[..count].iter().map(Seen::slave).collect();
+        let declared = |slave: &usize| self.kinds.of(*slave).is_some_and(|kind| kind != SlaveKind::None);
+        let count = (1..=SLAVES).rev().find(declared)?;
+        let slaves = (1..=count).zip(&self.slaves).map(|(n, seen)| seen.slave(self.kinds.of(n))).collect();
         Some(Config { slaves, cycle_us: self.cycle.us() })
     }
 
@@ -112,13 +110,13 @@ impl Seen {
         }
     }
 
-    fn slave(&self) -> Slave {
+    fn slave(&self, kind: Option<SlaveKind>) -> Slave {
         let (mode, sync) = self.mode.unwrap_or((Mode::Csp, DriveSync::DcSync));
         let axis = |allowed: &[Mode]| {
             let mode = if allowed.contains(&mode) { mode } else { Mode::Csp };
             Axis { mode, sync, ..Axis::CSP }
         };
-        match self.kind {
+        match kind {
             Some(SlaveKind::Drive) => Slave::Drive(axis(&[Mode::Csp, Mode::Csv, Mode::Cst])),
             Some(SlaveKind::Hsp) => Slave::Hsp(axis(&[Mode::Csp, Mode::Csv])),
             Some(SlaveKind::Step) => Slave::Step(axis(&[Mode::Csp])),
@@ -138,9 +136,9 @@ impl Ecm {
         let Some(config) = watch.config() else { return Ok(()) };
         config.check(self.slot_size()?)?;
         let mut session = self.core.lock()?;
-        session.plan = Plan::of(&config);
-        for (target, seen) in session.targets.iter_mut().skip(1).zip(&watch.slaves) {
-            (target.last, target.before) = (seen.last, seen.before);
+        session.plan = Arc::new(Plan::of(&config));
+        for (slave, seen) in (1..=config.slaves.len()).zip(&watch.slaves) {
+            session.targets.told(slave, seen.last, seen.before);
         }
         Ok(())
     }

@@ -4,6 +4,9 @@
 mod tcp_support;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
 
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Homing, HomingPhase, Options, Slave, SlaveView};
 use ecmsk::link::{self, Link, LinkError, Share, Wait};
@@ -135,18 +138,36 @@ fn a_writer_that_closes() {
 /// TCP-9 While the server brings axes to a standstill it is the writer, and readers see how.
 #[test]
 fn readers_see_the_ramp() {
-    let (server, told) = served("real", OnVanish::Ramp);
+    let (server, told) = served("virtual", OnVanish::Ramp);
     let Wired { link, cable } = prepared(&server, &told);
     let reader = connect(&server, "role=reader&queue=4096");
-    drive(link.as_ref(), 200);
-    cable.cut();
-    told.wait("stand still");
-    let mut report = Frame::new();
-    let mut positions = Vec::new();
-    while reader.read(&mut report, Wait::Now).is_ok() {
-        positions.push(report.slot(SIZE, 1).data1 as i32);
-    }
-    let steps: Vec<i32> = positions.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let is_over = AtomicBool::new(false);
+    let steps = thread::scope(|scope| {
+        let reading = scope.spawn(|| {
+            let mut report = Frame::new();
+            let (mut last, mut steps) = (None, Vec::new());
+            loop {
+                match reader.read(&mut report, Wait::For(Duration::from_millis(200))) {
+                    Ok(meta) => {
+                        let position = report.slot(SIZE, 1).data1 as i32;
+                        if let Some((sequence, before)) = last.replace((meta.sequence, position))
+                            && sequence + 1 == meta.sequence
+                        {
+                            steps.push(position - before);
+                        }
+                    }
+                    Err(LinkError::Timeout { .. }) if is_over.load(Ordering::Acquire) => return steps,
+                    Err(LinkError::Timeout { .. }) => {}
+                    Err(error) => panic!("{error}"),
+                }
+            }
+        });
+        drive(link.as_ref(), 200);
+        cable.cut();
+        told.wait("stand still");
+        is_over.store(true, Ordering::Release);
+        reading.join().unwrap()
+    });
     let fast = steps.iter().rposition(|step| *step > 80).expect("it moved");
     let slow = steps[fast..].iter().filter(|step| (10..80).contains(*step)).count();
     assert!(slow > 50, "a ramp and no stop at once: {:?}", &steps[fast..]);

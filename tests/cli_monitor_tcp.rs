@@ -12,7 +12,7 @@ use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// TOOL-68 Beside a writer the monitor reads, whatever role its link names, and sends nothing.
+/// TOOL-7, TOOL-8 So are the verbs that only show something. TOOL-68 Beside a writer the monitor reads, whatever role its link names, and sends nothing.
 #[test]
 fn a_monitor_is_a_reader() {
     let mut command = ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2", "--listen", "127.0.0.1:0"]);
@@ -27,6 +27,10 @@ fn a_monitor_is_a_reader() {
         let last: Value = serde_json::from_str(out.lines().last().expect("a view")).expect("an object");
         assert_eq!((&last["slots"][0]["state"], &last["counters"]["frames"]), (&"PreOP".into(), &0.into()), "{role}");
     }
+    for (verb, shown) in [("info", "state       PreOP"), ("state", "PreOP")] {
+        let said = run([verb, "--link", &format!("tcp://{place}")]).quiet();
+        assert!(said.contains(shown), "{verb}: {said}");
+    }
     let mut frame = Frame::new();
     frame.put_master(SlotSize::Bytes12, &MasterCommand::GetStatus);
     writer.write(&frame, Wait::Forever).expect("the writer is still the writer");
@@ -35,5 +39,5 @@ fn a_monitor_is_a_reader() {
     let mut said = String::new();
     server.stderr.take().expect("a pipe").read_to_string(&mut said).expect("UTF-8");
     server.wait().expect("it ends");
-    assert_eq!((said.matches(" is a writer").count(), said.matches(" is a reader").count()), (1, 3), "{said}");
+    assert_eq!((said.matches(" is a writer").count(), said.matches(" is a reader").count()), (1, 5), "{said}");
 }

@@ -65,6 +65,32 @@ fn move_axis() {
     assert!(ended.stderr.starts_with("Error: no board at `sim:") && ended.stderr.ends_with("`slaves=`\n"), "{ended:?}");
 }
 
+/// API-32 TCP-1 The same program moves the axis of a board that is served, and does it again where it left off.
+#[cfg(feature = "serve")]
+#[test]
+fn move_axis_of_a_served_board() {
+    use ecmsk::link::{self, Share};
+    use ecmsk::port::tcp::{ServeOptions, Server};
+
+    let open = || link::open("sim:?slaves=drive&clock=virtual&name=served", Share::ByName);
+    let listen = "127.0.0.1:0".parse().expect("an address");
+    let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).expect("it is served");
+    let uri = format!("tcp://{}", server.address());
+    let ends = [(); 2].map(|()| {
+        let said = run("move_axis", Some(&uri)).success();
+        assert!(said.starts_with("StreamStats { frames: 1000, underruns: 0, "), "{said}");
+        let ecm = ecmsk::Ecm::open(&uri).expect("the program has left");
+        ecm.adopt(&ecmsk::ecm::Config::drives(1)).expect("it is in OP");
+        let end = ecm.snapshot().expect("a report").position(1).expect("it is a drive");
+        ecm.close(ecmsk::ecm::Close::Leave).expect("nothing to do");
+        end
+    });
+    // After its last target, at full speed, it is brought to rest.
+    assert!((10_000..12_000).contains(&ends[0]), "{ends:?}");
+    assert!(ends[1].abs_diff(2 * ends[0]) <= 2, "{ends:?}");
+    server.stop();
+}
+
 /// API-34 README shows that program, and the guide's programs run as doc tests.
 #[test]
 fn readme_shows_the_shortest_program() {

@@ -14,6 +14,7 @@ mod man;
 mod monitor;
 mod output;
 mod plot;
+mod reading;
 mod recording;
 mod script;
 #[cfg(unix)]

@@ -27,6 +27,7 @@ use ecmsk::sk::{SlaveKind, SlotSize};
 
 use super::error::CliError;
 use super::kinds::KindList;
+use super::reading::reading;
 use super::{output, slot_size};
 use source::Feed;
 use watched::{View, Watched};
@@ -207,17 +208,6 @@ fn uri(args: &Args) -> Result<LinkUri, MonitorError> {
         Some(uri) => Ok(uri.clone()),
         None => Ok(LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?),
     }
-}
-
-/// A link on which the monitor is no writer, where links tell one from the other.
-fn reading(uri: &LinkUri) -> LinkUri {
-    if uri.value("role") != Some("writer") {
-        return uri.clone();
-    }
-    // The normal form leaves out what is so by itself.
-    let text = uri.to_string();
-    let sign = if text.contains('?') { '&' } else { '?' };
-    LinkUri::parse(&format!("{text}{sign}role=reader")).unwrap_or_else(|_| uri.clone())
 }
 
 /// What the slaves are, if anybody knows.

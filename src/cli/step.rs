@@ -38,6 +38,8 @@ impl Step {
     pub const fn uses(&self) -> Use {
         match self {
             Self::Servo(_) | Self::Home(_) | Self::Move(_) => Use::Moves,
+            Self::Info(args) if args.only_looks() => Use::Reads,
+            Self::State(args) if args.only_looks() => Use::Reads,
             _ => Use::Looks,
         }
     }

@@ -9,9 +9,10 @@ use std::time::Duration;
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, SlaveView, Snapshot};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Link, Share};
+use ecmsk::link::{self, Link, LinkError, Share};
 use ecmsk::sk::{MasterState, SlotSize};
 
+use super::super::reading::reading;
 use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
@@ -33,6 +34,8 @@ pub enum Place {
 /// What closing does if nobody says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Use {
+    /// The verb sends nothing, and somebody else may be the one that writes.
+    Reads,
     /// The verb moves nothing.
     Looks,
     /// The verb may move axes or switch them on.
@@ -80,12 +83,18 @@ impl Board {
             ..default
         };
         let close = args.close.unwrap_or(match used {
-            Use::Looks => Close::Leave,
+            Use::Reads | Use::Looks => Close::Leave,
             Use::Moves => Close::Hold,
         });
         let options = Options { close, ..options };
         let interrupt = Interrupt::watch()?;
-        let link = link::open(&uri.to_string(), Share::ByName)?;
+        let link = match link::open(&uri.to_string(), Share::ByName) {
+            // Somebody else writes: that is no reason not to look.
+            Err(LinkError::InUse { .. }) if used == Use::Reads => {
+                link::open(&reading(&uri).to_string(), Share::ByName)?
+            }
+            other => other?,
+        };
         let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, args.slot))?;
         let mut adopted = false;
         if let Some(config) = &config {

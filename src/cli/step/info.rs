@@ -18,6 +18,13 @@ pub struct Args {
     scan: bool,
 }
 
+impl Args {
+    /// Whether nothing is sent.
+    pub const fn only_looks(&self) -> bool {
+        !self.scan
+    }
+}
+
 /// 0x1000 and of 0x1018 vendor, product and revision.
 const IDENTITY: [(&str, ObjectAddress); 4] = [
     ("device_type", ObjectAddress::new(0x1000, 0)),

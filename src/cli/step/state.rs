@@ -16,6 +16,13 @@ pub struct Args {
     to: Option<MasterState>,
 }
 
+impl Args {
+    /// Whether nothing is sent.
+    pub const fn only_looks(&self) -> bool {
+        self.to.is_none()
+    }
+}
+
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
 /// # Errors

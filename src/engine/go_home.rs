@@ -91,8 +91,15 @@ impl Engine {
         Ok(())
     }
 
+    /// Whether any of these slaves is homing, as far as a program can tell.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
-        slaves.iter().any(|slave| self.homing_phase(slave) == HomingPhase::Homing)
+        slaves.iter().any(|slave| {
+            let axes = &self.v.axes[usize::from(slave) - 1];
+            let inputs = &self.inputs.slaves[usize::from(slave) - 1];
+            axes.iter()
+                .zip(inputs)
+                .any(|(axis, input)| axis.homing.is_homing() && !axis.homing.seems_over(self.heard, input.statusword))
+        })
     }
 
     /// ABORT_HOME, in any slave's slot.
@@ -118,8 +125,6 @@ impl Engine {
 
     /// What the answer of a cycle means for homing.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
-        let lost = self.inputs.lost;
-        lost.iter().for_each(|slave| self.end_homing_of_lost(slave.into(), done.at));
         let (heard, period_ns) = (self.heard, self.period_ns());
         self.heard = done.outputs.or(self.heard);
         if self.v.homers.is_empty() {

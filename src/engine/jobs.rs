@@ -3,7 +3,7 @@
 use super::network::Step;
 use super::restore::Restore;
 use super::{Axis, Engine};
-use crate::cia402::{MODES_OF_OPERATION, Mode, SECOND_AXIS_OFFSET};
+use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
     AlState, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveConfig, SlaveSet,
@@ -262,10 +262,5 @@ impl Engine {
         {
             self.mode_written(transfer.slave, axis, value as u8, now);
         }
-    }
-
-    /// Whether the mode that DRIVE_MODE chose is the one that 0x6060 has.
-    pub(super) fn in_mode(&self, slave: usize, axis: usize, mode: Mode) -> bool {
-        self.v.modes_written[slave - 1][axis] == mode.code()
     }
 }

@@ -54,8 +54,8 @@ impl Engine {
     pub(super) fn answer_slave(&mut self, slave: usize) {
         let Some(mode) = self.role(slave).mode() else { return };
         for axis in 0..self.axes(slave) {
-            let in_mode = self.in_mode(slave, axis, mode);
-            self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, in_mode);
+            let written = self.v.modes_written[slave - 1][axis];
+            self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, written);
         }
     }
 

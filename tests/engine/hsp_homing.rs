@@ -238,6 +238,30 @@ fn ends_of_one_axis_and_of_both() {
     }
 }
 
+/// SK-7.27 Of a module each axis counts by its own statusword: that axis 1 is home, as the slot says, does not end the
+/// homing of axis 2, and axis 2 has ended as soon as 0x6841 says so.
+#[test]
+fn the_next_slave_waits_for_both_axes() {
+    let (axes, next) = ([Homer::new(), Homer::new()], Homer::new());
+    let bus = SimBus::new(vec![Box::new(Pair(axes.clone())), Box::new(next.clone())]);
+    let mut host = Host::new(EngineConfig { slot: SlotSize::Bytes16, ..EngineConfig::default() }, bus);
+    let mut kinds = [SlaveKind::None; 8];
+    (kinds[0], kinds[1]) = (SlaveKind::Hsp, SlaveKind::Drive);
+    host.master(MasterCommand::SetAxis { group: 0, kinds }).go(MasterState::Op).drained();
+    host.servo_on(1).servo_on(2).cycles(50);
+    (0..2).for_each(|axis| write_mode(&mut host, axis, 6));
+    assert_eq!(host.write_object(2, 0x6060, 0, SdoSize::One, 6), Ok(6));
+    axes[0].script(Script { takes: 0, ..Script::default() });
+    axes[1].script(Script { takes: 300, ..Script::default() });
+    host.slave(1, SlaveCommand::GoHome).drained().cycles(100);
+    assert_eq!(HspResponse::decode(&host.slot(1), host.size).statusword.0 & 0x1400, 0x1400, "the slot says done");
+    host.slave(2, SlaveCommand::GoHome).drained().cycles(10);
+    assert_eq!((rejected(&host, Reason::HomingElsewhere), next.begun()), (1, 0));
+    host.until("home", |_| axes[1].position() == -700_000);
+    host.cycles(1).slave(2, SlaveCommand::GoHome).drained().cycles(10);
+    assert_eq!((rejected(&host, Reason::HomingElsewhere), next.begun()), (1, 1));
+}
+
 /// SK-7.30 GO_HOME for a module of which no axis is in mode 6 is rejected. SK-7.38 And if one of those that are is not on
 /// by SV_ON, none starts.
 #[test]

@@ -18,6 +18,7 @@ mod full_table;
 mod full_table_run;
 mod homer;
 mod homing;
+mod homing_at_once;
 mod homing_ends;
 mod homing_real;
 mod homing_restore;

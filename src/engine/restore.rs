@@ -1,7 +1,7 @@
 //! The mode after homing (SK-7, firmware 1.7): SDO transfers of the board's own that write DRIVE_MODE's mode back.
 
 use super::homing::HomingEnd;
-use super::jobs::{Work, mode_object};
+use super::jobs::{Transfer, mode_object};
 use super::{Engine, Event};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -89,7 +89,7 @@ impl Engine {
         };
         if bus.start(Job::Sdo(request), now).is_ok() {
             self.v.restores.running = Some(restore);
-            self.job = Some(Work::Restore(restore));
+            self.transfer = Some(Transfer::Restore(restore));
         }
     }
 

@@ -78,20 +78,34 @@ impl Engine {
     /// Executes all slots of a frame, in their order; nothing in one slot disturbs another.
     pub(super) fn execute(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
-        let slots = frame.slots(size);
         let boots = self.boots;
-        self.homing_before = self.homing_slaves();
-        let master = slots.get(0);
-        if !(self.v.network.in_op() && acts_on_arrival(CommandId::from_code(master.id))) {
-            self.execute_master(&master, at);
+        if self.v.network.in_op() {
+            self.execute_queued_master(&frame.slot(size, 0), at);
+        } else {
+            self.execute_master(&frame.slot(size, 0), at);
         }
         if self.boots != boots {
             return;
         }
+        self.execute_slaves(frame, at);
+        self.execute_sdo(&frame.slot(size, size.sdo_slot()), at);
+    }
+
+    /// Executes the slaves' slots of a frame.
+    pub(super) fn execute_slaves(&mut self, frame: &Frame, at: Ns) {
+        let size = self.config.slot;
+        let slots = frame.slots(size);
+        self.homing_before = self.homing_slaves();
         for slave in 1..=size.max_slaves() {
             self.execute_slave(slave, &slots.get(slave), at);
         }
-        self.execute_sdo(&slots.get(size.sdo_slot()), at);
+    }
+
+    /// Executes slot 0 of a FIFO entry: what acted on arrival does not act again.
+    pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
+        if !acts_on_arrival(CommandId::from_code(slot.id)) {
+            self.execute_master(slot, at);
+        }
     }
 
     pub(super) fn execute_master(&mut self, slot: &RawSlot, at: Ns) {
@@ -251,7 +265,7 @@ impl Engine {
         Ok(())
     }
 
-    fn execute_sdo(&mut self, slot: &RawSlot, at: Ns) {
+    pub(super) fn execute_sdo(&mut self, slot: &RawSlot, at: Ns) {
         if slot.id == CommandId::GetStatus.code() {
             return;
         }

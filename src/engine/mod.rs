@@ -122,8 +122,8 @@ pub struct Engine {
     homing_before: SlaveSet,
     /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
     executed: Vec<Executed>,
-    /// Ids of outputs that carried a FIFO entry and have not been sent yet.
-    ahead: VecDeque<u64>,
+    /// FIFO entries whose outputs have not been sent yet.
+    ahead: VecDeque<outputs::Ahead>,
     /// Slaves that a command of the entries executed since the newest outputs is for.
     commanded: SlaveSet,
     /// Heads that the report shows: those of the newest outputs that were sent.
@@ -323,7 +323,7 @@ impl Engine {
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         self.run_jobs(now, bus);
         if std::mem::take(&mut self.discard_ahead) {
-            self.withdraw_ahead(bus);
+            self.withdraw_ahead(bus, now);
         }
         if self.config.test {
             self.run_test(now);
@@ -334,7 +334,7 @@ impl Engine {
         let (in_op, mut passed) = (self.v.network.in_op(), false);
         while let Some(done) = bus.poll(now, &mut self.inputs) {
             passed = true;
-            self.note_sent(bus.held());
+            self.note_sent(bus.held(), done.at);
             self.last_passed = done.at;
             self.complete(&done);
             if in_op {

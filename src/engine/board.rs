@@ -116,7 +116,6 @@ impl Board {
     pub fn host(&mut self, frame: &Frame, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.engine.host(frame, at);
-        self.forget_partial();
     }
 
     /// Bytes of command frames arrive at `at`, in pieces of any length; cycles due by then run first. A frame counts from
@@ -132,7 +131,6 @@ impl Board {
             if let Some(frame) = self.partial.complete(size) {
                 self.engine.host(frame, self.now);
             }
-            self.forget_partial();
         }
     }
 

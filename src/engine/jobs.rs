@@ -117,9 +117,8 @@ impl Engine {
             self.v.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
-        let leaves_mailboxes = |work: Work| !matches!(work.step, Step::Scan | Step::Configure | Step::Reconfigure);
-        let free = self.transfer.is_none() && self.job.is_none_or(leaves_mailboxes);
-        if free && bus.start(Job::Sdo(request), now).is_ok() {
+        // While slaves are looked for or configured the bus is busy.
+        if self.transfer.is_none() && bus.start(Job::Sdo(request), now).is_ok() {
             self.v.sdo.started();
             self.transfer = Some(Transfer::Host);
         }
@@ -232,9 +231,6 @@ impl Engine {
             done => {
                 let Some(work) = self.job.take() else { return };
                 self.work_done(work, done, now);
-                if work.step == Step::Configure {
-                    self.start_host_sdo(now, bus);
-                }
             }
         }
     }

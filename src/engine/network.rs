@@ -268,7 +268,7 @@ impl Network {
     /// Whether the step under way no longer leads to the target: the way up was given up.
     pub(super) fn is_obsolete(&self, step: Step) -> bool {
         match (step, self.change, self.reached) {
-            (Step::Configure, Some(change), Some(state)) => change.anew || change.target <= state,
+            (Step::Configure, Some(change), Some(state)) => change.target <= state,
             (Step::Move(to), Some(change), Some(state)) => to > state && (change.anew || change.target <= state),
             (Step::Fetch | Step::Reconfigure | Step::Return(_), Some(change), Some(state)) => change.target < state,
             _ => false,

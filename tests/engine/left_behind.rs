@@ -3,11 +3,12 @@
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::engine::{EngineConfig, Event};
-use ecmsk::fieldbus::AlState;
 use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::{AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, StateByte};
 use ecmsk::slave::{AlStatus, Io, Slave};
 
+use crate::ahead_bus::AheadBus;
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::drives;
@@ -108,10 +109,14 @@ fn simulated_drives() {
 /// SK-4.73 SK-4.62 An IO slave comes back with its outputs off, until it is sent some. SK-3.14 Its slot says so.
 #[test]
 fn outputs_are_off() {
-    for to in [PreOp, Init] {
+    for (how, to) in two_buses().into_iter().flat_map(|how| [(how, PreOp), (how, Init)]) {
+        let what = format!("{how:?} {to}");
         let bus = SimBus::new(vec![Box::<Io>::default() as Box<dyn Slave>, Box::<Io>::default()]);
         let network = bus.handle();
-        let mut host = Host::new(EngineConfig::default(), bus);
+        let mut host = match how {
+            None => Host::new(EngineConfig::default(), bus),
+            Some(how) => Host::new(EngineConfig::default(), AheadBus::new(bus, how)),
+        };
         host.go(Op).drained();
         network.refuse(2, Some((if to == Init { AlState::Init } else { AlState::PreOp }, REFUSAL)));
         host.build(|frame, size| {
@@ -119,13 +124,80 @@ fn outputs_are_off() {
             [1, 2].into_iter().for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::IoWrite(0xF0F0).into()));
         });
         host.until("the failure", |host| host.state().0 == 0x18).cycles(20);
-        assert_eq!([1, 2].map(|slave| host.slot(slave).data1), [0xF0F0; 2], "{to}: lost slots keep their values");
+        assert_eq!([1, 2].map(|slave| host.slot(slave).data1), [0xF0F0; 2], "{what}: lost slots keep their values");
         host.master(MasterCommand::SetState(Op)).until("OP", |host| host.state().0 == 8).cycles(20);
-        assert_eq!((host.slot(1).id, host.slot(1).data1), (0x14, 0), "{to}: what is output");
+        assert_eq!((host.slot(1).id, host.slot(1).data1), (0x14, 0), "{what}: what is output");
         for slave in [1, 2] {
-            host.slave(slave, SlaveCommand::IoRead).cycles(3);
+            host.slave(slave, SlaveCommand::IoRead).cycles(6);
         }
-        assert_eq!([1, 2].map(|slave| host.slot(slave).data1), [0, 0xF0F0], "{to}: what the terminals have");
+        assert_eq!([1, 2].map(|slave| host.slot(slave).data1), [0, 0xF0F0], "{what}: what the terminals have");
+    }
+}
+
+/// A bus that says later than its slaves that a change of state is over.
+struct Slow {
+    bus: SimBus,
+    ended: Option<(JobDone, Ns)>,
+}
+
+impl Fieldbus for Slow {
+    fn pacing(&self) -> Pacing {
+        self.bus.pacing()
+    }
+
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        if self.ended.is_some() { Err(Busy) } else { self.bus.start(job, now) }
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        self.ended = self.ended.or_else(|| self.bus.poll_job(now).map(|done| (done, now + 50_000_000)));
+        self.ended.take_if(|(_, at)| now >= *at).map(|(done, _)| done)
+    }
+
+    fn cancel_job(&mut self) {
+        self.ended = None;
+        self.bus.cancel_job();
+    }
+
+    fn cancel_sdo(&mut self) {
+        self.bus.cancel_sdo();
+    }
+
+    fn room(&self) -> u16 {
+        self.bus.room()
+    }
+
+    fn held(&self) -> u16 {
+        self.bus.held()
+    }
+
+    fn discard_ahead(&mut self) -> u16 {
+        self.bus.discard_ahead()
+    }
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        self.bus.push(outputs)
+    }
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        self.bus.poll(now, inputs)
+    }
+}
+
+/// SK-4.73 SK-4.50 Slaves that go down one after another are not left behind by a change that is under way.
+#[test]
+fn a_change_under_way_leaves_nobody_behind() {
+    let mut host = Host::new(EngineConfig::default(), Slow { bus: SimBus::new(drives(3)), ended: None });
+    host.op(3);
+    for (from, to) in [(Op, SafeOp), (Op, PreOp), (SafeOp, PreOp), (SafeOp, Init)] {
+        host.go(from).cycles(30);
+        let mark = host.mark();
+        host.master(MasterCommand::SetState(to));
+        host.until("the state", |host| host.state().0 & 0x10 != 0 || host.state() == StateByte::reached(to));
+        assert_eq!((host.state(), host.mark()), (StateByte::reached(to), mark), "{from} to {to}");
+        if to == Init {
+            host.go(PreOp);
+        }
     }
 }
 

@@ -102,6 +102,23 @@ fn below_op() {
     }
 }
 
+/// SK-4.55 SK-4.74 One that refuses ends a change that goes further: the others do not go up without it.
+#[test]
+fn nobody_goes_up_without_who_refuses() {
+    for how in two_buses() {
+        let mut net = Net::new(how, 3);
+        net.host.go(SafeOp).cycles(30);
+        [1, 2].into_iter().for_each(|slave| net.network.lose(slave));
+        net.host.until("the losses", |host| host.board.engine().lost() == set(&[1, 2]));
+        [1, 2].into_iter().for_each(|slave| net.network.find(slave));
+        net.network.refuse(1, Some((AlState::SafeOp, REFUSAL)));
+        net.host.master(MasterCommand::SetState(Op)).cycles(3000);
+        assert_eq!((net.host.state().0, net.lost()), (0x14, set(&[1])), "{how:?}");
+        net.network.refuse(1, None);
+        net.host.go(Op).drained().servo_on(1).servo_on(2).servo_on(3);
+    }
+}
+
 /// SK-4.74 Forty drives, the cable cut behind the fifth and healed, and seven of them dead.
 #[test]
 fn many_at_once() {

@@ -114,6 +114,8 @@ pub struct Engine {
     cancel_transfer: bool,
     discard_ahead: bool,
     outputs: Outputs,
+    /// The bus has not taken them.
+    outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,
     /// The newest outputs that a polled cycle carried.
@@ -158,6 +160,7 @@ impl Engine {
             cancel_transfer: false,
             discard_ahead: false,
             outputs: Outputs::default(),
+            outputs_left: false,
             inputs: Inputs::default(),
             next_output_id: 0,
             heard: None,

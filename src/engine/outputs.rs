@@ -29,7 +29,8 @@ impl Engine {
         for _ in 0..bus.room() {
             let (has_entry, held) = self.take_entry(now);
             // A bus that owns its cycle repeats the last outputs by itself.
-            let repeats = self.pacing != Pacing::Runner && (bus.held() > 0 || !self.outputs_changed());
+            let repeats =
+                self.pacing != Pacing::Runner && (bus.held() > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
                 return;
             }
@@ -42,7 +43,8 @@ impl Engine {
             executed.axes = self.v.axes;
             executed.commanded = self.commanded;
             executed.test = self.v.test;
-            if bus.push(&self.outputs).is_err() {
+            self.outputs_left = bus.push(&self.outputs).is_err();
+            if self.outputs_left {
                 // The cable was cut this moment: what was executed goes with the next outputs.
                 self.counters.executed += u64::from(has_entry);
                 self.act(held, now);

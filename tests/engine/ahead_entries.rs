@@ -1,13 +1,21 @@
 //! What an entry holds for the board itself, on a bus that takes outputs ahead: it acts with the entry's outputs.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
 use ecmsk::coe::ObjectAddress;
+use ecmsk::engine::EngineConfig;
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
 use ecmsk::sk::{
     CommandId, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SdoResponse,
     SlaveCommand,
 };
 
-use crate::ahead_bus::Ahead;
+use crate::ahead_bus::{Ahead, AheadBus};
+use crate::host::Host;
 use crate::network_rig::Net;
+use crate::puppet::Puppet;
 use crate::rig::ahead;
 
 /// Buses that take several outputs ahead.
@@ -141,5 +149,79 @@ fn rejections_come_with_their_entry() {
         let rejected: Vec<(u8, CommandId)> =
             net.host.rejections(mark).into_iter().map(|(slot, id, _)| (slot, id)).collect();
         assert_eq!(rejected, [(0, CommandId::SetAxis), (41, CommandId::Csp)], "{how:?}");
+    }
+}
+
+/// A bus whose cable is cut, as often as it is told to, between saying that there is room and taking outputs.
+struct Torn<B> {
+    bus: B,
+    cuts: Arc<AtomicU32>,
+}
+
+impl<B: Fieldbus> Fieldbus for Torn<B> {
+    fn pacing(&self) -> Pacing {
+        self.bus.pacing()
+    }
+
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        self.bus.start(job, now)
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        self.bus.poll_job(now)
+    }
+
+    fn cancel_job(&mut self) {
+        self.bus.cancel_job();
+    }
+
+    fn cancel_sdo(&mut self) {
+        self.bus.cancel_sdo();
+    }
+
+    fn room(&self) -> u16 {
+        self.bus.room()
+    }
+
+    fn held(&self) -> u16 {
+        self.bus.held()
+    }
+
+    fn discard_ahead(&mut self) -> u16 {
+        self.bus.discard_ahead()
+    }
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        match self.cuts.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)) {
+            Ok(_) => Err(BusError::Down),
+            Err(_) => self.bus.push(outputs),
+        }
+    }
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        self.bus.poll(now, inputs)
+    }
+}
+
+/// SK-5.21 SK-4.59 An entry whose outputs no bus takes any more has been executed: its LIO has acted, once.
+#[test]
+fn a_cable_that_is_cut_this_moment() {
+    for how in std::iter::once(None).chain(deep().map(Some)) {
+        let (puppet, cuts) = (Puppet::obedient(), Arc::new(AtomicU32::new(0)));
+        let (bus, torn) = (SimBus::new(vec![puppet.boxed()]), Arc::clone(&cuts));
+        let mut host = match how {
+            None => Host::new(EngineConfig::default(), Torn { bus, cuts: torn }),
+            Some(how) => Host::new(EngineConfig::default(), Torn { bus: AheadBus::new(bus, how), cuts: torn }),
+        };
+        host.op(1).servo_on(1).cycles(30);
+        let before = host.counters();
+        cuts.store(1, Relaxed);
+        let mut frame = Frame::new();
+        frame.put_master(host.size, &MasterCommand::LocalWrite(0x15));
+        frame.put_slave(host.size, 1, &SlaveCommand::Csp(Motion::to(9)).into());
+        host.arrive(&frame).cycle();
+        assert_eq!((host.board.engine().local_outputs(), cuts.load(Relaxed)), (0x15, 0), "{how:?}");
+        host.cycles(30);
+        assert_eq!((host.counters().executed, puppet.last().target), (before.executed + 1, 9), "{how:?}");
     }
 }

@@ -127,7 +127,10 @@ impl Engine {
     /// When a step is given up.
     fn time_of(&self, step: Step, now: Ns) -> Ns {
         let change_ends = self.v.network.deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
-        self.v.network.patience(step, change_ends - now).map_or(change_ends, |ns| change_ends.min(now + ns))
+        self.v
+            .network
+            .patience(step, change_ends.saturating_sub(now))
+            .map_or(change_ends, |ns| change_ends.min(now + ns))
     }
 
     fn network_job(&mut self, step: Step, timeout_ns: Ns) -> Option<Job> {

@@ -53,6 +53,9 @@ impl Fieldbus for Watched {
     fn cancel_job(&mut self) {
         self.bus.cancel_job();
     }
+    fn cancel_sdo(&mut self) {
+        self.bus.cancel_sdo();
+    }
     fn room(&self) -> u16 {
         self.bus.room()
     }

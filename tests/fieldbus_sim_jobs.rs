@@ -83,6 +83,32 @@ fn nobody_goes_down_on_the_way_up() {
     assert_eq!(done, JobDone::State(refused(2, 0x001D)), "Init took its configuration");
 }
 
+/// SK-6.15 An SDO runs beside a change of state, and beside nothing else; each of the two is given up by itself.
+#[test]
+fn an_sdo_beside_a_change_of_state() {
+    let mut bench = Bench::in_state(2, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    bench.bus.start(state(SafeOp, 2), bench.now).unwrap();
+    assert_eq!(bench.bus.start(state(SafeOp, 2), bench.now), Err(Busy));
+    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)));
+    bench.bus.start(sdo(1, 0x1000, None), bench.now).unwrap();
+    assert_eq!(bench.bus.start(sdo(2, 0x1000, None), bench.now), Err(Busy));
+    bench.bus.cancel_sdo();
+    bench.now += SECOND;
+    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::State(Ok(()))));
+    assert_eq!(bench.bus.poll_job(bench.now), None);
+
+    bench.bus.start(sdo(1, 0x1000, None), bench.now).unwrap();
+    for job in [Job::Scan, configure(Role::Drive(Mode::Csp))] {
+        assert_eq!(bench.bus.start(job, bench.now), Err(Busy));
+    }
+    bench.bus.start(state(PreOp, 2), bench.now).unwrap();
+    bench.bus.cancel_job();
+    bench.now += SECOND;
+    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::Sdo(Ok(0x0002_0192))));
+    assert_eq!(bench.bus.poll_job(bench.now), None);
+}
+
 /// A bus does one job at a time; a job that is given up never ends.
 #[test]
 fn one_job_at_a_time() {

@@ -55,6 +55,11 @@ impl Assembler {
         Some(&self.frame)
     }
 
+    /// The next byte begins a frame. Says whether bytes of another one are forgotten with it.
+    pub(super) fn forget(&mut self) -> bool {
+        std::mem::take(&mut self.filled) > 0
+    }
+
     /// Drops a frame of which some bytes have come, if its first one came longer ago than `limit_ns`; says how many.
     pub(super) fn drop_late(&mut self, now: Ns, limit_ns: Ns) -> Option<usize> {
         let late = self.filled > 0 && now - self.began > limit_ns;

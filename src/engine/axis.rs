@@ -101,12 +101,14 @@ impl Axis {
     }
 
     /// A cycle's answer: the next step of a walk, and the target that holds the axis where it is while it does not
-    /// follow.
+    /// follow. `written` is 0x6060 as it was written last.
     ///
     /// Once enabled the last such target stays until the first motion command: a load that pulls does not take the
     /// target along.
-    pub(super) fn answer(&mut self, input: &AxisIn, mode: Mode, in_mode: bool) {
+    pub(super) fn answer(&mut self, input: &AxisIn, mode: Mode, written: u8) {
         let state = input.statusword.state();
+        let in_mode = written == mode.code();
+        self.homing.watch(written == Mode::Homing.code(), input.statusword);
         self.enabled = state == Some(DriveState::OperationEnabled) && in_mode;
         self.faulted = matches!(state, Some(DriveState::Fault | DriveState::FaultReactionActive));
         if !self.faulted {

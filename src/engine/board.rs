@@ -2,7 +2,7 @@
 
 use super::assembler::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
-use crate::fieldbus::{Fieldbus, Ns, Pacing};
+use crate::fieldbus::{Fieldbus, Ns};
 use crate::sk::Frame;
 
 /// Things that happen to a board and its network at given times.
@@ -28,13 +28,15 @@ pub struct Board {
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
     partial: Assembler,
+    /// Boots, and whether the host interface talked, when that was looked at last.
+    seen: (u64, bool),
 }
 
 impl Board {
     /// A board that is switched on now, at time 0.
     pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>) -> Self {
         let engine = Engine::new(config, bus.pacing());
-        let next_cycle = engine.period_ns();
+        let (next_cycle, seen) = (engine.period_ns(), (engine.boots(), engine.talks()));
         Self {
             engine,
             bus,
@@ -47,6 +49,7 @@ impl Board {
             silent_cycles: 0,
             last_passed: 0,
             partial: Assembler::new(),
+            seen,
         }
     }
 
@@ -83,7 +86,7 @@ impl Board {
 
     /// Whether frames come back from the network.
     pub(super) fn network_answers(&self) -> bool {
-        self.now - self.last_passed < self.patience() + self.engine.period_ns()
+        self.now - self.last_passed < self.engine.patience_ns() + self.engine.period_ns()
     }
 
     /// The board's time, nanoseconds since it was switched on.
@@ -105,17 +108,8 @@ impl Board {
     /// a script that could change it: the cable before the first slave is cut, or the board was muted.
     pub fn silence(&self) -> Option<(Ns, u64)> {
         let over = self.script.as_ref().is_none_or(|script| script.is_over());
-        let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.patience();
+        let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.patience_ns();
         silent.then_some((self.last_report, self.silent_cycles))
-    }
-
-    /// Time without a report that is no silence. A bus that owns its cycle passes none in some of ours: by its phase, by
-    /// jitter, and when the cycle changes \[OURS: two of its longest cycles].
-    fn patience(&self) -> Ns {
-        match self.bus.pacing() {
-            Pacing::Runner => 0,
-            Pacing::Bus { .. } => 2 * self.engine.longest_period_ns(),
-        }
     }
 
     /// A command frame arrives at `at`; cycles due by then run first.
@@ -149,6 +143,18 @@ impl Board {
         }
     }
 
+    /// SW_RESET resets all variables, so a frame under way is none any more, and when the interface talks again the first
+    /// byte begins a frame, whatever came while it did not (SK-4, SK-5 \[OURS]).
+    fn forget_partial(&mut self) {
+        let (boots, talks) = (self.engine.boots(), self.engine.talks());
+        if (boots, talks) != self.seen {
+            self.seen = (boots, talks);
+            if self.partial.forget() {
+                self.engine.frame_cut_off();
+            }
+        }
+    }
+
     /// Time passes until `to`: every cycle that is due runs.
     pub fn advance(&mut self, to: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         while self.next_cycle <= to {
@@ -168,6 +174,7 @@ impl Board {
         if self.engine.cycle(at, &mut *self.bus, report) {
             self.last_passed = at;
         }
+        self.forget_partial();
         self.drop_late(at);
         self.now = at;
         self.next_cycle = at + self.engine.period_ns();

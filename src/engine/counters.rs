@@ -173,6 +173,13 @@ pub enum Event {
         /// Slave, from 1.
         slave: u8,
     },
+    /// A change of state that failed has left a slave below the state of the others (SK-4 \[OURS]).
+    SlaveLeft {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+    },
     /// Homing of an axis is over.
     HomingEnded {
         /// When, in board time.
@@ -235,6 +242,12 @@ impl fmt::Display for Event {
                 f,
                 "command frame dropped at {} us: only {bytes} bytes came within {INCOMPLETE_CYCLES} cycles; send whole \
                  frames, or pull CONFIG3 low",
+                at / 1000
+            ),
+            Self::SlaveLeft { at, slave } => write!(
+                f,
+                "slave {slave} is in a lower state than the others since a change that failed, seen at {} us: send SET_STATE \
+                 to bring it back",
                 at / 1000
             ),
             Self::SlaveLost { at, slave } => write!(

@@ -53,24 +53,59 @@ const fn belongs(id: CommandId, place: Place) -> bool {
     }
 }
 
+/// What became of a command that was not rejected.
+enum Done {
+    /// With the output image that the answer shows, for IO_WR.
+    Executed(Option<u16>),
+    /// The slave is homing.
+    Ignored,
+}
+
+/// Whether a command is one for that kind of slave: the rest of the columns of UG17 1.8.
+pub(super) const fn suits(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
+    use SlaveCommand::*;
+    match (command, role) {
+        (DriveMode { .. }, _) => Ok(()),
+        (_, Role::Unused) => Err(Reason::NoSlave),
+        (GetStatus, _) | (IoRead | IoWrite(_), Role::Io) => Ok(()),
+        (_, Role::Io) | (IoRead | IoWrite(_) | Other(_), _) => Err(Reason::WrongSlot),
+        (Csv(_), Role::Step(_)) | (Cst(_), Role::Step(_) | Role::Hsp(_)) => Err(Reason::WrongSlot),
+        _ => Ok(()),
+    }
+}
+
 impl Engine {
     /// Executes all slots of a frame, in their order; nothing in one slot disturbs another.
     pub(super) fn execute(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
-        let slots = frame.slots(size);
         let boots = self.boots;
-        self.homing_before = self.homing_slaves();
-        let master = slots.get(0);
-        if !(self.v.network.in_op() && acts_on_arrival(CommandId::from_code(master.id))) {
-            self.execute_master(&master, at);
+        if self.v.network.in_op() {
+            self.execute_queued_master(&frame.slot(size, 0), at);
+        } else {
+            self.execute_master(&frame.slot(size, 0), at);
         }
         if self.boots != boots {
             return;
         }
+        self.execute_slaves(frame, at);
+        self.execute_sdo(&frame.slot(size, size.sdo_slot()), at);
+    }
+
+    /// Executes the slaves' slots of a frame.
+    pub(super) fn execute_slaves(&mut self, frame: &Frame, at: Ns) {
+        let size = self.config.slot;
+        let slots = frame.slots(size);
+        self.homing_before = self.homing_slaves();
         for slave in 1..=size.max_slaves() {
             self.execute_slave(slave, &slots.get(slave), at);
         }
-        self.execute_sdo(&slots.get(size.sdo_slot()), at);
+    }
+
+    /// Executes slot 0 of a FIFO entry: what acted on arrival does not act again.
+    pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
+        if !acts_on_arrival(CommandId::from_code(slot.id)) {
+            self.execute_master(slot, at);
+        }
     }
 
     pub(super) fn execute_master(&mut self, slot: &RawSlot, at: Ns) {
@@ -97,7 +132,8 @@ impl Engine {
         match *command {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}
             MasterCommand::SetState(target) => {
-                if !self.v.network.request(target, at.saturating_add(self.config.state_timeout_ns)) {
+                let deadline = at.saturating_add(self.config.state_timeout_ns);
+                if !self.v.network.request(target, deadline, self.is_declared_otherwise()) {
                     return Err(Reason::WrongState);
                 }
             }
@@ -143,7 +179,11 @@ impl Engine {
             self.run_slave(slave, &command.command, at)
         });
         match done {
-            Ok(output_image) => self.v.heads[slave - 1] = Head { output_image, ..head },
+            Ok(Done::Executed(output_image)) => self.v.heads[slave - 1] = Head { output_image, ..head },
+            // SK-3 [OURS]: byte 0 is the id of the command executed last, and this one was not executed.
+            Ok(Done::Ignored) => {
+                self.commanded.remove(slave as u8);
+            }
             Err(reason) => {
                 self.commanded.remove(slave as u8);
                 // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
@@ -155,46 +195,38 @@ impl Engine {
         }
     }
 
-    /// Says the output image that the answer shows, for IO_WR.
-    fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Option<u16>, Reason> {
+    fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Done, Reason> {
         if let SlaveCommand::DriveMode { mode, sync } = *command {
             self.v.modes[slave - 1] = (mode, sync);
-            return Ok(None);
+            return Ok(Done::Executed(None));
         }
-        let role = self.role(slave);
-        if self.ignores(slave, command, role) {
-            self.commanded.remove(slave as u8);
-            return Ok(None);
+        suits(command, self.role(slave))?;
+        if self.ignores(slave, command) {
+            return Ok(Done::Ignored);
         }
-        match (*command, role) {
-            (_, Role::Unused) => return Err(Reason::NoSlave),
-            (SlaveCommand::GetStatus, _) | (SlaveCommand::IoRead, Role::Io) => {}
-            (SlaveCommand::IoWrite(bits), Role::Io) => {
+        match *command {
+            SlaveCommand::IoWrite(bits) => {
                 self.end_walk();
                 self.v.axes[slave - 1][0].out.outputs = bits;
-                return Ok(Some(bits));
+                return Ok(Done::Executed(Some(bits)));
             }
-            (_, Role::Io) => return Err(Reason::WrongSlot),
-            (SlaveCommand::ServoOn, _) => self.each_axis(slave, super::Axis::switch_on),
-            (SlaveCommand::ServoOff, _) => {
+            SlaveCommand::ServoOn => self.each_axis(slave, super::Axis::switch_on),
+            SlaveCommand::ServoOff => {
                 self.end_homing(slave, HomingEnd::ServoOff, at);
                 self.each_axis(slave, super::Axis::switch_off);
             }
-            (SlaveCommand::AlarmClear, _) => self.each_axis(slave, super::Axis::clear_alarm),
-            (SlaveCommand::Csp(motion), Role::Drive(mode) | Role::Step(mode) | Role::Hsp(mode)) => {
-                self.aim(slave, Mode::Csp, mode, &motion)?;
-            }
-            (SlaveCommand::Csv(motion), Role::Drive(mode) | Role::Hsp(mode)) => {
-                self.aim(slave, Mode::Csv, mode, &motion)?;
-            }
-            (SlaveCommand::Cst(torque), Role::Drive(mode)) => {
-                self.aim(slave, Mode::Cst, mode, &Motion::to(torque.into()))?;
-            }
-            (SlaveCommand::GoHome, _) => self.go_home(slave)?,
-            (SlaveCommand::AbortHome, _) => self.abort_home(at),
-            _ => return Err(Reason::WrongSlot),
+            SlaveCommand::AlarmClear => self.each_axis(slave, super::Axis::clear_alarm),
+            SlaveCommand::Csp(motion) => self.aim(slave, Mode::Csp, &motion)?,
+            SlaveCommand::Csv(motion) => self.aim(slave, Mode::Csv, &motion)?,
+            SlaveCommand::Cst(torque) => self.aim(slave, Mode::Cst, &Motion::to(torque.into()))?,
+            SlaveCommand::GoHome => self.go_home(slave)?,
+            SlaveCommand::AbortHome => self.abort_home(at),
+            SlaveCommand::GetStatus
+            | SlaveCommand::IoRead
+            | SlaveCommand::DriveMode { .. }
+            | SlaveCommand::Other(_) => {}
         }
-        Ok(None)
+        Ok(Done::Executed(None))
     }
 
     fn each_axis(&mut self, slave: usize, act: impl Fn(&mut super::Axis)) {
@@ -202,16 +234,19 @@ impl Engine {
         self.v.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
-    /// Targets: accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value; of a slave of two axes
-    /// it is axis 1 that decides, and a target for an axis 2 that is in another mode is discarded \[OURS].
+    /// CSP, CSV and CST are accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value; of a slave of
+    /// two axes it is axis 1 that decides \[OURS].
+    pub(super) fn follows_in(&self, slave: usize, mode: Mode) -> Result<(), Reason> {
+        let right = self.role(slave).mode() == Some(mode) && self.v.modes_written[slave - 1][0] == mode.code();
+        if right { Ok(()) } else { Err(Reason::WrongMode) }
+    }
+
+    /// Targets. A target for an axis 2 that is in another mode than axis 1 is discarded \[OURS].
     ///
     /// A command whose targets are discarded, one or both, counts once; its outputs are taken all the same: they have
     /// nothing to do with the power stage \[OURS].
-    fn aim(&mut self, slave: usize, wanted: Mode, configured: Mode, motion: &Motion) -> Result<(), Reason> {
-        let written = self.v.modes_written[slave - 1][0];
-        if configured != wanted || written != wanted.code() {
-            return Err(Reason::WrongMode);
-        }
+    fn aim(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
+        self.follows_in(slave, mode)?;
         let has_outputs = matches!(self.v.roles[slave - 1], Role::Hsp(_));
         let two_channels = self.carries_two_channels(slave);
         let [first, second] = &mut self.v.axes[slave - 1];
@@ -230,7 +265,7 @@ impl Engine {
         Ok(())
     }
 
-    fn execute_sdo(&mut self, slot: &RawSlot, at: Ns) {
+    pub(super) fn execute_sdo(&mut self, slot: &RawSlot, at: Ns) {
         if slot.id == CommandId::GetStatus.code() {
             return;
         }

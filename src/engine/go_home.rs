@@ -3,7 +3,7 @@
 use super::homing::{Answer, HomingEnd, News};
 use super::{Engine, Event, Reason};
 use crate::cia402::Mode;
-use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
+use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 use crate::sk::SlaveCommand;
 
 /// Where a slave is on its way home.
@@ -51,27 +51,22 @@ impl Engine {
 
     /// Whether a command is one that counts as ignored while homing, and counts it.
     ///
-    /// SK-7 \[OURS]: SV_OFF always acts, and ends homing; so does ALM_CLR: it starts no motor. A command that does not
-    /// suit that kind of slave is not ignored but rejected, as ever.
-    pub(super) fn ignores(&mut self, slave: usize, command: &SlaveCommand, role: Role) -> bool {
+    /// SK-7 \[OURS]: SV_OFF always acts, and ends homing; so does ALM_CLR: it starts no motor.
+    pub(super) fn ignores(&mut self, slave: usize, command: &SlaveCommand) -> bool {
         use SlaveCommand::{Csp, Cst, Csv, GoHome, ServoOn};
-        let suits = matches!(
-            (command, role),
-            (ServoOn | Csp(_) | GoHome, Role::Drive(_) | Role::Step(_) | Role::Hsp(_))
-                | (Csv(_), Role::Drive(_) | Role::Hsp(_))
-                | (Cst(_), Role::Drive(_))
-        );
-        let ignored = suits && self.homing_phase(slave as u8) != HomingPhase::Idle;
+        let concerned = matches!(command, ServoOn | Csp(_) | Csv(_) | Cst(_) | GoHome);
+        let ignored = concerned && self.homing_phase(slave as u8) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
         ignored
     }
 
-    /// GO_HOME for those of a slave's axes whose 0x6060 / 0x6860 is 6.
+    /// GO_HOME for those of a slave's axes whose 0x6060 / 0x6860 is 6; of a module of two channels in 12-byte mode that is
+    /// axis 1 alone: there it moves no other (SK-3 \[OURS]).
     ///
     /// SK-7 \[OURS]: one that is not in Operation enabled by SV_ON is rejected, and nothing is kept: no motor starts by
     /// a later SV_ON because of it. If one of several axes is not, none starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
-        let axes = self.axes(slave);
+        let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.v.modes_written[slave - 1];
         let is_chosen = |axis: &usize| modes[*axis] == Mode::Homing.code();
         if !(0..axes).any(|axis| is_chosen(&axis)) {
@@ -91,8 +86,15 @@ impl Engine {
         Ok(())
     }
 
+    /// Whether any of these slaves is homing, as far as a program can tell.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
-        slaves.iter().any(|slave| self.homing_phase(slave) == HomingPhase::Homing)
+        slaves.iter().any(|slave| {
+            let axes = &self.v.axes[usize::from(slave) - 1];
+            let inputs = &self.inputs.slaves[usize::from(slave) - 1];
+            axes.iter()
+                .zip(inputs)
+                .any(|(axis, input)| axis.homing.is_homing() && !axis.homing.seems_over(self.heard, input.statusword))
+        })
     }
 
     /// ABORT_HOME, in any slave's slot.
@@ -118,8 +120,6 @@ impl Engine {
 
     /// What the answer of a cycle means for homing.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
-        let lost = self.inputs.lost;
-        lost.iter().for_each(|slave| self.end_homing_of_lost(slave.into(), done.at));
         let (heard, period_ns) = (self.heard, self.period_ns());
         self.heard = done.outputs.or(self.heard);
         if self.v.homers.is_empty() {

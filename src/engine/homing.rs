@@ -2,9 +2,19 @@
 //!
 //! **Which answers count** \[OURS]. Bits 10, 12 and 13 may still show an earlier homing, or another mode, when bit 4
 //! rises. The inputs of a cycle were measured before its outputs arrived, so the first answer that counts is the one
-//! after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. And of those that count
-//! one has to show bits 12 and 13 clear before "attained" or "error" is believed; a drive that is done at once (methods
-//! 35 and 37) never shows that, so it is believed as well if it shows the same for [`SETTLE_NS`].
+//! after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. And "attained" or "error"
+//! is believed only when it cannot be an old one: of the answers that count one has shown bits 12 and 13 clear; or the
+//! drive, enabled and in mode 6, has shown them clear in every answer of the last [`SETTLE_NS`] before bit 4 reached it
+//! (so a drive that is home at once, by methods 35 and 37, is believed at once); or the same result has stood for
+//! [`SETTLE_NS`]. The time before bit 4 counts from the end of the write of 0x6060 on, and begins anew whenever the drive
+//! shows one of the bits or is not enabled: a drive may take over a mode, and with it the result of an earlier homing, a
+//! little later than it says, and bit 12 of CSP ("follows") says nothing of home.
+//!
+//! **What others may do meanwhile** \[OURS]. A drive that shows an old result when bit 4 rises leaves a doubt of that
+//! time, and the program that reads its slot has none: it sees bits 10 and 12 under GO_HOME and sends the next one. So for
+//! the rule of one homing at a time an axis has ended as soon as a report has shown GO_HOME with bits 10 and 12, or bit
+//! 13 ([`AxisHoming::seems_over`]): a drive that goes home a little longer than it said harms no other. Of a pulse module
+//! of two channels each axis counts by its own statusword; that of axis 2 is not in the slot, but 0x6841 can be read.
 //!
 //! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive it is given time to stand; then
 //! outputs go that hold it where it stands, in the coordinate after the home event, and only when those have reached it,
@@ -19,7 +29,8 @@ use crate::fieldbus::Ns;
 /// that looks at its controlword more seldom than that sees the edge all the same.
 const REST: u8 = 8;
 
-/// So long a drive that never showed bits 12 and 13 clear has to show the same result, until it is believed \[OURS].
+/// So long a drive has to show no result before bit 4, or one that it may have shown before, until that is believed
+/// \[OURS].
 const SETTLE_NS: Ns = 20_000_000;
 /// And in so many answers at least \[OURS].
 const SETTLE_ANSWERS: u64 = 4;
@@ -91,6 +102,10 @@ impl Shown {
     }
 }
 
+const fn shows_no_result(Statusword(word): Statusword) -> bool {
+    word & (Statusword::BIT12 | Statusword::BIT13) == 0
+}
+
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Phase {
     #[default]
@@ -142,6 +157,9 @@ pub(super) struct AxisHoming {
     phase: Phase,
     /// Sets of outputs with bit 4 clear that are still to come before it may rise.
     rest: u8,
+    /// Answers in a row, before bit 4 came, that showed a drive in mode 6 without a result; negative: so many are still
+    /// to come that may be older than the mode.
+    quiet: i64,
     /// The first outputs of the newest homing that the drive has ended.
     ended: Option<(u64, HomingEnd)>,
 }
@@ -174,6 +192,7 @@ impl AxisHoming {
         }
         if let Phase::Running { first, .. } = self.phase {
             self.rest = REST;
+            self.quiet = 0;
             if !end.is_of_an_entry() {
                 self.ended = Some((first, end));
             }
@@ -187,6 +206,27 @@ impl AxisHoming {
         if self.is_ending() {
             self.phase = Phase::Idle;
         }
+    }
+
+    /// 0x6060 was written. Answers that may be older than that say nothing: as many as `delay`.
+    pub(super) const fn mode_written(&mut self, delay: i64) {
+        self.quiet = -delay;
+    }
+
+    /// A cycle's answer while bit 4 is not up: whether the drive is in mode 6, enabled, and shows no result.
+    pub(super) fn watch(&mut self, in_mode_6: bool, statusword: Statusword) {
+        if matches!(self.phase, Phase::Running { .. }) {
+            return;
+        }
+        let quiet = in_mode_6 && statusword.is_enabled() && shows_no_result(statusword);
+        self.quiet = if quiet || self.quiet < 0 { self.quiet + 1 } else { 0 };
+    }
+
+    /// Whether a report has told the host that it is over: it has shown the outputs that carried bit 4, the newest of
+    /// them `shown`, with that statusword.
+    pub(super) fn seems_over(&self, shown: Option<u64>, statusword: Statusword) -> bool {
+        matches!(self.phase, Phase::Running { first, .. } if shown >= Some(first))
+            && Shown::of(statusword) != Shown::Open
     }
 
     /// Bit 4 as the next outputs have it, if nothing changes.
@@ -228,12 +268,19 @@ impl AxisHoming {
             return Some(News::Ended(HomingEnd::NotEnabled));
         }
         match &mut self.phase {
-            Phase::Running { first, result, in_a_row, clear_seen } if answer.follows(Some(*first)) => {
+            Phase::Running { first, .. } if !answer.follows(Some(*first)) => {
+                if !shows_no_result(answer.statusword) {
+                    self.quiet = 0;
+                }
+                None
+            }
+            Phase::Running { result, in_a_row, clear_seen, .. } => {
                 let shown = Shown::of(answer.statusword);
                 *in_a_row = if shown == *result { *in_a_row + 1 } else { 1 };
                 *result = shown;
-                *clear_seen |= word & (Statusword::BIT12 | Statusword::BIT13) == 0;
-                let settled = *in_a_row >= answer.in_time(SETTLE_NS).max(SETTLE_ANSWERS);
+                let settling = answer.in_time(SETTLE_NS).max(SETTLE_ANSWERS);
+                *clear_seen |= shows_no_result(answer.statusword) || self.quiet >= settling as i64;
+                let settled = *in_a_row >= settling;
                 let end = match shown {
                     Shown::Attained => HomingEnd::Attained,
                     Shown::Error => HomingEnd::Error,

@@ -2,19 +2,27 @@
 
 use super::network::Step;
 use super::restore::Restore;
-use super::{Axis, Engine};
-use crate::cia402::{MODES_OF_OPERATION, Mode, SECOND_AXIS_OFFSET};
+use super::{Axis, Engine, Head};
+use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
     AlState, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveConfig, SlaveSet,
 };
 use crate::sk::{DriveSync, MasterState, SlaveKind};
 
-/// What the bus is doing for us.
+/// What the bus is doing for the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Work {
-    Network(Step),
-    HostSdo,
+pub(super) struct Work {
+    pub(super) step: Step,
+    /// The bus gives it up then, if it is a change of state.
+    until: Ns,
+}
+
+/// Whose SDO transfer the bus does. A host's runs beside a change of state (SK-6): a slave that is waited for does not
+/// keep the others from answering.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Transfer {
+    Host,
     Restore(Restore),
 }
 
@@ -38,24 +46,24 @@ pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
 }
 
 impl Engine {
-    /// Takes the end of the job under way and starts the next one.
+    /// Takes the ends of the jobs under way and starts the next ones.
     pub(super) fn run_jobs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if std::mem::take(&mut self.cancel_job) && self.job.take().is_some() {
             bus.cancel_job();
         }
-        if let Some(work) = self.job
-            && let Some(done) = bus.poll_job(now)
-        {
-            self.job = None;
-            self.finish(work, done, now);
-            // SK-6 [OURS]: a request that came during transfers of the board's own runs next.
-            if matches!(work, Work::Network(Step::Configure) | Work::Restore(_)) {
-                self.start_host_sdo(now, bus);
-            }
+        if std::mem::take(&mut self.cancel_transfer) && self.transfer.take().is_some() {
+            bus.cancel_sdo();
+        }
+        while let Some(done) = bus.poll_job(now) {
+            self.finish(done, now, bus);
         }
         self.give_up_late_or_obsolete(now, bus);
         if self.job.is_none() {
-            self.start_next(now, bus);
+            self.start_step(now, bus);
+        }
+        self.start_host_sdo(now, bus);
+        if self.job.is_none() && self.transfer.is_none() {
+            self.start_restore(now, bus);
         }
     }
 
@@ -65,7 +73,7 @@ impl Engine {
         if late {
             self.v.network.fail();
         }
-        if let Some(Work::Network(step)) = self.job
+        if let Some(Work { step, .. }) = self.job
             && (late || self.v.network.is_obsolete(step))
         {
             bus.cancel_job();
@@ -73,29 +81,29 @@ impl Engine {
         }
     }
 
-    fn start_next(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        while let Some(step) = self.v.network.next_step() {
+    /// Starts the next step, when no transfer is under way: it may be one to a slave that is to be configured or moved.
+    fn start_step(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        while self.transfer.is_none()
+            && let Some(step) = self.v.network.next_step()
+        {
             if step == Step::Configure && !self.has_process_data() {
                 self.v.network.fail();
                 continue;
             }
             if !self.may_begin(step, bus) {
-                break;
+                return;
             }
             self.v.network.begin(step);
-            let Some(job) = self.network_job(step, now) else {
+            let until = self.time_of(step, now);
+            let Some(job) = self.network_job(step, until.saturating_sub(now)) else {
                 // Nobody has to move: the state is reached.
                 self.step_done(step, now);
                 continue;
             };
             if bus.start(job, now).is_ok() {
-                self.job = Some(Work::Network(step));
+                self.job = Some(Work { step, until });
             }
             return;
-        }
-        self.start_host_sdo(now, bus);
-        if self.job.is_none() {
-            self.start_restore(now, bus);
         }
     }
 
@@ -104,22 +112,28 @@ impl Engine {
             return;
         }
         let Some(request) = self.v.sdo.waiting(self.config.sdo_timeout_ns) else { return };
-        // SK-6 [OURS]: a lost slave is not asked, even if it could answer again.
-        if self.v.network.lost().contains(request.slave) {
+        // SK-6 [OURS]: a lost slave is not asked, even if it could answer again, nor one that was never found.
+        if request.slave > self.v.network.found() || self.v.network.lost().contains(request.slave) {
             self.v.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
-        if bus.start(Job::Sdo(request), now).is_ok() {
+        // While slaves are looked for or configured the bus is busy.
+        if self.transfer.is_none() && bus.start(Job::Sdo(request), now).is_ok() {
             self.v.sdo.started();
-            self.job = Some(Work::HostSdo);
+            self.transfer = Some(Transfer::Host);
         }
     }
 
-    fn network_job(&mut self, step: Step, now: Ns) -> Option<Job> {
-        let timeout_ns = match self.v.network.deadline() {
-            Some(deadline) => deadline.saturating_sub(now),
-            None => self.config.state_timeout_ns,
-        };
+    /// When a step is given up.
+    fn time_of(&self, step: Step, now: Ns) -> Ns {
+        let change_ends = self.v.network.deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
+        self.v
+            .network
+            .patience(step, change_ends.saturating_sub(now))
+            .map_or(change_ends, |ns| change_ends.min(now + ns))
+    }
+
+    fn network_job(&mut self, step: Step, timeout_ns: Ns) -> Option<Job> {
         let (target, slaves) = match step {
             Step::Scan => return Some(Job::Scan),
             Step::Configure => return Some(Job::Configure(self.bus_config())),
@@ -162,6 +176,12 @@ impl Engine {
         slaves
     }
 
+    /// Whether programs have declared something else than what the network was configured with, or is just being.
+    pub(super) fn is_declared_otherwise(&self) -> bool {
+        let otherwise = |n: usize| (self.v.roles[n], self.v.syncs[n]) != (self.declared_role(n), self.v.modes[n].1);
+        self.v.cycle_in_op != self.v.cycle || (0..usize::from(self.v.network.found())).any(otherwise)
+    }
+
     /// What SET_AXIS and DRIVE_MODE say of slave `n` (from 0).
     const fn declared_role(&self, n: usize) -> Role {
         let (mode, _) = self.v.modes[n];
@@ -172,6 +192,11 @@ impl Engine {
             SlaveKind::Io => Role::Io,
             SlaveKind::None => Role::Unused,
         }
+    }
+
+    /// The mode that a slave (from 1) was given by DRIVE_MODE; 0 for one that is declared as one without a mode.
+    pub(super) fn declared_mode(&self, slave: usize) -> u8 {
+        self.declared_role(slave - 1).mode().map_or(0, |mode| mode.code())
     }
 
     /// SK-7 \[OURS]: DRIVE_MODE 10 for an HSP and other than 8 for a STEP fail PreOP to SafeOP, whoever the slave is.
@@ -195,12 +220,30 @@ impl Engine {
         BusConfig { cycle: self.v.cycle_in_op, who, slaves }
     }
 
-    fn finish(&mut self, work: Work, done: JobDone, now: Ns) {
-        match (work, done) {
-            (Work::Network(Step::Scan), JobDone::Scan { found }) => {
+    fn finish(&mut self, done: JobDone, now: Ns, bus: &mut dyn Fieldbus) {
+        match done {
+            JobDone::Sdo(result) => match self.transfer.take() {
+                Some(Transfer::Host) => self.sdo_done(result, now),
+                Some(Transfer::Restore(restore)) => {
+                    self.restored(restore, result, now);
+                    // SK-6 [OURS]: a request that came during transfers of the board's own runs next.
+                    self.start_host_sdo(now, bus);
+                }
+                None => {}
+            },
+            done => {
+                let Some(work) = self.job.take() else { return };
+                self.work_done(work, done, now);
+            }
+        }
+    }
+
+    fn work_done(&mut self, Work { step, until }: Work, done: JobDone, now: Ns) {
+        match (step, done) {
+            (Step::Scan, JobDone::Scan { found }) => {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
             }
-            (Work::Network(step @ (Step::Configure | Step::Reconfigure)), JobDone::Configure(Ok(second_axes))) => {
+            (Step::Configure | Step::Reconfigure, JobDone::Configure(Ok(second_axes))) => {
                 let others = match step {
                     Step::Reconfigure => self.v.second_axes.difference(self.v.network.returning()),
                     _ => SlaveSet::EMPTY,
@@ -208,11 +251,18 @@ impl Engine {
                 self.v.second_axes = others.union(second_axes);
                 self.step_done(step, now);
             }
-            (Work::Network(step), JobDone::State(Ok(()))) => self.step_done(step, now),
-            (Work::Network(_), _) => self.v.network.fail(),
-            (Work::HostSdo, JobDone::Sdo(result)) => self.sdo_done(result, now),
-            (Work::Restore(restore), JobDone::Sdo(result)) => self.restored(restore, result, now),
-            (Work::HostSdo | Work::Restore(_), _) => {}
+            (_, JobDone::State(Ok(()))) => self.step_done(step, now),
+            (
+                Step::Fetch | Step::Reconfigure | Step::Return(_),
+                JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)),
+            ) => {
+                let silent = refusal.al_status == 0 && refusal.abort.is_none();
+                self.v.network.stays_away(refusal.slave, silent);
+            }
+            // The change has got more time since: the step begins again.
+            (Step::Move(_), JobDone::State(Err(_)))
+                if now >= until && self.v.network.deadline().is_some_and(|deadline| deadline > until) => {}
+            _ => self.v.network.fail(),
         }
     }
 
@@ -231,6 +281,7 @@ impl Engine {
             self.leave_homing_with_op(now);
             self.forget_commanded();
             self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
+            self.v.heads.iter_mut().for_each(Head::outputs_off);
             self.shown = self.v.heads;
         }
         if self.v.network.state() < Some(MasterState::SafeOp) {
@@ -262,10 +313,5 @@ impl Engine {
         {
             self.mode_written(transfer.slave, axis, value as u8, now);
         }
-    }
-
-    /// Whether the mode that DRIVE_MODE chose is the one that 0x6060 has.
-    pub(super) fn in_mode(&self, slave: usize, axis: usize, mode: Mode) -> bool {
-        self.v.modes_written[slave - 1][axis] == mode.code()
     }
 }

@@ -1,21 +1,16 @@
 //! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
 //! Its slot keeps its values, what comes for it is counted, and the others go on.
 
-use super::execute::Place;
-use super::jobs::Work;
+use super::execute::{Place, suits};
 use super::network::Step;
 use super::{Engine, Event};
-use crate::fieldbus::{CycleDone, Fieldbus, MAX_ANSWER_DELAY, Ns, Pacing, SlaveSet};
-use crate::sk::{CommandId, MasterState, RawSlot, SlotCommand};
+use crate::cia402::Mode;
+use crate::fieldbus::{Fieldbus, MAX_ANSWER_DELAY, MAX_SLAVES, Ns, Pacing, SlaveSet};
+use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand};
 
-/// Slaves that a change has just brought somewhere. Answers that a bus has still under way are older than that, and
-/// say nothing of them.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Moved {
-    who: SlaveSet,
-    /// From then on answers are new.
-    fresh_from: Ns,
-}
+/// Since when answers of each slave are newer than its newest move: those that a bus had still under way then say
+/// nothing of where it is.
+pub(super) type FreshFrom = [Ns; MAX_SLAVES];
 
 impl Engine {
     /// Slaves that the outputs of the newest cycle have not reached. One that is declared as none is not in OP, and its
@@ -32,25 +27,55 @@ impl Engine {
         self.counters.for_lost += u64::from(unreached.len());
     }
 
-    /// Some slave did not answer the cycle that has passed.
-    pub(super) fn note_lost(&mut self, done: &CycleDone) {
+    /// Slaves that are not in the network's state although no change moves any: one that failed has left them in a lower
+    /// one, while others refused it.
+    fn left_behind(&self) -> SlaveSet {
+        if self.job.is_some_and(|work| matches!(work.step, Step::Move(_))) {
+            return SlaveSet::EMPTY;
+        }
+        match self.v.network.state() {
+            Some(MasterState::Op) => self.inputs.deaf,
+            Some(MasterState::SafeOp) => self.inputs.mute,
+            _ => SlaveSet::EMPTY,
+        }
+    }
+
+    /// The cable before the first slave is cut, and the bus passes no cycle that would say so.
+    pub(super) fn note_silence(&mut self, at: Ns) {
+        self.inputs.lost = self.used_slaves();
+        self.note_lost(at);
+    }
+
+    /// Looks who did not answer the cycle that has passed, or has left the others.
+    ///
+    /// SK-4 \[OURS]: a change that fails on the way down may leave slaves below the state that it ends in. Those are lost
+    /// as well: nobody drives them, and they come back as lost ones do, configured again and with their outputs off.
+    pub(super) fn note_lost(&mut self, at: Ns) {
         if !self.v.network.notices_losses() {
             return;
         }
-        let mut news = self.inputs.lost.intersection(self.used_slaves()).difference(self.v.network.lost());
-        if done.at < self.v.moved.fresh_from {
-            news = news.difference(self.v.moved.who);
+        let gone = self.inputs.lost.union(self.left_behind());
+        if gone.is_empty() {
+            return;
+        }
+        let mut news = gone.intersection(self.used_slaves()).difference(self.v.network.lost());
+        for slave in news.iter() {
+            if at < self.v.fresh_from[usize::from(slave) - 1] {
+                news.remove(slave);
+            }
         }
         if news.is_empty() {
             return;
         }
         self.v.network.lose(news);
         for slave in news.iter() {
-            self.lose_slave(slave.into(), done.at);
-            self.log.push(Event::SlaveLost { at: done.at, slave });
+            self.lose_slave(slave.into(), at);
+            let silent = self.inputs.lost.contains(slave);
+            self.log.push(if silent { Event::SlaveLost { at, slave } } else { Event::SlaveLeft { at, slave } });
         }
         // On the way down nobody waits for them: that step begins anew without them.
-        if let Some(Work::Network(Step::Move(to))) = self.job
+        if let Some(work) = self.job
+            && let Step::Move(to) = work.step
             && Some(to) < self.v.network.state()
         {
             self.cancel_job = true;
@@ -64,6 +89,9 @@ impl Engine {
             // Commands that a bus had taken ahead do not reach it.
             self.v.heads[slave - 1] = self.shown[slave - 1];
         }
+        // Its slot keeps its values; once it is back it shows what is really output.
+        self.v.heads[slave - 1].outputs_off();
+        self.shown[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
         for (axis, input) in self.v.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]) {
             axis.lose(input, mode);
@@ -100,8 +128,14 @@ impl Engine {
             return;
         }
         let right = self.admit(id, Place::Slave).and_then(|()| {
-            SlotCommand::decode(slot, self.config.slot).map_err(super::Reason::BadArgument)?;
-            Ok(())
+            let command = SlotCommand::decode(slot, self.config.slot).map_err(super::Reason::BadArgument)?.command;
+            suits(&command, self.role(slave))?;
+            match command {
+                SlaveCommand::Csp(_) => self.follows_in(slave, Mode::Csp),
+                SlaveCommand::Csv(_) => self.follows_in(slave, Mode::Csv),
+                SlaveCommand::Cst(_) => self.follows_in(slave, Mode::Cst),
+                _ => Ok(()),
+            }
         });
         match right {
             // It is for all slaves, wherever it stands.
@@ -159,7 +193,7 @@ impl Engine {
             Pacing::Runner => 0,
             Pacing::Bus { .. } => now.saturating_add((MAX_ANSWER_DELAY as Ns + 1) * self.longest_period_ns()),
         };
-        self.v.moved = Moved { who, fresh_from };
+        who.iter().for_each(|slave| self.v.fresh_from[usize::from(slave) - 1] = fresh_from);
         if step == Step::Return(MasterState::Op) {
             // What they measure now goes into their first outputs: those hold them where they are.
             who.iter().for_each(|slave| self.answer_slave(slave.into()));

@@ -107,10 +107,15 @@ pub struct Engine {
     v: Volatile,
     fifo: CommandFifo,
     entry: Frame,
+    /// What the bus does for the network; beside it a transfer may run.
     job: Option<jobs::Work>,
+    transfer: Option<jobs::Transfer>,
     cancel_job: bool,
+    cancel_transfer: bool,
     discard_ahead: bool,
     outputs: Outputs,
+    /// The bus has not taken them.
+    outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,
     /// The newest outputs that a polled cycle carried.
@@ -119,12 +124,14 @@ pub struct Engine {
     homing_before: SlaveSet,
     /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
     executed: Vec<Executed>,
-    /// Ids of outputs that carried a FIFO entry and have not been sent yet.
-    ahead: VecDeque<u64>,
+    /// FIFO entries whose outputs have not been sent yet.
+    ahead: VecDeque<outputs::Ahead>,
     /// Slaves that a command of the entries executed since the newest outputs is for.
     commanded: SlaveSet,
     /// Heads that the report shows: those of the newest outputs that were sent.
     shown: [Head; MAX_SLAVES],
+    /// When the newest cycle of the bus passed.
+    last_passed: Ns,
     local_inputs: u8,
     muted: bool,
     boots: u64,
@@ -148,9 +155,12 @@ impl Engine {
             fifo: CommandFifo::new(),
             entry: Frame::new(),
             job: None,
+            transfer: None,
             cancel_job: false,
+            cancel_transfer: false,
             discard_ahead: false,
             outputs: Outputs::default(),
+            outputs_left: false,
             inputs: Inputs::default(),
             next_output_id: 0,
             heard: None,
@@ -167,6 +177,7 @@ impl Engine {
             ahead: VecDeque::with_capacity(depth + 1),
             commanded: SlaveSet::EMPTY,
             shown: [Head::default(); MAX_SLAVES],
+            last_passed: 0,
             local_inputs: 0,
             muted: false,
             boots: 1,
@@ -303,13 +314,19 @@ impl Engine {
         self.log.push(Event::Incomplete { at, bytes: bytes as u16 });
     }
 
+    /// A boot has cut off a command frame on its way.
+    fn frame_cut_off(&mut self) {
+        self.counters.incomplete += 1;
+    }
+
     /// Runs one cycle at `now`: the bus's jobs, one FIFO entry, process data, and the report, which goes to `report`
-    /// with the time it belongs to. Says whether a cycle passed at all: with the cable cut before the first slave none
-    /// does, and there is no report.
+    /// with the time it belongs to. Says whether a cycle of the bus passed at all: with the cable cut before the first
+    /// slave none does. In OP there is no report then; before OP the board makes its reports by its own cycle, whatever
+    /// the bus does (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         self.run_jobs(now, bus);
         if std::mem::take(&mut self.discard_ahead) {
-            self.withdraw_ahead(bus);
+            self.withdraw_ahead(bus, now);
         }
         if self.config.test {
             self.run_test(now);
@@ -317,20 +334,48 @@ impl Engine {
         if self.v.network.in_op() {
             self.push_outputs(now, bus);
         }
-        let mut passed = false;
+        let (in_op, mut passed) = (self.v.network.in_op(), false);
         while let Some(done) = bus.poll(now, &mut self.inputs) {
             passed = true;
-            self.note_sent(bus.held());
+            self.note_sent(bus.held(), done.at);
+            self.last_passed = done.at;
             self.complete(&done);
-            if self.talks() && !self.muted {
-                self.counters.reports += 1;
-                report(&self.v.response, done.at);
+            if in_op {
+                self.give_report(done.at, report);
             }
             if self.pacing == Pacing::Runner {
                 break;
             }
         }
+        if !in_op {
+            if self.is_bus_silent(now) {
+                self.note_silence(now);
+            }
+            self.refresh_response();
+            self.give_report(now, report);
+        }
         passed
+    }
+
+    fn give_report(&mut self, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
+        if self.talks() && !self.muted {
+            self.counters.reports += 1;
+            report(&self.v.response, at);
+        }
+    }
+
+    /// Time without a cycle of the bus that is no silence. A bus that owns its cycle passes none in some of ours: by its
+    /// phase, by jitter, and when the cycle changes \[OURS: two of its longest cycles].
+    pub(crate) fn patience_ns(&self) -> Ns {
+        match self.pacing {
+            Pacing::Runner => 0,
+            Pacing::Bus { .. } => 2 * self.longest_period_ns(),
+        }
+    }
+
+    /// Whether the cable before the first slave seems to be cut.
+    fn is_bus_silent(&self, now: Ns) -> bool {
+        now - self.last_passed > self.patience_ns()
     }
 
     /// SW_RESET: all variables but the switches of SET_EX, which take effect now. The interface talks again when the
@@ -339,7 +384,7 @@ impl Engine {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.discard_ahead = true;
         self.v = Volatile::new(self.remembered);
-        self.cancel_job = true;
+        (self.cancel_job, self.cancel_transfer) = (true, true);
         self.forget_commanded();
         self.shown = [Head::default(); MAX_SLAVES];
         self.boots += 1;

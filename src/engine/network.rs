@@ -15,13 +15,19 @@ pub(super) enum Step {
     Configure,
     /// Bring the slaves to that state.
     Move(MasterState),
-    /// Bring the lost ones to PreOP, wherever they have fallen.
+    /// Bring lost ones to PreOP, wherever they have fallen.
     Fetch,
-    /// Map the process data of the lost ones.
+    /// Map the process data of those.
     Reconfigure,
-    /// Bring the lost ones to the state that the others are in.
+    /// Bring those to the state that the others are in.
     Return(MasterState),
 }
+
+/// So long lost slaves are waited for together, until those that do not answer are left behind \[OURS]: a slave that is
+/// silent for so long ends an SDO, too.
+const FETCH_NS: Ns = 1_000_000_000;
+/// And so long each time after that: who answers is there already \[OURS].
+const FETCH_AGAIN_NS: Ns = 100_000_000;
 
 /// How far the lost slaves have come on their way back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,8 +45,34 @@ enum Way {
 struct Change {
     target: MasterState,
     deadline: Ns,
+    /// Its Configure has begun, with what was declared then.
+    configuring: bool,
     configured: bool,
+    /// Something else was declared since: all begin in PreOP again.
+    anew: bool,
     way: Way,
+    /// Lost slaves that it still has to bring back: those that were lost when it began, but for those that have refused.
+    awaited: Option<SlaveSet>,
+    /// Those of them that the others do not wait for: they have not answered in this round.
+    silent: SlaveSet,
+    /// Some lost slave has refused.
+    refused: bool,
+}
+
+impl Change {
+    const fn to(target: MasterState, deadline: Ns) -> Self {
+        Self {
+            target,
+            deadline,
+            configuring: false,
+            configured: false,
+            anew: false,
+            way: Way::Ahead,
+            awaited: None,
+            silent: SlaveSet::EMPTY,
+            refused: false,
+        }
+    }
 }
 
 /// Where the network is and where it goes.
@@ -56,8 +88,19 @@ pub(super) struct Network {
     change: Option<Change>,
     /// Slaves that did not stay where the network is.
     lost: SlaveSet,
-    /// Those of them that the change under way brings back.
+    /// Those of them that the change under way brings back together now.
     returning: SlaveSet,
+}
+
+impl Step {
+    /// Whether lost slaves begin their way back with it.
+    fn is_first_of_return(self) -> bool {
+        match self {
+            Self::Fetch => true,
+            Self::Return(to) => to <= MasterState::PreOp,
+            _ => false,
+        }
+    }
 }
 
 impl Network {
@@ -94,7 +137,7 @@ impl Network {
         self.lost
     }
 
-    /// Those of them that the change under way brings back.
+    /// Those of them that the change under way brings back together now.
     pub(super) const fn returning(&self) -> SlaveSet {
         self.returning
     }
@@ -117,9 +160,10 @@ impl Network {
 
     /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
     ///
-    /// A request during a change replaces its target. A request for the state the network is in acknowledges a
-    /// failure. Every accepted one brings lost slaves back.
-    pub(super) fn request(&mut self, target: MasterState, deadline: Ns) -> bool {
+    /// A request during a change replaces its target, and with `declared_otherwise` what is to be configured. One that
+    /// replaces nothing does not give the change more time \[OURS]: a program that asks in every frame shall see a failure,
+    /// too. A request for the state the network is in acknowledges a failure. Every accepted one brings lost slaves back.
+    pub(super) fn request(&mut self, target: MasterState, deadline: Ns, declared_otherwise: bool) -> bool {
         let Some(state) = self.reached else { return false };
         if state == MasterState::Init && target > MasterState::PreOp {
             return false;
@@ -127,9 +171,17 @@ impl Network {
         if target == state && !self.failed && self.lost.is_empty() && self.change.is_none() {
             return true;
         }
-        let configured = self.change.is_some_and(|change| change.configured);
-        let way = self.change.filter(|change| change.target == target).map_or(Way::Ahead, |change| change.way);
-        self.change = Some(Change { target, deadline, configured, way });
+        let new = Change::to(target, deadline);
+        self.change = Some(match self.change {
+            Some(change) if change.configuring && declared_otherwise => Change { anew: true, ..new },
+            // Who was lost since others came back comes back as well.
+            Some(change) if change.target == target && change.way == Way::Back && !self.lost.is_empty() => {
+                Change { way: Way::Ahead, awaited: None, refused: false, ..change }
+            }
+            Some(change) if change.target == target => change,
+            Some(Change { configuring, configured, anew, .. }) => Change { configuring, configured, anew, ..new },
+            None => new,
+        });
         true
     }
 
@@ -145,7 +197,7 @@ impl Network {
             (from, _) if !self.lost.is_empty() && change.way != Way::Back => Self::step_back(from, change.way),
             (from, to) if to == from => Step::Move(to),
             // Some slaves may have gone further than others: all begin where all have been [OURS].
-            (from, _) if self.failed => Step::Move(from),
+            (from, change_to) if self.failed || change.anew && change_to > from => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
             (MasterState::PreOp, _) if !change.configured => Step::Configure,
             (MasterState::PreOp, _) => Step::Move(MasterState::SafeOp),
@@ -164,13 +216,52 @@ impl Network {
 
     /// A step begins.
     pub(super) fn begin(&mut self, step: Step) {
-        let first = match step {
-            Step::Fetch => true,
-            Step::Return(to) => to <= MasterState::PreOp,
-            _ => false,
-        };
-        if first {
-            self.returning = self.lost;
+        let Some(change) = &mut self.change else { return };
+        match step {
+            Step::Configure => change.configuring = true,
+            _ if step.is_first_of_return() => {
+                let awaited = change.awaited.get_or_insert(self.lost);
+                self.returning = awaited.difference(change.silent);
+            }
+            _ => {}
+        }
+    }
+
+    /// How long a step is waited for, of the time that the change has left; `None`: as long as that.
+    ///
+    /// A dead slave does not keep those back that could come \[OURS]: who does not answer is left behind, the others come
+    /// back without it, and then it is asked again while there is time.
+    pub(super) fn patience(&self, step: Step, left: Ns) -> Option<Ns> {
+        let change = self.change?;
+        let alone = change.awaited.is_some_and(|awaited| awaited.len() <= 1);
+        match step {
+            _ if alone => None,
+            _ if step.is_first_of_return() => Some(if change.silent.is_empty() { FETCH_NS } else { FETCH_AGAIN_NS }),
+            Step::Return(_) => Some(left / 2),
+            _ => None,
+        }
+    }
+
+    /// A slave does not come back with the others: it says nothing, or it refuses and is not asked again.
+    pub(super) fn stays_away(&mut self, slave: u8, silent: bool) {
+        let Some(change) = &mut self.change else { return };
+        if !self.returning.contains(slave) {
+            return self.fail();
+        }
+        let awaited = change.awaited.get_or_insert(self.returning);
+        if silent {
+            change.silent.insert(slave);
+        } else {
+            awaited.remove(slave);
+            change.refused = true;
+        }
+        let nobody_left = awaited.is_empty();
+        self.returning.remove(slave);
+        if self.returning.is_empty() {
+            (change.way, change.silent) = (Way::Ahead, SlaveSet::EMPTY);
+            if nobody_left {
+                self.fail();
+            }
         }
     }
 
@@ -178,7 +269,7 @@ impl Network {
     pub(super) fn is_obsolete(&self, step: Step) -> bool {
         match (step, self.change, self.reached) {
             (Step::Configure, Some(change), Some(state)) => change.target <= state,
-            (Step::Move(to), Some(change), Some(state)) => to > state && change.target <= state,
+            (Step::Move(to), Some(change), Some(state)) => to > state && (change.anew || change.target <= state),
             (Step::Fetch | Step::Reconfigure | Step::Return(_), Some(change), Some(state)) => change.target < state,
             _ => false,
         }
@@ -215,10 +306,7 @@ impl Network {
             }
             Step::Return(state) => {
                 self.lost = self.lost.difference(self.returning);
-                self.come(Way::Back);
-                if !self.failed && self.change.is_some_and(|change| change.target == state) {
-                    self.change = None;
-                }
+                self.have_come(state);
                 return None;
             }
             Step::Boot => MasterState::PreOp,
@@ -230,10 +318,27 @@ impl Network {
         let all_here = self.lost.is_empty();
         match &mut self.change {
             Some(change) if change.target == state && (all_here || change.way == Way::Back) => self.change = None,
-            Some(change) => change.configured = false,
+            Some(change) => (change.configuring, change.configured, change.anew) = (false, false, false),
             None => {}
         }
         Some(state)
+    }
+
+    /// Lost slaves are back in the network's state.
+    fn have_come(&mut self, state: MasterState) {
+        let Some(change) = &mut self.change else { return };
+        let awaited = change.awaited.map_or(SlaveSet::EMPTY, |awaited| awaited.difference(self.returning));
+        change.awaited = Some(awaited);
+        if !awaited.is_empty() {
+            (change.way, change.silent) = (Way::Ahead, SlaveSet::EMPTY);
+            return;
+        }
+        change.way = Way::Back;
+        if change.refused {
+            self.fail();
+        } else if !self.failed && change.target == state {
+            self.change = None;
+        }
     }
 
     fn come(&mut self, way: Way) {
@@ -276,7 +381,7 @@ mod tests {
         ];
         for (from, to, steps) in ways {
             let mut network = at(from);
-            assert!(network.request(to, 0));
+            assert!(network.request(to, 0, false));
             for step in steps {
                 assert_eq!(network.next_step(), Some(*step), "{from} to {to}");
                 network.done(*step);

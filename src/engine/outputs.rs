@@ -3,14 +3,34 @@
 
 use super::Engine;
 use crate::fieldbus::{Fieldbus, Ns, Pacing, SlaveSet};
+use crate::sk::RawSlot;
+
+/// A FIFO entry on its way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ahead {
+    /// The outputs that carry it.
+    id: u64,
+    /// What of it acts when they are sent, and not before: `None` once it has.
+    held: Option<Held>,
+}
+
+/// What a FIFO entry holds for the board itself: the chip's inputs and outputs, and the SDO slot. On a bus that takes
+/// outputs ahead it acts with the entry's outputs (SK-5): with what it stands beside, and not at all if a clear takes it
+/// back.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Held {
+    pub(super) master: RawSlot,
+    pub(super) sdo: RawSlot,
+}
 
 impl Engine {
     /// Hands the bus what it takes: one FIFO entry in each set of outputs.
     pub(super) fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         for _ in 0..bus.room() {
-            let has_entry = self.take_entry(now);
+            let (has_entry, held) = self.take_entry(now);
             // A bus that owns its cycle repeats the last outputs by itself.
-            let repeats = self.pacing != Pacing::Runner && (bus.held() > 0 || !self.outputs_changed());
+            let repeats =
+                self.pacing != Pacing::Runner && (bus.held() > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
                 return;
             }
@@ -23,27 +43,59 @@ impl Engine {
             executed.axes = self.v.axes;
             executed.commanded = self.commanded;
             executed.test = self.v.test;
-            if bus.push(&self.outputs).is_err() {
+            self.outputs_left = bus.push(&self.outputs).is_err();
+            if self.outputs_left {
                 // The cable was cut this moment: what was executed goes with the next outputs.
                 self.counters.executed += u64::from(has_entry);
+                self.act(held, now);
                 return;
             }
             self.next_output_id += 1;
             self.commanded = SlaveSet::EMPTY;
             if has_entry {
-                self.ahead.push_back(id);
+                self.ahead.push_back(Ahead { id, held });
             }
         }
     }
 
-    fn take_entry(&mut self, now: Ns) -> bool {
+    /// Executes the next entry, if there is one to take; what of it does not act yet is handed back.
+    fn take_entry(&mut self, now: Ns) -> (bool, Option<Held>) {
         let mut entry = std::mem::take(&mut self.entry);
         let taken = self.fifo.take(self.ahead.len() as u16, &mut entry);
+        let mut held = None;
         if taken {
-            self.execute(&entry, now);
+            let size = self.config.slot;
+            if self.pacing == Pacing::Runner {
+                self.execute(&entry, now);
+            } else {
+                self.execute_slaves(&entry, now);
+                held = Some(Held { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) });
+            }
         }
         self.entry = entry;
-        taken
+        (taken, held)
+    }
+
+    fn act(&mut self, held: Option<Held>, at: Ns) {
+        if let Some(Held { master, sdo }) = held {
+            self.execute_queued_master(&master, at);
+            self.execute_sdo(&sdo, at);
+        }
+    }
+
+    /// Entries whose outputs the bus has sent: all but the newest `held` outputs.
+    fn entries_sent(&mut self, held: u16, at: Ns) -> u64 {
+        let unsent = self.next_output_id - u64::from(held);
+        let mut entries = 0;
+        while let Some(Ahead { held, .. }) = self.ahead.pop_front_if(|ahead| ahead.id < unsent) {
+            entries += 1;
+            // A board that has booted since has forgotten them.
+            if self.talks() {
+                self.act(held, at);
+            }
+        }
+        self.counters.executed += entries;
+        entries
     }
 
     /// Whether the axes ask for something else than the outputs pushed last.
@@ -62,13 +114,8 @@ impl Engine {
     }
 
     /// A cycle has passed, and the newest `held` outputs are still to be sent.
-    pub(super) fn note_sent(&mut self, held: u16) {
-        let unsent = self.next_output_id - u64::from(held);
-        let mut entries = 0;
-        while self.ahead.pop_front_if(|id| *id < unsent).is_some() {
-            entries += 1;
-        }
-        self.counters.executed += entries;
+    pub(super) fn note_sent(&mut self, held: u16, at: Ns) {
+        let entries = self.entries_sent(held, at);
         if entries == 0 && self.v.network.in_op() {
             self.counters.idle_cycles += 1;
         }
@@ -76,12 +123,10 @@ impl Engine {
 
     /// The outputs that the bus has taken and not sent go: their entries count as cleared, and the axes are driven as by
     /// the newest outputs that were sent.
-    pub(super) fn withdraw_ahead(&mut self, bus: &mut dyn Fieldbus) {
+    pub(super) fn withdraw_ahead(&mut self, bus: &mut dyn Fieldbus, at: Ns) {
         let withdrawn = bus.discard_ahead();
         let unsent = self.next_output_id - u64::from(withdrawn);
-        while self.ahead.pop_front_if(|id| *id < unsent).is_some() {
-            self.counters.executed += 1;
-        }
+        self.entries_sent(withdrawn, at);
         self.counters.cleared += self.ahead.len() as u64;
         self.ahead.clear();
         if withdrawn == 0 || unsent == 0 || !self.talks() {

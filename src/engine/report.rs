@@ -9,9 +9,7 @@ use crate::sk::{
 impl Engine {
     /// A cycle has passed: `self.inputs` holds what the slaves sent.
     pub(super) fn complete(&mut self, done: &CycleDone) {
-        if !self.inputs.lost.is_empty() {
-            self.note_lost(done);
-        }
+        self.note_lost(done.at);
         if let Some(id) = done.outputs {
             self.count_unreached(id);
             self.show_heads(id);
@@ -20,7 +18,13 @@ impl Engine {
             self.answer_axes();
             self.answer_homing(done);
             self.refresh_slave_slots();
-        } else {
+            self.refresh_response();
+        }
+    }
+
+    /// All of the response but the slaves' slots in OP.
+    pub(super) fn refresh_response(&mut self) {
+        if !self.v.network.in_op() {
             self.refresh_heads();
         }
         let size = self.config.slot;
@@ -54,8 +58,8 @@ impl Engine {
     pub(super) fn answer_slave(&mut self, slave: usize) {
         let Some(mode) = self.role(slave).mode() else { return };
         for axis in 0..self.axes(slave) {
-            let in_mode = self.in_mode(slave, axis, mode);
-            self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, in_mode);
+            let written = self.v.modes_written[slave - 1][axis];
+            self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, written);
         }
     }
 
@@ -110,9 +114,9 @@ impl Engine {
         for slave in 1..=size.max_slaves() {
             let Head { id, index, .. } = self.v.heads[slave - 1];
             let slot = self.v.response.slot(size, slave);
-            // UG15 2.1.5: the answer to DRIVE_MODE is the mode.
+            // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: an IO slave shows 0, and nobody [OURS] as well.
             let is_drive_mode = id == CommandId::DriveMode.code();
-            let mode = if is_drive_mode { self.v.modes[slave - 1].0.code() } else { slot.index };
+            let mode = if is_drive_mode { self.declared_mode(slave) } else { slot.index };
             let index = self.config.firmware.byte_1(index, mode);
             self.v.response.put(size, slave, &RawSlot { id, index, ..slot });
         }

@@ -1,11 +1,11 @@
 //! The mode after homing (SK-7, firmware 1.7): SDO transfers of the board's own that write DRIVE_MODE's mode back.
 
 use super::homing::HomingEnd;
-use super::jobs::{Work, mode_object};
+use super::jobs::{Transfer, mode_object};
 use super::{Engine, Event};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
+use crate::fieldbus::{Fieldbus, Job, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Pacing, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
 /// A transfer that fails is tried so often \[OURS]; then the drive stays in mode 6, which is counted and logged.
@@ -89,7 +89,7 @@ impl Engine {
         };
         if bus.start(Job::Sdo(request), now).is_ok() {
             self.v.restores.running = Some(restore);
-            self.job = Some(Work::Restore(restore));
+            self.transfer = Some(Transfer::Restore(restore));
         }
     }
 
@@ -119,7 +119,13 @@ impl Engine {
         self.v.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
         // The mode has changed: there is nothing to wait for, and nothing to write back.
-        self.v.axes[usize::from(slave) - 1][axis].homing.wait_no_more();
+        let delay = match self.pacing {
+            Pacing::Runner => 0,
+            Pacing::Bus { .. } => MAX_ANSWER_DELAY as i64,
+        };
+        let homing = &mut self.v.axes[usize::from(slave) - 1][axis].homing;
+        homing.wait_no_more();
+        homing.mode_written(delay);
     }
 
     /// Whether the host's transfer that waits has to wait on: it writes the mode of an axis that was homing, which it

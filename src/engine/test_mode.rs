@@ -46,7 +46,7 @@ impl Engine {
             Test::Booting if self.talks() => {
                 self.v.test = Test::Waiting;
                 // PreOP accepts it.
-                self.v.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns));
+                self.v.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
             Test::Waiting if in_op => {
                 self.v.test = Test::Walking(now);

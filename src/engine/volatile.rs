@@ -28,6 +28,13 @@ pub(super) struct Head {
     pub(super) output_image: Option<u16>,
 }
 
+impl Head {
+    /// The slave's outputs are off, whatever was written last.
+    pub(super) fn outputs_off(&mut self) {
+        self.output_image = self.output_image.map(|_| 0);
+    }
+}
+
 /// What a board forgets at SW_RESET.
 pub(super) struct Volatile {
     pub(super) switches: CrcSwitches,
@@ -41,7 +48,7 @@ pub(super) struct Volatile {
     /// Pulse modules of two channels among them.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
-    pub(super) moved: lost::Moved,
+    pub(super) fresh_from: lost::FreshFrom,
     pub(super) test: test_mode::Test,
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
@@ -72,7 +79,7 @@ impl Volatile {
             roles: [Role::Unused; MAX_SLAVES],
             second_axes: SlaveSet::EMPTY,
             syncs: [DriveSync::DcSync; MAX_SLAVES],
-            moved: lost::Moved::default(),
+            fresh_from: [0; MAX_SLAVES],
             test: test_mode::Test::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],

@@ -1,7 +1,8 @@
 //! How the EC01M model reaches its slaves: the seam behind which a simulator, an ECM-XF or a network card stands.
 //!
 //! A bus never blocks and never asks for the time: what takes long (scan, configure, states, SDO) is started as a
-//! [`Job`] and polled; process data are pushed and polled once a cycle. Who owns the cycle differs and is said by
+//! [`Job`] and polled, one at a time, but that an SDO may run beside a change of state; process data are pushed and
+//! polled once a cycle. Who owns the cycle differs and is said by
 //! [`Fieldbus::pacing`]:
 //!
 //! - [`Pacing::Runner`]: our runner decides when a cycle is; one [`Outputs`] goes in, one [`CycleDone`] comes out.
@@ -185,7 +186,8 @@ pub struct SdoRequest {
     pub timeout_ns: Ns,
 }
 
-/// Something that takes more than a cycle. A bus does one at a time.
+/// Something that takes more than a cycle. A bus does one at a time; only [`Job::Sdo`] and [`Job::State`] run side by
+/// side, so that a slave that is waited for does not keep the mailboxes of the others closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant, reason = "a job is made a few times in a board's life and never stored in bulk")]
 pub enum Job {
@@ -234,7 +236,7 @@ pub struct Refusal {
     pub abort: Option<(ObjectAddress, AbortCode)>,
 }
 
-/// The bus is at another job.
+/// The bus is at another job, beside which this one cannot run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Busy;
 
@@ -296,11 +298,14 @@ pub struct Inputs {
     /// Slaves that took no outputs in this cycle because they are not in OP, as far as the bus knows: on the way down
     /// some leave it before others.
     pub deaf: SlaveSet,
+    /// Those of them that sent no inputs either because they are below SafeOP, as far as the bus knows.
+    pub mute: SlaveSet,
 }
 
 impl Default for Inputs {
     fn default() -> Self {
-        Self { slaves: [[AxisIn::default(); MAX_AXES]; MAX_SLAVES], lost: SlaveSet::EMPTY, deaf: SlaveSet::EMPTY }
+        let slaves = [[AxisIn::default(); MAX_AXES]; MAX_SLAVES];
+        Self { slaves, lost: SlaveSet::EMPTY, deaf: SlaveSet::EMPTY, mute: SlaveSet::EMPTY }
     }
 }
 
@@ -341,14 +346,17 @@ pub trait Fieldbus: Send {
     /// Starts a job.
     ///
     /// # Errors
-    /// [`Busy`] while another one is under way.
+    /// [`Busy`] while another one is under way: any one but for an SDO beside a change of state.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
 
-    /// The end of the job under way, once.
+    /// The end of a job under way, once; of two, one after the other.
     fn poll_job(&mut self, now: Ns) -> Option<JobDone>;
 
-    /// Gives up the job under way, if any; it then never ends.
+    /// Gives up the job under way that is no SDO, if any; it then never ends.
     fn cancel_job(&mut self);
+
+    /// Gives up the SDO under way, if any; it then never ends.
+    fn cancel_sdo(&mut self);
 
     /// Sets of outputs the bus would take now. [`Pacing::Runner`]: 1, or 0 while the bus is down.
     fn room(&self) -> u16;

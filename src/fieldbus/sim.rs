@@ -48,7 +48,9 @@ pub struct SimBus {
     held: bool,
     /// The time that has passed in the slaves.
     clock: Ns,
+    /// What is under way that is no SDO.
     job: Option<Running>,
+    sdo: Option<Running>,
 }
 
 impl SimBus {
@@ -66,6 +68,7 @@ impl SimBus {
             held: false,
             clock: 0,
             job: None,
+            sdo: None,
         };
         bus.publish_shafts();
         bus
@@ -115,10 +118,13 @@ impl SimBus {
     /// The frame passes every slave.
     fn exchange(&mut self, inputs: &mut Inputs) -> CycleDone {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
-        inputs.deaf = SlaveSet::EMPTY;
+        (inputs.deaf, inputs.mute) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         for (n, station) in self.stations.iter_mut().enumerate().take(self.found.into()) {
             if station.brought != AlState::Op {
                 inputs.deaf.insert(n as u8 + 1);
+            }
+            if station.brought < AlState::SafeOp {
+                inputs.mute.insert(n as u8 + 1);
             }
             let (outputs, count) = match station.brought {
                 AlState::Op => (Some(&self.outputs.slaves[n]), 3),
@@ -171,14 +177,25 @@ impl Fieldbus for SimBus {
     }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-        if self.job.is_some() {
-            return Err(Busy);
+        let running = Some(self.begin(job, now));
+        match job {
+            Job::Sdo(_) if self.sdo.is_none() && self.job.as_ref().is_none_or(Running::leaves_mailboxes) => {
+                self.sdo = running;
+            }
+            Job::State { .. } if self.job.is_none() => self.job = running,
+            Job::Scan | Job::Configure(_) if self.job.is_none() && self.sdo.is_none() => self.job = running,
+            _ => return Err(Busy),
         }
-        self.job = Some(self.begin(job, now));
         Ok(())
     }
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        if let Some(mut sdo) = self.sdo.take() {
+            match self.advance(&mut sdo, now) {
+                None => self.sdo = Some(sdo),
+                done => return done,
+            }
+        }
         let mut job = self.job.take()?;
         let done = self.advance(&mut job, now);
         if done.is_none() {
@@ -189,6 +206,10 @@ impl Fieldbus for SimBus {
 
     fn cancel_job(&mut self) {
         self.job = None;
+    }
+
+    fn cancel_sdo(&mut self) {
+        self.sdo = None;
     }
 
     fn room(&self) -> u16 {

@@ -21,10 +21,11 @@ pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 /// What a [`Drive`] is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DriveKind {
-    /// A servo drive; its role is [`Role::Drive`] in CSP, CSV or CST.
+    /// A servo drive; its role is [`Role::Drive`] in CSP, CSV or CST, or [`Role::Step`], which has the same process data
+    /// as CSP.
     #[default]
     Servo,
-    /// A stepper with an encoder; its role is [`Role::Step`], in CSP.
+    /// A stepper with an encoder; its role is [`Role::Step`] or [`Role::Drive`], in CSP.
     Stepper,
 }
 
@@ -162,14 +163,11 @@ impl Model for Drive {
     }
 
     fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
-        match (role, self.kind) {
+        match role {
             // It has no outputs of its own: a drive enters it by 0x6060.
-            (Role::Drive(Mode::Homing), DriveKind::Servo) | (Role::Step(Mode::Homing), DriveKind::Stepper) => {
-                Err(mode_refused(AbortCode::VALUE_RANGE))
-            }
-            (Role::Drive(mode), DriveKind::Servo) | (Role::Step(mode), DriveKind::Stepper) => {
-                self.set_mode(mode.code().into()).map_err(mode_refused)
-            }
+            Role::Drive(Mode::Homing) | Role::Step(Mode::Homing) => Err(mode_refused(AbortCode::VALUE_RANGE)),
+            // A stepper's process data are those of a drive in CSP: either may be declared as the other (SK-4).
+            Role::Drive(mode) | Role::Step(mode) => self.set_mode(mode.code().into()).map_err(mode_refused),
             _ => Err(not_of_this_kind()),
         }
     }

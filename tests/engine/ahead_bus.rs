@@ -105,6 +105,10 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         self.inner.cancel_job();
     }
 
+    fn cancel_sdo(&mut self) {
+        self.inner.cancel_sdo();
+    }
+
     fn room(&self) -> u16 {
         if self.inner.room() == 0 { 0 } else { self.how.depth - self.held() }
     }

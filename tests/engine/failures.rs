@@ -5,8 +5,8 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::{AlState, Ns, Role, SlaveSet};
-use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SdoResponse, SlaveKind, StateByte};
-use ecmsk::slave::AlStatus;
+use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SdoResponse, SlaveCommand, SlaveKind, StateByte};
+use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
 
 use crate::probe::{Bench, any_slaves, drives};
 
@@ -154,6 +154,18 @@ fn a_drive_declared_io() {
     host.master(MasterCommand::SetState(SafeOp)).cycles(1000);
     assert_eq!(host.state().0, 0x12);
     host.declare_drives(2).go(Op);
+}
+
+/// SK-4.58 A stepper declared as a drive has its objects in CSP, and goes; in CSV it does not.
+#[test]
+fn a_stepper_declared_as_a_drive() {
+    let stepper = || vec![Box::new(Drive::new(DriveConfig::stepper())) as Box<dyn Slave>];
+    let Bench { mut host, .. } = Bench::new(EngineConfig::default(), stepper());
+    host.op(1).servo_on(1).csp(1, 100).cycles(300);
+    assert_eq!(host.drive(1).position, 100);
+    let Bench { mut host, .. } = Bench::new(EngineConfig::default(), stepper());
+    host.declare_drives(1).slave(1, SlaveCommand::DriveMode { mode: Mode::Csv, sync: Default::default() });
+    host.master(MasterCommand::SetState(Op)).until("the failure", |host| host.state().0 == 0x12);
 }
 
 /// SK-4.56 Slots without a slave are no error, whatever their nibble.

@@ -24,6 +24,8 @@ pub enum Place {
     DeclaredNone,
     /// A drive that was lost, where the state is a failed one.
     Lost,
+    /// An IO slave that was lost, where the state is a failed one.
+    LostIo,
     /// An IO slave that other commands of the frame are for.
     Witness,
     /// Nobody.
@@ -32,12 +34,35 @@ pub enum Place {
 }
 use Place::*;
 
-pub const PLACES: [Place; 14] =
-    [Master, DriveCsp, DriveCsv, DriveCst, Homable, Homing, Step, Hsp, Hsp2, Io, DeclaredNone, Lost, Empty, Sdo];
+pub const PLACES: [Place; 15] = [
+    Master,
+    DriveCsp,
+    DriveCsv,
+    DriveCst,
+    Homable,
+    Homing,
+    Step,
+    Hsp,
+    Hsp2,
+    Io,
+    DeclaredNone,
+    Lost,
+    LostIo,
+    Empty,
+    Sdo,
+];
 
 impl Place {
     pub fn slot(self, size: SlotSize) -> usize {
         if self == Sdo { size.sdo_slot() } else { self as usize }
+    }
+
+    pub fn is_io(self) -> bool {
+        matches!(self, Io | LostIo)
+    }
+
+    pub fn is_lost(self, state: State) -> bool {
+        state.failed && matches!(self, Lost | LostIo)
     }
 
     pub fn is_slave(self) -> bool {
@@ -231,21 +256,25 @@ pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> O
         return Accepted;
     }
     // What follows is in OP alone.
-    if place == Lost && state.failed {
-        // It is for all slaves, wherever it stands.
-        return if id == 0x19 { Accepted } else { ForLost };
-    }
     if place.is_nobody() {
         return Rejected(Reason::NoSlave);
     }
     let suits = match id {
-        0x13 | 0x14 => place == Io,
+        0x13 | 0x14 => place.is_io(),
         0x16 => place.is_drive() || matches!(place, Hsp | Hsp2),
         0x17 => place.is_drive(),
         _ => place.has_axis(),
     };
     if !suits {
         return Rejected(Reason::WrongSlot);
+    }
+    if place.is_lost(state) {
+        return match id {
+            // It is for all slaves, wherever it stands.
+            0x19 => Accepted,
+            0x16 | 0x17 => Rejected(Reason::WrongMode),
+            _ => ForLost,
+        };
     }
     if place == Homing && matches!(id, 0x11 | 0x15 | 0x16 | 0x17 | 0x18) {
         return IgnoredHoming;

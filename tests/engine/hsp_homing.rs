@@ -128,8 +128,8 @@ fn forget(axes: &[Homer; 2]) {
 /// Every choice of axes: none is no choice.
 const CHOICES: [&[usize]; 3] = [&[0], &[1], &[0, 1]];
 
-/// SK-3.28 GO_HOME acts on those axes whose 0x6060 / 0x6860 is 6, whatever the size of a slot. SK-7.22 The mode of those
-/// is written back, and of no other; in profile 1.5 (SK-7.23) of none. The other axis holds its target.
+/// SK-3.28 GO_HOME acts on those axes whose 0x6060 / 0x6860 is 6. SK-3.26 In 12-byte mode it does not move axis 2.
+/// SK-7.22 The mode of those that went home is written back, and of no other; in profile 1.5 (SK-7.23) of none. The other axis holds its target.
 #[test]
 fn go_home_acts_on_the_axes_in_mode_6() {
     for (slot, firmware) in SlotSize::ALL.into_iter().flat_map(|slot| [(slot, Firmware::V17), (slot, Firmware::V15)]) {
@@ -139,21 +139,25 @@ fn go_home_acts_on_the_axes_in_mode_6() {
             chosen.iter().for_each(|axis| write_mode(&mut host, *axis, 6));
             forget(&axes);
             host.slave(1, SlaveCommand::GoHome).drained().cycles(5);
-            assert_eq!(phase(&host), HomingPhase::Homing);
+            let moves = |n: &usize| chosen.contains(n) && (*n == 0 || slot == SlotSize::Bytes16);
+            let any = (0..2).any(|n| moves(&n));
+            assert_eq!(phase(&host), if any { HomingPhase::Homing } else { HomingPhase::Idle });
             until_idle(&mut host);
             host.cycles(50);
             for (n, axis) in axes.iter().enumerate() {
                 let what = format!("{slot:?} {firmware:?} {chosen:?} axis {n}");
-                let homed = chosen.contains(&n);
+                let homed = moves(&n);
                 assert_eq!((axis.begun(), starts(axis)), (u32::from(homed), homed), "{what}");
                 let restored = homed && firmware == Firmware::V17;
                 assert_eq!(axis.modes(), if restored { vec![8] } else { vec![] }, "{what}");
-                assert_eq!(axis.mode(), if homed && !restored { 6 } else { 8 }, "{what}");
+                assert_eq!(axis.mode(), if chosen.contains(&n) && !restored { 6 } else { 8 }, "{what}");
                 let second = if slot == SlotSize::Bytes16 { 5200 } else { 5000 };
                 let held = if n == 0 { 5100 } else { second };
                 assert_eq!(axis.position(), if homed { -700_000 } else { held }, "{what}");
             }
-            assert_eq!((rejected(&host, Reason::NotInHomingMode), host.counters().rejected_total()), (0, 0));
+            let refused = u64::from(!any);
+            let counted = (rejected(&host, Reason::NotInHomingMode), host.counters().rejected_total());
+            assert_eq!(counted, (refused, refused), "{slot:?} {chosen:?}");
         }
     }
 }
@@ -238,6 +242,30 @@ fn ends_of_one_axis_and_of_both() {
     }
 }
 
+/// SK-7.27 Of a module each axis counts by its own statusword: that axis 1 is home, as the slot says, does not end the
+/// homing of axis 2, and axis 2 has ended as soon as 0x6841 says so.
+#[test]
+fn the_next_slave_waits_for_both_axes() {
+    let (axes, next) = ([Homer::new(), Homer::new()], Homer::new());
+    let bus = SimBus::new(vec![Box::new(Pair(axes.clone())), Box::new(next.clone())]);
+    let mut host = Host::new(EngineConfig { slot: SlotSize::Bytes16, ..EngineConfig::default() }, bus);
+    let mut kinds = [SlaveKind::None; 8];
+    (kinds[0], kinds[1]) = (SlaveKind::Hsp, SlaveKind::Drive);
+    host.master(MasterCommand::SetAxis { group: 0, kinds }).go(MasterState::Op).drained();
+    host.servo_on(1).servo_on(2).cycles(50);
+    (0..2).for_each(|axis| write_mode(&mut host, axis, 6));
+    assert_eq!(host.write_object(2, 0x6060, 0, SdoSize::One, 6), Ok(6));
+    axes[0].script(Script { takes: 0, ..Script::default() });
+    axes[1].script(Script { takes: 300, ..Script::default() });
+    host.slave(1, SlaveCommand::GoHome).drained().cycles(100);
+    assert_eq!(HspResponse::decode(&host.slot(1), host.size).statusword.0 & 0x1400, 0x1400, "the slot says done");
+    host.slave(2, SlaveCommand::GoHome).drained().cycles(10);
+    assert_eq!((rejected(&host, Reason::HomingElsewhere), next.begun()), (1, 0));
+    host.until("home", |_| axes[1].position() == -700_000);
+    host.cycles(1).slave(2, SlaveCommand::GoHome).drained().cycles(10);
+    assert_eq!((rejected(&host, Reason::HomingElsewhere), next.begun()), (1, 1));
+}
+
 /// SK-7.30 GO_HOME for a module of which no axis is in mode 6 is rejected. SK-7.38 And if one of those that are is not on
 /// by SV_ON, none starts.
 #[test]
@@ -273,7 +301,8 @@ fn module(channels: Channels) -> SimBus {
 /// pulses as they are told, without a jump.
 #[test]
 fn a_module_homes_and_goes_on() {
-    for (slot, chosen) in SlotSize::ALL.into_iter().flat_map(|slot| CHOICES.map(|chosen| (slot, chosen))) {
+    let in_16_bytes = CHOICES.map(|chosen| (SlotSize::Bytes16, chosen));
+    for (slot, chosen) in [(SlotSize::Bytes12, CHOICES[0])].into_iter().chain(in_16_bytes) {
         let bus = module(Channels::Two);
         let network = bus.handle();
         let mut host = on(bus, slot, Firmware::V17, Mode::Csp);

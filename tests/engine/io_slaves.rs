@@ -2,7 +2,9 @@
 
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::sk::{FifoAction, IoResponse, MasterCommand, MasterState, RawSlot, SlaveCommand, SlaveKind, SlotSize};
+use ecmsk::sk::{
+    FifoAction, IoResponse, MasterCommand, MasterState, RawSlot, SlaveCommand, SlaveKind, SlotSize, StateByte,
+};
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
 
 use crate::ahead_bus::AheadBus;
@@ -177,5 +179,29 @@ fn outputs_ahead() {
         write(&mut host, 7);
         host.cycles(50);
         assert_eq!((puppet.last().outputs, answer(&host, 1)), (7, (0x14, 0, 7)), "{how:?}");
+    }
+}
+
+/// SK-3.14 SK-3.17 The output image of the answer is what is really output: in OP again after a lower state the outputs are
+/// off until they are written. SK-4.66 Below OP the slot keeps its last values.
+#[test]
+fn the_image_is_what_is_output() {
+    for state in [MasterState::SafeOp, MasterState::PreOp, MasterState::Init] {
+        let (mut host, puppets) = board(SlotSize::Bytes12);
+        // Every frame carries it, so that no GET_STATUS takes its place; below OP it is rejected.
+        let ask = |host: &mut Host, state| {
+            host.build(|frame, size| {
+                frame.put_master(size, &MasterCommand::SetState(state));
+                frame.put(size, 1, &RawSlot { id: 0x14, index: 7, data1: 0x5AA5, ..RawSlot::ZERO });
+            });
+            host.until("the state", |host| host.state() == StateByte::reached(state)).cycles(5);
+        };
+        ask(&mut host, state);
+        assert_eq!(answer(&host, 1), (0x14, 7, 0x5AA5), "{state}");
+        if state == MasterState::Init {
+            ask(&mut host, MasterState::PreOp);
+        }
+        ask(&mut host, MasterState::Op);
+        assert_eq!((puppets[0].last().outputs, answer(&host, 1)), (0, (0x14, 7, 0)), "{state}");
     }
 }

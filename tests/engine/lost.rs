@@ -1,8 +1,8 @@
 //! One slave lost: what comes for it, what it had under way, and how it comes back.
 
 use MasterState::{Op, PreOp, SafeOp};
-use ecmsk::coe::{AbortCode, ObjectAddress};
-use ecmsk::engine::{EngineConfig, Reason};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::engine::{EngineConfig, HomingPhase, Reason};
 use ecmsk::fieldbus::AlState;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::{
@@ -12,6 +12,7 @@ use ecmsk::sk::{
 use ecmsk::slave::{AlStatus, Io, Slave};
 
 use crate::ahead_bus::{Ahead, AheadBus};
+use crate::homer::{Homer, Script};
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::{any_slaves, drives};
@@ -145,7 +146,7 @@ fn commands_for_a_lost_slave() {
     let (kept, before, mark) = (net.host.slot(2), net.host.counters(), net.host.mark());
     assert_eq!((kept.id, kept.index), (0x12, 7));
     let commands =
-        [SlaveCommand::ServoOn, SlaveCommand::Csp(Motion::to(5)), SlaveCommand::IoRead, SlaveCommand::ServoOff];
+        [SlaveCommand::ServoOn, SlaveCommand::Csp(Motion::to(5)), SlaveCommand::AlarmClear, SlaveCommand::ServoOff];
     for command in commands {
         net.host.slave(2, command).cycles(2);
         assert_eq!(net.host.slot(2), kept, "{command:?}");
@@ -156,7 +157,22 @@ fn commands_for_a_lost_slave() {
     let after = net.host.counters();
     assert_eq!(after.for_lost - before.for_lost, 4);
     assert_eq!(after.discarded_before_enabled, before.discarded_before_enabled);
-    let reasons = [(2, CommandId::Unknown(0x99), Reason::UnknownId), (2, CommandId::DriveMode, Reason::WrongState)];
+    // What would be rejected of one that is there is so of a lost one: they are for another kind of slave, or mode.
+    let wrong =
+        [SlaveCommand::IoRead, SlaveCommand::IoWrite(1), SlaveCommand::Csv(Motion::to(5)), SlaveCommand::Cst(5)];
+    for command in wrong {
+        net.host.slave(2, command).cycles(2);
+        assert_eq!(net.host.slot(2), kept, "{command:?}");
+    }
+    assert_eq!(net.host.counters().for_lost, after.for_lost);
+    let reasons = [
+        (2, CommandId::Unknown(0x99), Reason::UnknownId),
+        (2, CommandId::DriveMode, Reason::WrongState),
+        (2, CommandId::IoRead, Reason::WrongSlot),
+        (2, CommandId::IoWrite, Reason::WrongSlot),
+        (2, CommandId::Csv, Reason::WrongMode),
+        (2, CommandId::Cst, Reason::WrongMode),
+    ];
     assert_eq!(net.host.rejections(mark), reasons);
     net.network.silence(2, false);
     net.ask(Op, StateByte(8));
@@ -406,4 +422,29 @@ fn a_simulated_module_comes_back() {
         host.slave(slave, SlaveCommand::IoRead).cycles(3);
     }
     assert_eq!([host.slot(1).data1, host.slot(2).data1], [0, 0xF0F0]);
+}
+
+/// SK-4.36 SK-4.61 ABORT_HOME in a lost IO slave's slot is no command for such a slave, and ends no homing; CSP there is
+/// rejected as well.
+#[test]
+fn commands_for_a_lost_io_slave() {
+    let homer = Homer::new();
+    homer.script(Script { takes: 5000, ..Script::default() });
+    let bus = SimBus::new(vec![Box::new(homer.clone()) as Box<dyn Slave>, Box::<Io>::default()]);
+    let network = bus.handle();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    let mut kinds = [SlaveKind::None; 8];
+    (kinds[0], kinds[1]) = (SlaveKind::Drive, SlaveKind::Io);
+    host.master(MasterCommand::SetAxis { group: 0, kinds }).go(Op).drained().servo_on(1);
+    host.write_object(1, 0x6060, 0, SdoSize::One, 6).unwrap();
+    host.slave(1, SlaveCommand::GoHome).cycles(5);
+    network.lose(2);
+    host.cycles(5);
+    let (before, mark) = (host.counters(), host.mark());
+    host.slave(2, SlaveCommand::AbortHome).cycles(3).csp(2, 5).cycles(3);
+    assert_eq!(host.board.engine().homing_phase(1), HomingPhase::Homing);
+    let rejected = [CommandId::AbortHome, CommandId::Csp].map(|id| (2, id, Reason::WrongSlot));
+    assert_eq!((host.rejections(mark), host.counters().for_lost), (rejected.into(), before.for_lost));
+    host.slave(2, SlaveCommand::IoWrite(5)).cycles(3);
+    assert_eq!(host.counters().for_lost, before.for_lost + 1);
 }

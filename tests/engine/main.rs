@@ -1,11 +1,13 @@
 //! The EC01M model against the specification, over simulated slaves.
 
 mod ahead_bus;
+mod ahead_entries;
 mod alarms;
 mod allocation;
 mod answers;
 mod bus_ahead;
 mod cable;
+mod cable_below_op;
 mod commands;
 mod crc;
 #[path = "../dice/mod.rs"]
@@ -18,6 +20,7 @@ mod full_table;
 mod full_table_run;
 mod homer;
 mod homing;
+mod homing_at_once;
 mod homing_ends;
 mod homing_real;
 mod homing_restore;
@@ -31,8 +34,10 @@ mod hsp_network;
 mod io_slaves;
 mod leaving;
 mod leds;
+mod left_behind;
 mod local_io;
 mod lost;
+mod lost_together;
 mod mixed;
 mod models;
 mod modes;
@@ -44,8 +49,10 @@ mod puppet;
 mod random;
 mod random_networks;
 mod rejections;
+mod replaced;
 mod rig;
 mod sdo;
+mod sdo_beside;
 mod slave_answers;
 mod states;
 mod step;

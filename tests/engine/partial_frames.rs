@@ -213,3 +213,27 @@ proptest! {
         prop_assert_eq!(host.board.engine().state(), StateByte::reached(MasterState::PreOp));
     }
 }
+
+/// SK-4.77 SW_RESET resets what has come of a frame, too, and what comes while the board boots begins none: the first byte
+/// after the boot is the first of a frame, also if incomplete frames are waited for (SK-5.16).
+#[test]
+fn sw_reset_forgets_a_frame_under_way() {
+    for size in SlotSize::ALL {
+        let mut reset = Frame::new();
+        reset.put_master(size, &MasterCommand::SoftReset);
+        reset.fill_crc(size);
+        // Bytes that come with it, and bytes that come while the board boots.
+        for (with, later) in [(100, 0), (0, 100), (100, 100), (size.frame_len() - 1, 700)] {
+            let mut host = board(size, PartialFrames::Awaited);
+            let mut bytes = reset.wire(size).to_vec();
+            bytes.resize(bytes.len() + with, 0xEE);
+            arrive(&mut host, &bytes, 0);
+            arrive(&mut host, &vec![0xEE; later], 5 * MS);
+            assert!(host.board.boot(crate::host::BOOT_LIMIT));
+            for bits in [0x11, 0x22, 0x33] {
+                arrive(&mut host, &local_write(size, bits), MS);
+                assert_eq!(host.board.engine().local_outputs(), bits, "{size:?}: {with} and {later} bytes");
+            }
+        }
+    }
+}

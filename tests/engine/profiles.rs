@@ -1,8 +1,11 @@
 //! The two firmware profiles side by side: the same frames, and reports that differ where the rules say so only.
 
+use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{EngineConfig, Firmware};
-use ecmsk::sk::{FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlotSize};
+use ecmsk::sk::{
+    DriveSync, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, SlotSize,
+};
 
 use crate::host::Host;
 use crate::probe::{Bench, drives};
@@ -50,6 +53,24 @@ fn profiles_differ_where_the_rules_say_so_only() {
         both(&|host| drop_it(host.master(MasterCommand::SetFifo(FifoAction::Clear))), 20);
         both(&|host| drop_it(host.slave(1, SlaveCommand::ServoOff)), 300);
         both(&|host| drop_it(host.master(MasterCommand::SetState(MasterState::PreOp))), 500);
+    }
+}
+
+/// SK-3.31 UG15 2.1.5 Profile 1.5: the answer to DRIVE_MODE is the mode; SK-3.5 of a slave declared as an IO slave, or as
+/// none, byte 1 is 0. In 1.7 it is the index (SK-3.4).
+#[test]
+fn the_answer_to_drive_mode() {
+    let kinds = [SlaveKind::Drive, SlaveKind::Io, SlaveKind::Hsp, SlaveKind::None, SlaveKind::Step];
+    for (firmware, shown) in [(Firmware::V15, [9, 0, 9, 0, 9]), (Firmware::V17, [0x33; 5])] {
+        let Bench { mut host, .. } = Bench::new(EngineConfig { firmware, ..EngineConfig::default() }, drives(5));
+        let declared = std::array::from_fn(|k| kinds.get(k).copied().unwrap_or(SlaveKind::None));
+        host.master(MasterCommand::SetAxis { group: 0, kinds: declared });
+        host.build(|frame, size| {
+            let csv = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync }.with_index(0x33);
+            (1..=5).for_each(|slave| frame.put_slave(size, slave, &csv));
+        });
+        host.cycles(2);
+        assert_eq!([1, 2, 3, 4, 5].map(|slave| (host.slot(slave).id, host.slot(slave).index)), shown.map(|n| (6, n)));
     }
 }
 

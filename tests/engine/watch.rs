@@ -79,8 +79,11 @@ impl<B: Fieldbus> Watch<B> {
         (Self { inner, spans: spans.clone() }, spans)
     }
 
-    fn end(&mut self, now: Option<Ns>) {
-        if let Some(span) = self.spans.0.lock().unwrap().last_mut() {
+    /// The SDO under way, or the other job, ends; `None`: it is cancelled.
+    fn end(&mut self, is_sdo: bool, now: Option<Ns>) {
+        let mut spans = self.spans.0.lock().unwrap();
+        let newest = spans.iter_mut().rev().find(|span| matches!(span.job, Job::Sdo(_)) == is_sdo);
+        if let Some(span) = newest {
             span.ended = span.ended.or(now).or(Some(span.began));
         }
     }
@@ -102,13 +105,18 @@ impl<B: Fieldbus> Fieldbus for Watch<B> {
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let done = self.inner.poll_job(now)?;
-        self.end(Some(now));
+        self.end(matches!(done, JobDone::Sdo(_)), Some(now));
         Some(done)
     }
 
     fn cancel_job(&mut self) {
         self.inner.cancel_job();
-        self.end(None);
+        self.end(false, None);
+    }
+
+    fn cancel_sdo(&mut self) {
+        self.inner.cancel_sdo();
+        self.end(true, None);
     }
 
     fn room(&self) -> u16 {

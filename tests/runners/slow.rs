@@ -32,6 +32,9 @@ impl<F: FnMut() + Send> Fieldbus for Hooked<F> {
     fn cancel_job(&mut self) {
         self.0.cancel_job();
     }
+    fn cancel_sdo(&mut self) {
+        self.0.cancel_sdo();
+    }
     fn room(&self) -> u16 {
         self.0.room()
     }

@@ -107,7 +107,8 @@ fn closing_loses_no_frame() {
 /// LIB-48 Closing from another thread ends a blocked read; LIB-35 and the wait is without end before.
 #[test]
 fn close_ends_a_blocked_read() {
-    let (client, network) = open(1, options());
+    let (mut client, network) = open(1, options());
+    client.op();
     network.cut_after(0);
     let link = client.link;
     let (started, has_started) = channel();
@@ -161,7 +162,8 @@ fn writes_that_may_not_wait() {
 /// Cancelling ends the read that waits; later reads are not touched.
 #[test]
 fn cancel_ends_a_blocked_read() {
-    let (client, network) = open(1, options());
+    let (mut client, network) = open(1, options());
+    client.op();
     network.cut_after(0);
     let link = &client.link;
     let read = || {
@@ -187,6 +189,7 @@ fn cancel_ends_a_blocked_read() {
 #[test]
 fn a_read_ends_after_its_limit() {
     let (mut client, network) = open(1, options());
+    client.op();
     network.cut_after(0);
     let limit = Duration::from_millis(30);
     let ended = loop {
@@ -211,6 +214,7 @@ fn a_reset_board_is_lost() {
     let (keeper, place) = kept();
     let (mut client, network) = open_kept(1, options(), Some(keeper));
     let link = Arc::clone(&client.link);
+    client.op();
     network.cut_after(0);
     let reader = thread::spawn(move || {
         let ended = loop {

@@ -73,7 +73,7 @@ fn roles() {
     }
     let mut drive = drive_in(PreOp, CSP);
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
-    for role in [Role::Io, Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv), Role::Step(Mode::Csp)] {
+    for role in [Role::Io, Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv)] {
         assert_eq!(drive.configure(&config(role)), refused(0x001D, None), "{role:?}");
     }
     let no_homing = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));

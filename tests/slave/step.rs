@@ -17,25 +17,33 @@ fn in_preop() -> Drive {
     step
 }
 
-/// SK-4.58 A stepper refuses to be configured as what it is not; a servo drive is no stepper.
+/// SK-4.58 A stepper refuses to be configured as what it is not. A drive in CSP it is: it has those process data (SK-7.1,
+/// SK-7.2); and a servo drive has those of a stepper.
 /// SK-7.36 It has no other mode than CSP.
 #[test]
 fn roles() {
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
     let mut step = in_preop();
     for mode in [Mode::Csp, Mode::Csv, Mode::Cst] {
-        for role in [Role::Drive(mode), Role::Hsp(mode), Role::Io] {
+        for role in [Role::Hsp(mode), Role::Io] {
             assert_eq!(step.configure(&config(role)), refused(0x001D, None), "{role:?}");
         }
     }
     for mode in [Mode::Csv, Mode::Cst, Mode::Homing] {
         let no_mode = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));
-        assert_eq!(step.configure(&config(Role::Step(mode))), refused(0, no_mode), "{mode}");
+        for role in [Role::Step(mode), Role::Drive(mode)] {
+            assert_eq!(step.configure(&config(role)), refused(0, no_mode), "{role:?}");
+        }
     }
-    assert_eq!(step.configure(&config(Role::Step(Mode::Csp))), Ok(()));
     let mut servo = Drive::new(DriveConfig::default());
     enter(&mut servo, AlState::PreOp);
-    assert_eq!(servo.configure(&config(Role::Step(Mode::Csp))), refused(0x001D, None));
+    for role in [Role::Drive(Mode::Csp), Role::Step(Mode::Csp)] {
+        for slave in [&mut step, &mut servo] {
+            assert_eq!(slave.configure(&config(role)), Ok(()), "{role:?}");
+            assert_eq!([1, 2].map(|n| read(slave, 0x1600, n)), [Ok(0x6040_0010), Ok(0x607A_0020)]);
+            assert_eq!(read(slave, 0x6061, 0), Ok(8));
+        }
+    }
 }
 
 /// SK-3.20 Its process data are those of a drive in CSP, and it has a drive's objects but those of other modes.

@@ -9,12 +9,19 @@ use crate::fieldbus::{
 use crate::slave::AlStatus;
 
 /// A job under way. `due`: when its next part ends.
-#[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
+#[allow(clippy::large_enum_variant, reason = "there are two, and boxing it would allocate")]
 pub(super) enum Running {
     Scan { due: Ns },
     Configure { config: BusConfig, next: u8, second_axes: SlaveSet, due: Ns },
     State { target: AlState, slaves: SlaveSet, due: Ns, deadline: Ns },
     Sdo { request: SdoRequest, due: Ns, deadline: Ns },
+}
+
+impl Running {
+    /// Whether an SDO may run beside it.
+    pub(super) const fn leaves_mailboxes(&self) -> bool {
+        matches!(self, Self::State { .. })
+    }
 }
 
 /// How one part of a change of state went.

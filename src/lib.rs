@@ -19,6 +19,8 @@ pub mod link;
 pub mod port;
 #[cfg(feature = "std")]
 pub mod recording;
+#[cfg(all(feature = "serve", unix))]
+pub mod port;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]

@@ -42,6 +42,10 @@ pub enum CliError {
     #[cfg(unix)]
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
+    /// See [`ecmsk::port::usbip::ServeError`].
+    #[cfg(target_os = "linux")]
+    #[error(transparent)]
+    Usbip(#[from] ecmsk::port::usbip::ServeError),
 }
 
 impl CliError {

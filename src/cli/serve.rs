@@ -1,5 +1,8 @@
 //! `ecmsk serve`: a board for other processes and machines.
 
+#[cfg(target_os = "linux")]
+mod usbip;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -26,6 +29,8 @@ pub struct Args {
 #[derive(Subcommand)]
 enum Port {
     Tcp(Tcp),
+    #[cfg(target_os = "linux")]
+    Usbip(usbip::Args),
 }
 
 /// Serve a board on TCP, for links tcp://HOST:PORT
@@ -74,7 +79,14 @@ enum Vanish {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let Port::Tcp(args) = &args.port;
+    match &args.port {
+        Port::Tcp(args) => serve_tcp(args),
+        #[cfg(target_os = "linux")]
+        Port::Usbip(args) => usbip::run(args),
+    }
+}
+
+fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
     // Before anything moves.
     let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;

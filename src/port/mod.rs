@@ -2,3 +2,5 @@
 //! [`Link`](crate::link::Link) and knows nothing of it.
 
 pub mod tcp;
+#[cfg(target_os = "linux")]
+pub mod usbip;

@@ -1,0 +1,279 @@
+//! One board of the server: its link, opened again when it was lost, and the host that has it.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use parking_lot::{Condvar, Mutex};
+
+use super::descriptors::{CONFIGURATION_VALUE, Descriptors, INTERFACE_CLASS, Identity, IdentityError};
+use super::device::Counters;
+use super::session::{End, Session};
+use super::stream::Stream;
+use super::wire::{Refusal, Shown, device_id};
+use crate::link::{Link, LinkError};
+
+/// The one bus of the server.
+const BUS: u16 = 1;
+
+/// How often is looked whether a board is still there that nobody has attached. \[OURS]
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// Opens the board's link, as often as it is lost.
+pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync>;
+
+/// What the server tells of its boards.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A host has attached a board.
+    Attached {
+        /// The board's bus id.
+        bus_id: String,
+        /// Which host.
+        host: String,
+    },
+    /// A host's time with a board ended.
+    Ended {
+        /// The board's bus id.
+        bus_id: String,
+        /// Why.
+        why: End,
+        /// What was moved.
+        counters: Counters,
+    },
+    /// A board is gone; it is looked for.
+    Lost {
+        /// The board's bus id.
+        bus_id: String,
+        /// How that showed.
+        why: String,
+    },
+    /// A lost board is back.
+    Back {
+        /// The board's bus id.
+        bus_id: String,
+    },
+    /// A client was sent away before it had a board.
+    SentAway {
+        /// Which.
+        host: String,
+        /// Why.
+        why: String,
+    },
+    /// A board could not be attached to this machine.
+    NotAttached {
+        /// The board's bus id.
+        bus_id: String,
+        /// Why.
+        why: String,
+    },
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Attached { bus_id, host } => write!(f, "{bus_id}: attached by {host}"),
+            Self::Ended { bus_id, why, counters } => {
+                write!(f, "{bus_id}: {why}; {} frames out, {} reports in", counters.frames, counters.reports)?;
+                if counters.short_packets > 0 {
+                    write!(f, "; it hung after an OUT packet of fewer than 512 bytes, as the board does")?;
+                }
+                Ok(())
+            }
+            Self::Lost { bus_id, why } => write!(f, "{bus_id}: lost, {why}; waiting for its return"),
+            Self::Back { bus_id } => write!(f, "{bus_id}: back, to be attached again"),
+            Self::SentAway { host, why } => write!(f, "{host} sent away: {why}"),
+            Self::NotAttached { bus_id, why } => write!(f, "{bus_id}: not attached here: {why}"),
+        }
+    }
+}
+
+/// Who is told.
+pub type Listener = Arc<dyn Fn(&Event) + Send + Sync>;
+
+/// What hosts call board `index`, from 0.
+pub(super) fn bus_id(index: u16) -> String {
+    format!("{BUS}-{}", index + 1)
+}
+
+/// A board as the server has it.
+pub(super) struct Board {
+    bus_id: String,
+    path: String,
+    number: u16,
+    identity: Identity,
+    descriptors: Descriptors,
+    opener: Opener,
+    never_reads: Duration,
+    tell: Listener,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    link: Option<Arc<dyn Link>>,
+    session: Option<Arc<Session>>,
+    stopping: bool,
+}
+
+impl Board {
+    /// Number `index`, from 0, with its link open.
+    pub fn new(
+        index: u16,
+        identity: Identity,
+        link: Arc<dyn Link>,
+        opener: Opener,
+        never_reads: Duration,
+        tell: Listener,
+    ) -> Result<Self, IdentityError> {
+        let (number, bus_id) = (index + 1, bus_id(index));
+        let path = format!("/sys/devices/pci0000:00/0000:00:01.0/usb{BUS}/{bus_id}");
+        let descriptors = Descriptors::new(&identity)?;
+        let state = Mutex::new(State { link: Some(link), ..State::default() });
+        Ok(Self {
+            bus_id,
+            path,
+            number,
+            identity,
+            descriptors,
+            opener,
+            never_reads,
+            tell,
+            state,
+            changed: Condvar::new(),
+        })
+    }
+
+    pub fn bus_id(&self) -> &str {
+        &self.bus_id
+    }
+
+    /// What commands call it.
+    pub fn device_id(&self) -> u32 {
+        device_id(BUS, self.number)
+    }
+
+    /// How a list shows it.
+    pub fn shown(&self) -> Shown<'_> {
+        Shown {
+            path: &self.path,
+            bus_id: &self.bus_id,
+            bus: BUS,
+            number: self.number,
+            vendor: self.identity.vendor,
+            product: self.identity.product,
+            release: self.identity.release,
+            configuration: CONFIGURATION_VALUE,
+            interface: INTERFACE_CLASS,
+        }
+    }
+
+    /// Whether it is there, free or not.
+    pub fn is_there(&self) -> bool {
+        self.state.lock().link.is_some()
+    }
+
+    /// Gives the board to a host, if it is there and free.
+    pub fn take(&self, stream: Stream) -> Result<Arc<Session>, (Stream, Refusal)> {
+        let mut state = self.state.lock();
+        if state.stopping {
+            return Err((stream, Refusal::Away));
+        }
+        if state.session.is_some() {
+            return Err((stream, Refusal::Busy));
+        }
+        let Some(link) = state.link.clone() else { return Err((stream, Refusal::Away)) };
+        let descriptors = self.descriptors.clone();
+        let session = Arc::new(Session::new(stream, link, descriptors, self.device_id(), self.never_reads));
+        state.session = Some(session.clone());
+        Ok(session)
+    }
+
+    /// Lets the host have the board until it is over, then takes it back.
+    pub fn serve(&self, session: &Session, host: &str) {
+        self.tell(&Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
+        let why = session.run();
+        let lost = matches!(why, End::LinkLost(_));
+        self.tell(&Event::Ended { bus_id: self.bus_id.clone(), why: why.clone(), counters: session.counters() });
+        let mut state = self.state.lock();
+        state.session = None;
+        if lost && let Some(link) = state.link.take() {
+            link.close();
+            self.tell(&Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
+        }
+        self.changed.notify_all();
+    }
+
+    /// Looks after the link until [`Self::stop`]; `back` is called each time that it was opened again.
+    pub fn keep(&self, retry: Duration, back: &mut dyn FnMut()) {
+        loop {
+            let mut state = self.state.lock();
+            if state.stopping {
+                return;
+            }
+            let pause = if state.link.is_some() { LOOK_EVERY } else { retry };
+            let loss = state.link.as_ref().and_then(|link| link.check().err());
+            if let Some(why) = loss {
+                self.lose(&mut state, why);
+                continue;
+            }
+            self.changed.wait_for(&mut state, pause);
+            // One that was lost is opened when its host has let go of it, and not by the call that lost it.
+            let wanted = state.link.is_none() && state.session.is_none() && !state.stopping;
+            drop(state);
+            if wanted && self.open_again() {
+                back();
+            }
+        }
+    }
+
+    fn lose(&self, state: &mut State, why: LinkError) {
+        let Some(link) = state.link.take() else { return };
+        link.close();
+        self.tell(&Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
+        if let Some(session) = &state.session {
+            session.end(End::LinkLost(why));
+        }
+    }
+
+    fn open_again(&self) -> bool {
+        match (self.opener)() {
+            Ok(link) => {
+                let mut state = self.state.lock();
+                if state.stopping {
+                    link.close();
+                    return false;
+                }
+                state.link = Some(link);
+                drop(state);
+                self.tell(&Event::Back { bus_id: self.bus_id.clone() });
+                true
+            }
+            Err(error) => {
+                log::debug!("{}: {error}", self.bus_id);
+                false
+            }
+        }
+    }
+
+    /// Takes the board from its host and closes the link.
+    pub fn stop(&self) {
+        let (link, session) = {
+            let mut state = self.state.lock();
+            state.stopping = true;
+            self.changed.notify_all();
+            (state.link.take(), state.session.clone())
+        };
+        if let Some(session) = session {
+            session.end(End::Stopped);
+        }
+        if let Some(link) = link {
+            link.close();
+        }
+    }
+
+    pub fn tell(&self, event: &Event) {
+        (self.tell)(event);
+    }
+}

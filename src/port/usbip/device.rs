@@ -1,0 +1,306 @@
+//! The virtual board as the host's USB stack sees it, transfer by transfer. Plain data and pure steps: it neither reads
+//! nor waits, whoever has it moves frames between it and a board.
+//!
+//! A transfer that cannot be done yet is held, which is what an endpoint's NAK looks like to a host: one to the host
+//! until the board has a report, one to the board until that takes the frame.
+
+mod control;
+mod transfers;
+
+use super::descriptors::{Descriptors, IN, OUT};
+use super::wire::{self, Direction, Status, Submit};
+use crate::sk::{FRAME_LEN, Frame};
+use transfers::{Buffers, Read, Write};
+
+/// Transfers that a host may have under way in one direction. \[OURS]: Linux' own drivers have a few, libusb's users
+/// tens.
+pub const TRANSFERS_AT_ONCE: usize = 256;
+
+/// The host has handed over more transfers than it may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the host has more than {TRANSFERS_AT_ONCE} transfers under way in one direction; wait for some of them first")]
+pub struct TooMany;
+
+/// What was moved, and what was not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames that the board took.
+    pub frames: u64,
+    /// Reports that the host got.
+    pub reports: u64,
+    /// Reports that nobody collected before a newer one came.
+    pub superseded: u64,
+    /// Reports that did not fit the host's transfer.
+    pub overflows: u64,
+    /// OUT packets that were shorter than 512 bytes: 0 or 1, see [`Device::hangs`].
+    pub short_packets: u64,
+    /// Transfers to the board that the host took back.
+    pub writes_unlinked: u64,
+    /// Control requests that were refused.
+    pub refused: u64,
+}
+
+/// One attached board.
+#[derive(Debug)]
+pub struct Device {
+    descriptors: Descriptors,
+    configured: bool,
+    idle: u8,
+    halted: Halted,
+    /// Oldest first.
+    reads: Buffers<Read>,
+    writes: Buffers<Write>,
+    /// Whether the board is being given the oldest frame.
+    writing: bool,
+    /// The host's wish to have that one back.
+    unlinking: Option<Unlink>,
+    /// The newest report.
+    report: Frame,
+    /// Whether nobody has collected it yet.
+    report_waits: bool,
+    hangs: bool,
+    counters: Counters,
+    replies: Vec<u8>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Unlink {
+    sequence: u32,
+    victim: u32,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Halted {
+    reads: bool,
+    writes: bool,
+}
+
+impl Device {
+    /// A board that has just been attached.
+    pub fn new(descriptors: Descriptors) -> Self {
+        Self {
+            descriptors,
+            configured: false,
+            idle: 0,
+            halted: Halted::default(),
+            reads: Buffers::default(),
+            writes: Buffers::default(),
+            writing: false,
+            unlinking: None,
+            report: Frame::new(),
+            report_waits: false,
+            hangs: false,
+            counters: Counters::default(),
+            replies: Vec::new(),
+        }
+    }
+
+    /// Whether the host chose the board's configuration: before that its endpoints stall. \[OURS]
+    pub const fn configured(&self) -> bool {
+        self.configured
+    }
+
+    /// Whether the board hangs: it got a short packet. It takes no frame and sends no report until it is attached again,
+    /// which is this device's way of being powered off \[OURS]; endpoint 0 goes on \[OURS].
+    pub const fn hangs(&self) -> bool {
+        self.hangs
+    }
+
+    /// What was moved so far.
+    pub const fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// The host hands over a transfer; `data` are its bytes if it goes out.
+    ///
+    /// # Errors
+    /// [`TooMany`].
+    pub fn submit(&mut self, transfer: &Submit, data: &[u8]) -> Result<(), TooMany> {
+        match (transfer.endpoint, transfer.direction) {
+            (0, _) => self.control(transfer, data),
+            (number, Direction::In) if number == IN & 0x0F && self.configured && !self.halted.reads => {
+                self.submit_read(transfer)
+            }
+            (number, Direction::Out) if number == OUT && self.configured && !self.halted.writes => {
+                self.submit_write(transfer.sequence, data)
+            }
+            _ => {
+                self.stall(transfer.sequence);
+                Ok(())
+            }
+        }
+    }
+
+    /// The host wants a transfer back. `true`: the board is being given that very frame; the answer waits for
+    /// [`Self::written`] or [`Self::not_written`], so let the attempt end soon.
+    pub fn unlink(&mut self, sequence: u32, victim: u32) -> bool {
+        if self.writing && self.unlinking.is_none() && self.writes.is_first(victim) {
+            self.unlinking = Some(Unlink { sequence, victim });
+            return true;
+        }
+        let was_there = if self.reads.remove(victim, 0) {
+            true
+        } else if self.writes.remove(victim, usize::from(self.writing)) {
+            self.counters.writes_unlinked += 1;
+            true
+        } else {
+            false
+        };
+        let status = if was_there { Status::Unlinked } else { Status::Done };
+        wire::ret_unlink(&mut self.replies, sequence, status);
+        if was_there {
+            self.settle_writes();
+        }
+        false
+    }
+
+    /// Whether a transfer of the host waits for a report.
+    pub fn wants_report(&self) -> bool {
+        !self.hangs && !self.reads.is_empty()
+    }
+
+    /// Whether [`Self::begin_write`] has a frame.
+    pub fn has_frame(&self) -> bool {
+        !self.hangs && !self.writing && !self.writes.is_empty()
+    }
+
+    /// Whether a report is kept for which there was no transfer any more.
+    pub const fn report_waits(&self) -> bool {
+        self.report_waits
+    }
+
+    /// The board has a report.
+    pub fn report(&mut self, report: &Frame) {
+        if self.hangs {
+            return;
+        }
+        self.counters.superseded += u64::from(self.report_waits);
+        self.report.clone_from(report);
+        self.report_waits = true;
+        self.deliver();
+    }
+
+    /// Gives the report that is kept to a transfer that waits.
+    pub fn deliver(&mut self) {
+        if !self.report_waits || self.hangs {
+            return;
+        }
+        let Some(read) = self.reads.first() else { return };
+        self.report_waits = false;
+        if read.room() < FRAME_LEN {
+            self.counters.overflows += 1;
+            self.end_read(Status::Overflow);
+            return;
+        }
+        read.bytes.extend_from_slice(self.report.bytes());
+        self.counters.reports += 1;
+        if read.room() == 0 {
+            self.end_read(Status::Done);
+        }
+    }
+
+    /// The next frame for the board, if there is one and the one before is through.
+    pub fn begin_write(&mut self, frame: &mut Frame) -> bool {
+        if !self.has_frame() {
+            return false;
+        }
+        let Some(write) = self.writes.first() else { return false };
+        frame.set_prefix(&write.bytes[write.moved..]);
+        self.writing = true;
+        true
+    }
+
+    /// The board took it.
+    pub fn written(&mut self) {
+        self.writing = false;
+        self.counters.frames += 1;
+        if let Some(write) = self.writes.first() {
+            write.moved += FRAME_LEN;
+        }
+        self.settle_writes();
+        // One that came too late finds the transfer gone, its answer out; of a transfer with packets left, the rest.
+        self.unlink_now();
+    }
+
+    /// The board did not take it: it is kept, unless the host wants it back.
+    pub fn not_written(&mut self) {
+        self.writing = false;
+        self.unlink_now();
+    }
+
+    /// Whether there are answers for the host.
+    pub fn has_replies(&self) -> bool {
+        !self.replies.is_empty()
+    }
+
+    /// Moves the answers for the host into `to`, whose place they take.
+    pub fn take_replies(&mut self, to: &mut Vec<u8>) {
+        to.clear();
+        std::mem::swap(to, &mut self.replies);
+    }
+
+    fn unlink_now(&mut self) {
+        if let Some(Unlink { sequence, victim }) = self.unlinking.take() {
+            self.unlink(sequence, victim);
+        }
+    }
+
+    fn submit_read(&mut self, transfer: &Submit) -> Result<(), TooMany> {
+        self.reads.push(transfer.sequence, |read| {
+            read.length = transfer.length as usize;
+            read.bytes.clear();
+        })
+    }
+
+    fn submit_write(&mut self, sequence: u32, data: &[u8]) -> Result<(), TooMany> {
+        self.writes.push(sequence, |write| {
+            write.moved = 0;
+            write.bytes.clear();
+            write.bytes.extend_from_slice(data);
+        })?;
+        self.settle_writes();
+        Ok(())
+    }
+
+    /// Ends what is through: whole transfers, and the one whose last packet is short.
+    fn settle_writes(&mut self) {
+        if self.writing || self.hangs {
+            return;
+        }
+        let Some(write) = self.writes.first() else { return };
+        let rest = write.bytes.len() - write.moved;
+        // A transfer without bytes is a packet without bytes; one whose packets are all full ends with the last.
+        if rest >= FRAME_LEN {
+            return;
+        }
+        if rest > 0 || write.bytes.is_empty() {
+            self.hang();
+        }
+        self.end_write();
+    }
+
+    /// SK-9: a short OUT packet hangs the board's firmware.
+    fn hang(&mut self) {
+        self.hangs = true;
+        self.report_waits = false;
+        self.counters.short_packets += 1;
+    }
+
+    fn end_read(&mut self, status: Status) {
+        let replies = &mut self.replies;
+        self.reads.end_first(|read| {
+            wire::ret_submit(replies, read.sequence, status, read.bytes.len() as u32, &read.bytes);
+        });
+    }
+
+    fn end_write(&mut self) {
+        let replies = &mut self.replies;
+        self.writes.end_first(|write| {
+            wire::ret_submit(replies, write.sequence, Status::Done, write.bytes.len() as u32, &[]);
+        });
+    }
+
+    fn stall(&mut self, sequence: u32) {
+        wire::ret_submit(&mut self.replies, sequence, Status::Stall, 0, &[]);
+    }
+}

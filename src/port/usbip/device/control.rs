@@ -1,0 +1,110 @@
+//! Endpoint 0: what a HID device answers.
+
+use super::{Device, TooMany};
+use crate::port::usbip::descriptors::{CONFIGURATION_VALUE, IN, OUT};
+use crate::port::usbip::setup::{Request, Setup, report};
+use crate::port::usbip::wire::{self, Direction, Status, Submit};
+use crate::sk::FRAME_LEN;
+
+/// GET_STATUS of an endpoint: it is halted.
+const HALTED: u8 = 1;
+/// The one alternate setting of the interface.
+const ALTERNATE: u8 = 0;
+/// Reports have no id (SK-9).
+const NO_ID: u8 = 0;
+
+impl Device {
+    pub(super) fn control(&mut self, transfer: &Submit, data: &[u8]) -> Result<(), TooMany> {
+        let setup = Setup::parse(transfer.setup);
+        // Without data a request goes out, whatever it asks for.
+        let to_host = setup.to_host && setup.length > 0;
+        if to_host != (transfer.direction == Direction::In) {
+            self.refuse(transfer);
+            return Ok(());
+        }
+        let room = usize::from(setup.length).min(transfer.length as usize);
+        match setup.request {
+            Request::GetDescriptor { kind, index } => match self.descriptors.get(kind, index) {
+                Some(descriptor) => {
+                    let moved = descriptor.len().min(room);
+                    let replies = &mut self.replies;
+                    wire::ret_submit(replies, transfer.sequence, Status::Done, moved as u32, &descriptor[..moved]);
+                }
+                None => self.refuse(transfer),
+            },
+            // Neither powered by itself nor able to wake the host.
+            Request::GetStatus => self.answer(transfer, room, &[0, 0]),
+            Request::GetEndpointStatus(endpoint) => match self.halt_of(endpoint) {
+                Some(halted) => {
+                    let status = if *halted { HALTED } else { 0 };
+                    self.answer(transfer, room, &[status, 0]);
+                }
+                None => self.refuse(transfer),
+            },
+            Request::SetHalt { endpoint, halted } => match self.halt_of(endpoint) {
+                Some(halt) => {
+                    *halt = halted;
+                    self.done(transfer);
+                }
+                None => self.refuse(transfer),
+            },
+            // The address is the bus's; over USB/IP the host has its own.
+            Request::SetAddress => self.done(transfer),
+            Request::GetConfiguration => {
+                let value = if self.configured { CONFIGURATION_VALUE } else { 0 };
+                self.answer(transfer, room, &[value]);
+            }
+            Request::SetConfiguration(value @ (0 | CONFIGURATION_VALUE)) => {
+                self.configured = value == CONFIGURATION_VALUE;
+                self.halted = super::Halted::default();
+                self.done(transfer);
+            }
+            Request::GetInterface => self.answer(transfer, room, &[ALTERNATE]),
+            Request::SetInterface(0) => self.done(transfer),
+            Request::GetIdle => self.answer(transfer, room, &[self.idle]),
+            // It is kept and has no effect: the board sends a report every cycle. [OURS]
+            Request::SetIdle(idle) => {
+                self.idle = idle;
+                self.done(transfer);
+            }
+            // [OURS] The newest report that was made for the host.
+            Request::GetReport { kind: report::INPUT, id: NO_ID } => {
+                let moved = room.min(FRAME_LEN);
+                let bytes = &self.report.bytes()[..moved];
+                wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, moved as u32, bytes);
+            }
+            // [OURS] A whole report is a command frame as on the endpoint, another length is refused.
+            Request::SetReport { kind: report::OUTPUT, id: NO_ID } if data.len() == FRAME_LEN && self.configured => {
+                return self.submit_write(transfer.sequence, data);
+            }
+            Request::SetConfiguration(_)
+            | Request::SetInterface(_)
+            | Request::GetReport { .. }
+            | Request::SetReport { .. }
+            | Request::Unknown => self.refuse(transfer),
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self, transfer: &Submit, room: usize, bytes: &[u8]) {
+        let moved = bytes.len().min(room);
+        wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, moved as u32, &bytes[..moved]);
+    }
+
+    fn done(&mut self, transfer: &Submit) {
+        wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, 0, &[]);
+    }
+
+    fn refuse(&mut self, transfer: &Submit) {
+        self.counters.refused += 1;
+        self.stall(transfer.sequence);
+    }
+
+    fn halt_of(&mut self, endpoint: u8) -> Option<&mut bool> {
+        match endpoint {
+            IN => Some(&mut self.halted.reads),
+            OUT => Some(&mut self.halted.writes),
+            _ => None,
+        }
+    }
+}

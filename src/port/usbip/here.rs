@@ -1,0 +1,39 @@
+//! Boards of a server that this machine itself uses, attached again whenever their links are back.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+
+use super::attach::{self, AttachError};
+use super::board::Event;
+use super::server::Shared;
+use super::stream::Stream;
+
+/// Gives board `index` to the kernel of this machine; the thread ends when the kernel lets go of it.
+pub(super) fn attach(shared: &Arc<Shared>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
+    let board = &shared.boards[index];
+    let (stream, port) = attach::attach(vhci, board.device_id())?;
+    let session = board.take(Stream::Unix(stream)).map_err(|_| AttachError::Taken)?;
+    let shared = shared.clone();
+    let serve = move || shared.boards[index].serve(&session, &format!("this machine, port {port}"));
+    thread::Builder::new().name("usbip-here".into()).spawn(serve).map_err(AttachError::Refused)
+}
+
+/// Looks after board `index` until the server stops. `attached` is the thread that serves it to this machine already.
+pub(super) fn keep(shared: &Arc<Shared>, index: usize, vhci: Option<&Path>, attached: Option<JoinHandle<()>>) {
+    let board = &shared.boards[index];
+    let mut threads: Vec<JoinHandle<()>> = attached.into_iter().collect();
+    board.keep(shared.retry(), &mut || {
+        threads.retain(|thread| !thread.is_finished());
+        let Some(vhci) = vhci else { return };
+        match attach(shared, index, vhci) {
+            Ok(thread) => threads.push(thread),
+            Err(error) => {
+                board.tell(&Event::NotAttached { bus_id: board.bus_id().to_owned(), why: error.to_string() });
+            }
+        }
+    });
+    for thread in threads {
+        let _ = thread.join();
+    }
+}

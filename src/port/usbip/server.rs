@@ -1,0 +1,393 @@
+//! The server: listens, answers what devices there are, and gives each board to one host at a time.
+
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::attach::AttachError;
+use super::board::{Board, Event, Listener, Opener};
+use super::descriptors::{Identity, IdentityError};
+use super::here;
+use super::stream::{NEVER_READS, Stream};
+use super::wire::{self, BUS_ID_LEN, OP_LEN, Op, PORT, Refusal, Shown, WireError};
+use crate::link::LinkError;
+
+/// How long a client may take for its request. \[OURS]
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Clients at a time that have no board yet; one more, and the oldest is sent away. \[OURS]
+const CLIENTS: usize = 64;
+/// How long after a failure a lost board is looked for again. \[OURS]
+const RETRY: Duration = Duration::from_millis(500);
+/// How often a thread that waits for clients looks whether it is to stop. \[OURS]
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// How the server behaves; the default listens on the loopback alone.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Where it listens.
+    pub listen: SocketAddr,
+    /// How long a client may take for its request.
+    pub patience: Duration,
+    /// Clients at a time that have no board yet; one more, and the oldest is sent away.
+    pub clients: usize,
+    /// How long after a failure a lost board is looked for again.
+    pub retry: Duration,
+    /// How long a host may take nothing of what it is sent.
+    pub never_reads: Duration,
+    /// The virtual USB host controller of this machine that gets all boards, usually [`VHCI`](super::VHCI).
+    pub attach: Option<PathBuf>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], PORT)),
+            patience: PATIENCE,
+            clients: CLIENTS,
+            retry: RETRY,
+            never_reads: NEVER_READS,
+            attach: None,
+        }
+    }
+}
+
+/// A board to serve.
+pub struct BoardSpec {
+    /// How it shows itself. Without a serial number it gets its bus id as one.
+    pub identity: Identity,
+    /// Opens its link, now and whenever it was lost.
+    pub opener: Opener,
+}
+
+/// Why boards are not served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// A link cannot be opened.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A link has a time of its own.
+    #[error(
+        "`{name}` has a virtual clock, which stands still between two calls; a USB device runs by itself: leave out \
+         clock=virtual"
+    )]
+    VirtualTime {
+        /// Which.
+        name: String,
+    },
+    /// A board cannot show itself so.
+    #[error(transparent)]
+    Identity(#[from] IdentityError),
+    /// There are too many.
+    #[error("a bus has 127 devices, not {found}; start another server with --listen")]
+    TooMany {
+        /// How many.
+        found: usize,
+    },
+    /// The address cannot be listened on.
+    #[error("cannot listen on {address}: {source}; is another server there? Choose another with --listen")]
+    Listen {
+        /// Where.
+        address: SocketAddr,
+        /// The system's words.
+        source: io::Error,
+    },
+    /// A board cannot be attached to this machine.
+    #[error(transparent)]
+    Attach(#[from] AttachError),
+    /// Signals cannot be caught.
+    #[error("cannot catch signals: {0}; start it from a shell")]
+    Signals(io::Error),
+    /// The system gave no thread.
+    #[error("cannot start a thread: {0}; how many may this user have (ulimit -u)?")]
+    Thread(io::Error),
+}
+
+/// Devices on one bus at most (USB 2.0 8.3.2.1).
+const MOST: usize = 127;
+
+/// Boards that are served until [`Self::stop`] or the end of this value.
+pub struct Server {
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+pub(super) struct Shared {
+    pub boards: Vec<Board>,
+    options: Options,
+    stopping: AtomicBool,
+    /// Clients without a board, oldest first.
+    clients: Mutex<VecDeque<(u64, TcpStream)>>,
+    tell: Listener,
+}
+
+impl Server {
+    /// Opens the boards' links and listens. `tell` hears what happens; it must not block.
+    ///
+    /// # Errors
+    /// [`ServeError`].
+    pub fn start(options: Options, boards: Vec<BoardSpec>, tell: Listener) -> Result<Self, ServeError> {
+        if boards.len() > MOST {
+            return Err(ServeError::TooMany { found: boards.len() });
+        }
+        let listener = TcpListener::bind(options.listen)
+            .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
+            .map_err(|source| ServeError::Listen { address: options.listen, source })?;
+        let address = listener.local_addr().map_err(|source| ServeError::Listen { address: options.listen, source })?;
+
+        let mut opened = Vec::new();
+        for (index, spec) in boards.into_iter().enumerate() {
+            opened.push(open(index as u16, spec, &options, &tell)?);
+        }
+        let shared = Arc::new(Shared {
+            boards: opened,
+            options,
+            stopping: AtomicBool::new(false),
+            clients: Mutex::default(),
+            tell,
+        });
+        let server = Self { address, shared, threads: Mutex::default() };
+        for index in 0..server.shared.boards.len() {
+            let vhci = server.shared.options.attach.clone();
+            let attached = vhci.as_deref().map(|vhci| here::attach(&server.shared, index, vhci)).transpose()?;
+            server.spawn("usbip-board", move |shared| here::keep(shared, index, vhci.as_deref(), attached))?;
+        }
+        server.spawn("usbip-accept", move |shared| shared.accept(&listener))?;
+        Ok(server)
+    }
+
+    /// Where it listens, with the port that the system chose.
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Bus ids of the boards, in the order in which they were given.
+    pub fn bus_ids(&self) -> impl Iterator<Item = &str> {
+        self.shared.boards.iter().map(Board::bus_id)
+    }
+
+    /// Takes the boards from their hosts, closes the links and ends all threads.
+    pub fn stop(&self) {
+        self.shared.stopping.store(true, Ordering::Release);
+        for board in &self.shared.boards {
+            board.stop();
+        }
+        for (_, client) in self.shared.clients.lock().drain(..) {
+            // It may be gone already.
+            let _ = client.shutdown(Shutdown::Both);
+        }
+        // A thread that ends may leave another one here that it has started.
+        while let Some(thread) = self.threads.lock().pop() {
+            let _ = thread.join();
+        }
+    }
+
+    fn spawn(&self, name: &str, work: impl FnOnce(&Arc<Shared>) + Send + 'static) -> Result<(), ServeError> {
+        let shared = self.shared.clone();
+        let started = thread::Builder::new().name(name.into()).spawn(move || work(&shared));
+        match started {
+            Ok(thread) => {
+                self.threads.lock().push(thread);
+                Ok(())
+            }
+            Err(error) => {
+                self.stop();
+                Err(ServeError::Thread(error))
+            }
+        }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn open(index: u16, spec: BoardSpec, options: &Options, tell: &Listener) -> Result<Board, ServeError> {
+    let BoardSpec { mut identity, opener } = spec;
+    let link = opener()?;
+    let info = link.info();
+    if info.virtual_time {
+        return Err(ServeError::VirtualTime { name: info.name });
+    }
+    if identity.serial.is_empty() {
+        identity.serial = super::board::bus_id(index);
+    }
+    Ok(Board::new(index, identity, link, opener, options.never_reads, tell.clone())?)
+}
+
+impl Shared {
+    pub fn is_stopping(&self) -> bool {
+        self.stopping.load(Ordering::Acquire)
+    }
+
+    pub fn retry(&self) -> Duration {
+        self.options.retry
+    }
+
+    fn accept(self: &Arc<Self>, listener: &TcpListener) {
+        // Of client threads the last ones are joined here; each is short or has a board that `stop` takes from it.
+        let mut threads: Vec<JoinHandle<()>> = Vec::new();
+        for number in 0.. {
+            let Some((stream, from)) = self.next_client(listener) else { break };
+            threads.retain(|thread| !thread.is_finished());
+            self.register(number, &stream);
+            let shared = self.clone();
+            let started = thread::Builder::new().name("usbip-client".into()).spawn(move || {
+                shared.client(number, stream, from);
+            });
+            match started {
+                Ok(thread) => threads.push(thread),
+                Err(error) => {
+                    self.forget(number);
+                    self.send_away(from, &format!("no thread for it: {error}"));
+                }
+            }
+        }
+        for thread in threads {
+            let _ = thread.join();
+        }
+    }
+
+    /// `None`: the server stops.
+    fn next_client(&self, listener: &TcpListener) -> Option<(TcpStream, SocketAddr)> {
+        let pause = Timespec { tv_sec: 0, tv_nsec: LOOK_EVERY.as_nanos() as _ };
+        loop {
+            if self.is_stopping() {
+                return None;
+            }
+            match listener.accept() {
+                Ok((stream, from)) => match stream.set_nonblocking(false) {
+                    Ok(()) => return Some((stream, from)),
+                    Err(error) => self.send_away(from, &error.to_string()),
+                },
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    // An interrupted wait is a short one.
+                    let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&pause));
+                }
+                // No file left, or a client that was gone too soon: it may be better in a moment.
+                Err(error) => {
+                    log::warn!("cannot take a client of USB/IP: {error}");
+                    thread::sleep(LOOK_EVERY);
+                }
+            }
+        }
+    }
+
+    /// Keeps a client's connection within reach; if there are too many the oldest is ended.
+    fn register(&self, number: u64, stream: &TcpStream) {
+        let mut clients = self.clients.lock();
+        if clients.len() >= self.options.clients
+            && let Some((_, oldest)) = clients.pop_front()
+        {
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        match stream.try_clone() {
+            Ok(stream) => clients.push_back((number, stream)),
+            // Its patience ends it all the same.
+            Err(error) => log::warn!("cannot watch a client of USB/IP: {error}"),
+        }
+        // One that came while `stop` went through the others.
+        if self.is_stopping() {
+            let _ = stream.shutdown(Shutdown::Both);
+        }
+    }
+
+    fn forget(&self, number: u64) {
+        self.clients.lock().retain(|(other, _)| *other != number);
+    }
+
+    fn client(&self, number: u64, stream: TcpStream, from: SocketAddr) {
+        let request = self.request(&stream);
+        self.forget(number);
+        match request {
+            Ok(Wish::Nothing) => {}
+            Ok(Wish::Board(index)) => self.give(index, stream, from),
+            Err(problem) => self.send_away(from, &problem.to_string()),
+        }
+    }
+
+    /// Reads a client's request, and answers it unless it is for a board.
+    fn request(&self, mut stream: &TcpStream) -> Result<Wish, Problem> {
+        let patience = Some(self.options.patience);
+        stream.set_read_timeout(patience)?;
+        stream.set_write_timeout(patience)?;
+        let mut op = [0; OP_LEN];
+        // A client that connects and goes has asked for nothing.
+        match stream.read(&mut op[..1])? {
+            0 => return Ok(Wish::Nothing),
+            _ => stream.read_exact(&mut op[1..])?,
+        }
+        let mut answer = Vec::new();
+        match Op::parse(&op)? {
+            Op::DeviceList => {
+                let there: Vec<Shown<'_>> =
+                    self.boards.iter().filter(|board| board.is_there()).map(Board::shown).collect();
+                wire::device_list(&mut answer, &there);
+            }
+            Op::Import => {
+                let mut bytes = [0; BUS_ID_LEN];
+                stream.read_exact(&mut bytes)?;
+                let wanted = wire::bus_id(&bytes)?;
+                if let Some(index) = self.boards.iter().position(|board| board.bus_id() == wanted) {
+                    return Ok(Wish::Board(index));
+                }
+                wire::import(&mut answer, Err(Refusal::NoDevice));
+                stream.write_all(&answer)?;
+                return Err(Problem::NoBoard(wanted.to_owned()));
+            }
+        }
+        stream.write_all(&answer)?;
+        Ok(Wish::Nothing)
+    }
+
+    fn give(&self, index: usize, stream: TcpStream, from: SocketAddr) {
+        let board = &self.boards[index];
+        let mut answer = Vec::new();
+        let session = match board.take(Stream::Tcp(stream)) {
+            Ok(session) => session,
+            Err((stream, refusal)) => {
+                wire::import(&mut answer, Err(refusal));
+                let _ = (&mut &stream).write_all(&answer);
+                let why = if refusal == Refusal::Busy { "somebody else has it" } else { "the board is away" };
+                return self.send_away(from, &format!("{}: {why}", board.bus_id()));
+            }
+        };
+        wire::import(&mut answer, Ok(&board.shown()));
+        // If the client is gone the session notices.
+        session.greet(&answer);
+        board.serve(&session, &from.to_string());
+    }
+
+    fn send_away(&self, from: SocketAddr, why: &str) {
+        (self.tell)(&Event::SentAway { host: from.to_string(), why: why.to_owned() });
+    }
+}
+
+/// What a client came for.
+enum Wish {
+    /// Nothing more.
+    Nothing,
+    /// That board.
+    Board(usize),
+}
+
+/// Why a client was sent away.
+#[derive(Debug, thiserror::Error)]
+enum Problem {
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    #[error(transparent)]
+    Wire(#[from] WireError),
+    #[error("there is no device `{0}`; `usbip list -r` shows which there are")]
+    NoBoard(String),
+}

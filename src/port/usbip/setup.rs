@@ -1,0 +1,139 @@
+//! Requests of a host on endpoint 0: the setup packet of USB 2.0 (9.3) and HID 1.11 (7.2). Numbers are little endian.
+
+/// Kinds of descriptors, USB 2.0 table 9-5 and HID 1.11 7.1.
+pub mod descriptor {
+    /// The device.
+    pub const DEVICE: u8 = 1;
+    /// A configuration and all below it.
+    pub const CONFIGURATION: u8 = 2;
+    /// A text.
+    pub const STRING: u8 = 3;
+    /// An interface.
+    pub const INTERFACE: u8 = 4;
+    /// An endpoint.
+    pub const ENDPOINT: u8 = 5;
+    /// What a HID interface has.
+    pub const HID: u8 = 0x21;
+    /// What a report consists of.
+    pub const REPORT: u8 = 0x22;
+}
+
+/// Kinds of reports, HID 1.11 7.2.1.
+pub mod report {
+    /// To the host.
+    pub const INPUT: u8 = 1;
+    /// To the device.
+    pub const OUTPUT: u8 = 2;
+}
+
+/// ENDPOINT_HALT, USB 2.0 table 9-6.
+const ENDPOINT_HALT: u16 = 0;
+
+/// bmRequestType: direction, kind and recipient.
+const TO_DEVICE: u8 = 0x00;
+const TO_INTERFACE: u8 = 0x01;
+const TO_ENDPOINT: u8 = 0x02;
+const FROM_DEVICE: u8 = 0x80;
+const FROM_INTERFACE: u8 = 0x81;
+const FROM_ENDPOINT: u8 = 0x82;
+const CLASS_TO_INTERFACE: u8 = 0x21;
+const CLASS_FROM_INTERFACE: u8 = 0xA1;
+
+/// A request that a HID device knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// GET_STATUS of the device or the interface.
+    GetStatus,
+    /// GET_STATUS of an endpoint, by its address.
+    GetEndpointStatus(u8),
+    /// CLEAR_FEATURE or SET_FEATURE of ENDPOINT_HALT.
+    SetHalt {
+        /// The endpoint's address.
+        endpoint: u8,
+        /// Whether to halt it.
+        halted: bool,
+    },
+    /// SET_ADDRESS.
+    SetAddress,
+    /// GET_DESCRIPTOR of the device or the interface.
+    GetDescriptor {
+        /// See [`descriptor`].
+        kind: u8,
+        /// Which of that kind.
+        index: u8,
+    },
+    /// GET_CONFIGURATION.
+    GetConfiguration,
+    /// SET_CONFIGURATION.
+    SetConfiguration(u8),
+    /// GET_INTERFACE: which alternate setting.
+    GetInterface,
+    /// SET_INTERFACE.
+    SetInterface(u16),
+    /// GET_REPORT.
+    GetReport {
+        /// See [`report`].
+        kind: u8,
+        /// Report id.
+        id: u8,
+    },
+    /// SET_REPORT; the report follows.
+    SetReport {
+        /// See [`report`].
+        kind: u8,
+        /// Report id.
+        id: u8,
+    },
+    /// GET_IDLE.
+    GetIdle,
+    /// SET_IDLE, in steps of 4 ms.
+    SetIdle(u8),
+    /// Another one, or one for an interface that there is not.
+    Unknown,
+}
+
+/// A setup packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Setup {
+    /// What is asked.
+    pub request: Request,
+    /// Bytes that the host wants or sends at most.
+    pub length: u16,
+    /// Whether the answer's data go to the host.
+    pub to_host: bool,
+}
+
+impl Setup {
+    /// Reads a setup packet.
+    pub const fn parse(bytes: [u8; 8]) -> Self {
+        let [recipient, code, low, high, ..] = bytes;
+        let value = u16::from_le_bytes([low, high]);
+        let index = u16::from_le_bytes([bytes[4], bytes[5]]);
+        let request = match (recipient, code) {
+            (FROM_DEVICE, 0) => Request::GetStatus,
+            (TO_DEVICE, 5) => Request::SetAddress,
+            (FROM_DEVICE, 6) => Request::GetDescriptor { kind: high, index: low },
+            (FROM_DEVICE, 8) => Request::GetConfiguration,
+            (TO_DEVICE, 9) => Request::SetConfiguration(low),
+            (FROM_ENDPOINT, 0) => Request::GetEndpointStatus(bytes[4]),
+            (TO_ENDPOINT, 1 | 3) if value == ENDPOINT_HALT => {
+                Request::SetHalt { endpoint: bytes[4], halted: code == 3 }
+            }
+            // There is one interface, number 0.
+            (FROM_INTERFACE | TO_INTERFACE | CLASS_FROM_INTERFACE | CLASS_TO_INTERFACE, _) if index != 0 => {
+                Request::Unknown
+            }
+            (FROM_INTERFACE, 0) => Request::GetStatus,
+            (FROM_INTERFACE, 6) => Request::GetDescriptor { kind: high, index: low },
+            (FROM_INTERFACE, 10) => Request::GetInterface,
+            (TO_INTERFACE, 11) => Request::SetInterface(value),
+            (CLASS_FROM_INTERFACE, 1) => Request::GetReport { kind: high, id: low },
+            (CLASS_FROM_INTERFACE, 2) => Request::GetIdle,
+            (CLASS_TO_INTERFACE, 9) => Request::SetReport { kind: high, id: low },
+            (CLASS_TO_INTERFACE, 10) => Request::SetIdle(high),
+            _ => Request::Unknown,
+        };
+        let length = u16::from_le_bytes([bytes[6], bytes[7]]);
+        Self { request, length, to_host: recipient & FROM_DEVICE != 0 }
+    }
+}

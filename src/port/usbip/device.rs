@@ -264,19 +264,18 @@ impl Device {
 
     /// Ends what is through: whole transfers, and the one whose last packet is short.
     fn settle_writes(&mut self) {
-        if self.writing || self.hangs {
-            return;
+        while !self.writing && !self.hangs {
+            let Some(write) = self.writes.first() else { return };
+            let rest = write.bytes.len() - write.moved;
+            if rest >= FRAME_LEN {
+                return;
+            }
+            // A transfer without bytes is a packet without bytes; one whose packets are all full ends with the last.
+            if rest > 0 || write.bytes.is_empty() {
+                self.hang();
+            }
+            self.end_write();
         }
-        let Some(write) = self.writes.first() else { return };
-        let rest = write.bytes.len() - write.moved;
-        // A transfer without bytes is a packet without bytes; one whose packets are all full ends with the last.
-        if rest >= FRAME_LEN {
-            return;
-        }
-        if rest > 0 || write.bytes.is_empty() {
-            self.hang();
-        }
-        self.end_write();
     }
 
     /// SK-9: a short OUT packet hangs the board's firmware.

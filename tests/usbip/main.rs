@@ -1,0 +1,15 @@
+//! The virtual board on USB/IP: its messages, the device that a host's USB stack sees, and the server.
+#![cfg(all(target_os = "linux", feature = "serve", feature = "sim"))]
+
+mod allocation;
+mod attach;
+mod board;
+mod client;
+mod control;
+mod crowd;
+mod descriptors;
+mod device;
+mod puppet;
+mod server;
+mod unlink;
+mod wire;

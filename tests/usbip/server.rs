@@ -1,0 +1,306 @@
+//! The server over TCP: a board for one host at a time, moved as its link moves.
+
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ecmsk::link::{self, Share};
+use ecmsk::port::usbip::{BoardSpec, Event, Identity, Options, ServeError, Server};
+use ecmsk::sk::{CycleTime, DcShift, Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
+
+use super::client::{Client, Reply, be16, be32};
+use super::puppet::{Heard, Puppet, options, serve, spec};
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+
+/// A server of a simulated board.
+fn sim(uri: &'static str) -> (Server, Heard) {
+    let heard = Heard::default();
+    let opener = Box::new(move || link::open(uri, Share::ByUri));
+    let boards = vec![BoardSpec { identity: Identity::default(), opener }];
+    (Server::start(options(), boards, heard.listener()).expect("the server starts"), heard)
+}
+
+fn frame(command: MasterCommand) -> Frame {
+    let mut frame = Frame::new();
+    frame.put_master(SIZE, &command);
+    frame
+}
+
+fn state(report: &[u8]) -> StateByte {
+    MasterResponse::decode(&Frame::from_prefix(report).slot(SIZE, 0)).state
+}
+
+/// SK-9.1 The list and the import show the board's pair, at high speed.
+#[test]
+fn boards_are_listed_and_given_away() {
+    let (left, right, heard) = (Puppet::default(), Puppet::default(), Heard::default());
+    let server = Server::start(options(), vec![spec(&left), spec(&right)], heard.listener()).unwrap();
+    assert_eq!(server.bus_ids().collect::<Vec<_>>(), ["1-1", "1-2"]);
+    let (ids, devices) = Client::connect(server.address()).devices();
+    assert_eq!(ids, ["1-1", "1-2"]);
+    for device in devices.chunks(316) {
+        assert_eq!((be32(device, 296), be16(device, 300), be16(device, 302)), (3, 0x16C0, 0x05DF));
+    }
+    // Each is for one host; the other board is free all the same.
+    let mut first = Client::connect(server.address());
+    let device = first.import("1-2").expect("free");
+    assert_eq!((be32(&device, 288), be32(&device, 292)), (1, 2));
+    assert_eq!(Client::connect(server.address()).import("1-2"), Err(2), "busy");
+    assert_eq!(Client::connect(server.address()).import("1-3"), Err(4), "there is none");
+    Client::connect(server.address()).import("1-1").expect("free");
+}
+
+#[test]
+fn without_a_serial_number_a_board_has_its_bus_id() {
+    let (_, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    let (status, serial) = client.control([0x80, 6, 3, 3, 9, 4, 255, 0], &[]);
+    assert_eq!((status, &serial[..]), (0, &[8, 3, b'1', 0, b'-', 0, b'1', 0][..]));
+}
+
+#[test]
+fn frames_and_reports_move_in_order() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    for fill in 1..=50 {
+        let wanted = client.want_report();
+        puppet.make_report(fill);
+        assert_eq!(client.report(), (Reply::done(wanted, 512), vec![fill; 512]));
+        let given = client.give(&[fill; 512]);
+        assert_eq!(client.reply(), Reply::done(given, 512));
+    }
+    assert_eq!(puppet.written(), (1..=50).collect::<Vec<u8>>());
+    assert!(puppet.frames().iter().all(|frame| frame.bytes()[511] == frame.bytes()[0]), "whole");
+}
+
+#[test]
+fn while_the_board_is_busy_a_frame_is_held() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    puppet.set_busy(true);
+    let held = client.give(&[1; 512]);
+    puppet.until_writing();
+    // Reports go on meanwhile.
+    let wanted = client.want_report();
+    puppet.make_report(9);
+    assert_eq!(client.report().0, Reply::done(wanted, 512));
+    assert_eq!(puppet.written(), Vec::<u8>::new());
+    puppet.set_busy(false);
+    assert_eq!(client.reply(), Reply::done(held, 512));
+}
+
+#[test]
+fn a_frame_that_is_held_can_be_taken_back() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    puppet.set_busy(true);
+    let victim = client.give(&[1; 512]);
+    puppet.until_writing();
+    let wish = client.take_back(victim);
+    assert_eq!(client.reply(), Reply::unlinked(wish));
+    puppet.set_busy(false);
+    let given = client.give(&[2; 512]);
+    assert_eq!(client.reply(), Reply::done(given, 512));
+    assert_eq!(puppet.written(), [2]);
+}
+
+/// However the race between the board and the host's wish ends, the host's view is the board's: a frame is either taken
+/// and answered, or taken back and never seen by the board.
+#[test]
+fn a_frame_is_taken_or_taken_back_and_never_both() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    let mut taken = Vec::new();
+    for round in 0..=250_u8 {
+        puppet.set_busy(round % 3 == 0);
+        let victim = client.give(&[round; 512]);
+        if round % 2 == 0 {
+            puppet.set_busy(false);
+        }
+        let wish = client.take_back(victim);
+        let first = client.reply();
+        if first == Reply::unlinked(wish) {
+            continue;
+        }
+        assert_eq!(first, Reply::done(victim, 512));
+        assert_eq!(client.reply(), Reply::too_late(wish));
+        taken.push(round);
+    }
+    puppet.set_busy(false);
+    let last = client.give(&[255; 512]);
+    assert_eq!(client.reply(), Reply::done(last, 512));
+    taken.push(255);
+    assert_eq!(puppet.written(), taken);
+}
+
+#[test]
+fn a_read_that_waits_can_be_taken_back_and_no_report_is_lost_by_it() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    for fill in 1..=100 {
+        let victim = client.want_report();
+        let wish = client.take_back(victim);
+        assert_eq!(client.reply(), Reply::unlinked(wish));
+        puppet.make_report(fill);
+        if fill % 2 == 0 {
+            // It was read for the transfer that is gone.
+            puppet.let_report_be_taken(Duration::from_millis(1));
+        }
+        let wanted = client.want_report();
+        assert_eq!(client.report(), (Reply::done(wanted, 512), vec![fill; 512]));
+    }
+}
+
+#[test]
+fn a_host_that_goes_leaves_the_board_to_the_next() {
+    let (puppet, server, heard) = serve(options());
+    for fill in 1..=5 {
+        let mut client = Client::attached_in_time(server.address());
+        // It goes with a read and a frame held.
+        puppet.set_busy(true);
+        client.want_report();
+        client.give(&[fill; 512]);
+        drop(client);
+    }
+    heard.end();
+    puppet.set_busy(false);
+    let mut client = Client::attached_in_time(server.address());
+    let given = client.give(&[9; 512]);
+    assert_eq!(client.reply(), Reply::done(given, 512));
+    assert_eq!(puppet.opened(), 1, "the board stays on");
+}
+
+/// SK-9.7 Detached and attached again is this board's way of being powered off.
+#[test]
+fn a_board_that_hangs_runs_again_when_it_is_attached_again() {
+    let (puppet, server, heard) = serve(options());
+    let mut client = Client::attached(server.address());
+    let short = client.give(&[1; 504]);
+    assert_eq!(client.reply(), Reply::done(short, 504));
+    let held = client.give(&[2; 512]);
+    let wish = client.take_back(held);
+    assert_eq!(client.reply(), Reply::unlinked(wish));
+    drop(client);
+    assert!(heard.end().contains("fewer than 512 bytes"), "it says so");
+    let mut client = Client::attached_in_time(server.address());
+    let given = client.give(&[3; 512]);
+    assert_eq!(client.reply(), Reply::done(given, 512));
+    assert_eq!(puppet.written(), [3]);
+}
+
+#[test]
+fn a_lost_board_is_detached_and_can_be_attached_when_it_is_back() {
+    let (puppet, server, heard) = serve(options());
+    let mut client = Client::attached(server.address());
+    client.want_report();
+    puppet.lose();
+    assert!(client.is_cut());
+    heard.until("it says so", |event| matches!(event, Event::Lost { .. }));
+    puppet.until_closed();
+    let mut list = Client::connect(server.address());
+    assert_eq!(list.import("1-1"), Err(3), "away");
+    assert_eq!(Client::connect(server.address()).devices().0, Vec::<String>::new());
+
+    puppet.come_back();
+    heard.until("it says so", |event| matches!(event, Event::Back { .. }));
+    assert_eq!(Client::connect(server.address()).devices().0, ["1-1"]);
+    let mut client = Client::attached(server.address());
+    let given = client.give(&[1; 512]);
+    assert_eq!(client.reply(), Reply::done(given, 512));
+    assert_eq!(puppet.opened(), 2);
+}
+
+#[test]
+fn a_board_that_is_lost_while_nobody_has_it_is_noticed() {
+    let (puppet, server, heard) = serve(options());
+    puppet.lose();
+    heard.until("it says so", |event| matches!(event, Event::Lost { .. }));
+    puppet.come_back();
+    heard.until("it says so", |event| matches!(event, Event::Back { .. }));
+    Client::attached(server.address());
+}
+
+#[test]
+fn the_end_of_the_server_detaches_everybody_and_closes_the_links() {
+    let (puppet, server, heard) = serve(options());
+    let mut client = Client::attached(server.address());
+    let mut idle = Client::connect(server.address());
+    puppet.set_busy(true);
+    client.give(&[1; 512]);
+    client.want_report();
+    puppet.until_writing();
+    let address = server.address();
+    server.stop();
+    assert!(client.is_cut() && idle.is_cut());
+    puppet.until_closed();
+    assert!(heard.end().contains("the server stops"));
+    drop(server);
+    TcpListener::bind(address).expect("the port is free again");
+}
+
+#[test]
+fn what_cannot_be_served_is_said_at_the_start() {
+    let start = |boards| Server::start(options(), boards, Heard::default().listener()).map(|_| ());
+    let gone = Puppet::default();
+    gone.lose();
+    let error = start(vec![spec(&gone)]).unwrap_err();
+    assert!(matches!(error, ServeError::Link(_)), "{error}");
+
+    let virtual_time = Box::new(|| link::open("sim:?clock=virtual", Share::ByName));
+    let error = start(vec![BoardSpec { identity: Identity::default(), opener: virtual_time }]).unwrap_err();
+    assert!(matches!(&error, ServeError::VirtualTime { .. }) && error.to_string().contains("clock=virtual"), "{error}");
+
+    let mut bad = spec(&Puppet::default());
+    bad.identity.interval = 0;
+    assert!(matches!(start(vec![bad]).unwrap_err(), ServeError::Identity(_)));
+
+    let many = (0..128).map(|_| spec(&Puppet::default())).collect();
+    assert!(matches!(start(many).unwrap_err(), ServeError::TooMany { found: 128 }));
+
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let options = Options { listen: taken.local_addr().unwrap(), ..options() };
+    let error = Server::start(options, vec![], Arc::new(|_| {})).map(|_| ()).unwrap_err();
+    assert!(error.to_string().ends_with("Choose another with --listen"), "{error}");
+}
+
+/// SK-9.8, SK-9.9, SK-9.15 A simulated board: a report every cycle, asked or not, in every state; a cycle of 250 us is
+/// accepted.
+#[test]
+fn a_simulated_board_runs_behind_it() {
+    let (server, _) = sim("sim:?slaves=io&queue=1&name=usbip-runs");
+    let mut client = Client::attached(server.address());
+    let mut next = || {
+        client.want_report();
+        client.report().1
+    };
+    let before: Vec<StateByte> = (0..20).map(|_| state(&next())).collect();
+    assert!(before.iter().all(|state| *state == StateByte::reached(MasterState::PreOp)), "{before:?}");
+
+    let mut give = |client: &mut Client, command| {
+        let given = client.give(frame(command).bytes());
+        assert_eq!(client.reply(), Reply::done(given, 512));
+    };
+    give(&mut client, MasterCommand::SetDc { cycle: CycleTime::from_us(250).unwrap(), shift: DcShift::Auto });
+    give(&mut client, MasterCommand::SetState(MasterState::Op));
+    let reports = (0..20_000).map(|_| {
+        client.want_report();
+        client.report().1
+    });
+    let mut in_op = reports.skip_while(|report| state(report) != StateByte::reached(MasterState::Op));
+    assert!(in_op.next().is_some(), "it reaches OP");
+    assert!(in_op.take(50).all(|report| state(&report) == StateByte::reached(MasterState::Op)));
+}
+
+/// SW_RESET takes the board from the host; it can be attached again.
+#[test]
+fn after_a_reset_the_board_is_attached_again() {
+    let (server, heard) = sim("sim:?slaves=io&queue=1&name=usbip-reset");
+    let mut client = Client::attached(server.address());
+    client.give(frame(MasterCommand::SoftReset).bytes());
+    assert!(client.is_cut());
+    heard.until("it says so", |event| matches!(event, Event::Back { .. }));
+    let mut client = Client::attached(server.address());
+    client.want_report();
+    assert_eq!(state(&client.report().1), StateByte::reached(MasterState::PreOp));
+}

@@ -35,6 +35,12 @@ pub enum Error {
     Mutants { rooms: String, reasons: &'static str },
     #[error("{} cannot be read ({source}); begin anew with --again", path.display())]
     Known { path: PathBuf, source: serde_json::Error },
+    #[error("{0}")]
+    Rig(&'static str),
+    #[error("the kernel has no module {name}; name another one in xtask/src/rig/guest.rs")]
+    NoModule { name: String },
+    #[error("{why}; its last words are above, all of them: {}", log.display())]
+    Guest { why: &'static str, log: PathBuf },
     #[error("a line of a bench is no figure: {line}\n    ({source}); print figures by benches/common")]
     Figure { line: String, source: serde_json::Error },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]

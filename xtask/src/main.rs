@@ -9,6 +9,7 @@ mod fuzz;
 mod mutants;
 mod needs;
 mod project;
+mod rig;
 mod soak;
 mod stage;
 mod test;

@@ -30,6 +30,9 @@ pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debia
 pub const PYTHON: Need = Need { program: "python3", source: Source::Debian(&["python3"]) };
 /// memcheck reads the symbols of the dynamic linker, which are in libc6-dbg.
 pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };
+pub const QEMU: Need = Need { program: "qemu-system-x86_64", source: Source::Debian(&["qemu-system-x86"]) };
+pub const XZ: Need = Need { program: "xz", source: Source::Debian(&["xz-utils"]) };
+pub const STRIP: Need = Need { program: "strip", source: Source::Debian(&["binutils"]) };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };

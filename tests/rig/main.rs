@@ -1,0 +1,11 @@
+//! Wire tests: the tool, Debian's `usbip`, and between them the USB and HID code of a real kernel. They run in a guest
+//! system, as root, one at a time: `cargo xtask test --rig`.
+#![cfg(target_os = "linux")]
+
+mod detach;
+mod frames;
+mod here;
+mod hidraw;
+mod program;
+mod served;
+mod shown;

@@ -1,0 +1,71 @@
+//! What the guest consists of.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::initrd::Archive;
+use super::packages::Packages;
+use super::programs::{self, Programs};
+use super::{modules, packages};
+use crate::error::Error;
+
+/// What the guest's USB and HID code is, and the virtual host controller.
+const MODULES: [&str; 3] = ["vhci-hcd", "usbhid", "hid-generic"];
+
+/// The guest's first program. `@` stands for the modules in their order.
+const INIT: &str = r#"#!/bin/busybox sh
+/bin/busybox --install -s /bin
+export PATH=/bin:/rig
+mount -t proc proc /proc
+mount -t sysfs sysfs /sys
+mount -t devtmpfs dev /dev
+for module in @; do insmod "/modules/$module" || echo "insmod $module failed"; done
+ifconfig lo up
+echo "GUEST-BEGIN $(uname -r)"
+cd /tmp
+/rig/tests --test-threads=1 2>&1
+code=$?
+echo "GUEST-END rc=$code"
+# The code goes to isa-debug-exit; poweroff is for a QEMU without it.
+printf "\\x$(printf %02x $code)" | dd of=/dev/port bs=1 seek=244 count=1 2>/dev/null
+poweroff -f
+"#;
+
+/// Packs the guest's root.
+pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<PathBuf, Error> {
+    let mut archive = Archive::default();
+    for empty in ["proc", "sys", "dev", "tmp", "var", "run"] {
+        archive.folder(empty);
+    }
+    // usbip keeps what it has attached below it.
+    archive.link("var/run", "/run");
+    archive.copy("bin/busybox", &packages.root.join("bin/busybox"))?;
+
+    let order = modules::in_order(&packages.root.join("lib/modules").join(&packages.release), &MODULES)?;
+    let mut names = Vec::new();
+    for module in &order {
+        let name = module.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        archive.copy(&format!("modules/{name}"), module)?;
+        names.push(name);
+    }
+    archive.file("init", 0o755, INIT.replace('@', &names.join(" ")).as_bytes());
+
+    let stripped = folder.join("stripped");
+    packages::empty(&stripped)?;
+    let usbip = packages.root.join("usr/sbin/usbip");
+    let mut libraries = BTreeSet::new();
+    for (name, program) in [("tests", &built.tests), ("ecmsk", &built.tool), ("usbip", &usbip)] {
+        let small = stripped.join(name);
+        programs::stripped(program, &small)?;
+        archive.copy(&format!("rig/{name}"), &small)?;
+        libraries.extend(programs::libraries(program)?);
+    }
+    for library in libraries {
+        archive.copy(library.to_string_lossy().trim_start_matches('/'), &library)?;
+    }
+
+    let initrd = folder.join("initrd");
+    fs::write(&initrd, archive.finish()).map_err(Error::file("write", &initrd))?;
+    Ok(initrd)
+}

@@ -1,0 +1,31 @@
+//! `cargo xtask test --rig`: the wire tests in a small guest, where a real kernel's USB and HID code stands between the
+//! two ends.
+//!
+//! The guest is Debian's kernel, an archive in memory with its modules, Debian's `usbip`, the tool and the test program,
+//! and nothing else; QEMU boots it without privileges and without KVM. All that is fetched stays in
+//! `target/xtask/rig/`.
+
+mod guest;
+mod initrd;
+mod kernel;
+mod modules;
+mod packages;
+mod programs;
+mod qemu;
+
+use crate::error::Error;
+use crate::needs::{Need, QEMU, STRIP, XZ};
+use crate::project::Project;
+
+/// What the rig needs beside cargo.
+pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP];
+
+/// Runs all wire tests in the guest.
+pub fn run(project: &Project) -> Result<(), Error> {
+    let folder = project.target.join("xtask/rig");
+    let packages = packages::fetch(&folder)?;
+    let kernel = kernel::unpack(&packages, &folder)?;
+    let programs = programs::build(project)?;
+    let initrd = guest::pack(&packages, &programs, &folder)?;
+    qemu::boot(&kernel, &initrd, &folder)
+}

@@ -1,0 +1,97 @@
+//! Debian's packages for the guest: fetched without installing them, so that the host stays as it is.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::command;
+use crate::error::Error;
+
+/// What stands for the newest kernel of this Debian. The flavour "cloud" has no USB.
+const KERNEL: &str = "linux-image-amd64";
+/// Busybox is the guest's user land; usbip attaches a board.
+const OTHERS: [&str; 2] = ["busybox-static", "usbip"];
+
+/// What the packages hold, unpacked.
+pub struct Packages {
+    /// As it would lie below `/`.
+    pub root: PathBuf,
+    /// The kernel's release, such as `6.1.0-40-amd64`.
+    pub release: String,
+}
+
+/// Fetches what is not there yet, and unpacks it.
+pub fn fetch(folder: &Path) -> Result<Packages, Error> {
+    if !command::succeeds(Command::new("apt-get").arg("--version")) {
+        return Err(Error::Rig("the guest is made of Debian's packages, and there is no apt-get; run it on Debian 12"));
+    }
+    let image = kernel_package()?;
+    let release = image.trim_start_matches("linux-image-").to_owned();
+    let root = folder.join(format!("root-{release}"));
+    // Named last, when all is in its place.
+    if !root.is_dir() {
+        let (debs, unpacked) = (folder.join("debs"), folder.join("unpacking"));
+        for folder in [&debs, &unpacked] {
+            empty(folder)?;
+        }
+        let names = [&[image.as_str()][..], &OTHERS].concat();
+        println!("fetching for the guest: {}", names.join(" "));
+        command::run(Command::new("apt-get").current_dir(&debs).args(["-qq", "download"]).args(names))?;
+        for deb in list(&debs)? {
+            command::run(Command::new("dpkg").arg("-x").args([&deb, &unpacked]))?;
+        }
+        fs::rename(&unpacked, &root).map_err(Error::file("rename", &unpacked))?;
+    }
+    Ok(Packages { root, release })
+}
+
+/// The package with the kernel itself, by the one that depends on the newest.
+fn kernel_package() -> Result<String, Error> {
+    if let Some(image) = depends()? {
+        return Ok(image);
+    }
+    // A fresh system knows of no packages.
+    command::run(Command::new("apt-get").args(["-qq", "update"]))?;
+    depends()?.ok_or(Error::Rig("apt knows no kernel (linux-image-amd64); run `sudo apt-get update`"))
+}
+
+fn depends() -> Result<Option<String>, Error> {
+    let mut ask = Command::new("apt-cache");
+    let said = command::output(ask.args(["depends", "--important", KERNEL]))?;
+    Ok(image_of(&String::from_utf8_lossy(&said)))
+}
+
+fn image_of(said: &str) -> Option<String> {
+    let depends = said.lines().filter_map(|line| line.trim().strip_prefix("Depends: "));
+    depends.map(str::trim).find(|name| name.starts_with("linux-image-")).map(str::to_owned)
+}
+
+/// The folder, with nothing in it.
+pub fn empty(folder: &Path) -> Result<(), Error> {
+    if folder.exists() {
+        fs::remove_dir_all(folder).map_err(Error::file("remove", folder))?;
+    }
+    fs::create_dir_all(folder).map_err(Error::file("make", folder))
+}
+
+/// What lies in a folder, by name.
+pub fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let entries =
+        fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>).map_err(Error::file("list", folder))?;
+    let mut paths: Vec<PathBuf> = entries.iter().map(fs::DirEntry::path).collect();
+    paths.sort();
+    Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_kernel_is_what_the_newest_depends_on() {
+        let said = "linux-image-amd64\n  Depends: linux-image-6.1.0-40-amd64\n";
+        assert_eq!(image_of(said).as_deref(), Some("linux-image-6.1.0-40-amd64"));
+        assert_eq!(image_of(""), None);
+        assert_eq!(image_of("linux-image-amd64\n"), None);
+    }
+}

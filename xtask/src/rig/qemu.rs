@@ -1,0 +1,109 @@
+//! Boots the guest and reads what it says.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use crate::command;
+use crate::error::Error;
+
+/// No run of the tests takes longer, on the slowest machine that was seen.
+const LIMIT: Duration = Duration::from_secs(480);
+/// QEMU's own exit code when the guest said 0: twice that and one more.
+const GUEST_SUCCEEDED: i32 = 1;
+/// What the guest's first program says last.
+const END: &str = "GUEST-END rc=0";
+/// Lines that are shown of a guest that failed.
+const LAST_LINES: usize = 80;
+
+/// Boots it; what it says goes to a file, and results of tests to standard output too.
+pub fn boot(kernel: &Path, initrd: &Path, folder: &Path) -> Result<(), Error> {
+    let log = folder.join("console.log");
+    let mut file = File::create(&log).map_err(Error::file("make", &log))?;
+    let mut qemu = command_line(kernel, initrd);
+    let started = qemu.spawn().map_err(|source| Error::Start { command: command::shown(&qemu), source });
+    let mut child = Guest(started?);
+    let said = child.0.stdout.take();
+
+    let (lines, heard) = mpsc::channel();
+    let reader = std::thread::spawn(move || {
+        let bytes = said.into_iter().flat_map(|said| BufReader::new(said).split(b'\n')).map_while(Result::ok);
+        for line in bytes {
+            let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+            if lines.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    let until = Instant::now() + LIMIT;
+    let mut all = Vec::new();
+    while let Ok(line) = heard.recv_timeout(until.saturating_duration_since(Instant::now())) {
+        // The file is for a person; that it is full is no reason to stop.
+        let _ = writeln!(file, "{line}");
+        if is_result(&line) {
+            println!("  {line}");
+        }
+        all.push(line);
+    }
+    let in_time = Instant::now() < until;
+    if !in_time {
+        child.end();
+    }
+    let status = child.0.wait().map_err(Error::file("wait for", Path::new("qemu")))?;
+    // Its output is at its end, as it is itself.
+    let _ = reader.join();
+    if in_time && status.code() == Some(GUEST_SUCCEEDED) && all.iter().any(|line| line == END) {
+        return Ok(());
+    }
+    println!("{}", all[all.len().saturating_sub(LAST_LINES)..].join("\n"));
+    let why = if in_time { "a test failed, or the guest did" } else { "the guest did not end in time" };
+    Err(Error::Guest { why, log })
+}
+
+/// Without KVM: on a machine that is a guest itself it may hang.
+fn command_line(kernel: &Path, initrd: &Path) -> Command {
+    let mut qemu = Command::new("qemu-system-x86_64");
+    qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max", "-smp", "1", "-m", "512"]);
+    qemu.args(["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]);
+    qemu.args(["-device", "isa-debug-exit,iobase=0xf4,iosize=1"]);
+    qemu.arg("-kernel").arg(kernel).arg("-initrd").arg(initrd);
+    qemu.args(["-append", "console=ttyS0 quiet loglevel=4 panic=-1 oops=panic"]);
+    qemu.stdin(Stdio::null()).stdout(Stdio::piped());
+    qemu
+}
+
+/// A line that says how a test or all of them went.
+fn is_result(line: &str) -> bool {
+    line.starts_with("test ") || line.starts_with("GUEST-BEGIN")
+}
+
+/// Ends with this program.
+struct Guest(Child);
+
+impl Guest {
+    fn end(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+    }
+}
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        self.end();
+        let _ = self.0.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_are_told_from_what_else_a_guest_says() {
+        assert!(is_result("test list::shows ... ok") && is_result("test result: ok. 3 passed"));
+        assert!(!is_result("[    1.0] usb 1-1: new high-speed USB device") && !is_result("running 3 tests"));
+    }
+}

@@ -10,6 +10,9 @@ use ecmsk::sk::{Frame, MasterState};
 use super::hidraw::Hidraw;
 use super::served::{Served, attach, detach_all, recorded};
 
+/// What a guest without KVM follows easily.
+const CYCLE_US: u32 = 4000;
+
 /// A board, and what the program has sent it.
 struct Noted {
     board: Hidraw,
@@ -46,7 +49,7 @@ impl Link for Noted {
 fn two_axes(link: Noted) -> Result<[f64; 2], EcmError> {
     let axis = Axis { scale: Scale::per_unit(131_072.0 / 360.0), ..Axis::CSP };
     let ecm = Ecm::over(Arc::new(link), Options::default())?;
-    ecm.configure(&Config { slaves: vec![Slave::Drive(axis); 2], cycle_us: 1000 })?;
+    ecm.configure(&Config { slaves: vec![Slave::Drive(axis); 2], cycle_us: CYCLE_US })?;
     ecm.set_state(MasterState::Op)?;
     ecm.servo_on(&[1, 2])?;
     let start = ecm.snapshot()?;
@@ -66,10 +69,10 @@ fn two_axes(link: Noted) -> Result<[f64; 2], EcmError> {
     Ok(way)
 }
 
-/// The axes move, and the board has executed the commands that the program sent, none lost or doubled.
+/// WIRE-2 The axes move, and the board has executed the commands that the program sent, none lost or doubled.
 #[test]
 fn two_axes_move_behind_a_real_kernel() {
-    let served = Served::start(&["sim:?slaves=drive*2&rate=0.2&record=%2Ftmp%2Ftwo.pcapng"], &[]);
+    let served = Served::start(&["sim:?slaves=drive*2&record=%2Ftmp%2Ftwo.pcapng"], &[]);
     let sent = Arc::default();
     let board = Noted { board: Hidraw::open(&attach("1-1")), sent: Arc::clone(&sent) };
     let way = two_axes(board).unwrap_or_else(|error| panic!("{error}"));

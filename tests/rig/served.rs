@@ -1,6 +1,6 @@
 //! What the wire tests share: the tool as a server, and `usbip` as the one that attaches.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -15,6 +15,9 @@ use ecmsk::sk::Frame;
 const TOOL: &str = "/rig/ecmsk";
 const USBIP: &str = "/rig/usbip";
 
+/// What the server says of comings and goings, shown if a test fails.
+const LOG: &str = "/tmp/serve.log";
+
 /// A slow guest on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -28,7 +31,11 @@ impl Served {
     #[track_caller]
     pub fn start(links: &[&str], options: &[&str]) -> Self {
         let mut command = Command::new(TOOL);
-        command.args(["serve", "usbip"]).args(options).stdout(Stdio::piped());
+        command
+            .args(["serve", "usbip"])
+            .args(options)
+            .stdout(Stdio::piped())
+            .stderr(File::create(LOG).expect("/tmp is there"));
         for link in links {
             command.args(["--link", link]);
         }
@@ -61,6 +68,9 @@ impl Drop for Served {
         // It has ended, or a test has failed.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        if thread::panicking() {
+            println!("{}", fs::read_to_string(LOG).unwrap_or_default());
+        }
     }
 }
 
@@ -141,7 +151,7 @@ impl Board {
 /// All frames of one direction in a recording.
 #[track_caller]
 pub fn recorded(file: &str, dir: Dir) -> Vec<Frame> {
-    let bytes = fs::File::open(file).expect("the recording is there");
+    let bytes = File::open(file).expect("the recording is there");
     let recording = Recording::new(BufReader::new(bytes), file).expect("it is a recording");
     recording
         .map(|frame| frame.expect("it is whole"))

@@ -5,6 +5,7 @@ use ecmsk::port::usbip::device::{TRANSFERS_AT_ONCE, TooMany};
 use super::board::{Board, transfer};
 use super::client::{IN, OUT, Reply};
 
+/// WIRE-6
 #[test]
 fn before_it_is_configured_its_endpoints_stall() {
     let mut board = Board::attached();
@@ -14,6 +15,7 @@ fn before_it_is_configured_its_endpoints_stall() {
     assert_eq!((board.device.wants_report(), board.next_frame()), (false, None));
 }
 
+/// WIRE-6
 #[test]
 fn other_endpoints_stall() {
     let mut board = Board::new();
@@ -23,7 +25,7 @@ fn other_endpoints_stall() {
     }
 }
 
-/// SK-9.3, SK-9.5 A read is held while there is no report, and gets all 512 bytes of the next one.
+/// WIRE-3, SK-9.3, SK-9.5 A read is held while there is no report, and gets all 512 bytes of the next one.
 #[test]
 fn a_read_waits_for_a_report() {
     let mut board = Board::new();
@@ -40,6 +42,7 @@ fn a_read_waits_for_a_report() {
     assert_eq!(board.device.counters().reports, 2);
 }
 
+/// WIRE-3
 #[test]
 fn a_report_nobody_waits_for_any_more_is_kept_until_a_newer_one_comes() {
     let mut board = Board::new();
@@ -55,6 +58,7 @@ fn a_report_nobody_waits_for_any_more_is_kept_until_a_newer_one_comes() {
     assert_eq!((counters.reports, counters.superseded), (1, 1));
 }
 
+/// WIRE-2
 #[test]
 fn a_large_read_gets_several_reports_and_a_small_one_none() {
     let mut board = Board::new();
@@ -80,6 +84,7 @@ fn a_large_read_gets_several_reports_and_a_small_one_none() {
     assert_eq!((counters.reports, counters.overflows), (3, 4));
 }
 
+/// WIRE-4
 #[test]
 fn a_frame_is_held_until_the_board_has_taken_it() {
     let mut board = Board::new();
@@ -100,6 +105,7 @@ fn a_frame_is_held_until_the_board_has_taken_it() {
     assert_eq!((board.next_frame(), board.device.counters().frames), (None, 2));
 }
 
+/// WIRE-2
 #[test]
 fn a_large_write_is_several_frames() {
     let mut board = Board::new();
@@ -112,7 +118,7 @@ fn a_large_write_is_several_frames() {
     assert!(!board.device.hangs());
 }
 
-/// SK-9.7 A short OUT packet hangs the board until it is powered off: the packet itself is taken, no frame and no report
+/// WIRE-9, SK-9.7 A short OUT packet hangs the board until it is powered off: the packet itself is taken, no frame and no report
 /// moves after it; endpoint 0 goes on.
 #[test]
 fn a_short_packet_hangs_the_board() {
@@ -155,6 +161,7 @@ fn frames_before_a_short_packet_are_taken() {
     assert_eq!((board.device.hangs(), board.next_frame()), (true, None));
 }
 
+/// WIRE-11
 #[test]
 fn a_host_has_so_many_transfers_at_a_time() {
     let mut board = Board::new();

@@ -4,9 +4,9 @@ use std::fmt;
 use std::iter;
 
 /// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
-/// native API, the tool, a board on the network.
-pub const PREFIXES: [(&str, bool); 5] =
-    [("SK-", true), ("LIB-", false), ("API-", false), ("TOOL-", false), ("TCP-", false)];
+/// native API, the tool, a board on the network, a board on its wires.
+pub const PREFIXES: [(&str, bool); 6] =
+    [("SK-", true), ("LIB-", false), ("API-", false), ("TOOL-", false), ("TCP-", false), ("WIRE-", false)];
 
 /// An id as it is written; it need not be one of docs/RULES.md.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -74,7 +74,7 @@ mod tests {
             ["SK-5.3", "LIB-12", "SK-1.1"]
         );
         assert_eq!(found("SK-5.25"), ["SK-5.25"]);
-        assert_eq!(found("API-1, TOOL-22 and TCP-3"), ["API-1", "TOOL-22", "TCP-3"]);
+        assert_eq!(found("API-1, TOOL-22, TCP-3 and WIRE-4"), ["API-1", "TOOL-22", "TCP-3", "WIRE-4"]);
         assert_eq!(found("(SK-5.3)(LIB-7):SK-11.10"), ["SK-5.3", "LIB-7", "SK-11.10"]);
     }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::initrd::Archive;
 use super::packages::Packages;
-use super::programs::{self, Programs};
+use super::programs::{self, LIBRARY, Programs};
 use super::{modules, packages};
 use crate::error::Error;
 
@@ -54,9 +54,18 @@ pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<Path
     let stripped = folder.join("stripped");
     packages::empty(&stripped)?;
     let usbip = packages.root.join("usr/sbin/usbip");
+    let (ours, hidraw) = (format!("ours/{LIBRARY}"), format!("hidraw/{LIBRARY}"));
+    let programs: [(&str, &Path); 6] = [
+        ("tests", &built.tests),
+        ("ecmsk", &built.tool),
+        ("two_axes_12b", &built.example),
+        (&ours, &built.ours),
+        (&hidraw, &built.hidraw),
+        ("usbip", &usbip),
+    ];
     let mut libraries = BTreeSet::new();
-    for (name, program) in [("tests", &built.tests), ("ecmsk", &built.tool), ("usbip", &usbip)] {
-        let small = stripped.join(name);
+    for (number, (name, program)) in programs.into_iter().enumerate() {
+        let small = stripped.join(number.to_string());
         programs::stripped(program, &small)?;
         archive.copy(&format!("rig/{name}"), &small)?;
         libraries.extend(programs::libraries(program)?);

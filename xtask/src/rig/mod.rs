@@ -14,18 +14,18 @@ mod programs;
 mod qemu;
 
 use crate::error::Error;
-use crate::needs::{Need, QEMU, STRIP, XZ};
+use crate::needs::{CXX, MAKE, Need, PKG_CONFIG, QEMU, STRIP, XZ};
 use crate::project::Project;
 
 /// What the rig needs beside cargo.
-pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP];
+pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP, CXX, MAKE, PKG_CONFIG];
 
 /// Runs all wire tests in the guest.
 pub fn run(project: &Project) -> Result<(), Error> {
     let folder = project.target.join("xtask/rig");
     let packages = packages::fetch(&folder)?;
     let kernel = kernel::unpack(&packages, &folder)?;
-    let programs = programs::build(project)?;
+    let programs = programs::build(project, &folder)?;
     let initrd = guest::pack(&packages, &programs, &folder)?;
     qemu::boot(&kernel, &initrd, &folder)
 }

@@ -1,4 +1,4 @@
-//! What runs in the guest: the tool, and the wire tests as one program.
+//! What runs in the guest: the tool, the wire tests as one program, and an unchanged program on two libraries.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -6,20 +6,31 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-use crate::command;
+use super::packages;
 use crate::error::Error;
 use crate::project::Project;
+use crate::{command, stage};
 
 /// The test of the root package that runs in the guest alone.
 const TESTS: &str = "rig";
+/// Of examples/cpp.
+const EXAMPLE: &str = "two_axes_12b";
+/// The library by the name that programs ask for.
+pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
 /// Programs that were built for the guest.
 pub struct Programs {
     pub tool: PathBuf,
     pub tests: PathBuf,
+    /// An unchanged program that links the library.
+    pub example: PathBuf,
+    /// This project's library.
+    pub ours: PathBuf,
+    /// A library that moves a hidraw node.
+    pub hidraw: PathBuf,
 }
 
-/// A line of cargo's `--message-format=json`.
+/// A line of cargo's `--message-format=json-render-diagnostics`.
 #[derive(Deserialize)]
 struct Message {
     target: Option<Target>,
@@ -32,18 +43,39 @@ struct Target {
     kind: Vec<String>,
 }
 
-/// Builds both.
-pub fn build(project: &Project) -> Result<Programs, Error> {
+/// Builds all.
+pub fn build(project: &Project, folder: &Path) -> Result<Programs, Error> {
+    let prefix = project.target.join("xtask/stage");
+    stage::build_into(project, &prefix, "dev")?;
+    let built = folder.join("built");
+    packages::empty(&built)?;
+    let (tests, example) = (build_tests(project)?, build_example(project, &prefix, &built)?);
+    let hidraw = build_hidraw_library(project, &built)?;
+    Ok(Programs { tool: prefix.join("bin/ecmsk"), tests, example, ours: prefix.join("lib").join(LIBRARY), hidraw })
+}
+
+fn build_tests(project: &Project) -> Result<PathBuf, Error> {
     let mut cargo = project.cargo();
-    cargo.args(["test", "--package=ecmsk", "--bin=ecmsk", "--test", TESTS, "--no-run", "--message-format=json"]);
+    cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--no-run", "--message-format=json-render-diagnostics"]);
     let said = command::output(&mut cargo)?;
-    let tests = executable(&said, TESTS, "test");
-    // The tests of a package bring its programs, as users have them.
-    let tool = project.target.join("debug/ecmsk");
-    match tests {
-        Some(tests) if tool.is_file() => Ok(Programs { tool, tests }),
-        _ => Err(Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() }),
-    }
+    let built = executable(&said, TESTS, "test");
+    built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() })
+}
+
+fn build_example(project: &Project, prefix: &Path, built: &Path) -> Result<PathBuf, Error> {
+    let program = built.join(EXAMPLE);
+    let mut make = Command::new("make");
+    make.current_dir(project.root.join("examples/cpp")).env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
+    command::run(make.arg("--quiet").arg(format!("OUT={}", built.display())).arg(&program))?;
+    Ok(program)
+}
+
+fn build_hidraw_library(project: &Project, built: &Path) -> Result<PathBuf, Error> {
+    let library = built.join(LIBRARY);
+    let mut gcc = Command::new("gcc");
+    gcc.args(["-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]).arg(format!("-Wl,-soname,{LIBRARY}"));
+    command::run(gcc.arg("-o").args([&library, &project.root.join("tests/rig/hidraw_library.c")]))?;
+    Ok(library)
 }
 
 fn executable(said: &[u8], name: &str, kind: &str) -> Option<PathBuf> {
@@ -62,7 +94,9 @@ pub fn stripped(program: &Path, to: &Path) -> Result<(), Error> {
 pub fn libraries(program: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut ldd = Command::new("ldd");
     let said = command::output(ldd.arg(program))?;
-    Ok(String::from_utf8_lossy(&said).lines().filter_map(library).map(PathBuf::from).collect())
+    // That under test is put in its place by itself.
+    let libraries = String::from_utf8_lossy(&said).lines().filter_map(library).map(PathBuf::from).collect::<Vec<_>>();
+    Ok(libraries.into_iter().filter(|path| path.file_name() != Some(OsStr::new(LIBRARY))).collect())
 }
 
 /// `name => /path (address)` or `/path (address)`.

@@ -13,6 +13,8 @@ pub mod ecm;
 pub mod engine;
 #[cfg(feature = "std")]
 pub mod fieldbus;
+#[cfg(feature = "usb")]
+pub mod io;
 #[cfg(feature = "std")]
 pub mod link;
 #[cfg(all(feature = "serve", unix))]

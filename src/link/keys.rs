@@ -57,7 +57,8 @@ impl Scheme {
         match self {
             Self::Sim => cfg!(feature = "sim"),
             Self::Tcp => cfg!(all(feature = "tcp", unix)),
-            Self::Usb | Self::Spi | Self::XfSim | Self::XfSpi | Self::Nic => false,
+            Self::Usb => cfg!(feature = "usb"),
+            Self::Spi | Self::XfSim | Self::XfSpi | Self::Nic => false,
         }
     }
 
@@ -103,9 +104,14 @@ pub enum Syntax {
     File,
     /// 1 to 64 letters, digits, `-`, `_` and `.`.
     Name,
+    /// A text of a USB device: 1 to 126 characters.
+    Text,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
 }
+
+/// Longest text of a USB device (USB 2.0 9.6.7).
+const TEXT_MAX: usize = 126;
 
 /// Longest name of a board. \[OURS]
 const NAME_MAX: usize = 64;
@@ -133,6 +139,7 @@ impl Syntax {
                 let plain = value.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b));
                 (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
             }
+            Self::Text => (1..=TEXT_MAX).contains(&value.chars().count()).then(|| value.to_owned()),
             Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
         };
         normal.ok_or_else(|| self.allowed())
@@ -148,6 +155,7 @@ impl Syntax {
             }
             Self::File => "allowed: the path of a file".to_owned(),
             Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
+            Self::Text => format!("allowed: 1 to {TEXT_MAX} characters"),
             Self::Slaves => format!("allowed: {}", slaves::form()),
         }
     }
@@ -160,6 +168,7 @@ impl Syntax {
             Self::Fraction(min, max) => format!("{min}..{max}"),
             Self::File => "FILE".to_owned(),
             Self::Name => "NAME".to_owned(),
+            Self::Text => "TEXT".to_owned(),
             Self::Slaves => "LIST".to_owned(),
         }
     }

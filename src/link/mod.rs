@@ -20,6 +20,8 @@ pub mod slaves;
 pub mod tcp;
 pub mod travel;
 pub mod uri;
+#[cfg(feature = "usb")]
+mod usb;
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -310,6 +312,8 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
         keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
         #[cfg(all(feature = "tcp", unix))]
         keys::Scheme::Tcp => tcp::open(uri, options),
+        #[cfg(feature = "usb")]
+        keys::Scheme::Usb => usb::open(uri, options),
         other => Err(LinkError::Unsupported {
             scheme: other.name().into(),
             hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \

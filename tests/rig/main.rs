@@ -9,3 +9,4 @@ mod hidraw;
 mod program;
 mod served;
 mod shown;
+mod usb;

@@ -66,11 +66,6 @@ impl Puppet {
     }
 
     #[track_caller]
-    pub fn until_written(&self, frames: usize) {
-        self.until("frames written", |state| state.written.len() >= frames);
-    }
-
-    #[track_caller]
     pub fn until_writing(&self) {
         self.until("a frame is being given", |state| state.writing > 0);
     }
@@ -116,7 +111,8 @@ impl Puppet {
         if state.closed {
             return Some(LinkError::Closed);
         }
-        state.lost.then(|| LinkError::Lost { name: "puppet:".into(), reason: "pulled".into() })
+        let gone = || LinkError::Io { what: "use the puppet".into(), message: "it was pulled".into() };
+        state.lost.then(gone)
     }
 
     /// Waits for `done` as a link does.

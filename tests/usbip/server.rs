@@ -285,7 +285,7 @@ fn a_simulated_board_runs_behind_it() {
     let before: Vec<StateByte> = (0..20).map(|_| state(&next())).collect();
     assert!(before.iter().all(|state| *state == StateByte::reached(MasterState::PreOp)), "{before:?}");
 
-    let mut give = |client: &mut Client, command| {
+    let give = |client: &mut Client, command| {
         let given = client.give(frame(command).bytes());
         assert_eq!(client.reply(), Reply::done(given, 512));
     };

@@ -14,13 +14,14 @@ const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Spi, Scheme::Tcp];
 const SLOWEST: Fraction = Fraction::from_billionths(1_000_000);
 const SIM: &[Scheme] = &[Scheme::Sim];
 const TCP: &[Scheme] = &[Scheme::Tcp];
+const USB: &[Scheme] = &[Scheme::Usb];
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
 /// Every key, in the order of a URI's normal form.
 ///
 /// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
-/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `fault.seed`,
+/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `transfers`, `fault.seed`,
 /// `fault.delay_ms`, those of `tcp:`, and the ends of every range.
 pub const KEYS: &[Key] = &[
     Key {
@@ -221,6 +222,30 @@ pub const KEYS: &[Key] = &[
         default: Some("5000"),
         example: "100",
         meaning: "a write that the board does not accept fails after that time, in ms",
+    },
+    Key {
+        name: "serial",
+        schemes: USB,
+        syntax: Syntax::Text,
+        default: None,
+        example: "7",
+        meaning: "the board with this serial number; not given: the only one there is",
+    },
+    Key {
+        name: "path",
+        schemes: USB,
+        syntax: Syntax::Name,
+        default: None,
+        example: "1-2.3",
+        meaning: "the board at this place, bus and ports as Linux names them; not given: the only one there is",
+    },
+    Key {
+        name: "transfers",
+        schemes: USB,
+        syntax: Syntax::Number(1, 64),
+        default: Some("8"),
+        example: "16",
+        meaning: "transfers that wait for reports at a time, so that none is missed between two reads",
     },
     Key {
         name: "fault.seed",

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::thread::JoinHandle;
 
 use super::attach::{self, AttachError};
 use super::board::Event;
 use super::server::Shared;
 use super::stream::Stream;
+use crate::threads;
 
 /// Gives board `index` to the kernel of this machine; the thread ends when the kernel lets go of it.
 pub(super) fn attach(shared: &Arc<Shared>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
@@ -16,7 +17,7 @@ pub(super) fn attach(shared: &Arc<Shared>, index: usize, vhci: &Path) -> Result<
     let session = board.take(Stream::Unix(stream)).map_err(|_| AttachError::Taken)?;
     let shared = shared.clone();
     let serve = move || shared.boards[index].serve(&session, &format!("this machine, port {port}"));
-    thread::Builder::new().name("usbip-here".into()).spawn(serve).map_err(AttachError::Refused)
+    threads::spawn("usbip-here", serve).map_err(AttachError::Refused)
 }
 
 /// Looks after board `index` until the server stops. `attached` is the thread that serves it to this machine already.

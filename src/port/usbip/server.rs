@@ -19,6 +19,7 @@ use super::here;
 use super::stream::{NEVER_READS, Stream};
 use super::wire::{self, BUS_ID_LEN, OP_LEN, Op, PORT, Refusal, Shown, WireError};
 use crate::link::LinkError;
+use crate::threads;
 
 /// How long a client may take for its request. \[OURS]
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -192,8 +193,7 @@ impl Server {
 
     fn spawn(&self, name: &str, work: impl FnOnce(&Arc<Shared>) + Send + 'static) -> Result<(), ServeError> {
         let shared = self.shared.clone();
-        let started = thread::Builder::new().name(name.into()).spawn(move || work(&shared));
-        match started {
+        match threads::spawn(name, move || work(&shared)) {
             Ok(thread) => {
                 self.threads.lock().push(thread);
                 Ok(())
@@ -242,10 +242,7 @@ impl Shared {
             threads.retain(|thread| !thread.is_finished());
             self.register(number, &stream);
             let shared = self.clone();
-            let started = thread::Builder::new().name("usbip-client".into()).spawn(move || {
-                shared.client(number, stream, from);
-            });
-            match started {
+            match threads::spawn("usbip-client", move || shared.client(number, stream, from)) {
                 Ok(thread) => threads.push(thread),
                 Err(error) => {
                     self.forget(number);

@@ -108,6 +108,7 @@ impl Session {
             self.end(End::Detached);
         }
         thread::scope(|scope| {
+            // They begin with the signal mask of this thread, which takes none.
             let pump = |name: &str, work: fn(&Self)| {
                 let started = thread::Builder::new().name(name.into()).spawn_scoped(scope, move || work(self));
                 if let Err(error) = started {

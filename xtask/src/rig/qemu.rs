@@ -70,7 +70,7 @@ fn command_line(kernel: &Path, initrd: &Path) -> Command {
     qemu.args(["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]);
     qemu.args(["-device", "isa-debug-exit,iobase=0xf4,iosize=1"]);
     qemu.arg("-kernel").arg(kernel).arg("-initrd").arg(initrd);
-    qemu.args(["-append", "console=ttyS0 quiet loglevel=4 panic=-1 oops=panic"]);
+    qemu.args(["-append", "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic"]);
     qemu.stdin(Stdio::null()).stdout(Stdio::piped());
     qemu
 }

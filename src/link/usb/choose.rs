@@ -1,0 +1,137 @@
+//! Which of the devices on the bus is meant.
+
+use std::fmt::Write as _;
+
+use super::options::UsbOptions;
+use crate::io::hid::{Found, NotOne, Shape};
+use crate::link::LinkError;
+
+/// The one board that fits.
+pub(super) fn choose<'a>(
+    name: &str,
+    found: &'a [Found],
+    options: &UsbOptions,
+) -> Result<(&'a Found, Shape), LinkError> {
+    let facts: Vec<Facts<'_>> = found.iter().map(Facts::of).collect();
+    let index = one_of(&facts, options).map_err(|reason| LinkError::NoBoard { name: name.to_owned(), reason })?;
+    match found[index].shape {
+        Ok(shape) => Ok((&found[index], shape)),
+        Err(why) => Err(LinkError::NoBoard { name: name.to_owned(), reason: why.to_string() }),
+    }
+}
+
+/// What counts of a device.
+struct Facts<'a> {
+    path: &'a str,
+    serial: Option<&'a str>,
+    name: Option<&'a str>,
+    not_one: Option<NotOne>,
+}
+
+impl<'a> Facts<'a> {
+    fn of(found: &'a Found) -> Self {
+        Self {
+            path: &found.path,
+            serial: found.serial.as_deref(),
+            name: found.name.as_deref(),
+            not_one: found.shape.err(),
+        }
+    }
+
+    /// `1-2.3 (ECM-SK, serial 7)`.
+    fn shown(&self) -> String {
+        let mut text = self.path.to_owned();
+        match (self.name, self.serial) {
+            (Some(name), Some(serial)) => _ = write!(text, " ({name}, serial {serial})"),
+            (Some(name), None) => _ = write!(text, " ({name})"),
+            (None, Some(serial)) => _ = write!(text, " (serial {serial})"),
+            (None, None) => {}
+        }
+        text
+    }
+}
+
+/// The index of the one that fits, or why there is none.
+fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
+    let fits = |facts: &Facts<'_>| {
+        facts.not_one.is_none()
+            && options.serial.as_deref().is_none_or(|serial| facts.serial == Some(serial))
+            && options.path.as_deref().is_none_or(|path| facts.path == path)
+    };
+    let fitting: Vec<usize> = (0..found.len()).filter(|index| fits(&found[*index])).collect();
+    match fitting[..] {
+        [index] => Ok(index),
+        [] => Err(none(found, options)),
+        _ => {
+            let all: Vec<String> = fitting.iter().map(|index| found[*index].shown()).collect();
+            let example = found[fitting[0]].path;
+            Err(format!("there are {}: {}; choose one, e.g. usb:?path={example}", all.len(), all.join(", ")))
+        }
+    }
+}
+
+fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
+    let mut wanted = String::new();
+    if let Some(serial) = &options.serial {
+        _ = write!(wanted, " with serial number {serial}");
+    }
+    if let Some(path) = &options.path {
+        _ = write!(wanted, " at {path}");
+    }
+    let boards: Vec<String> = found.iter().filter(|facts| facts.not_one.is_none()).map(Facts::shown).collect();
+    if !boards.is_empty() {
+        return format!("there is none{wanted}, but {}; correct the link", boards.join(", "));
+    }
+    let others: Vec<String> =
+        found.iter().filter_map(|facts| Some(format!("{}: {}", facts.shown(), facts.not_one?))).collect();
+    if others.is_empty() {
+        return format!("there is none{wanted}; plug it in, set CONFIG0 to USB, and give it power enough");
+    }
+    // The pair of ids is shared by many hobby devices.
+    format!("there is none{wanted}, only other devices with its ids ({}); plug the board in", others.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANY: UsbOptions = UsbOptions { vendor: 0, product: 0, serial: None, path: None, transfers: 8 };
+
+    fn board<'a>(path: &'a str, serial: &'a str) -> Facts<'a> {
+        Facts { path, serial: Some(serial), name: Some("ECM-SK"), not_one: None }
+    }
+
+    fn with(serial: Option<&str>, path: Option<&str>) -> UsbOptions {
+        UsbOptions { serial: serial.map(str::to_owned), path: path.map(str::to_owned), ..ANY }
+    }
+
+    /// SK-9.2 Devices that share the pair are told from a board by more than it.
+    #[test]
+    fn a_device_with_the_boards_ids_is_no_board() {
+        let other = || Facts { path: "1-1", serial: None, name: Some("Relay"), not_one: Some(NotOne::OtherReports) };
+        assert_eq!(one_of(&[other(), board("1-2", "7")], &ANY), Ok(1));
+        let why = one_of(&[other()], &ANY).unwrap_err();
+        assert!(why.contains("1-1 (Relay): its HID interface has no interrupt endpoints of 512 bytes"), "{why}");
+    }
+
+    #[test]
+    fn of_several_boards_one_has_to_be_chosen() {
+        let both = || [board("1-1", "7"), board("1-2.3", "8")];
+        let why = one_of(&both(), &ANY).unwrap_err();
+        assert_eq!(
+            why,
+            "there are 2: 1-1 (ECM-SK, serial 7), 1-2.3 (ECM-SK, serial 8); choose one, e.g. usb:?path=1-1"
+        );
+        assert_eq!(one_of(&both(), &with(Some("8"), None)), Ok(1));
+        assert_eq!(one_of(&both(), &with(None, Some("1-1"))), Ok(0));
+        assert_eq!(one_of(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
+    }
+
+    /// SK-9.17 Without a board the error says what to look at.
+    #[test]
+    fn without_a_board_the_error_says_what_to_do() {
+        assert!(one_of(&[], &ANY).unwrap_err().ends_with("plug it in, set CONFIG0 to USB, and give it power enough"));
+        let why = one_of(&[board("1-1", "7")], &with(Some("9"), None)).unwrap_err();
+        assert_eq!(why, "there is none with serial number 9, but 1-1 (ECM-SK, serial 7); correct the link");
+    }
+}

@@ -1,0 +1,33 @@
+//! What a URI `usb:` says, as types.
+
+use super::super::uri::{LinkUri, UriError};
+
+/// The board's pair (SK-9), which many hobby devices share.
+const VENDOR: u16 = 0x16C0;
+const PRODUCT: u16 = 0x05DF;
+
+/// Options of `usb:`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct UsbOptions {
+    pub vendor: u16,
+    pub product: u16,
+    /// The serial number of the board that is meant.
+    pub serial: Option<String>,
+    /// Bus and ports of the board that is meant, as Linux names them.
+    pub path: Option<String>,
+    /// Transfers to the host that are handed over at a time.
+    pub transfers: usize,
+}
+
+impl UsbOptions {
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        let text = |value: &str| Some(value.to_owned());
+        Ok(Self {
+            vendor: VENDOR,
+            product: PRODUCT,
+            serial: uri.typed("serial", text)?,
+            path: uri.typed("path", text)?,
+            transfers: uri.required("transfers", |value| value.parse().ok())?,
+        })
+    }
+}

@@ -1,0 +1,221 @@
+//! The link `usb:`, with the kernel's USB code between it and a virtual board.
+
+use std::fs;
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::ecm::{Close, Ecm};
+use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
+use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
+
+use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+
+#[track_caller]
+fn open(uri: &str) -> Arc<dyn Link> {
+    link::open(uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"))
+}
+
+#[track_caller]
+fn refused(uri: &str) -> LinkError {
+    link::open(uri, Share::ByName).map(|_| ()).unwrap_err()
+}
+
+fn frame(command: MasterCommand) -> Frame {
+    let mut frame = Frame::new();
+    frame.put_master(SIZE, &command);
+    frame
+}
+
+fn state(report: &Frame) -> StateByte {
+    MasterResponse::decode(&report.slot(SIZE, 0)).state
+}
+
+/// SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
+#[test]
+fn a_board_on_usb_is_a_link() {
+    let _served = Served::start(&["sim:?slaves=io"], &[]);
+    attach("1-1");
+    let board = open("usb:?slot=12");
+    let mut report = Frame::new();
+    let first = board.read(&mut report, Wait::For(PATIENCE)).expect("a report");
+    assert_eq!((first.sequence, state(&report)), (0, StateByte::reached(MasterState::PreOp)));
+    board.write(&frame(MasterCommand::SetState(MasterState::Op)), Wait::For(PATIENCE)).expect("it takes it");
+    until("it is in OP", || {
+        board.read(&mut report, Wait::For(PATIENCE)).expect("a report");
+        (state(&report) == StateByte::reached(MasterState::Op)).then_some(())
+    });
+    let stats = board.stats();
+    assert!(stats.written == 1 && stats.read > 1, "{stats:?}");
+    board.close();
+
+    let ecm = Ecm::open("usb:?slot=12").expect("it opens again");
+    assert_eq!(ecm.state().expect("a report"), StateByte::reached(MasterState::Op));
+    ecm.set_state(MasterState::PreOp).expect("it goes back");
+    ecm.close(Close::Leave).expect("it closes");
+    detach_all();
+}
+
+/// Frames arrive once, whole and in order, whatever is read meanwhile; 512 bytes always.
+#[test]
+fn no_frame_is_lost_or_doubled() {
+    let served = Served::start(&["sim:?slaves=io&record=%2Ftmp%2Fusb.pcapng"], &[]);
+    attach("1-1");
+    let board = open("usb:");
+    let reader = thread::spawn({
+        let board = board.clone();
+        move || {
+            let mut report = Frame::new();
+            let mut last = None;
+            while let Ok(meta) = board.read(&mut report, Wait::Forever) {
+                assert!(last.is_none_or(|last| meta.sequence > last), "in order");
+                last = Some(meta.sequence);
+            }
+            last
+        }
+    });
+    let mut sent = Vec::new();
+    for number in 0..1000_u32 {
+        let mut frame = Frame::new();
+        frame.bytes_mut()[16..20].copy_from_slice(&number.to_le_bytes());
+        frame.bytes_mut()[504..512].copy_from_slice(&[number as u8; 8]);
+        board.write(&frame, Wait::For(PATIENCE)).expect("it takes it");
+        sent.push(frame);
+    }
+    board.close();
+    assert!(reader.join().expect("it ends").is_some(), "reports came");
+    served.stop();
+    let arrived = recorded("/tmp/usb.pcapng", Dir::Write);
+    assert!(arrived == sent, "{} of {}", arrived.len(), sent.len());
+}
+
+/// While it is open the board is the link's alone; the kernel's driver has it before and after.
+#[test]
+fn the_kernels_driver_gets_the_board_back() {
+    let _served = Served::start(&["sim:?slaves=io"], &[]);
+    attach("1-1");
+    let files = || fs::read_dir("/proc/self/fd").expect("the guest has it").count();
+    drop(open("usb:"));
+    until("the driver has it", || (!Board::all().is_empty()).then_some(()));
+    let before = files();
+    for _ in 0..10 {
+        let board = open("usb:");
+        assert!(Board::all().is_empty(), "the driver has let go of it");
+        let error = refused("usb:");
+        assert!(matches!(error, LinkError::InUse { .. }), "{error}");
+        board.close();
+        until("the driver has it", || (!Board::all().is_empty()).then_some(()));
+    }
+    assert_eq!(files(), before, "files that stay open");
+    detach_all();
+}
+
+/// SK-9.2 Two boards and no choice is an error that lists both; they are told apart by serial number and place.
+#[test]
+fn one_of_two_boards_is_chosen() {
+    let error = refused("usb:");
+    assert!(error.to_string().contains("set CONFIG0 to USB"), "{error}");
+    let _served = Served::start(&["sim:?name=a", "sim:?name=b"], &["--serial", "A", "--serial", "B"]);
+    attach("1-1");
+    attach("1-2");
+    let error = refused("usb:").to_string();
+    assert!(error.contains("serial A") && error.contains("serial B") && error.contains("usb:?path="), "{error}");
+    let (a, b) = (open("usb:?serial=A"), open("usb:?serial=B"));
+    for board in [&a, &b] {
+        board.read(&mut Frame::new(), Wait::For(PATIENCE)).expect("a report");
+    }
+    b.close();
+    let path = error.split("usb:?path=").nth(1).expect("an example").to_owned();
+    let path = path.split(|c: char| !(c.is_ascii_digit() || c == '-' || c == '.')).next().expect("a path").to_owned();
+    a.close();
+    let board = open(&format!("usb:?path={path}"));
+    board.read(&mut Frame::new(), Wait::For(PATIENCE)).expect("a report");
+    assert!(refused("usb:?serial=C").to_string().contains("none with serial number C"));
+    drop(board);
+    detach_all();
+}
+
+#[test]
+fn every_wait_ends_when_the_board_goes() {
+    let served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
+    attach("1-1");
+    let board = open("usb:");
+    let reader = thread::spawn({
+        let board = board.clone();
+        move || board.read(&mut Frame::new(), Wait::Forever)
+    });
+    board.write(&Frame::new(), Wait::For(PATIENCE)).expect("it takes it");
+    served.kill();
+    let error = reader.join().expect("it ends").unwrap_err();
+    assert!(matches!(error, LinkError::Lost { .. }), "{error}");
+    let error = board.write(&Frame::new(), Wait::Forever).unwrap_err();
+    assert!(matches!(error, LinkError::Lost { .. }), "{error}");
+    assert!(matches!(board.check(), Err(LinkError::Lost { .. })));
+    board.close();
+    assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
+}
+
+#[test]
+fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
+    let _served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
+    attach("1-1");
+    let board = open("usb:");
+    let mut untouched = Frame::from_bytes([0xA5; 512]);
+    for wait in [Wait::Now, Wait::For(Duration::from_millis(50))] {
+        let error = board.read(&mut untouched, wait).unwrap_err();
+        assert!(matches!(error, LinkError::Timeout { dir: Dir::Read, .. }), "{error}");
+    }
+    assert_eq!(untouched, Frame::from_bytes([0xA5; 512]));
+    let waiting = || {
+        let board = board.clone();
+        thread::spawn(move || board.read(&mut Frame::new(), Wait::Forever))
+    };
+    let reader = waiting();
+    while !reader.is_finished() {
+        board.cancel(Dir::Read);
+        thread::sleep(Duration::from_millis(5));
+    }
+    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Cancelled { .. })));
+    let reader = waiting();
+    board.close();
+    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Closed)));
+    detach_all();
+}
+
+/// A board that is busy holds the frame; a write that reaches its limit has moved no byte, and the board never sees it.
+#[test]
+fn a_frame_that_the_board_does_not_take_is_taken_back() {
+    let file = "/tmp/busy.pcapng";
+    let link = "sim:?slaves=io&fault.delay.write=1&fault.delay_ms=3600000&record=%2Ftmp%2Fbusy.pcapng";
+    let served = Served::start(&[link], &[]);
+    attach("1-1");
+    let board = open("usb:");
+    for _ in 0..3 {
+        let error = board.write(&Frame::new(), Wait::For(Duration::from_millis(100))).unwrap_err();
+        assert!(matches!(error, LinkError::Timeout { dir: Dir::Write, .. }), "{error}");
+        // Reports go on.
+        board.read(&mut Frame::new(), Wait::For(PATIENCE)).expect("a report");
+    }
+    board.close();
+    served.stop();
+    assert_eq!(recorded(file, Dir::Write).len(), 0);
+}
+
+/// SW_RESET takes the board away; it is opened again at its new address.
+#[test]
+fn a_board_that_was_reset_is_opened_again() {
+    let served = Served::start(&["sim:?slaves=io"], &["--attach"]);
+    until("the kernel shows it", || Board::all().pop());
+    let board = open("usb:");
+    board.write(&frame(MasterCommand::SoftReset), Wait::For(PATIENCE)).expect("it takes it");
+    let mut report = Frame::new();
+    let error = until("it is lost", || board.read(&mut report, Wait::For(PATIENCE)).err());
+    assert!(matches!(error, LinkError::Lost { .. }), "{error}");
+    let again = until("it is back", || link::open("usb:", Share::ByName).ok());
+    again.read(&mut report, Wait::For(PATIENCE)).expect("a report");
+    again.close();
+    drop(board);
+    served.stop();
+}

@@ -33,7 +33,7 @@ fn state(report: &Frame) -> StateByte {
     MasterResponse::decode(&report.slot(SIZE, 0)).state
 }
 
-/// SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
+/// WIRE-19, SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
 #[test]
 fn a_board_on_usb_is_a_link() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -58,7 +58,7 @@ fn a_board_on_usb_is_a_link() {
     detach_all();
 }
 
-/// Frames arrive once, whole and in order, whatever is read meanwhile; 512 bytes always.
+/// WIRE-18 Frames arrive once, whole and in order, whatever is read meanwhile; 512 bytes always.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     let served = Served::start(&["sim:?slaves=io&record=%2Ftmp%2Fusb.pcapng"], &[]);
@@ -91,7 +91,23 @@ fn no_frame_is_lost_or_doubled() {
     assert!(arrived == sent, "{} of {}", arrived.len(), sent.len());
 }
 
-/// While it is open the board is the link's alone; the kernel's driver has it before and after.
+/// WIRE-19 Nobody reads: the newest reports are kept, the others counted; a program that reads gets them oldest first.
+#[test]
+fn of_reports_nobody_reads_the_newest_are_kept() {
+    let _served = Served::start(&["sim:?slaves=io"], &[]);
+    attach("1-1");
+    let board = open("usb:?queue=4&transfers=2");
+    let mut report = Frame::new();
+    until("more came than are kept", || (board.stats().reports_dropped > 10).then_some(()));
+    let metas: Vec<_> = (0..4).map(|_| board.read(&mut report, Wait::For(PATIENCE)).expect("a report")).collect();
+    assert!(metas[0].sequence > 10, "{metas:?}");
+    assert!(metas.windows(2).all(|pair| pair[0].sequence < pair[1].sequence && pair[0].at <= pair[1].at), "{metas:?}");
+    assert!(metas[3].sequence - 3 <= metas[3].dropped, "all that is missing is counted: {metas:?}");
+    board.close();
+    detach_all();
+}
+
+/// WIRE-21 While it is open the board is the link's alone; the kernel's driver has it before and after.
 #[test]
 fn the_kernels_driver_gets_the_board_back() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -112,7 +128,7 @@ fn the_kernels_driver_gets_the_board_back() {
     detach_all();
 }
 
-/// SK-9.2 Two boards and no choice is an error that lists both; they are told apart by serial number and place.
+/// WIRE-17, SK-9.2 Two boards and no choice is an error that lists both; they are told apart by serial number and place.
 #[test]
 fn one_of_two_boards_is_chosen() {
     let error = refused("usb:");
@@ -137,6 +153,7 @@ fn one_of_two_boards_is_chosen() {
     detach_all();
 }
 
+/// WIRE-20
 #[test]
 fn every_wait_ends_when_the_board_goes() {
     let served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
@@ -157,6 +174,7 @@ fn every_wait_ends_when_the_board_goes() {
     assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
+/// WIRE-20
 #[test]
 fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let _served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
@@ -184,7 +202,7 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     detach_all();
 }
 
-/// A board that is busy holds the frame; a write that reaches its limit has moved no byte, and the board never sees it.
+/// WIRE-18 A board that is busy holds the frame; a write that reaches its limit has moved no byte, and the board never sees it.
 #[test]
 fn a_frame_that_the_board_does_not_take_is_taken_back() {
     let file = "/tmp/busy.pcapng";
@@ -203,7 +221,7 @@ fn a_frame_that_the_board_does_not_take_is_taken_back() {
     assert_eq!(recorded(file, Dir::Write).len(), 0);
 }
 
-/// SW_RESET takes the board away; it is opened again at its new address.
+/// WIRE-22 SW_RESET takes the board away; it is opened again at its new address.
 #[test]
 fn a_board_that_was_reset_is_opened_again() {
     let served = Served::start(&["sim:?slaves=io"], &["--attach"]);

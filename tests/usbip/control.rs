@@ -135,6 +135,14 @@ fn an_endpoint_is_halted_and_freed() {
     board.read(3, 512);
     board.write(4, &[7; 512]);
     assert_eq!((board.replies(), board.next_frame()), (vec![], Some(7)));
+    // To choose the configuration anew frees them too (USB 2.0 9.4.5).
+    for endpoint in [0x81, 0x02] {
+        assert_eq!(board.control(set(3, endpoint), &[]), ok(&[]));
+    }
+    assert_eq!(board.control(SET_CONFIGURATION, &[]), ok(&[]));
+    for endpoint in [0x81, 0x02] {
+        assert_eq!(board.control(status(endpoint), &[]), ok(&[0, 0]));
+    }
     // There are no others, and no other feature.
     for endpoint in [0x01, 0x82, 0x83] {
         assert_eq!(board.control(set(3, endpoint), &[]), STALL);

@@ -119,7 +119,8 @@ fn a_client_that_asks_for_nothing_is_sent_away_after_a_while() {
 /// WIRE-11 What such a client asks for is not piled up: the server reads no more until it has sent what it owes.
 #[test]
 fn a_host_that_never_reads_loses_the_board() {
-    let (_, server, heard) = serve(Options { never_reads: Duration::from_millis(50), ..options() });
+    let (_, server, heard) =
+        serve(Options { never_reads: Duration::from_millis(50), patience: Duration::from_secs(3600), ..options() });
     let mut client = Client::attached(server.address());
     let wish = submit(9, IN, 0, 41, [0x80, 6, 0, 2, 0, 0, 41, 0]);
     while client.stream.write_all(&wish).is_ok() {}

@@ -81,6 +81,21 @@ fn a_frame_that_the_board_took_after_all_was_not_taken_back() {
     assert_eq!((counters.frames, counters.writes_unlinked), (1, 0));
 }
 
+/// WIRE-5 Another wish for it while nobody knows yet takes nothing back.
+#[test]
+fn a_frame_under_way_is_not_taken_from_the_board() {
+    let mut board = Board::new();
+    board.write(1, &[1; 512]);
+    board.write(2, &[2; 512]);
+    assert_eq!(board.next_frame(), Some(1));
+    assert!(board.device.unlink(10, 1));
+    assert!(!board.device.unlink(11, 1));
+    assert_eq!(board.replies(), [Reply::too_late(11)]);
+    board.device.written();
+    assert_eq!(board.replies(), [Reply::done(1, 512), Reply::too_late(10)]);
+    assert_eq!(board.next_frame(), Some(2));
+}
+
 /// WIRE-5
 #[test]
 fn of_a_transfer_of_several_frames_the_rest_is_taken_back() {

@@ -105,7 +105,7 @@ mod tests {
         UsbOptions { serial: serial.map(str::to_owned), path: path.map(str::to_owned), ..ANY }
     }
 
-    /// SK-9.2 Devices that share the pair are told from a board by more than it.
+    /// WIRE-17, SK-9.2 Devices that share the pair are told from a board by more than it.
     #[test]
     fn a_device_with_the_boards_ids_is_no_board() {
         let other = || Facts { path: "1-1", serial: None, name: Some("Relay"), not_one: Some(NotOne::OtherReports) };
@@ -114,6 +114,7 @@ mod tests {
         assert!(why.contains("1-1 (Relay): its HID interface has no interrupt endpoints of 512 bytes"), "{why}");
     }
 
+    /// WIRE-17
     #[test]
     fn of_several_boards_one_has_to_be_chosen() {
         let both = || [board("1-1", "7"), board("1-2.3", "8")];
@@ -127,7 +128,7 @@ mod tests {
         assert_eq!(one_of(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
     }
 
-    /// SK-9.17 Without a board the error says what to look at.
+    /// WIRE-17, SK-9.17 Without a board the error says what to look at.
     #[test]
     fn without_a_board_the_error_says_what_to_do() {
         assert!(one_of(&[], &ANY).unwrap_err().ends_with("plug it in, set CONFIG0 to USB, and give it power enough"));

@@ -180,10 +180,11 @@ impl Board {
         if state.stopping {
             return Err((stream, Refusal::Away));
         }
+        // One that is lost is away, even while its host is being told.
+        let Some(link) = state.link.clone() else { return Err((stream, Refusal::Away)) };
         if state.session.is_some() {
             return Err((stream, Refusal::Busy));
         }
-        let Some(link) = state.link.clone() else { return Err((stream, Refusal::Away)) };
         let descriptors = self.descriptors.clone();
         let session = Arc::new(Session::new(stream, link, descriptors, self.device_id(), self.never_reads));
         state.session = Some(session.clone());

@@ -21,8 +21,6 @@ pub mod link;
 pub mod port;
 #[cfg(feature = "std")]
 pub mod recording;
-#[cfg(all(feature = "serve", unix))]
-pub mod port;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]

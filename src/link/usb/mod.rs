@@ -37,9 +37,9 @@ struct Counts {
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
-    let unusable = |error: rusb::Error| LinkError::Io {
-        what: format!("look for boards on USB for `{name}`"),
-        message: error.to_string(),
+    let unusable = |error: rusb::Error| LinkError::NoBoard {
+        name: name.clone(),
+        reason: format!("the USB of this machine cannot be used ({error}); is there one, and /dev/bus/usb?"),
     };
     let context = Context::new().map_err(unusable)?;
     let found = hid::find(&context, options.vendor, options.product).map_err(unusable)?;

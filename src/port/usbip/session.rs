@@ -159,7 +159,7 @@ impl Session {
             if input.read_exact(&mut header).is_err() {
                 return End::Detached;
             }
-            match Command::parse(&header) {
+            let answered = match Command::parse(&header) {
                 Err(error) => return error.into(),
                 Ok(Command::Submit(transfer)) => {
                     if transfer.device != self.device_id {
@@ -177,6 +177,7 @@ impl Session {
                         return error.into();
                     }
                     self.wake(&device);
+                    device.has_replies()
                 }
                 Ok(Command::Unlink { sequence, device, victim }) => {
                     if device != self.device_id {
@@ -186,9 +187,13 @@ impl Session {
                     if under_way {
                         self.link.cancel(Dir::Write);
                     }
+                    !under_way
                 }
+            };
+            // Without an answer of its own a transfer does not wait until another thread has sent its.
+            if answered {
+                self.send();
             }
-            self.send();
         }
     }
 

@@ -21,7 +21,10 @@ fn request(bytes: &[u8]) {
         assert!(!error.to_string().is_empty());
     }
     if let Some((id, _)) = rest.split_first_chunk::<BUS_ID_LEN>() {
-        assert!(wire::bus_id(id).is_ok_and(|id| id.len() <= BUS_ID_LEN && !id.contains('\0')) || id.iter().any(|byte| *byte > 127));
+        assert!(
+            wire::bus_id(id).is_ok_and(|id| id.len() <= BUS_ID_LEN && !id.contains('\0'))
+                || id.iter().any(|byte| *byte > 127)
+        );
     }
 }
 

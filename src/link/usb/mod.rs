@@ -71,13 +71,11 @@ fn refused(name: &str, path: &str, error: PipeError) -> LinkError {
             "the one at {path} may not be opened by this user; give it to users by a udev rule (docs/VIRTUAL-BOARD.md \
              has it), or be root"
         )),
-        PipeError::Usb(rusb::Error::Busy) => {
-            LinkError::InUse {
-                name: name.to_owned(),
-                by: format!(" by another program (the board at {path})"),
-                instead: "share the board by `ecmsk serve tcp`",
-            }
-        }
+        PipeError::Usb(rusb::Error::Busy) => LinkError::InUse {
+            name: name.to_owned(),
+            by: format!(" by another program (the board at {path})"),
+            instead: "share the board by `ecmsk serve tcp`",
+        },
         other => no_board(format!("the one at {path} does not open: {other}; pull it and plug it in again")),
     }
 }

@@ -320,6 +320,18 @@ fn the_time_to_turn_on_is_the_drives_own() {
     }
 }
 
+/// Object 0x605A as it is written: after a quick stop the drive is off with 2 and stays in Quick stop active with 6.
+#[test]
+fn the_quick_stop_option_is_an_object() {
+    for (option, end) in [(2, DriveState::SwitchOnDisabled), (6, DriveState::QuickStopActive)] {
+        let mut rig = moving();
+        rig.write(0x605A, 0, SdoSize::Two, option);
+        rig.out.controlword = Controlword(2);
+        rig.run_for(200 * MS);
+        assert_eq!((rig.state(), rig.velocity()), (end, 0.0), "{option}");
+    }
+}
+
 /// [OURS] Leaving OP in motion is a quick stop: the shaft brakes on 0x6085 and the drive is off, without a fault, and
 /// stays so when OP is back until its controlword walks it up.
 #[test]

@@ -88,6 +88,22 @@ fn two() -> HspConfig {
     HspConfig { positions: [1000, -1000], ..HspConfig::with(Channels::Two) }
 }
 
+/// [OURS] No power stage charges and no brake opens: each step of the walk up takes 2 ms.
+#[test]
+fn it_is_switched_on_in_no_time() {
+    let mut master = Master::op(HspConfig::with(Channels::One), Mode::Csp, MS);
+    for (word, state) in [
+        (Controlword::SHUTDOWN, DriveState::ReadyToSwitchOn),
+        (Controlword::SWITCH_ON, DriveState::SwitchedOn),
+        (Controlword::ENABLE_OPERATION, DriveState::OperationEnabled),
+    ] {
+        master.out[0].controlword = word;
+        // What it measured goes in with the next exchange.
+        master.cycles(3);
+        assert_eq!(master.state(0), Some(state));
+    }
+}
+
 /// SK-4.58 The module refuses to be configured as what it is not, and is configured in PreOP alone.
 /// SK-7.35 It has no CST.
 #[test]

@@ -3,7 +3,7 @@
 use ecmsk::coe::ObjectAddress;
 use ecmsk::fieldbus::{AlState, Ns};
 use ecmsk::slave::{
-    AlStatus, Channels, DeviceFault, Drive, DriveConfig, Hsp, HspConfig, InputPattern, Io, IoConfig, Slave,
+    AlStatus, Channels, DeviceFault, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, InputPattern, Io, IoConfig, Slave,
 };
 
 const MS: Ns = 1_000_000;
@@ -108,7 +108,7 @@ fn error_registers() {
         let mut drive = in_preop(Drive::new(DriveConfig::default()));
         assert!(drive.raise_fault(0, DeviceFault { code, resettable: true }));
         drive.step(MS);
-        assert_eq!(read(&mut drive, 0x603F, 0), code.into());
+        assert_eq!(read(&mut drive, 0x603F, 0), u32::from(code));
         assert_eq!(read(&mut drive, 0x1001, 0), expected, "{code:#06x}");
     }
     let mut hsp = in_preop(Hsp::new(HspConfig::with(Channels::Two)));
@@ -125,6 +125,8 @@ fn the_stepper_by_default() {
     let (servo, stepper) = (DriveConfig::default(), DriveConfig::stepper());
     assert_eq!(servo.motor.counts_per_turn, 1 << 17);
     assert_eq!(stepper.motor.counts_per_turn, 10_000);
+    let cam = HomeSwitch::Cam { first: -2500, last: 2500 };
+    assert_eq!((stepper.travel.home, stepper.travel.search_limit), (Some(cam), 1_000_000), "half a turn; 100 turns");
     let turns = |config: &DriveConfig| {
         let limits = [config.travel.negative_limit, config.travel.positive_limit];
         limits.map(|limit| limit.expect("it is wired") / i64::from(config.motor.counts_per_turn))

@@ -4,7 +4,7 @@
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::SdoSize;
 
-use super::bench::{Bench, Bits, CAM, FIRST, TURN, travel};
+use super::bench::{Bench, Bits, CAM, FIRST, RAMP, TURN, travel};
 
 /// Largest way that the shaft may go meanwhile, counts: what a position loop settles by.
 const STILL: i64 = 2;
@@ -81,6 +81,26 @@ fn left_in_motion() {
         let bits = Statusword::BIT12 | Statusword::TARGET_REACHED;
         assert_eq!(bench.rig.status().0 & bits, bits, "{mode}");
     }
+}
+
+/// The mode is changed again while the axis brakes after mode 6: it goes on braking, and what the new mode's target is
+/// counts when it stands.
+#[test]
+fn left_in_motion_for_one_mode_after_the_other() {
+    let mut bench = Bench::new(travel(CAM), -190_000);
+    bench.start(20);
+    bench.run_for_ms(100);
+    bench.set_mode(Mode::Csv);
+    bench.cycle();
+    bench.set_mode(Mode::Cst);
+    bench.cycle();
+    bench.set_mode(Mode::Csv);
+    // Backwards: an axis that followed this at once would brake far harder than with the ramp of homing.
+    bench.rig.out.target = -3 * TURN as i32;
+    let start = bench.rig.velocity();
+    bench.rig.cycle();
+    let lost = start - bench.rig.velocity();
+    assert!(start > 0.0 && lost <= 2.0 * RAMP as f64 / 1000.0, "from {start} by {lost} in a cycle");
 }
 
 /// What process data hold while the axis brakes after mode 6 is nothing to it, nor what is under way when it stands: a

@@ -21,10 +21,17 @@ const STILL: f64 = 2.0;
 /// \[OURS] Frames of the ramp that are ahead of the board at most.
 const DEPTH: u16 = 64;
 /// \[OURS] What of the limit is left for standing still after the ramp.
-pub(super) const SETTLE: Duration = Duration::from_millis(200);
+const SETTLE: Duration = Duration::from_millis(200);
+/// \[OURS] The same in cycles, where they are long.
+const SETTLE_CYCLES: u32 = 3;
 
 /// \[OURS] A ramp has at least that many frames, where the cycle is long.
 pub(super) const MIN_FRAMES: u32 = 4;
+
+/// What is left of a limit for standing still after the ramp.
+pub(super) fn settle(cycle: Duration) -> Duration {
+    SETTLE.max(cycle * SETTLE_CYCLES)
+}
 
 /// How one axis is braked.
 #[derive(Clone, Copy, Debug)]
@@ -140,7 +147,9 @@ fn read(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, be
 fn frames(ecm: &Ecm, session: &Session, left: Duration) -> u32 {
     let cycle = session.plan.cycle_ns.unwrap_or(1_000_000).max(1);
     let of = |time: Duration| (time.as_nanos() as u64).div_ceil(cycle) as u32;
-    let possible = of(left.saturating_sub(SETTLE)).saturating_sub(session.credit.ahead().into());
+    let left = left.saturating_sub(settle(Duration::from_nanos(cycle)));
+    let possible = (left.as_nanos() as u64 / cycle) as u32;
+    let possible = possible.saturating_sub(session.credit.ahead().into());
     of(ecm.core.options.ramp).max(MIN_FRAMES).min(possible).max(1)
 }
 

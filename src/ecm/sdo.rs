@@ -173,7 +173,7 @@ impl Wanted {
     }
 
     fn is_shown(self, session: &Session) -> bool {
-        !matches!(self.answer(session), Ok(None))
+        !matches!(Self { value: None, ..self }.answer(session), Ok(None))
     }
 
     fn answer(self, session: &Session) -> Result<Option<u32>, EcmError> {

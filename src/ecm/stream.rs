@@ -96,7 +96,7 @@ impl Ecm {
 /// Frames that can be ahead of a board whose axes have to stand within the limit of closing.
 fn deepest(cycle: Duration, ramp: Duration) -> u16 {
     let ramp = ramp.max(cycle * ramp::MIN_FRAMES);
-    let left = CLOSE_LIMIT.saturating_sub(ramp + ramp::SETTLE).as_nanos();
+    let left = CLOSE_LIMIT.saturating_sub(ramp + ramp::settle(cycle)).as_nanos();
     let frames = left / cycle.as_nanos().max(1);
     frames.clamp(1, (FIFO_ENTRIES - SPARE).into()) as u16
 }

@@ -28,6 +28,8 @@ pub(super) struct Aim {
     /// Times the FIFO had been cleared when the stream began, and now.
     clears: [u64; 2],
     report: Frame,
+    /// Reports there were when it was taken.
+    reports: u64,
     next: Frame,
     /// Slaves that have a target in `next`, a bit each.
     some: u64,
@@ -47,6 +49,7 @@ impl Aim {
             outputs: *session.targets.outputs(),
             clears: [session.clears; 2],
             report: Frame::clone(&session.report),
+            reports: session.stats.reports,
             next: Frame::new(),
             some: 0,
         }
@@ -55,6 +58,9 @@ impl Aim {
     /// Sees what the session knows now.
     pub(super) fn look(&mut self, session: &mut Session, changes: u64) {
         self.drop_dead(session);
+        if self.changes == changes {
+            return;
+        }
         self.changes = changes;
         if !Arc::ptr_eq(&self.plan, &session.plan) {
             self.plan = Arc::clone(&session.plan);
@@ -65,7 +71,10 @@ impl Aim {
         self.second_off = session.second.off();
         self.outputs = *session.targets.outputs();
         self.clears[1] = session.clears;
-        self.report.clone_from(&session.report);
+        if self.reports != session.stats.reports {
+            self.reports = session.stats.reports;
+            self.report.clone_from(&session.report);
+        }
     }
 
     /// Puts the targets into the session's next frame.

@@ -42,8 +42,11 @@ impl Second {
 
     /// What the SDO slot of a report shows: always the newest transfer.
     pub(super) fn read(&mut self, size: SlotSize, report: &Frame) {
+        if size != SlotSize::Bytes16 {
+            return;
+        }
         let slot = report.slot(size, size.sdo_slot());
-        if slot == self.shown || size != SlotSize::Bytes16 {
+        if slot == self.shown {
             return;
         }
         self.shown = slot;

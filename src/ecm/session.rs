@@ -352,12 +352,6 @@ impl Session {
         Statusword(self.report.slots(self.size).head(slave.into()).parm.get())
     }
 
-    /// Slaves that are HSPs, a bit each.
-    pub(super) fn hsps(&self) -> u64 {
-        let hsps = self.plan.slaves().filter(|(_, config)| matches!(config, Slave::Hsp(_)));
-        hsps.fold(0, |hsps, (slave, _)| hsps | 1 << slave)
-    }
-
     pub(super) fn slot(&self, slot: usize) -> RawSlot {
         self.report.slot(self.size, slot)
     }

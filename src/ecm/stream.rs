@@ -139,7 +139,7 @@ impl Stream<'_> {
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.look()?;
         let motion = self.aim.first(slave, target, Mode::Csp);
-        self.aim(slave, SlaveCommand::Csp(motion))
+        self.aim.at(slave, SlaveCommand::Csp(motion), self.ecm.core.options.guard)
     }
 
     /// As [`csp`](Stream::csp), in the axis's units.
@@ -168,7 +168,7 @@ impl Stream<'_> {
     pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
         self.look()?;
         let motion = self.aim.first(slave, velocity, Mode::Csv);
-        self.aim(slave, SlaveCommand::Csv(motion))
+        self.aim.at(slave, SlaveCommand::Csv(motion), self.ecm.core.options.guard)
     }
 
     /// The next target velocities and outputs of an HSP in CSV, both channels.
@@ -242,7 +242,7 @@ impl Stream<'_> {
             }
             return Err(error);
         }
-        let hsps = session.hsps();
+        let hsps = session.plan.hsps;
         session.targets.stepped(hsps);
         self.frames += 1;
         self.stepped = true;

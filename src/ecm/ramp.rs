@@ -155,10 +155,10 @@ fn frames(ecm: &Ecm, session: &Session, left: Duration) -> u32 {
 
 /// Whether only reports can tell if a slave's axis has to be braked, and one cycle does not.
 fn is_strange(session: &Session, slave: u8, config: &Slave) -> bool {
-    let by_targets = match (config.axis().map(|axis| axis.mode), session.targets.last(slave)) {
-        (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _) => true,
-        _ => false,
-    };
+    let by_targets = matches!(
+        (config.axis().map(|axis| axis.mode), session.targets.last(slave)),
+        (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _)
+    );
     !by_targets && still::may_move(session, slave, config)
 }
 

@@ -57,7 +57,11 @@ impl Ecm {
         if matches!(error, EcmError::Link(_)) {
             return error;
         }
-        let Ok(size) = self.slot_size() else { return error };
+        let size = match self.core.lock() {
+            Ok(session) if session.in_op() => session.size,
+            // Out of OP they are off.
+            _ => return error,
+        };
         let off = SlotCommand::from(SlaveCommand::ServoOff).encode(size);
         let off: Vec<_> = commands.iter().map(|(slave, _)| (*slave, off)).collect();
         let told = self.off_within(&off, TAKE_BACK);

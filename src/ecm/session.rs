@@ -108,8 +108,10 @@ pub(super) struct Session {
     posted: u64,
     /// Slots whose command is waited for by one that must be sure of its own answer, a bit each.
     claimed: u64,
-    /// The last answer in a claimed slot that names a command, and the time of its report.
+    /// The last answer in a claimed slot that names the command there, and the time of its report; those in which that has
+    /// stood since it was claimed have a bit in `stands`: it may be an old one.
     answers: [(Stamp, RawSlot); SLOTS],
+    stands: u64,
     pub(super) marks: Marks,
     /// Frames written so far, when the last one was, its number in the FIFO, its mark, and the slots that had a command.
     pub(super) flushes: u64,
@@ -163,6 +165,7 @@ impl Session {
             posted: 0,
             claimed: 0,
             answers: [(Stamp(0), RawSlot::ZERO); SLOTS],
+            stands: 0,
             marks: Marks::new(),
             flushes: 0,
             flushed_at: Stamp(0),
@@ -270,8 +273,10 @@ impl Session {
     fn read_marks(&mut self, at: Stamp) {
         let slots = self.report.slots(self.size);
         for slot in bits(self.claimed) {
-            if slots.head(slot).id != 0 {
+            if slots.head(slot).id == self.answers[slot].1.id {
                 self.answers[slot] = (at, slots.get(slot));
+            } else {
+                self.stands &= !(1 << slot);
             }
         }
         let failed = self.board.state.is_failed();
@@ -331,8 +336,11 @@ impl Session {
     /// The answer in a claimed slot to that frame's command there, once it has come.
     pub(super) fn answer(&self, sent: Sent, slot: usize, id: u8) -> Option<RawSlot> {
         let (at, answer) = self.answers[slot];
-        let own = self.marks.echo == Echo::No || answer.index == sent.mark;
-        (own && answer.id == id && at > sent.at && self.executed(sent)).then_some(answer)
+        let own = match self.marks.echo {
+            Echo::Yes | Echo::Unknown => answer.index == sent.mark,
+            Echo::No => self.stands & 1 << slot == 0 || self.executed(sent),
+        };
+        (own && answer.id == id && at > sent.at).then_some(answer)
     }
 
     /// Takes the targets of slaves away, a bit each, and those that a stream has for its next step.
@@ -372,7 +380,13 @@ impl Session {
         let free = self.claimed & wanted == 0;
         if free {
             self.claimed |= wanted;
-            bits(wanted).for_each(|slot| self.answers[slot] = (Stamp(0), RawSlot::ZERO));
+            self.stands |= wanted;
+            for (slot, command) in commands {
+                self.answers[*slot] = (Stamp(0), RawSlot { id: command.id, ..RawSlot::ZERO });
+                if self.report.slot(self.size, *slot).id != command.id {
+                    self.stands &= !(1 << slot);
+                }
+            }
         }
         free
     }

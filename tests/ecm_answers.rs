@@ -115,7 +115,7 @@ fn lost_io_is_not_done() {
 fn firmware_1_5_is_understood_too() {
     let file = script("answers-15", "inputs 0x15\n");
     let tap = Tap::open(&format!("slaves=drive,io&fw=1.5&script={file}"));
-    let ecm = enable(tap.ecm(options()).unwrap(), &config());
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
     ecm.set_outputs(2, 0xBEEF).unwrap();
     assert_eq!(ecm.inputs(2), Ok(0xBEEF));
     assert_eq!(ecm.local_inputs(), Ok(0x15));
@@ -126,7 +126,7 @@ fn firmware_1_5_is_understood_too() {
     ecm.clear_fifo().unwrap();
     ecm.home(1, &Homing::method(35), |_| {}).unwrap();
     // One that was found running is learnt from what it does not repeat.
-    let adopted = Ecm::over(tap.clone(), options()).unwrap();
+    let adopted = Ecm::over(tap.clone(), Options::default()).unwrap();
     adopted.adopt(&config()).unwrap();
     assert_eq!(adopted.local_inputs(), Ok(0x15));
 }

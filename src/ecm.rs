@@ -37,14 +37,17 @@ mod error;
 mod failure;
 mod homing;
 mod io;
+mod marks;
 mod options;
 mod ramp;
 mod scale;
 mod sdo;
+mod second;
 mod servo;
 mod session;
 mod snapshot;
 mod state;
+mod still;
 mod stream;
 mod targets;
 mod watch;
@@ -53,7 +56,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use board::CrcSwitches;
-pub use config::{Axis, Config, ConfigError, DEFAULT_GUARD_COUNTS, Guard, Slave};
+pub use config::{Axis, Config, ConfigError, DEFAULT_GUARD_COUNTS, DEFAULT_STANDSTILL_COUNTS, Guard, Slave};
 pub use error::{EcmError, Suspect};
 pub use failure::Failure;
 pub use homing::{Homing, HomingPhase, HomingProgress};
@@ -136,9 +139,7 @@ impl Ecm {
     /// [`EcmError::Link`], [`EcmError::Busy`].
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
         let mut session = self.core.lock()?;
-        if session.pacer.is_none() {
-            self.core.catch_up(&mut session)?;
-        }
+        self.core.catch_up(&mut session)?;
         Ok(session.snapshot())
     }
 
@@ -147,6 +148,7 @@ impl Ecm {
     /// # Errors
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`], [`EcmError::Busy`].
     pub fn next_cycle(&self, limit: Duration) -> Result<Snapshot, EcmError> {
+        let limit = limit.min(core::LONGEST);
         let deadline = self.core.now() + limit;
         let began = self.core.now();
         let mut session = self.core.lock()?;
@@ -161,7 +163,7 @@ impl Ecm {
             if waited >= limit {
                 return Err(EcmError::NoReport { what: "the next cycle", waited, bad_crc: session.stats.bad_crc });
             }
-            session = self.core.pause(session)?;
+            self.core.pause(&mut session, || {})?;
         }
     }
 
@@ -199,7 +201,7 @@ struct Guide;
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();
     for _ in 0..PROBE_REPORTS {
-        match link.read(&mut report, Wait::For(options.read_limit)) {
+        match link.read(&mut report, Wait::For(options.read_limit.min(core::LONGEST))) {
             Ok(_) => {}
             Err(LinkError::Timeout { waited, .. }) => {
                 return Err(EcmError::NoReport { what: "opening", waited, bad_crc: 0 });

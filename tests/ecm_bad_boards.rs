@@ -7,11 +7,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::Duration;
 
-use ecm_support::calls::{CALLS, Call, Needs, SECOND, SLAVES, config, has_next_step, options};
+use ecm_support::calls::{CALLS, Call, Needs, SECOND, SLAVES, config, has_next_step};
 use ecm_support::{SIZE, in_op, script, uri};
-use ecmsk::ecm::{Ecm, EcmError};
+use ecmsk::ecm::{Ecm, EcmError, Options};
 use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
+
+/// Limits of the board and, longer, of the program, so that what never comes is not waited for long.
+const LIMITS: &str = "state_timeout_ms=1500&sdo_timeout_ms=300";
+
+fn options() -> Options {
+    Options {
+        state_limit: 2 * SECOND,
+        sdo_limit: Duration::from_millis(600),
+        servo_limit: SECOND,
+        read_limit: Duration::from_millis(300),
+        write_limit: Duration::from_millis(300),
+        ..Options::default()
+    }
+}
 
 /// What befalls a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +58,7 @@ const NEVER: i64 = i64::MAX;
 
 impl Doomed {
     fn new(misfortune: Misfortune) -> Arc<Self> {
-        let inner = link::open(&uri(SLAVES), Share::ByName).unwrap();
+        let inner = link::open(&uri(&format!("{SLAVES}&{LIMITS}")), Share::ByName).unwrap();
         Arc::new(Self { inner, misfortune, left: AtomicI64::new(NEVER), calls: AtomicU64::new(0) })
     }
 
@@ -235,7 +249,7 @@ fn a_network_in_trouble() {
         let file = script(&format!("bad-{}", trouble.replace(' ', "-")), &format!("at 2s {trouble}\n"));
         for call in CALLS.iter().filter(|call| matches!(call.needs, Needs::Op | Needs::On | Needs::NoAlarm)) {
             let what = format!("{} with `{trouble}`", call.name);
-            let link = link::open(&uri(&format!("{SLAVES}&script={file}")), Share::ByName).unwrap();
+            let link = link::open(&uri(&format!("{SLAVES}&{LIMITS}&script={file}")), Share::ByName).unwrap();
             let ecm = Ecm::over(link.clone(), options()).unwrap();
             in_op(&ecm, &config());
             ecm.servo_on(&[1, 2]).unwrap();

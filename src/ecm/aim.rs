@@ -6,10 +6,11 @@ use super::EcmError;
 use super::config::{Axis, Guard, Slave};
 use super::session::Session;
 use super::snapshot::Plan;
-use super::targets::bits;
+use super::targets::{Outputs, bits};
 use crate::cia402::{Mode, Statusword};
 use crate::sk::{
-    DriveResponse, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
+    AxisTarget, DriveResponse, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize,
+    StateByte,
 };
 
 /// A look at the session, and the slots of the next frame.
@@ -20,9 +21,15 @@ pub(super) struct Aim {
     plan: Arc<Plan>,
     state: StateByte,
     homing: u64,
+    /// Slaves that are lost, and those whose second channel is off, a bit each.
+    lost: u64,
+    second_off: u64,
+    outputs: [Outputs; SlotSize::Bytes12.slots()],
     /// Times the FIFO had been cleared when the stream began, and now.
     clears: [u64; 2],
     report: Frame,
+    /// Reports there were when it was taken.
+    reports: u64,
     next: Frame,
     /// Slaves that have a target in `next`, a bit each.
     some: u64,
@@ -37,8 +44,12 @@ impl Aim {
             plan: Arc::clone(&session.plan),
             state: session.board.state,
             homing: session.homing,
+            lost: session.lost,
+            second_off: session.second.off(),
+            outputs: *session.targets.outputs(),
             clears: [session.clears; 2],
             report: Frame::clone(&session.report),
+            reports: session.stats.reports,
             next: Frame::new(),
             some: 0,
         }
@@ -47,14 +58,23 @@ impl Aim {
     /// Sees what the session knows now.
     pub(super) fn look(&mut self, session: &mut Session, changes: u64) {
         self.drop_dead(session);
+        if self.changes == changes {
+            return;
+        }
         self.changes = changes;
         if !Arc::ptr_eq(&self.plan, &session.plan) {
             self.plan = Arc::clone(&session.plan);
         }
         self.state = session.board.state;
         self.homing = session.homing;
+        self.lost = session.lost;
+        self.second_off = session.second.off();
+        self.outputs = *session.targets.outputs();
         self.clears[1] = session.clears;
-        self.report.clone_from(&session.report);
+        if self.reports != session.stats.reports {
+            self.reports = session.stats.reports;
+            self.report.clone_from(&session.report);
+        }
     }
 
     /// Puts the targets into the session's next frame.
@@ -107,10 +127,16 @@ impl Aim {
         if self.homing & 1 << slave != 0 {
             return Err(EcmError::IsHoming { slave });
         }
+        if self.lost & 1 << slave != 0 {
+            return Err(EcmError::SlaveLost { slave: Some(slave), found: self.state });
+        }
         let slot = self.report.slots(self.size).head(slave.into());
         let statusword = Statusword(slot.parm.get());
         if !statusword.is_enabled() {
             return Err(self.off(slave, statusword));
+        }
+        if self.second_off & 1 << slave != 0 {
+            return Err(EcmError::SecondOff { slave });
         }
         if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, axis.guard, guard) {
             self.check_guard(slave, motion, slot.data1.get() as i32, limit)?;
@@ -118,6 +144,26 @@ impl Aim {
         self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
         self.some |= 1 << slave;
         Ok(())
+    }
+
+    /// A target for the first axis of a slave. What an HSP does besides stays: its outputs, and its second axis, which
+    /// goes on with its last target; without one it stays where it is.
+    pub(super) fn first(&self, slave: u8, target: i32, mode: Mode) -> Motion {
+        if !matches!(self.plan.slave(slave), Some(Slave::Hsp(_))) {
+            return Motion::to(target);
+        }
+        let slot = self.next.slot(self.size, slave.into());
+        let motion = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
+            Ok(SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion)) => motion,
+            _ => {
+                let [first, second] = self.outputs[usize::from(slave)];
+                let hsp = HspResponse::decode(&self.report.slot(self.size, slave.into()), self.size);
+                let rests = if mode == Mode::Csp { hsp.second.position } else { 0 };
+                let at = |target, outputs| AxisTarget { target, outputs };
+                Motion { first: at(0, first), second: at(rests, second) }
+            }
+        };
+        Motion { first: AxisTarget { target, ..motion.first }, ..motion }
     }
 
     /// Why an axis that is off takes no target.

@@ -65,11 +65,12 @@ impl Ecm {
             limit: self.core.options.servo_limit,
             commands: &[(0, MasterCommand::SetFifo(FifoAction::Clear).encode())],
             resend: true,
+            own: false,
         };
         self.core.run(
             &task,
             // It acts on arrival; its own frame is the first entry after it.
-            |session, sent| Ok(session.credit.ran(sent.number).then_some(())),
+            |session, sent| Ok(session.executed(sent).then_some(())),
             |session| format!("{} entries are ahead of the board", session.credit.ahead()),
         )
     }
@@ -103,6 +104,7 @@ impl Ecm {
             limit: self.core.options.state_limit,
             commands: &[(0, MasterCommand::SoftReset.encode())],
             resend: true,
+            own: false,
         };
         let done = self.core.run(
             &task,
@@ -125,6 +127,7 @@ impl Ecm {
     /// [`EcmError::Timeout`] if it is not there in time, with what was found last; what [`Ecm::open_with`] says of a link
     /// that will not come by waiting.
     pub fn open_when_there(uri: &str, options: Options, limit: Duration) -> Result<(Self, Duration), EcmError> {
+        let limit = limit.min(super::core::LONGEST);
         let is_virtual = LinkUri::parse(uri).is_ok_and(|uri| uri.value("clock") == Some("virtual"));
         let began = Instant::now();
         let mut tries = 0;

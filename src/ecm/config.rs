@@ -7,6 +7,9 @@ use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 /// \[OURS] How far from the actual position a target may be unless the axis says otherwise: one turn of a 17-bit encoder.
 pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 
+/// \[OURS] What an axis that stands may move within 8 cycles, unless it says otherwise: encoders have noise.
+pub const DEFAULT_STANDSTILL_COUNTS: u32 = 16;
+
 /// How far from the actual position a target of CSP may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
@@ -33,6 +36,9 @@ pub struct Axis {
     pub guard: Guard,
     /// Counts of one unit of yours.
     pub scale: Scale,
+    /// An axis that moves no further than that within 8 cycles (8 ms at most, at least one cycle) stands, counts: more
+    /// than the noise of its encoder.
+    pub standstill: u32,
 }
 
 impl Axis {
@@ -44,7 +50,13 @@ impl Axis {
     pub const CST: Self = Self::new(Mode::Cst);
 
     const fn new(mode: Mode) -> Self {
-        Self { mode, sync: DriveSync::DcSync, guard: Guard::Within(DEFAULT_GUARD_COUNTS), scale: Scale::COUNTS }
+        Self {
+            mode,
+            sync: DriveSync::DcSync,
+            guard: Guard::Within(DEFAULT_GUARD_COUNTS),
+            scale: Scale::COUNTS,
+            standstill: DEFAULT_STANDSTILL_COUNTS,
+        }
     }
 }
 

@@ -5,7 +5,7 @@
 //! threads ride in its frames, so that none of them takes an entry from the motion.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,6 +14,7 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use super::EcmError;
 use super::config::Config;
 use super::options::Options;
+use super::second::Second;
 use super::session::Session;
 use super::snapshot::Plan;
 use crate::link::{Link, LinkError, LinkInfo, Stamp, Wait};
@@ -23,6 +24,8 @@ use crate::sk::{RawSlot, SlotSize};
 const STREAM_SLEEPS: Duration = Duration::from_millis(50);
 /// \[OURS] A command without an effect is sent again after this many reports: more than the FIFO and a handshake take.
 const RESEND_REPORTS: u32 = 200;
+/// \[OURS] No limit is longer: a year.
+pub(super) const LONGEST: Duration = Duration::from_secs(365 * 86_400);
 /// \[OURS] Reports read in a row without waiting: more than any queue of a link holds by default.
 const DRAIN_MAX: usize = 4096;
 
@@ -35,6 +38,8 @@ pub(super) struct Core {
     /// Counts what a stream has to look at again: reports, another plan, an axis that homes.
     changes: AtomicU64,
     news: Condvar,
+    /// A stream has ended that the session still knows.
+    abandoned: AtomicBool,
     pub(super) sdo_turn: Mutex<()>,
     pub(super) homing_turn: Mutex<()>,
 }
@@ -46,6 +51,54 @@ pub(super) struct Task<'a> {
     pub(super) limit: Duration,
     pub(super) commands: &'a [(usize, RawSlot)],
     pub(super) resend: bool,
+    /// It must be sure of its own answer: nobody else that must has the slots meanwhile, and an answer that stands there
+    /// already is cleared away first.
+    pub(super) own: bool,
+}
+
+/// How far the commands of a task are on their way.
+#[derive(Default)]
+struct Post {
+    claimed: bool,
+    /// Frames that were written when they were put into the next one.
+    at: Option<u64>,
+    /// They ask for nothing yet: outside OP slots show the last id, which must not be theirs.
+    clears: bool,
+}
+
+impl Post {
+    /// Puts them into the next frame, unless they are there already.
+    fn put(&mut self, session: &mut Session, task: &Task<'_>) {
+        if self.at.is_some() {
+            return;
+        }
+        if task.own && !self.claimed {
+            self.claimed = session.claim(task.commands);
+            if !self.claimed {
+                return;
+            }
+        }
+        let stands = |(slot, command): &(usize, RawSlot)| session.slot(*slot).id == command.id;
+        self.clears = task.own && !session.in_op() && task.commands.iter().any(stands);
+        let put = if self.clears {
+            task.commands.iter().all(|(slot, _)| session.post(&[(*slot, RawSlot::ZERO)]))
+        } else {
+            session.post(task.commands)
+        };
+        if put {
+            self.at = Some(session.flushes);
+        }
+    }
+
+    /// As what they went out, if they did.
+    fn went(&mut self, session: &Session) -> Option<Sent> {
+        if self.at.is_none_or(|flushes| session.flushes == flushes) {
+            return None;
+        }
+        self.at = None;
+        let sent = Sent { at: session.flushed_at, number: session.flushed_number, mark: session.flushed_mark };
+        (!self.clears).then_some(sent)
+    }
 }
 
 /// When and as which entry a command went out.
@@ -53,10 +106,19 @@ pub(super) struct Task<'a> {
 pub(super) struct Sent {
     pub(super) at: Stamp,
     pub(super) number: i64,
+    pub(super) mark: u8,
 }
 
 impl Core {
     pub(super) fn new(link: Arc<dyn Link>, info: LinkInfo, size: SlotSize, options: Options) -> Self {
+        let options = Options {
+            read_limit: options.read_limit.min(LONGEST),
+            write_limit: options.write_limit.min(LONGEST),
+            state_limit: options.state_limit.min(LONGEST),
+            sdo_limit: options.sdo_limit.min(LONGEST),
+            servo_limit: options.servo_limit.min(LONGEST),
+            ..options
+        };
         Self {
             link,
             info,
@@ -65,6 +127,7 @@ impl Core {
             session: Mutex::new(Session::new(size, options.strict_crc)),
             changes: AtomicU64::new(0),
             news: Condvar::new(),
+            abandoned: AtomicBool::new(false),
             sdo_turn: Mutex::new(()),
             homing_turn: Mutex::new(()),
         }
@@ -82,8 +145,19 @@ impl Core {
 
     pub(super) fn lock(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
         let limit = self.options.read_limit + self.options.write_limit;
-        let session = self.session.try_lock_for(limit).ok_or(EcmError::Busy { what: "the board" })?;
-        if session.closed { Err(LinkError::Closed.into()) } else { Ok(session) }
+        let mut session = self.session.try_lock_for(limit).ok_or(EcmError::Busy { what: "the board" })?;
+        if session.closed {
+            return Err(LinkError::Closed.into());
+        }
+        if self.abandoned.swap(false, Ordering::AcqRel) {
+            session.end_stream();
+        }
+        Ok(session)
+    }
+
+    /// A stream ended that could not have the session: whoever has it next ends it there.
+    pub(super) fn abandon(&self) {
+        self.abandoned.store(true, Ordering::Release);
     }
 
     /// How long the board may be silent.
@@ -104,7 +178,10 @@ impl Core {
     /// Says what the slaves are.
     pub(super) fn plan(&self, config: &Config) -> Result<(), EcmError> {
         let plan = Arc::new(Plan::of(config));
-        self.lock()?.plan = plan;
+        let mut session = self.lock()?;
+        session.plan = plan;
+        session.second = Second::new();
+        drop(session);
         self.changed();
         Ok(())
     }
@@ -173,8 +250,9 @@ impl Core {
                 }
                 Ok(())
             }
+            // What it held waits for the next one; who sent it may take it back.
             Err(error) => {
-                session.failed();
+                session.targets.unstep();
                 Err(match error {
                     LinkError::Timeout { waited, what, .. } => EcmError::Timeout {
                         what: "writing a frame",
@@ -217,75 +295,110 @@ impl Core {
         Ok(())
     }
 
-    /// Lets others have the session between two rounds.
-    pub(super) fn pause<'a>(&'a self, session: MutexGuard<'a, Session>) -> Result<MutexGuard<'a, Session>, EcmError> {
-        MutexGuard::unlock_fair(session);
-        self.lock()
-    }
-
     /// Sends a task's commands and looks at each report made after that, until `look` has what it wants.
     ///
     /// `look` gives `Ok(None)` while it waits. A task without commands waits only.
     pub(super) fn run<T>(
         &self,
         task: &Task<'_>,
-        mut look: impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
+        look: impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
         seen: impl Fn(&Session) -> String,
     ) -> Result<T, EcmError> {
-        let began = self.now();
-        let deadline = began + task.limit;
+        self.run_with(task, |_| Ok(()), look, || {}, seen)
+    }
+
+    /// As [`Core::run`]; `before` may refuse as long as the commands have not gone out, and `between` runs between two
+    /// rounds, without the session.
+    pub(super) fn run_with<T>(
+        &self,
+        task: &Task<'_>,
+        before: impl FnMut(&mut Session) -> Result<(), EcmError>,
+        look: impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
+        between: impl FnMut(),
+        seen: impl Fn(&Session) -> String,
+    ) -> Result<T, EcmError> {
         let mut session = self.lock()?;
         self.catch_up(&mut session)?;
+        session.marks.awaited += 1;
+        let mut post = Post::default();
+        let done = self.rounds(&mut session, &mut post, task, (before, look, between, seen));
+        session.marks.awaited -= 1;
+        // What has gone out cannot be taken back, and the slot may be another's by now.
+        if post.at == Some(session.flushes) {
+            session.withdraw(task.commands);
+        }
+        if post.claimed {
+            session.release(task.commands);
+            self.news.notify_all();
+        }
+        done
+    }
+
+    fn rounds<T>(
+        &self,
+        session: &mut MutexGuard<'_, Session>,
+        post: &mut Post,
+        task: &Task<'_>,
+        (mut before, mut look, mut between, seen): (
+            impl FnMut(&mut Session) -> Result<(), EcmError>,
+            impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
+            impl FnMut(),
+            impl Fn(&Session) -> String,
+        ),
+    ) -> Result<T, EcmError> {
+        let began = self.now();
+        let limit = task.limit.min(LONGEST);
+        let deadline = began + limit;
         let mut sent = None;
-        let mut posted = None;
         let mut reports = session.stats.reports;
         if task.commands.is_empty() {
-            sent = Some(Sent { at: session.meta.map_or(Stamp(0), |meta| meta.at), number: 0 });
+            sent = Some(Sent { at: session.meta.map_or(Stamp(0), |meta| meta.at), number: 0, mark: 0 });
         }
         let mut sent_reports = reports;
         loop {
-            if sent.is_none() && posted.is_none() && session.post(task.commands) {
-                posted = Some(session.flushes);
+            if sent.is_none() {
+                before(session)?;
+                post.put(session, task);
             }
-            if let Err(error) = self.round(&mut session, deadline) {
-                if posted.is_some() {
-                    session.withdraw(task.commands);
-                }
-                return Err(error);
-            }
-            if posted.is_some_and(|flushes| session.flushes > flushes) {
-                posted = None;
-                sent = Some(Sent { at: session.flushed_at, number: session.flushed_number });
+            self.round(session, deadline)?;
+            if let Some(now) = post.went(session) {
+                sent = Some(now);
                 sent_reports = session.stats.reports;
             }
             if let Some(sent) = sent
                 && session.stats.reports > reports
                 && session.meta.is_some_and(|meta| meta.at > sent.at)
-                && let Some(done) = look(&mut session, sent)?
+                && let Some(done) = look(session, sent)?
             {
                 return Ok(done);
             }
             reports = session.stats.reports;
             let waited = self.now().saturating_sub(began);
-            if waited >= task.limit {
-                if posted.is_some() {
-                    session.withdraw(task.commands);
+            if waited >= limit {
+                self.check_silence(session, began, task.what)?;
+                return Err(EcmError::Timeout { what: task.what, waited, seen: seen(session), hint: task.hint });
+            }
+            self.check_silence(session, began, task.what)?;
+            if let Some(now) = sent
+                && !task.commands.is_empty()
+                && reports - sent_reports >= u64::from(RESEND_REPORTS)
+            {
+                sent_reports = reports;
+                if session.in_op() && !session.executed(now) && session.credit.ran(now.number) {
+                    session.marks.miss();
                 }
-                self.check_silence(&session, began, task.what)?;
-                let seen = seen(&session);
-                return Err(EcmError::Timeout { what: task.what, waited, seen, hint: task.hint });
-            }
-            if let Err(error) = self.check_silence(&session, began, task.what) {
-                if posted.is_some() {
-                    session.withdraw(task.commands);
+                if task.resend {
+                    sent = None;
                 }
-                return Err(error);
             }
-            if task.resend && sent.is_some() && reports - sent_reports >= u64::from(RESEND_REPORTS) {
-                sent = None;
-            }
-            session = self.pause(session)?;
+            self.pause(session, &mut between)?;
         }
+    }
+
+    /// Lets others have the session between two rounds.
+    pub(super) fn pause(&self, session: &mut MutexGuard<'_, Session>, between: impl FnOnce()) -> Result<(), EcmError> {
+        MutexGuard::unlocked_fair(session, between);
+        if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) }
     }
 
     /// Ends every use.

@@ -153,6 +153,36 @@ pub enum EcmError {
         /// Its statusword.
         statusword: Statusword,
     },
+    /// The second channel of an HSP is not on, the first one is.
+    #[error("the second channel of slave {slave} is not in Operation enabled; call clear_alarm, then servo_on")]
+    SecondOff {
+        /// Slave.
+        slave: u8,
+    },
+    /// A slave has been lost in OP: what its slot shows is old.
+    #[error(
+        "{} lost, the board is in {found}; check cable and power, then set_state brings it back",
+        slave.map_or_else(|| "a slave (the board does not say which) is".to_owned(), |slave| format!("slave {slave} is"))
+    )]
+    SlaveLost {
+        /// Which, as far as it is known.
+        slave: Option<u8>,
+        /// The state.
+        found: StateByte,
+    },
+    /// A stream so deep could not be brought to a standstill within the limit of closing.
+    #[error(
+        "depth is {found}; with a cycle of {cycle:?} set 1 to {max}: what is ahead of the board and the ramp have to end \
+         within the 2 s of closing"
+    )]
+    TooDeep {
+        /// What was given.
+        found: u16,
+        /// The most frames that can be ahead.
+        max: u16,
+        /// The network's cycle.
+        cycle: Duration,
+    },
     /// The drive has an alarm.
     #[error("slave {slave} has alarm 0x{code:04X}; remove the cause (drive's manual), then clear_alarm and servo_on")]
     Alarm {

@@ -1,5 +1,6 @@
 //! Homing with progress: one axis, or several that start in one frame, as the board wants it (SK-7.27).
 
+use std::cell::RefCell;
 use std::time::Duration;
 
 use super::core::Task;
@@ -13,6 +14,8 @@ use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 /// \[OURS] A result that stood from the beginning counts after that time: bits 12 and 13 may be those of an earlier
 /// homing, which the drive clears when it begins.
 const STANDS: Duration = Duration::from_millis(100);
+/// \[OURS] GO_HOME that has no answer after so many reports was lost: more than the FIFO and a handshake take.
+const LOST: u64 = 200;
 const HINT: &str = "check method, speeds and switches; the axis was told to end homing";
 
 /// How to home: the objects of CiA 402 that are written before GO_HOME. What is `None` stays as the drive has it.
@@ -68,7 +71,10 @@ pub struct HomingProgress {
 
 impl Ecm {
     /// Homes an axis that is on: writes the objects, starts, waits, and sets the mode back, which the firmware 1.5 does
-    /// not do by itself. `progress` is called with each report.
+    /// not do by itself. `progress` is called with each report; it may use the board too.
+    ///
+    /// Of an HSP it homes the first channel. The second one cannot be homed alone: where a program has written 6 to its
+    /// 0x6860 it begins with the first one, and only its own statusword (0x6841, by [`Ecm::sdo_read`]) tells how it ends.
     ///
     /// # Errors
     /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an object
@@ -109,15 +115,16 @@ impl Ecm {
             return Ok(());
         }
         let modes = self.reserve(&slaves)?;
-        let mut tell = |slave: u8, phase, session: &Session| {
-            let position = session.slot(slave.into()).data1 as i32;
-            let elapsed = self.core.now().saturating_sub(began);
-            progress(&HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed });
+        let mut tell = |slave: u8, phase| -> Result<(), EcmError> {
+            // The program's own function, without the session: it may call what it likes.
+            let told = Told { slave, phase }.now(&*self.core.lock()?, self.core.now().saturating_sub(began));
+            progress(&told);
+            Ok(())
         };
         let limit = axes.iter().map(|(_, homing)| homing.limit).max().unwrap_or_default();
         let prepared = axes.iter().try_for_each(|(slave, homing)| self.prepare(*slave, homing, &mut tell));
-        let started = prepared.is_ok();
-        let done = prepared.and_then(|()| self.go(&slaves, &go, limit, &mut tell));
+        let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
+        let started = self.core.lock().is_ok_and(|session| session.going != 0);
         // \[OURS] Nothing homes any more when this returns. One axis that failed has ended by itself.
         let goes_on = match &done {
             Ok(()) => false,
@@ -128,9 +135,12 @@ impl Ecm {
         // It ends homing on either firmware, and the axes take targets again; all are tried, whether that is heard or not.
         let mut restored = Ok(());
         for (slave, mode) in slaves.iter().zip(modes) {
-            let one = self.core.lock().and_then(|session| {
-                tell(*slave, HomingPhase::Restoring, &session);
-                drop(session);
+            let told = self.core.lock().map(|session| {
+                Told { slave: *slave, phase: HomingPhase::Restoring }
+                    .now(&session, self.core.now().saturating_sub(began))
+            });
+            let one = told.and_then(|told| {
+                progress(&told);
                 self.sdo_write(*slave, ObjectAddress::new(MODES_OF_OPERATION, 0), mode.code())
             });
             restored = restored.and(one);
@@ -157,7 +167,7 @@ impl Ecm {
         }
         let homing = slaves.iter().fold(0, |homing, slave| homing | 1 << slave);
         session.homing |= homing;
-        session.aborted = 0;
+        (session.aborted, session.going) = (0, 0);
         session.drop_targets(homing);
         self.core.changed();
         Ok(modes)
@@ -167,12 +177,14 @@ impl Ecm {
         &self,
         slave: u8,
         homing: &Homing,
-        tell: &mut impl FnMut(u8, HomingPhase, &Session),
+        tell: &mut impl FnMut(u8, HomingPhase) -> Result<(), EcmError>,
     ) -> Result<(), EcmError> {
         let object = ObjectAddress::new;
-        tell(slave, HomingPhase::Preparing, &*self.core.lock()?);
+        tell(slave, HomingPhase::Preparing)?;
+        refuse_aborted(&*self.core.lock()?, slave)?;
         self.sdo_write(slave, object(MODES_OF_OPERATION, 0), Mode::Homing.code())?;
         self.sdo_write(slave, object(0x6098, 0), homing.method)?;
+        refuse_aborted(&*self.core.lock()?, slave)?;
         if let Some(speed) = homing.switch_speed {
             self.sdo_write(slave, object(0x6099, 1), speed)?;
         }
@@ -193,21 +205,38 @@ impl Ecm {
         slaves: &[u8],
         commands: &[(usize, RawSlot)],
         limit: Duration,
-        tell: &mut impl FnMut(u8, HomingPhase, &Session),
+        began: Duration,
+        progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
-        // A repeat after its end would start another homing: a lost frame shows as a timeout.
-        let task = Task { what: "homing", hint: HINT, limit, commands, resend: false };
+        // A repeat after its end would start another homing: a lost frame is an error.
+        let task = Task { what: "homing", hint: HINT, limit, commands, resend: false, own: true };
         let mut axes: Vec<Search> = slaves.iter().map(|slave| Search::of(*slave)).collect();
-        self.core.run(
+        let told = RefCell::new(Vec::new());
+        let mut tell_all = || told.take().iter().for_each(&mut *progress);
+        let mut sent_at = None;
+        let done = self.core.run_with(
             &task,
+            |session| {
+                require_op(session, "homing")?;
+                slaves.iter().try_for_each(|slave| refuse_aborted(session, *slave))?;
+                session.going = session.homing;
+                Ok(())
+            },
             |session, sent| {
                 require_op(session, "homing")?;
+                let reports = session.stats.reports;
+                let lost = reports - *sent_at.get_or_insert(reports) > LOST;
                 let mut all = true;
                 for axis in &mut axes {
-                    all &= axis.look(session, session.credit.ran(sent.number), tell)?;
+                    let slot = usize::from(axis.slave);
+                    axis.taken |= session.answer(sent, slot, CommandId::GoHome.code()).is_some();
+                    let elapsed = self.core.now().saturating_sub(began);
+                    let mut tell = |slave, phase| told.borrow_mut().push(Told { slave, phase }.now(session, elapsed));
+                    all &= axis.look(session, session.executed(sent) || lost, &mut tell)?;
                 }
                 Ok(all.then_some(()))
             },
+            &mut tell_all,
             |session| {
                 let words = slaves.iter().map(|slave| {
                     let word = session.statusword(*slave).0;
@@ -215,7 +244,9 @@ impl Ecm {
                 });
                 words.collect::<Vec<_>>().join(", ")
             },
-        )
+        );
+        tell_all();
+        done
     }
 
     /// Ends the homing of all slaves: ABORT_HOME. A call of [`Ecm::home`] in another thread ends with
@@ -232,16 +263,42 @@ impl Ecm {
                 return Ok(());
             }
             session.aborted = session.homing;
+            // Its objects are written yet: it ends before it begins.
+            if session.going == 0 {
+                return Ok(());
+            }
             let slave = session.homing.trailing_zeros() as usize;
             (slave, SlotCommand::from(SlaveCommand::AbortHome).encode(session.size))
         };
         let limit = self.core.options.servo_limit;
-        let task = Task { what: "ending homing", hint: HINT, limit, commands: &[(slot, command)], resend: true };
+        let task =
+            Task { what: "ending homing", hint: HINT, limit, commands: &[(slot, command)], resend: true, own: false };
         self.core.run(
             &task,
-            |session, sent| Ok(session.credit.ran(sent.number).then_some(())),
+            |session, sent| Ok(session.executed(sent).then_some(())),
             |session| format!("the board is in {}", session.board.state),
         )
+    }
+}
+
+fn refuse_aborted(session: &Session, slave: u8) -> Result<(), EcmError> {
+    if session.aborted & 1 << slave == 0 {
+        return Ok(());
+    }
+    Err(EcmError::HomingFailed { slave, why: "it was aborted" })
+}
+
+/// What is told of an axis.
+struct Told {
+    slave: u8,
+    phase: HomingPhase,
+}
+
+impl Told {
+    fn now(&self, session: &Session, elapsed: Duration) -> HomingProgress {
+        let Self { slave, phase } = *self;
+        let position = session.slot(slave.into()).data1 as i32;
+        HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed }
     }
 }
 
@@ -263,22 +320,16 @@ impl Search {
         Self { slave, taken: false, seen_clear: false, since: None, home: false }
     }
 
-    /// Whether it is home; `ran`: the frame with GO_HOME was executed for sure.
-    fn look(
-        &mut self,
-        session: &Session,
-        ran: bool,
-        tell: &mut impl FnMut(u8, HomingPhase, &Session),
-    ) -> Result<bool, EcmError> {
+    /// Whether it is home; `ran`: the frame with GO_HOME was executed for sure, or will not be.
+    fn look(&mut self, session: &Session, ran: bool, tell: &mut impl FnMut(u8, HomingPhase)) -> Result<bool, EcmError> {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });
         let word = session.statusword(slave);
-        self.taken |= CommandId::from_code(session.slot(slave.into()).id) == CommandId::GoHome;
         if !self.taken && !ran {
             return Ok(false);
         }
         if !self.home {
-            tell(slave, HomingPhase::Moving, session);
+            tell(slave, HomingPhase::Moving);
         }
         refuse_alarm(session, slave)?;
         if session.aborted & 1 << slave != 0 {
@@ -287,9 +338,9 @@ impl Search {
         if !word.is_enabled() {
             return failed("the drive was switched off");
         }
-        // Without a stream nothing follows in the slot, so a board that has taken it shows it.
-        if !self.taken && session.pacer.is_none() {
-            return failed("the board did not take GO_HOME");
+        // Bits of an earlier homing may stand: without its answer nothing of them counts.
+        if !self.taken {
+            return failed("the board did not take GO_HOME, or its frame was lost");
         }
         let (attained, error) = (word.0 & Statusword::BIT12 != 0, word.0 & Statusword::BIT13 != 0);
         self.seen_clear |= !attained && !error;

@@ -4,7 +4,7 @@ use super::config::Slave;
 use super::core::Task;
 use super::servo::{declared, require_op};
 use super::{Ecm, EcmError};
-use crate::sk::{CommandId, IoResponse, MasterCommand, SlaveCommand, SlotCommand};
+use crate::sk::{IoResponse, MasterCommand, SlaveCommand, SlotCommand};
 
 const HINT: &str = "see whether the slave is on the network and frames get lost (Ecm::stats)";
 
@@ -15,7 +15,7 @@ impl Ecm {
     /// [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`], [`EcmError::Timeout`],
     /// [`EcmError::Link`].
     pub fn inputs(&self, slave: u8) -> Result<u16, EcmError> {
-        self.io("reading inputs", slave, SlaveCommand::IoRead, |_| true)
+        self.io("reading inputs", slave, SlaveCommand::IoRead)
     }
 
     /// Sets the 16 outputs of an IO slave, bit k is output k; in OP. They stay until they are set again.
@@ -23,16 +23,10 @@ impl Ecm {
     /// # Errors
     /// As [`Ecm::inputs`].
     pub fn set_outputs(&self, slave: u8, bits: u16) -> Result<(), EcmError> {
-        self.io("setting outputs", slave, SlaveCommand::IoWrite(bits), |image| image == bits).map(|_| ())
+        self.io("setting outputs", slave, SlaveCommand::IoWrite(bits)).map(|_| ())
     }
 
-    fn io(
-        &self,
-        what: &'static str,
-        slave: u8,
-        command: SlaveCommand,
-        is_it: impl Fn(u16) -> bool,
-    ) -> Result<u16, EcmError> {
+    fn io(&self, what: &'static str, slave: u8, command: SlaveCommand) -> Result<u16, EcmError> {
         let slot = {
             let mut session = self.core.lock()?;
             self.core.catch_up(&mut session)?;
@@ -44,19 +38,15 @@ impl Ecm {
             SlotCommand::from(command).encode(session.size)
         };
         let limit = self.core.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands: &[(slave.into(), slot)], resend: true };
+        let task = Task { what, hint: HINT, limit, commands: &[(slave.into(), slot)], resend: true, own: true };
         self.core.run(
             &task,
             |session, sent| {
                 require_op(session, what)?;
-                let answer = IoResponse::decode(&session.slot(slave.into()));
-                if answer.head.id == slot.id && is_it(answer.bits) {
-                    return Ok(Some(answer.bits));
+                if session.lost & 1 << slave != 0 {
+                    return Err(EcmError::SlaveLost { slave: Some(slave), found: session.board.state });
                 }
-                // In a stream's frames the next one asks for nothing, so the id stands for one report only; the slot
-                // then shows inputs.
-                let passed = session.pacer.is_some() && session.credit.ran(sent.number) && answer.head.id == 0;
-                Ok(passed.then_some(answer.bits))
+                Ok(session.answer(sent, slave.into(), slot.id).map(|answer| IoResponse::decode(&answer).bits))
             },
             |session| format!("the board is in {}", session.board.state),
         )
@@ -85,17 +75,15 @@ impl Ecm {
     fn local(&self, what: &'static str, command: MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
         let limit = self.core.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands: &[(0, slot)], resend: true };
+        let task = Task { what, hint: HINT, limit, commands: &[(0, slot)], resend: true, own: true };
         self.core.run(
             &task,
             |session, sent| {
+                if !session.in_op() {
+                    return Ok((session.board.id == slot.id).then_some(session.board.result));
+                }
                 // In OP the answer has no marker: it is valid once its entry has run (SK-8.3).
-                let valid = if session.in_op() {
-                    session.credit.ran(sent.number)
-                } else {
-                    CommandId::from_code(session.board.id) == CommandId::from_code(slot.id)
-                };
-                Ok(valid.then_some(session.board.result))
+                Ok(session.result(sent))
             },
             |session| format!("the board is in {}", session.board.state),
         )

@@ -5,16 +5,20 @@
 
 use std::time::Duration;
 
-use super::core::Task;
+use super::core::{LONGEST, Task};
 use super::session::Session;
 use super::{Ecm, EcmError};
 use crate::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
-/// Device type: every slave has it (SK-6.10).
-const DETOUR: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// \[OURS] What is read instead if the device type itself is asked for again: the vendor id.
-const OTHER_DETOUR: ObjectAddress = ObjectAddress::new(0x1018, 1);
+/// Device type: every slave has it (SK-6.10). \[OURS] What is read instead if that itself is asked for again, or its answer
+/// is still to come: vendor id, product code, revision.
+const DETOURS: [ObjectAddress; 4] = [
+    ObjectAddress::new(0x1000, 0),
+    ObjectAddress::new(0x1018, 1),
+    ObjectAddress::new(0x1018, 2),
+    ObjectAddress::new(0x1018, 3),
+];
 
 /// A type that an SDO can move.
 pub trait SdoValue: Copy + Send {
@@ -88,9 +92,11 @@ impl Ecm {
 
     pub(super) fn transfer(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
         let began = self.core.now();
+        let limit = limit.min(LONGEST);
         let turn = self.core.sdo_turn.try_lock_for(limit).ok_or(EcmError::Busy { what: "the SDO slot" })?;
+        self.wait_for_second()?;
         let wanted = Wanted::of(&command);
-        let (size, shown) = {
+        let (size, detour) = {
             let mut session = self.core.lock()?;
             self.core.catch_up(&mut session)?;
             if !matches!(session.board.state.state(), Some(MasterState::PreOp | MasterState::SafeOp | MasterState::Op))
@@ -98,18 +104,23 @@ impl Ecm {
                 let found = session.board.state;
                 return Err(EcmError::WrongState { what: "an SDO", needs: "PreOP, SafeOP or OP", found });
             }
-            (session.size, wanted.is_shown(&session))
+            let late = &session.late;
+            let clash = |object: &&ObjectAddress| **object == wanted.object || late.contains(object);
+            let detour = DETOURS.iter().find(|object| !clash(object)).unwrap_or(&DETOURS[0]);
+            let needed = wanted.is_shown(&session) || !late.is_empty();
+            (session.size, needed.then_some(*detour))
         };
         if wanted.slave == 0 || usize::from(wanted.slave) > size.max_slaves() {
             return Err(EcmError::NoSuchSlave { slave: wanted.slave, declared: size.max_slaves() });
         }
-        if shown {
-            let object = if wanted.object == DETOUR { OTHER_DETOUR } else { DETOUR };
+        if let Some(object) = detour {
             // An abort clears the way too.
             match self.exchange(SdoCommand::Read { slave: wanted.slave, object }, limit) {
                 Ok(_) | Err(EcmError::SdoAborted { .. }) => {}
                 Err(error) => return Err(error),
             }
+            // The board makes one transfer after the other: what was late is over.
+            self.core.lock()?.late.clear();
         }
         let left = limit.saturating_sub(self.core.now().saturating_sub(began));
         let done = self.exchange(command, left);
@@ -126,9 +137,18 @@ impl Ecm {
             limit,
             commands: &[(slot, command.encode())],
             resend: true,
+            own: false,
         };
         let seen = move |_: &Session| format!("slave {} has not answered for {}", wanted.slave, wanted.object);
-        self.core.run(&task, |session, _| wanted.answer(session), seen)
+        let done = self.core.run(&task, |session, _| wanted.answer(session), seen);
+        if let Err(EcmError::Timeout { .. }) = done {
+            // Its answer may come yet, and must not be taken for that of a later one.
+            let mut session = self.core.lock()?;
+            if !session.late.contains(&wanted.object) {
+                session.late.push(wanted.object);
+            }
+        }
+        done
     }
 }
 
@@ -138,25 +158,30 @@ struct Wanted {
     id: CommandId,
     slave: u8,
     object: ObjectAddress,
+    /// Of a write, which the answer repeats.
+    value: Option<u32>,
 }
 
 impl Wanted {
     fn of(command: &SdoCommand) -> Self {
-        let (slave, object) = match *command {
-            SdoCommand::Read { slave, object } | SdoCommand::Write { slave, object, .. } => (slave, object),
-            SdoCommand::GetStatus | SdoCommand::Other(_) => (0, DETOUR),
+        let (slave, object, value) = match *command {
+            SdoCommand::Read { slave, object } => (slave, object, None),
+            SdoCommand::Write { slave, object, value, .. } => (slave, object, Some(value)),
+            SdoCommand::GetStatus | SdoCommand::Other(_) => (0, DETOURS[0], None),
         };
-        Self { id: command.id(), slave, object }
+        Self { id: command.id(), slave, object, value }
     }
 
     fn is_shown(self, session: &Session) -> bool {
-        !matches!(self.answer(session), Ok(None))
+        !matches!(Self { value: None, ..self }.answer(session), Ok(None))
     }
 
     fn answer(self, session: &Session) -> Result<Option<u32>, EcmError> {
         let wanted = (self.id, self.slave, self.object);
         match SdoResponse::decode(&session.slot(session.size.sdo_slot())) {
-            SdoResponse::Done { id, slave, object, value } if (id, slave, object) == wanted => Ok(Some(value)),
+            SdoResponse::Done { id, slave, object, value } if (id, slave, object) == wanted => {
+                Ok(self.value.is_none_or(|written| written == value).then_some(value))
+            }
             SdoResponse::Aborted { id, slave, object, code } if (id, slave, object) == wanted => {
                 let verb = if id == CommandId::SdoRead { "reading" } else { "writing" };
                 Err(EcmError::SdoAborted { verb, slave, object, code })

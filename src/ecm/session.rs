@@ -6,9 +6,15 @@ use std::thread::ThreadId;
 use std::time::Instant;
 
 use super::credit::Credit;
+use super::marks::{Echo, Marks};
+use super::second::Second;
+
+use super::config::Slave;
+use super::core::Sent;
 use super::snapshot::{Plan, Snapshot};
 use super::targets::{Targets, bits};
 use crate::cia402::Statusword;
+use crate::coe::ObjectAddress;
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{
     CrcPolicy, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlotSize, StateByte,
@@ -16,6 +22,8 @@ use crate::sk::{
 
 /// News kept until somebody takes them; the oldest go first. \[OURS]
 const NEWS_KEPT: usize = 64;
+/// \[OURS] While slaves are lost every so many frames ask which they are.
+const ASK_LOST: u64 = 32;
 const SLOTS: usize = SlotSize::Bytes12.slots();
 
 /// Something that a program may want to log, and that fails nothing.
@@ -98,10 +106,26 @@ pub(super) struct Session {
     /// Commands for the next frame; a bit of `posted` for each slot that has one.
     commands: [RawSlot; SLOTS],
     posted: u64,
-    /// Frames written so far, when the last one was, and its number in the FIFO.
+    /// Slots whose command is waited for by one that must be sure of its own answer, a bit each.
+    claimed: u64,
+    /// The last answer in a claimed slot that names the command there, and the time of its report; those in which that has
+    /// stood since it was claimed have a bit in `stands`: it may be an old one.
+    answers: [(Stamp, RawSlot); SLOTS],
+    stands: u64,
+    pub(super) marks: Marks,
+    /// Frames written so far, when the last one was, its number in the FIFO, its mark, and the slots that had a command.
     pub(super) flushes: u64,
     pub(super) flushed_at: Stamp,
     pub(super) flushed_number: i64,
+    pub(super) flushed_mark: u8,
+    composed_mark: u8,
+    flushed_posts: u64,
+    /// Slaves that are lost, as far as it is known, a bit each.
+    pub(super) lost: u64,
+    /// Objects of SDO transfers whose answers did not come in time.
+    pub(super) late: Vec<ObjectAddress>,
+    /// What is known of second channels, and the transfer that asks.
+    pub(super) second: Second,
     /// Times the FIFO was cleared: a stream that was open then has lost its way.
     pub(super) clears: u64,
     /// What a stream keeps sending.
@@ -112,6 +136,8 @@ pub(super) struct Session {
     pub(super) homing: u64,
     /// Those of them that were told to end: back in CSP bits 10 and 12 look like a home.
     pub(super) aborted: u64,
+    /// Those that have been told to begin.
+    pub(super) going: u64,
     pub(super) pacer: Option<Pacer>,
     pub(super) stats: Stats,
     news: VecDeque<News>,
@@ -137,14 +163,25 @@ impl Session {
             credit: Credit::new(),
             commands: [RawSlot::ZERO; SLOTS],
             posted: 0,
+            claimed: 0,
+            answers: [(Stamp(0), RawSlot::ZERO); SLOTS],
+            stands: 0,
+            marks: Marks::new(),
             flushes: 0,
             flushed_at: Stamp(0),
             flushed_number: 0,
+            flushed_mark: 0,
+            composed_mark: 0,
+            flushed_posts: 0,
+            lost: 0,
+            late: Vec::new(),
+            second: Second::new(),
             clears: 0,
             targets: Targets::new(size),
             dropped: 0,
             homing: 0,
             aborted: 0,
+            going: 0,
             pacer: None,
             stats: Stats::default(),
             news: VecDeque::with_capacity(NEWS_KEPT),
@@ -195,6 +232,8 @@ impl Session {
         self.previous_at = before.map_or(meta.at, |before| before.at);
         self.stats.reports += 1;
         self.read_board(before, meta);
+        self.read_marks(meta.at);
+        self.second.read(self.size, &self.report);
         self.drop_dead_targets();
         true
     }
@@ -213,6 +252,7 @@ impl Session {
         }
         if !self.in_op() {
             self.credit.reset();
+            self.targets.forget_outputs();
             self.homing = 0;
             return;
         }
@@ -229,18 +269,91 @@ impl Session {
         self.stats.underruns = self.credit.underruns();
     }
 
-    /// An axis that went off has no target any more: switched on again, it must not jump to an old one.
+    /// Which of its own entries the board has executed, and which slaves are lost.
+    fn read_marks(&mut self, at: Stamp) {
+        let slots = self.report.slots(self.size);
+        for slot in bits(self.claimed) {
+            if slots.head(slot).id == self.answers[slot].1.id {
+                self.answers[slot] = (at, slots.get(slot));
+            } else {
+                self.stands &= !(1 << slot);
+            }
+        }
+        let failed = self.board.state.is_failed();
+        if !failed {
+            self.lost = 0;
+        }
+        if !self.in_op() || !failed && self.marks.awaited == 0 {
+            return;
+        }
+        let mut last_is_new = false;
+        for slave in 1..=self.size.max_slaves() {
+            let index = slots.head(slave).index;
+            last_is_new |= self.marks.see(index, self.board.result) && index == self.flushed_mark;
+        }
+        if failed && last_is_new {
+            let is_silent = |slave: u8| slots.head(slave.into()).index != self.flushed_mark;
+            let used = self.plan.slaves().filter(|(_, config)| **config != Slave::Unused);
+            let silent = used.filter(|(slave, _)| is_silent(*slave)).fold(0, |lost, (slave, _)| lost | 1 << slave);
+            // One that had a command may have rejected it.
+            self.lost = silent & !self.flushed_posts | self.lost & self.flushed_posts;
+        }
+    }
+
+    /// An axis that went off has no target any more: switched on again, it must not jump to an old one. Of a slave of two
+    /// axes both lose theirs.
     fn drop_dead_targets(&mut self) {
         let slots = self.report.slots(self.size);
         let is_off = |slave: usize| u64::from(!Statusword(slots.head(slave).parm.get()).is_enabled());
-        let off = (1..=self.plan.count).fold(0, |off, slave| off | is_off(slave) << slave);
+        let off = (1..=self.plan.count).fold(self.second.off(), |off, slave| off | is_off(slave) << slave);
         self.drop_targets(off);
+    }
+
+    /// Whether all axes of a slave are on, as far as it is known.
+    pub(super) fn is_on(&self, slave: u8) -> bool {
+        self.statusword(slave).is_enabled() && self.second.off() & 1 << slave == 0
+    }
+
+    /// Whether the frame was executed for sure.
+    pub(super) fn executed(&self, sent: Sent) -> bool {
+        match self.marks.echo {
+            Echo::Yes | Echo::Unknown => self.marks.saw(sent.mark),
+            Echo::No => self.credit.ran(sent.number),
+        }
+    }
+
+    /// As [`Session::executed`], where it matters little and the board is not known yet.
+    pub(super) fn probably_executed(&self, sent: Sent) -> bool {
+        self.executed(sent) || self.marks.echo == Echo::Unknown && self.credit.ran(sent.number)
+    }
+
+    /// The board's own result of that frame, in OP.
+    pub(super) fn result(&self, sent: Sent) -> Option<u32> {
+        let marked = self.marks.echo != Echo::No;
+        self.executed(sent).then(|| if marked { self.marks.result(sent.mark) } else { self.board.result })
+    }
+
+    /// The answer in a claimed slot to that frame's command there, once it has come.
+    pub(super) fn answer(&self, sent: Sent, slot: usize, id: u8) -> Option<RawSlot> {
+        let (at, answer) = self.answers[slot];
+        let own = match self.marks.echo {
+            Echo::Yes | Echo::Unknown => answer.index == sent.mark,
+            Echo::No => self.stands & 1 << slot == 0 || self.executed(sent),
+        };
+        (own && answer.id == id && at > sent.at).then_some(answer)
     }
 
     /// Takes the targets of slaves away, a bit each, and those that a stream has for its next step.
     pub(super) fn drop_targets(&mut self, slaves: u64) {
         self.targets.forget(slaves);
         self.dropped |= slaves;
+    }
+
+    /// Nobody streams any more.
+    pub(super) fn end_stream(&mut self) {
+        self.pacer = None;
+        self.credit.watch(false);
+        self.targets.clear();
     }
 
     pub(super) fn statusword(&self, slave: u8) -> Statusword {
@@ -259,6 +372,27 @@ impl Session {
             size: self.size,
             plan: Arc::clone(&self.plan),
         }
+    }
+
+    /// Takes slots for one that must be sure of its own answer; they are free again with [`Session::release`].
+    pub(super) fn claim(&mut self, commands: &[(usize, RawSlot)]) -> bool {
+        let wanted = mask(commands);
+        let free = self.claimed & wanted == 0;
+        if free {
+            self.claimed |= wanted;
+            self.stands |= wanted;
+            for (slot, command) in commands {
+                self.answers[*slot] = (Stamp(0), RawSlot { id: command.id, ..RawSlot::ZERO });
+                if self.report.slot(self.size, *slot).id != command.id {
+                    self.stands &= !(1 << slot);
+                }
+            }
+        }
+        free
+    }
+
+    pub(super) fn release(&mut self, commands: &[(usize, RawSlot)]) {
+        self.claimed &= !mask(commands);
     }
 
     /// Puts commands into the next frame, all or none: a slot that is taken takes no second one.
@@ -300,7 +434,24 @@ impl Session {
         for slot in bits(self.posted) {
             self.outgoing.put(size, slot, &self.commands[slot]);
         }
+        self.mark();
         self.outgoing.fill_crc(size);
+    }
+
+    /// Gives the frame a mark, if somebody may want to know it again.
+    fn mark(&mut self) {
+        self.composed_mark = 0;
+        let has_command = self.posted & !(1 << self.size.sdo_slot()) != 0;
+        let asks = self.board.state.is_failed() && self.flushes.is_multiple_of(ASK_LOST);
+        if !self.in_op() || !has_command && !asks {
+            return;
+        }
+        let mark = self.marks.give();
+        self.composed_mark = mark;
+        for slave in 1..=self.size.max_slaves() {
+            let slot = self.outgoing.slot(self.size, slave);
+            self.outgoing.put(self.size, slave, &RawSlot { index: mark, ..slot });
+        }
     }
 
     /// Whether the next frame clears the FIFO.
@@ -314,16 +465,14 @@ impl Session {
             self.clears += 1;
             self.targets.clear();
         }
+        if self.composed_mark != 0 {
+            (self.flushed_mark, self.flushed_posts) = (self.composed_mark, self.posted);
+        }
         self.posted = 0;
         self.flushes += 1;
         self.flushed_at = at;
         self.stats.written += 1;
         self.flushed_number = if self.in_op() { self.credit.sent(at) } else { 0 };
-    }
-
-    /// The frame was not taken: what it held is forgotten, its senders send again or say so.
-    pub(super) const fn failed(&mut self) {
-        self.posted = 0;
     }
 }
 

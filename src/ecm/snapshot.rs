@@ -14,18 +14,22 @@ pub(super) struct Plan {
     slaves: [Slave; SlotSize::Bytes12.max_slaves()],
     pub(super) count: usize,
     pub(super) cycle_ns: Option<u64>,
+    /// Slaves that are HSPs, a bit each.
+    pub(super) hsps: u64,
 }
 
 impl Plan {
     pub(super) const NONE: Self =
-        Self { slaves: [Slave::Unused; SlotSize::Bytes12.max_slaves()], count: 0, cycle_ns: None };
+        Self { slaves: [Slave::Unused; SlotSize::Bytes12.max_slaves()], count: 0, cycle_ns: None, hsps: 0 };
 
     pub(super) fn of(config: &Config) -> Self {
         let mut plan = Self::NONE;
         for (place, slave) in plan.slaves.iter_mut().zip(&config.slaves) {
             *place = *slave;
         }
-        Self { count: config.slaves.len(), cycle_ns: Some(u64::from(config.cycle_us) * 1000), ..plan }
+        let is_hsp = |(_, slave): &(usize, &Slave)| matches!(slave, Slave::Hsp(_));
+        let hsps = (1..).zip(&config.slaves).filter(is_hsp).fold(0, |hsps, (slave, _)| hsps | 1 << slave);
+        Self { hsps, count: config.slaves.len(), cycle_ns: Some(u64::from(config.cycle_us) * 1000), ..plan }
     }
 
     /// Zero if it is not known.

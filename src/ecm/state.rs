@@ -6,12 +6,12 @@ use std::time::Duration;
 use super::config::{Config, Slave};
 use super::core::Task;
 use super::error::Suspect;
+use super::marks::Marks;
 use super::{Ecm, EcmError};
 use crate::cia402;
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::sk::{
-    CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, SlotCommand,
-    StateByte,
+    CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, StateByte,
 };
 
 /// SK-4 `[OURS]`: what the slave count of SET_AXIS and the answers of SET_DC and DRIVE_MODE may take.
@@ -48,15 +48,29 @@ impl Ecm {
             .filter_map(|(slave, config)| {
                 let axis = config.axis()?;
                 let command = SlaveCommand::DriveMode { mode: axis.mode, sync: axis.sync };
-                Some((slave, SlotCommand::from(command).encode(size)))
+                Some((slave, command.with_index(Marks::PROBE).encode(size)))
             })
             .collect();
         if !modes.is_empty() {
-            let task = Task { what: "DRIVE_MODE", hint: HINT, limit: CONFIGURE_LIMIT, commands: &modes, resend: true };
+            let task = Task {
+                what: "DRIVE_MODE",
+                hint: HINT,
+                limit: CONFIGURE_LIMIT,
+                commands: &modes,
+                resend: true,
+                own: true,
+            };
             let id = CommandId::DriveMode.code();
             self.core.run(
                 &task,
-                |session, _| Ok(modes.iter().all(|(slot, _)| session.slot(*slot).id == id).then_some(())),
+                |session, _| {
+                    if !modes.iter().all(|(slot, _)| session.slot(*slot).id == id) {
+                        return Ok(None);
+                    }
+                    let echoes = modes.iter().all(|(slot, _)| session.slot(*slot).index == Marks::PROBE);
+                    session.marks.learn(echoes);
+                    Ok(Some(()))
+                },
                 |session| format!("the board is in {}", session.board.state),
             )?;
         }
@@ -77,7 +91,7 @@ impl Ecm {
     /// A command for the board itself, outside OP; gives the result.
     pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
-        let task = Task { what, hint: HINT, limit: CONFIGURE_LIMIT, commands: &[(0, slot)], resend: true };
+        let task = Task { what, hint: HINT, limit: CONFIGURE_LIMIT, commands: &[(0, slot)], resend: true, own: true };
         self.core.run(
             &task,
             |session, _| Ok((session.board.id == slot.id).then_some(session.board.result)),
@@ -108,6 +122,7 @@ impl Ecm {
             commands: &[(0, MasterCommand::SetState(wanted).encode())],
             // A repeat would start a change that has failed again; a lost frame shows as a timeout.
             resend: false,
+            own: false,
         };
         // A failure shown before the change has begun is an old one.
         let old = self.state()?;

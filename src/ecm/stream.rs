@@ -1,5 +1,6 @@
 //! A cyclic stream of targets, paced by credit: it never overfills the board's FIFO and counts when it runs dry.
 
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -7,11 +8,14 @@ use super::aim::Aim;
 use super::servo::{declared, require_op};
 use super::session::{Pacer, Session};
 use super::snapshot::Snapshot;
-use super::{Ecm, EcmError, ramp};
-use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, SlaveCommand};
+use super::{CLOSE_LIMIT, Ecm, EcmError, ramp};
+use crate::cia402::Mode;
+use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand};
 
 /// \[OURS] Entries of the FIFO that a stream leaves free: commands of other programs and the ramp find room.
 const SPARE: u16 = 10;
+/// \[OURS] A stream asks for the second channels of HSPs with every so many frames, once the last answer is there.
+const ASK_SECOND: u64 = 8;
 
 /// What a stream did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,6 +43,8 @@ pub struct Stream<'a> {
     /// Frames that the board collects before it begins; 0: none.
     prefill: u16,
     frames: u64,
+    /// It has stepped, and taken no target since.
+    stepped: bool,
     underruns_before: u64,
     losses_before: u64,
     done: bool,
@@ -46,15 +52,17 @@ pub struct Stream<'a> {
 
 impl Ecm {
     /// Begins a stream that keeps up to `depth` frames ahead of the board: 1 to 150. That many cycles may the program
-    /// be late, and that many cycles pass until a target acts.
+    /// be late, and that many cycles pass until a target acts. What is ahead runs when the stream ends too: with long cycles
+    /// the depth is limited, so that closing ends within its 2 s.
     ///
     /// # Errors
-    /// [`EcmError::Setting`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is configured,
+    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is configured,
     /// [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
     pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
         if depth == 0 || depth > FIFO_ENTRIES - SPARE {
             return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
         }
+        self.learn_seconds()?;
         let mut session = self.core.lock()?;
         self.core.catch_up(&mut session)?;
         require_op(&session, "a stream")?;
@@ -62,12 +70,35 @@ impl Ecm {
         if session.pacer.is_some() {
             return Err(EcmError::Busy { what: "the stream" });
         }
+        let cycle = session.plan.cycle();
+        let max = deepest(cycle, self.core.options.ramp);
+        if depth > max {
+            return Err(EcmError::TooDeep { found: depth, max, cycle });
+        }
         session.pacer = Some(pacer());
         session.credit.watch(true);
         let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
         let aim = Aim::new(&mut session, self.core.changes());
-        Ok(Stream { ecm: self, depth, aim, prefill: 0, frames: 0, underruns_before, losses_before, done: false })
+        Ok(Stream {
+            ecm: self,
+            depth,
+            aim,
+            prefill: 0,
+            frames: 0,
+            stepped: false,
+            underruns_before,
+            losses_before,
+            done: false,
+        })
     }
+}
+
+/// Frames that can be ahead of a board whose axes have to stand within the limit of closing.
+fn deepest(cycle: Duration, ramp: Duration) -> u16 {
+    let ramp = ramp.max(cycle * ramp::MIN_FRAMES);
+    let left = CLOSE_LIMIT.saturating_sub(ramp + ramp::settle(cycle)).as_nanos();
+    let frames = left / cycle.as_nanos().max(1);
+    frames.clamp(1, (FIFO_ENTRIES - SPARE).into()) as u16
 }
 
 fn pacer() -> Pacer {
@@ -99,12 +130,16 @@ impl Stream<'_> {
     /// The next target position of an axis in CSP, counts. The guard of the axis refuses one that is too far from the
     /// actual position of the newest report; nothing changes then.
     ///
+    /// An HSP keeps its outputs. Its second axis goes on with its last target, without one it stays where it is.
+    ///
     /// # Errors
     /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
     /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
-    /// [`EcmError::Cleared`].
+    /// [`EcmError::SlaveLost`], [`EcmError::SecondOff`], [`EcmError::Cleared`], [`EcmError::Link`].
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
-        self.aim(slave, SlaveCommand::Csp(Motion::to(target)))
+        self.look()?;
+        let motion = self.aim.first(slave, target, Mode::Csp);
+        self.aim.at(slave, SlaveCommand::Csp(motion), self.ecm.core.options.guard)
     }
 
     /// As [`csp`](Stream::csp), in the axis's units.
@@ -125,12 +160,15 @@ impl Stream<'_> {
         self.aim(slave, SlaveCommand::Csp(Motion { first, second }))
     }
 
-    /// The next target velocity of an axis in CSV, in the drive's units (0x60FF). It goes on until there is another.
+    /// The next target velocity of an axis in CSV, in the drive's units (0x60FF). It goes on until there is another. An HSP
+    /// keeps its outputs, and its second axis its velocity.
     ///
     /// # Errors
     /// As [`csp`](Stream::csp), but for the guard.
     pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
-        self.aim(slave, SlaveCommand::Csv(Motion::to(velocity)))
+        self.look()?;
+        let motion = self.aim.first(slave, velocity, Mode::Csv);
+        self.aim.at(slave, SlaveCommand::Csv(motion), self.ecm.core.options.guard)
     }
 
     /// The next target velocities and outputs of an HSP in CSV, both channels.
@@ -157,8 +195,13 @@ impl Stream<'_> {
     /// Looks at the session again, if anything has changed: targets are checked by the newest report, and 40 of them in a
     /// row take no lock.
     fn look(&mut self) -> Result<(), EcmError> {
-        if self.aim.changes != self.ecm.core.changes() {
+        let stepped = std::mem::take(&mut self.stepped);
+        if stepped || self.aim.changes != self.ecm.core.changes() {
             let mut session = self.ecm.core.lock()?;
+            // The program may have been away since the last step.
+            if stepped {
+                self.ecm.core.catch_up(&mut session)?;
+            }
             self.aim.look(&mut session, self.ecm.core.changes());
         }
         Ok(())
@@ -182,13 +225,27 @@ impl Stream<'_> {
         session.pacer = Some(pacer());
         core.catch_up(&mut session)?;
         self.ecm.pace(&mut session, self.depth, None)?;
-        self.aim.go(&mut session);
-        if self.frames == 0 && self.prefill > 0 {
-            self.ecm.set_threshold(&mut session, self.prefill)?;
+        let threshold = [(0, threshold(self.prefill))];
+        let prefills = self.frames == 0 && self.prefill > 0;
+        if prefills && !session.post(&threshold) {
+            return Err(EcmError::Busy { what: "the slot of the board" });
         }
-        core.write_within(&mut session, core.options.write_limit)?;
-        session.targets.stepped();
+        let asks = self.ask_second(&mut session);
+        self.aim.go(&mut session);
+        if let Err(error) = core.write_within(&mut session, core.options.write_limit) {
+            if prefills {
+                session.withdraw(&threshold);
+            }
+            if let Some(slot) = asks {
+                session.withdraw(&[(slot, RawSlot::ZERO)]);
+                session.second.not_asked();
+            }
+            return Err(error);
+        }
+        let hsps = session.plan.hsps;
+        session.targets.stepped(hsps);
         self.frames += 1;
+        self.stepped = true;
         // On virtual time the stamp of the frame is the time.
         let now = core.info.virtual_time.then(|| Duration::from_nanos(session.flushed_at.0));
         self.ecm.pace(&mut session, self.depth, now)?;
@@ -196,12 +253,28 @@ impl Stream<'_> {
         Ok(self.stats_of(&session))
     }
 
+    /// Asks for the second channels in the SDO slot of the next frame, if nobody else uses that; gives the slot.
+    fn ask_second(&self, session: &mut Session) -> Option<usize> {
+        if !self.frames.is_multiple_of(ASK_SECOND) {
+            return None;
+        }
+        let _turn = self.ecm.core.sdo_turn.try_lock()?;
+        let plan = Arc::clone(&session.plan);
+        let request = session.second.request(&plan, session.flushes)?;
+        let slot = session.size.sdo_slot();
+        if session.post(&[(slot, request.encode())]) {
+            return Some(slot);
+        }
+        session.second.not_asked();
+        None
+    }
+
     /// The newest report, without waiting.
     ///
     /// # Errors
     /// [`EcmError::Busy`], [`EcmError::Link`].
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
-        Ok(self.ecm.core.lock()?.snapshot())
+        self.ecm.snapshot()
     }
 
     /// What it did so far.
@@ -230,8 +303,8 @@ impl Stream<'_> {
 
     fn end(&mut self) -> Result<StreamStats, EcmError> {
         let core = &self.ecm.core;
-        self.done = true;
         let mut session = core.lock()?;
+        self.done = true;
         session.credit.watch(false);
         let stats = self.stats_of(&session);
         let deadline = core.now() + super::CLOSE_LIMIT;
@@ -241,8 +314,7 @@ impl Stream<'_> {
             Ok(())
         };
         let stopped = dropped.and_then(|()| ramp::to_standstill(self.ecm, &mut session, deadline));
-        session.pacer = None;
-        session.targets.clear();
+        session.end_stream();
         stopped.map(|()| stats)
     }
 }
@@ -252,19 +324,21 @@ impl Drop for Stream<'_> {
         if !self.done
             && let Err(error) = self.end()
         {
+            if !self.done {
+                self.ecm.core.abandon();
+            }
             log::warn!("a stream ended while axes may move: {error}");
         }
     }
 }
 
-impl Ecm {
-    /// Puts the threshold that `frames` entries reach into the next frame: it acts on arrival, before that is queued.
-    fn set_threshold(&self, session: &mut Session, frames: u16) -> Result<(), EcmError> {
-        let threshold = FIFO_ENTRIES + 1 - frames;
-        let command = MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode();
-        if session.post(&[(0, command)]) { Ok(()) } else { Err(EcmError::Busy { what: "the slot of the board" }) }
-    }
+/// The threshold that `frames` entries reach: it acts on arrival, before its frame is queued.
+fn threshold(frames: u16) -> RawSlot {
+    let threshold = FIFO_ENTRIES + 1 - frames;
+    MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode()
+}
 
+impl Ecm {
     /// Nothing of what the board collects has run, and nothing shall.
     fn drop_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         if !session.in_op() {

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::config::{Axis, Config, Slave};
+use super::second::Second;
 use super::snapshot::Plan;
 use super::{Ecm, EcmError};
 use crate::cia402::Mode;
@@ -137,6 +138,7 @@ impl Ecm {
         config.check(self.slot_size()?)?;
         let mut session = self.core.lock()?;
         session.plan = Arc::new(Plan::of(&config));
+        session.second = Second::new();
         for (slave, seen) in (1..=config.slaves.len()).zip(&watch.slaves) {
             session.targets.told(slave, seen.last, seen.before);
         }

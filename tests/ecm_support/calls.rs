@@ -60,7 +60,7 @@ pub const CALLS: &[Call] = &[
     call("configure", PREOP, |ecm| ecm.configure(&config())),
     call("set_state to Init", Needs::Board, |ecm| ecm.set_state(MasterState::Init)),
     call("set_state to PreOP", Needs::Board, |ecm| ecm.set_state(MasterState::PreOp)),
-    call("set_state to OP", NOT_INIT, |ecm| ecm.set_state_within(MasterState::Op, 20 * SECOND)),
+    call("set_state to OP", NOT_INIT, |ecm| ecm.set_state(MasterState::Op)),
     call("sdo_read", NOT_INIT, |ecm| ecm.sdo_read::<u32>(1, OBJECT).map(drop)),
     call("sdo_write", NOT_INIT, |ecm| ecm.sdo_write(2, OBJECT, 4000_u32)),
     call("servo_on", Needs::NoAlarm, |ecm| ecm.servo_on(&[1])),

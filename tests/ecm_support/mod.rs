@@ -53,12 +53,17 @@ pub fn script(name: &str, text: &str) -> String {
 /// Bends reports, by their number since it was set.
 pub type Bend = Box<dyn FnMut(u64, &mut Frame) + Send>;
 
+/// Frames that do not arrive.
+pub type Pick = Box<dyn FnMut(&Frame) -> bool + Send>;
+
 /// A link that keeps what is written, with its limits, and bends what is read.
 pub struct Tap {
     inner: Arc<dyn Link>,
     pub written: Mutex<Vec<Frame>>,
     pub waits: Mutex<Vec<Wait>>,
     bend: Mutex<(u64, Option<Bend>)>,
+    lose: Mutex<Option<Pick>>,
+    refuse: Mutex<Option<Pick>>,
     hide_slot: bool,
 }
 
@@ -81,8 +86,8 @@ impl Tap {
     }
 
     fn new(inner: Arc<dyn Link>, hide_slot: bool) -> Arc<Self> {
-        let (written, waits, bend) = Default::default();
-        Arc::new(Self { inner, written, waits, bend, hide_slot })
+        let (written, waits, bend, lose, refuse) = Default::default();
+        Arc::new(Self { inner, written, waits, bend, lose, refuse, hide_slot })
     }
 
     pub fn ecm(self: &Arc<Self>, options: Options) -> Result<Ecm, EcmError> {
@@ -91,6 +96,16 @@ impl Tap {
 
     pub fn bend(&self, bend: impl FnMut(u64, &mut Frame) + Send + 'static) {
         *self.bend.lock().unwrap() = (0, Some(Box::new(bend)));
+    }
+
+    /// Frames that are lost on the way, as nobody notices.
+    pub fn lose(&self, pick: impl FnMut(&Frame) -> bool + Send + 'static) {
+        *self.lose.lock().unwrap() = Some(Box::new(pick));
+    }
+
+    /// Frames that the board does not take in time.
+    pub fn refuse(&self, pick: impl FnMut(&Frame) -> bool + Send + 'static) {
+        *self.refuse.lock().unwrap() = Some(Box::new(pick));
     }
 
     /// The frames written so far, which are forgotten.
@@ -113,6 +128,14 @@ impl Link for Tap {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         self.waits.lock().unwrap().push(wait);
+        let picked = |pick: &Mutex<Option<Pick>>| pick.lock().unwrap().as_mut().is_some_and(|pick| pick(frame));
+        if picked(&self.refuse) {
+            let waited = Duration::from_millis(1);
+            return Err(LinkError::Timeout { dir: Dir::Write, waited, what: "the board takes no more frames" });
+        }
+        if picked(&self.lose) {
+            return Ok(self.inner.pass(Duration::from_micros(125))?.unwrap());
+        }
         let at = self.inner.write(frame, wait)?;
         self.written.lock().unwrap().push(frame.clone());
         Ok(at)

@@ -1,0 +1,77 @@
+//! Whether axes stand. One cycle tells little: encoders have noise, and a slow axis moves less than that. What moves at
+//! all in a cycle is looked at for a while.
+
+use std::time::Duration;
+
+use super::config::Slave;
+use super::session::Session;
+use crate::link::Stamp;
+use crate::sk::{Frame, HspResponse};
+
+/// \[OURS] An axis that moves no further than that in a cycle stands, whatever it was told.
+const STILL: u32 = 2;
+/// \[OURS] How long an axis is looked at that does not: cycles, but no longer than that and at least one.
+const CYCLES: u64 = 8;
+const LONGEST: Duration = Duration::from_millis(8);
+
+/// Where all axes were a while ago.
+pub(super) struct Since {
+    report: Frame,
+    at: Stamp,
+    reports: u64,
+}
+
+impl Since {
+    pub(super) fn now(session: &Session) -> Self {
+        let at = session.meta.map_or(Stamp(0), |meta| meta.at);
+        Self { report: Frame::clone(&session.report), at, reports: session.stats.reports }
+    }
+
+    /// Whether it is long enough ago.
+    pub(super) fn is_over(&self, session: &Session) -> bool {
+        let cycle = session.plan.cycle_ns.unwrap_or(1_000_000).max(1);
+        session.stats.reports - self.reports >= (LONGEST.as_nanos() as u64 / cycle).clamp(1, CYCLES)
+    }
+
+    /// Counts that a slave's axes have gone since.
+    pub(super) fn way(&self, session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
+        way(session, &self.report, slave, config)
+    }
+
+    /// Seconds since.
+    pub(super) fn seconds(&self, session: &Session) -> f64 {
+        let now = session.meta.map_or(0, |meta| meta.at.0);
+        now.saturating_sub(self.at.0).max(1) as f64 / 1e9
+    }
+
+    /// Whether a slave's axes have moved since.
+    pub(super) fn moves(&self, session: &Session, slave: u8, config: &Slave) -> bool {
+        let standstill = config.axis().map_or(u32::MAX, |axis| axis.standstill);
+        is_free(session, slave, config)
+            && self.way(session, slave, config).iter().any(|counts| counts.unsigned_abs() > standstill)
+    }
+}
+
+/// Counts that a slave's axes moved in the last cycle.
+pub(super) fn last_cycle(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
+    way(session, &session.previous, slave, config)
+}
+
+/// Whether a slave's axes may be moving, by the last cycle.
+pub(super) fn may_move(session: &Session, slave: u8, config: &Slave) -> bool {
+    is_free(session, slave, config) && last_cycle(session, slave, config).iter().any(|way| way.unsigned_abs() > STILL)
+}
+
+/// Whether it is an axis that a host moves.
+fn is_free(session: &Session, slave: u8, config: &Slave) -> bool {
+    config.axis().is_some() && session.statusword(slave).is_enabled() && session.homing & 1 << slave == 0
+}
+
+fn way(session: &Session, from: &Frame, slave: u8, config: &Slave) -> [i32; 2] {
+    let (now, before) = (session.slot(slave.into()), from.slot(session.size, slave.into()));
+    if !matches!(config, Slave::Hsp(_)) {
+        return [(now.data1 as i32).wrapping_sub(before.data1 as i32), 0];
+    }
+    let (now, before) = (HspResponse::decode(&now, session.size), HspResponse::decode(&before, session.size));
+    [now.first.position.wrapping_sub(before.first.position), now.second.position.wrapping_sub(before.second.position)]
+}

@@ -209,8 +209,9 @@ impl Hub {
 
     /// A report for everybody, but not for a writer that gets it as an answer.
     pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
-        board.saw(frame, meta);
         let state = self.state.lock();
+        // In one with handing it out: a client that comes is told the number of the first report that it gets.
+        board.saw(frame, meta);
         for client in &state.clients {
             if !(board.info.virtual_time && client.role == Role::Writer) {
                 client.report(frame, meta);

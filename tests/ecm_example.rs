@@ -56,7 +56,7 @@ fn move_axis() {
     for link in [link, &format!("{link}&fw=1.5&slot=16"), "sim:?slaves=drive&clock=real"] {
         let said = run("move_axis", Some(link)).success();
         assert!(
-            said.starts_with("StreamStats { frames: 1000, underruns: ") && said.ends_with("losses: 0 }\n"),
+            said.starts_with("StreamStats { frames: 1010, underruns: ") && said.ends_with("losses: 0 }\n"),
             "{said}"
         );
     }
@@ -78,16 +78,16 @@ fn move_axis_of_a_served_board() {
     let uri = format!("tcp://{}", server.address());
     let ends = [(); 2].map(|()| {
         let said = run("move_axis", Some(&uri)).success();
-        assert!(said.starts_with("StreamStats { frames: 1000, underruns: 0, "), "{said}");
+        assert!(said.starts_with("StreamStats { frames: 1010, underruns: 0, "), "{said}");
         let ecm = ecmsk::Ecm::open(&uri).expect("the program has left");
         ecm.adopt(&ecmsk::ecm::Config::drives(1)).expect("it is in OP");
         let end = ecm.snapshot().expect("a report").position(1).expect("it is a drive");
         ecm.close(ecmsk::ecm::Close::Leave).expect("nothing to do");
         end
     });
-    // After its last target, at full speed, it is brought to rest.
-    assert!((10_000..12_000).contains(&ends[0]), "{ends:?}");
-    assert!(ends[1].abs_diff(2 * ends[0]) <= 2, "{ends:?}");
+    for (end, told) in ends.into_iter().zip([10_000_i32, 20_000]) {
+        assert!(end.abs_diff(told) <= 2, "{end}, told {told}");
+    }
     server.stop();
 }
 

@@ -238,3 +238,21 @@ fn progress() {
     assert_eq!(objects[3]["position_counts"], 35_000);
     assert!(!ran.err.contains("progress"), "{}", ran.err);
 }
+
+/// TOOL-14 TOOL-15 However hard a move ends, it ends at its target and is commanded to go no further.
+#[test]
+fn a_hard_move_ends_at_its_target() {
+    for (velocity, acceleration, jerk) in
+        [("50000", "1e8", "off"), ("100000", "1e12", "off"), ("100000", "1e12", "1e15"), ("20000", "1e5", "off")]
+    {
+        let (board, file) = recorded("hard", "drive*2");
+        let how = ["--velocity", velocity, "--acceleration", acceleration, "--jerk", jerk, "--up", "--link", &board];
+        let ran = run(["move", "1=30000", "2=-15000"].into_iter().chain(how));
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        for (slave, end) in [(1, 30_000), (2, -15_000_i32)] {
+            let targets = Tape::read(&file).targets(slave);
+            let furthest = targets.iter().map(|target| target * end.signum()).max();
+            assert_eq!((furthest, targets.last()), (Some(end.abs()), Some(&end)), "{velocity} {acceleration} {jerk}");
+        }
+    }
+}

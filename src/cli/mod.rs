@@ -35,7 +35,7 @@ Exit codes:
   0    done (also when whoever read the output has closed it)
   1    failed; the last line on standard error says why and what to do
   2    the command line is wrong
-  130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first
+  130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
   compare
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:

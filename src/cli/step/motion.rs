@@ -151,6 +151,13 @@ impl Args {
             }
             board.talk.result(text, &json)?;
         }
+        for axis in &path.axes {
+            let off = after.position(axis.slave).map_or(0, |at| axis.end.abs_diff(at));
+            if off > FAR {
+                let why = format!("axis {} is {off} counts off its target", axis.slave);
+                return Err(refused(why, "see its load, its limits and its tuning, or move slower"));
+            }
+        }
         Ok(())
     }
 
@@ -168,6 +175,12 @@ impl Args {
         Path::new(axes).map_err(|why| refused(why, "choose a speed and an acceleration nearer to each other"))
     }
 }
+
+/// \[OURS] An axis that ends further from its target than these counts has not done its move.
+const FAR: u32 = 64;
+
+/// As many steps as the native API looks back for a speed.
+const HOLD_FRAMES: usize = 9;
 
 /// A move under way.
 struct Run<'a> {
@@ -205,6 +218,7 @@ impl Run<'_> {
             let done = time >= profile.seconds();
             self.step(stream, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
             if done {
+                self.hold(stream, |axis| axis.end)?;
                 return Ok(time);
             }
             if pace.due(Duration::from_secs_f64(time)) {
@@ -222,10 +236,16 @@ impl Run<'_> {
             let along = brake.at(time).length / self.path.length;
             self.step(stream, |axis| axis.at(along))?;
             if time >= brake.seconds() {
-                break;
+                return self.hold(stream, |axis| axis.at(along));
             }
         }
         Ok(())
+    }
+
+    /// The last targets a few times more. However hard the end was: axes that have been told to stand are not ramped
+    /// any further when the stream ends.
+    fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
+        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at))
     }
 
     fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {

@@ -23,7 +23,7 @@ pub use bring_up::Needs;
 pub use error::BoardError;
 pub use network::{describe, find_slave, list};
 pub use number::{duration, not_negative, positive, whole};
-pub use session::{Board, Place, Use, in_mode, named, shown};
+pub use session::{Board, NEAR_COUNTS, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
 
 use super::slot_size;

@@ -19,8 +19,9 @@ use super::interrupt::Interrupt;
 use super::network::{describe, find_slave};
 use super::talk::Talk;
 
-/// \[OURS] Where a move begins, if the axis is no further from its last target: a standing drive is a few counts off it.
-const NEAR_COUNTS: u32 = 64;
+/// \[OURS] An axis no further from its last target stands at it, as a drive is a few counts off: the next move begins at
+/// that target. One that is further off has not done its move.
+pub const NEAR_COUNTS: u32 = 64;
 
 /// Where steps come from: it decides what an error tells to type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,7 +11,7 @@ use ecmsk::sk::{AxisTarget, SlotSize};
 use serde_json::json;
 
 use super::profile::{Along, Profile};
-use crate::cli::board::{Board, BoardError, Needs, find_slave, in_mode, positive};
+use crate::cli::board::{Board, BoardError, NEAR_COUNTS, Needs, find_slave, in_mode, positive};
 use path::{AxisPath, Path, Speeds};
 use target::Jerk;
 pub use target::Target;
@@ -152,8 +152,8 @@ impl Args {
             board.talk.result(text, &json)?;
         }
         for axis in &path.axes {
-            let off = after.position(axis.slave).map_or(0, |at| axis.end.abs_diff(at));
-            if off > FAR {
+            let off = axis.off(&after);
+            if off > NEAR_COUNTS {
                 let why = format!("axis {} is {off} counts off its target", axis.slave);
                 return Err(refused(why, "see its load, its limits and its tuning, or move slower"));
             }
@@ -175,9 +175,6 @@ impl Args {
         Path::new(axes).map_err(|why| refused(why, "choose a speed and an acceleration nearer to each other"))
     }
 }
-
-/// \[OURS] An axis that ends further from its target than these counts has not done its move.
-const FAR: u32 = 64;
 
 /// As many steps as the native API looks back for a speed.
 const HOLD_FRAMES: usize = 9;
@@ -272,13 +269,12 @@ impl Run<'_> {
 fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     let mut now = board.ecm.snapshot()?;
     let end = now.meta.at.0 + SETTLE.as_nanos() as u64;
-    let off = |now: &Snapshot, axis: &AxisPath| now.position(axis.slave).map_or(0, |at| axis.end.abs_diff(at));
-    while path.axes.iter().any(|axis| off(&now, axis) > WINDOW) && now.meta.at.0 < end {
+    while path.axes.iter().any(|axis| axis.off(&now) > WINDOW) && now.meta.at.0 < end {
         board.check_stop()?;
         now = board.ecm.next_cycle(board.options.read_limit)?;
     }
-    for axis in path.axes.iter().filter(|axis| off(&now, axis) > WINDOW) {
-        let (slave, counts) = (axis.slave, off(&now, axis));
+    for axis in path.axes.iter().filter(|axis| axis.off(&now) > WINDOW) {
+        let (slave, counts) = (axis.slave, axis.off(&now));
         board.talk.note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
     }
     Ok(now)

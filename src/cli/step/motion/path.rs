@@ -1,5 +1,7 @@
 //! The straight line from where axes are to where they are to go, and how fast along it.
 
+use ecmsk::ecm::Snapshot;
+
 use super::super::profile::{Limits, Profile};
 use super::target::Jerk;
 
@@ -42,6 +44,11 @@ pub struct AxisPath {
 }
 
 impl AxisPath {
+    /// How far the axis is from its end, counts.
+    pub fn off(&self, now: &Snapshot) -> u32 {
+        now.position(self.slave).map_or(0, |at| self.end.abs_diff(at))
+    }
+
     fn distance(&self) -> f64 {
         f64::from(self.end) - f64::from(self.start)
     }

@@ -17,6 +17,7 @@ use ecmsk::link::tcp::Secret;
 use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::port::tcp::{ServeOptions, Server};
 use ecmsk::sk::{Frame, SlotSize};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 /// Bytes of a write's message, and of a report's.
 const OUT: usize = 4 + 8 + 8 + 512;
@@ -27,9 +28,10 @@ const ALLOWANCE: Duration = Duration::from_micros(20);
 const LIMIT: Wait = Wait::For(Duration::from_secs(10));
 
 fn main() {
-    let server = serve(None);
+    let places = Places::find();
+    let server = places.server(|| serve(None));
     let board = link::open(&format!("tcp://{}", server.address()), Share::ByName).expect("a link");
-    let mut echo = Echo::start();
+    let mut echo = Echo::start(&places);
     let (frame, mut report) = (Frame::new(), Frame::new());
     for (name, share) in [("tcp_rtt_p50", 50), ("tcp_rtt_p99", 99)] {
         let demand = Demand { name, target: 1.2, allowance: Some(ALLOWANCE) };
@@ -52,7 +54,8 @@ fn main() {
     let file = folder.path().join("secret");
     std::fs::write(&file, "0123456789abcdef0123456789abcdef").expect("a file");
     restrict(&file);
-    let server = serve(Some(Secret::load(&file).expect("a secret")));
+    let secret = Secret::load(&file).expect("a secret");
+    let server = places.server(|| serve(Some(secret)));
     let uri = format!("tcp://{}?secret_file={}", server.address(), file.display());
     let board = link::open(&uri, Share::ByName).expect("a link");
     let secured = percentile(50, || {
@@ -60,6 +63,42 @@ fn main() {
         board.read(&mut report, LIMIT).expect("a report");
     });
     common::fact("tcp_rtt_tls_p50", secured, "ns");
+}
+
+/// One processor for each end, as if they were two machines: with the threads wherever the system puts them, the figure is
+/// whether two that talk came to share a processor.
+struct Places {
+    client: CpuSet,
+    server: CpuSet,
+}
+
+impl Places {
+    fn find() -> Self {
+        let all = sched_getaffinity(None).expect("it is told");
+        let mut there = (0..CpuSet::MAX_CPU).filter(|cpu| all.is_set(*cpu));
+        let one = |cpu| {
+            let mut set = CpuSet::new();
+            set.set(cpu);
+            set
+        };
+        let server = there.next().expect("we run on one");
+        let client = there.next().unwrap_or(server);
+        let places = Self { client: one(client), server: one(server) };
+        places.go(&places.client);
+        places
+    }
+
+    /// Starts something whose threads all run at the server's end.
+    fn server<T>(&self, start: impl FnOnce() -> T) -> T {
+        self.go(&self.server);
+        let started = start();
+        self.go(&self.client);
+        started
+    }
+
+    fn go(&self, place: &CpuSet) {
+        sched_setaffinity(None, place).expect("a processor that we may use");
+    }
 }
 
 /// The time that `share` of 100 calls do not exceed, nanoseconds.
@@ -144,15 +183,16 @@ struct Echo {
 }
 
 impl Echo {
-    fn start() -> Self {
+    fn start(places: &Places) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
         let address = listener.local_addr().expect("an address");
-        std::thread::spawn(move || {
+        let serve = move || {
             let (mut socket, _) = listener.accept().expect("a connection");
             socket.set_nodelay(true).expect("an option");
             let (mut command, report) = ([0; OUT], [0; IN]);
             while socket.read_exact(&mut command).is_ok() && socket.write_all(&report).is_ok() {}
-        });
+        };
+        places.server(|| std::thread::spawn(serve));
         let socket = TcpStream::connect(address).expect("a connection");
         socket.set_nodelay(true).expect("an option");
         Self { socket, bytes: [0; IN] }

@@ -13,11 +13,11 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use common::Demand;
+use common::places::Places;
 use ecmsk::link::tcp::Secret;
 use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::port::tcp::{ServeOptions, Server};
 use ecmsk::sk::{Frame, SlotSize};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 /// Bytes of a write's message, and of a report's.
 const OUT: usize = 4 + 8 + 8 + 512;
@@ -63,42 +63,6 @@ fn main() {
         board.read(&mut report, LIMIT).expect("a report");
     });
     common::fact("tcp_rtt_tls_p50", secured, "ns");
-}
-
-/// One processor for each end, as if they were two machines: with the threads wherever the system puts them, the figure is
-/// whether two that talk came to share a processor.
-struct Places {
-    client: CpuSet,
-    server: CpuSet,
-}
-
-impl Places {
-    fn find() -> Self {
-        let all = sched_getaffinity(None).expect("it is told");
-        let mut there = (0..CpuSet::MAX_CPU).filter(|cpu| all.is_set(*cpu));
-        let one = |cpu| {
-            let mut set = CpuSet::new();
-            set.set(cpu);
-            set
-        };
-        let server = there.next().expect("we run on one");
-        let client = there.next().unwrap_or(server);
-        let places = Self { client: one(client), server: one(server) };
-        places.go(&places.client);
-        places
-    }
-
-    /// Starts something whose threads all run at the server's end.
-    fn server<T>(&self, start: impl FnOnce() -> T) -> T {
-        self.go(&self.server);
-        let started = start();
-        self.go(&self.client);
-        started
-    }
-
-    fn go(&self, place: &CpuSet) {
-        sched_setaffinity(None, place).expect("a processor that we may use");
-    }
 }
 
 /// The time that `share` of 100 calls do not exceed, nanoseconds.

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::thread;
 
 use common::Demand;
+use common::places::Places;
 use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, Server};
 use ecmsk::sk::Frame;
@@ -24,9 +25,10 @@ const ANSWER: usize = HEADER + 512;
 const TARGET: f64 = 1.0 / 0.8;
 
 fn main() {
-    let server = serve();
+    let places = Places::find();
+    let server = places.server(serve);
     let ours = attached(server.address());
-    let baseline = TcpStream::connect(smallest_server()).expect("it listens");
+    let baseline = TcpStream::connect(places.server(smallest_server)).expect("it listens");
     baseline.set_nodelay(true).expect("a socket takes it");
     // Warm: threads are there, buffers have their size.
     for stream in [&ours, &baseline] {

@@ -311,6 +311,29 @@ fn kinds_are_guessed_honestly() {
     );
 }
 
+/// Axis 2 of an HSP is shown only if it says something.
+#[test]
+fn a_silent_second_axis() {
+    let slot = |data3| RawSlot { id: 0x15, parm: 0x0250, data1: 5, data2: 1, data3, ..RawSlot::ZERO };
+    let line = |size, data3| response(size, 9, slot(data3), Some(SlaveKind::Hsp));
+    let first = "slave 9  CSP HSP statusword 0x0250 Switch on disabled, position 5, inputs 0x0001";
+    assert_eq!(line(NARROW, 0), first);
+    assert_eq!(line(WIDE, 0), first);
+    assert_eq!(line(WIDE, 0x0001_0000), format!("{first}; axis 2 position 0, inputs 0x0001"));
+}
+
+/// SK-2.14, SK-2.15 In OP both counts of the FIFO are shown, elsewhere if one of them is not 0.
+#[test]
+fn counts_of_the_fifo() {
+    let line = |state, free: u32, full: u32| {
+        response(NARROW, 0, RawSlot { id: 0xBF, parm: state, data2: full << 16 | free, ..RawSlot::ZERO }, None)
+    };
+    assert_eq!(line(8, 0, 0), "ECM      CYCLIC state OP, CRC errors 0, FIFO free 0, full count 0, CRC absent");
+    assert_eq!(line(4, 0, 0), "ECM      CYCLIC state SafeOP, CRC errors 0, CRC absent");
+    assert_eq!(line(4, 7, 0), "ECM      CYCLIC state SafeOP, CRC errors 0, FIFO free 7, full count 0, CRC absent");
+    assert_eq!(line(4, 0, 7), "ECM      CYCLIC state SafeOP, CRC errors 0, FIFO free 0, full count 7, CRC absent");
+}
+
 /// SK-4.1 Before OP an answer may hold its id and index only: zeros are no values then, in OP they are.
 #[test]
 fn zeros_are_values_in_op_alone() {

@@ -99,6 +99,14 @@ fn byte_3_of_slot_0_is_no_argument() {
     assert_eq!(MasterResponse::decode(&RawSlot { parm: 0xE708, ..RawSlot::ZERO }).state, StateByte(8));
 }
 
+/// Of a command that the guides do not know, too, byte 1 is the number given with it, whatever the slot it was made from says.
+#[test]
+fn index_of_an_unknown_command() {
+    let raw = RawSlot { id: 0x77, index: 5, parm: 1, data1: 2, data2: 3, data3: 0 };
+    let command = SlotCommand { index: 2, command: SlaveCommand::Other(raw) };
+    assert_eq!(command.encode(NARROW), RawSlot { index: 2, ..raw });
+}
+
 /// SK-2.8 Byte 2 is the state; SK-2.10 byte 3 the CRC; SK-2.11 bytes 4..7 the result; SK-2.14 bytes 8..9 the free
 /// entries; SK-2.15 bytes 10..11 the full count. Byte 0 is an id, byte 1 the error code.
 #[test]

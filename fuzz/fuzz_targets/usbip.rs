@@ -80,6 +80,9 @@ impl Host {
             if does & 16 != 0 && std::mem::take(&mut giving) {
                 device.not_written();
             }
+            if does & 32 != 0 {
+                device.begin_read();
+            }
             device.take_replies(&mut replies);
             self.hear(&replies);
         }

@@ -42,6 +42,25 @@ fn a_read_waits_for_a_report() {
     assert_eq!(board.device.counters().reports, 2);
 }
 
+/// WIRE-2 One at a time asks the board for a report, or they would overtake each other.
+#[test]
+fn the_board_is_asked_once_at_a_time() {
+    let mut board = Board::new();
+    assert!(!board.device.begin_read(), "nobody wants one");
+    board.read(1, 512);
+    board.read(2, 512);
+    board.read(3, 512);
+    assert_eq!([board.device.begin_read(), board.device.begin_read()], [true, false]);
+    board.report(1);
+    assert_eq!([board.device.begin_read(), board.device.begin_read()], [true, false]);
+    board.device.deliver();
+    assert_eq!([board.device.begin_read(), board.device.begin_read()], [true, false]);
+    board.report(2);
+    board.report(3);
+    assert!(!board.device.begin_read(), "nobody wants one any more");
+    assert_eq!(board.reports().len(), 3);
+}
+
 /// WIRE-3
 #[test]
 fn a_report_nobody_waits_for_any_more_is_kept_until_a_newer_one_comes() {

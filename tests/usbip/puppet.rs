@@ -16,6 +16,8 @@ const PATIENCE: Duration = Duration::from_secs(20);
 struct State {
     reports: VecDeque<Frame>,
     written: Vec<Frame>,
+    /// The number of the next report, if the board always has one.
+    endless: Option<u64>,
     /// Whether the board takes no frame.
     busy: bool,
     /// Calls of `write` under way.
@@ -51,6 +53,11 @@ impl Puppet {
     /// The board makes a report, all of whose bytes are `fill`; as with queue=1 the newest one stays.
     pub fn make_report(&self, fill: u8) {
         self.with(|state| state.reports = VecDeque::from([Frame::from_bytes([fill; 512])]));
+    }
+
+    /// From now on the board always has a report: number n of them is full of n modulo 256.
+    pub fn make_reports_without_end(&self) {
+        self.with(|state| state.endless = Some(0));
     }
 
     pub fn set_busy(&self, busy: bool) {
@@ -166,7 +173,13 @@ impl Link for Puppet {
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let report = self.wait(Dir::Read, wait, |state| state.reports.pop_front())?;
+        let report = self.wait(Dir::Read, wait, |state| match &mut state.endless {
+            None => state.reports.pop_front(),
+            Some(number) => {
+                *number += 1;
+                Some(Frame::from_bytes([(*number - 1) as u8; 512]))
+            }
+        })?;
         self.with(|_| out.clone_from(&report));
         Ok(ReadMeta::default())
     }

@@ -1,5 +1,6 @@
 //! The server over TCP: a board for one host at a time, moved as its link moves.
 
+use std::collections::VecDeque;
 use std::net::TcpListener;
 use std::sync::Arc;
 use std::time::Duration;
@@ -73,6 +74,25 @@ fn frames_and_reports_move_in_order() {
     }
     assert_eq!(puppet.written(), (1..=50).collect::<Vec<u8>>());
     assert!(puppet.frames().iter().all(|frame| frame.bytes()[511] == frame.bytes()[0]), "whole");
+}
+
+/// WIRE-2 A report that is there already may be handed on by another thread than one that was waited for: none overtakes
+/// another.
+#[test]
+fn reports_keep_their_order_whoever_moves_them() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    // One thread waits for this one.
+    let waiting = client.want_report();
+    std::thread::sleep(Duration::from_millis(5));
+    puppet.make_reports_without_end();
+    assert_eq!(client.report(), (Reply::done(waiting, 512), vec![0; 512]));
+    let mut wanted: VecDeque<u32> = (0..8).map(|_| client.want_report()).collect();
+    for number in 1..2000_u32 {
+        let first = wanted.pop_front().unwrap();
+        assert_eq!(client.report(), (Reply::done(first, 512), vec![number as u8; 512]));
+        wanted.push_back(client.want_report());
+    }
 }
 
 /// WIRE-4

@@ -50,6 +50,8 @@ pub struct Device {
     /// Oldest first.
     reads: Buffers<Read>,
     writes: Buffers<Write>,
+    /// Whether a report is being asked of the board.
+    reading: bool,
     /// Whether the board is being given the oldest frame.
     writing: bool,
     /// The host's wish to have that one back.
@@ -85,6 +87,7 @@ impl Device {
             halted: Halted::default(),
             reads: Buffers::default(),
             writes: Buffers::default(),
+            reading: false,
             writing: false,
             unlinking: None,
             report: Frame::new(),
@@ -169,8 +172,17 @@ impl Device {
         self.report_waits
     }
 
+    /// Whether a report is to be asked of the board now: a transfer waits for one, and nobody else is asking. Ends with
+    /// [`Self::report`] or [`Self::deliver`].
+    pub fn begin_read(&mut self) -> bool {
+        let begins = !self.reading && self.wants_report();
+        self.reading |= begins;
+        begins
+    }
+
     /// The board has a report.
     pub fn report(&mut self, report: &Frame) {
+        self.reading = false;
         if self.hangs {
             return;
         }
@@ -180,8 +192,9 @@ impl Device {
         self.deliver();
     }
 
-    /// Gives the report that is kept to a transfer that waits.
+    /// The board had no newer report: one that is kept goes to a transfer that waits.
     pub fn deliver(&mut self) {
+        self.reading = false;
         if !self.report_waits || self.hangs {
             return;
         }

@@ -1,7 +1,8 @@
 //! One host that has the board: its connection, and the two threads that move frames between it and the link.
 //!
-//! The thread of the connection reads what the host hands over; one thread waits for reports as long as the host wants
-//! one, one gives frames to the board. Answers go out in the order in which the device made them, whoever sends them.
+//! The thread of the connection reads what the host hands over, and takes the report that there is by then; one thread
+//! waits for reports as long as the host wants one, one gives frames to the board. Answers go out in the order in which
+//! the device made them, whoever sends them.
 
 use std::io::{self, BufReader, Read, Write};
 use std::sync::Arc;
@@ -155,6 +156,7 @@ impl Session {
         let mut input = BufReader::with_capacity(READ_AHEAD, &self.stream);
         let mut header = [0; HEADER_LEN];
         let mut data = Vec::new();
+        let mut report = Frame::new();
         loop {
             if input.read_exact(&mut header).is_err() {
                 return End::Detached;
@@ -175,6 +177,14 @@ impl Session {
                     let mut device = self.device.lock();
                     if let Err(error) = device.submit(&transfer, &data) {
                         return error.into();
+                    }
+                    // One that is there already needs no other thread.
+                    if device.begin_read() {
+                        drop(device);
+                        if let Err(end) = self.read(&mut report, Wait::Now) {
+                            return end;
+                        }
+                        device = self.device.lock();
                     }
                     self.wake(&device);
                     device.has_replies()
@@ -237,7 +247,7 @@ impl Session {
         loop {
             let kept = {
                 let mut device = self.device.lock();
-                while !self.is_over() && !device.wants_report() {
+                while !self.is_over() && !device.begin_read() {
                     self.reads.wait(&mut device);
                 }
                 device.report_waits()
@@ -247,13 +257,21 @@ impl Session {
             }
             // A report that was read for a transfer which then was taken back is still the newest one, or is not.
             let wait = if kept { Wait::Now } else { Wait::For(SLICE) };
-            match self.link.read(&mut report, wait) {
-                Ok(_) => self.device.lock().report(&report),
-                Err(error) if passes(&error) => self.device.lock().deliver(),
-                Err(error) => return self.end(End::LinkLost(error)),
+            if let Err(end) = self.read(&mut report, wait) {
+                return self.end(end);
             }
             self.send();
         }
+    }
+
+    /// Ends what [`Device::begin_read`] began.
+    fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), End> {
+        match self.link.read(report, wait) {
+            Ok(_) => self.device.lock().report(report),
+            Err(error) if passes(&error) => self.device.lock().deliver(),
+            Err(error) => return Err(End::LinkLost(error)),
+        }
+        Ok(())
     }
 
     /// Gives the board the host's frames, one after the other. While the board does not take one the host's transfer is

@@ -1,15 +1,18 @@
 //! `pace_1ms`, `pace_250us`: how late cycles begin, 99 of 100, under the runner of the real clock with four drives in OP,
 //! against a bare loop of absolute sleeps. Both are counted from their own earliest cycle.
 
+#[path = "../tests/bus_wrapper/mod.rs"]
+mod bus_wrapper;
 mod common;
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use bus_wrapper::hand_on;
 use common::Demand;
 use ecmsk::engine::{Board, EngineConfig, Rate, RealTime, Threaded};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::fieldbus::{CycleDone, Fieldbus, Inputs, Ns};
 use ecmsk::sk::{
     CycleTime, DcShift, Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize, StateByte,
 };
@@ -41,33 +44,8 @@ struct Watched {
 }
 
 impl Fieldbus for Watched {
-    fn pacing(&self) -> Pacing {
-        self.bus.pacing()
-    }
-    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-        self.bus.start(job, now)
-    }
-    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        self.bus.poll_job(now)
-    }
-    fn cancel_job(&mut self) {
-        self.bus.cancel_job();
-    }
-    fn cancel_sdo(&mut self) {
-        self.bus.cancel_sdo();
-    }
-    fn room(&self) -> u16 {
-        self.bus.room()
-    }
-    fn held(&self) -> u16 {
-        self.bus.held()
-    }
-    fn discard_ahead(&mut self) -> u16 {
-        self.bus.discard_ahead()
-    }
-    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        self.bus.push(outputs)
-    }
+    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, held, discard_ahead, push);
+
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         let mut begins = self.begins.lock().expect("nobody panics");
         if begins.len() < begins.capacity() {

@@ -6,13 +6,14 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::fieldbus::{BusError, Fieldbus, Outputs};
 use ecmsk::sk::{
     CommandId, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SdoResponse,
     SlaveCommand,
 };
 
 use crate::ahead_bus::{Ahead, AheadBus};
+use crate::bus_wrapper::hand_on;
 use crate::host::Host;
 use crate::network_rig::Net;
 use crate::puppet::Puppet;
@@ -159,47 +160,13 @@ struct Torn<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for Torn<B> {
-    fn pacing(&self) -> Pacing {
-        self.bus.pacing()
-    }
-
-    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-        self.bus.start(job, now)
-    }
-
-    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        self.bus.poll_job(now)
-    }
-
-    fn cancel_job(&mut self) {
-        self.bus.cancel_job();
-    }
-
-    fn cancel_sdo(&mut self) {
-        self.bus.cancel_sdo();
-    }
-
-    fn room(&self) -> u16 {
-        self.bus.room()
-    }
-
-    fn held(&self) -> u16 {
-        self.bus.held()
-    }
-
-    fn discard_ahead(&mut self) -> u16 {
-        self.bus.discard_ahead()
-    }
+    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, held, discard_ahead, poll);
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
         match self.cuts.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)) {
             Ok(_) => Err(BusError::Down),
             Err(_) => self.bus.push(outputs),
         }
-    }
-
-    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        self.bus.poll(now, inputs)
     }
 }
 

@@ -4,11 +4,12 @@ use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::engine::{EngineConfig, Event};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::fieldbus::{AlState, Busy, Fieldbus, Job, JobDone, Ns};
 use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, StateByte};
 use ecmsk::slave::{AlStatus, Io, Slave};
 
 use crate::ahead_bus::AheadBus;
+use crate::bus_wrapper::hand_on;
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::drives;
@@ -141,9 +142,7 @@ struct Slow {
 }
 
 impl Fieldbus for Slow {
-    fn pacing(&self) -> Pacing {
-        self.bus.pacing()
-    }
+    hand_on!(bus: pacing, cancel_sdo, room, held, discard_ahead, push, poll);
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         if self.ended.is_some() { Err(Busy) } else { self.bus.start(job, now) }
@@ -157,30 +156,6 @@ impl Fieldbus for Slow {
     fn cancel_job(&mut self) {
         self.ended = None;
         self.bus.cancel_job();
-    }
-
-    fn cancel_sdo(&mut self) {
-        self.bus.cancel_sdo();
-    }
-
-    fn room(&self) -> u16 {
-        self.bus.room()
-    }
-
-    fn held(&self) -> u16 {
-        self.bus.held()
-    }
-
-    fn discard_ahead(&mut self) -> u16 {
-        self.bus.discard_ahead()
-    }
-
-    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        self.bus.push(outputs)
-    }
-
-    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        self.bus.poll(now, inputs)
     }
 }
 

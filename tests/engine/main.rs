@@ -6,6 +6,8 @@ mod alarms;
 mod allocation;
 mod answers;
 mod bus_ahead;
+#[path = "../bus_wrapper/mod.rs"]
+mod bus_wrapper;
 mod cable;
 mod cable_below_op;
 mod commands;

@@ -3,10 +3,9 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
-use ecmsk::fieldbus::{
-    AlState, BusConfig, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest,
-    SlaveSet,
-};
+use ecmsk::fieldbus::{AlState, BusConfig, Busy, Fieldbus, Job, JobDone, Ns, SdoRequest, SlaveSet};
+
+use crate::bus_wrapper::hand_on;
 
 /// A job and its times.
 #[derive(Clone, Copy, Debug)]
@@ -90,9 +89,7 @@ impl<B: Fieldbus> Watch<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for Watch<B> {
-    fn pacing(&self) -> Pacing {
-        self.inner.pacing()
-    }
+    hand_on!(inner: pacing, room, held, discard_ahead, push, poll);
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         if self.spans.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1)).is_ok() {
@@ -117,25 +114,5 @@ impl<B: Fieldbus> Fieldbus for Watch<B> {
     fn cancel_sdo(&mut self) {
         self.inner.cancel_sdo();
         self.end(true, None);
-    }
-
-    fn room(&self) -> u16 {
-        self.inner.room()
-    }
-
-    fn held(&self) -> u16 {
-        self.inner.held()
-    }
-
-    fn discard_ahead(&mut self) -> u16 {
-        self.inner.discard_ahead()
-    }
-
-    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        self.inner.push(outputs)
-    }
-
-    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        self.inner.poll(now, inputs)
     }
 }

@@ -2,6 +2,8 @@
 #![cfg(feature = "sim")]
 
 mod boards;
+#[path = "../bus_wrapper/mod.rs"]
+mod bus_wrapper;
 mod client;
 mod habits;
 mod slow;

@@ -8,45 +8,21 @@ use std::time::Duration;
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::fieldbus::{CycleDone, Fieldbus, Inputs, Ns};
 use ecmsk::link::engine::{EngineLink, RunOptions};
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{FIFO_ENTRIES, Frame};
 use ecmsk::slave::{Drive, DriveConfig};
 
+use crate::bus_wrapper::hand_on;
 use crate::client::{Client, MS, PATIENCE, target};
 
 /// A bus that does something of the test's at the beginning of every cycle.
 pub struct Hooked<F>(pub SimBus, pub F);
 
 impl<F: FnMut() + Send> Fieldbus for Hooked<F> {
-    fn pacing(&self) -> Pacing {
-        self.0.pacing()
-    }
-    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-        self.0.start(job, now)
-    }
-    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        self.0.poll_job(now)
-    }
-    fn cancel_job(&mut self) {
-        self.0.cancel_job();
-    }
-    fn cancel_sdo(&mut self) {
-        self.0.cancel_sdo();
-    }
-    fn room(&self) -> u16 {
-        self.0.room()
-    }
-    fn held(&self) -> u16 {
-        self.0.held()
-    }
-    fn discard_ahead(&mut self) -> u16 {
-        self.0.discard_ahead()
-    }
-    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        self.0.push(outputs)
-    }
+    hand_on!(0: pacing, start, poll_job, cancel_job, cancel_sdo, room, held, discard_ahead, push);
+
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         (self.1)();
         self.0.poll(now, inputs)

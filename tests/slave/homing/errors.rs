@@ -184,6 +184,22 @@ fn started_in_motion() {
     assert!(bench.shaft() < FIRST);
 }
 
+/// A start while the shaft is still asked to move is one too, though it is jammed and stands.
+#[test]
+fn started_while_it_is_asked_to_move() {
+    let mut bench = Bench::new(travel(CAM), -190_000);
+    bench.start(20);
+    bench.run_for_ms(100);
+    assert!(bench.rig.drive.jam(0, true));
+    bench.cycle();
+    bench.controlword(0);
+    bench.cycle();
+    assert_eq!(bench.rig.velocity(), 0.0);
+    bench.controlword(Controlword::HOMING_START);
+    bench.cycle();
+    assert_eq!((bench.cycle(), bench.error()), (Bits::ErrorMoving, HomingError::Moving));
+}
+
 /// A speed of 0 leads nowhere.
 #[test]
 fn no_speed() {

@@ -2,7 +2,9 @@
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::AlState;
 use ecmsk::slave::SdoValue;
-use ecmsk::slave::dictionary::{self, Device, Object, PdoDirection, Slot, Values, check, join, only_if, rows, slot};
+use ecmsk::slave::dictionary::{
+    self, Access, DataType, Device, Object, PdoDirection, Slot, Values, check, join, only_if, rows, slot,
+};
 
 /// A device with one object of every kind.
 struct Bench {
@@ -72,6 +74,29 @@ fn write(bench: &mut Bench, index: u16, sub: u8, size: SdoSize, value: u32) -> R
 
 const fn value(size: u8, bits: u32) -> Result<SdoValue, AbortCode> {
     Ok(SdoValue { size, bits })
+}
+
+/// What a table tells of its rows, for whoever lists them.
+#[test]
+fn rows_tell_what_they_are() {
+    let row = |index, sub| OBJECTS.iter().find(|row| row.address() == ObjectAddress::new(index, sub)).expect("a row");
+    let run = row(0x2002, 1);
+    assert_eq!((run.count(), run.name(), run.data_type()), (3, "Run", DataType::U16));
+    assert_eq!((run.access(), run.pdo()), (Access::ReadWrite, None));
+    assert_eq!((row(0x2001, 0).count(), row(0x2001, 0).data_type()), (1, DataType::I8));
+    assert_eq!((row(0x2003, 0).pdo(), row(0x2004, 0).pdo()), (Some(PdoDirection::Rx), Some(PdoDirection::Tx)));
+    assert_eq!((row(0x2005, 0).access(), row(0x2007, 0).access()), (Access::WriteOnly, Access::ReadOnly));
+    assert_eq!(row(0x2006, 0).access(), Access::ReadWriteUpTo(AlState::PreOp));
+}
+
+/// A device's own program may change what is stored.
+#[test]
+fn stored_values_are_set() {
+    let mut bench = bench();
+    for on in [false, true, false] {
+        bench.values.set(SWITCH, on);
+        assert_eq!((bench.values.get(SWITCH), read(&bench, 0x2000, 0)), (on, value(1, on.into())));
+    }
 }
 
 /// SK-6.12 Every way in which a transfer fails has its abort code, number for number.

@@ -436,6 +436,16 @@ fn driven_by_sdo_in_preop() {
     assert_eq!(read(&mut drive, 0x6064, 0), Ok(-4000_i32 as u32));
 }
 
+/// The speeds and the ramp of homing that a drive has before somebody writes others go by its motor: 2 turns/s, a fifth
+/// of a turn/s, 100 turns/s².
+#[test]
+fn homing_goes_by_the_motor() {
+    let mut drive = drive_in(PreOp, CSP);
+    for (index, sub, expected) in [(0x6099, 1, 2 * TURN), (0x6099, 2, TURN / 5), (0x609A, 0, 100 * TURN)] {
+        assert_eq!(read(&mut drive, index, sub).map(i64::from), Ok(expected), "{index:04X}:{sub}");
+    }
+}
+
 /// Five turns a second, in CSP.
 fn moving() -> Rig {
     let mut rig = Rig::enabled(DriveConfig::default(), Mode::Csp, MS);

@@ -36,7 +36,7 @@ struct Site<'a> {
 const PARTS: &[Part] = &[
     Part { name: "format", needs: &[RUSTFMT], run: format },
     Part { name: "lints", needs: &[CLIPPY], run: lints },
-    Part { name: "wire format without std", needs: &[], run: no_std },
+    Part { name: "small builds", needs: &[], run: small_builds },
     Part { name: "documentation", needs: &[], run: documentation },
     Part { name: "rules and features", needs: &[], run: rules },
     Part { name: "fuzz targets compile", needs: &[CXX], run: fuzz_targets },
@@ -129,8 +129,13 @@ fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(beyond))
 }
 
-fn no_std(site: &Site) -> Result<(), Error> {
-    command::run(site.project.cargo().args(["check", "--package=ecmsk", "--lib", "--no-default-features"]))
+/// What a program that needs little of the crate may ask for: the wire format without std, and what README says.
+fn small_builds(site: &Site) -> Result<(), Error> {
+    for features in ["", "sim", "sim,tcp"] {
+        let check = ["check", "--package=ecmsk", "--lib", "--no-default-features", "--features", features];
+        command::run(site.project.cargo().args(check))?;
+    }
+    Ok(())
 }
 
 fn documentation(site: &Site) -> Result<(), Error> {

@@ -113,6 +113,7 @@ impl Bench {
             self.origin = self.origin_now();
             self.steps += 1;
         }
+        assert_eq!(self.rig.drive.axis().origin(), i64::from(self.origin), "what the axis itself says");
         Bits::of(self.rig.status())
     }
 

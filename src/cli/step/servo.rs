@@ -1,6 +1,7 @@
 //! `servo`: switches axes on and off, clears alarms.
 
 use clap::ValueEnum;
+use ecmsk::cia402::DriveState;
 use ecmsk::ecm::Config;
 use serde_json::json;
 
@@ -61,9 +62,13 @@ impl Args {
         let snapshot = board.ecm.snapshot()?;
         for slave in axes {
             let word = board.statusword(&snapshot, slave);
-            let state = word.state().map(|state| state.name());
-            let json = json!({"verb": what, "axis": slave, "state": state, "statusword": word.0});
-            board.talk.result(format_args!("axis {slave}: {}", shown(word)), &json)?;
+            let state = word.state();
+            // Of a motor that is free "Switched on" reads like the contrary.
+            let is_on = state == Some(DriveState::OperationEnabled);
+            let motor = if is_on { "on" } else { "off" };
+            let state = state.map(|state| state.name());
+            let json = json!({"verb": what, "axis": slave, "on": is_on, "state": state, "statusword": word.0});
+            board.talk.result(format_args!("axis {slave}: {motor}, {}", shown(word)), &json)?;
         }
         Ok(())
     }

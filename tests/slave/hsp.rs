@@ -167,6 +167,19 @@ fn process_data_are_what_the_mode_fixes() {
     }
 }
 
+/// The speeds and the ramp of homing that an axis has before somebody writes others go by its turn: 2 turns/s, a fifth of
+/// a turn/s, 100 turns/s².
+#[test]
+fn homing_goes_by_the_turn() {
+    let config = HspConfig { pulses_per_turn: 4000, ..two() };
+    let mut hsp = hsp_in(PreOp, config, Mode::Csp);
+    for axis in [0, 0x800] {
+        for (index, sub, expected) in [(0x6099, 1, 8_000), (0x6099, 2, 800), (0x609A, 0, 400_000)] {
+            assert_eq!(read(&mut hsp, index + axis, sub), Ok((4, expected)), "{index:04X}:{sub} + {axis:X}");
+        }
+    }
+}
+
 /// SK-3.29 Axis 2 has the objects of axis 1, 0x800 higher, and a value of its own in each. A module of one channel has
 /// none of them.
 #[test]

@@ -180,6 +180,24 @@ fn homing_goes_by_the_turn() {
     }
 }
 
+/// Pulses that follow positions are as fast as the positions say: switched off on a ramp they brake from there. From
+/// 200,000 pulses/s with 4,000,000 pulses/s² that takes 5000 pulses.
+#[test]
+fn pulses_that_follow_positions_brake_from_their_rate() {
+    let mut master = Master::enabled(HspConfig::with(Channels::One), Mode::Csp, MS);
+    write(&mut master.hsp, 0x6084, 0, SdoSize::Four, 4_000_000).unwrap();
+    for _ in 0..100 {
+        master.out[0].target += 200;
+        master.cycle();
+    }
+    let from = master.out[0].target;
+    master.out[0].controlword = Controlword::SWITCH_ON;
+    master.cycles(200);
+    let way = master.seen[0].position - from;
+    assert!((4_600..=5_400).contains(&way), "{way}");
+    assert_eq!(master.state(0), Some(DriveState::SwitchedOn));
+}
+
 /// SK-3.29 Axis 2 has the objects of axis 1, 0x800 higher, and a value of its own in each. A module of one channel has
 /// none of them.
 #[test]

@@ -4,7 +4,7 @@ use crate::rig::{MS, Rig};
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::plant::Motor;
-use ecmsk::slave::{DriveConfig, Slave};
+use ecmsk::slave::{DriveConfig, Slave, Travel};
 
 const TURN: i64 = 1 << 17;
 /// Acceleration and speed of the test moves: 50 turns/s² up to 10 turns/s.
@@ -360,6 +360,48 @@ fn ramps() {
         rig.run_for(10 * MS);
         let end = if word == 0x02 { DriveState::SwitchOnDisabled } else { DriveState::SwitchedOn };
         assert_eq!(rig.state(), end);
+    }
+}
+
+/// By option 3 a quick stop brakes with all the torque there is: 3 times the rated one, whose acceleration is 165,000,000
+/// counts/s².
+#[test]
+fn a_quick_stop_with_all_the_torque() {
+    let mut rig = csp();
+    rig.write(0x605A, 0, SdoSize::Two, 3);
+    for _ in 0..300 {
+        rig.out.target += (SPEED / 1000) as i32;
+        rig.cycle();
+    }
+    let start = rig.position();
+    rig.out.controlword = Controlword(0x02);
+    rig.run_for(100 * MS);
+    let way = (rig.position() - start) as f64;
+    let expected = (SPEED as f64) * (SPEED as f64) / (2.0 * 3.0 * 165e6);
+    assert_eq!(rig.velocity(), 0.0);
+    // The word acts a cycle later.
+    let most = 1.2 * expected + SPEED as f64 / 1000.0;
+    assert!((expected..most).contains(&way), "{way}, ideal is {expected}");
+}
+
+/// An end stop holds the shaft and lets it go again: on the way back it is where its target is, however slowly that goes.
+#[test]
+fn end_stops_let_go() {
+    for direction in [-1, 1] {
+        let travel = Travel { stops: Some((-1000, 1000)), ..Travel::default() };
+        let mut rig = Rig::enabled(DriveConfig { travel, ..DriveConfig::default() }, Mode::Csp, MS);
+        for _ in 0..300 {
+            rig.out.target += direction * 10;
+            rig.cycle();
+        }
+        assert_eq!(rig.drive.shaft(0), Some(1000 * i64::from(direction)));
+        for n in 0..10_100 {
+            // One count in five cycles.
+            rig.out.target -= if n < 200 { direction * 10 } else { direction * i32::from(n % 5 == 0) };
+            rig.cycle();
+            let off = rig.drive.shaft(0).expect("a drive has a shaft") - i64::from(rig.out.target.clamp(-1000, 1000));
+            assert!(off.abs() <= 1 || n < 260, "{off} counts off after {n} cycles");
+        }
     }
 }
 

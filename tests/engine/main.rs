@@ -20,6 +20,7 @@ mod failures;
 mod fifo;
 mod full_table;
 mod full_table_run;
+mod handles;
 mod homer;
 mod homing;
 mod homing_at_once;

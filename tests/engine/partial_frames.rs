@@ -230,6 +230,8 @@ fn sw_reset_forgets_a_frame_under_way() {
             arrive(&mut host, &bytes, 0);
             arrive(&mut host, &vec![0xEE; later], 5 * MS);
             assert!(host.board.boot(crate::host::BOOT_LIMIT));
+            let cut_off = [with, later].into_iter().filter(|bytes| *bytes > 0).count() as u64;
+            assert_eq!(host.counters().incomplete, cut_off, "{size:?}: {with} and {later} bytes");
             for bits in [0x11, 0x22, 0x33] {
                 arrive(&mut host, &local_write(size, bits), MS);
                 assert_eq!(host.board.engine().local_outputs(), bits, "{size:?}: {with} and {later} bytes");

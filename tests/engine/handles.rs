@@ -1,0 +1,83 @@
+//! What a test or a script does to a board itself while it runs.
+
+use ecmsk::engine::{EngineConfig, Event, Script};
+use ecmsk::fieldbus::Ns;
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::sk::FIFO_ENTRIES;
+
+use crate::host::Host;
+use crate::probe::drives;
+
+fn board() -> Host {
+    let mut host = Host::new(EngineConfig::default(), SimBus::new(drives(1)));
+    host.op(1).drained();
+    host
+}
+
+fn free(host: &Host) -> u16 {
+    host.board.engine().fifo_free()
+}
+
+/// A muted board makes no reports and goes on with all else.
+#[test]
+fn a_muted_board_goes_on() {
+    let mut host = board();
+    let handle = host.board.handle();
+    handle.mute(true);
+    host.cycle();
+    let reports = host.reports;
+    for _ in 0..3 {
+        host.idle();
+    }
+    assert_eq!(free(&host), FIFO_ENTRIES - 3);
+    host.cycles(3);
+    assert_eq!((host.reports, free(&host)), (reports, FIFO_ENTRIES));
+    handle.mute(false);
+    host.cycles(3);
+    assert_eq!(host.reports, reports + 3);
+}
+
+/// A FIFO that is held gives nothing out, so that it fills, and goes on when it is let go.
+#[test]
+fn a_held_fifo_fills() {
+    let mut host = board();
+    let handle = host.board.handle();
+    handle.hold_fifo(true);
+    host.cycle();
+    let full = host.counters().full;
+    for _ in 0..FIFO_ENTRIES + 2 {
+        host.idle();
+    }
+    host.cycles(3);
+    assert_eq!((free(&host), host.counters().full), (0, full + 2));
+    handle.hold_fifo(false);
+    host.cycles(3);
+    assert_eq!(free(&host), 3);
+}
+
+/// Notes one event in the first cycle that it sees.
+struct Once(bool);
+
+impl Script for Once {
+    fn run(&mut self, at: Ns, note: &mut dyn FnMut(Event)) {
+        if !std::mem::replace(&mut self.0, true) {
+            note(Event::Scripted { at, line: 7, verb: "full", ended: true });
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.0
+    }
+}
+
+/// What a script does is among the board's events.
+#[test]
+fn a_script_is_noted() {
+    let mut host = board();
+    let mark = host.board.engine().events_total();
+    host.board.set_script(Some(Box::new(Once(false))));
+    let at = host.board.next_cycle();
+    host.cycles(3);
+    let events: Vec<_> = host.board.engine().events_since(mark).collect();
+    assert_eq!(events, [Event::Scripted { at, line: 7, verb: "full", ended: true }]);
+}

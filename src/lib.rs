@@ -17,6 +17,8 @@ pub mod fieldbus;
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;
+#[cfg(all(feature = "std", target_os = "linux"))]
+pub mod machine;
 #[cfg(all(feature = "serve", unix))]
 pub mod port;
 #[cfg(feature = "std")]

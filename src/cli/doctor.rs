@@ -63,6 +63,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
     let (link, wanted) = link::finding(&args.root);
     let mut findings = vec![versions::finding(&machine), link];
+    findings.extend(wanted.as_ref().and_then(link::build));
     findings.extend(machine.findings(wanted.as_ref()));
     if !args.quick {
         findings.push(lateness(Lateness::measure(PERIOD, TIMES)));

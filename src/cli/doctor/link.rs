@@ -48,16 +48,24 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
             return (Finding::wrong(CHECK, format!("{found}: {why}"), next), None);
         }
     };
-    if uri.scheme().in_build() {
-        return (Finding::fine(CHECK, found), Some(uri));
-    }
-    let next = format!("{}, or name another link with {VARIABLE} or in {FILE}", not_in_build(uri.scheme()));
-    (Finding::wrong(CHECK, found, next), Some(uri))
+    (Finding::fine(CHECK, found), Some(uri))
 }
 
-/// What a link needs that this build does not have.
+/// What the link needs that this build does not have.
+pub fn build(wanted: &LinkUri) -> Option<Finding> {
+    let scheme = wanted.scheme();
+    let next = || format!("{}, or name another link with {VARIABLE} or in {FILE}", with_feature(scheme));
+    let finding = || Finding::wrong("build", format!("this build has no {scheme}: links"), next());
+    (!scheme.in_build()).then(finding)
+}
+
+/// What a scheme needs that this build does not have, and what to do.
 pub fn not_in_build(scheme: Scheme) -> String {
-    format!("this build has no {scheme}: links; build it with `cargo build --release --features {scheme}`")
+    format!("this build has no {scheme}: links; {}", with_feature(scheme))
+}
+
+fn with_feature(scheme: Scheme) -> String {
+    format!("build it with `cargo build --release --features {scheme}`")
 }
 
 /// An error's text ends with the next step.

@@ -26,6 +26,8 @@ pub mod recording;
 #[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]
+mod span;
+#[cfg(feature = "std")]
 mod threads;
 
 #[cfg(feature = "std")]

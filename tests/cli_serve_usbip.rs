@@ -130,6 +130,11 @@ fn listening_to_others_is_warned_of() {
 #[test]
 fn what_cannot_be_served_is_said() {
     let listen = ["--listen", "127.0.0.1:0"];
+    run(&["--listen", "192.0.2.1:3240", "--link", "sim:"]).failed(
+        1,
+        &["cannot listen on 192.0.2.1:3240"],
+        "name an address of this machine with `--listen`",
+    );
     run(&[&listen[..], &["--link", "sim:?clock=virtual"]].concat()).failed(1, &["virtual clock"], "clock=virtual");
     run(&[&listen[..], &["--link", "sim:", "--link", "sim:"]].concat()).failed(1, &["in use"], "name=");
     run(&["--link", "sim:?slaves=whale"]).misused(&["slaves"]);

@@ -8,7 +8,7 @@ mod support;
 use cli_support::Ran;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
-use machine_support::{BOARD, RELAY, Tree, objects};
+use machine_support::{BOARD, RELAY, Tree, objects, page_block};
 use serde_json::Value;
 
 /// What stands on standard error, without what is said of this build.
@@ -63,6 +63,17 @@ fn boards_of_every_kind() {
     }
     let json = json.out.replace("\"in_build\":true", "\"in_build\":false");
     support::snapshot("tool_list", &format!("{}\n{json}", text.out));
+}
+
+/// TOOL-40, TOOL-96 What docs/TOOL.md shows of it is what it prints.
+#[test]
+fn the_page() {
+    let printed = several().run(&["list"]).out;
+    let shown = page_block("usb:?path=1-1 ");
+    assert!(shown.len() >= 5, "{shown:?}");
+    for line in shown {
+        assert!(printed.lines().any(|printed| printed == line), "`{line}` is not in\n{printed}");
+    }
 }
 
 /// TOOL-96 What it prints as a link is one.

@@ -6,10 +6,9 @@ use std::process::ExitCode;
 
 use clap::ValueHint;
 use ecmsk::link::keys::Scheme;
+use ecmsk::machine::Machine;
 use ecmsk::machine::findings::{Finding, State};
-use ecmsk::machine::spi::{FRAME_LEN, SpiDevice};
 use ecmsk::machine::usb::UsbDevice;
-use ecmsk::machine::{Access, Machine};
 use serde_json::{Value, json};
 
 use super::error::say;
@@ -118,31 +117,18 @@ fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
 }
 
 fn spi(machine: &Machine) -> impl Iterator<Item = Row> {
-    let too_short = machine.bufsiz().filter(|bufsiz| bufsiz.bytes < FRAME_LEN);
-    machine.spi_devices().into_iter().map(move |device| {
-        let obstacle = match (device.access, too_short) {
-            (Access::Denied, _) => Some("this user may not open it".to_owned()),
-            (Access::Missing, _) => Some(format!("there is no {}", device.file)),
-            (Access::Granted, Some(short)) => {
-                Some(format!("exchanges of up to {} bytes; a frame has {FRAME_LEN}", short.bytes))
-            }
-            (Access::Granted, None) => None,
-        };
-        let next = obstacle.iter().map(|_| "ecmsk doctor says how to put it right".to_owned()).collect();
-        spi_row(&device, obstacle, next)
+    machine.spi_devices().into_iter().map(|device| {
+        let obstacle = machine.spi_obstacle(&device);
+        Row {
+            scheme: Scheme::Spi,
+            link: Some(device.link()),
+            what: "SPI device (whether a board is behind it shows when it is opened)".to_owned(),
+            obstacle: obstacle.as_ref().map(|finding| finding.found.clone()),
+            but: Vec::new(),
+            next: obstacle.into_iter().filter_map(|finding| finding.next).collect(),
+            facts: json!({ "path": device.file, "board": null }),
+        }
     })
-}
-
-fn spi_row(device: &SpiDevice, obstacle: Option<String>, next: Vec<String>) -> Row {
-    Row {
-        scheme: Scheme::Spi,
-        link: Some(device.link()),
-        what: "SPI device; whether a board is behind it shows when it is opened".to_owned(),
-        obstacle,
-        but: Vec::new(),
-        next,
-        facts: json!({ "path": device.file, "board": null }),
-    }
 }
 
 fn table(rows: &[Row]) -> String {

@@ -1,6 +1,7 @@
 //! The command line: one file per verb, and what all verbs share.
 
 mod board;
+mod chosen;
 mod compare;
 mod completions;
 #[cfg(target_os = "linux")]

@@ -247,6 +247,13 @@ pub fn objects(text: &str) -> Vec<Value> {
     text.lines().map(object).collect()
 }
 
+/// The lines of the block of docs/TOOL.md that begins so.
+pub fn page_block(start: &str) -> Vec<String> {
+    let page = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/TOOL.md")).expect("the page");
+    let block = page.split("```text\n").find(|block| block.starts_with(start)).expect("the block");
+    block.lines().take_while(|line| *line != "```").map(str::to_owned).collect()
+}
+
 /// The tool's file, open: users who may not go into the target folder can execute it all the same.
 fn open_tool() -> PathBuf {
     static TOOL: OnceLock<fs::File> = OnceLock::new();

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::{Finding, Machine};
 use crate::machine::limits::Limit;
 use crate::machine::timing::Lateness;
+use crate::span::Span;
 
 /// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
 const COARSE: Duration = Duration::from_micros(100);
@@ -71,9 +72,9 @@ pub(super) fn timer(resolution: Duration) -> Finding {
     const CHECK: &str = "timer";
     let nanoseconds = i64::try_from(resolution.as_nanos()).unwrap_or(i64::MAX);
     let finding = if resolution <= COARSE {
-        Finding::fine(CHECK, format!("resolution {}", shown(resolution)))
+        Finding::fine(CHECK, format!("resolution {}", Span(resolution)))
     } else {
-        let found = format!("resolution {}: cycles cannot be kept", shown(resolution));
+        let found = format!("resolution {}: cycles cannot be kept", Span(resolution));
         Finding::wrong(
             CHECK,
             found,
@@ -93,10 +94,10 @@ pub(super) fn lateness(measured: Option<Lateness>) -> Finding {
     let found = format!(
         "late by {} (half of the times), {} (99 of 100), {} (the worst): at a cycle of {} a program that is {cycles} cycles \
          ahead is never too late",
-        shown(p50),
-        shown(p99),
-        shown(max),
-        shown(period)
+        Span(p50),
+        Span(p99),
+        Span(max),
+        Span(period)
     );
     let finding = if p99 <= LATE {
         Finding::fine(CHECK, found)
@@ -105,18 +106,6 @@ pub(super) fn lateness(measured: Option<Lateness>) -> Finding {
     };
     let us = |time: Duration| i64::try_from(time.as_micros()).unwrap_or(i64::MAX);
     finding.figure("p50_us", us(p50)).figure("p99_us", us(p99)).figure("max_us", us(max))
-}
-
-/// A time in the unit that suits it: `1 ns`, `58 us`, `1.25 ms`.
-fn shown(time: Duration) -> String {
-    match time.as_nanos() {
-        ns @ 0..1_000 => format!("{ns} ns"),
-        ns @ 1_000..1_000_000 => format!("{} us", ns / 1_000),
-        ns => {
-            let ms = format!("{:.2}", ns as f64 / 1e6);
-            format!("{} ms", ms.trim_end_matches('0').trim_end_matches('.'))
-        }
-    }
 }
 
 #[cfg(test)]
@@ -128,9 +117,9 @@ mod tests {
     #[test]
     fn timers() {
         assert_eq!(timer(Duration::from_nanos(1)).state, State::Fine);
-        assert_eq!(timer(Duration::from_nanos(1)).found, "resolution 1 ns");
+        assert_eq!(timer(Duration::from_nanos(1)).found, "resolution 1ns");
         let coarse = timer(Duration::from_millis(4));
-        assert_eq!((coarse.state, coarse.found.as_str()), (State::Wrong, "resolution 4 ms: cycles cannot be kept"));
+        assert_eq!((coarse.state, coarse.found.as_str()), (State::Wrong, "resolution 4ms: cycles cannot be kept"));
         assert!(coarse.next.is_some_and(|next| next.contains("highres")));
     }
 
@@ -142,15 +131,15 @@ mod tests {
         let good = lateness(measured(us(120), us(900)));
         assert_eq!(good.state, State::Fine);
         assert!(
-            good.found.contains("58 us (half of the times), 120 us (99 of 100), 900 us (the worst)"),
+            good.found.contains("58us (half of the times), 120us (99 of 100), 900us (the worst)"),
             "{}",
             good.found
         );
-        assert!(good.found.contains("a cycle of 1 ms a program that is 2 cycles ahead"), "{}", good.found);
+        assert!(good.found.contains("a cycle of 1ms a program that is 2 cycles ahead"), "{}", good.found);
         assert_eq!(good.figures, [("p50_us", 58), ("p99_us", 120), ("max_us", 900)]);
         let bad = lateness(measured(us(501), us(7250)));
         assert_eq!(bad.state, State::Advice);
-        assert!(bad.found.contains("7.25 ms (the worst)") && bad.found.contains("9 cycles ahead"), "{}", bad.found);
+        assert!(bad.found.contains("7.25ms (the worst)") && bad.found.contains("9 cycles ahead"), "{}", bad.found);
         assert_eq!(lateness(None).state, State::Advice);
     }
 }

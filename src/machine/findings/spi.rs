@@ -5,7 +5,7 @@ use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::machine::Access;
 use crate::machine::gpio::GpioChip;
-use crate::machine::spi::{Bufsiz, FRAME_LEN};
+use crate::machine::spi::{Bufsiz, FRAME_LEN, SpiDevice};
 
 /// Where a driver's module gets its parameters.
 const PARAMETERS: &str = "/etc/modprobe.d/ecmsk.conf";
@@ -26,28 +26,37 @@ impl Machine {
             None if devices.is_empty() => all.push(Finding::fine("spi", "no SPI device for programs (spidev)")),
             _ => {}
         }
-        for device in &devices {
-            // Of others than the link's nobody knows whether they are used.
-            let matters = file.as_ref() == Some(&device.file);
-            let denied = |found: String, next: &str| {
-                let finding = Finding::wrong_if(matters, "spi-permission", found, next);
-                Finding { next: Some(next.to_owned()), ..finding }.blocking()
-            };
-            let finding = match device.access {
-                Access::Granted => Finding::fine("spi-permission", "this user may open it"),
-                Access::Denied => denied("this user may not open it".into(), GROUPS),
-                Access::Missing => {
-                    denied(format!("there is no {}", device.file), "start udev, or give this container the file")
-                }
-            };
-            all.push(finding.of(&device.file));
-        }
+        // Of others than the link's nobody knows whether they are used.
+        let matters = |device: &SpiDevice| file.as_ref() == Some(&device.file);
+        all.extend(devices.iter().map(|device| spi_permission(device, matters(device))));
         if wanted || !devices.is_empty() {
-            all.push(bufsiz(self.bufsiz(), wanted));
+            all.push(self.bufsiz_finding(wanted));
             all.extend(gpio(&self.gpio_chips(), wanted));
         }
         all
     }
+
+    /// What keeps the SPI device from being opened, and what to do.
+    pub fn spi_obstacle(&self, device: &SpiDevice) -> Option<Finding> {
+        [spi_permission(device, true), self.bufsiz_finding(true)].into_iter().find(|finding| finding.blocks)
+    }
+
+    fn bufsiz_finding(&self, wanted: bool) -> Finding {
+        bufsiz(self.bufsiz(), wanted)
+    }
+}
+
+fn spi_permission(device: &SpiDevice, matters: bool) -> Finding {
+    const CHECK: &str = "spi-permission";
+    let finding = match device.access {
+        Access::Granted => Finding::fine(CHECK, "this user may open it"),
+        Access::Denied => Finding::wrong_if(matters, CHECK, "this user may not open it", GROUPS).blocking(),
+        Access::Missing => {
+            let next = "start udev, or give this container the file";
+            Finding::wrong_if(matters, CHECK, format!("there is no {}", device.file), next).blocking()
+        }
+    };
+    finding.of(&device.file)
 }
 
 /// What gives users SPI and its lines.
@@ -79,7 +88,7 @@ fn bufsiz(bufsiz: Option<Bufsiz>, wanted: bool) -> Finding {
         )
     };
     let found = format!("exchanges of up to {bytes} bytes; a frame has {FRAME_LEN}");
-    Finding::wrong(CHECK, found, next).figure("bufsiz_bytes", bytes)
+    Finding::wrong(CHECK, found, next).blocking().figure("bufsiz_bytes", bytes)
 }
 
 fn gpio(chips: &[GpioChip], wanted: bool) -> Vec<Finding> {
@@ -92,10 +101,7 @@ fn gpio(chips: &[GpioChip], wanted: bool) -> Vec<Finding> {
         let lines = if lines.is_empty() { String::new() } else { format!("; lines {}", lines.join(", ")) };
         let finding = match chip.access {
             Access::Granted => Finding::fine("gpio", format!("this user may use it{lines}")),
-            Access::Denied => {
-                let finding = Finding::wrong_if(wanted, "gpio", format!("this user may not use it{lines}"), GROUPS);
-                Finding { next: Some(GROUPS.to_owned()), ..finding }
-            }
+            Access::Denied => Finding::wrong_if(wanted, "gpio", format!("this user may not use it{lines}"), GROUPS),
             Access::Missing => Finding::fine("gpio", format!("there is no /dev/{}{lines}", chip.name)),
         };
         finding.of(&chip.name)

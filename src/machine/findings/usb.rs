@@ -171,6 +171,7 @@ fn held(board: &UsbDevice, holders: &Holders) -> Finding {
     }
     let hidden = match holders.hidden {
         0 => String::new(),
+        1 => ", as far as this user sees (1 process hidden)".to_owned(),
         n => format!(", as far as this user sees ({n} processes hidden)"),
     };
     let names: Vec<&str> = board.drivers.iter().map(|driver| driver.name.as_str()).collect();

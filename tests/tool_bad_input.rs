@@ -117,7 +117,6 @@ fn no_link_is_given() {
         assert!(ran.err.starts_with(start) && ran.err.contains(&looked), "{}", ran.err);
         let named = tool(words, "usb:?path=77-1");
         assert!(named.code == Some(1) && !named.err.contains("no link was given"), "{}", named.err);
-        assert!(named.err.contains("usb:?path=77-1"), "{}", named.err);
     }
 }
 

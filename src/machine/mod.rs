@@ -119,6 +119,17 @@ impl Machine {
         Some(printable(target.file_name()?.to_str()?))
     }
 
+    /// A shared library by its name, where libraries usually are: also in folders of a machine's kind.
+    fn library(&self, name: &str) -> Option<String> {
+        const FOLDERS: [&str; 5] = ["/usr/local/lib", "/usr/lib", "/lib", "/usr/lib64", "/lib64"];
+        let kinds = |folder: &str| {
+            let inside = self.names(folder).into_iter().filter(|inside| inside.contains("-linux-"));
+            inside.map(|inside| format!("{folder}/{inside}")).collect::<Vec<_>>()
+        };
+        let folders = FOLDERS.into_iter().flat_map(|folder| [vec![folder.to_owned()], kinds(folder)].concat());
+        folders.map(|folder| format!("{folder}/{name}")).find(|file| self.has(file))
+    }
+
     /// Where a link leads to, as it stands there.
     fn link(&self, file: &Path) -> Option<String> {
         fs::read_link(file).ok()?.into_os_string().into_string().ok()

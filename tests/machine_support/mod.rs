@@ -67,6 +67,7 @@ impl Tree {
         let tree = Self::bare();
         tree.board("1-1", 4, "7");
         tree.spi("spidev0.0");
+        tree.file("/usr/lib/x86_64-linux-gnu/libusb-1.0.so.0", "");
         tree.file("/sys/module/spidev/parameters/bufsiz", "4096\n");
         tree.file("/sys/module/spidev/initstate", "live\n");
         tree.file("/sys/bus/gpio/devices/gpiochip0/of_node/gpio-line-names", "ID_SDA\0\0-\0BUSY\0RESET\0");

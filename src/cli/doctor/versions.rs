@@ -8,22 +8,10 @@ use ecmsk::machine::findings::Finding;
 pub fn finding(machine: &Machine) -> Finding {
     let links: Vec<&str> = Scheme::ALL.into_iter().filter(|scheme| scheme.in_build()).map(Scheme::name).collect();
     let mut parts = vec![format!("ecmsk {} (links {})", env!("CARGO_PKG_VERSION"), links.join(", "))];
-    parts.extend(libusb());
     parts.push(match crate::cli::exec::find_library(None) {
         Ok(file) => format!("NEXTWUSBLib {}", file.display()),
         Err(_) => "NEXTWUSBLib not beside this tool".to_owned(),
     });
     parts.extend(machine.kernel().map(|release| format!("Linux {release}")));
     Finding::fine("versions", parts.join("; "))
-}
-
-#[cfg(feature = "usb")]
-fn libusb() -> Option<String> {
-    let version = rusb::version();
-    Some(format!("libusb {}.{}.{}", version.major(), version.minor(), version.micro()))
-}
-
-#[cfg(not(feature = "usb"))]
-fn libusb() -> Option<String> {
-    None
 }

@@ -8,6 +8,8 @@ use crate::machine::holders::Holders;
 use crate::machine::udev::{RELOAD, Rule};
 use crate::machine::usb::UsbDevice;
 
+/// The library by the name that programs ask for.
+const LIBUSB: &str = "libusb-1.0.so.0";
 /// The driver of the kernel for HID devices.
 const HID: &str = "usbhid";
 /// The driver that stands for a program that uses libusb.
@@ -28,6 +30,7 @@ impl Machine {
             all.extend(self.board_findings(board, &holders, &rule));
         }
         all.push(rule_finding(&rule));
+        all.push(self.libusb(wanted.is_some()));
         all
     }
 
@@ -59,6 +62,9 @@ impl Machine {
             shown.collect::<Vec<_>>().join(", ")
         };
         let fitting: Vec<&UsbDevice> = boards.iter().filter(fits).collect();
+        // The link passes over boards that are off, where another one is on.
+        let on: Vec<&UsbDevice> = fitting.iter().copied().filter(|board| board.configured).collect();
+        let fitting = if on.is_empty() { fitting } else { on };
         match (&fitting[..], boards) {
             ([board], _) => Finding::fine(CHECK, format!("board at {}", list(&mut [*board].into_iter()))),
             ([first, _, ..], _) => Finding::wrong_if(
@@ -85,6 +91,20 @@ impl Machine {
                             --link 'sim:?slaves=drive*2'";
                 Finding::wrong_if(wanted.is_some(), CHECK, format!("no board{but}"), next)
             }
+        }
+    }
+
+    /// The system's library, by which the link `usb:` reaches boards.
+    fn libusb(&self, wanted: bool) -> Finding {
+        const CHECK: &str = "libusb";
+        match self.library(LIBUSB) {
+            Some(file) => Finding::fine(CHECK, file),
+            None if wanted => Finding::advice(
+                CHECK,
+                format!("no {LIBUSB} where libraries usually are"),
+                "sudo apt-get install libusb-1.0-0, unless it is somewhere else",
+            ),
+            None => Finding::fine(CHECK, format!("no {LIBUSB} where libraries usually are")),
         }
     }
 

@@ -15,6 +15,8 @@ const DEVICE_LEN: usize = 18;
 const HID: u8 = 3;
 /// Direction bit of an endpoint's address.
 const TO_HOST: u8 = 0x80;
+/// Bits of wMaxPacketSize that are bytes of a packet; those above say how many of them a microframe has.
+const PACKET: u16 = 0x07FF;
 /// Transfer type in an endpoint's attributes, and that of interrupts.
 const TRANSFER_TYPE: u8 = 0x03;
 const INTERRUPT: u8 = 0x03;
@@ -54,7 +56,7 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<Shape, NotOne> {
             }
             (ENDPOINT, [_, _, address, attributes, low, high, ..]) => {
                 let fits = attributes & TRANSFER_TYPE == INTERRUPT
-                    && usize::from(u16::from_le_bytes([*low, *high])) == REPORT_LEN;
+                    && usize::from(u16::from_le_bytes([*low, *high]) & PACKET) == REPORT_LEN;
                 if let Some(setting) = setting.as_mut().filter(|_| fits) {
                     setting.take(*address);
                     if let Some(shape) = setting.shape() {
@@ -146,6 +148,7 @@ mod tests {
         assert_eq!(with(HID, &[input.clone()]), Err(NotOne::OtherReports));
         assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 2, 512)]), Err(NotOne::OtherReports), "bulk");
         assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 3, 64)]), Err(NotOne::OtherReports));
+        assert_eq!(with(HID, &[endpoint(0x81, 3, 512 | 1 << 11), output.clone()]), Ok(SHAPE), "two in a microframe");
         assert_eq!(with(HID, &[endpoint(0x81, 3, 8)]), Err(NotOne::OtherReports), "a relay card");
         assert_eq!(with(0xFF, &[input, output]), Err(NotOne::NoHid));
         assert_eq!(with(HID, &[]), Err(NotOne::OtherReports));

@@ -17,12 +17,16 @@ pub mod fieldbus;
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;
+#[cfg(all(feature = "std", target_os = "linux"))]
+pub mod machine;
 #[cfg(all(feature = "serve", unix))]
 pub mod port;
 #[cfg(feature = "std")]
 pub mod recording;
 #[cfg(feature = "sim")]
 pub mod slave;
+#[cfg(feature = "std")]
+mod span;
 #[cfg(feature = "std")]
 mod threads;
 

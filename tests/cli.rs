@@ -32,6 +32,8 @@ fn help() {
         "run",
         "shell",
         "link",
+        "list",
+        "doctor",
         "completions",
         "man",
     ] {
@@ -86,6 +88,8 @@ fn completions() {
             "difference",
             "servo",
             "counts-per-unit",
+            "write-udev-rule",
+            "keep-going",
         ] {
             assert!(script.contains(word), "{shell}: {word} is missing");
         }

@@ -386,6 +386,27 @@ fn a_clear_is_a_command_too() {
     assert_eq!(Recorded::new(&board).plot(&[]).panel_names().len(), 3);
 }
 
+/// TOOL-111 An axis that the network does not have is an error, and the text names those that there are, whether they were
+/// moved or not: also in a recording of the native API, whose frames count in all slots.
+#[test]
+fn axes_that_are_not_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("three.pcapng");
+    let link = format!("sim:?slaves=drive*3&clock=virtual&record={}", file.display());
+    let moved = run(["move", "1=500", "2=30", "--up", "--link", &link]);
+    assert_eq!(moved.code, Some(0), "{moved:?}");
+    let picture = folder.path().join("three.svg");
+    let plot = |axes: &str| {
+        let words = [file.as_os_str(), "-o".as_ref(), picture.as_os_str(), "--axes".as_ref(), axes.as_ref()];
+        run(["plot".as_ref()].into_iter().chain(words))
+    };
+    for axes in ["7", "1,4", "40"] {
+        plot(axes).failed(1, &["is empty: no slave has its slot in OP"], "name some of 1, 2, 3 with --axes");
+        assert!(!picture.exists());
+    }
+    plot("1-3").quiet();
+}
+
 /// An axis that the recording says nothing of is an error, and the text names those that there are.
 #[test]
 fn empty_axes() {

@@ -126,10 +126,15 @@ fn listening_to_others_is_warned_of() {
     child.wait().expect("it ends");
 }
 
-/// WIRE-13, WIRE-15 What cannot be is said with the next step.
+/// WIRE-13, WIRE-15, TOOL-113 What cannot be is said with the next step.
 #[test]
 fn what_cannot_be_served_is_said() {
     let listen = ["--listen", "127.0.0.1:0"];
+    // An address of nobody (RFC 5737); the note before is that it is not this machine alone.
+    let elsewhere = run(&["--listen", "192.0.2.1:3240", "--link", "sim:"]);
+    assert_eq!((elsewhere.code, elsewhere.err.lines().count()), (Some(1), 2), "{elsewhere:?}");
+    assert!(elsewhere.err.contains("cannot listen on 192.0.2.1:3240: "), "{elsewhere:?}");
+    assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");
     run(&[&listen[..], &["--link", "sim:?clock=virtual"]].concat()).failed(1, &["virtual clock"], "clock=virtual");
     run(&[&listen[..], &["--link", "sim:", "--link", "sim:"]].concat()).failed(1, &["in use"], "name=");
     run(&["--link", "sim:?slaves=whale"]).misused(&["slaves"]);

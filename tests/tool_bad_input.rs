@@ -81,10 +81,43 @@ fn wrong_slaves() {
         assert_eq!((ran.code, ran.err.lines().count()), (Some(1), 1), "{words:?}: {ran:?}");
         assert!(ran.err.contains(why), "{words:?}: {}", ran.err);
     }
-    // An SDO goes to slaves nobody has said anything of; one that is not there does not answer.
-    let ran = run(["sdo", "read", "9", "statusword", "--link", BOARD]);
-    assert_eq!(ran.code, Some(1));
-    assert!(ran.err.contains("reading 0x6041:0 of slave 9 was aborted with"), "{}", ran.err);
+}
+
+/// TOOL-110 An SDO goes to slaves nobody has said anything of. One that is not there does not answer, and that is what is
+/// told, as far as it is known what the network is; a slave that is there and aborts is told with its code.
+#[test]
+fn sdo_of_a_slave_that_is_not_there() {
+    for words in [&["sdo", "read", "9", "statusword"][..], &["sdo", "write", "9", "0x6099:1", "5"]] {
+        let ran = run(words.iter().copied().chain(["--link", BOARD]));
+        let network = "there is no slave 9; the network is 1 drive, 2 drive, 3 io, correct the number or --slaves\n";
+        assert_eq!((ran.code, ran.err.lines().count()), (Some(1), 1), "{ran:?}");
+        assert!(ran.err.ends_with(network) && ran.err.contains(&words[..2].join(" ")), "{}", ran.err);
+    }
+    let ran = run(["sdo", "read", "3", "0x1000", "--slaves", "drive", "--link", BOARD]);
+    assert_eq!(ran.code, Some(0), "whatever --slaves says: {ran:?}");
+    let ran = run(["sdo", "read", "1", "0x5555", "--link", BOARD]);
+    assert!(ran.err.contains("was aborted with 0x06020000"), "{}", ran.err);
+}
+
+/// TOOL-112 Where nobody has named a link, the error says where one was looked for, and what keeps the default from opening.
+#[test]
+fn no_link_is_given() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let tool = |words: &[&str], link: &str| {
+        let mut command = cli_support::ecmsk(words);
+        command.env("HOME", folder.path()).env_remove("XDG_CONFIG_HOME").env("ECMSK_LINK", link);
+        cli_support::Ran::from(command.output().expect("the tool starts"))
+    };
+    for words in [&["info"][..], &["monitor", "--once"]] {
+        let ran = tool(words, "");
+        assert_eq!((ran.code, ran.err.lines().count()), (Some(1), 1), "{ran:?}");
+        let user = folder.path().join(".config/ecmsk/ecmsk.toml");
+        let looked = format!("ecmsk.toml, {}, /etc/ecmsk.toml; and the default does not open: ", user.display());
+        let start = "error: no link was given: no --link, ECMSK_LINK is not set, there is no /";
+        assert!(ran.err.starts_with(start) && ran.err.contains(&looked), "{}", ran.err);
+        let named = tool(words, "usb:?path=77-1");
+        assert!(named.code == Some(1) && !named.err.contains("no link was given"), "{}", named.err);
+    }
 }
 
 /// TOOL-4 In Init there are no SDOs; `--up` goes to PreOP and no further.
@@ -143,11 +176,13 @@ fn a_homing_that_fails() {
 fn a_state_that_is_not_reached() {
     let events = text("refuse.ecmscript", "refuse 1 op 0x001B\n");
     let board = format!("{BOARD}&script={events}&state_timeout_ms=500");
-    let ran =
-        cli_support::run_with_input(&["shell", "--link", &board], "state op\nstate\nsdo read 1 0x1000\nmove 1=5\n");
+    let ran = cli_support::run_with_input(
+        &["shell", "--keep-going", "--link", &board],
+        "state op\nstate\nsdo read 1 0x1000\nmove 1=5\n",
+    );
     assert_eq!(ran.code, Some(1));
-    assert!(ran.err.contains("error: OP was not reached, the board is in"), "{}", ran.err);
-    assert!(ran.err.contains("error: move needs OP, the network is in"), "{}", ran.err);
+    assert!(ran.err.contains("error: standard input:1: OP was not reached, the board is in"), "{}", ran.err);
+    assert!(ran.err.contains("error: standard input:4: move needs OP, the network is in"), "{}", ran.err);
     let mut lines = ran.out.lines();
     assert!(lines.next().is_some_and(|state| state.contains("SafeOP")), "{}", ran.out);
     assert_eq!((lines.next(), lines.next()), (Some("131474 (0x00020192)"), None));

@@ -163,13 +163,30 @@ fn shell(lines: &str) -> Ran {
     run_with_input(&["shell", "--link", BOARD], lines)
 }
 
-/// TOOL-32 The shell reads lines without a terminal, too: results only, errors do not end it, and the exit code says
-/// whether there were any.
+/// TOOL-32 Without a terminal the first line that fails ends the shell: it is told with its number, nothing behind it is
+/// done, and the exit code is 1.
+#[test]
+fn a_shell_without_a_terminal_ends_at_an_error() {
+    for (lines, error) in [
+        ("state op\n# nothing\n\nfoo\nservo on 1\n", "error: standard input:4: `foo` is unknown; allowed: info, "),
+        ("state op\nmove 1=5\nservo on 1\n", "error: standard input:2: move needs axis 1 on, it is in "),
+        ("state op\nhelp foo\nservo on 1", "error: standard input:2: `foo` is unknown; "),
+    ] {
+        let ran = shell(lines);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(1), "OP\n"), "{ran:?}");
+        let errors: Vec<&str> = ran.err.lines().filter(|line| !line.starts_with("note: ")).collect();
+        assert!(errors.len() == 1 && errors[0].starts_with(error), "{}", ran.err);
+    }
+}
+
+/// TOOL-32 The shell reads lines without a terminal, too: results only; with `--keep-going` errors do not end it, each is
+/// told with its line, and the exit code says whether there were any.
 #[test]
 fn a_shell_without_a_terminal() {
     let lines =
         "state\nstate op\nfoo\nmove 1=5\nservo on 1\n# nothing\n\nmove 1=5\nhelp servo\nhelp foo\nstate\nquit\nstate\n";
-    support::snapshot("tool_shell", &told(&["shell", "--link", BOARD], &shell(lines)));
+    let words = ["shell", "--keep-going", "--link", BOARD];
+    support::snapshot("tool_shell", &told(&words, &run_with_input(&words, lines)));
     assert_eq!(shell("state op").quiet_but_for_notes(), "OP\n");
     assert_eq!(shell("").quiet(), "");
     let help = shell("help").quiet();

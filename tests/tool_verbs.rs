@@ -36,6 +36,13 @@ fn info_and_state() {
     );
 }
 
+/// TOOL-114 One slave is told as one.
+#[test]
+fn one_slave() {
+    let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).quiet();
+    assert_eq!(one.lines().last(), Some("found       1 slave"), "{one}");
+}
+
 /// TOOL-9, TOOL-10, TOOL-11 Objects by number and name, abort codes in words; inputs and outputs.
 #[test]
 fn sdo_and_io() {

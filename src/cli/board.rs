@@ -14,8 +14,6 @@ mod talk;
 use std::time::Duration;
 
 use ecmsk::ecm::{Close, Config, Guard};
-use ecmsk::link::LinkError;
-use ecmsk::link::config::{Environment, find};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
@@ -26,6 +24,7 @@ pub use number::{duration, not_negative, positive, whole};
 pub use session::{Board, NEAR_COUNTS, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
 
+use super::chosen::Chosen;
 use super::slot_size;
 use network::{Network, Scales};
 
@@ -83,11 +82,8 @@ impl Args {
     ///
     /// # Errors
     /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
-    pub fn uri(&self) -> Result<LinkUri, BoardError> {
-        match &self.link {
-            Some(uri) => Ok(uri.clone()),
-            None => Ok(LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?),
-        }
+    pub fn chosen(&self) -> Result<Chosen, BoardError> {
+        Ok(Chosen::find(self.link.as_ref())?)
     }
 
     /// What the network is, if that is said or the link knows it.

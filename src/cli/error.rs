@@ -34,6 +34,10 @@ pub enum CliError {
     /// See [`super::monitor::MonitorError`].
     #[error(transparent)]
     Monitor(#[from] super::monitor::MonitorError),
+    /// See [`super::doctor::RuleError`].
+    #[cfg(target_os = "linux")]
+    #[error(transparent)]
+    UdevRule(#[from] super::doctor::RuleError),
     /// See [`super::exec::ExecError`].
     #[cfg(unix)]
     #[error(transparent)]

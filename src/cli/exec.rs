@@ -19,6 +19,8 @@ use ecmsk::link::uri::{LinkUri, UriError};
 
 use super::error::say;
 use library::LibraryFolder;
+#[cfg(target_os = "linux")]
+pub use library::find as find_library;
 
 /// Run an existing program on the library of this build
 ///

@@ -1,8 +1,11 @@
 //! The command line: one file per verb, and what all verbs share.
 
 mod board;
+mod chosen;
 mod compare;
 mod completions;
+#[cfg(target_os = "linux")]
+mod doctor;
 mod dump;
 mod error;
 #[cfg(unix)]
@@ -10,6 +13,8 @@ mod exec;
 mod filter;
 mod kinds;
 mod link;
+#[cfg(target_os = "linux")]
+mod list;
 mod man;
 mod monitor;
 mod output;
@@ -38,6 +43,9 @@ Exit codes:
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
   compare
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
+  list 0 if each board that was found on USB can be opened, or an SPI device if there is none
+  doctor
+       0 nothing is wrong, 1 something has to be put right
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
        125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
 
@@ -62,6 +70,10 @@ enum Verb {
     Compare(compare::Args),
     Monitor(monitor::Args),
     Link(link::Args),
+    #[cfg(target_os = "linux")]
+    List(list::Args),
+    #[cfg(target_os = "linux")]
+    Doctor(doctor::Args),
     #[cfg(unix)]
     Serve(serve::Args),
     Completions(completions::Args),
@@ -91,6 +103,10 @@ impl Verb {
             Self::Compare(args) => Ok(compare::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
+            #[cfg(target_os = "linux")]
+            Self::List(args) => list::run(&args),
+            #[cfg(target_os = "linux")]
+            Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             #[cfg(unix)]
             Self::Serve(args) => serve::run(&args),

@@ -16,15 +16,15 @@ use std::time::{Duration, Instant};
 use clap::ValueHint;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::Firmware;
-use ecmsk::link::config::{Environment, find};
+use ecmsk::link::LinkError;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::record::RecordError;
 use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{LinkError, config};
 use ecmsk::sk::{SlaveKind, SlotSize};
 
+use super::chosen::{ChoiceError, Chosen, Unnamed};
 use super::error::CliError;
 use super::kinds::KindList;
 use super::reading::reading;
@@ -83,9 +83,12 @@ pub struct Args {
 /// Why there is nothing to look at.
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
-    /// The link's file is wrong.
+    /// It cannot be told which link is meant.
     #[error(transparent)]
-    Config(#[from] config::ConfigError),
+    Choice(#[from] ChoiceError),
+    /// Nobody has named a link.
+    #[error(transparent)]
+    Unnamed(#[from] Unnamed),
     /// The board cannot be opened, or is gone.
     #[error(transparent)]
     Board(#[from] EcmError),
@@ -195,19 +198,16 @@ fn feed(args: &Args) -> Result<Feed, MonitorError> {
         let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
         return Ok(Feed::recording(file.clone(), args.slot, watched)?);
     }
-    let uri = reading(&uri(args)?);
+    let chosen = Chosen::find(args.link.as_ref())?;
+    let uri = reading(&chosen.uri);
     let mut watched = Watched::new(uri.to_string(), kinds(args, Some(&uri)).as_deref());
     if uri.value("fw") == Some("1.5") {
         watched.firmware = Firmware::V15;
     }
-    Feed::board(&uri, args.slot, watched)
-}
-
-fn uri(args: &Args) -> Result<LinkUri, MonitorError> {
-    match &args.link {
-        Some(uri) => Ok(uri.clone()),
-        None => Ok(LinkUri::parse(&find(&Environment::from_process(None))?.link).map_err(LinkError::from)?),
-    }
+    Feed::board(&uri, args.slot, watched).map_err(|error| match &error {
+        MonitorError::Board(EcmError::Link(link)) => chosen.unnamed(link).map_or(error, MonitorError::from),
+        _ => error,
+    })
 }
 
 /// What the slaves are, if anybody knows.

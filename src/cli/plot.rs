@@ -263,7 +263,7 @@ fn axes(asked: Vec<u8>, survey: &Survey) -> Result<Vec<u8>, PlotError> {
         return Err(PlotError::NoSuchAxis { axis, size });
     }
     if let Some(axis) = asked.iter().copied().find(|axis| survey.is_empty(*axis)) {
-        return Err(PlotError::EmptyAxis { axis, axes: survey.axes() });
+        return Err(PlotError::EmptyAxis { axis, axes: survey.known() });
     }
     let mut axes = if asked.is_empty() { survey.axes() } else { asked };
     if axes.len() > MAX_AXES {

@@ -35,15 +35,17 @@ pub struct Args {
     board: board::Args,
 }
 
+/// What messages call it.
+pub const STDIN: &str = "standard input";
 /// \[OURS] Bytes of a script at most.
 const LONGEST: u64 = 1 << 20;
 
 /// # Errors
 /// [`BoardError`]
 pub fn run(args: &Args) -> Result<(), BoardError> {
-    let name = if args.script == Path::new("-") { "standard input".into() } else { args.script.display().to_string() };
+    let name = if args.script == Path::new("-") { STDIN.into() } else { args.script.display().to_string() };
     let text = read(&args.script, &name)?;
-    let uri = args.board.uri()?;
+    let uri = args.board.chosen()?.uri;
     let steps = parse(&text, &name, args.board.network(&uri).as_ref())?;
     let board = Board::open(&args.board, Use::Moves, Place::Lines)?;
     let done = steps.iter().try_for_each(|(line, step)| {
@@ -90,7 +92,7 @@ fn parse(text: &str, name: &str, network: Option<&Config>) -> Result<Vec<(u32, S
 }
 
 /// An error of a line. One that has nothing to do with the line stays what it is.
-fn at(name: &str, line: u32, error: BoardError) -> BoardError {
+pub fn at(name: &str, line: u32, error: BoardError) -> BoardError {
     match error {
         error @ (BoardError::Stopped { .. } | BoardError::Output(_)) => error,
         error => BoardError::Line { place: format!("{name}:{line}"), why: error.to_string() },

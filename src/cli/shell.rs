@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use super::board::{self, Board, BoardError, Place, Use};
 use super::error::say;
 use super::output;
+use super::script;
 use super::step::Line;
 use input::Input;
 
@@ -15,9 +16,14 @@ use input::Input;
 ///
 /// The same words as in a script (see `ecmsk run --help`), and help [VERB] and quit. Tab completes, arrow up brings back
 /// what was typed. Ctrl-C ends the step that runs; Ctrl-D or quit closes the board, as --close says.
-/// Without a terminal lines are read as they come, and the exit code is 1 if one of them failed.
+/// Without a terminal lines are read as they come, and the first one that fails ends it: it is told with its number, and
+/// the exit code is 1.
 #[derive(Debug, clap::Args)]
 pub struct Args {
+    /// Without a terminal, go on after lines that fail; the exit code is 1 if there was one
+    #[arg(long)]
+    keep_going: bool,
+
     #[command(flatten)]
     board: board::Args,
 }
@@ -29,7 +35,9 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
     let typed = io::stdin().is_terminal();
     let input = Input::start(typed);
     let mut failed = false;
+    let mut number = 0;
     let done = loop {
+        number += 1;
         match input.next(&board) {
             Ok(Some(line)) => match answer(&board, &line) {
                 Ok(true) => {}
@@ -37,6 +45,11 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
                 Err(error) if ends(&board, &error) => break Err(error),
                 Err(error) => {
                     failed = true;
+                    // Who typed it sees it.
+                    let error = if typed { error } else { script::at(script::STDIN, number, error) };
+                    if !typed && !args.keep_going {
+                        break Err(error);
+                    }
                     board.talk.clear();
                     say("error", &error);
                     board.interrupt.clear();

@@ -7,6 +7,7 @@ use crate::cia402::{Mode, Statusword};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
 use crate::sk::{MasterState, StateByte};
+use crate::span::Span;
 
 /// An error of the native API.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -36,8 +37,9 @@ pub enum EcmError {
     },
     /// The board said nothing.
     #[error(
-        "{what}: no usable report for {waited:?} ({bad_crc} with a wrong CRC since it was opened); \
-         check the cable to the first slave and the board's power"
+        "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); \
+         check the cable to the first slave and the board's power",
+        Span(*.waited)
     )]
     NoReport {
         /// What waited for it.
@@ -48,7 +50,7 @@ pub enum EcmError {
         bad_crc: u64,
     },
     /// The board talks, but what was waited for did not happen.
-    #[error("{what}: not done after {waited:?}, {seen}; {hint}")]
+    #[error("{what}: not done after {}, {seen}; {hint}", Span(*.waited))]
     Timeout {
         /// What was waited for.
         what: &'static str,
@@ -81,7 +83,8 @@ pub enum EcmError {
     },
     /// The network has another number of slaves than the configuration.
     #[error(
-        "{declared} slaves are configured and the board found {found}; correct `slaves`, or check cables and power"
+        "{} configured and the board found {found}; correct `slaves`, or check cables and power",
+        slaves_are(*.declared)
     )]
     SlaveCount {
         /// In the configuration.
@@ -90,7 +93,10 @@ pub enum EcmError {
         found: usize,
     },
     /// No slave of that number is configured.
-    #[error("there is no slave {slave}, {declared} are configured; call configure, or adopt for a board that runs")]
+    #[error(
+        "there is no slave {slave}, {} configured; call configure, or adopt for a board that runs",
+        slaves_are(*.declared)
+    )]
     NoSuchSlave {
         /// The number.
         slave: u8,
@@ -280,5 +286,25 @@ impl std::fmt::Display for Suspect {
             ),
             Self::Network => f.write_str("no slave can be asked; check the cable to the first slave and its power"),
         }
+    }
+}
+
+/// `1 slave is`, `3 slaves are`.
+fn slaves_are(count: usize) -> String {
+    format!("{count} {}", if count == 1 { "slave is" } else { "slaves are" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-114 One slave is one slave.
+    #[test]
+    fn one_slave() {
+        let said = |declared| EcmError::SlaveCount { declared, found: 2 }.to_string();
+        assert!(said(1).starts_with("1 slave is configured and the board found 2; "), "{}", said(1));
+        assert!(said(3).starts_with("3 slaves are configured and "), "{}", said(3));
+        let said = EcmError::NoSuchSlave { slave: 4, declared: 1 }.to_string();
+        assert!(said.starts_with("there is no slave 4, 1 slave is configured; "), "{said}");
     }
 }

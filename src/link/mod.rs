@@ -30,6 +30,7 @@ use std::time::Duration;
 pub use fraction::Fraction;
 
 use crate::sk::{Frame, SlotSize};
+use crate::span::Span;
 
 /// How long a call may wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -164,7 +165,8 @@ pub enum LinkError {
     },
     /// No report will come by itself: on a virtual clock nothing else can happen while one waits.
     #[error(
-        "the board has been silent since {since_ns} ns of its time ({cycles} cycles); plug the cable to the first slave, then read again"
+        "the board has been silent since {} of its time ({cycles} cycles); plug the cable to the first slave, then read again",
+        Span(Duration::from_nanos(*.since_ns))
     )]
     Silent {
         /// When the last report was made.
@@ -211,7 +213,7 @@ pub enum LinkError {
 }
 
 fn how_long(waited: Duration) -> String {
-    if waited.is_zero() { "did not wait".to_owned() } else { format!("timed out after {waited:?}") }
+    if waited.is_zero() { "did not wait".to_owned() } else { format!("timed out after {}", Span(waited)) }
 }
 
 /// A way to exchange frames with one ECM.

@@ -6,6 +6,7 @@ mod detach;
 mod frames;
 mod here;
 mod hidraw;
+mod machine;
 mod program;
 mod served;
 mod shown;

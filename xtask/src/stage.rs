@@ -25,6 +25,8 @@ pub struct Arguments {
 const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The name that `-lNEXTWUSBLib` finds.
 const LINK_NAME: &str = "libNEXTWUSBLib.so";
+/// What lets users open a board.
+const UDEV_RULE: &str = "60-ecmsk.rules";
 const ARCHIVE: &str = "libNEXTWUSBLib.a";
 /// What Rust's standard library needs of a program that links the archive.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
@@ -45,8 +47,8 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     let built = project.target.join(profile_folder(profile));
 
     let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
-    let pkgconfig = lib.join("pkgconfig");
-    for folder in [&bin, &include, &pkgconfig] {
+    let (pkgconfig, rules) = (lib.join("pkgconfig"), lib.join("udev/rules.d"));
+    for folder in [&bin, &include, &pkgconfig, &rules] {
         fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
     }
     copy(&built.join("ecmsk"), &bin.join("ecmsk"))?;
@@ -56,6 +58,9 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     for header in headers(&project.root.join("include"))? {
         copy(&header, &include.join(header.file_name().unwrap_or_default()))?;
     }
+
+    // Where udev looks, if the prefix is /usr or /usr/local.
+    copy(&project.root.join("share/udev").join(UDEV_RULE), &rules.join(UDEV_RULE))?;
 
     let file = pkgconfig.join("nextwusblib.pc");
     fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;

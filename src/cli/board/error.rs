@@ -4,8 +4,9 @@ use std::io;
 
 use ecmsk::ecm::EcmError;
 use ecmsk::link::LinkError;
-use ecmsk::link::config::ConfigError;
 use ecmsk::sk::StateByte;
+
+use crate::cli::chosen::{ChoiceError, Unnamed};
 
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
@@ -24,7 +25,10 @@ pub enum BoardError {
     },
     /// It cannot be told which link is meant.
     #[error(transparent)]
-    Config(#[from] ConfigError),
+    Choice(#[from] ChoiceError),
+    /// Nobody has named a link.
+    #[error(transparent)]
+    Unnamed(#[from] Unnamed),
     /// The link does not open.
     #[error(transparent)]
     Link(#[from] LinkError),

@@ -71,7 +71,8 @@ impl Board {
     /// # Errors
     /// [`BoardError`]
     pub fn open(args: &Args, used: Use, place: Place) -> Result<Self, BoardError> {
-        let uri = args.uri()?;
+        let chosen = args.chosen()?;
+        let uri = chosen.uri.clone();
         let config = args.network(&uri);
         let default = Options::default();
         let limit = |default| args.timeout.unwrap_or(default);
@@ -94,7 +95,8 @@ impl Board {
             Err(LinkError::InUse { .. }) if used == Use::Reads => {
                 link::open(&reading(&uri).to_string(), Share::ByName)?
             }
-            other => other?,
+            Err(error) => return Err(chosen.unnamed(&error).map_or(error.into(), BoardError::from)),
+            Ok(link) => link,
         };
         let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, args.slot))?;
         let mut adopted = false;

@@ -91,6 +91,12 @@ impl Survey {
         (1..).zip(chosen).filter(|(_, chosen)| **chosen).map(|(n, _)| n).collect()
     }
 
+    /// The slaves that can be asked for: drives, and what was moved.
+    pub fn known(&self) -> Vec<u8> {
+        let known = (1..).zip(self.moved.iter().zip(&self.drives));
+        known.filter(|(_, (moved, drive))| **moved || **drive).map(|(n, _)| n).collect()
+    }
+
     /// Whether a plot of that slave (from 1) would show nothing.
     pub fn is_empty(&self, slave: u8) -> bool {
         let known = usize::from(slave).checked_sub(1).and_then(|n| self.seen.get(n));
@@ -99,7 +105,9 @@ impl Survey {
 
     fn see(&mut self, framed: &Framed) {
         for (n, seen) in (1..=framed.size.max_slaves()).zip(&mut self.seen) {
-            *seen |= framed.recorded.frame.slot(framed.size, n) != RawSlot::ZERO;
+            // Boards repeat the index of commands for slaves that are not there.
+            let slot = RawSlot { index: 0, ..framed.recorded.frame.slot(framed.size, n) };
+            *seen |= slot != RawSlot::ZERO;
         }
     }
 

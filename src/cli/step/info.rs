@@ -137,7 +137,7 @@ fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
                 }
                 Err(BoardError::Ecm(EcmError::SdoAborted { code, .. })) if code != AbortCode::TIMEOUT => {}
                 Err(BoardError::Ecm(EcmError::SdoAborted { .. } | EcmError::Timeout { .. })) => {
-                    line(text, "found", format_args!("{} slaves", found.len()));
+                    line(text, "found", format_args!("{}", slaves(found.len())));
                     return Ok(found);
                 }
                 Err(error) => return Err(error),
@@ -146,6 +146,11 @@ fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
         line(text, &format!("slave {slave}"), format_args!("{}", said.join(", ")));
         found.push(json);
     }
-    line(text, "found", format_args!("{} slaves", found.len()));
+    line(text, "found", format_args!("{}", slaves(found.len())));
     Ok(found)
+}
+
+/// `1 slave`, `3 slaves`.
+fn slaves(count: usize) -> String {
+    format!("{count} {}", if count == 1 { "slave" } else { "slaves" })
 }

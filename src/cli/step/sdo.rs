@@ -1,11 +1,12 @@
 //! `sdo`: reads and writes objects of slaves.
 
 use clap::Subcommand;
+use ecmsk::coe::AbortCode;
 use ecmsk::ecm::{Ecm, EcmError};
 use serde_json::json;
 
 use super::object::{Object, Type, Value};
-use crate::cli::board::{Board, BoardError, Needs};
+use crate::cli::board::{Board, BoardError, Needs, find_slave};
 
 /// Read or write an object of a slave (SDO)
 #[derive(Clone, Debug, clap::Args)]
@@ -88,7 +89,8 @@ const fn article(of: Type) -> &'static str {
 fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
     board.ready("sdo read", Needs::Sdo)?;
     let (slave, object) = (which.slave, which.object);
-    let raw = board.attend("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object.address))?;
+    let raw = board.attend("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object.address));
+    let raw = raw.map_err(|error| answered(board, "sdo read", slave, error))?;
     let mut json = json!({
         "verb": "sdo read", "slave": slave, "index": object.address.index, "sub": object.address.sub, "raw": raw,
     });
@@ -110,12 +112,28 @@ fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
     board.ready("sdo write", Needs::Sdo)?;
     let (slave, object, number) = (which.slave, which.object, value.number);
     let of = which.of().unwrap_or(Type::U32);
-    board.attend("an SDO write", |ecm| send(ecm, slave, object, of, number))?;
+    let sent = board.attend("an SDO write", |ecm| send(ecm, slave, object, of, number));
+    sent.map_err(|error| answered(board, "sdo write", slave, error))?;
     let json = json!({
         "verb": "sdo write", "slave": slave, "index": object.address.index, "sub": object.address.sub,
         "type": of.name(), "value": of.number(number as u32),
     });
     Ok(board.talk.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
+}
+
+/// A slave that is not there does not answer: then that is said, as far as it is known what the network is. Before, nobody
+/// has to have said it.
+fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardError {
+    let silent = matches!(&error, BoardError::Ecm(EcmError::SdoAborted { code, .. }) if *code == AbortCode::TIMEOUT);
+    match &board.config {
+        Some(config) if silent => find_slave(config, what, slave).map_or_else(|none| none, |_| error),
+        None if silent => BoardError::Refused {
+            what: what.to_owned(),
+            why: format!("slave {slave} does not answer"),
+            next: "see which slaves there are with `info --scan`, and check its cable and power".into(),
+        },
+        _ => error,
+    }
 }
 
 /// The value was checked: it fits, or its bits do.

@@ -12,6 +12,7 @@ use super::tls;
 use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, WireError};
 use crate::link::{LinkError, Stamp};
 use crate::sk::SlotSize;
+use crate::span::Span;
 
 /// A connection that is through, and what the server says of the board.
 pub(super) struct Connected {
@@ -156,8 +157,8 @@ fn words(error: &io::Error, options: &TcpOptions) -> String {
             format!("nobody listens there; start `ecmsk serve tcp --listen ...:{}` with its board", options.port)
         }
         ErrorKind::TimedOut | ErrorKind::WouldBlock => format!(
-            "no answer within {:?}; check host, port and firewall, or raise `connect_timeout_ms`",
-            options.connect_limit
+            "no answer within {}; check host, port and firewall, or raise `connect_timeout_ms`",
+            Span(options.connect_limit)
         ),
         ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset => {
             "its server has closed the connection; see what it says on its standard error".to_owned()

@@ -12,6 +12,7 @@ use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
+use crate::span::Span;
 
 /// Between two tries. \[OURS]
 const PAUSE: Duration = Duration::from_millis(200);
@@ -61,7 +62,7 @@ impl Reconnecting {
         if !Arc::ptr_eq(gone, &self.current()) {
             return Ok(());
         }
-        log::warn!("{error}; connecting again for {:?}", self.options.reconnect);
+        log::warn!("{error}; connecting again for {}", Span(self.options.reconnect));
         let give_up = Instant::now() + self.options.reconnect;
         loop {
             if self.closed.load(Ordering::Acquire) {

@@ -13,6 +13,7 @@ use super::inbox::Inbox;
 use super::wire::{Message, Role};
 use crate::link::{Dir, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
+use crate::span::Span;
 
 /// While nobody waits in a call, somebody looks at least this often what came. \[OURS]
 const LOOK: Duration = Duration::from_millis(20);
@@ -71,7 +72,7 @@ impl Shared {
             }
             let silent = state.exchange.heard.elapsed();
             if silent > self.patience() {
-                state.exchange.lose(format!("no word of its server for {silent:?}"));
+                state.exchange.lose(format!("no word of its server for {}", Span(silent)));
             }
             if state.exchange.ended.is_none() {
                 MutexGuard::unlocked(&mut state, || self.ping());

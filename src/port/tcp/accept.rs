@@ -17,6 +17,7 @@ use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::link::tcp::wire::{End, Greeting, Message, Refusal};
 use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, Out, PROOF_LEN, ServerTls, Side, first_message};
+use crate::span::Span;
 use crate::threads;
 
 /// Connections that have not said what they want yet, at the same time. \[OURS]
@@ -185,7 +186,7 @@ fn introduce(mut channel: Channel, from: &str, inbox: &mut Inbox, shared: &Share
     let options = &shared.hub.options;
     let deadline = Instant::now() + options.hello_limit;
     let silent = |error: io::Error| match error.kind() {
-        ErrorKind::TimedOut => format!("it said nothing for {:?}", options.hello_limit),
+        ErrorKind::TimedOut => format!("it said nothing for {}", Span(options.hello_limit)),
         ErrorKind::UnexpectedEof => "it went before it said what it wants".to_owned(),
         _ => error.to_string(),
     };
@@ -272,7 +273,7 @@ fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut
         }
         let silent = heard.elapsed();
         if silent > patience {
-            return Left::Gone(format!("no word for {silent:?}"));
+            return Left::Gone(format!("no word for {}", Span(silent)));
         }
         client.ping();
         if session.is_busy() {

@@ -106,12 +106,14 @@ pub enum ServeError {
         listen: SocketAddr,
     },
     /// The system does not let it listen there.
-    #[error("cannot listen on {listen}: {message}; stop what listens there, or name another place with `--listen`")]
+    #[error("cannot listen on {listen}: {message}; {next}")]
     Listen {
         /// Where.
         listen: SocketAddr,
         /// The system's words.
         message: String,
+        /// What to do.
+        next: &'static str,
     },
     /// The board cannot be opened.
     #[error(transparent)]
@@ -148,7 +150,11 @@ impl Server {
         if !listen.ip().is_loopback() && options.secret.is_none() {
             return Err(ServeError::NeedsSecret { listen });
         }
-        let failed = |error: std::io::Error| ServeError::Listen { listen, message: error.to_string() };
+        let failed = |error: std::io::Error| ServeError::Listen {
+            listen,
+            message: error.to_string(),
+            next: super::listen::advice(listen, &error),
+        };
         let listener = TcpListener::bind(listen).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
         let link = open()?;

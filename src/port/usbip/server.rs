@@ -19,6 +19,7 @@ use super::here;
 use super::stream::{NEVER_READS, Stream};
 use super::wire::{self, BUS_ID_LEN, OP_LEN, Op, PORT, Refusal, Shown, WireError};
 use crate::link::LinkError;
+use crate::port::listen::advice;
 use crate::threads;
 
 /// How long a client may take for its request. \[OURS]
@@ -93,7 +94,7 @@ pub enum ServeError {
         found: usize,
     },
     /// The address cannot be listened on.
-    #[error("cannot listen on {address}: {source}; is another server there? Choose another with --listen")]
+    #[error("cannot listen on {address}: {source}; {}", advice(*.address, .source))]
     Listen {
         /// Where.
         address: SocketAddr,

@@ -1,0 +1,114 @@
+//! What is right or wrong with a machine for a board, and what to do about it.
+
+mod host;
+mod spi;
+mod usb;
+
+use std::fmt;
+
+use super::Machine;
+use super::timing::{Lateness, timer_resolution};
+use crate::link::uri::LinkUri;
+
+/// How it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// As it should be, or of no use here.
+    Fine,
+    /// It works, and would work better.
+    Advice,
+    /// It has to be put right.
+    Wrong,
+}
+
+impl State {
+    /// Its name: `ok`, `advice`, `wrong`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fine => "ok",
+            Self::Advice => "advice",
+            Self::Wrong => "wrong",
+        }
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// What was looked at: a name that stays.
+    pub check: &'static str,
+    /// Of which device: `1-2.3`, `/dev/spidev0.0`.
+    pub subject: Option<String>,
+    /// How it is.
+    pub state: State,
+    /// What is there.
+    pub found: String,
+    /// What to do; `None`: nothing.
+    pub next: Option<String>,
+    /// The device cannot be opened as it is.
+    pub blocks: bool,
+    /// Figures by their names, with units.
+    pub figures: Vec<(&'static str, i64)>,
+}
+
+impl Finding {
+    /// All is well.
+    pub fn fine(check: &'static str, found: impl Into<String>) -> Self {
+        let found = found.into();
+        Self { check, subject: None, state: State::Fine, found, next: None, blocks: false, figures: Vec::new() }
+    }
+
+    /// It works, and this would make it better.
+    pub fn advice(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
+        Self { state: State::Advice, next: Some(next.into()), ..Self::fine(check, found) }
+    }
+
+    /// It is wrong, and this puts it right.
+    pub fn wrong(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
+        Self { state: State::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
+    }
+
+    /// Wrong where that matters, else just said.
+    fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
+        if matters { Self::wrong(check, found, next) } else { Self::fine(check, found) }
+    }
+
+    fn of(mut self, subject: &str) -> Self {
+        self.subject = Some(subject.to_owned());
+        self
+    }
+
+    /// With it the device does not open.
+    fn blocking(mut self) -> Self {
+        self.blocks = true;
+        self
+    }
+
+    fn figure(mut self, name: &'static str, value: i64) -> Self {
+        self.figures.push((name, value));
+        self
+    }
+}
+
+impl Machine {
+    /// All that can be told without waiting. What is missing for the link that is `wanted` is wrong; for another one it
+    /// is just said.
+    pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
+        let mut all = self.usb_findings(wanted);
+        all.extend(self.spi_findings(wanted));
+        all.extend(self.host_findings());
+        all.push(host::timer(timer_resolution()));
+        all
+    }
+}
+
+/// What a lateness means for cycles.
+pub fn lateness(measured: Option<Lateness>) -> Finding {
+    host::lateness(measured)
+}

@@ -1,0 +1,145 @@
+//! How well the machine keeps cycles: rights of real time, timers, processors.
+
+use std::time::Duration;
+
+use super::{Finding, Machine};
+use crate::machine::limits::Limit;
+use crate::machine::timing::Lateness;
+use crate::span::Span;
+
+/// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
+const COARSE: Duration = Duration::from_micros(100);
+/// \[OURS] What is woken up later than this, one time of a hundred, is advised real-time priority: half a cycle of 1 ms.
+const LATE: Duration = Duration::from_micros(500);
+/// \[OURS] Where limits for users go.
+const LIMITS: &str = "/etc/security/limits.d/90-ecmsk.conf";
+
+impl Machine {
+    pub(super) fn host_findings(&self) -> Vec<Finding> {
+        let limits = self.limits();
+        vec![priority(limits.realtime_priority), memory(limits.locked_memory), governor(&self.governors())]
+    }
+}
+
+fn limit_for_users(what: &str) -> String {
+    format!("echo \"$USER - {what}\" | sudo tee -a {LIMITS}, then log in again")
+}
+
+fn priority(limit: Option<Limit>) -> Finding {
+    const CHECK: &str = "realtime-priority";
+    match limit {
+        Some(Limit::Capability) => Finding::fine(CHECK, "allowed (CAP_SYS_NICE)"),
+        Some(Limit::Unlimited) => Finding::fine(CHECK, "allowed without limit"),
+        Some(Limit::Value(0)) => {
+            let found = "not allowed: a busy machine makes cycles late";
+            Finding::advice(CHECK, found, limit_for_users("rtprio 90")).figure("highest", 0)
+        }
+        Some(Limit::Value(highest)) => Finding::fine(CHECK, format!("allowed up to {highest}"))
+            .figure("highest", i64::try_from(highest).unwrap_or(i64::MAX)),
+        None => Finding::fine(CHECK, "not known: the kernel does not say"),
+    }
+}
+
+fn memory(limit: Option<Limit>) -> Finding {
+    const CHECK: &str = "locked-memory";
+    match limit {
+        Some(Limit::Capability) => Finding::fine(CHECK, "allowed (CAP_IPC_LOCK)"),
+        Some(Limit::Unlimited) => Finding::fine(CHECK, "allowed without limit"),
+        Some(Limit::Value(bytes)) => {
+            let found = format!("{} KiB: the whole program does not fit, and lock_memory=on is refused", bytes / 1024);
+            Finding::advice(CHECK, found, limit_for_users("memlock unlimited"))
+                .figure("limit_bytes", i64::try_from(bytes).unwrap_or(i64::MAX))
+        }
+        None => Finding::fine(CHECK, "not known: the kernel does not say"),
+    }
+}
+
+fn governor(governors: &[String]) -> Finding {
+    const CHECK: &str = "governor";
+    match governors {
+        [] => Finding::fine(CHECK, "the machine shows none"),
+        [one] if one == "performance" => Finding::fine(CHECK, "performance"),
+        _ => Finding::advice(
+            CHECK,
+            format!("{}: processors that slow down wake up late", governors.join(", ")),
+            "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
+        ),
+    }
+}
+
+/// How fine timers are.
+pub(super) fn timer(resolution: Duration) -> Finding {
+    const CHECK: &str = "timer";
+    let nanoseconds = i64::try_from(resolution.as_nanos()).unwrap_or(i64::MAX);
+    let finding = if resolution <= COARSE {
+        Finding::fine(CHECK, format!("resolution {}", Span(resolution)))
+    } else {
+        let found = format!("resolution {}: cycles cannot be kept", Span(resolution));
+        Finding::wrong(
+            CHECK,
+            found,
+            "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)",
+        )
+    };
+    finding.figure("resolution_ns", nanoseconds)
+}
+
+/// What a lateness means for cycles.
+pub(super) fn lateness(measured: Option<Lateness>) -> Finding {
+    const CHECK: &str = "wake-up";
+    let Some(Lateness { period, p50, p99, max }) = measured else {
+        return Finding::advice(CHECK, "not measured: the system gave no thread", "free some of the system's threads");
+    };
+    let cycles = max.as_nanos().div_ceil(period.as_nanos().max(1)) + 1;
+    let found = format!(
+        "late by {} (half of the times), {} (99 of 100), {} (the worst): at a cycle of {} a program that is {cycles} cycles \
+         ahead is never too late",
+        Span(p50),
+        Span(p99),
+        Span(max),
+        Span(period)
+    );
+    let finding = if p99 <= LATE {
+        Finding::fine(CHECK, found)
+    } else {
+        Finding::advice(CHECK, found, "give the program real-time priority, or the machine less to do")
+    };
+    let us = |time: Duration| i64::try_from(time.as_micros()).unwrap_or(i64::MAX);
+    finding.figure("p50_us", us(p50)).figure("p99_us", us(p99)).figure("max_us", us(max))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::State;
+    use super::*;
+
+    /// TOOL-106 Timers as coarse as a kernel's tick are wrong.
+    #[test]
+    fn timers() {
+        assert_eq!(timer(Duration::from_nanos(1)).state, State::Fine);
+        assert_eq!(timer(Duration::from_nanos(1)).found, "resolution 1ns");
+        let coarse = timer(Duration::from_millis(4));
+        assert_eq!((coarse.state, coarse.found.as_str()), (State::Wrong, "resolution 4ms: cycles cannot be kept"));
+        assert!(coarse.next.is_some_and(|next| next.contains("highres")));
+    }
+
+    /// TOOL-106 What a lateness means is said in cycles; half a cycle of 1 ms is too much.
+    #[test]
+    fn what_a_lateness_means() {
+        let us = Duration::from_micros;
+        let measured = |p99, max| Some(Lateness { period: us(1000), p50: us(58), p99, max });
+        let good = lateness(measured(us(120), us(900)));
+        assert_eq!(good.state, State::Fine);
+        assert!(
+            good.found.contains("58us (half of the times), 120us (99 of 100), 900us (the worst)"),
+            "{}",
+            good.found
+        );
+        assert!(good.found.contains("a cycle of 1ms a program that is 2 cycles ahead"), "{}", good.found);
+        assert_eq!(good.figures, [("p50_us", 58), ("p99_us", 120), ("max_us", 900)]);
+        let bad = lateness(measured(us(501), us(7250)));
+        assert_eq!(bad.state, State::Advice);
+        assert!(bad.found.contains("7.25ms (the worst)") && bad.found.contains("9 cycles ahead"), "{}", bad.found);
+        assert_eq!(lateness(None).state, State::Advice);
+    }
+}

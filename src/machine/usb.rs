@@ -1,0 +1,266 @@
+//! Devices on USB that may be a board: by sysfs, so that they are seen by users who may not open them, and in builds
+//! without libusb. What counts as a board is what the link `usb:` takes for one (WIRE-17).
+
+mod descriptors;
+
+pub use descriptors::shape;
+
+use super::Machine;
+
+/// Bytes of a report, both ways (SK-9).
+pub const REPORT_LEN: usize = 512;
+/// The board's pair of ids (SK-9), which many hobby devices share.
+pub const VENDOR: u16 = 0x16C0;
+/// See [`VENDOR`].
+pub const PRODUCT: u16 = 0x05DF;
+
+/// The devices that the kernel knows.
+const DEVICES: &str = "/sys/bus/usb/devices";
+/// What the kernel says of a device at high speed, Mbit/s.
+const HIGH_SPEED: &str = "480";
+/// Bit of a configuration's attributes: it has power of its own (USB 2.0 table 9-10).
+const SELF_POWERED: u16 = 0x40;
+
+/// Where a device's reports move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Number of the interface.
+    pub interface: u8,
+    /// Address of the endpoint to the host.
+    pub input: u8,
+    /// Address of the endpoint to the device.
+    pub output: u8,
+}
+
+/// Why a device with the board's ids is another one. The words are those of the link `usb:`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NotOne {
+    /// Its descriptors cannot be read or contradict each other.
+    #[error("its descriptors cannot be read")]
+    Descriptors,
+    /// It is no HID device.
+    #[error("it has no HID interface")]
+    NoHid,
+    /// Its reports are other ones.
+    #[error("its HID interface has no interrupt endpoints of {REPORT_LEN} bytes both ways")]
+    OtherReports,
+}
+
+/// A device with the board's ids.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UsbDevice {
+    /// Bus and ports, as Linux names it: `1-2.3`.
+    pub path: String,
+    /// Its name.
+    pub name: Option<String>,
+    /// Its serial number.
+    pub serial: Option<String>,
+    /// Its maker.
+    pub manufacturer: Option<String>,
+    /// Where its reports move, or why it is another device.
+    pub shape: Result<Shape, NotOne>,
+    /// The file that is opened to talk to it: `/dev/bus/usb/001/004`; `None`: the kernel does not say.
+    pub node: Option<String>,
+    /// Its speed in Mbit/s, as the kernel says it: `480` is high speed.
+    pub speed: Option<String>,
+    /// Whether the kernel has given it a configuration: without one it does nothing.
+    pub configured: bool,
+    /// Whether the machine's rules let it be used at all (`authorized`).
+    pub authorized: bool,
+    /// The most current that it takes, as it says: `100mA`.
+    pub max_power: Option<String>,
+    /// Drivers that have it, or its interfaces.
+    pub drivers: Vec<Driver>,
+    /// The kernel's own files for its reports: `/dev/hidraw0`.
+    pub hidraw: Vec<String>,
+    /// When the kernel puts it to sleep.
+    pub autosuspend: Autosuspend,
+    /// The hub it is behind; `None`: it is in a port of the machine itself.
+    pub hub: Option<Hub>,
+    /// How often its port took too much current.
+    pub over_current: u64,
+}
+
+/// A driver and what it has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Driver {
+    /// The interface: `1-2.3:1.0`; or the whole device: `1-2.3`.
+    pub interface: String,
+    /// The driver: `usbhid`; `usbfs` is a program that uses libusb.
+    pub name: String,
+}
+
+/// What the kernel does with a device that nobody uses.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Autosuspend {
+    /// `power/control`: `on` never sleeps, `auto` may.
+    pub control: Option<String>,
+    /// After so many milliseconds; below 0 never.
+    pub delay_ms: Option<i64>,
+    /// `power/runtime_status`: `active`, `suspended` ..
+    pub status: Option<String>,
+}
+
+impl Autosuspend {
+    /// Whether it may be put to sleep.
+    pub fn may_sleep(&self) -> bool {
+        self.control.as_deref() == Some("auto") && self.delay_ms.is_none_or(|delay| delay >= 0)
+    }
+}
+
+/// A hub.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Hub {
+    /// Bus and ports.
+    pub path: String,
+    /// Whether it has power of its own; `None`: it does not say.
+    pub self_powered: Option<bool>,
+}
+
+impl UsbDevice {
+    /// The link that opens it.
+    pub fn link(&self) -> String {
+        format!("usb:?path={}", self.path)
+    }
+
+    /// Whether it runs at high speed.
+    pub fn is_high_speed(&self) -> bool {
+        self.speed.as_deref() == Some(HIGH_SPEED)
+    }
+
+    /// The files by which programs have it.
+    pub fn files(&self) -> Vec<String> {
+        self.node.iter().chain(&self.hidraw).cloned().collect()
+    }
+
+    /// Name and serial number: `ECM-SK, serial 7`.
+    pub fn shown(&self) -> Option<String> {
+        match (&self.name, &self.serial) {
+            (Some(name), Some(serial)) => Some(format!("{name}, serial {serial}")),
+            (Some(name), None) => Some(name.clone()),
+            (None, Some(serial)) => Some(format!("serial {serial}")),
+            (None, None) => None,
+        }
+    }
+}
+
+impl Machine {
+    /// Whether the kernel has USB at all.
+    pub fn has_usb(&self) -> bool {
+        self.has(DEVICES)
+    }
+
+    /// All devices with the board's ids, sorted by their paths as `usb:` sorts them.
+    pub fn usb_devices(&self) -> Vec<UsbDevice> {
+        let names = self.names(DEVICES);
+        let devices = names.iter().filter(|name| is_device(name) && self.has_ids(name));
+        devices.map(|path| self.usb_device(path, &names)).collect()
+    }
+
+    fn has_ids(&self, path: &str) -> bool {
+        let id = |name| self.hexadecimal(&format!("{DEVICES}/{path}/{name}"));
+        (id("idVendor"), id("idProduct")) == (Some(VENDOR), Some(PRODUCT))
+    }
+
+    fn usb_device(&self, path: &str, names: &[String]) -> UsbDevice {
+        let attribute = |name: &str| self.attribute(&format!("{DEVICES}/{path}/{name}"));
+        let number = |name: &str| self.number(&format!("{DEVICES}/{path}/{name}"));
+        let configuration = number("bConfigurationValue").and_then(|value| u8::try_from(value).ok());
+        let configuration = configuration.filter(|value| *value != 0);
+        let bytes = self.bytes(&format!("{DEVICES}/{path}/descriptors")).unwrap_or_default();
+        let interfaces: Vec<&String> = names.iter().filter(|name| is_interface(name, path)).collect();
+        let [bus, device] = ["busnum", "devnum"].map(|name| number(name).filter(|number| (0..1000).contains(number)));
+        UsbDevice {
+            path: path.to_owned(),
+            name: attribute("product"),
+            serial: attribute("serial"),
+            manufacturer: attribute("manufacturer"),
+            shape: shape(&bytes, configuration),
+            node: bus.zip(device).map(|(bus, device)| format!("/dev/bus/usb/{bus:03}/{device:03}")),
+            speed: attribute("speed"),
+            configured: configuration.is_some(),
+            authorized: number("authorized") != Some(0),
+            max_power: attribute("bMaxPower"),
+            drivers: [path]
+                .into_iter()
+                .chain(interfaces.iter().map(|interface| interface.as_str()))
+                .filter_map(|interface| self.driver(interface))
+                .collect(),
+            hidraw: interfaces.iter().flat_map(|interface| self.hidraw(interface)).collect(),
+            autosuspend: Autosuspend {
+                control: attribute("power/control"),
+                delay_ms: number("power/autosuspend_delay_ms"),
+                status: attribute("power/runtime_status"),
+            },
+            hub: hub_of(path).map(|hub| Hub {
+                path: hub.to_owned(),
+                self_powered: self
+                    .hexadecimal(&format!("{DEVICES}/{hub}/bmAttributes"))
+                    .map(|attributes| attributes & SELF_POWERED != 0),
+            }),
+            over_current: number("port/over_current_count").and_then(|count| u64::try_from(count).ok()).unwrap_or(0),
+        }
+    }
+
+    fn driver(&self, interface: &str) -> Option<Driver> {
+        // A device as a whole has the driver `usb` unless something took it away.
+        let name = self.link_name(&format!("{DEVICES}/{interface}/driver")).filter(|name| name != "usb")?;
+        Some(Driver { interface: interface.to_owned(), name })
+    }
+
+    /// The HID device of an interface has a folder of its own there, and that one a folder `hidraw`.
+    fn hidraw(&self, interface: &str) -> Vec<String> {
+        let folders = self.names(&format!("{DEVICES}/{interface}"));
+        let devices = folders.iter().flat_map(|hid| self.names(&format!("{DEVICES}/{interface}/{hid}/hidraw")));
+        devices.filter(|name| name.starts_with("hidraw")).map(|name| format!("/dev/{name}")).collect()
+    }
+}
+
+/// `1-2.3`, and not `usb1` (a root hub) or `1-2.3:1.0` (an interface).
+fn is_device(name: &str) -> bool {
+    let Some((bus, ports)) = name.split_once('-') else { return false };
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    is_number(bus) && ports.split('.').all(is_number)
+}
+
+fn is_interface(name: &str, path: &str) -> bool {
+    name.strip_prefix(path).is_some_and(|rest| rest.starts_with(':'))
+}
+
+/// The hub that a path leads through last.
+fn hub_of(path: &str) -> Option<&str> {
+    path.rsplit_once('.').map(|(hub, _)| hub)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_devices() {
+        for name in ["1-2", "1-2.3", "10-1.4.11"] {
+            assert!(is_device(name), "{name}");
+        }
+        for name in ["usb1", "1-0:1.0", "1-2:1.0", "1-", "-2", "1-2.", "x-1", "1-2\n"] {
+            assert!(!is_device(name), "{name}");
+        }
+        assert!(is_interface("1-2:1.0", "1-2") && !is_interface("1-2.3:1.0", "1-2") && !is_interface("1-2", "1-2"));
+        assert_eq!((hub_of("1-2"), hub_of("1-2.3"), hub_of("1-2.3.4")), (None, Some("1-2"), Some("1-2.3")));
+    }
+
+    /// TOOL-97 The link and the list say the same of a device that is no board.
+    #[test]
+    #[cfg(feature = "usb")]
+    fn the_words_are_those_of_the_link() {
+        use crate::io::hid;
+
+        assert_eq!(REPORT_LEN, hid::REPORT_LEN);
+        for (ours, theirs) in [
+            (NotOne::Descriptors, hid::NotOne::Descriptors),
+            (NotOne::NoHid, hid::NotOne::NoHid),
+            (NotOne::OtherReports, hid::NotOne::OtherReports),
+        ] {
+            assert_eq!(ours.to_string(), theirs.to_string());
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! The descriptors of a USB device, as the kernel keeps them and as libusb reads them, too: the file `descriptors` of the
+//! device in sysfs. USB 2.0 9.6; numbers are little endian.
+
+use super::{NotOne, REPORT_LEN, Shape};
+
+/// Kinds of descriptors, USB 2.0 table 9-5.
+const DEVICE: u8 = 1;
+const CONFIGURATION: u8 = 2;
+const INTERFACE: u8 = 4;
+const ENDPOINT: u8 = 5;
+
+/// Bytes of a device descriptor.
+const DEVICE_LEN: usize = 18;
+/// Class code of HID interfaces.
+const HID: u8 = 3;
+/// Direction bit of an endpoint's address.
+const TO_HOST: u8 = 0x80;
+/// Bits of wMaxPacketSize that are bytes of a packet; those above say how many of them a microframe has.
+const PACKET: u16 = 0x07FF;
+/// Transfer type in an endpoint's attributes, and that of interrupts.
+const TRANSFER_TYPE: u8 = 0x03;
+const INTERRUPT: u8 = 0x03;
+
+/// Where a board's reports move: in the configuration of that number, without one in the first.
+///
+/// # Errors
+/// Why it is no board.
+pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<Shape, NotOne> {
+    let mut rest = bytes.split_at_checked(DEVICE_LEN).ok_or(NotOne::Descriptors).and_then(|(device, rest)| {
+        let is_device = usize::from(device[0]) == DEVICE_LEN && device[1] == DEVICE;
+        if is_device { Ok(rest) } else { Err(NotOne::Descriptors) }
+    })?;
+    let mut wanted = Selection::Before;
+    let mut setting = None;
+    let mut why = NotOne::NoHid;
+    while let [len, kind, ..] = *rest {
+        // A length of 0 or 1 would never end, one beyond the end is a lie.
+        let len = usize::from(len);
+        let (descriptor, after) = rest.split_at_checked(len).filter(|_| len >= 2).ok_or(NotOne::Descriptors)?;
+        rest = after;
+        match (kind, descriptor) {
+            (CONFIGURATION, [_, _, _, _, _, value, ..]) => {
+                if wanted == Selection::Inside {
+                    break;
+                }
+                let is_it = configuration.is_none_or(|number| number == *value);
+                wanted = if is_it { Selection::Inside } else { Selection::Before };
+                setting = None;
+            }
+            _ if wanted != Selection::Inside => {}
+            (INTERFACE, [_, _, number, _, _, class, ..]) => {
+                setting = (*class == HID).then_some(Setting { interface: *number, input: None, output: None });
+                if setting.is_some() {
+                    why = NotOne::OtherReports;
+                }
+            }
+            (ENDPOINT, [_, _, address, attributes, low, high, ..]) => {
+                let fits = attributes & TRANSFER_TYPE == INTERRUPT
+                    && usize::from(u16::from_le_bytes([*low, *high]) & PACKET) == REPORT_LEN;
+                if let Some(setting) = setting.as_mut().filter(|_| fits) {
+                    setting.take(*address);
+                    if let Some(shape) = setting.shape() {
+                        return Ok(shape);
+                    }
+                }
+            }
+            (CONFIGURATION | INTERFACE | ENDPOINT, _) => return Err(NotOne::Descriptors),
+            // What belongs to a class.
+            _ => {}
+        }
+    }
+    if wanted == Selection::Inside && rest.len() != 1 { Err(why) } else { Err(NotOne::Descriptors) }
+}
+
+/// Where the walk is.
+#[derive(PartialEq)]
+enum Selection {
+    /// Before the wanted configuration.
+    Before,
+    /// Inside.
+    Inside,
+}
+
+/// A setting of a HID interface.
+struct Setting {
+    interface: u8,
+    input: Option<u8>,
+    output: Option<u8>,
+}
+
+impl Setting {
+    fn take(&mut self, address: u8) {
+        let end = if address & TO_HOST == 0 { &mut self.output } else { &mut self.input };
+        // The first one counts.
+        end.get_or_insert(address);
+    }
+
+    fn shape(&self) -> Option<Shape> {
+        Some(Shape { interface: self.interface, input: self.input?, output: self.output? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn device() -> Vec<u8> {
+        let mut device = vec![0; DEVICE_LEN];
+        device[..2].copy_from_slice(&[18, DEVICE]);
+        device
+    }
+
+    fn configuration(number: u8) -> Vec<u8> {
+        vec![9, CONFIGURATION, 0, 0, 1, number, 0, 0x80, 50]
+    }
+
+    fn interface(number: u8, class: u8) -> Vec<u8> {
+        vec![9, INTERFACE, number, 0, 2, class, 0, 0, 0]
+    }
+
+    fn endpoint(address: u8, attributes: u8, size: u16) -> Vec<u8> {
+        let [low, high] = size.to_le_bytes();
+        vec![7, ENDPOINT, address, attributes, low, high, 1]
+    }
+
+    /// What stands between an interface of HID and its endpoints.
+    const HID_DESCRIPTOR: [u8; 9] = [9, 0x21, 0x11, 0x01, 0, 1, 0x22, 26, 0];
+
+    fn board() -> Vec<u8> {
+        let ends = [endpoint(0x81, 3, 512), endpoint(0x02, 3, 512)].concat();
+        [device(), configuration(1), interface(0, HID), HID_DESCRIPTOR.to_vec(), ends].concat()
+    }
+
+    const SHAPE: Shape = Shape { interface: 0, input: 0x81, output: 0x02 };
+
+    /// TOOL-97, WIRE-17, SK-9.2 A HID interface with interrupt endpoints of 512 bytes both ways is a board, whether it is
+    /// configured or not; anything less is none.
+    #[test]
+    fn a_board_is_told_from_other_devices() {
+        assert_eq!((shape(&board(), Some(1)), shape(&board(), None)), (Ok(SHAPE), Ok(SHAPE)));
+        let with = |class, ends: &[Vec<u8>]| {
+            let bytes = [device(), configuration(1), interface(0, class), ends.concat()].concat();
+            shape(&bytes, Some(1))
+        };
+        let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
+        assert_eq!(with(HID, &[input.clone()]), Err(NotOne::OtherReports));
+        assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 2, 512)]), Err(NotOne::OtherReports), "bulk");
+        assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 3, 64)]), Err(NotOne::OtherReports));
+        assert_eq!(with(HID, &[endpoint(0x81, 3, 512 | 1 << 11), output.clone()]), Ok(SHAPE), "two in a microframe");
+        assert_eq!(with(HID, &[endpoint(0x81, 3, 8)]), Err(NotOne::OtherReports), "a relay card");
+        assert_eq!(with(0xFF, &[input, output]), Err(NotOne::NoHid));
+        assert_eq!(with(HID, &[]), Err(NotOne::OtherReports));
+    }
+
+    /// TOOL-97 The configuration that is active counts, and no interface of another one.
+    #[test]
+    fn the_active_configuration_counts() {
+        let hobby = [configuration(2), interface(0, 0xFF)].concat();
+        let both = [board(), hobby].concat();
+        assert_eq!((shape(&both, Some(1)), shape(&both, Some(2))), (Ok(SHAPE), Err(NotOne::NoHid)));
+        assert_eq!(shape(&both, Some(3)), Err(NotOne::Descriptors));
+        let halves = [
+            [device(), configuration(1), interface(0, HID), endpoint(0x81, 3, 512)].concat(),
+            [interface(1, HID), endpoint(0x02, 3, 512)].concat(),
+        ];
+        assert_eq!(shape(&halves.concat(), None), Err(NotOne::OtherReports), "both ends belong to one interface");
+    }
+
+    /// TOOL-97 Descriptors that lie about their length, or end early, are an error and no panic.
+    #[test]
+    fn descriptors_that_lie() {
+        let board = board();
+        for cut in 0..board.len() {
+            assert!(shape(&board[..cut], Some(1)).is_err(), "cut at {cut}");
+        }
+        for (at, len) in [(18, 0), (18, 1), (27, 200), (0, 17)] {
+            let mut lying = board.clone();
+            lying[at] = len;
+            assert_eq!(shape(&lying, Some(1)), Err(NotOne::Descriptors), "{len} at {at}");
+        }
+    }
+
+    /// What the virtual board says of itself is a board.
+    #[test]
+    #[cfg(feature = "serve")]
+    fn the_virtual_board_is_one() {
+        use crate::port::usbip::Identity;
+        use crate::port::usbip::descriptors::Descriptors;
+
+        let descriptors = Descriptors::new(&Identity::default()).expect("a valid identity");
+        let part = |kind| descriptors.get(kind, 0).expect("it has one").to_vec();
+        assert_eq!(shape(&[part(DEVICE), part(CONFIGURATION)].concat(), Some(1)), Ok(SHAPE));
+    }
+
+    proptest! {
+        /// TOOL-97 Whatever bytes a device sends, they are a shape or a reason.
+        #[test]
+        fn any_bytes(tail in proptest::collection::vec(any::<u8>(), 0..300), number in any::<Option<u8>>()) {
+            let _ = shape(&tail, number);
+            if let Ok(found) = shape(&[device(), configuration(1), tail].concat(), Some(1)) {
+                prop_assert!(found.input & TO_HOST != 0 && found.output & TO_HOST == 0);
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Times in messages: as exact as somebody reads them.
+
+use std::fmt;
+use std::time::Duration;
+
+/// A time, rounded to three digits, in the unit that suits it: `1.23s`, `500ms`, `58us`, `7ns`.
+pub(crate) struct Span(pub Duration);
+
+/// Units with their nanoseconds, the largest first.
+const UNITS: [(&str, u128); 4] = [("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000), ("ns", 1)];
+/// Digits that are shown.
+const DIGITS: u32 = 3;
+
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let exact = self.0.as_nanos();
+        // Of seconds all whole ones are shown: 3600s.
+        let digits = exact.checked_ilog10().unwrap_or(0) + 1;
+        let step = 10_u128.pow(digits.saturating_sub(DIGITS).min(9));
+        let rounded = (exact + step / 2) / step * step;
+        let (name, unit) = UNITS.into_iter().find(|(_, unit)| rounded >= *unit).unwrap_or(("s", 1_000_000_000));
+        write!(f, "{}", rounded / unit)?;
+        // Nine digits are those of a nanosecond in a second.
+        let fraction = format!("{:09}", rounded % unit * (1_000_000_000 / unit));
+        let fraction = fraction.trim_end_matches('0');
+        if !fraction.is_empty() {
+            write!(f, ".{fraction}")?;
+        }
+        f.write_str(name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-115 Times are told with three digits, rounded, in the unit that suits them.
+    #[test]
+    fn times_are_rounded() {
+        for (ns, said) in [
+            (0, "0s"),
+            (7, "7ns"),
+            (999, "999ns"),
+            (1_000, "1us"),
+            (58_499, "58.5us"),
+            (999_499, "999us"),
+            (999_500, "1ms"),
+            (1_250_000, "1.25ms"),
+            (50_000_000, "50ms"),
+            (1_234_567_891, "1.23s"),
+            (30_000_000_001, "30s"),
+            (90_500_000_000, "90.5s"),
+            (3_600_000_000_000, "3600s"),
+            (3_601_499_999_999, "3601s"),
+        ] {
+            assert_eq!(Span(Duration::from_nanos(ns)).to_string(), said);
+        }
+        assert_eq!(Span(Duration::MAX).to_string(), "18446744073709551616s");
+    }
+}

@@ -1,6 +1,7 @@
 //! Ports: what makes a board reachable for other processes and machines. A port serves whatever is behind a
 //! [`Link`](crate::link::Link) and knows nothing of it.
 
+pub mod spi;
 pub mod tcp;
 #[cfg(target_os = "linux")]
 pub mod usbip;

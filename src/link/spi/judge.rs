@@ -1,0 +1,191 @@
+//! Whether what came in on MISO is an answer of the board, and if not, which wire lies.
+
+use crate::sk::{
+    CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotSize,
+};
+
+/// How far answers are looked for that have slipped, bits. \[OURS]
+const SLIPS: std::ops::RangeInclusive<usize> = 1..=32;
+
+/// Why an answer is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Lie {
+    /// Nothing drives MISO, or it is tied high.
+    #[error(
+        "MISO is high all the time (all ones): look at MISO (J3/J2 pin 9), at ground and at the chip select (pin 7), and \
+         whether the board has power"
+    )]
+    Ones,
+    /// MISO is tied low, or the board starts up.
+    #[error(
+        "MISO is low all the time (all zeros): the board starts up, finds no slave or has CONFIG0 set to USB; if not, look \
+         at MISO (J3/J2 pin 9), SCLK (pin 8) and the chip select (pin 7)"
+    )]
+    Zeros,
+    /// MISO is MOSI.
+    #[error(
+        "MISO repeats what MOSI says: the two are connected to one another; connect each to its own pin (J3/J2 9, 10)"
+    )]
+    Echo,
+    /// The other slot size.
+    #[error("the answers have slots of {fits} bytes, not of {set} (CONFIG2): set slot={fits} in the link")]
+    SlotSize {
+        /// What the link says, bytes.
+        set: usize,
+        /// What fits, bytes.
+        fits: usize,
+    },
+    /// Bits too late or too early.
+    #[error(
+        "the answers come {bits} bit(s) too {}: the SPI mode is another (mode=1), or the clock is too fast for the wires \
+         (speed=, jumper wires less than 10M)",
+        if *late { "late" } else { "early" }
+    )]
+    Bits {
+        /// How many.
+        bits: usize,
+        /// Whether too late.
+        late: bool,
+    },
+    /// Bytes too late or too early.
+    #[error(
+        "the answers come {bytes} byte(s) too {}: the board and this machine are out of step; look at the chip select \
+         (J3/J2 pin 7), then reset the board or switch it off and on",
+        if *late { "late" } else { "early" }
+    )]
+    Bytes {
+        /// How many.
+        bytes: usize,
+        /// Whether too late.
+        late: bool,
+    },
+    /// None of these.
+    #[error(
+        "the answers have neither a right CRC nor the form of a frame: set a slower speed= (jumper wires less than 10M), \
+         look at the wires and at slot= and mode="
+    )]
+    Garbled,
+}
+
+/// What is known of the board's answers.
+#[derive(Clone, Copy, Debug)]
+pub struct Judge {
+    size: SlotSize,
+    /// Whether it fills the CRC.
+    fills_crc: bool,
+}
+
+impl Judge {
+    /// Of a board of that slot size.
+    pub const fn new(size: SlotSize) -> Self {
+        Self { size, fills_crc: false }
+    }
+
+    /// Whether the answer carries a CRC, as far as is known.
+    pub const fn fills_crc(&self) -> bool {
+        self.fills_crc
+    }
+
+    /// Looks at an answer.
+    ///
+    /// # Errors
+    /// It is none, and the reason is [`Self::explain`]'s to tell.
+    pub fn look(&mut self, answer: &Frame) -> Result<MasterResponse, NoAnswer> {
+        let bytes = answer.wire(self.size);
+        if same(bytes, 0xFF) {
+            return Err(NoAnswer);
+        }
+        let carries = answer.crc_byte() != 0;
+        let policy = if carries || self.fills_crc { CrcPolicy::Strict } else { CrcPolicy::AbsentAllowed };
+        let fits = answer.check_crc(self.size, policy).is_ok()
+            && (carries || self.fills_crc || (!same(bytes, 0) && has_form(answer, self.size)));
+        if !fits {
+            return Err(NoAnswer);
+        }
+        self.fills_crc |= carries;
+        Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
+    }
+
+    /// What is wrong with an answer that is none.
+    pub fn explain(&self, answer: &Frame) -> Lie {
+        let bytes = answer.wire(self.size);
+        if same(bytes, 0xFF) {
+            return Lie::Ones;
+        }
+        if same(bytes, 0) {
+            return Lie::Zeros;
+        }
+        for other in SlotSize::ALL.into_iter().filter(|other| *other != self.size) {
+            // Of a longer frame the end is not known: it is the SDO slot's, most often 0.
+            if is_answer(&Frame::from_prefix(bytes), other) {
+                return Lie::SlotSize { set: self.size.bytes(), fits: other.bytes() };
+            }
+        }
+        SLIPS.flat_map(|bits| [(bits, true), (bits, false)]).find(|slip| self.has_slipped(bytes, *slip)).map_or(
+            Lie::Garbled,
+            |(bits, late)| match bits % 8 {
+                0 => Lie::Bytes { bytes: bits / 8, late },
+                _ => Lie::Bits { bits, late },
+            },
+        )
+    }
+
+    fn has_slipped(&self, bytes: &[u8], (bits, late): (usize, bool)) -> bool {
+        let mut moved = Frame::from_prefix(&slip(bytes, bits, late));
+        if late {
+            return is_answer(&moved, self.size);
+        }
+        // The first bits are gone: they are those of the id.
+        [CommandId::GetStatus.code(), MASTER_CYCLIC].into_iter().any(|id| {
+            moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] | id & !(0xFF >> bits) } else { id };
+            is_answer(&moved, self.size)
+        })
+    }
+}
+
+/// What came in is not an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoAnswer;
+
+/// Whether both CRC and form are right: a CRC alone fits by chance once in 256 times.
+fn is_answer(frame: &Frame, size: SlotSize) -> bool {
+    let policy = if frame.crc_byte() == 0 { CrcPolicy::AbsentAllowed } else { CrcPolicy::Strict };
+    frame.check_crc(size, policy).is_ok() && has_form(frame, size) && !same(frame.wire(size), 0)
+}
+
+/// Whether every slot is one that a board answers.
+fn has_form(frame: &Frame, size: SlotSize) -> bool {
+    let known = |slot: &RawSlot| !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_));
+    let slots = frame.slots(size);
+    let board = slots.get(0);
+    let master = MasterResponse::decode(&board);
+    let state_fits = match master.state.state() {
+        Some(MasterState::Op) => (master.id == MASTER_CYCLIC || known(&board)) && master.fifo_free <= FIFO_ENTRIES,
+        Some(_) => known(&board) && board.data2 == 0,
+        None => master.state.0 & 0x0F == 0 && master.state.0 <= 0x10 && known(&board) && board.data2 == 0,
+    };
+    let sdo = slots.get(size.sdo_slot());
+    let sdo_fits =
+        [CommandId::GetStatus, CommandId::SdoRead, CommandId::SdoWrite].map(CommandId::code).contains(&sdo.id);
+    state_fits && sdo_fits && (1..=size.max_slaves()).all(|slave| known(&slots.get(slave)))
+}
+
+fn same(bytes: &[u8], value: u8) -> bool {
+    bytes.iter().all(|byte| *byte == value)
+}
+
+/// The bytes as they were before they came so many bits too late, or too early; what was lost is 0.
+fn slip(bytes: &[u8], bits: usize, late: bool) -> Vec<u8> {
+    let (whole, part) = (bits / 8, bits % 8);
+    let at = |index: isize| usize::try_from(index).ok().and_then(|index| bytes.get(index)).copied().unwrap_or(0);
+    let pair = |first: isize| u16::from_be_bytes([at(first), at(first + 1)]);
+    (0..bytes.len() as isize)
+        .map(|index| {
+            if late {
+                (pair(index + whole as isize) << part >> 8) as u8
+            } else {
+                (pair(index - whole as isize - 1) >> part) as u8
+            }
+        })
+        .collect()
+}

@@ -170,7 +170,7 @@ impl Bench {
         self.board_to_now();
         self.staged = self.newest.clone();
         let response = master(&answer);
-        self.pacer.answered(&response, extra);
+        self.pacer.answered(&response, extra, self.held.len());
         self.free = if self.pacer.op() { self.pacer.shown_free(&response, self.held.len()) } else { 160 };
         self.report = answer;
     }

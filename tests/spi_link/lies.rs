@@ -32,7 +32,8 @@ fn says(reason: &str, parts: &[&str]) {
 /// Moves the bits of an answer.
 fn shift(bits: usize, late: bool) -> impl FnMut(&[u8], &mut [u8]) + Send + 'static {
     move |_, answer| {
-        let before: Vec<bool> = answer.iter().flat_map(|byte| (0..8).rev().map(move |bit| byte >> bit & 1 == 1)).collect();
+        let before: Vec<bool> =
+            answer.iter().flat_map(|byte| (0..8).rev().map(move |bit| byte >> bit & 1 == 1)).collect();
         let at = |index: usize| {
             let from = if late { index.checked_sub(bits) } else { Some(index + bits) };
             from.and_then(|from| before.get(from)).copied().unwrap_or(false)
@@ -173,7 +174,7 @@ fn a_bad_answer_now_and_then() {
             answer[100] ^= 0x10;
         }
     });
-    axes().chain([to(MasterState::Op)]).for_each(|frame| drop(link.write(&frame, Wait::Forever).unwrap()));
+    axes().chain([to(MasterState::Op)]).for_each(|frame| assert!(link.write(&frame, Wait::Forever).is_ok()));
     let mut report = Frame::new();
     let mut last = None;
     while state(&report) != Some(MasterState::Op) {

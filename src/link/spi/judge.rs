@@ -1,7 +1,9 @@
 //! Whether what came in on MISO is an answer of the board, and if not, which wire lies.
 
+use std::collections::VecDeque;
+
 use crate::sk::{
-    CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotSize,
+    CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotSize, StateByte,
 };
 
 /// How far answers are looked for that have slipped, bits. \[OURS]
@@ -67,18 +69,23 @@ pub enum Lie {
     Garbled,
 }
 
+/// Answers kept that were none: a lie has to explain them all. \[OURS]
+const KEPT: usize = 4;
+
 /// What is known of the board's answers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Judge {
     size: SlotSize,
     /// Whether it fills the CRC.
     fills_crc: bool,
+    /// The newest that were none, since one that was, no two the same in a row.
+    bad: VecDeque<Frame>,
 }
 
 impl Judge {
     /// Of a board of that slot size.
-    pub const fn new(size: SlotSize) -> Self {
-        Self { size, fills_crc: false }
+    pub fn new(size: SlotSize) -> Self {
+        Self { size, fills_crc: false, bad: VecDeque::with_capacity(KEPT) }
     }
 
     /// Whether the answer carries a CRC, as far as is known.
@@ -86,48 +93,59 @@ impl Judge {
         self.fills_crc
     }
 
-    /// Looks at an answer.
+    /// Looks at what came in.
     ///
     /// # Errors
-    /// It is none, and the reason is [`Self::explain`]'s to tell.
+    /// It is no answer; why not is [`Self::explain`]'s to tell.
     pub fn look(&mut self, answer: &Frame) -> Result<MasterResponse, NoAnswer> {
-        let bytes = answer.wire(self.size);
-        if same(bytes, 0xFF) {
+        if !self.fits(answer) {
+            if self.bad.back() != Some(answer) {
+                if self.bad.len() == KEPT {
+                    self.bad.pop_front();
+                }
+                self.bad.push_back(answer.clone());
+            }
             return Err(NoAnswer);
         }
-        let carries = answer.crc_byte() != 0;
-        let policy = if carries || self.fills_crc { CrcPolicy::Strict } else { CrcPolicy::AbsentAllowed };
-        let fits = answer.check_crc(self.size, policy).is_ok()
-            && (carries || self.fills_crc || (!same(bytes, 0) && has_form(answer, self.size)));
-        if !fits {
-            return Err(NoAnswer);
-        }
-        self.fills_crc |= carries;
+        self.bad.clear();
+        self.fills_crc |= answer.crc_byte() != 0;
         Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
     }
 
-    /// What is wrong with an answer that is none.
-    pub fn explain(&self, answer: &Frame) -> Lie {
+    fn fits(&self, answer: &Frame) -> bool {
         let bytes = answer.wire(self.size);
         if same(bytes, 0xFF) {
+            return false;
+        }
+        if answer.crc_byte() != 0 || self.fills_crc {
+            return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
+        }
+        !same(bytes, 0) && has_form(answer, self.size)
+    }
+
+    /// What is wrong with the answers that were none.
+    pub fn explain(&self) -> Lie {
+        let all = |is: &dyn Fn(&[u8]) -> bool| self.bad.iter().all(|answer| is(answer.wire(self.size)));
+        let newest = self.bad.back().map(|answer| answer.wire(self.size)).unwrap_or_default();
+        if same(newest, 0xFF) {
             return Lie::Ones;
         }
-        if same(bytes, 0) {
+        if same(newest, 0) {
             return Lie::Zeros;
         }
         for other in SlotSize::ALL.into_iter().filter(|other| *other != self.size) {
             // Of a longer frame the end is not known: it is the SDO slot's, most often 0.
-            if is_answer(&Frame::from_prefix(bytes), other) {
+            if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other)) {
                 return Lie::SlotSize { set: self.size.bytes(), fits: other.bytes() };
             }
         }
-        SLIPS.flat_map(|bits| [(bits, true), (bits, false)]).find(|slip| self.has_slipped(bytes, *slip)).map_or(
-            Lie::Garbled,
-            |(bits, late)| match bits % 8 {
+        let mut slips = SLIPS.flat_map(|bits| [(bits, true), (bits, false)]);
+        slips.find(|slip| all(&|bytes| self.has_slipped(bytes, *slip))).map_or(Lie::Garbled, |(bits, late)| {
+            match bits % 8 {
                 0 => Lie::Bytes { bytes: bits / 8, late },
                 _ => Lie::Bits { bits, late },
-            },
-        )
+            }
+        })
     }
 
     fn has_slipped(&self, bytes: &[u8], (bits, late): (usize, bool)) -> bool {
@@ -136,8 +154,8 @@ impl Judge {
             return is_answer(&moved, self.size);
         }
         // The first bits are gone: they are those of the id.
-        [CommandId::GetStatus.code(), MASTER_CYCLIC].into_iter().any(|id| {
-            moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] | id & !(0xFF >> bits) } else { id };
+        IDS_OF_ANSWERS.into_iter().any(|id| {
+            moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] & (0xFF >> bits) | id & !(0xFF >> bits) } else { id };
             is_answer(&moved, self.size)
         })
     }
@@ -146,6 +164,18 @@ impl Judge {
 /// What came in is not an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoAnswer;
+
+/// Ids that the first answers have: those of GET_STATUS, LIO_RD and OP.
+const IDS_OF_ANSWERS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
+
+/// What slot 0 answers outside OP: the ids of commands for the board.
+fn is_of_the_board(id: u8) -> bool {
+    use CommandId::{GetStatus, LocalRead, LocalWrite, SetAxis, SetDc, SetEx, SetFifo, SetState, SoftReset};
+
+    [GetStatus, SetState, SetAxis, SetDc, SetEx, SetFifo, LocalRead, LocalWrite, SoftReset]
+        .iter()
+        .any(|known| known.code() == id)
+}
 
 /// Whether both CRC and form are right: a CRC alone fits by chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize) -> bool {
@@ -159,10 +189,13 @@ fn has_form(frame: &Frame, size: SlotSize) -> bool {
     let slots = frame.slots(size);
     let board = slots.get(0);
     let master = MasterResponse::decode(&board);
+    let quiet = is_of_the_board(master.id) && board.data2 == 0;
     let state_fits = match master.state.state() {
-        Some(MasterState::Op) => (master.id == MASTER_CYCLIC || known(&board)) && master.fifo_free <= FIFO_ENTRIES,
-        Some(_) => known(&board) && board.data2 == 0,
-        None => master.state.0 & 0x0F == 0 && master.state.0 <= 0x10 && known(&board) && board.data2 == 0,
+        Some(MasterState::Op) => {
+            (master.id == MASTER_CYCLIC || is_of_the_board(master.id)) && master.fifo_free <= FIFO_ENTRIES
+        }
+        Some(_) => quiet,
+        None => quiet && matches!(master.state.0, 0 | StateByte::FAILED),
     };
     let sdo = slots.get(size.sdo_slot());
     let sdo_fits =

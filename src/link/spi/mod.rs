@@ -102,7 +102,7 @@ impl SpiLink {
             period_ns: if busy { 0 } else { PERIOD_WITHOUT_BUSY.as_nanos() as u64 },
             wires_ns: options.on_the_wires().as_nanos() as u64,
         });
-        pacer.answered(&first, false);
+        pacer.answered(&first, false, 0);
         let shared = Arc::new(Shared {
             name: name.to_owned(),
             desk: Desk::new(common.queue),

@@ -25,6 +25,12 @@ const PASSED_OVER: u16 = 8;
 const SETTLE: u8 = 2;
 /// From this level on frames of the host wait in the link. \[OURS]
 const FULL: u16 = FIFO_ENTRIES - 2;
+/// The most entries that are kept because this machine is late at times. \[OURS]
+const RESERVE: u16 = 32;
+/// Regular exchanges without a late one after which one entry less is kept. \[OURS]
+const CALM: u32 = 2000;
+/// Entries that the newest answer may not know of. \[OURS]
+const NOT_REPORTED: u16 = 2;
 /// The highest level that is wanted, whatever threshold a program sets. \[OURS]
 const HIGHEST: u16 = FIFO_ENTRIES - 5;
 
@@ -121,6 +127,14 @@ pub struct Pacer {
     wanted: u16,
     /// The FIFO's level now, as far as it is known.
     level: u16,
+    /// The FIFO's level in the newest answer.
+    reported: u16,
+    /// Whether there was an exchange beyond the cycle's own since that one.
+    had_extra: bool,
+    /// The most cycles that this machine was late by, not long ago.
+    reserve: u16,
+    /// Regular exchanges since it was.
+    calm: u32,
     /// Exchanges to pass over.
     over: u16,
     /// Exchanges that may be made beyond one a cycle.
@@ -142,6 +156,10 @@ impl Pacer {
             not_before: 0,
             wanted: options.prefill.max(LEVEL),
             level: 0,
+            reported: 0,
+            had_extra: false,
+            reserve: 0,
+            calm: 0,
             over: 0,
             extra: 0,
             settle: SETTLE,
@@ -153,8 +171,10 @@ impl Pacer {
 
     /// What is due at `now`.
     pub fn plan(&mut self, now: Ns, held: Held) -> Plan {
-        self.fall_behind(now);
-        let may_be_extra = held.frames > 0 && self.level < FULL && (held.last || (self.op() && self.extra > 0));
+        self.fall_behind(now, held);
+        // The cycle may have become shorter.
+        self.tick = self.tick.min(now + self.period());
+        let may_be_extra = held.frames > 0 && self.has_room() && (held.last || (self.op() && self.extra > 0));
         if may_be_extra {
             while held.last && self.tick <= now {
                 self.pass_tick();
@@ -176,7 +196,7 @@ impl Pacer {
         match held.frames {
             0 if held.last && matches!(self.arm, Arm::Waiting(_)) => Carry::Release,
             1.. if arms && held.motion => Carry::Prefill,
-            1.. if self.level < FULL => Carry::Host,
+            1.. if self.has_room() => Carry::Host,
             _ => Carry::Status,
         }
     }
@@ -186,12 +206,30 @@ impl Pacer {
         matches!(self.arm, Arm::Waiting(_)) && self.op()
     }
 
-    /// A host that was away does not make up for cycles: the next one is due now.
-    fn fall_behind(&mut self, now: Ns) {
-        if now > self.tick + self.period() {
-            self.level = self.level.saturating_sub(((now - self.tick) / self.period()).min(u16::MAX.into()) as u16);
-            self.tick = now;
+    /// Whether the FIFO surely takes a frame, however old the newest answer is.
+    const fn has_room(&self) -> bool {
+        self.level < FULL && self.reported < FULL - NOT_REPORTED
+    }
+
+    /// A machine that was late does not make up for cycles, the next one is due now. But frames that were held meanwhile
+    /// should have been in the FIFO: from now on, for a while, as many are.
+    fn fall_behind(&mut self, now: Ns, held: Held) {
+        if now <= self.tick + self.period() {
+            return;
         }
+        let late = ((now - self.tick) / self.period()).min(RESERVE.into()) as u16;
+        self.tick = now;
+        self.level = self.level.saturating_sub(late);
+        if self.op() && held.frames > 0 && !matches!(self.arm, Arm::Waiting(_)) {
+            self.reserve = self.reserve.max(late);
+            self.calm = 0;
+            self.extra = self.extra.max(self.wanted(held.frames).saturating_sub(self.level));
+        }
+    }
+
+    /// The level that is wanted: more only of frames that the host has ahead anyway.
+    fn wanted(&self, held: usize) -> u16 {
+        if held > 0 && self.reserve > 0 { self.wanted.max(self.reserve + LEVEL) } else { self.wanted }
     }
 
     fn passes_over(&mut self, held: Held) -> bool {
@@ -202,6 +240,10 @@ impl Pacer {
         }
         // What is left of a program's frames goes out when there is room.
         if held.last && held.frames > 0 {
+            return true;
+        }
+        // While the prefill is awaited a frame that went out before its time is the cycle's.
+        if self.had_extra && held.frames == 0 && matches!(self.arm, Arm::Waiting(_)) {
             return true;
         }
         let lasts = self.op() && self.options.prefill > 0 && self.arm == Arm::Done && self.level >= 2;
@@ -215,6 +257,7 @@ impl Pacer {
 
     fn pass_tick(&mut self) {
         self.tick += self.period();
+        self.had_extra = false;
         if !matches!(self.arm, Arm::Waiting(_)) {
             self.level = self.level.saturating_sub(1);
         }
@@ -228,9 +271,14 @@ impl Pacer {
         if extra {
             self.extra = self.extra.saturating_sub(1);
             self.settle = SETTLE;
+            self.had_extra = true;
         } else {
             // A little late is not later for all that follow.
             self.pass_tick();
+            self.calm += 1;
+            if self.calm >= CALM {
+                (self.calm, self.reserve) = (0, self.reserve.saturating_sub(1));
+            }
         }
         self.not_before = now + self.options.period_ns;
         self.sent.push(carry == Carry::Host);
@@ -283,13 +331,15 @@ impl Pacer {
         }
     }
 
-    /// A good answer came back.
-    pub fn answered(&mut self, answer: &MasterResponse, extra: bool) {
+    /// A good answer came back; `held` frames of the host wait.
+    pub fn answered(&mut self, answer: &MasterResponse, extra: bool, held: usize) {
         let was_op = self.op();
         self.state = answer.state.state();
         if self.op() != was_op {
             self.flow_anew();
         }
+        let level = FIFO_ENTRIES.saturating_sub(answer.fifo_free);
+        self.reported = if self.op() { level } else { 0 };
         if !self.op() || extra {
             return;
         }
@@ -297,23 +347,23 @@ impl Pacer {
             self.settle -= 1;
             return;
         }
-        let level = FIFO_ENTRIES.saturating_sub(answer.fifo_free);
         // The frame of this exchange is not in it.
         self.level = (level + 1).min(FIFO_ENTRIES);
         if matches!(self.arm, Arm::Waiting(_)) {
             return;
         }
-        if level >= self.wanted + SLACK {
-            self.over = (level + 1 - self.wanted - SLACK).min(PASSED_OVER);
+        let wanted = self.wanted(held);
+        if level >= wanted + SLACK {
+            self.over = (level + 1 - wanted - SLACK).min(PASSED_OVER);
             (self.extra, self.settle) = (0, SETTLE);
         } else {
-            self.extra = self.wanted.saturating_sub(level);
+            self.extra = wanted.saturating_sub(level);
         }
     }
 
     fn flow_anew(&mut self) {
         self.wanted = self.options.prefill.max(LEVEL);
-        (self.level, self.over, self.extra, self.settle) = (0, 0, 0, SETTLE);
+        (self.level, self.reported, self.over, self.extra, self.settle) = (0, 0, 0, 0, SETTLE);
         self.arm = Arm::Not;
     }
 

@@ -171,10 +171,10 @@ impl Runner {
             *bad += 1;
             self.shared.garbled.fetch_add(1, Ordering::Relaxed);
             self.shared.desk.no_report();
-            return if *bad < BAD { Ok(()) } else { Err(Over::Lost(self.judge.explain(answer).to_string())) };
+            return if *bad < BAD { Ok(()) } else { Err(Over::Lost(self.judge.explain().to_string())) };
         };
         *bad = 0;
-        self.pacer.answered(&response, extra);
+        self.pacer.answered(&response, extra, self.shared.desk.held());
         if self.pacer.op() {
             self.show_free(answer, &response);
         }

@@ -113,6 +113,11 @@ impl Face {
         self.lost.get_or_insert(LinkError::Lost { name: self.link.info().name, reason: "it was reset".into() });
     }
 
+    /// Gives the board back, [`Self::is_busy`] until [`Self::replace`].
+    pub fn close(&mut self) {
+        self.link.close();
+    }
+
     /// Why there is no board any more; `None`: it is there.
     pub fn lost(&self) -> Option<LinkError> {
         self.lost.clone().or_else(|| self.link.check().err())

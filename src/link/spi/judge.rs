@@ -125,7 +125,6 @@ impl Judge {
 
     /// What is wrong with the answers that were none.
     pub fn explain(&self) -> Lie {
-        let all = |is: &dyn Fn(&[u8]) -> bool| self.bad.iter().all(|answer| is(answer.wire(self.size)));
         let newest = self.bad.back().map(|answer| answer.wire(self.size)).unwrap_or_default();
         if same(newest, 0xFF) {
             return Lie::Ones;
@@ -133,30 +132,40 @@ impl Judge {
         if same(newest, 0) {
             return Lie::Zeros;
         }
+        // Where a CRC fits it says more than the form of a frame does, which many have that are nearly all zeros.
+        [CrcPolicy::Strict, CrcPolicy::AbsentAllowed]
+            .into_iter()
+            .find_map(|policy| self.explain_by(policy))
+            .unwrap_or(Lie::Garbled)
+    }
+
+    fn explain_by(&self, policy: CrcPolicy) -> Option<Lie> {
+        let all = |is: &dyn Fn(&[u8]) -> bool| self.bad.iter().all(|answer| is(answer.wire(self.size)));
         for other in SlotSize::ALL.into_iter().filter(|other| *other != self.size) {
             // Of a longer frame the end is not known: it is the SDO slot's, most often 0.
-            if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other)) {
-                return Lie::SlotSize { set: self.size.bytes(), fits: other.bytes() };
+            if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
+                return Some(Lie::SlotSize { set: self.size.bytes(), fits: other.bytes() });
             }
         }
-        let mut slips = SLIPS.flat_map(|bits| [(bits, true), (bits, false)]);
-        slips.find(|slip| all(&|bytes| self.has_slipped(bytes, *slip))).map_or(Lie::Garbled, |(bits, late)| {
-            match bits % 8 {
-                0 => Lie::Bytes { bytes: bits / 8, late },
-                _ => Lie::Bits { bits, late },
-            }
+        // Without a CRC a slip of whole bytes looks like too many other things.
+        let most = if policy == CrcPolicy::Strict { *SLIPS.end() } else { 7 };
+        let mut slips = SLIPS.take_while(|bits| *bits <= most).flat_map(|bits| [(bits, true), (bits, false)]);
+        let (bits, late) = slips.find(|slip| all(&|bytes| self.has_slipped(bytes, *slip, policy)))?;
+        Some(match bits % 8 {
+            0 => Lie::Bytes { bytes: bits / 8, late },
+            _ => Lie::Bits { bits, late },
         })
     }
 
-    fn has_slipped(&self, bytes: &[u8], (bits, late): (usize, bool)) -> bool {
+    fn has_slipped(&self, bytes: &[u8], (bits, late): (usize, bool), policy: CrcPolicy) -> bool {
         let mut moved = Frame::from_prefix(&slip(bytes, bits, late));
         if late {
-            return is_answer(&moved, self.size);
+            return is_answer(&moved, self.size, policy);
         }
         // The first bits are gone: they are those of the id.
         IDS_OF_ANSWERS.into_iter().any(|id| {
             moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] & (0xFF >> bits) | id & !(0xFF >> bits) } else { id };
-            is_answer(&moved, self.size)
+            is_answer(&moved, self.size, policy)
         })
     }
 }
@@ -178,9 +187,9 @@ fn is_of_the_board(id: u8) -> bool {
 }
 
 /// Whether both CRC and form are right: a CRC alone fits by chance once in 256 times.
-fn is_answer(frame: &Frame, size: SlotSize) -> bool {
-    let policy = if frame.crc_byte() == 0 { CrcPolicy::AbsentAllowed } else { CrcPolicy::Strict };
-    frame.check_crc(size, policy).is_ok() && has_form(frame, size) && !same(frame.wire(size), 0)
+fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
+    let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
+    fits && frame.check_crc(size, policy).is_ok() && has_form(frame, size) && !same(frame.wire(size), 0)
 }
 
 /// Whether every slot is one that a board answers.

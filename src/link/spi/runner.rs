@@ -202,3 +202,96 @@ impl Runner {
         self.shared.cycle_us.store(self.pacer.cycle().us().into(), Ordering::Relaxed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::spi::pacer::PacerOptions;
+    use crate::sk::{CycleTime, MASTER_CYCLIC, SlotSize};
+
+    const SIZE: SlotSize = SlotSize::Bytes12;
+
+    /// Wires to a board in OP whose FIFO stays empty; the desk is closed after so many exchanges.
+    struct Constant {
+        answer: Frame,
+        left: u32,
+        shared: Arc<Shared>,
+    }
+
+    impl Wires for Constant {
+        fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+            assert_eq!(tx.len(), SIZE.frame_len());
+            self.left -= 1;
+            match self.left {
+                0 => self.shared.desk.close(Instant::now()),
+                left if left.is_multiple_of(16) => rx.fill(0xFF),
+                _ => rx.copy_from_slice(self.answer.wire(SIZE)),
+            }
+            Ok(())
+        }
+
+        fn has_busy(&self) -> bool {
+            true
+        }
+
+        fn busy(&mut self) -> Result<bool, WireError> {
+            Ok(self.left.is_multiple_of(2))
+        }
+
+        fn wait_ready(&mut self, _: Duration) -> Result<bool, WireError> {
+            Ok(true)
+        }
+
+        fn has_fallen(&mut self) -> Result<bool, WireError> {
+            Ok(true)
+        }
+
+        fn reset(&mut self, _: Duration) -> Result<bool, WireError> {
+            Ok(false)
+        }
+    }
+
+    /// WIRE-51 The link's thread allocates nothing, from its first exchange to its last: frames of the host and its own,
+    /// answers, some of them none, reports that are read and reports that nobody reads.
+    #[test]
+    fn the_links_thread_allocates_nothing() {
+        let options = SpiOptions { slot: SIZE, ..SpiOptions::default() };
+        let shared = Arc::new(Shared {
+            name: "spi:test".to_owned(),
+            desk: Desk::new(4),
+            opened: Instant::now(),
+            counts: Mutex::default(),
+            cycle_us: AtomicU64::new(0),
+            garbled: AtomicU64::new(0),
+        });
+        let pacer = Pacer::new(PacerOptions {
+            slot: SIZE,
+            cycle: CycleTime::from_us(250).expect("a cycle"),
+            prefill: 0,
+            period_ns: 0,
+            wires_ns: 0,
+        });
+        let mut answer = Frame::new();
+        answer.bytes_mut()[..12].copy_from_slice(&[MASTER_CYCLIC, 0, 8, 0, 0, 0, 0, 0, 160, 0, 0, 0]);
+        answer.fill_crc(SIZE);
+        let wires = Box::new(Constant { answer, left: 1000, shared: shared.clone() });
+        let runner = Runner { shared: shared.clone(), wires, options, pacer, judge: Judge::new(SIZE) };
+        let host = std::thread::spawn({
+            let shared = shared.clone();
+            move || {
+                let mut report = Frame::new();
+                while shared.desk.write(&report, SIZE, Some(Duration::ZERO)).is_ok() || shared.desk.check().is_ok() {
+                    // One is read where several come.
+                    let _ = shared.desk.read(&mut report, Some(Duration::from_millis(1)));
+                }
+            }
+        });
+        let counted = allocation_counter::measure(|| runner.run());
+        host.join().expect("it ends");
+        assert_eq!((counted.count_total, counted.count_current), (0, 0), "{counted:?}");
+        let counts = *shared.counts.lock();
+        assert_eq!(counts.exchanges, 1000);
+        assert!(counts.host > 100, "{counts:?}");
+        assert!(shared.garbled.load(Ordering::Relaxed) >= 60);
+    }
+}

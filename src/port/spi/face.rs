@@ -3,11 +3,15 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::link::{Link, LinkError, Wait};
-use crate::sk::{Frame, MasterCommand, SlotSize};
+use crate::link::{Link, LinkError, Stamp, Wait};
+use crate::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 
 /// How long a board that was just given to a [`Face`] may take for its first report. \[OURS]
 const FIRST_REPORT: Duration = Duration::from_secs(1);
+
+/// How long an exchange waits for the answer to the frame before, outside OP: cycles of the default length, and patience
+/// with a link whose thread is late. \[OURS]
+const ANSWER: Duration = Duration::from_millis(50);
 
 /// What was exchanged, and what was not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,14 +28,17 @@ pub struct FaceCounters {
 
 /// A board as a host on SPI sees it (SK-10).
 ///
-/// One exchange is one chip select. What is answered is the newest report as of the exchange before: at the soonest the
-/// answer to the command before. The frame goes to the link as it is.
+/// One exchange is one chip select. What is answered is the newest report before it: outside OP, where a board executes a
+/// frame on arrival, that is the answer to the frame before, for which the exchange waits if it has to; in OP the frame
+/// before may still be in the FIFO. The frame goes to the link as it is.
 pub struct Face {
     link: Arc<dyn Link>,
     size: SlotSize,
     write_wait: Wait,
     answer: Frame,
     command: Frame,
+    /// When the newest frame was written, if no report has answered it yet.
+    unanswered: Option<Stamp>,
     lost: Option<LinkError>,
     counters: FaceCounters,
 }
@@ -46,6 +53,7 @@ impl Face {
             link,
             answer: Frame::new(),
             command: Frame::new(),
+            unanswered: None,
             lost: None,
             counters: FaceCounters::default(),
         };
@@ -65,6 +73,7 @@ impl Face {
         self.size = info.slot.unwrap_or_default();
         self.write_wait = info.write_wait;
         self.answer = Frame::new();
+        self.unanswered = None;
         self.look(Wait::For(FIRST_REPORT));
     }
 
@@ -78,7 +87,7 @@ impl Face {
             self.counters.while_busy += 1;
             return;
         }
-        self.look(Wait::Now);
+        self.hear();
         let wire = self.answer.wire(self.size);
         let count = wire.len().min(rx.len());
         rx[..count].copy_from_slice(&wire[..count]);
@@ -88,7 +97,10 @@ impl Face {
         }
         self.command.set_prefix(&tx[..self.size.frame_len()]);
         match self.link.write(&self.command, self.write_wait) {
-            Ok(_) => self.counters.frames += 1,
+            Ok(at) => {
+                self.counters.frames += 1;
+                self.unanswered = Some(at);
+            }
             Err(error) => {
                 self.counters.refused += 1;
                 self.note(error);
@@ -133,10 +145,29 @@ impl Face {
         self.counters
     }
 
-    /// The newest report, if there is one since the last look.
-    fn look(&mut self, wait: Wait) {
-        if let Err(error) = self.link.read(&mut self.answer, wait) {
-            self.note(error);
+    /// The newest report, and outside OP one that answers the newest frame.
+    fn hear(&mut self) {
+        self.look(Wait::Now);
+        // Several reports may be older than the frame.
+        while self.unanswered.is_some() && !self.in_op() && self.look(Wait::For(ANSWER)) {}
+        self.unanswered = None;
+    }
+
+    fn in_op(&self) -> bool {
+        MasterResponse::decode(&self.answer.slot(self.size, 0)).state.state() == Some(MasterState::Op)
+    }
+
+    /// Takes the newest report, if there is one since the last look.
+    fn look(&mut self, wait: Wait) -> bool {
+        match self.link.read(&mut self.answer, wait) {
+            Ok(report) => {
+                self.unanswered = self.unanswered.filter(|written| report.at < *written);
+                true
+            }
+            Err(error) => {
+                self.note(error);
+                false
+            }
         }
     }
 

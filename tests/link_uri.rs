@@ -217,7 +217,7 @@ fn the_normal_form_is_sorted_without_defaults_and_encoded() {
         ("sim:?record=a=b", "sim:?record=a%3Db"),
         ("usb:?serial=A%20B&queue=1", "usb:?queue=1&serial=A%20B"),
         ("usb:?slot=12", "usb:?slot=12"),
-        ("spi:/dev/spidev0.0?speed=24M&busy=gpiochip0/25", "spi:/dev/spidev0.0?busy=gpiochip0/25&speed=24M"),
+        ("spi:/dev/spidev0.0?speed=24M&busy=gpiochip0/25", "spi:/dev/spidev0.0?busy=gpiochip0/25"),
         ("tcp://host:4711", "tcp://host:4711"),
         ("nic:eth 1%3f", "nic:eth%201%3F"),
     ] {

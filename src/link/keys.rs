@@ -58,7 +58,8 @@ impl Scheme {
             Self::Sim => cfg!(feature = "sim"),
             Self::Tcp => cfg!(all(feature = "tcp", unix)),
             Self::Usb => cfg!(feature = "usb"),
-            Self::Spi | Self::XfSim | Self::XfSpi | Self::Nic => false,
+            Self::Spi => cfg!(all(feature = "spi", target_os = "linux")),
+            Self::XfSim | Self::XfSpi | Self::Nic => false,
         }
     }
 
@@ -106,6 +107,10 @@ pub enum Syntax {
     Name,
     /// A text of a USB device: 1 to 126 characters.
     Text,
+    /// A frequency in this range, Hz, both ends included: a whole number, `k` or `M` may stand behind it.
+    Hertz(u64, u64),
+    /// A line of a GPIO chip: `CHIP/LINE`.
+    Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
 }
@@ -140,6 +145,14 @@ impl Syntax {
                 (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
             }
             Self::Text => (1..=TEXT_MAX).contains(&value.chars().count()).then(|| value.to_owned()),
+            Self::Hertz(min, max) => {
+                hertz(value).filter(|number| (min..=max).contains(number)).map(|number| hertz_text(number))
+            }
+            Self::Line => value
+                .rsplit_once('/')
+                .is_some_and(|(chip, line)| !chip.is_empty() && !chip.ends_with('/') && !line.is_empty())
+                .then(|| value.to_owned())
+                .filter(|value| !value.contains('\0')),
             Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
         };
         normal.ok_or_else(|| self.allowed())
@@ -156,6 +169,12 @@ impl Syntax {
             Self::File => "allowed: the path of a file".to_owned(),
             Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
             Self::Text => format!("allowed: 1 to {TEXT_MAX} characters"),
+            Self::Hertz(min, max) => {
+                format!("allowed: a frequency from {} to {} Hz, e.g. 500k or 24M", hertz_text(min), hertz_text(max))
+            }
+            Self::Line => {
+                "allowed: CHIP/LINE, a GPIO chip and the number or name of its line, e.g. gpiochip0/25".to_owned()
+            }
             Self::Slaves => format!("allowed: {}", slaves::form()),
         }
     }
@@ -169,8 +188,30 @@ impl Syntax {
             Self::File => "FILE".to_owned(),
             Self::Name => "NAME".to_owned(),
             Self::Text => "TEXT".to_owned(),
+            Self::Hertz(min, max) => format!("{}..{}", hertz_text(min), hertz_text(max)),
+            Self::Line => "CHIP/LINE".to_owned(),
             Self::Slaves => "LIST".to_owned(),
         }
+    }
+}
+
+/// A frequency as links write it, Hz.
+pub(super) fn hertz(value: &str) -> Option<u64> {
+    let (digits, unit) = match value.strip_suffix('M') {
+        Some(digits) => (digits, 1_000_000),
+        None => value.strip_suffix('k').map_or((value, 1), |digits| (digits, 1000)),
+    };
+    let plain = !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit());
+    digits.parse::<u64>().ok().filter(|_| plain)?.checked_mul(unit)
+}
+
+/// The shortest way to write it.
+fn hertz_text(number: u64) -> String {
+    match number {
+        0 => "0".to_owned(),
+        _ if number.is_multiple_of(1_000_000) => format!("{}M", number / 1_000_000),
+        _ if number.is_multiple_of(1000) => format!("{}k", number / 1000),
+        _ => number.to_string(),
     }
 }
 

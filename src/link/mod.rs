@@ -15,6 +15,8 @@ pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub mod spi;
 #[cfg(all(feature = "tcp", unix))]
 #[cfg_attr(not(feature = "serve"), allow(dead_code, unused_imports, reason = "the server's end is not in the build"))]
 pub mod tcp;
@@ -312,6 +314,8 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
     match uri.scheme() {
         #[cfg(feature = "sim")]
         keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
+        #[cfg(all(feature = "spi", target_os = "linux"))]
+        keys::Scheme::Spi => spi::open(uri, options),
         #[cfg(all(feature = "tcp", unix))]
         keys::Scheme::Tcp => tcp::open(uri, options),
         #[cfg(feature = "usb")]

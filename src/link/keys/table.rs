@@ -9,10 +9,11 @@ const DAY_MS: u64 = 24 * HOUR_MS;
 /// Links whose board is the model in this process, so that its slot size is a setting.
 const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::Nic];
 /// Links to a board that somebody else has set up.
-const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Spi, Scheme::Tcp];
+const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
 /// The slowest clock of a board: a cycle of 250 us takes a quarter of a second. \[OURS]
 const SLOWEST: Fraction = Fraction::from_billionths(1_000_000);
 const SIM: &[Scheme] = &[Scheme::Sim];
+const SPI: &[Scheme] = &[Scheme::Spi];
 const TCP: &[Scheme] = &[Scheme::Tcp];
 const USB: &[Scheme] = &[Scheme::Usb];
 
@@ -21,7 +22,8 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 /// Every key, in the order of a URI's normal form.
 ///
 /// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
-/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `transfers`, `fault.seed`,
+/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `transfers`, `speed`'s least,
+/// `prefill`, `fault.seed`,
 /// `fault.delay_ms`, those of `tcp:`, and the ends of every range.
 pub const KEYS: &[Key] = &[
     Key {
@@ -42,6 +44,14 @@ pub const KEYS: &[Key] = &[
         default: Some("12"),
         example: "16",
         meaning: "bytes of a slot (CONFIG2): 12 for up to 40 slaves, 16 for up to 30",
+    },
+    Key {
+        name: "slot",
+        schemes: SPI,
+        syntax: SLOT,
+        default: Some("12"),
+        example: "16",
+        meaning: "bytes of a slot (CONFIG2) and so of an exchange, 504 or 512; an error proposes what fits the answers",
     },
     Key {
         name: "slot",
@@ -222,6 +232,57 @@ pub const KEYS: &[Key] = &[
         default: Some("5000"),
         example: "100",
         meaning: "a write that the board does not accept fails after that time, in ms",
+    },
+    Key {
+        name: "speed",
+        schemes: SPI,
+        syntax: Syntax::Hertz(100_000, 24_000_000),
+        default: Some("24M"),
+        example: "8M",
+        meaning: "the clock in Hz; a cycle of 250 us needs 24M, one of 1 ms 6M; with jumper wires less than 10M",
+    },
+    Key {
+        name: "mode",
+        schemes: SPI,
+        syntax: Syntax::Choice(&["0", "1", "2", "3"]),
+        default: Some("0"),
+        example: "1",
+        meaning: "SPI mode",
+    },
+    Key {
+        name: "busy",
+        schemes: SPI,
+        syntax: Syntax::Line,
+        default: None,
+        example: "gpiochip0/25",
+        meaning: "the line that BUSY is connected to (J3/J2 pin 5), by number or name; not given: exchanges begin 800 us \
+                  apart, and cycles below 1 ms are refused",
+    },
+    Key {
+        name: "reset",
+        schemes: SPI,
+        syntax: Syntax::Line,
+        default: None,
+        example: "gpiochip0/24",
+        meaning: "the line that RESETN is connected to (J3/J2 pin 11): the board is reset when the link is opened; not \
+                  given: it is taken as it is",
+    },
+    Key {
+        name: "cycle_us",
+        schemes: SPI,
+        syntax: Syntax::Number(250, 1_000_000),
+        default: Some("1000"),
+        example: "500",
+        meaning: "the cycle in OP until a SET_DC passes, in us: 250, 500, 1000 and so on; for a board that is in OP already",
+    },
+    Key {
+        name: "prefill",
+        schemes: SPI,
+        syntax: Syntax::Number(0, 120),
+        default: Some("0"),
+        example: "16",
+        meaning: "entries kept in the board's FIFO against gaps, so that the program may be late by so many cycles: the \
+                  first motion waits for them; 0: none",
     },
     Key {
         name: "serial",

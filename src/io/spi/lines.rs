@@ -1,0 +1,162 @@
+//! Lines of a GPIO chip.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use gpiocdev::line::{EdgeDetection, Value};
+use gpiocdev::{Chip, Request};
+
+use super::{WireError, there};
+
+/// Who the kernel says has a line.
+const CONSUMER: &str = "ecmsk";
+/// Edges taken from the kernel at a time.
+const EDGES: usize = 16;
+
+/// Where a line is: `gpiochip0/25`, `/dev/gpiochip0/25`, or with the line's name, `gpiochip0/BUSY`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LinePlace {
+    /// The chip's file.
+    pub chip: PathBuf,
+    /// The line's number or name.
+    pub line: String,
+}
+
+impl LinePlace {
+    /// Reads it; `None` if it has no two parts.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (chip, line) = text.rsplit_once('/')?;
+        let chip = if chip.starts_with('/') { PathBuf::from(chip) } else { PathBuf::from("/dev").join(chip) };
+        (!line.is_empty() && chip.file_name().is_some()).then(|| Self { chip, line: line.to_owned() })
+    }
+}
+
+impl std::fmt::Display for LinePlace {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "line {} of {}", self.line, self.chip.display())
+    }
+}
+
+/// The line that shows when the device is busy.
+pub(super) struct Input {
+    name: String,
+    request: Request,
+    /// Made once: what the crate's own call for one edge reads beyond it, it loses.
+    edges: Vec<u64>,
+}
+
+impl Input {
+    pub fn open(place: &LinePlace) -> Result<Self, WireError> {
+        let offset = find(place)?;
+        let request = Request::builder()
+            .on_chip(&place.chip)
+            .with_consumer(CONSUMER)
+            .with_line(offset)
+            .as_input()
+            .with_edge_detection(EdgeDetection::FallingEdge)
+            .request()
+            .map_err(|error| refused(place, &error))?;
+        let edges = vec![0; EDGES * request.edge_event_u64_size()];
+        Ok(Self { name: place.to_string(), request, edges })
+    }
+
+    pub fn is_high(&self) -> Result<bool, WireError> {
+        let value = self.request.lone_value().map_err(|error| self.failed(&error))?;
+        Ok(value == Value::Active)
+    }
+
+    /// An edge that comes between the look at the level and the wait ends the wait: the kernel keeps it. One from before
+    /// ends it too, so the level is looked at again, and after a wait that has timed out as well.
+    pub fn wait_low(&mut self, limit: Duration) -> Result<bool, WireError> {
+        let began = Instant::now();
+        loop {
+            if !self.is_high()? {
+                return Ok(true);
+            }
+            let left = limit.saturating_sub(began.elapsed());
+            if left.is_zero() {
+                return Ok(false);
+            }
+            if self.request.wait_edge_event(left).map_err(|error| self.failed(&error))? {
+                self.take_edges()?;
+            }
+        }
+    }
+
+    pub fn has_fallen(&mut self) -> Result<bool, WireError> {
+        let mut fallen = false;
+        while self.request.has_edge_event().map_err(|error| self.failed(&error))? {
+            self.take_edges()?;
+            fallen = true;
+        }
+        Ok(fallen)
+    }
+
+    fn take_edges(&mut self) -> Result<(), WireError> {
+        let taken = self.request.read_edge_events_into_slice(&mut self.edges);
+        taken.map(|_| ()).map_err(|error| self.failed(&error))
+    }
+
+    fn failed(&self, error: &gpiocdev::Error) -> WireError {
+        WireError::Refused { what: self.name.clone(), message: error.to_string() }
+    }
+}
+
+/// The line that resets the device, high but for a pulse.
+pub(super) struct Output {
+    name: String,
+    request: Request,
+}
+
+impl Output {
+    pub fn open(place: &LinePlace) -> Result<Self, WireError> {
+        let offset = find(place)?;
+        let request = Request::builder()
+            .on_chip(&place.chip)
+            .with_consumer(CONSUMER)
+            .with_line(offset)
+            .as_output(Value::Active)
+            .request()
+            .map_err(|error| refused(place, &error))?;
+        Ok(Self { name: place.to_string(), request })
+    }
+
+    pub fn pull_low(&self, time: Duration) -> Result<(), WireError> {
+        let set = |value| {
+            let done = self.request.set_lone_value(value);
+            done.map_err(|error| WireError::Refused { what: self.name.clone(), message: error.to_string() })
+        };
+        set(Value::Inactive)?;
+        std::thread::sleep(time);
+        set(Value::Active)
+    }
+}
+
+/// The line's number on its chip.
+fn find(place: &LinePlace) -> Result<u32, WireError> {
+    let chips = || there("gpiochip");
+    let file = std::fs::File::open(&place.chip);
+    file.map_err(|error| WireError::of(&place.chip.display().to_string(), &error, chips))?;
+    let chip = Chip::from_path(&place.chip).map_err(|error| refused(place, &error))?;
+    if let Ok(offset) = place.line.parse() {
+        let lines = chip.info().map_err(|error| refused(place, &error))?.num_lines;
+        if offset < lines {
+            return Ok(offset);
+        }
+        return Err(WireError::Missing { what: place.to_string(), there: format!("it has lines 0 to {}", lines - 1) });
+    }
+    let named = chip.find_line_info(&place.line).map(|info| info.offset);
+    named.ok_or_else(|| WireError::Missing {
+        what: place.to_string(),
+        there: "none of its lines has that name (`gpioinfo` lists them)".to_owned(),
+    })
+}
+
+fn refused(place: &LinePlace, error: &gpiocdev::Error) -> WireError {
+    let (what, message) = (place.to_string(), error.to_string());
+    let busy = std::io::Error::from(rustix::io::Errno::BUSY).to_string();
+    if message.contains(&busy) {
+        return WireError::InUse { what, by: " by another program or a driver".to_owned() };
+    }
+    WireError::Refused { what, message }
+}

@@ -1,0 +1,126 @@
+//! The first exchanges with a board, which show whether it is one and whether the wires are right.
+
+use std::time::{Duration, Instant};
+
+use super::judge::{Judge, Lie};
+use super::options::SpiOptions;
+use crate::io::spi::{WireError, Wires};
+use crate::link::LinkError;
+use crate::sk::{CommandId, Frame, MasterCommand, MasterResponse, MasterState, RawSlot};
+
+/// RESETN is low for longer than the 32 us that it takes (SK-10). \[OURS]
+const RESET_LOW: Duration = Duration::from_micros(100);
+/// Good answers in a row before the board counts as there. \[OURS]
+const GOOD: u32 = 2;
+/// Answers that are none, without one that is, before a wire counts as lying, unless the board may still start up. \[OURS]
+const BAD: u32 = 8;
+/// Answers without a CRC that have the form of one, and among them none to LIO_RD, before they count as none. \[OURS]
+const UNSURE: u32 = 12;
+/// Between two of the first exchanges: more than a cycle below OP, and than what is needed without BUSY. \[OURS]
+const BETWEEN: Duration = Duration::from_micros(1500);
+/// What the first frames carry in a place that no board answers: a wire that repeats them shows it. \[OURS]
+const MARK: u8 = 0x5A;
+
+/// Brings the wires to where exchanges can go on; says what the board answered last.
+pub(super) fn begin(
+    name: &str,
+    wires: &mut dyn Wires,
+    options: &SpiOptions,
+    judge: &mut Judge,
+) -> Result<MasterResponse, LinkError> {
+    let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
+    let began = Instant::now();
+    wires.reset(RESET_LOW).map_err(|error| refused(name, error))?;
+    let mut answer = Frame::new();
+    let (mut asked, mut good, mut bad, mut rises) = (0, 0, 0, false);
+    loop {
+        let left = options.open_limit.saturating_sub(began.elapsed());
+        if !wires.wait_ready(left).map_err(|error| refused(name, error))? {
+            return Err(no_board(busy_is_high(options.open_limit)));
+        }
+        let question = question(options, asked);
+        let length = options.slot.frame_len();
+        wires
+            .exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length])
+            .map_err(|error| refused(name, error))?;
+        asked += 1;
+        let lie = match judge.look(&answer) {
+            Ok(_) if answer.wire(options.slot) == question.wire(options.slot) => Some(Lie::Echo),
+            Ok(response) => {
+                (good, bad) = (good + 1, 0);
+                let sure = judge.fills_crc()
+                    || response.state.state() == Some(MasterState::Op)
+                    || response.id == CommandId::LocalRead.code();
+                if good >= GOOD && sure {
+                    if !wires.wait_ready(options.busy_limit).map_err(|error| refused(name, error))? {
+                        return Err(no_board(busy_is_high(options.busy_limit)));
+                    }
+                    rises |= wires.has_fallen().map_err(|error| refused(name, error))?;
+                    if wires.has_busy() && !rises {
+                        return Err(no_board(BUSY_IS_LOW.to_owned()));
+                    }
+                    return Ok(response);
+                }
+                (good >= UNSURE).then_some(Lie::Garbled)
+            }
+            Err(_) => Some(judge.explain()),
+        };
+        if let Some(lie) = lie {
+            bad += 1;
+            // Without BUSY zeros are what a board answers while it starts up.
+            let may_start = lie == Lie::Zeros && !wires.has_busy();
+            if (bad >= BAD && !may_start) || began.elapsed() >= options.open_limit {
+                return Err(no_board(lie.to_string()));
+            }
+        }
+        // Answers are one cycle old.
+        std::thread::sleep(BETWEEN);
+    }
+}
+
+/// GET_STATUS in every slot; at times LIO_RD for the board itself, so that answers differ: without a CRC only one that
+/// has its id shows that no bit has slipped.
+fn question(options: &SpiOptions, number: u32) -> Frame {
+    let mut frame = Frame::new();
+    if number >= GOOD && number / 2 % 2 == 1 {
+        frame.put_master(options.slot, &MasterCommand::LocalRead);
+    }
+    let slot = RawSlot { id: CommandId::GetStatus.code(), index: MARK, ..RawSlot::ZERO };
+    frame.put(options.slot, options.slot.sdo_slot(), &slot);
+    frame.fill_crc(options.slot);
+    frame
+}
+
+/// BUSY does not go low.
+pub(super) fn busy_is_high(limit: Duration) -> String {
+    format!(
+        "BUSY has been high for {limit:?}: the board starts up, finds no slave or hangs (switch it off and on), or busy= \
+         names another line than that of BUSY (J3/J2 pin 5)"
+    )
+}
+
+/// BUSY does not go high.
+pub(super) const BUSY_IS_LOW: &str = "BUSY does not go high in an exchange: busy= names another line than that of BUSY \
+                                      (J3/J2 pin 5), or it is not connected; correct it, or leave busy= out";
+
+/// A wire that cannot be used.
+pub(super) fn refused(name: &str, error: WireError) -> LinkError {
+    let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
+    match error {
+        WireError::Missing { .. } => no_board(format!(
+            "{error}; switch SPI on in the system (a device tree overlay, e.g. dtparam=spi=on), or correct the link"
+        )),
+        WireError::Denied { .. } => {
+            no_board(format!("{error}; add the user to the groups of the devices (spi, gpio), or be root"))
+        }
+        WireError::InUse { what, by } => LinkError::InUse {
+            name: name.to_owned(),
+            by: format!("{by} ({what})"),
+            instead: "share the board by `ecmsk serve tcp`",
+        },
+        WireError::Refused { what, message } => LinkError::Io {
+            what,
+            message: format!("{message}; look at speed= and mode=, and at bufsiz of the module spidev (512 at least)"),
+        },
+    }
+}

@@ -1,0 +1,128 @@
+//! What a URI `spi:` says, as types, and what cannot go together.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::io::spi::{LinePlace, Places};
+use crate::link::keys::{self, Scheme};
+use crate::link::uri::{LinkUri, UriError, slot_size};
+use crate::sk::{CycleTime, SlotSize};
+
+/// SK-10: without BUSY exchanges are never sooner after one another.
+pub(super) const PERIOD_WITHOUT_BUSY: Duration = Duration::from_micros(800);
+/// SK-10: without BUSY no cycle is shorter.
+const LEAST_CYCLE_WITHOUT_BUSY_US: u32 = 1000;
+/// SK-10: 24 MHz for 250 us, 6 MHz for 1 ms; between and beyond them in proportion \[OURS].
+const LEAST_CLOCKS_PER_CYCLE: u64 = 6000;
+/// How long a board may start up when it is opened. \[OURS]
+const OPEN_LIMIT: Duration = Duration::from_secs(3);
+/// How long BUSY may be high for one frame. \[OURS]
+const BUSY_LIMIT: Duration = Duration::from_secs(1);
+
+/// How the wires are used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SpiOptions {
+    /// Slot size: an exchange has 504 or 512 bytes.
+    pub slot: SlotSize,
+    /// Clock, Hz.
+    pub speed_hz: u32,
+    /// The cycle in OP before a SET_DC passes.
+    pub cycle: CycleTime,
+    /// Entries kept in the board's FIFO: 0..=120.
+    pub prefill: u16,
+    /// How long a board may start up when it is opened.
+    pub open_limit: Duration,
+    /// How long BUSY may be high for one frame.
+    pub busy_limit: Duration,
+}
+
+impl Default for SpiOptions {
+    fn default() -> Self {
+        Self {
+            slot: SlotSize::default(),
+            speed_hz: 24_000_000,
+            cycle: CycleTime::DEFAULT,
+            prefill: 0,
+            open_limit: OPEN_LIMIT,
+            busy_limit: BUSY_LIMIT,
+        }
+    }
+}
+
+impl SpiOptions {
+    /// The options of that link and where its wires are, defaults filled in.
+    ///
+    /// # Errors
+    /// [`UriError::OtherScheme`] if it is no `spi:` link; [`UriError::BadPath`] without a device;
+    /// [`UriError::BadValue`] for a cycle that there is not, or not with these wires.
+    pub fn from_uri(uri: &LinkUri) -> Result<(Self, Places), UriError> {
+        if uri.scheme() != Scheme::Spi {
+            return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Spi });
+        }
+        if !uri.path().starts_with('/') || uri.path().contains('\0') {
+            return Err(UriError::BadPath {
+                scheme: Scheme::Spi,
+                path: uri.path().to_owned(),
+                allowed: "spi:/dev/spidevB.C, e.g. spi:/dev/spidev0.0",
+            });
+        }
+        let hertz = |value: &str| keys::hertz(value)?.try_into().ok();
+        let places = Places {
+            device: PathBuf::from(uri.path()),
+            speed_hz: uri.required("speed", hertz)?,
+            mode: uri.required("mode", |value| value.parse().ok())?,
+            busy: uri.typed("busy", LinePlace::parse)?,
+            reset: uri.typed("reset", LinePlace::parse)?,
+        };
+        let options = Self {
+            slot: uri.required("slot", slot_size)?,
+            speed_hz: places.speed_hz,
+            cycle: uri
+                .required("cycle_us", |value| Some(value.parse().ok().and_then(CycleTime::from_us)))?
+                .ok_or_else(|| {
+                    bad_cycle(
+                        uri,
+                        "a cycle is 250 us, 500 us, 1000 us and so on up to 1 s; allowed: 250 * 2^n".to_owned(),
+                    )
+                })?,
+            prefill: uri.required("prefill", |value| value.parse().ok())?,
+            ..Self::default()
+        };
+        match options.refuses(options.cycle, places.busy.is_some()) {
+            Some(why) if options.cycle != CycleTime::DEFAULT => Err(bad_cycle(uri, why)),
+            // Below OP the default cycle needs nothing.
+            _ => Ok((options, places)),
+        }
+    }
+
+    /// Why OP with that cycle does not work over these wires, and what to do.
+    pub(super) fn refuses(&self, cycle: CycleTime, busy: bool) -> Option<String> {
+        if !busy && cycle.us() < LEAST_CYCLE_WITHOUT_BUSY_US {
+            return Some(format!(
+                "without BUSY a cycle has {LEAST_CYCLE_WITHOUT_BUSY_US} us at least, this one has {}; connect BUSY \
+                 (J3/J2 pin 5) and name its line with busy=",
+                cycle.us()
+            ));
+        }
+        let least = LEAST_CLOCKS_PER_CYCLE * 1_000_000 / u64::from(cycle.us());
+        (u64::from(self.speed_hz) < least).then(|| {
+            format!(
+                "a cycle of {} us needs a clock of {least} Hz at least, this one has {}; set speed={least}, or a longer \
+                 cycle with SET_DC",
+                cycle.us(),
+                self.speed_hz
+            )
+        })
+    }
+
+    /// How long a frame is on the wires.
+    pub(super) fn on_the_wires(&self) -> Duration {
+        let bits = self.slot.frame_len() as u64 * 8;
+        Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.speed_hz.max(1)))
+    }
+}
+
+fn bad_cycle(uri: &LinkUri, why: String) -> UriError {
+    let value = uri.value("cycle_us").unwrap_or_default().to_owned();
+    UriError::BadValue { key: "cycle_us".to_owned(), value, why }
+}

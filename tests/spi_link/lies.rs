@@ -1,0 +1,189 @@
+//! Wires that lie are named.
+
+use std::time::Duration;
+
+use ecmsk::link::{Link, LinkError, Wait};
+use ecmsk::sk::{Frame, MasterState};
+
+use super::frames::{axes, state, to};
+use super::wires::{Busy, Held};
+
+const BOARD: &str = "sim:?queue=1&slaves=drive*3";
+const LINK: &str = "spi:/dev/spidev0.0";
+
+#[track_caller]
+fn refused(held: &Held, uri: &str) -> String {
+    match held.open(uri).err().expect("it does not open") {
+        LinkError::NoBoard { name, reason } => {
+            assert_eq!(name, "spi:test");
+            reason
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[track_caller]
+fn says(reason: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(reason.contains(part), "{reason}: no {part}");
+    }
+}
+
+/// Moves the bits of an answer.
+fn shift(bits: usize, late: bool) -> impl FnMut(&[u8], &mut [u8]) + Send + 'static {
+    move |_, answer| {
+        let before: Vec<bool> =
+            answer.iter().flat_map(|byte| (0..8).rev().map(move |bit| byte >> bit & 1 == 1)).collect();
+        let at = |index: usize| {
+            let from = if late { index.checked_sub(bits) } else { Some(index + bits) };
+            from.and_then(|from| before.get(from)).copied().unwrap_or(false)
+        };
+        for (number, byte) in answer.iter_mut().enumerate() {
+            *byte = (0..8).fold(0, |byte, bit| byte << 1 | u8::from(at(number * 8 + bit)));
+        }
+    }
+}
+
+/// WIRE-47 MISO that never changes.
+#[test]
+fn miso_stuck() {
+    let held = Held::board(BOARD).tamper(|_, answer| answer.fill(0xFF));
+    says(&refused(&held, LINK), &["all ones", "MISO (J3/J2 pin 9)", "power"]);
+    for busy in [Busy::True, Busy::None] {
+        let held = Held::board(BOARD).busy(busy).tamper(|_, answer| answer.fill(0));
+        says(&refused(&held, LINK), &["all zeros", "CONFIG0", "SCLK (pin 8)"]);
+    }
+}
+
+/// WIRE-47 MISO joined to MOSI.
+#[test]
+fn miso_is_mosi() {
+    let held = Held::board(BOARD).tamper(|question, answer| answer.copy_from_slice(question));
+    says(&refused(&held, LINK), &["MISO repeats what MOSI says", "connect each to its own pin"]);
+}
+
+/// WIRE-47 Answers that come too late or too early, with a board that fills the CRC.
+#[test]
+fn answers_that_have_slipped() {
+    for bits in [1, 2, 7] {
+        let held = Held::board(BOARD).tamper(shift(bits, true));
+        says(&refused(&held, LINK), &[&format!("{bits} bit(s) too late"), "mode=1", "speed="]);
+        let held = Held::board(BOARD).tamper(shift(bits, false));
+        says(&refused(&held, LINK), &[&format!("{bits} bit(s) too early"), "mode=1", "speed="]);
+    }
+    for bytes in [1, 3] {
+        let held = Held::board(BOARD).tamper(shift(8 * bytes, true));
+        says(&refused(&held, LINK), &[&format!("{bytes} byte(s) too late"), "chip select"]);
+    }
+    let held = Held::board(BOARD).tamper(shift(8, false));
+    says(&refused(&held, LINK), &["1 byte(s) too early", "chip select"]);
+}
+
+/// WIRE-47 Noise.
+#[test]
+fn garbled_answers() {
+    let mut noise = 1_u32;
+    let held = Held::board(BOARD).tamper(move |_, answer| {
+        for byte in answer {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *byte = (noise >> 24) as u8;
+        }
+    });
+    says(&refused(&held, LINK), &["neither a right CRC nor the form of a frame", "slower speed=", "slot= and mode="]);
+}
+
+/// WIRE-47, SK-10.13 A slot size that is not the board's is found out, and the right one proposed, both ways round.
+#[test]
+fn the_other_slot_size() {
+    let held = Held::board("sim:?queue=1&slot=16");
+    says(&refused(&held, LINK), &["slots of 16 bytes, not of 12", "CONFIG2", "set slot=16"]);
+    let held = Held::board(BOARD);
+    says(&refused(&held, "spi:/dev/spidev0.0?slot=16"), &["slots of 12 bytes, not of 16", "CONFIG2", "set slot=12"]);
+    assert!(held.open(LINK).is_ok());
+}
+
+/// WIRE-47 The same without a CRC in the answers: the form tells.
+#[test]
+fn without_a_crc_the_form_tells() {
+    fn no_crc(answer: &mut [u8]) {
+        answer[3] = 0;
+    }
+    let held = Held::board(BOARD).tamper(|_, answer| no_crc(answer));
+    let link = held.open(LINK).expect("a board that fills no CRC");
+    let mut report = Frame::new();
+    link.read(&mut report, Wait::For(Duration::from_secs(10))).unwrap();
+    assert_eq!((state(&report), report.crc_byte()), (Some(MasterState::PreOp), 0));
+    drop(link);
+    let mut slipped = shift(1, true);
+    let held = Held::board(BOARD).tamper(move |question, answer| {
+        no_crc(answer);
+        slipped(question, answer);
+    });
+    says(&refused(&held, LINK), &["1 bit(s) too late"]);
+}
+
+/// WIRE-48, SK-10.4 BUSY that never falls or never rises, when the link is opened.
+#[test]
+fn busy_stuck() {
+    let held = Held::board(BOARD).busy(Busy::High);
+    says(&refused(&held, LINK), &["BUSY has been high", "busy=", "J3/J2 pin 5", "switch it off and on"]);
+    assert!(held.with(|state| state.exchanges.is_empty()), "nothing begins while it is high");
+    let held = Held::board(BOARD).busy(Busy::Low);
+    says(&refused(&held, LINK), &["BUSY does not go high", "busy=", "leave busy= out"]);
+}
+
+/// WIRE-47, WIRE-48 A wire that comes off later ends every call with the same words; answers that are none are not handed
+/// on, and a few of them end nothing.
+#[test]
+fn wires_that_come_off() {
+    type Break = fn(&Held);
+    let breaks: [(Break, &str); 5] = [
+        (|held| held.with(|state| state.busy = Busy::High), "BUSY has been high"),
+        (|held| held.with(|state| state.busy = Busy::Low), "BUSY does not go high"),
+        (|held| held.with(|state| state.tamper = Some(Box::new(|_, answer| answer.fill(0xFF)))), "all ones"),
+        (|held| held.with(|state| state.tamper = Some(Box::new(|_, answer| answer.fill(0)))), "all zeros"),
+        (|held| held.with(|state| state.fails = true), "no such device"),
+    ];
+    for (come_off, words) in breaks {
+        let held = Held::board(BOARD);
+        let link = held.open(LINK).unwrap();
+        let mut report = Frame::new();
+        link.read(&mut report, Wait::For(Duration::from_secs(10))).unwrap();
+        come_off(&held);
+        let lost = loop {
+            match link.read(&mut report, Wait::For(Duration::from_secs(20))) {
+                Ok(_) => assert_eq!(state(&report), Some(MasterState::PreOp), "what is no answer is not handed on"),
+                Err(error) => break error,
+            }
+        };
+        assert!(matches!(&lost, LinkError::Lost { reason, .. } if reason.contains(words)), "{words}: {lost:?}");
+        assert_eq!(link.check(), Err(lost.clone()));
+        assert_eq!(link.write(&Frame::new(), Wait::Forever), Err(lost));
+    }
+}
+
+/// WIRE-47 A bad answer now and then is left out and counted; its number is missing.
+#[test]
+fn a_bad_answer_now_and_then() {
+    let held = Held::board(BOARD);
+    let link = held.open(LINK).unwrap();
+    let mut number = 0;
+    held.clone().tamper(move |_, answer| {
+        number += 1;
+        if number % 5 == 0 {
+            answer[100] ^= 0x10;
+        }
+    });
+    axes().chain([to(MasterState::Op)]).for_each(|frame| assert!(link.write(&frame, Wait::Forever).is_ok()));
+    let mut report = Frame::new();
+    let mut last = None;
+    while state(&report) != Some(MasterState::Op) {
+        let meta = link.read(&mut report, Wait::For(Duration::from_secs(20))).unwrap();
+        assert!(last.is_none_or(|last| meta.sequence > last));
+        last = Some(meta.sequence);
+        assert_eq!(report.bytes()[100], 0);
+    }
+    let garbled = link.spi_stats().garbled;
+    assert!(garbled > 0);
+    assert!(last.unwrap() + 1 >= link.stats().read + garbled - 2);
+}

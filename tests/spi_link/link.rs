@@ -1,0 +1,371 @@
+//! The link over wires that a test holds, on the real clock.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::ecm::{Config, Ecm, Options};
+use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
+use ecmsk::sk::{CommandId, CrcPolicy, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
+
+use super::frames::{SIZE, all, all_on, axes, board, cycle, drive, master, state, target, to};
+use super::wires::{Busy, Held};
+
+const LINK: &str = "spi:/dev/spidev0.0";
+/// Longer than anything takes.
+const PATIENCE: Wait = Wait::For(Duration::from_secs(60));
+
+#[track_caller]
+fn until(link: &dyn Link, mut done: impl FnMut(&Frame) -> bool) -> Frame {
+    let mut report = Frame::new();
+    for _ in 0..200_000 {
+        link.read(&mut report, PATIENCE).unwrap();
+        if done(&report) {
+            return report;
+        }
+    }
+    panic!("it does not come: {report:?}");
+}
+
+fn write(link: &dyn Link, frame: &Frame) {
+    link.write(frame, PATIENCE).unwrap();
+}
+
+/// In OP, all axes on.
+#[track_caller]
+fn on(link: &dyn Link, slaves: usize) {
+    axes().chain([cycle(1000), to(MasterState::Op)]).for_each(|frame| write(link, &frame));
+    until(link, |report| state(report) == Some(MasterState::Op));
+    write(link, &all(slaves, CommandId::ServoOn, 0, 0));
+    until(link, |report| all_on(report, slaves) && master(report).fifo_free == 160);
+}
+
+/// WIRE-42, WIRE-44, SK-10.3, SK-10.4 The examples' loop over a link with BUSY and over one without: every frame that was
+/// written went out once and in order, untouched, and every entry was executed; a report a cycle, each with a right CRC.
+#[test]
+fn the_examples_loop() {
+    for busy in [Busy::True, Busy::None] {
+        let sim = link::open("sim:?queue=1&slaves=drive*3", Share::ByName).unwrap();
+        let held = Held::over(sim.clone()).busy(busy);
+        let link = held.open(LINK).unwrap();
+        on(&link, 3);
+        let mut n = 0;
+        while n < 300 {
+            let _ = (write(&link, &target(3, n)), write(&link, &target(3, n + 1)));
+            n += 2;
+            until(&link, |report| {
+                assert_eq!(report.check_crc(SIZE, CrcPolicy::Strict), Ok(()));
+                master(report).fifo_free >= 150
+            });
+        }
+        until(&link, |report| master(report).fifo_free == 160);
+        link.close();
+        let csp = CommandId::Csp.code();
+        let went: Vec<Frame> = held.with(|state| {
+            let frames = state.exchanges.iter().map(|(_, frame)| frame.clone());
+            frames.filter(|frame| frame.slot(SIZE, 1).id == csp).collect()
+        });
+        assert_eq!(went, (0..300).map(|n| target(3, n)).collect::<Vec<_>>(), "{busy:?}");
+        let counters = sim.stats().board.unwrap();
+        assert_eq!((counters.full, counters.rejected_total(), counters.crc), (0, 0, 0), "{busy:?}");
+        if busy == Busy::None {
+            let begins: Vec<_> = held.with(|state| state.exchanges.iter().map(|(at, _)| *at).collect());
+            let least = begins.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap();
+            // On the wires an exchange begins when the test's does.
+            assert!(least >= Duration::from_micros(800 - 168), "SK-10.6: {least:?}");
+        }
+        assert_eq!(link.spi_stats().unsent, 0);
+    }
+}
+
+/// WIRE-42 The native API streams over it, with a prefill and without.
+#[test]
+fn the_native_api_streams() {
+    for keys in ["", "?prefill=8"] {
+        let sim = link::open("sim:?queue=1&slaves=drive*2", Share::ByName).unwrap();
+        let link = Arc::new(Held::over(sim.clone()).open(&format!("{LINK}{keys}")).unwrap());
+        let ecm = Ecm::over(link, Options::default()).unwrap();
+        // What closing takes is bounded, and this machine may be slow.
+        ecm.configure(&Config { cycle_us: 8000, ..Config::drives(2) }).unwrap();
+        ecm.set_state(MasterState::Op).unwrap();
+        ecm.servo_on(&[1, 2]).unwrap();
+        let start = ecm.snapshot().unwrap().position(1).unwrap();
+        let mut stream = ecm.stream(20).unwrap();
+        for n in 0..150 {
+            stream.csp(1, start + n * 10).unwrap();
+            stream.csp(2, start - n * 10).unwrap();
+            stream.step().unwrap();
+        }
+        let stats = stream.finish().unwrap();
+        assert_eq!((stats.frames, stats.losses), (150, 0), "{keys}");
+        drop(ecm);
+        let counters = sim.stats().board.unwrap();
+        assert_eq!((counters.full, counters.rejected_total()), (0, 0), "{keys}");
+    }
+}
+
+/// WIRE-42 Frames of the host go out untouched, those of the link's own with a right CRC: a board that checks takes both.
+/// SK-1.16 The switch of SET_EX holds after the next boot.
+#[test]
+fn a_board_that_checks_crcs_takes_the_links_own_frames() {
+    let opened = || link::open("sim:?queue=1&slaves=drive&name=checks", Share::ByName);
+    let held = Held::over(opened().unwrap());
+    let link = held.open(LINK).unwrap();
+    write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));
+    write(&link, &board(&MasterCommand::SoftReset));
+    drop(link);
+    held.with(|state| state.face.reset());
+    let link = come_back(&held, opened);
+    let errors = until(&link, |_| true).slot(SIZE, 0).index;
+    let mut wrong = board(&MasterCommand::GetStatus);
+    wrong.bytes_mut()[3] ^= 0xFF;
+    write(&link, &wrong);
+    until(&link, |report| report.slot(SIZE, 0).index == errors + 1);
+    for _ in 0..30 {
+        until(&link, |report| {
+            assert_eq!(report.slot(SIZE, 0).index, errors + 1, "the host's frame alone was wrong");
+            true
+        });
+    }
+}
+
+/// The board of the wires boots and is opened again.
+#[track_caller]
+fn come_back(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) -> ecmsk::link::spi::SpiLink {
+    held.with(|state| state.face.close());
+    let again = (0..3000).find_map(|_| {
+        thread::sleep(Duration::from_millis(10));
+        open().ok()
+    });
+    held.with(|state| state.face.replace(again.expect("it starts up")));
+    held.open(LINK).unwrap()
+}
+
+/// WIRE-49, SK-4.33 SW_RESET takes the board away, as on USB; it can be opened again when it has started up.
+#[test]
+fn sw_reset_takes_the_board_away() {
+    let opened = || link::open("sim:?queue=1&slaves=drive&name=resets", Share::ByName);
+    let held = Held::over(opened().unwrap());
+    let link = held.open(LINK).unwrap();
+    on(&link, 1);
+    write(&link, &board(&MasterCommand::SoftReset));
+    let mut report = Frame::new();
+    let lost = loop {
+        if let Err(error) = link.read(&mut report, PATIENCE) {
+            break error;
+        }
+    };
+    assert!(matches!(&lost, LinkError::Lost { reason, .. } if reason.contains("SW_RESET")), "{lost:?}");
+    assert_eq!(link.write(&report, PATIENCE), Err(lost));
+    drop(link);
+    held.with(|state| state.face.reset());
+    assert!(held.open(LINK).err().unwrap().to_string().contains("BUSY has been high"));
+    let link = come_back(&held, opened);
+    until(&link, |report| state(report) == Some(MasterState::PreOp));
+}
+
+/// WIRE-50 What was written goes out before the link is closed, however much it is; what a program wrote with a prefill that
+/// was never reached is executed all the same.
+#[test]
+fn closing_sends_what_was_written() {
+    for keys in ["", "?prefill=100"] {
+        let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
+        let held = Held::over(sim.clone());
+        let link = held.open(&format!("{LINK}{keys}")).unwrap();
+        on(&link, 1);
+        (0..60).for_each(|n| write(&link, &target(1, n)));
+        link.close();
+        assert_eq!((link.spi_stats().unsent, link.spi_stats().held), (0, 0), "{keys}");
+        let mut report = Frame::new();
+        let executed = (0..5000).any(|_| {
+            sim.read(&mut report, PATIENCE).unwrap();
+            drive(&report, 1).position.abs_diff(590) <= 3
+        });
+        assert!(executed, "{keys}: {:?}", drive(&report, 1));
+        assert_eq!(link.write(&report, Wait::Forever), Err(LinkError::Closed));
+        assert_eq!(link.read(&mut report, Wait::Forever), Err(LinkError::Closed));
+        link.close();
+    }
+}
+
+/// Wires that are held until it is dropped.
+struct Hold(Arc<AtomicBool>);
+
+impl Drop for Hold {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+}
+
+/// WIRE-50 Waits end at once by closing and by cancelling, and by their limit; the frame of a read is left alone.
+#[test]
+fn waits_end() {
+    let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
+    let held = Held::over(sim);
+    let link = Arc::new(held.open(LINK).unwrap());
+    // From here on no exchange ends: the wires are held.
+    let hold = Hold(Arc::new(AtomicBool::new(true)));
+    let (holds, is_held) = (hold.0.clone(), Arc::new(AtomicBool::new(false)));
+    let held_now = is_held.clone();
+    let _ = held.clone().tamper(move |_, _| {
+        held_now.store(true, Ordering::Relaxed);
+        while holds.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(1));
+        }
+    });
+    while !is_held.load(Ordering::Relaxed) {
+        thread::sleep(Duration::from_millis(1));
+    }
+    let frame = board(&MasterCommand::GetStatus);
+    while link.write(&frame, Wait::Now).is_ok() {}
+    let full = link.write(&frame, Wait::For(Duration::from_millis(5))).unwrap_err();
+    assert!(matches!(full, LinkError::Timeout { dir: Dir::Write, .. }), "{full:?}");
+    let mut report = Frame::from_bytes([0xA5; 512]);
+    while link.read(&mut report, Wait::Now).is_ok() {}
+    let before = report.clone();
+    let none = link.read(&mut report, Wait::For(Duration::from_millis(5))).unwrap_err();
+    assert!(matches!(none, LinkError::Timeout { dir: Dir::Read, .. }), "{none:?}");
+    assert_eq!(report, before);
+
+    for dir in [Dir::Read, Dir::Write] {
+        let waiting = Arc::new(AtomicBool::new(true));
+        let waiter = thread::spawn({
+            let (link, waiting) = (link.clone(), waiting.clone());
+            move || {
+                let mut report = Frame::new();
+                let ended = match dir {
+                    Dir::Read => link.read(&mut report, Wait::Forever).map(|_| ()),
+                    Dir::Write => link.write(&report, Wait::Forever).map(|_| ()),
+                };
+                waiting.store(false, Ordering::Relaxed);
+                ended
+            }
+        });
+        // It may not wait yet.
+        while waiting.load(Ordering::Relaxed) {
+            link.cancel(dir);
+            thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!(waiter.join().unwrap(), Err(LinkError::Cancelled { dir }));
+    }
+
+    let reader = thread::spawn({
+        let link = link.clone();
+        move || link.read(&mut Frame::new(), Wait::Forever).map(|_| ())
+    });
+    let closer = thread::spawn({
+        let link = link.clone();
+        move || link.close()
+    });
+    assert_eq!(reader.join().unwrap(), Err(LinkError::Closed), "though the wires are held");
+    drop(hold);
+    closer.join().unwrap();
+}
+
+/// WIRE-51 The newest `queue=` reports are kept, the others counted; each has a number and a time.
+#[test]
+fn the_newest_reports_are_kept() {
+    let held = Held::board("sim:?queue=1&slaves=drive");
+    let link = held.open("spi:/dev/spidev0.0?queue=4").unwrap();
+    let mut report = Frame::new();
+    while link.stats().reports_dropped < 20 {
+        thread::sleep(Duration::from_millis(1));
+    }
+    let mut last = None;
+    let mut numbers = Vec::new();
+    for _ in 0..12 {
+        let meta = link.read(&mut report, PATIENCE).unwrap();
+        assert_eq!(meta.sequence - numbers.len() as u64, meta.dropped, "what is missing was dropped");
+        assert!(last.is_none_or(|last| meta.at > last));
+        last = Some(meta.at);
+        numbers.push(meta.sequence);
+    }
+    assert!(numbers[0] >= 20, "{numbers:?}");
+    assert_eq!(link.stats().read, 12);
+}
+
+/// WIRE-44 SET_FIFO clear and leaving OP act at once, ahead of the frames that the link still holds: they are dropped with
+/// those in the board, and counted.
+#[test]
+fn a_clear_overtakes_what_is_held() {
+    let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
+    let held = Held::over(sim.clone());
+    let link = held.open(LINK).unwrap();
+    on(&link, 1);
+    for last in [board(&MasterCommand::SetFifo(FifoAction::Clear)), to(MasterState::PreOp)] {
+        let before = link.spi_stats().cleared;
+        (0..100).for_each(|n| write(&link, &target(1, n)));
+        write(&link, &last);
+        assert!(link.spi_stats().cleared > before + 50, "{:?}", link.spi_stats());
+    }
+    until(&link, |report| state(report) == Some(MasterState::PreOp));
+}
+
+/// WIRE-41, SK-10.6, SK-10.7 A cycle that the wires are too slow for is refused before its frame is sent.
+#[test]
+fn cycles_that_the_wires_are_too_slow_for() {
+    let held = Held::board("sim:?queue=1&slaves=drive").busy(Busy::None);
+    let link = held.open(LINK).unwrap();
+    for us in [250, 500] {
+        let said = link.write(&cycle(us), PATIENCE).unwrap_err().to_string();
+        assert!(said.contains("without BUSY") && said.contains("busy="), "{said}");
+    }
+    link.write(&cycle(1000), PATIENCE).unwrap();
+    drop(link);
+    let held = held.busy(Busy::True);
+    let link = held.open("spi:/dev/spidev0.0?speed=6M&busy=gpiochip0/25").unwrap();
+    let said = link.write(&cycle(500), PATIENCE).unwrap_err().to_string();
+    assert!(said.contains("12000000 Hz at least") && said.contains("speed="), "{said}");
+    link.write(&cycle(1000), PATIENCE).unwrap();
+    assert_eq!(link.stats().write_errors, 1);
+    drop(link);
+    let link = held.open("spi:/dev/spidev0.0?speed=5M&busy=gpiochip0/25").unwrap();
+    let said = link.write(&to(MasterState::Op), PATIENCE).unwrap_err().to_string();
+    assert!(said.contains("6000000 Hz at least"), "{said}");
+    link.write(&to(MasterState::SafeOp), PATIENCE).unwrap();
+}
+
+/// SK-10.9, WIRE-49 With a line for RESETN the board is reset when the link is opened: low for more than 32 us.
+#[test]
+fn the_board_is_reset_when_it_is_opened() {
+    let held = Held::board("sim:?queue=1&slaves=drive");
+    let link = held.open(LINK).unwrap();
+    assert!(held.with(|state| state.resets.clone()).iter().all(|low| *low > Duration::from_micros(32)));
+    assert_eq!(held.with(|state| state.resets.len()), 1);
+    drop(link);
+}
+
+/// SK-10.13 The other slot size: exchanges of 512 bytes.
+#[test]
+fn slots_of_16_bytes() {
+    let held = Held::board("sim:?queue=1&slaves=drive&slot=16");
+    let link = held.open("spi:/dev/spidev0.0?slot=16").unwrap();
+    let mut report = Frame::new();
+    link.read(&mut report, PATIENCE).unwrap();
+    assert_eq!(link.info().slot, Some(SlotSize::Bytes16));
+    assert_eq!(report.check_crc(SlotSize::Bytes16, CrcPolicy::Strict), Ok(()));
+}
+
+/// WIRE-51 Reader and writer are two threads, and neither waits for the other; neither allocates.
+#[test]
+fn two_threads_and_no_allocation() {
+    let held = Held::board("sim:?queue=1&slaves=drive");
+    let link = Arc::new(held.open(LINK).unwrap());
+    on(&*link, 1);
+    let writer = thread::spawn({
+        let link = link.clone();
+        move || {
+            let frames: Vec<Frame> = (0..200).map(|n| target(1, n)).collect();
+            let used = allocation_counter::measure(|| frames.iter().for_each(|frame| write(&*link, frame)));
+            used.count_total
+        }
+    });
+    let mut report = Frame::new();
+    let read = allocation_counter::measure(|| {
+        while drive(&report, 1).position.abs_diff(1990) > 3 {
+            link.read(&mut report, PATIENCE).unwrap();
+        }
+    });
+    assert_eq!((writer.join().unwrap(), read.count_total), (0, 0));
+}

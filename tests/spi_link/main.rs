@@ -1,0 +1,15 @@
+//! The link `spi:` without a kernel: its pacer in virtual time against the modelled board, the link over wires that a
+//! test holds, and the board's side of the wires.
+#![cfg(all(target_os = "linux", feature = "spi", feature = "serve", feature = "sim"))]
+
+mod bench;
+mod drift;
+mod face;
+mod frames;
+mod lies;
+mod link;
+mod motion;
+mod open;
+mod period;
+mod prefill;
+mod wires;

@@ -1,0 +1,85 @@
+//! Opening by URI: what is wrong is named, with the next step.
+
+use ecmsk::link::uri::{LinkUri, UriError};
+use ecmsk::link::{self, LinkError, Share};
+
+#[track_caller]
+fn fails(uri: &str, parts: &[&str]) -> LinkError {
+    let error = link::open(uri, Share::ByName).err().expect("it does not open");
+    for part in parts {
+        assert!(error.to_string().contains(part), "{uri}: {error}: no {part}");
+    }
+    error
+}
+
+/// WIRE-40, SK-10.1, SK-10.2 Defaults and normal forms of the keys.
+#[test]
+fn keys_and_their_defaults() {
+    let normal = |text: &str| LinkUri::parse(text).unwrap().to_string();
+    for (text, expected) in [
+        ("spi:/dev/spidev0.0?speed=24M&mode=0&slot=12&cycle_us=1000&prefill=0", "spi:/dev/spidev0.0"),
+        ("spi:/dev/spidev0.0?speed=24000000", "spi:/dev/spidev0.0"),
+        ("spi:/dev/spidev0.0?speed=8000k", "spi:/dev/spidev0.0?speed=8M"),
+        ("spi:/dev/spidev0.0?speed=1500k", "spi:/dev/spidev0.0?speed=1500k"),
+        (
+            "spi:/dev/spidev0.0?reset=gpiochip0/24&busy=/dev/gpiochip0/BUSY",
+            "spi:/dev/spidev0.0?busy=/dev/gpiochip0/BUSY&reset=gpiochip0/24",
+        ),
+    ] {
+        assert_eq!(normal(text), expected);
+        assert_eq!(normal(expected), expected);
+    }
+    for (key, bad) in [
+        ("speed", "25M"),
+        ("speed", "99999"),
+        ("speed", "1.5M"),
+        ("speed", "M"),
+        ("speed", "8m"),
+        ("speed", "99999999999999999999M"),
+        ("mode", "4"),
+        ("busy", "25"),
+        ("busy", "gpiochip0/"),
+        ("busy", "/25"),
+        ("reset", "//"),
+        ("prefill", "121"),
+        ("cycle_us", "100"),
+    ] {
+        let error = LinkUri::parse(&format!("spi:/dev/spidev0.0?{key}={bad}")).unwrap_err();
+        assert!(matches!(&error, UriError::BadValue { key: named, .. } if named == key), "{key}={bad}: {error}");
+        assert!(error.to_string().contains("allowed: "), "{error}");
+    }
+    fails("spi:/dev/spidev0.0?bussy=gpiochip0/25", &["`bussy`", "did you mean `busy`?"]);
+    fails("spi:/dev/spidev0.0?slaves=drive", &["`slaves`", "speed", "prefill"]);
+}
+
+/// WIRE-41 What cannot go together is refused before anything is opened.
+#[test]
+fn what_cannot_go_together() {
+    fails("spi:", &["as its place", "spi:/dev/spidev0.0"]);
+    fails("spi:spidev0.0", &["as its place", "spi:/dev/spidev0.0"]);
+    fails("spi:/dev/spidev0.0?cycle_us=750", &["`cycle_us`", "250 * 2^n"]);
+    fails("spi:/dev/spidev0.0?cycle_us=500", &["`cycle_us`", "without BUSY", "busy="]);
+    fails(
+        "spi:/dev/spidev0.0?cycle_us=250&speed=8M&busy=gpiochip0/1",
+        &["`cycle_us`", "24000000 Hz at least", "speed="],
+    );
+}
+
+/// WIRE-52 A device that is not there, and one that is another, are named.
+#[test]
+fn devices_that_are_none() {
+    let missing =
+        fails("spi:/dev/spidev999.7", &["/dev/spidev999.7 is not there", "switch SPI on", "correct the link"]);
+    assert!(matches!(missing, LinkError::NoBoard { .. }), "{missing:?}");
+    // No spidev: the first call on it is refused.
+    fails("spi:/dev/null", &["/dev/null", "os error 25"]);
+}
+
+/// WIRE-52 Who has the device open is told to a second one.
+#[test]
+fn a_device_that_is_in_use() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
+    let error = fails(&format!("spi:{}", file.path().display()), &["in use", "ecmsk serve tcp"]);
+    assert!(matches!(error, LinkError::InUse { .. }), "{error:?}");
+}

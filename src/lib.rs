@@ -13,7 +13,7 @@ pub mod ecm;
 pub mod engine;
 #[cfg(feature = "std")]
 pub mod fieldbus;
-#[cfg(feature = "usb")]
+#[cfg(all(feature = "usb", unix))]
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;

@@ -7,6 +7,8 @@ mod frames;
 mod here;
 mod hidraw;
 mod program;
+mod rogue;
 mod served;
 mod shown;
+mod trouble;
 mod usb;

@@ -12,7 +12,7 @@ use ecmsk::link::record::Recording;
 use ecmsk::sk::Frame;
 
 /// Where the guest has what is tested.
-const TOOL: &str = "/rig/ecmsk";
+pub const TOOL: &str = "/rig/ecmsk";
 const USBIP: &str = "/rig/usbip";
 
 /// What the server says of comings and goings, shown if a test fails.

@@ -75,7 +75,7 @@ fn a_stall_of_the_board_ends_every_read() {
     let Err(PipeError::Lost(why)) = in_time(|| reader.join().unwrap()) else { panic!("it is lost") };
     assert!(why.contains("stalls") && why.contains("switch it off and on"), "{why}");
     assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(why)));
-    assert_eq!(world.halts_cleared(), []);
+    assert!(world.halts_cleared().is_empty());
     pipe.close();
     assert_eq!(world.halts_cleared(), [SHAPE.input]);
     drop(pipe);

@@ -58,8 +58,8 @@ fn an_unchanged_program_moves_two_axes() {
     assert!(lost(&through_kernel) && lost(&at_home), "{through_kernel:?}");
 }
 
-/// WIRE-89, WIRE-18, SK-9.7, LIB-56 The same program with this library on a board on USB: what it sends arrives whole,
-/// none lost or doubled, and is what it sends to a board in its own process. Endpoint 0 is not used for it.
+/// WIRE-89, WIRE-18, SK-9.7 The same program with this library on a board on USB: what it sends arrives whole, none lost or
+/// doubled, and is what it sends to a board in its own process.
 #[test]
 fn an_unchanged_program_moves_two_axes_over_usb() {
     let served = Served::start(&["sim:?slaves=drive*2&rate=0.1&record=%2Ftmp%2Foverusb.pcapng"], &[]);

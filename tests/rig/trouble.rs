@@ -67,6 +67,24 @@ fn empty_and_short_reports_are_skipped_and_counted() {
     rogue.pull();
 }
 
+/// WIRE-90 From open to the last report nothing is asked for on endpoint 0, and no halt is cleared.
+#[test]
+fn nothing_but_reports_moves() {
+    let rogue = Rogue::plug_in_and_wait(Manners { sends: reports(&[512; 20]), ..Manners::default() });
+    until("the kernel's driver has it", || Board::all().pop());
+    let asked = || rogue.requests.lock().expect("no panic there").len();
+    let before = asked();
+    assert!(before > 0, "the kernel has set it up");
+    let board = open("usb:?serial=ROGUE").expect("it opens");
+    for _ in 0..10 {
+        board.write(&Frame::new(), Wait::For(PATIENCE)).expect("it takes it");
+        board.read(&mut Frame::new(), Wait::For(PATIENCE)).expect("a report");
+    }
+    assert_eq!(asked(), before);
+    board.close();
+    rogue.pull();
+}
+
 /// WIRE-83 STALL on the way to the host: reads and writes end, with what to do; it can be opened again.
 #[test]
 fn a_board_that_refuses_to_send_is_lost() {

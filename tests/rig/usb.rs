@@ -133,7 +133,8 @@ fn the_kernels_driver_gets_the_board_back() {
     detach_all();
 }
 
-/// WIRE-17, SK-9.2 Two boards and no choice is an error that lists both; they are told apart by serial number and place.
+/// WIRE-17, SK-9.2, SK-9.17 Without a board the error says what to look at. Two boards and no choice is an error that lists
+/// both; they are told apart by serial number and place.
 #[test]
 fn one_of_two_boards_is_chosen() {
     let error = refused("usb:");
@@ -158,7 +159,7 @@ fn one_of_two_boards_is_chosen() {
     detach_all();
 }
 
-/// WIRE-20
+/// WIRE-20, SK-9.13
 #[test]
 fn every_wait_ends_when_the_board_goes() {
     let served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
@@ -179,7 +180,7 @@ fn every_wait_ends_when_the_board_goes() {
     assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// WIRE-20
+/// WIRE-20, SK-9.13 A read waits until a report comes or the link is closed; with a limit no longer than that.
 #[test]
 fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let _served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);

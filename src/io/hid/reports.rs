@@ -19,6 +19,9 @@ const AFTER_AN_ERROR: Duration = Duration::from_millis(10);
 /// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
 const FAILURES: u32 = 8;
 
+/// Reports that room is made for beforehand; a longer queue grows as it fills. \[OURS]
+const PREPARED: usize = 1024;
+
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
@@ -68,7 +71,7 @@ pub(super) struct Shared {
 impl Shared {
     /// Keeps the newest `queue` reports.
     pub fn new(queue: usize) -> Self {
-        let state = State { reports: VecDeque::with_capacity(queue), ..State::default() };
+        let state = State { reports: VecDeque::with_capacity(queue.min(PREPARED)), ..State::default() };
         Self { queue, state: Mutex::new(state), readable: Condvar::new(), writable: Condvar::new() }
     }
 

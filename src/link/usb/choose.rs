@@ -79,6 +79,9 @@ fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     if !boards.is_empty() {
         return format!("there is none{wanted}, but {}; correct the link", boards.join(", "));
     }
+    if let Some(off) = found.iter().find(|facts| facts.not_one == Some(NotOne::Unconfigured)) {
+        return format!("{}: {}", off.shown(), NotOne::Unconfigured);
+    }
     let others: Vec<String> =
         found.iter().filter_map(|facts| Some(format!("{}: {}", facts.shown(), facts.not_one?))).collect();
     if others.is_empty() {
@@ -124,6 +127,16 @@ mod tests {
         assert_eq!(one_of(&both(), &with(Some("8"), None)), Ok(1));
         assert_eq!(one_of(&both(), &with(None, Some("1-1"))), Ok(0));
         assert_eq!(one_of(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
+    }
+
+    /// WIRE-80, SK-9.17 A board without power is named before devices that are none.
+    #[test]
+    fn a_board_that_is_off_says_why() {
+        let off = Facts { not_one: Some(NotOne::Unconfigured), ..board("1-3", "7") };
+        let relay = Facts { path: "1-1", serial: None, name: None, not_one: Some(NotOne::NoHid) };
+        let why = one_of(&[relay, off], &ANY).unwrap_err();
+        assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not switched it on"), "{why}");
+        assert!(why.ends_with("a hub with a power supply of its own"), "{why}");
     }
 
     /// WIRE-17, SK-9.17 Without a board the error says what to look at.

@@ -11,7 +11,7 @@ use crate::command;
 use crate::error::Error;
 
 /// No run of the tests takes longer, on the slowest machine that was seen.
-const LIMIT: Duration = Duration::from_secs(900);
+const LIMIT: Duration = Duration::from_secs(480);
 /// QEMU's own exit code when the guest said 0: twice that and one more.
 const GUEST_SUCCEEDED: i32 = 1;
 /// What the guest's first program says last.

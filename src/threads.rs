@@ -18,6 +18,16 @@ pub(crate) fn spawn<T: Send + 'static>(
     Builder::new().name(name.to_owned()).spawn(work)
 }
 
+/// Does something in this thread that may start threads of its own: no signal of the program is delivered to them either.
+///
+/// # Errors
+/// The system's, if it does not say which signals are blocked; nothing was done then.
+#[cfg(all(feature = "usb", unix))]
+pub(crate) fn quietly<T>(work: impl FnOnce() -> T) -> io::Result<T> {
+    let _restored = Blocked::all()?;
+    Ok(work())
+}
+
 /// Signals blocked in this thread; as they were when it is dropped.
 #[cfg(unix)]
 struct Blocked {

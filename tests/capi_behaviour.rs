@@ -63,9 +63,19 @@ mod needs_cxx {
     #[test]
     fn an_open_that_fails_says_why() {
         passes("open_fails", "sim:?slaves=none&clock=virtual", &["no slave"]);
-        passes("open_fails", "usb:", &["from ECMSK_LINK", "`usb:` is not in this build", "sim:?slaves=drive*2"]);
+        passes("open_fails", "nic:eth1", &["from ECMSK_LINK", "`nic:` is not in this build", "sim:?slaves=drive*2"]);
         passes("open_fails", "sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]);
         passes("open_fails", "nonsense", &["from ECMSK_LINK", "nonsense"]);
+    }
+
+    /// WIRE-86, LIB-42 On a machine without libusb a board on USB does not open, and the error says what to install; nothing
+    /// else needs it.
+    #[test]
+    fn a_machine_without_libusb_says_what_to_install() {
+        let mut command = c_program("open_fails").command("usb:");
+        support::without_libusb(&mut command);
+        let ended = support::run(command.args(["from ECMSK_LINK", "libusb", "sudo apt-get install libusb-1.0-0"]));
+        assert_eq!((ended.success(), ended.stderr.as_str()), ("ok\n", ""));
     }
 
     /// LIB-48 Close during a blocked read: the read gives false.
@@ -279,7 +289,8 @@ mod needs_cxx {
             let mut command = program.command(link);
             command.env("LD_LIBRARY_PATH", &library_dir);
             if link.is_empty() {
-                command.env_remove("ECMSK_LINK");
+                // A board that is plugged in here is none of this test's.
+                support::without_libusb(command.env_remove("ECMSK_LINK"));
             }
             support::run(&mut command).stdout
         };

@@ -207,7 +207,9 @@ pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
 
 fn link_code(error: &LinkError) -> EcmskResult {
     match error {
-        LinkError::Uri(_) | LinkError::Script(_) | LinkError::Config(_) => ECMSK_ERROR_ARGUMENT,
+        LinkError::Uri(_) | LinkError::Script(_) | LinkError::Config(_) | LinkError::WrongSlot { .. } => {
+            ECMSK_ERROR_ARGUMENT
+        }
         LinkError::Unsupported { .. } => ECMSK_ERROR_UNSUPPORTED,
         LinkError::NoBoard { .. } => ECMSK_ERROR_NO_BOARD,
         LinkError::InUse { .. } => ECMSK_ERROR_IN_USE,

@@ -314,6 +314,8 @@ impl Link for EngineLink {
             reports_dropped: board.as_ref().map_or(0, |(_, dropped)| *dropped),
             write_errors: count(&self.counts.write_errors),
             read_errors: count(&self.counts.read_errors),
+            reports_short: 0,
+            transfers_failed: 0,
             record_dropped: 0,
             faults: super::fault::FaultStats::default(),
             board: board.map(|(counters, _)| counters),

@@ -15,6 +15,8 @@ pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
+#[cfg(all(feature = "usb", unix))]
+mod slot_watch;
 #[cfg(all(feature = "spi", target_os = "linux"))]
 pub mod spi;
 #[cfg(all(feature = "tcp", unix))]
@@ -22,7 +24,7 @@ pub mod spi;
 pub mod tcp;
 pub mod travel;
 pub mod uri;
-#[cfg(feature = "usb")]
+#[cfg(all(feature = "usb", unix))]
 mod usb;
 
 use std::borrow::Cow;
@@ -108,6 +110,10 @@ pub struct LinkStats {
     pub write_errors: u64,
     /// Reads that ended with an error.
     pub read_errors: u64,
+    /// Reports that were no whole ones and were skipped: empty or short transfers on USB.
+    pub reports_short: u64,
+    /// Transfers that failed on the wire, and were begun again.
+    pub transfers_failed: u64,
     /// Frames that a recording could not take.
     pub record_dropped: u64,
     /// Faults that were put in on the way, `fault.*`.
@@ -144,6 +150,20 @@ pub enum LinkError {
         name: String,
         /// What was found instead and what to do.
         reason: String,
+    },
+    /// The link was told another slot size than the board's reports have.
+    #[error(
+        "`{name}` says slot={}, but slots of the board's reports have {} bytes (CONFIG2 {}); write slot={} into the link, \
+         and use a program for slots of that size",
+        given.bytes(), found.bytes(), config2(*found), found.bytes()
+    )]
+    WrongSlot {
+        /// Which link.
+        name: String,
+        /// What the link says.
+        given: SlotSize,
+        /// What the reports have.
+        found: SlotSize,
     },
     /// Somebody else has it open.
     #[error("`{name}` is in use{by}; close it there, or {instead}")]
@@ -214,6 +234,13 @@ pub enum LinkError {
     },
 }
 
+const fn config2(size: SlotSize) -> &'static str {
+    match size {
+        SlotSize::Bytes12 => "low",
+        SlotSize::Bytes16 => "high",
+    }
+}
+
 fn how_long(waited: Duration) -> String {
     if waited.is_zero() { "did not wait".to_owned() } else { format!("timed out after {}", Span(waited)) }
 }
@@ -230,7 +257,7 @@ pub trait Link: Send + Sync {
     ///
     /// # Errors
     /// [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`], [`LinkError::Cancelled`], [`LinkError::Io`];
-    /// the frame was not taken then. [`LinkError::Unsure`] on a network: nobody knows.
+    /// [`LinkError::WrongSlot`]; the frame was not taken then. [`LinkError::Unsure`] on a network: nobody knows.
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
 
     /// The oldest report not yet read; `out` is left alone if there is none.
@@ -318,7 +345,7 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
         keys::Scheme::Spi => spi::open(uri, options),
         #[cfg(all(feature = "tcp", unix))]
         keys::Scheme::Tcp => tcp::open(uri, options),
-        #[cfg(feature = "usb")]
+        #[cfg(all(feature = "usb", unix))]
         keys::Scheme::Usb => usb::open(uri, options),
         other => Err(LinkError::Unsupported {
             scheme: other.name().into(),

@@ -8,6 +8,8 @@ mod here;
 mod hidraw;
 mod machine;
 mod program;
+mod rogue;
 mod served;
 mod shown;
+mod trouble;
 mod usb;

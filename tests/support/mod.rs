@@ -182,6 +182,17 @@ impl Program {
     }
 }
 
+/// What the program finds in place of libusb is none.
+pub fn without_libusb(command: &mut Command) {
+    let folder = out_dir().join("no-libusb");
+    fs::create_dir_all(&folder).expect("a folder in the target folder");
+    fs::write(folder.join("libusb-1.0.so.0"), "no library").expect("a file in the target folder");
+    let given = command.get_envs().find(|(name, _)| *name == "LD_LIBRARY_PATH").and_then(|(_, value)| value);
+    let mut folders = vec![folder];
+    folders.extend(given.map(std::env::split_paths).into_iter().flatten());
+    command.env("LD_LIBRARY_PATH", std::env::join_paths(folders).expect("no colon in it"));
+}
+
 fn on_library(mut command: Command, link: &str) -> Command {
     let nowhere = out_dir().join("no-configuration");
     command

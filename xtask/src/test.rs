@@ -124,8 +124,8 @@ fn format(site: &Site) -> Result<(), Error> {
 
 fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
-    // What `--all-targets` leaves out: the tests that run in the guest, and what is no default feature.
-    let beyond = ["clippy", "--package=ecmsk", "--features=usb", "--lib", "--test=rig", "--", "-Dwarnings"];
+    // What `--all-targets` leaves out: the tests that run in the guest.
+    let beyond = ["clippy", "--package=ecmsk", "--test=rig", "--", "-Dwarnings"];
     command::run(site.project.cargo().args(beyond))
 }
 
@@ -167,9 +167,7 @@ fn tests(site: &Site) -> Result<(), Error> {
     let mut cargo = site.project.cargo();
     cargo.args(["test", "--workspace", "--", "--quiet"]);
     cargo.args(site.closed_gates().map(|gate| format!("--skip={}::", gate.module)));
-    command::run(&mut cargo)?;
-    // The link `usb:` is no default feature yet; its parts that need no bus.
-    command::run(site.project.cargo().args(["test", "--package=ecmsk", "--features=usb", "--lib", "--", "--quiet"]))
+    command::run(&mut cargo)
 }
 
 #[cfg(test)]

@@ -1,11 +1,20 @@
 //! Which devices on the bus have the wanted shape, and why the others have not.
 
-use rusb::{ConfigDescriptor, Context, Device, DeviceDescriptor, Direction, Speed, TransferType, UsbContext};
+use std::sync::Arc;
 
 use super::REPORT_LEN;
+use super::bus::{Bus, Device, Interface};
+use super::libusb::UsbError;
 
 /// Class code of HID interfaces.
 const HID: u8 = 3;
+/// bmAttributes of an endpoint: how it moves data.
+const KIND: u8 = 0x03;
+const INTERRUPT: u8 = 3;
+/// Address of an endpoint to the host.
+const TO_HOST: u8 = 0x80;
+/// wMaxPacketSize: bytes of a packet; bits above say how many of them in a microframe.
+const PACKET: u16 = 0x07FF;
 
 /// Where a device's reports move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,14 +29,11 @@ pub struct Shape {
 
 /// A device of the wanted pair of ids.
 pub struct Found {
-    /// The device.
-    pub device: Device<Context>,
+    pub(super) device: Device,
     /// Bus and ports, as Linux names it: `1-2.3`.
     pub path: String,
-    /// Its serial number; `None`: it has none, or this user may not ask.
-    pub serial: Option<String>,
-    /// Its name; `None` as for the serial number.
-    pub name: Option<String>,
+    /// Number of the bus and address on it: those of its node below `/dev/bus/usb`.
+    pub node: (u8, u8),
     /// Whether the bus runs at high speed.
     pub high_speed: bool,
     /// Where its reports move, or why it is another device.
@@ -37,6 +43,12 @@ pub struct Found {
 /// Why a device with the right ids is another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotOne {
+    /// No configuration of it is chosen.
+    #[error(
+        "this machine has not switched it on: its port or hub gives it too little power, or it is still being looked \
+         at; plug it into this machine, or into a hub with a power supply of its own"
+    )]
+    Unconfigured,
     /// Its descriptors cannot be read or contradict each other.
     #[error("its descriptors cannot be read")]
     Descriptors,
@@ -48,36 +60,27 @@ pub enum NotOne {
     OtherReports,
 }
 
-/// All devices of that pair.
+/// All devices of that pair. Nothing is sent to any of them.
 ///
 /// # Errors
 /// Those of libusb.
-pub fn find(context: &Context, vendor: u16, product: u16) -> Result<Vec<Found>, rusb::Error> {
-    let mut found = Vec::new();
-    for device in context.devices()?.iter() {
-        // A device that goes while it is looked at is none.
-        let Ok(descriptor) = device.device_descriptor() else { continue };
-        if descriptor.vendor_id() == vendor && descriptor.product_id() == product {
-            found.push(look(device, &descriptor));
-        }
-    }
+pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<Found>, UsbError> {
+    // A device that goes while it is looked at is none.
+    let wanted = bus.devices()?.into_iter().filter(|device| device.ids() == Ok((vendor, product)));
+    let mut found: Vec<Found> = wanted.map(look).collect();
     found.sort_by(|a, b| a.path.cmp(&b.path));
     Ok(found)
 }
 
-fn look(device: Device<Context>, descriptor: &DeviceDescriptor) -> Found {
-    let shape = match device.active_config_descriptor().or_else(|_| device.config_descriptor(0)) {
-        Ok(configuration) => shape(&configuration),
+fn look(device: Device) -> Found {
+    let shape = match device.interfaces() {
+        Ok(interfaces) => shape(&interfaces),
+        Err(UsbError::NotFound) => Err(NotOne::Unconfigured),
         Err(_) => Err(NotOne::Descriptors),
     };
-    let [serial, name] = match device.open() {
-        Ok(handle) => {
-            [handle.read_serial_number_string_ascii(descriptor).ok(), handle.read_product_string_ascii(descriptor).ok()]
-        }
-        Err(_) => [None, None],
-    };
-    let path = path(device.bus_number(), &device.port_numbers().unwrap_or_default());
-    Found { path, serial, name, high_speed: device.speed() == Speed::High, shape, device }
+    let node = device.node();
+    let path = path(node.0, &device.ports());
+    Found { path, node, high_speed: device.high_speed(), shape, device }
 }
 
 fn path(bus: u8, ports: &[u8]) -> String {
@@ -85,22 +88,20 @@ fn path(bus: u8, ports: &[u8]) -> String {
     format!("{bus}-{ports}")
 }
 
-fn shape(configuration: &ConfigDescriptor) -> Result<Shape, NotOne> {
+fn shape(interfaces: &[Interface]) -> Result<Shape, NotOne> {
     let mut why = NotOne::NoHid;
-    for interface in configuration.interfaces() {
-        for setting in interface.descriptors().filter(|setting| setting.class_code() == HID) {
-            why = NotOne::OtherReports;
-            let endpoint = |direction| {
-                let mut endpoints = setting.endpoint_descriptors().filter(|endpoint| {
-                    endpoint.transfer_type() == TransferType::Interrupt
-                        && usize::from(endpoint.max_packet_size()) == REPORT_LEN
-                        && endpoint.direction() == direction
-                });
-                endpoints.next().map(|endpoint| endpoint.address())
-            };
-            if let (Some(input), Some(output)) = (endpoint(Direction::In), endpoint(Direction::Out)) {
-                return Ok(Shape { interface: interface.number(), input, output });
-            }
+    for interface in interfaces.iter().filter(|interface| interface.class == HID) {
+        why = NotOne::OtherReports;
+        let endpoint = |to_host: bool| {
+            let mut endpoints = interface.endpoints.iter().filter(|endpoint| {
+                endpoint.attributes & KIND == INTERRUPT
+                    && usize::from(endpoint.packet & PACKET) == REPORT_LEN
+                    && (endpoint.address & TO_HOST != 0) == to_host
+            });
+            endpoints.next().map(|endpoint| endpoint.address)
+        };
+        if let (Some(input), Some(output)) = (endpoint(true), endpoint(false)) {
+            return Ok(Shape { interface: interface.number, input, output });
         }
     }
     Err(why)
@@ -108,11 +109,44 @@ fn shape(configuration: &ConfigDescriptor) -> Result<Shape, NotOne> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::bus::Endpoint;
     use super::*;
 
     #[test]
     fn a_path_is_that_of_linux() {
         assert_eq!(path(1, &[2, 3]), "1-2.3");
         assert_eq!(path(4, &[1]), "4-1");
+    }
+
+    fn endpoint(address: u8, attributes: u8, packet: u16) -> Endpoint {
+        Endpoint { address, attributes, packet }
+    }
+
+    fn hid(endpoints: &[Endpoint]) -> Interface {
+        Interface { number: 1, class: HID, endpoints: endpoints.to_vec() }
+    }
+
+    /// WIRE-17, SK-9.2, SK-9.3 Interface and endpoints decide, wherever they stand.
+    #[test]
+    fn a_board_is_known_by_its_reports() {
+        let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
+        let storage = Interface { number: 0, class: 8, endpoints: vec![input, output] };
+        let board = Shape { interface: 1, input: 0x81, output: 0x02 };
+        assert_eq!(shape(&[storage.clone(), hid(&[input, output])]), Ok(board));
+        assert_eq!(shape(&[hid(&[]), hid(&[output, endpoint(0x83, 2, 512), input])]), Ok(board));
+        assert_eq!(shape(&[]), Err(NotOne::NoHid));
+        assert_eq!(shape(&[storage]), Err(NotOne::NoHid));
+        let others = [
+            vec![],
+            vec![input],
+            vec![output],
+            vec![input, endpoint(0x82, 3, 512)],
+            vec![input, endpoint(0x02, 2, 512)],
+            vec![endpoint(0x81, 3, 64), endpoint(0x02, 3, 64)],
+            vec![input, endpoint(0x02, 3, 513)],
+        ];
+        for endpoints in others {
+            assert_eq!(shape(&[hid(&endpoints)]), Err(NotOne::OtherReports), "{endpoints:?}");
+        }
     }
 }

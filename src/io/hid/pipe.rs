@@ -1,21 +1,17 @@
 //! An open device: a queue of reports from it, one report at a time to it.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
-use rusb::{Context, DeviceHandle, UsbContext};
 
-use super::transfer::{Ended, Outcome, Transfer};
+use super::bus::Handle;
+use super::libusb::UsbError;
+use super::reports::{GONE, Shared, State};
+use super::transfer::{Outcome, Transfer};
 use super::{Found, REPORT_LEN, Shape};
 use crate::threads;
-
-/// How often the thread for libusb's events looks whether it is to end, should nothing wake it. \[OURS]
-const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
-const FAILURES: u32 = 8;
 
 /// Sizes of a pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,9 +43,12 @@ pub enum PipeError {
         /// Bytes.
         moved: usize,
     },
+    /// The device refuses the report; its endpoint takes the next one again.
+    #[error("it refuses the report (its endpoint stalls)")]
+    Stalled,
     /// libusb refuses.
     #[error(transparent)]
-    Usb(#[from] rusb::Error),
+    Usb(#[from] UsbError),
 }
 
 /// Counts of a pipe.
@@ -61,38 +60,8 @@ pub struct PipeStats {
     pub dropped: u64,
     /// Transfers to the host that were empty or short.
     pub short: u64,
-    /// Transfers that failed on the wire.
+    /// Transfers to the host that failed on the wire.
     pub failed: u64,
-}
-
-/// A report from the device.
-#[derive(Clone)]
-struct Report {
-    bytes: [u8; REPORT_LEN],
-    at: Instant,
-    number: u64,
-}
-
-#[derive(Default)]
-struct State {
-    reports: VecDeque<Report>,
-    /// Transfers that libusb has.
-    pending: usize,
-    /// How the transfer to the device ended, once it has.
-    written: Option<(Outcome, usize)>,
-    lost: Option<&'static str>,
-    closing: bool,
-    cancelled_reads: u64,
-    cancelled_writes: u64,
-    failures: u32,
-    stats: PipeStats,
-}
-
-struct Shared {
-    queue: usize,
-    state: Mutex<State>,
-    readable: Condvar,
-    writable: Condvar,
 }
 
 /// An open device. Reader, writer and closer may be three threads.
@@ -101,48 +70,39 @@ pub struct Pipe {
     inputs: Vec<Transfer>,
     /// One writer at a time.
     output: Mutex<Transfer>,
-    /// The thread for libusb's events.
-    events: Mutex<Option<JoinHandle<()>>>,
-    handle: Arc<DeviceHandle<Context>>,
-    context: Context,
-    interface: u8,
+    /// The thread for libusb's events, and the interface, until the pipe is closed.
+    open: Mutex<Option<(JoinHandle<()>, Claim)>>,
+    handle: Arc<Handle>,
+    shape: Shape,
 }
-
-const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
-const STALLED: &str = "its endpoint stalls; pull it and plug it in again";
-const FAILING: &str = "its transfers fail; look at the cable and the hub";
 
 impl Pipe {
     /// Opens a device: takes it from the kernel's driver, which has it again when the pipe is closed.
     ///
     /// # Errors
-    /// [`PipeError::Usb`]: `Access` if this user may not, `Busy` if another program has it.
+    /// [`PipeError::Usb`]: [`UsbError::Access`] if this user may not, [`UsbError::Busy`] if another program has it.
+    /// [`PipeError::Lost`] if it goes meanwhile.
     pub fn open(found: &Found, shape: Shape, limits: Limits) -> Result<Self, PipeError> {
-        let context = found.device.context().clone();
         let handle = Arc::new(found.device.open()?);
-        match handle.set_auto_detach_kernel_driver(true) {
+        match handle.detach_driver_by_itself() {
             // Where the kernel has no driver there is nothing to detach.
-            Ok(()) | Err(rusb::Error::NotSupported) => {}
+            Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error.into()),
         }
-        handle.claim_interface(shape.interface)?;
+        let claim = Claim::new(&handle, shape.interface)?;
 
-        let shared = Arc::new(Shared {
-            queue: limits.queue,
-            state: Mutex::default(),
-            readable: Condvar::new(),
-            writable: Condvar::new(),
-        });
-        let transfer = |endpoint| Transfer::new(&handle, endpoint, shared.clone()).ok_or(rusb::Error::NoMem);
+        let shared = Arc::new(Shared::new(limits.queue));
+        let transfer = |endpoint| Transfer::new(&handle, endpoint, shared.clone()).ok_or(UsbError::NoMemory);
         let inputs = (0..limits.transfers).map(|_| transfer(shape.input)).collect::<Result<Vec<_>, _>>()?;
         let output = Mutex::new(transfer(shape.output)?);
-        let (its, bus) = (shared.clone(), context.clone());
-        let events = threads::spawn("usb-events", move || its.handle_events(&bus)).map_err(|_| rusb::Error::NoMem)?;
-        let interface = shape.interface;
-        let pipe = Self { shared, inputs, output, events: Mutex::new(Some(events)), handle, context, interface };
+        let (its, bus) = (shared.clone(), found.device.bus().clone());
+        let events = threads::spawn("usb-events", move || its.handle_events(&bus)).map_err(|_| UsbError::NoMemory)?;
+        // From here on what was begun is ended by `close`, whatever happens.
+        let pipe = Self { shared, inputs, output, open: Mutex::new(Some((events, claim))), handle, shape };
         for input in &pipe.inputs {
             let mut state = pipe.shared.state.lock();
-            input.hand_over().map_err(|_| PipeError::Lost(GONE))?;
+            state.fit()?;
+            input.hand_over().map_err(gone)?;
             state.pending += 1;
         }
         Ok(pipe)
@@ -164,9 +124,7 @@ impl Pipe {
                 report.copy_from_slice(&next.bytes);
                 return Ok((next.at, next.number));
             }
-            if let Some(why) = state.lost {
-                return Err(PipeError::Lost(why));
-            }
+            state.fit()?;
             if state.cancelled_reads != cancelled {
                 return Err(PipeError::Cancelled);
             }
@@ -190,12 +148,20 @@ impl Pipe {
         // SAFETY: with the lock of `output` this thread is alone, and a write ends after its transfer has.
         unsafe { output.fill(report) };
         state.written = None;
-        output.hand_over().map_err(|_| PipeError::Lost(state.lost.unwrap_or(GONE)))?;
+        if let Err(error) = output.hand_over() {
+            return Err(match gone(error) {
+                PipeError::Lost(why) => {
+                    self.shared.lose(&mut state, why);
+                    PipeError::Lost(why)
+                }
+                other => other,
+            });
+        }
         state.pending += 1;
         let mut given_up = None;
-        loop {
-            if let Some((outcome, moved)) = state.written {
-                return result(outcome, moved, given_up);
+        let (outcome, moved) = loop {
+            if let Some(ended) = state.written {
+                break ended;
             }
             let stop = if state.closing {
                 Some(PipeError::Closed)
@@ -220,7 +186,13 @@ impl Pipe {
                     }
                 }
             }
+        };
+        drop(state);
+        if outcome == Outcome::Stalled {
+            // If it stalls for good the next report says so again.
+            let _ = self.handle.clear_halt(self.shape.output);
         }
+        result(outcome, moved, given_up)
     }
 
     /// Ends the reads under way.
@@ -257,13 +229,16 @@ impl Pipe {
             self.shared.writable.notify_all();
         }
         // From here on none is handed over again.
-        let Some(events) = self.events.lock().take() else { return };
+        let Some((events, claim)) = self.open.lock().take() else { return };
         self.inputs.iter().for_each(Transfer::cancel);
-        self.context.interrupt_handle_events();
+        self.handle.bus().interrupt();
         // It ends when libusb has no transfer any more; a panic in it would have no one to hear of it.
         let _ = events.join();
-        // A device that is gone has nothing to release.
-        let _ = self.handle.release_interface(self.interface);
+        if self.shared.state.lock().stalled {
+            // Whoever opens it next begins with an endpoint that sends.
+            let _ = self.handle.clear_halt(self.shape.input);
+        }
+        drop(claim);
     }
 }
 
@@ -273,92 +248,32 @@ impl Drop for Pipe {
     }
 }
 
-impl State {
-    fn fit(&self) -> Result<(), PipeError> {
-        if self.closing {
-            return Err(PipeError::Closed);
-        }
-        self.lost.map_or(Ok(()), |why| Err(PipeError::Lost(why)))
+/// An interface that this process has.
+struct Claim {
+    handle: Arc<Handle>,
+    interface: u8,
+}
+
+impl Claim {
+    fn new(handle: &Arc<Handle>, interface: u8) -> Result<Self, UsbError> {
+        handle.claim(interface)?;
+        Ok(Self { handle: handle.clone(), interface })
     }
 }
 
-impl Shared {
-    fn handle_events(&self, context: &Context) {
-        loop {
-            {
-                let state = self.state.lock();
-                if state.closing && state.pending == 0 {
-                    return;
-                }
-            }
-            if let Err(error) = context.handle_events(Some(LOOK_EVERY)) {
-                log::debug!("libusb's events: {error}");
-            }
-        }
-    }
-
-    fn lose(&self, state: &mut State, why: &'static str) {
-        state.lost.get_or_insert(why);
-        self.readable.notify_all();
-        self.writable.notify_all();
+impl Drop for Claim {
+    fn drop(&mut self) {
+        // A device that is gone has nothing to release.
+        let _ = self.handle.release(self.interface);
     }
 }
 
-impl Ended for Shared {
-    fn input(&self, outcome: Outcome, bytes: &[u8]) -> bool {
-        let mut state = self.state.lock();
-        match outcome {
-            Outcome::Done => {
-                state.failures = 0;
-                self.keep(&mut state, bytes);
-            }
-            Outcome::Gone => self.lose(&mut state, GONE),
-            Outcome::Stalled => self.lose(&mut state, STALLED),
-            Outcome::Cancelled | Outcome::Failed => {
-                state.failures += 1;
-                state.stats.failed += u64::from(outcome == Outcome::Failed);
-                if state.failures > FAILURES {
-                    self.lose(&mut state, FAILING);
-                }
-            }
-        }
-        let again = !state.closing && state.lost.is_none();
-        state.pending -= usize::from(!again);
-        again
-    }
-
-    fn not_resubmitted(&self) {
-        let mut state = self.state.lock();
-        state.pending -= 1;
-        self.lose(&mut state, GONE);
-    }
-
-    fn output(&self, outcome: Outcome, moved: usize) {
-        let mut state = self.state.lock();
-        state.pending -= 1;
-        state.written = Some((outcome, moved));
-        if outcome == Outcome::Gone {
-            self.lose(&mut state, GONE);
-        }
-        self.writable.notify_all();
-    }
-}
-
-impl Shared {
-    fn keep(&self, state: &mut State, bytes: &[u8]) {
-        // Devices that end a report by an empty packet, and nonsense, are counted.
-        let Ok(bytes) = <[u8; REPORT_LEN]>::try_from(bytes) else {
-            state.stats.short += 1;
-            return;
-        };
-        if state.reports.len() >= self.queue {
-            state.reports.pop_front();
-            state.stats.dropped += 1;
-        }
-        let number = state.stats.reports;
-        state.reports.push_back(Report { bytes, at: Instant::now(), number });
-        state.stats.reports += 1;
-        self.readable.notify_one();
+/// Why libusb did not take a transfer.
+const fn gone(error: UsbError) -> PipeError {
+    match error {
+        // An interface that is not ours any more: the device was reset under us.
+        UsbError::NoDevice | UsbError::NotFound => PipeError::Lost(GONE),
+        other => PipeError::Usb(other),
     }
 }
 
@@ -368,8 +283,8 @@ fn result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> Result
         (Outcome::Done | Outcome::Cancelled, REPORT_LEN) => Ok(()),
         (Outcome::Gone, _) => Err(PipeError::Lost(GONE)),
         (_, 1..) => Err(PipeError::Torn { moved }),
-        (Outcome::Stalled, 0) => Err(PipeError::Usb(rusb::Error::Pipe)),
-        (_, 0) => Err(given_up.unwrap_or(PipeError::Usb(rusb::Error::Io))),
+        (Outcome::Stalled, 0) => Err(PipeError::Stalled),
+        (_, 0) => Err(given_up.unwrap_or(PipeError::Usb(UsbError::Io))),
     }
 }
 
@@ -397,3 +312,6 @@ fn wait(
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,17 +1,13 @@
 //! libusb's asynchronous transfers: the one file that hands it memory.
 
 use std::cell::UnsafeCell;
-use std::ffi::{c_int, c_uchar, c_void};
+use std::ffi::{c_int, c_void};
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-use rusb::constants::{
-    LIBUSB_ERROR_NO_DEVICE, LIBUSB_TRANSFER_CANCELLED, LIBUSB_TRANSFER_COMPLETED, LIBUSB_TRANSFER_NO_DEVICE,
-    LIBUSB_TRANSFER_STALL, LIBUSB_TRANSFER_TYPE_INTERRUPT,
-};
-use rusb::{Context, DeviceHandle, ffi};
-
 use super::REPORT_LEN;
+use super::bus::Handle;
+use super::libusb::{INTERRUPT, RawTransfer, UsbError, status};
 
 /// How a transfer ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,10 +27,10 @@ pub(super) enum Outcome {
 impl Outcome {
     const fn of(status: c_int) -> Self {
         match status {
-            LIBUSB_TRANSFER_COMPLETED => Self::Done,
-            LIBUSB_TRANSFER_CANCELLED => Self::Cancelled,
-            LIBUSB_TRANSFER_NO_DEVICE => Self::Gone,
-            LIBUSB_TRANSFER_STALL => Self::Stalled,
+            status::COMPLETED => Self::Done,
+            status::CANCELLED => Self::Cancelled,
+            status::NO_DEVICE => Self::Gone,
+            status::STALL => Self::Stalled,
             _ => Self::Failed,
         }
     }
@@ -42,10 +38,8 @@ impl Outcome {
 
 /// Who is told when a transfer has ended.
 pub(super) trait Ended: Send + Sync {
-    /// The transfer to the host has ended; whether to hand it over again.
-    fn input(&self, outcome: Outcome, bytes: &[u8]) -> bool;
-    /// It could not be handed over again.
-    fn not_resubmitted(&self);
+    /// The transfer to the host has ended; `again` hands it over once more, within this call or not at all.
+    fn input(&self, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>);
     /// The transfer to the device has ended; so many bytes were moved.
     fn output(&self, outcome: Outcome, moved: usize);
 }
@@ -57,12 +51,12 @@ pub(super) struct Transfer {
 }
 
 struct Inner {
-    raw: NonNull<ffi::libusb_transfer>,
+    raw: NonNull<RawTransfer>,
     buffer: UnsafeCell<[u8; REPORT_LEN]>,
     to_host: bool,
     listener: Arc<dyn Ended>,
     /// The transfer names the handle.
-    _handle: Arc<DeviceHandle<Context>>,
+    handle: Arc<Handle>,
 }
 
 // SAFETY: libusb's functions on transfers may be called from any thread; the buffer is touched by whoever has the
@@ -73,23 +67,23 @@ unsafe impl Sync for Transfer {}
 
 impl Transfer {
     /// A transfer for the endpoint of that address; `None`: there is no memory.
-    pub fn new(handle: &Arc<DeviceHandle<Context>>, endpoint: u8, listener: Arc<dyn Ended>) -> Option<Self> {
+    pub fn new(handle: &Arc<Handle>, endpoint: u8, listener: Arc<dyn Ended>) -> Option<Self> {
         // SAFETY: a transfer without isochronous packets.
-        let raw = NonNull::new(unsafe { ffi::libusb_alloc_transfer(0) })?;
+        let raw = NonNull::new(unsafe { (handle.bus().api().new_transfer)(0) })?;
         let inner = NonNull::from(Box::leak(Box::new(Inner {
             raw,
             buffer: UnsafeCell::new([0; REPORT_LEN]),
             to_host: endpoint & 0x80 != 0,
             listener,
-            _handle: handle.clone(),
+            handle: handle.clone(),
         })));
         // SAFETY: `raw` is a fresh transfer of ours alone; what it points to stays until `drop`, before which the owner
         // sees to it that libusb does not have it.
         unsafe {
             let fields = raw.as_ptr();
-            (*fields).dev_handle = handle.as_raw();
-            (*fields).endpoint = endpoint as c_uchar;
-            (*fields).transfer_type = LIBUSB_TRANSFER_TYPE_INTERRUPT;
+            (*fields).handle = handle.raw();
+            (*fields).endpoint = endpoint;
+            (*fields).kind = INTERRUPT;
             (*fields).timeout = 0;
             (*fields).buffer = inner.as_ref().buffer.get().cast();
             (*fields).length = REPORT_LEN as c_int;
@@ -114,14 +108,15 @@ impl Transfer {
     }
 
     /// Hands the transfer to libusb; its end is told to the listener, by the thread that handles events.
-    pub fn hand_over(&self) -> Result<(), Outcome> {
+    pub fn hand_over(&self) -> Result<(), UsbError> {
         self.inner().hand_over()
     }
 
     /// Asks libusb to end it soon; without effect on one that it has not.
     pub fn cancel(&self) {
+        let inner = self.inner();
         // SAFETY: the transfer is valid until `drop`.
-        unsafe { ffi::libusb_cancel_transfer(self.inner().raw.as_ptr()) };
+        unsafe { (inner.handle.bus().api().cancel)(inner.raw.as_ptr()) };
     }
 }
 
@@ -130,34 +125,28 @@ impl Drop for Transfer {
         // SAFETY: it came from a box, and the owner waits for the end of a transfer before it drops it.
         let inner = unsafe { Box::from_raw(self.inner.as_ptr()) };
         // SAFETY: without flags libusb frees neither buffer nor user data.
-        unsafe { ffi::libusb_free_transfer(inner.raw.as_ptr()) };
+        unsafe { (inner.handle.bus().api().free_transfer)(inner.raw.as_ptr()) };
     }
 }
 
 impl Inner {
-    fn hand_over(&self) -> Result<(), Outcome> {
+    fn hand_over(&self) -> Result<(), UsbError> {
         // SAFETY: the transfer is filled; libusb refuses one that it has already.
-        match unsafe { ffi::libusb_submit_transfer(self.raw.as_ptr()) } {
-            0 => Ok(()),
-            LIBUSB_ERROR_NO_DEVICE => Err(Outcome::Gone),
-            _ => Err(Outcome::Failed),
-        }
+        UsbError::check(unsafe { (self.handle.bus().api().submit)(self.raw.as_ptr()) }).map(drop)
     }
 }
 
 /// libusb's call when a transfer has ended.
-extern "system" fn ended(raw: *mut ffi::libusb_transfer) {
+extern "C" fn ended(raw: *mut RawTransfer) {
     // SAFETY: libusb gives the transfer back, with the user data of `Transfer::new`, which live until after this call.
-    let (transfer, status, moved) =
-        unsafe { (&*(*raw).user_data.cast::<Inner>(), (*raw).status, (*raw).actual_length) };
+    let (transfer, status, moved) = unsafe { (&*(*raw).user_data.cast::<Inner>(), (*raw).status, (*raw).moved) };
     let outcome = Outcome::of(status);
     let moved = usize::try_from(moved).unwrap_or(0).min(REPORT_LEN);
     if !transfer.to_host {
         return transfer.listener.output(outcome, moved);
     }
-    // SAFETY: libusb does not have the transfer now, and nobody else touches the buffer of one to the host.
-    let bytes = unsafe { &(&*transfer.buffer.get())[..moved] };
-    if transfer.listener.input(outcome, bytes) && transfer.hand_over().is_err() {
-        transfer.listener.not_resubmitted();
-    }
+    // SAFETY: libusb does not have the transfer now, and nobody else touches the buffer of one to the host. It is copied,
+    // since the listener may hand the transfer over again while it has the bytes.
+    let bytes = unsafe { *transfer.buffer.get() };
+    transfer.listener.input(outcome, &bytes[..moved], &|| transfer.hand_over());
 }

@@ -185,6 +185,8 @@ impl Link for TcpLink {
             reports_dropped: counts.reports_dropped + here,
             write_errors: count(&shared.counts.write_errors),
             read_errors: count(&shared.counts.read_errors),
+            reports_short: 0,
+            transfers_failed: 0,
             record_dropped: 0,
             faults: Default::default(),
             board: counts.board,

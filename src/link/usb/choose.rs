@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::options::UsbOptions;
-use crate::io::hid::{Found, NotOne, Shape};
+use crate::io::hid::{Found, NotOne, Shape, System};
 use crate::link::LinkError;
 
 /// The one board that fits.
@@ -11,8 +11,9 @@ pub(super) fn choose<'a>(
     name: &str,
     found: &'a [Found],
     options: &UsbOptions,
+    system: &System,
 ) -> Result<(&'a Found, Shape), LinkError> {
-    let facts: Vec<Facts<'_>> = found.iter().map(Facts::of).collect();
+    let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system)).collect();
     let index = one_of(&facts, options).map_err(|reason| LinkError::NoBoard { name: name.to_owned(), reason })?;
     match found[index].shape {
         Ok(shape) => Ok((&found[index], shape)),
@@ -23,25 +24,21 @@ pub(super) fn choose<'a>(
 /// What counts of a device.
 struct Facts<'a> {
     path: &'a str,
-    serial: Option<&'a str>,
-    name: Option<&'a str>,
+    serial: Option<String>,
+    name: Option<String>,
     not_one: Option<NotOne>,
 }
 
 impl<'a> Facts<'a> {
-    fn of(found: &'a Found) -> Self {
-        Self {
-            path: &found.path,
-            serial: found.serial.as_deref(),
-            name: found.name.as_deref(),
-            not_one: found.shape.err(),
-        }
+    fn of(found: &'a Found, system: &System) -> Self {
+        let path = &found.path;
+        Self { path, serial: system.serial(path), name: system.name(path), not_one: found.shape.err() }
     }
 
     /// `1-2.3 (ECM-SK, serial 7)`.
     fn shown(&self) -> String {
         let mut text = self.path.to_owned();
-        match (self.name, self.serial) {
+        match (&self.name, &self.serial) {
             (Some(name), Some(serial)) => _ = write!(text, " ({name}, serial {serial})"),
             (Some(name), None) => _ = write!(text, " ({name})"),
             (None, Some(serial)) => _ = write!(text, " (serial {serial})"),
@@ -55,7 +52,7 @@ impl<'a> Facts<'a> {
 fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     let fits = |facts: &Facts<'_>| {
         facts.not_one.is_none()
-            && options.serial.as_deref().is_none_or(|serial| facts.serial == Some(serial))
+            && options.serial.as_deref().is_none_or(|serial| facts.serial.as_deref() == Some(serial))
             && options.path.as_deref().is_none_or(|path| facts.path == path)
     };
     let fitting: Vec<usize> = (0..found.len()).filter(|index| fits(&found[*index])).collect();
@@ -82,6 +79,9 @@ fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     if !boards.is_empty() {
         return format!("there is none{wanted}, but {}; correct the link", boards.join(", "));
     }
+    if let Some(off) = found.iter().find(|facts| facts.not_one == Some(NotOne::Unconfigured)) {
+        return format!("{}: {}", off.shown(), NotOne::Unconfigured);
+    }
     let others: Vec<String> =
         found.iter().filter_map(|facts| Some(format!("{}: {}", facts.shown(), facts.not_one?))).collect();
     if others.is_empty() {
@@ -98,7 +98,7 @@ mod tests {
     const ANY: UsbOptions = UsbOptions { vendor: 0, product: 0, serial: None, path: None, transfers: 8 };
 
     fn board<'a>(path: &'a str, serial: &'a str) -> Facts<'a> {
-        Facts { path, serial: Some(serial), name: Some("ECM-SK"), not_one: None }
+        Facts { path, serial: Some(serial.into()), name: Some("ECM-SK".into()), not_one: None }
     }
 
     fn with(serial: Option<&str>, path: Option<&str>) -> UsbOptions {
@@ -108,7 +108,8 @@ mod tests {
     /// WIRE-17, SK-9.2 Devices that share the pair are told from a board by more than it.
     #[test]
     fn a_device_with_the_boards_ids_is_no_board() {
-        let other = || Facts { path: "1-1", serial: None, name: Some("Relay"), not_one: Some(NotOne::OtherReports) };
+        let other =
+            || Facts { path: "1-1", serial: None, name: Some("Relay".into()), not_one: Some(NotOne::OtherReports) };
         assert_eq!(one_of(&[other(), board("1-2", "7")], &ANY), Ok(1));
         let why = one_of(&[other()], &ANY).unwrap_err();
         assert!(why.contains("1-1 (Relay): its HID interface has no interrupt endpoints of 512 bytes"), "{why}");
@@ -126,6 +127,16 @@ mod tests {
         assert_eq!(one_of(&both(), &with(Some("8"), None)), Ok(1));
         assert_eq!(one_of(&both(), &with(None, Some("1-1"))), Ok(0));
         assert_eq!(one_of(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
+    }
+
+    /// WIRE-80, SK-9.17 A board without power is named before devices that are none.
+    #[test]
+    fn a_board_that_is_off_says_why() {
+        let off = Facts { not_one: Some(NotOne::Unconfigured), ..board("1-3", "7") };
+        let relay = Facts { path: "1-1", serial: None, name: None, not_one: Some(NotOne::NoHid) };
+        let why = one_of(&[relay, off], &ANY).unwrap_err();
+        assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not switched it on"), "{why}");
+        assert!(why.ends_with("a hub with a power supply of its own"), "{why}");
     }
 
     /// WIRE-17, SK-9.17 Without a board the error says what to look at.

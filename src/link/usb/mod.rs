@@ -2,27 +2,46 @@
 
 mod choose;
 mod options;
+mod refused;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use rusb::Context;
+use parking_lot::Mutex;
 
 use self::choose::choose;
 use self::options::UsbOptions;
+use self::refused::refused;
 use super::options::CommonOptions;
+use super::slot_watch::SlotWatch;
 use super::uri::LinkUri;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
-use crate::io::hid::{self, Limits, Pipe, PipeError};
-use crate::sk::Frame;
+use crate::io::hid::{self, Bus, Limits, NoBus, Pipe, PipeError, System};
+use crate::sk::{Frame, SlotSize};
+
+/// What a write that may not wait has for the wire itself: a frame takes a microframe of 125 us, and the system its time
+/// to say so. A board that is busy longer than that has not taken it. \[OURS]
+const ON_THE_WIRE: Duration = Duration::from_millis(2);
 
 /// A board on USB.
 struct UsbLink {
     info: LinkInfo,
     pipe: Pipe,
+    place: Place,
     opened: Instant,
     counts: Counts,
+    /// Looks at reports as long as they may show another slot size than was given.
+    slots: Option<Mutex<SlotWatch>>,
+}
+
+/// Where the board is plugged in.
+struct Place {
+    system: System,
+    path: String,
+    high_speed: bool,
+    /// Over-currents of its port when it was opened.
+    over_currents: u32,
 }
 
 #[derive(Default)]
@@ -37,21 +56,18 @@ struct Counts {
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
-    let unusable = |error: rusb::Error| LinkError::NoBoard {
-        name: name.clone(),
-        reason: format!("the USB of this machine cannot be used ({error}); is there one, and /dev/bus/usb?"),
-    };
-    let context = Context::new().map_err(unusable)?;
-    let found = hid::find(&context, options.vendor, options.product).map_err(unusable)?;
-    let (board, shape) = choose(&name, &found, &options)?;
-    if !board.high_speed {
-        log::warn!(
-            "the board at {} does not run at high speed; plug it into another port, and not behind a hub of USB 1.1",
-            board.path
-        );
+    let unusable = |error: NoBus| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
+    let bus = Bus::open().map_err(unusable)?;
+    let found = hid::find(&bus, options.vendor, options.product).map_err(|error| unusable(error.into()))?;
+    let system = System::this();
+    let (board, shape) = choose(&name, &found, &options, &system)?;
+    for remark in system.remarks(&board.path, board.high_speed) {
+        log::warn!("the board at {}: {remark}", board.path);
     }
     let limits = Limits { transfers: options.transfers, queue: common.queue };
-    let pipe = Pipe::open(board, shape, limits).map_err(|error| refused(&name, &board.path, error))?;
+    let pipe = Pipe::open(board, shape, limits).map_err(|error| refused(&name, board, error, &system))?;
+    let over_currents = system.over_currents(&board.path);
+    let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };
     let info = LinkInfo {
         name,
         slot: common.slot,
@@ -60,23 +76,22 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link
         read_wait: common.read_wait(),
         write_wait: common.write_wait(),
     };
-    Ok(Arc::new(UsbLink { info, pipe, opened: Instant::now(), counts: Counts::default() }))
+    let slots = common.slot.map(|given| Mutex::new(SlotWatch::new(given)));
+    Ok(Arc::new(UsbLink { info, pipe, place, opened: Instant::now(), counts: Counts::default(), slots }))
 }
 
-/// A board that was found and does not open.
-fn refused(name: &str, path: &str, error: PipeError) -> LinkError {
-    let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
-    match error {
-        PipeError::Usb(rusb::Error::Access) => no_board(format!(
-            "the one at {path} may not be opened by this user; give it to users by a udev rule (docs/VIRTUAL-BOARD.md \
-             has it), or be root"
-        )),
-        PipeError::Usb(rusb::Error::Busy) => LinkError::InUse {
-            name: name.to_owned(),
-            by: format!(" by another program (the board at {path})"),
-            instead: "share the board by `ecmsk serve tcp`",
-        },
-        other => no_board(format!("the one at {path} does not open: {other}; pull it and plug it in again")),
+impl Place {
+    /// Why the board went, with what its place has to do with it.
+    fn lost(&self, reason: &str) -> String {
+        let times = self.system.over_currents(&self.path);
+        if times > self.over_currents {
+            return format!(
+                "its port at {} has cut the power (over-current); plug it into a hub with a power supply of its own",
+                self.path
+            );
+        }
+        let slow = if self.high_speed { "" } else { "; it did not run at high speed" };
+        format!("{reason}{slow}")
     }
 }
 
@@ -87,6 +102,7 @@ impl UsbLink {
     }
 
     fn error(&self, dir: Dir, error: PipeError) -> LinkError {
+        let failed = |message: String| LinkError::Io { what: format!("{dir} at `{}`", self.info.name), message };
         match error {
             PipeError::Timeout(waited) => {
                 let what = match dir {
@@ -97,26 +113,68 @@ impl UsbLink {
             }
             PipeError::Cancelled => LinkError::Cancelled { dir },
             PipeError::Closed => LinkError::Closed,
-            PipeError::Lost(reason) => LinkError::Lost { name: self.info.name.clone(), reason: reason.into() },
-            PipeError::Torn { moved } => LinkError::Io {
-                what: format!("write to the board at `{}`", self.info.name),
-                message: format!(
-                    "{moved} of 512 bytes were moved; a board hangs after such a frame, switch it off and on"
-                ),
-            },
-            PipeError::Usb(error) => {
-                LinkError::Io { what: format!("{dir} at `{}`", self.info.name), message: error.to_string() }
+            PipeError::Lost(reason) => {
+                LinkError::Lost { name: self.info.name.clone(), reason: self.place.lost(reason).into() }
             }
+            PipeError::Torn { moved } => {
+                failed(format!("{moved} of 512 bytes were moved; a board hangs after such a frame, switch it off and on"))
+            }
+            PipeError::Stalled => failed(
+                "the board refuses the frame (its endpoint stalls); send it again, and if it is refused again switch the \
+                 board off and on"
+                    .to_owned(),
+            ),
+            PipeError::Usb(error) => failed(format!("{error}; look at the cable and the hub, then send it again")),
         }
+    }
+
+    /// Whether the slot size that was given may be the board's, by what is known so far.
+    fn slots_may_fit(&self, report: Option<&Frame>) -> Result<(), LinkError> {
+        let Some(slots) = &self.slots else { return Ok(()) };
+        let mut watch = slots.lock();
+        let found: Option<SlotSize> = match report {
+            Some(report) => watch.look(report),
+            None => watch.found(),
+        };
+        let Some(found) = found else { return Ok(()) };
+        Err(LinkError::WrongSlot { name: self.info.name.clone(), given: watch.given(), found })
+    }
+
+    fn try_write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.slots_may_fit(None)?;
+        let limit = match wait {
+            Wait::Forever => None,
+            Wait::For(limit) => Some(limit.max(ON_THE_WIRE)),
+            Wait::Now => Some(ON_THE_WIRE),
+        };
+        match self.pipe.write(frame.bytes(), limit) {
+            Ok(()) => Ok(self.stamp(Instant::now())),
+            Err(PipeError::Timeout(_)) if wait == Wait::Now => {
+                Err(self.error(Dir::Write, PipeError::Timeout(Duration::ZERO)))
+            }
+            Err(error) => Err(self.error(Dir::Write, error)),
+        }
+    }
+
+    fn try_read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let limit = match wait {
+            Wait::Forever => None,
+            Wait::For(limit) => Some(limit),
+            Wait::Now => Some(Duration::ZERO),
+        };
+        let mut report = Frame::new();
+        let (at, sequence) = self.pipe.read(report.bytes_mut(), limit).map_err(|error| self.error(Dir::Read, error))?;
+        self.slots_may_fit(Some(&report))?;
+        *out = report;
+        Ok(ReadMeta { at: self.stamp(at), sequence, dropped: self.pipe.stats().dropped })
     }
 }
 
-const fn limit(wait: Wait) -> Option<Duration> {
-    match wait {
-        Wait::Forever => None,
-        Wait::For(limit) => Some(limit),
-        Wait::Now => Some(Duration::ZERO),
-    }
+/// Counts a call.
+fn counted<T>(done: Result<T, LinkError>, good: &AtomicU64, bad: &AtomicU64) -> Result<T, LinkError> {
+    let count = if done.is_ok() { good } else { bad };
+    count.fetch_add(1, Ordering::Relaxed);
+    done
 }
 
 impl Link for UsbLink {
@@ -125,29 +183,11 @@ impl Link for UsbLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        match self.pipe.write(frame.bytes(), limit(wait)) {
-            Ok(()) => {
-                self.counts.written.fetch_add(1, Ordering::Relaxed);
-                Ok(self.stamp(Instant::now()))
-            }
-            Err(error) => {
-                self.counts.write_errors.fetch_add(1, Ordering::Relaxed);
-                Err(self.error(Dir::Write, error))
-            }
-        }
+        counted(self.try_write(frame, wait), &self.counts.written, &self.counts.write_errors)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        match self.pipe.read(out.bytes_mut(), limit(wait)) {
-            Ok((at, sequence)) => {
-                self.counts.read.fetch_add(1, Ordering::Relaxed);
-                Ok(ReadMeta { at: self.stamp(at), sequence, dropped: self.pipe.stats().dropped })
-            }
-            Err(error) => {
-                self.counts.read_errors.fetch_add(1, Ordering::Relaxed);
-                Err(self.error(Dir::Read, error))
-            }
-        }
+        counted(self.try_read(out, wait), &self.counts.read, &self.counts.read_errors)
     }
 
     fn cancel(&self, dir: Dir) {
@@ -167,12 +207,15 @@ impl Link for UsbLink {
 
     fn stats(&self) -> LinkStats {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let pipe = self.pipe.stats();
         LinkStats {
             written: count(&self.counts.written),
             read: count(&self.counts.read),
-            reports_dropped: self.pipe.stats().dropped,
+            reports_dropped: pipe.dropped,
             write_errors: count(&self.counts.write_errors),
             read_errors: count(&self.counts.read_errors),
+            reports_short: pipe.short,
+            transfers_failed: pipe.failed,
             ..LinkStats::default()
         }
     }

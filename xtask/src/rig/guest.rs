@@ -13,6 +13,9 @@ use crate::error::Error;
 /// What the guest's USB and HID code is, and the virtual host controller.
 const MODULES: [&str; 3] = ["vhci-hcd", "usbhid", "hid-generic"];
 
+/// What the link `usb:` loads, which no program names.
+const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];
+
 /// The guest's first program. `@` stands for the modules in their order.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
@@ -69,6 +72,9 @@ pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<Path
         programs::stripped(program, &small)?;
         archive.copy(&format!("rig/{name}"), &small)?;
         libraries.extend(programs::libraries(program)?);
+    }
+    for (place, library) in packages.libraries(&LOADED)? {
+        archive.copy(&place, &library)?;
     }
     for library in libraries {
         archive.copy(library.to_string_lossy().trim_start_matches('/'), &library)?;

@@ -9,8 +9,10 @@ use crate::error::Error;
 
 /// What stands for the newest kernel of this Debian. The flavour "cloud" has no USB.
 const KERNEL: &str = "linux-image-amd64";
-/// Busybox is the guest's user land; usbip attaches a board.
-const OTHERS: [&str; 2] = ["busybox-static", "usbip"];
+/// Busybox is the guest's user land; usbip attaches a board; libusb, with what it needs, is what the link `usb:` loads.
+const OTHERS: [&str; 4] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1"];
+/// File in the root that says which packages it was made of.
+const MADE_OF: &str = "made-of";
 
 /// What the packages hold, unpacked.
 pub struct Packages {
@@ -28,21 +30,43 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
     let image = kernel_package()?;
     let release = image.trim_start_matches("linux-image-").to_owned();
     let root = folder.join(format!("root-{release}"));
-    // Named last, when all is in its place.
-    if !root.is_dir() {
+    let names = [&[image.as_str()][..], &OTHERS].concat();
+    let made_of = names.join(" ");
+    if fs::read_to_string(root.join(MADE_OF)).ok().as_ref() != Some(&made_of) {
         let (debs, unpacked) = (folder.join("debs"), folder.join("unpacking"));
         for folder in [&debs, &unpacked] {
             empty(folder)?;
         }
-        let names = [&[image.as_str()][..], &OTHERS].concat();
-        println!("fetching for the guest: {}", names.join(" "));
+        println!("fetching for the guest: {made_of}");
         command::run(Command::new("apt-get").current_dir(&debs).args(["-qq", "download"]).args(names))?;
         for deb in list(&debs)? {
             command::run(Command::new("dpkg").arg("-x").args([&deb, &unpacked]))?;
         }
+        let list = unpacked.join(MADE_OF);
+        fs::write(&list, made_of).map_err(Error::file("write", &list))?;
+        if root.exists() {
+            fs::remove_dir_all(&root).map_err(Error::file("remove", &root))?;
+        }
+        // Named last, when all is in its place.
         fs::rename(&unpacked, &root).map_err(Error::file("rename", &unpacked))?;
     }
     Ok(Packages { root, release })
+}
+
+impl Packages {
+    /// Libraries of these names, by their places below `/`.
+    pub fn libraries(&self, names: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
+        let mut found = Vec::new();
+        for folder in ["lib", "usr/lib"].map(|folder| self.root.join(folder)).iter().filter(|folder| folder.is_dir()) {
+            for machine in list(folder)? {
+                for library in names.iter().map(|name| machine.join(name)).filter(|library| library.is_file()) {
+                    let place = library.strip_prefix(&self.root).unwrap_or(&library).to_string_lossy().into_owned();
+                    found.push((place, library));
+                }
+            }
+        }
+        Ok(found)
+    }
 }
 
 /// The package with the kernel itself, by the one that depends on the newest.

@@ -56,15 +56,7 @@ pub fn build(project: &Project, folder: &Path) -> Result<Programs, Error> {
 
 fn build_tests(project: &Project) -> Result<PathBuf, Error> {
     let mut cargo = project.cargo();
-    cargo.args([
-        "test",
-        "--package=ecmsk",
-        "--features=usb",
-        "--test",
-        TESTS,
-        "--no-run",
-        "--message-format=json-render-diagnostics",
-    ]);
+    cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--no-run", "--message-format=json-render-diagnostics"]);
     let said = command::output(&mut cargo)?;
     let built = executable(&said, TESTS, "test");
     built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() })

@@ -1,0 +1,248 @@
+//! libusb with a device of which a test has every end: what it sends, takes, refuses, and when it is pulled.
+
+mod functions;
+
+use std::cell::Cell;
+use std::collections::VecDeque;
+use std::ffi::c_int;
+use std::sync::Arc;
+use std::time::Duration;
+
+use parking_lot::{Condvar, Mutex, MutexGuard};
+
+use super::bus::Bus;
+use super::libusb::{RawTransfer, UsbError, status};
+use super::{Found, REPORT_LEN, find};
+
+pub const VENDOR: u16 = 0x16C0;
+pub const PRODUCT: u16 = 0x05DF;
+
+const NO_DEVICE: c_int = -4;
+
+/// What the device does with a report that it is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Takes {
+    /// It takes it.
+    All,
+    /// It does not take it; when the host takes it back so many bytes have moved.
+    None { moved: usize },
+    /// Its endpoint stalls until the halt is cleared.
+    Nothing,
+}
+
+struct Ending {
+    transfer: *mut RawTransfer,
+    status: c_int,
+    moved: usize,
+    bytes: Vec<u8>,
+}
+
+// SAFETY: the pointers are those of transfers, which any thread may use.
+unsafe impl Send for Inside {}
+
+struct Inside {
+    /// Transfers that libusb has, oldest first.
+    pending: Vec<*mut RawTransfer>,
+    endings: VecDeque<Ending>,
+    to_send: VecDeque<(c_int, Vec<u8>)>,
+    takes: Takes,
+    taken: Vec<[u8; REPORT_LEN]>,
+    halted: bool,
+    halts_cleared: Vec<u8>,
+    interrupted: bool,
+    gone: bool,
+    /// Calls so far, and that at which the device is pulled.
+    calls: usize,
+    pulled_at: usize,
+    /// What a call answers instead.
+    answers: Vec<(&'static str, c_int)>,
+    /// Contexts, devices, handles, claims, transfers that were made and not given back.
+    left: [isize; 5],
+    /// Transfers that a hand over was asked for after the first; see [`World::at_next_hand_over`].
+    hook: Option<Box<dyn FnOnce() + Send>>,
+    cancels: usize,
+}
+
+/// The bus and its one device.
+pub struct World {
+    inside: Mutex<Inside>,
+    changed: Condvar,
+}
+
+thread_local! {
+    static NEXT: Cell<Option<&'static World>> = const { Cell::new(None) };
+}
+
+impl World {
+    /// A world, which lives as long as the test program.
+    pub fn new() -> &'static Self {
+        Box::leak(Box::new(Self {
+            inside: Mutex::new(Inside {
+                pending: Vec::new(),
+                endings: VecDeque::new(),
+                to_send: VecDeque::new(),
+                takes: Takes::All,
+                taken: Vec::new(),
+                halted: false,
+                halts_cleared: Vec::new(),
+                interrupted: false,
+                gone: false,
+                calls: 0,
+                pulled_at: usize::MAX,
+                answers: Vec::new(),
+                left: [0; 5],
+                hook: None,
+                cancels: 0,
+            }),
+            changed: Condvar::new(),
+        }))
+    }
+
+    /// The bus, as the pipe sees it.
+    pub fn bus(&'static self) -> Result<Arc<Bus>, UsbError> {
+        NEXT.set(Some(self));
+        Bus::over(&functions::FAKE)
+    }
+
+    /// The device.
+    #[track_caller]
+    pub fn found(&'static self) -> Found {
+        let bus = self.bus().expect("it opens");
+        find(&bus, VENDOR, PRODUCT).expect("it lists").pop().expect("it is there")
+    }
+
+    fn with<T>(&self, work: impl FnOnce(&mut Inside) -> T) -> T {
+        let done = work(&mut self.inside.lock());
+        self.changed.notify_all();
+        done
+    }
+
+    /// The device sends that, or a transfer ends with that status.
+    pub fn send(&self, status: c_int, bytes: &[u8]) {
+        self.with(|inside| {
+            inside.to_send.push_back((status, bytes.to_vec()));
+            inside.deliver();
+        });
+    }
+
+    pub fn set_takes(&self, takes: Takes) {
+        self.with(|inside| inside.takes = takes);
+    }
+
+    /// The cable is pulled.
+    pub fn pull(&self) {
+        self.with(Inside::pull);
+    }
+
+    /// The cable is pulled in that call of libusb, counted from 1.
+    pub fn pull_at(&self, call: usize) {
+        self.with(|inside| inside.pulled_at = call);
+    }
+
+    /// Calls of that name answer so.
+    pub fn answer(&self, name: &'static str, code: c_int) {
+        self.with(|inside| inside.answers.push((name, code)));
+    }
+
+    /// Does something while the next transfer is handed over.
+    pub fn at_next_hand_over(&self, work: impl FnOnce() + Send + 'static) {
+        self.with(|inside| inside.hook = Some(Box::new(work)));
+    }
+
+    /// Waits until the pipe has cancelled something, but not long.
+    pub fn wait_for_a_cancel(&self, limit: Duration) {
+        let mut inside = self.inside.lock();
+        if inside.cancels == 0 {
+            self.changed.wait_for(&mut inside, limit);
+        }
+    }
+
+    /// Waits until so many transfers wait.
+    #[track_caller]
+    pub fn until_pending(&self, count: usize) {
+        let mut inside = self.inside.lock();
+        while inside.pending.len() != count {
+            let late = self.changed.wait_for(&mut inside, Duration::from_secs(20)).timed_out();
+            assert!(!late, "{} transfers wait, not {count}", inside.pending.len());
+        }
+    }
+
+    pub fn calls(&self) -> usize {
+        self.inside.lock().calls
+    }
+
+    pub fn taken(&self) -> Vec<[u8; REPORT_LEN]> {
+        self.inside.lock().taken.clone()
+    }
+
+    pub fn halts_cleared(&self) -> Vec<u8> {
+        self.inside.lock().halts_cleared.clone()
+    }
+
+    /// Contexts, devices, handles, claims and transfers that were not given back.
+    pub fn left(&self) -> [isize; 5] {
+        self.inside.lock().left
+    }
+
+    fn enter(&self, name: &str) -> Result<MutexGuard<'_, Inside>, c_int> {
+        let mut inside = self.inside.lock();
+        inside.calls += 1;
+        if inside.calls == inside.pulled_at {
+            inside.pull();
+            self.changed.notify_all();
+        }
+        if let Some((_, code)) = inside.answers.iter().find(|(other, _)| *other == name) {
+            return Err(*code);
+        }
+        if inside.gone { Err(NO_DEVICE) } else { Ok(inside) }
+    }
+
+    fn count(&self, what: usize, change: isize) {
+        self.inside.lock().left[what] += change;
+    }
+}
+
+impl Inside {
+    fn pull(&mut self) {
+        self.gone = true;
+        for transfer in std::mem::take(&mut self.pending) {
+            self.end(transfer, status::NO_DEVICE, 0, Vec::new());
+        }
+    }
+
+    fn end(&mut self, transfer: *mut RawTransfer, status: c_int, moved: usize, bytes: Vec<u8>) {
+        self.endings.push_back(Ending { transfer, status, moved, bytes });
+    }
+
+    fn deliver(&mut self) {
+        while let Some(at) = self.pending.iter().position(|transfer| to_host(*transfer)) {
+            let Some((status, bytes)) = self.to_send.pop_front() else { return };
+            let transfer = self.pending.remove(at);
+            self.end(transfer, status, bytes.len(), bytes);
+        }
+    }
+
+    fn output(&mut self, transfer: *mut RawTransfer) {
+        match self.takes {
+            Takes::All if !self.halted => {
+                self.taken.push(report_of(transfer));
+                self.end(transfer, status::COMPLETED, REPORT_LEN, Vec::new());
+            }
+            Takes::None { .. } => self.pending.push(transfer),
+            Takes::All | Takes::Nothing => {
+                self.halted = true;
+                self.end(transfer, status::STALL, 0, Vec::new());
+            }
+        }
+    }
+}
+
+fn to_host(transfer: *mut RawTransfer) -> bool {
+    // SAFETY: the pipe's transfers are there while libusb has them, here and below.
+    unsafe { (*transfer).endpoint & 0x80 != 0 }
+}
+
+fn report_of(transfer: *mut RawTransfer) -> [u8; REPORT_LEN] {
+    // SAFETY: as above; its buffer has that size.
+    unsafe { *(*transfer).buffer.cast::<[u8; REPORT_LEN]>() }
+}

@@ -1,0 +1,265 @@
+//! The pipe over a libusb of which the test has every end: what a kernel does only by accident happens here at will.
+
+use std::sync::mpsc;
+use std::thread;
+
+use super::super::fake::{Takes, World};
+use super::super::libusb::status;
+use super::*;
+
+const SHAPE: Shape = Shape { interface: 0, input: 0x81, output: 0x02 };
+const LIMITS: Limits = Limits { transfers: 3, queue: 4 };
+const NOTHING_LEFT: [isize; 5] = [0; 5];
+/// Longer than anything takes here.
+const PATIENCE: Duration = Duration::from_secs(20);
+const SOON: Option<Duration> = Some(Duration::from_millis(20));
+
+#[track_caller]
+fn open(world: &'static World) -> Pipe {
+    let found = world.found();
+    assert_eq!((found.shape, found.path.as_str(), found.node), (Ok(SHAPE), "9-2", (9, 7)));
+    Pipe::open(&found, SHAPE, LIMITS).expect("it opens")
+}
+
+fn read(pipe: &Pipe, limit: Option<Duration>) -> Result<(u8, u64), PipeError> {
+    let mut report = [0xA5; REPORT_LEN];
+    let done = pipe.read(&mut report, limit);
+    assert!(done.is_ok() || report == [0xA5; REPORT_LEN], "a read that fails leaves the report alone");
+    done.map(|(_, number)| (report[0], number))
+}
+
+/// Fails instead of waiting without end.
+#[track_caller]
+fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    let (done, ended) = mpsc::channel();
+    thread::spawn(move || done.send(work()));
+    ended.recv_timeout(PATIENCE).expect("it does not end")
+}
+
+/// WIRE-19, WIRE-82 Reports come in their order with their numbers; what is no whole one is skipped and counted.
+#[test]
+fn empty_and_short_reports_are_skipped_and_counted() {
+    let world = World::new();
+    let pipe = open(world);
+    for bytes in [&[1; 512][..], &[], &[2; 511], &[3; 1], &[4; 512]] {
+        world.send(status::COMPLETED, bytes);
+    }
+    assert_eq!(read(&pipe, Some(PATIENCE)), Ok((1, 0)));
+    assert_eq!(read(&pipe, Some(PATIENCE)), Ok((4, 1)));
+    assert_eq!(pipe.stats(), PipeStats { reports: 2, dropped: 0, short: 3, failed: 0 });
+    assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
+}
+
+/// WIRE-19
+#[test]
+fn of_reports_nobody_reads_the_newest_are_kept() {
+    let world = World::new();
+    let pipe = open(world);
+    (0..10).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
+    world.until_pending(LIMITS.transfers);
+    assert_eq!(
+        (0..4).map(|_| read(&pipe, None)).collect::<Result<Vec<_>, _>>(),
+        Ok((6..10).map(|n| (n, n.into())).collect())
+    );
+    assert_eq!(pipe.stats(), PipeStats { reports: 10, dropped: 6, short: 0, failed: 0 });
+}
+
+/// WIRE-83 A board that refuses to send is lost at once, with what to do; whoever opens it next finds the halt cleared.
+#[test]
+fn a_stall_of_the_board_ends_every_read() {
+    let world = World::new();
+    let pipe = Arc::new(open(world));
+    let waits = pipe.clone();
+    let reader = thread::spawn(move || read(&waits, None));
+    world.send(status::STALL, &[]);
+    let Err(PipeError::Lost(why)) = in_time(|| reader.join().unwrap()) else { panic!("it is lost") };
+    assert!(why.contains("stalls") && why.contains("switch it off and on"), "{why}");
+    assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(why)));
+    assert!(world.halts_cleared().is_empty());
+    pipe.close();
+    assert_eq!(world.halts_cleared(), [SHAPE.input]);
+    drop(pipe);
+    assert_eq!(world.left(), NOTHING_LEFT);
+}
+
+/// WIRE-83 A report that the board refuses is an error of that write; reads go on, and so does the next write.
+#[test]
+fn a_stall_of_a_write_is_an_error_of_that_write() {
+    let world = World::new();
+    let pipe = open(world);
+    world.set_takes(Takes::Nothing);
+    assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Stalled));
+    assert_eq!(world.halts_cleared(), [SHAPE.output]);
+    world.set_takes(Takes::All);
+    assert_eq!(pipe.write(&[2; REPORT_LEN], None), Ok(()));
+    world.send(status::COMPLETED, &[7; 512]);
+    assert_eq!(read(&pipe, None), Ok((7, 0)));
+    assert_eq!(world.taken(), [[2; REPORT_LEN]]);
+}
+
+/// WIRE-18 A write that reached its limit, was cancelled or closed tells whether nothing, a part or all has moved.
+#[test]
+fn a_write_that_is_given_up_says_what_has_moved() {
+    let world = World::new();
+    let pipe = Arc::new(open(world));
+    let limit = SOON.unwrap();
+    for (moved, expected) in
+        [(0, Err(PipeError::Timeout(limit))), (64, Err(PipeError::Torn { moved: 64 })), (REPORT_LEN, Ok(()))]
+    {
+        world.set_takes(Takes::None { moved });
+        assert_eq!(pipe.write(&[5; REPORT_LEN], SOON), expected);
+    }
+    assert_eq!(world.taken(), [[5; REPORT_LEN]], "it was through when it was taken back");
+
+    world.set_takes(Takes::None { moved: 0 });
+    let write = || {
+        let pipe = pipe.clone();
+        let writer = thread::spawn(move || pipe.write(&[6; REPORT_LEN], None));
+        world.until_pending(LIMITS.transfers + 1);
+        writer
+    };
+    let writer = write();
+    pipe.cancel_writes();
+    assert_eq!(in_time(|| writer.join().unwrap()), Err(PipeError::Cancelled));
+    let writer = write();
+    pipe.close();
+    assert_eq!(in_time(|| writer.join().unwrap()), Err(PipeError::Closed));
+    assert_eq!(world.taken().len(), 1);
+}
+
+/// WIRE-84 The cable is cut at each call that opening, using and closing makes of libusb: every call ends, by itself, and
+/// says that the board is gone; nothing is left of the device.
+#[test]
+fn a_cable_cut_at_any_moment_ends_every_call() {
+    fn run(world: &'static World) -> Result<(), PipeError> {
+        let bus = world.bus()?;
+        let found = super::super::find(&bus, super::super::fake::VENDOR, super::super::fake::PRODUCT)?.pop();
+        let found = found.ok_or(UsbError::NoDevice)?;
+        // Its descriptors are not there any more.
+        let shape = found.shape.map_err(|_| UsbError::NoDevice)?;
+        let pipe = Pipe::open(&found, shape, LIMITS)?;
+        world.send(status::COMPLETED, &[1; 512]);
+        let mut all = Ok(());
+        for _ in 0..2 {
+            all = all.and(pipe.write(&[0; REPORT_LEN], None));
+        }
+        all = all.and(read(&pipe, Some(PATIENCE)).map(drop));
+        all = all.and(pipe.check());
+        pipe.close();
+        all
+    }
+    let whole = World::new();
+    assert_eq!(run(whole), Ok(()));
+    assert_eq!(whole.left(), NOTHING_LEFT);
+    let mut lost = 0;
+    for call in 1..=whole.calls() {
+        let world = World::new();
+        world.pull_at(call);
+        match in_time(move || run(world)) {
+            Err(PipeError::Lost(_) | PipeError::Usb(UsbError::NoDevice)) => lost += 1,
+            other => assert_eq!(other, Ok(()), "call {call} of {}", whole.calls()),
+        }
+        assert_eq!(world.left(), NOTHING_LEFT, "call {call}");
+    }
+    assert!(lost >= 10, "most calls come before the end: {lost} of {}", whole.calls());
+}
+
+/// WIRE-20, WIRE-84
+#[test]
+fn reader_and_writer_are_told_when_the_cable_is_pulled() {
+    let world = World::new();
+    let pipe = Arc::new(open(world));
+    world.set_takes(Takes::None { moved: 0 });
+    let (reads, writes) = (pipe.clone(), pipe.clone());
+    let reader = thread::spawn(move || read(&reads, None).map(drop));
+    let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
+    world.until_pending(LIMITS.transfers + 1);
+    world.pull();
+    for call in [reader, writer] {
+        assert_eq!(in_time(|| call.join().unwrap()), Err(PipeError::Lost(GONE)));
+    }
+    assert_eq!(pipe.check(), Err(PipeError::Lost(GONE)));
+    assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
+}
+
+/// WIRE-20 A report comes in just as the pipe is closed: its transfer is not begun again behind the back of the one that
+/// closes, who would wait for the board's next report.
+#[test]
+fn a_report_in_the_moment_of_closing_holds_nobody_up() {
+    let world = World::new();
+    let pipe = Arc::new(open(world));
+    let (closing, closed) = mpsc::channel();
+    let closer = pipe.clone();
+    world.at_next_hand_over(move || {
+        thread::spawn(move || {
+            closer.close();
+            let _ = closing.send(());
+        });
+        // The time to cancel before the transfer is handed over, for a pipe that lets that happen.
+        world.wait_for_a_cancel(Duration::from_millis(100));
+    });
+    world.send(status::COMPLETED, &[1; 512]);
+    closed.recv_timeout(PATIENCE).expect("close ends");
+    drop(pipe);
+}
+
+/// WIRE-85 Transfers that fail on the wire are begun again and counted; a row of them is a board that is gone.
+#[test]
+fn a_wire_that_fails_is_not_asked_for_ever() {
+    const ERROR: i32 = 1;
+    let world = World::new();
+    let pipe = open(world);
+    for _ in 0..5 {
+        (0..8).for_each(|_| world.send(ERROR, &[]));
+        world.send(status::COMPLETED, &[1; 512]);
+        assert!(read(&pipe, Some(PATIENCE)).is_ok());
+    }
+    assert_eq!(pipe.stats().failed, 40);
+    (0..9).for_each(|_| world.send(ERROR, &[]));
+    let Err(PipeError::Lost(why)) = read(&pipe, Some(PATIENCE)) else { panic!("it is lost") };
+    assert!(why.contains("cable"), "{why}");
+}
+
+/// WIRE-21 Whatever refuses while a board is opened, nothing stays open.
+#[test]
+fn an_open_that_fails_leaves_nothing() {
+    for (name, code, error) in [
+        ("open", -3, PipeError::Usb(UsbError::Access)),
+        ("detach_driver_by_itself", -99, PipeError::Usb(UsbError::Other(-99))),
+        ("claim", -6, PipeError::Usb(UsbError::Busy)),
+        ("submit", -11, PipeError::Usb(UsbError::NoMemory)),
+        ("submit", -4, PipeError::Lost(GONE)),
+    ] {
+        let world = World::new();
+        world.answer(name, code);
+        let found = world.found();
+        let refused = Pipe::open(&found, SHAPE, LIMITS).map(drop);
+        assert_eq!(refused, Err(error), "{name}");
+        drop(found);
+        assert_eq!(world.left(), NOTHING_LEFT, "{name}");
+    }
+    let world = World::new();
+    world.answer("detach_driver_by_itself", -12);
+    drop(open(world));
+    assert_eq!(world.left(), NOTHING_LEFT, "a system without kernel drivers");
+}
+
+/// WIRE-17 A device that the system has not switched on says so; one whose descriptors make no sense too.
+#[test]
+fn a_device_without_descriptors_is_no_board() {
+    use super::super::NotOne;
+
+    for (code, why) in [(-5, NotOne::Unconfigured), (-1, NotOne::Descriptors)] {
+        let world = World::new();
+        world.answer("configuration", code);
+        assert_eq!(world.found().shape, Err(why));
+    }
+    assert!(NotOne::Unconfigured.to_string().contains("too little power"));
+    let world = World::new();
+    world.answer("devices", -11);
+    let bus = world.bus().unwrap();
+    assert!(matches!(super::super::find(&bus, 1, 2), Err(UsbError::NoMemory)));
+    let world = World::new();
+    world.answer("init", -99);
+    assert!(matches!(world.bus(), Err(UsbError::Other(-99))));
+}

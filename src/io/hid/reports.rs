@@ -1,0 +1,159 @@
+//! What happens on a pipe while nobody looks: reports come in and are kept, transfers end, the device goes.
+
+use std::collections::VecDeque;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
+
+use super::REPORT_LEN;
+use super::bus::Bus;
+use super::libusb::UsbError;
+use super::pipe::{PipeError, PipeStats};
+use super::transfer::{Ended, Outcome};
+
+/// How often the thread for libusb's events looks whether it is to end, should nothing wake it. \[OURS]
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// After an error of libusb's event handling it is tried again. \[OURS]
+const AFTER_AN_ERROR: Duration = Duration::from_millis(10);
+/// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
+const FAILURES: u32 = 8;
+
+/// Reports that room is made for beforehand; a longer queue grows as it fills. \[OURS]
+const PREPARED: usize = 1024;
+
+pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
+const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
+const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
+
+/// A report from the device.
+pub(super) struct Report {
+    pub bytes: [u8; REPORT_LEN],
+    pub at: Instant,
+    pub number: u64,
+}
+
+#[derive(Default)]
+pub(super) struct State {
+    pub reports: VecDeque<Report>,
+    /// Transfers that libusb has.
+    pub pending: usize,
+    /// How the transfer to the device ended, once it has.
+    pub written: Option<(Outcome, usize)>,
+    pub lost: Option<&'static str>,
+    /// The endpoint to the host stalled.
+    pub stalled: bool,
+    pub closing: bool,
+    pub cancelled_reads: u64,
+    pub cancelled_writes: u64,
+    failures: u32,
+    pub stats: PipeStats,
+}
+
+impl State {
+    /// Whether the device is there.
+    pub fn fit(&self) -> Result<(), PipeError> {
+        if self.closing {
+            return Err(PipeError::Closed);
+        }
+        self.lost.map_or(Ok(()), |why| Err(PipeError::Lost(why)))
+    }
+}
+
+/// What the threads that read, write and close share with the one that handles libusb's events.
+pub(super) struct Shared {
+    queue: usize,
+    pub state: Mutex<State>,
+    pub readable: Condvar,
+    pub writable: Condvar,
+}
+
+impl Shared {
+    /// Keeps the newest `queue` reports.
+    pub fn new(queue: usize) -> Self {
+        let state = State { reports: VecDeque::with_capacity(queue.min(PREPARED)), ..State::default() };
+        Self { queue, state: Mutex::new(state), readable: Condvar::new(), writable: Condvar::new() }
+    }
+
+    /// Until the pipe is closed and libusb has none of its transfers.
+    pub fn handle_events(&self, bus: &Bus) {
+        loop {
+            {
+                let state = self.state.lock();
+                if state.closing && state.pending == 0 {
+                    return;
+                }
+            }
+            if let Err(error) = bus.handle_events(LOOK_EVERY) {
+                log::debug!("libusb's events: {error}");
+                thread::sleep(AFTER_AN_ERROR);
+            }
+        }
+    }
+
+    /// Ends every wait: the device is gone.
+    pub fn lose(&self, state: &mut State, why: &'static str) {
+        state.lost.get_or_insert(why);
+        self.readable.notify_all();
+        self.writable.notify_all();
+    }
+
+    fn keep(&self, state: &mut State, bytes: &[u8]) {
+        // Devices that end a report by an empty packet, and nonsense, are counted.
+        let Ok(bytes) = <[u8; REPORT_LEN]>::try_from(bytes) else {
+            state.stats.short += 1;
+            return;
+        };
+        if state.reports.len() >= self.queue {
+            state.reports.pop_front();
+            state.stats.dropped += 1;
+        }
+        let number = state.stats.reports;
+        state.reports.push_back(Report { bytes, at: Instant::now(), number });
+        state.stats.reports += 1;
+        self.readable.notify_one();
+    }
+}
+
+impl Ended for Shared {
+    fn input(&self, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>) {
+        let mut state = self.state.lock();
+        match outcome {
+            Outcome::Done => {
+                state.failures = 0;
+                self.keep(&mut state, bytes);
+            }
+            Outcome::Gone => self.lose(&mut state, GONE),
+            Outcome::Stalled => {
+                state.stalled = true;
+                self.lose(&mut state, STALLED);
+            }
+            Outcome::Cancelled | Outcome::Failed => {
+                state.failures += 1;
+                state.stats.failed += u64::from(outcome == Outcome::Failed);
+                if state.failures > FAILURES {
+                    self.lose(&mut state, FAILING);
+                }
+            }
+        }
+        // With the lock still: whoever closes the pipe cancels what was handed over before, and nothing is afterwards.
+        let wanted = !state.closing && state.lost.is_none();
+        if wanted && again().is_ok() {
+            return;
+        }
+        state.pending -= 1;
+        if wanted {
+            self.lose(&mut state, GONE);
+        }
+    }
+
+    fn output(&self, outcome: Outcome, moved: usize) {
+        let mut state = self.state.lock();
+        state.pending -= 1;
+        state.written = Some((outcome, moved));
+        if outcome == Outcome::Gone {
+            self.lose(&mut state, GONE);
+        }
+        self.writable.notify_all();
+    }
+}

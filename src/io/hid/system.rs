@@ -1,0 +1,242 @@
+//! What Linux says of a device on the bus besides its descriptors: sysfs and /proc. Nothing is sent to the device.
+
+use std::fmt;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Where a system shows itself.
+#[derive(Clone, Debug)]
+pub struct System {
+    root: PathBuf,
+}
+
+/// Something about a device's place on the bus that is worth a warning.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Remark {
+    /// It does not run at high speed, 480 Mbit/s.
+    Slow {
+        /// Mbit/s; `None`: the system does not say.
+        mbit: Option<String>,
+    },
+    /// The system puts it to sleep while no program has it.
+    Sleeps {
+        /// Where that is switched.
+        control: PathBuf,
+    },
+    /// Its port has cut the power.
+    OverCurrent {
+        /// How often since the hub is there.
+        times: u32,
+    },
+}
+
+impl fmt::Display for Remark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Slow { mbit } => {
+                let speed = mbit.as_deref().map(|mbit| format!(" but at {mbit} Mbit/s")).unwrap_or_default();
+                write!(
+                    f,
+                    "it does not run at high speed{speed}, too slow for a report in each cycle; plug it into another \
+                     port, and not behind a hub of USB 1.1"
+                )
+            }
+            Self::Sleeps { control } => write!(
+                f,
+                "the system may put it to sleep while no program has it; `echo on | sudo tee {}` keeps it awake",
+                control.display()
+            ),
+            Self::OverCurrent { times } => write!(
+                f,
+                "its port has cut the power, {times} times (over-current); plug it into a hub with a power supply of \
+                 its own"
+            ),
+        }
+    }
+}
+
+/// A process that has a device open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Holder {
+    /// Its number.
+    pub pid: u32,
+    /// Its name; empty if it has just ended.
+    pub name: String,
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.pid == std::process::id() {
+            return write!(f, "this process");
+        }
+        write!(f, "{} (PID {})", self.name, self.pid)
+    }
+}
+
+impl System {
+    /// This one.
+    pub fn this() -> Self {
+        Self { root: "/".into() }
+    }
+
+    /// Its serial number; `None`: it has none, or this is no Linux.
+    pub fn serial(&self, path: &str) -> Option<String> {
+        self.line(path, "serial")
+    }
+
+    /// Its name, as `serial`.
+    pub fn name(&self, path: &str) -> Option<String> {
+        self.line(path, "product")
+    }
+
+    /// What is worth a warning about the device at that place, such as `1-2.3`.
+    pub fn remarks(&self, path: &str, high_speed: bool) -> Vec<Remark> {
+        let mut remarks = Vec::new();
+        if !high_speed {
+            remarks.push(Remark::Slow { mbit: self.line(path, "speed") });
+        }
+        let never = self.line(path, "power/autosuspend_delay_ms").is_some_and(|delay| delay.starts_with('-'));
+        if self.line(path, "power/control").as_deref() == Some("auto") && !never {
+            remarks.push(Remark::Sleeps { control: self.device(path).join("power/control") });
+        }
+        let times = self.over_currents(path);
+        if times > 0 {
+            remarks.push(Remark::OverCurrent { times });
+        }
+        remarks
+    }
+
+    /// How often the port at that place has cut the power.
+    pub fn over_currents(&self, path: &str) -> u32 {
+        // A port stands below its hub's interface: 1-2-port3 of hub 1-2, usb1-port2 of the root of bus 1.
+        let (hub, interface, port) = match (path.rsplit_once('.'), path.split_once('-')) {
+            (Some((hub, port)), _) => (hub.to_owned(), format!("{hub}:1.0"), port),
+            (None, Some((bus, port))) => (format!("usb{bus}"), format!("{bus}-0:1.0"), port),
+            (None, None) => return 0,
+        };
+        let count = self.line(&interface, &format!("{hub}-port{port}/over_current_count"));
+        count.and_then(|count| count.parse().ok()).unwrap_or(0)
+    }
+
+    /// Who has the device open whose node is that: bus and address. Processes of other users are shown to root alone.
+    pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<Holder> {
+        let node = PathBuf::from(format!("/dev/bus/usb/{bus:03}/{address:03}"));
+        let processes = fs::read_dir(self.root.join("proc")).into_iter().flatten().flatten();
+        let mut holders: Vec<Holder> = processes
+            .filter_map(|process| {
+                let pid = process.file_name().to_str()?.parse().ok()?;
+                let folder = process.path();
+                let mut files = fs::read_dir(folder.join("fd")).ok()?.flatten();
+                let holds = files.any(|file| fs::read_link(file.path()).is_ok_and(|target| target == node));
+                holds.then(|| Holder { pid, name: first_line(&folder.join("comm")).unwrap_or_default() })
+            })
+            .collect();
+        holders.sort_by_key(|holder| holder.pid);
+        holders
+    }
+
+    fn device(&self, path: &str) -> PathBuf {
+        self.root.join("sys/bus/usb/devices").join(path)
+    }
+
+    fn line(&self, path: &str, file: &str) -> Option<String> {
+        first_line(&self.device(path).join(file))
+    }
+}
+
+fn first_line(file: &Path) -> Option<String> {
+    // What a device says of itself need not be UTF-8.
+    let bytes = fs::read(file).ok()?;
+    let text = String::from_utf8_lossy(&bytes).trim().to_owned();
+    (!text.is_empty()).then_some(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    struct Tree(tempfile::TempDir);
+
+    impl Tree {
+        fn new(files: &[(&str, &str)]) -> Self {
+            let tree = Self(tempfile::tempdir().unwrap());
+            for (path, text) in files {
+                let path = tree.0.path().join(path);
+                fs::create_dir_all(path.parent().unwrap()).unwrap();
+                fs::write(path, text).unwrap();
+            }
+            tree
+        }
+
+        fn system(&self) -> System {
+            System { root: self.0.path().to_owned() }
+        }
+    }
+
+    /// WIRE-80
+    #[test]
+    fn what_starves_or_slows_a_board_is_remarked() {
+        let tree = Tree::new(&[
+            ("sys/bus/usb/devices/1-2.3/speed", "12\n"),
+            ("sys/bus/usb/devices/1-2.3/power/control", "auto\n"),
+            ("sys/bus/usb/devices/1-2.3/power/autosuspend_delay_ms", "2000\n"),
+            ("sys/bus/usb/devices/1-2:1.0/1-2-port3/over_current_count", "4\n"),
+        ]);
+        let remarks = tree.system().remarks("1-2.3", false);
+        let control = tree.0.path().join("sys/bus/usb/devices/1-2.3/power/control");
+        let [slow, sleeps, starved] = &remarks[..] else { panic!("{remarks:?}") };
+        assert_eq!(*slow, Remark::Slow { mbit: Some("12".into()) });
+        assert!(slow.to_string().contains("at 12 Mbit/s") && slow.to_string().contains("another port"), "{slow}");
+        assert_eq!(*sleeps, Remark::Sleeps { control: control.clone() });
+        assert!(sleeps.to_string().contains(&format!("echo on | sudo tee {}`", control.display())), "{sleeps}");
+        assert_eq!(*starved, Remark::OverCurrent { times: 4 });
+        assert!(starved.to_string().contains("power supply of its own"), "{starved}");
+    }
+
+    /// WIRE-80 A port of the machine itself stands elsewhere than that of a hub.
+    #[test]
+    fn a_board_without_trouble_has_no_remark() {
+        let tree = Tree::new(&[
+            ("sys/bus/usb/devices/1-2/speed", "480\n"),
+            ("sys/bus/usb/devices/1-2/power/control", "on\n"),
+            ("sys/bus/usb/devices/1-0:1.0/usb1-port2/over_current_count", "0\n"),
+            ("sys/bus/usb/devices/1-0:1.0/usb1-port3/over_current_count", "1\n"),
+            ("sys/bus/usb/devices/1-3/power/control", "auto\n"),
+            ("sys/bus/usb/devices/1-3/power/autosuspend_delay_ms", "-1\n"),
+        ]);
+        assert_eq!(tree.system().remarks("1-2", true), []);
+        assert_eq!(tree.system().remarks("1-3", true), [Remark::OverCurrent { times: 1 }], "it never sleeps");
+        assert_eq!(Tree::new(&[]).system().remarks("1-2", true), [], "a system that says nothing");
+    }
+
+    /// LIB-46 Whoever has the node open holds the board.
+    #[test]
+    fn holders_are_found_by_their_open_files() {
+        let tree = Tree::new(&[
+            ("proc/12/comm", "press\n"),
+            ("proc/12/fd/0", ""),
+            ("proc/900/comm", "other\n"),
+            ("proc/900/fd/0", ""),
+            ("proc/self/comm", "press\n"),
+            ("proc/13/comm", "may not be looked into\n"),
+        ]);
+        let at = |place: &str| tree.0.path().join(place);
+        symlink("/dev/bus/usb/001/005", at("proc/12/fd/9")).unwrap();
+        symlink("/dev/bus/usb/001/006", at("proc/900/fd/3")).unwrap();
+        symlink("/dev/bus/usb/001/005", at("proc/self/fd")).unwrap();
+        let holders = tree.system().holders((1, 5));
+        assert_eq!(holders, [Holder { pid: 12, name: "press".into() }]);
+        assert_eq!(holders[0].to_string(), "press (PID 12)");
+        assert_eq!(Holder { pid: std::process::id(), name: "test".into() }.to_string(), "this process");
+        assert_eq!(tree.system().holders((2, 5)), []);
+    }
+
+    #[test]
+    fn texts_of_a_device_are_shown_whatever_bytes_they_have() {
+        let tree = Tree::new(&[("sys/bus/usb/devices/1-2/serial", "  \n")]);
+        fs::write(tree.0.path().join("sys/bus/usb/devices/1-2/product"), b"ECM\xFF\n").unwrap();
+        assert_eq!((tree.system().serial("1-2"), tree.system().name("1-2")), (None, Some("ECM\u{FFFD}".into())));
+    }
+}

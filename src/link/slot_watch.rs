@@ -1,0 +1,198 @@
+//! Whether the reports of a board have slots of the size that the link was told (`slot=`): the wire does not show CONFIG2.
+
+use crate::sk::{CommandId, CrcPolicy, Frame, SlotSize};
+
+/// Reports in a row that are enough by their CRC: each is wrong by chance once in 65,000 times. \[OURS]
+const BY_CRC: u32 = 3;
+/// Reports in a row that are enough by what stands in them, where the board fills no CRC. \[OURS]
+const BY_STRUCTURE: u32 = 32;
+
+/// What is known so far.
+#[derive(Debug)]
+pub(super) struct SlotWatch {
+    given: SlotSize,
+    state: State,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Reports in a row for the size given, and for the other one; by CRC and by structure.
+    Open {
+        given: u32,
+        other: [u32; 2],
+    },
+    Right,
+    Wrong,
+}
+
+impl SlotWatch {
+    pub const fn new(given: SlotSize) -> Self {
+        Self { given, state: State::Open { given: 0, other: [0; 2] } }
+    }
+
+    /// The size that was given.
+    pub const fn given(&self) -> SlotSize {
+        self.given
+    }
+
+    /// Looks at a report; the size that the board's reports have, once it is sure to be another one than given.
+    pub fn look(&mut self, report: &Frame) -> Option<SlotSize> {
+        if let State::Open { given, other } = &mut self.state {
+            let wanted = if report.crc_byte() == 0 { BY_STRUCTURE } else { BY_CRC };
+            let row = &mut other[usize::from(report.crc_byte() == 0)];
+            match verdict(report, self.given) {
+                Some(size) if size == self.given => {
+                    (*given, *other) = (*given + 1, [0; 2]);
+                    // Without a CRC a report that fits is no proof.
+                    if *given >= BY_CRC && report.crc_byte() != 0 {
+                        self.state = State::Right;
+                    }
+                }
+                Some(_) => {
+                    (*given, *row) = (0, *row + 1);
+                    if *row >= wanted {
+                        self.state = State::Wrong;
+                    }
+                }
+                None => {}
+            }
+        }
+        self.found()
+    }
+
+    /// The size that the board's reports have, once it is sure to be another one than given.
+    pub fn found(&self) -> Option<SlotSize> {
+        (self.state == State::Wrong).then(|| other(self.given))
+    }
+}
+
+fn other(size: SlotSize) -> SlotSize {
+    match size {
+        SlotSize::Bytes12 => SlotSize::Bytes16,
+        SlotSize::Bytes16 => SlotSize::Bytes12,
+    }
+}
+
+/// The one size that the report fits; `None`: both or neither.
+fn verdict(report: &Frame, given: SlotSize) -> Option<SlotSize> {
+    let fits = |size: SlotSize| {
+        if report.crc_byte() == 0 {
+            has_structure(report, size)
+        } else {
+            report.check_crc(size, CrcPolicy::Strict).is_ok()
+        }
+    };
+    match (fits(given), fits(other(given))) {
+        (true, false) => Some(given),
+        (false, true) => Some(other(given)),
+        _ => None,
+    }
+}
+
+/// Whether each slot begins as slots of a response do (SK-3), and the bytes that read 0 are 0 (SK-1).
+fn has_structure(report: &Frame, size: SlotSize) -> bool {
+    let begins_well = |slot: usize| {
+        let id = CommandId::from_code(report.slot(size, slot).id);
+        if slot == size.sdo_slot() { OF_SDO.contains(&id) } else { OF_SLAVES.contains(&id) }
+    };
+    report.slot(size, 0).data3 == 0 && (1..size.slots()).all(begins_well)
+}
+
+/// SK-3: what byte 0 of a slave's slot may be.
+const OF_SLAVES: [CommandId; 12] = [
+    CommandId::GetStatus,
+    CommandId::DriveMode,
+    CommandId::AlarmClear,
+    CommandId::ServoOn,
+    CommandId::ServoOff,
+    CommandId::IoRead,
+    CommandId::IoWrite,
+    CommandId::Csp,
+    CommandId::Csv,
+    CommandId::Cst,
+    CommandId::GoHome,
+    CommandId::AbortHome,
+];
+/// SK-6: what byte 0 of the SDO slot may be.
+const OF_SDO: [CommandId; 3] = [CommandId::GetStatus, CommandId::SdoRead, CommandId::SdoWrite];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sk::RawSlot;
+
+    const SIZES: [(SlotSize, SlotSize); 2] =
+        [(SlotSize::Bytes12, SlotSize::Bytes16), (SlotSize::Bytes16, SlotSize::Bytes12)];
+
+    /// A report of a board in OP with two drives.
+    fn report(size: SlotSize, position: u32) -> Frame {
+        let mut frame = Frame::new();
+        frame.put(size, 0, &RawSlot { id: 0xBF, parm: 8, data2: 0x00A0, ..RawSlot::ZERO });
+        for slave in [1, 2] {
+            let id = CommandId::Csp.code();
+            frame.put(size, slave, &RawSlot { id, parm: 0x1637, data1: position, data2: 12, ..RawSlot::ZERO });
+        }
+        frame
+    }
+
+    fn with_crc(size: SlotSize, position: u32) -> Frame {
+        let mut frame = report(size, position);
+        frame.fill_crc(size);
+        frame
+    }
+
+    /// The report at which the watch is sure, counted from 1, and what it says.
+    fn sure_at(given: SlotSize, mut report: impl FnMut(u32) -> Frame) -> Option<(u32, SlotSize)> {
+        let mut watch = SlotWatch::new(given);
+        (1..1000).find_map(|number| Some((number, watch.look(&report(number))?)))
+    }
+
+    /// WIRE-81 The CRC tells after three reports.
+    #[test]
+    fn another_slot_size_is_known_by_the_crc() {
+        for (given, of_board) in SIZES {
+            let (number, found) = sure_at(given, |number| with_crc(of_board, number)).unwrap();
+            // A right CRC may be 0, which says nothing.
+            assert!((3..=5).contains(&number) && found == of_board, "{number}: {found:?}");
+            assert_eq!(sure_at(of_board, |number| with_crc(of_board, number)), None);
+        }
+    }
+
+    /// WIRE-81 Without a CRC it is told by what stands where.
+    #[test]
+    fn another_slot_size_is_known_by_structure() {
+        for (given, of_board) in SIZES {
+            let found = sure_at(given, |number| report(of_board, number << 8));
+            assert_eq!(found, Some((BY_STRUCTURE, of_board)));
+            assert_eq!(sure_at(of_board, |number| report(of_board, number << 8)), None);
+        }
+        assert_eq!(sure_at(SlotSize::Bytes12, |_| Frame::new()), None, "before anything is set up nothing shows");
+    }
+
+    /// WIRE-81 A report that was damaged on its way is no reason to refuse the board.
+    #[test]
+    fn damaged_reports_prove_nothing() {
+        let given = SlotSize::Bytes12;
+        let damaged = |number: u32| {
+            let mut frame = with_crc(given, number);
+            frame.bytes_mut()[20 + number as usize % 400] ^= 0x10;
+            frame
+        };
+        assert_eq!(sure_at(given, damaged), None);
+        // Two of another size, then one that is right, over and over: a row is what counts.
+        let mixed = |number: u32| with_crc(if number % 3 == 0 { given } else { SlotSize::Bytes16 }, 1);
+        assert_eq!(sure_at(given, mixed), None);
+    }
+
+    /// WIRE-81 Once it is sure it says so for every report.
+    #[test]
+    fn it_stays_wrong() {
+        let mut watch = SlotWatch::new(SlotSize::Bytes12);
+        let wide = with_crc(SlotSize::Bytes16, 1);
+        assert_ne!(wide.crc_byte(), 0);
+        let said: Vec<_> = (0..5).map(|_| watch.look(&wide)).collect();
+        let wrong = Some(SlotSize::Bytes16);
+        assert_eq!(said, [None, None, wrong, wrong, wrong]);
+        assert_eq!(watch.look(&with_crc(SlotSize::Bytes12, 1)), wrong);
+    }
+}

@@ -1,0 +1,51 @@
+//! Why a board that was found does not open, and what to do.
+
+use crate::io::hid::{Found, Holder, PipeError, System, UsbError};
+use crate::link::LinkError;
+
+/// What libusb said, in the words of a link.
+pub(super) fn refused(name: &str, board: &Found, error: PipeError, system: &System) -> LinkError {
+    let path = &board.path;
+    let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
+    match error {
+        PipeError::Usb(UsbError::Access) => no_board(format!(
+            "the one at {path} may not be opened by this user; give it to users by a udev rule (docs/VIRTUAL-BOARD.md \
+             has it), or be root"
+        )),
+        PipeError::Usb(UsbError::Busy) => LinkError::InUse {
+            name: name.to_owned(),
+            by: by(path, &system.holders(board.node)),
+            instead: "share the board by `ecmsk serve tcp`",
+        },
+        PipeError::Usb(UsbError::NoMemory) => no_board(format!(
+            "the one at {path} does not open: this machine gives no memory for transfers; take fewer (`transfers=`), or \
+             more for all of USB: `echo 256 | sudo tee /sys/module/usbcore/parameters/usbfs_memory_mb`"
+        )),
+        PipeError::Usb(UsbError::NoDevice) | PipeError::Lost(_) => {
+            no_board(format!("the one at {path} went away while it was opened; open it again"))
+        }
+        other => no_board(format!("the one at {path} does not open: {other}; pull it and plug it in again")),
+    }
+}
+
+/// ` by press (PID 12), the board at 1-2`.
+fn by(path: &str, holders: &[Holder]) -> String {
+    let names: Vec<String> = holders.iter().map(Holder::to_string).collect();
+    let who = if names.is_empty() { "another program (root is shown which)".to_owned() } else { names.join(" and ") };
+    format!(" by {who}, the board at {path}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// LIB-46 Who has the board is named where the system shows it.
+    #[test]
+    fn whoever_has_the_board_is_named() {
+        let holder = |pid, name: &str| Holder { pid, name: name.into() };
+        assert_eq!(by("1-2", &[holder(12, "press")]), " by press (PID 12), the board at 1-2");
+        let both = [holder(12, "press"), holder(std::process::id(), "this")];
+        assert_eq!(by("1-2", &both), " by press (PID 12) and this process, the board at 1-2");
+        assert_eq!(by("1-2", &[]), " by another program (root is shown which), the board at 1-2");
+    }
+}

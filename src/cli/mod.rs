@@ -16,6 +16,7 @@ mod output;
 mod plot;
 mod reading;
 mod recording;
+mod replay;
 mod script;
 #[cfg(unix)]
 mod serve;
@@ -38,6 +39,8 @@ Exit codes:
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
   compare
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
+  replay
+       0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
        125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
 
@@ -60,6 +63,7 @@ enum Verb {
     Run(script::Args),
     Shell(shell::Args),
     Compare(compare::Args),
+    Replay(replay::Args),
     Monitor(monitor::Args),
     Link(link::Args),
     #[cfg(unix)]
@@ -89,6 +93,7 @@ impl Verb {
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Compare(args) => Ok(compare::run(&args)?),
+            Self::Replay(args) => Ok(replay::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),

@@ -48,7 +48,7 @@ pub struct Args {
     how: How,
 
     /// Of captures these devices alone, by bus and address, as 1.5: of A, and of B if it is another one
-    #[arg(long, value_name = "BUS.ADDRESS", value_delimiter = ',', num_args = 1..=2, value_parser = recording::parse_device)]
+    #[arg(long, value_name = "BUS.ADDRESS", value_delimiter = ',', value_parser = recording::parse_device)]
     device: Vec<Address>,
 }
 
@@ -112,6 +112,12 @@ pub enum CompareVerbError {
     /// Recordings are read more than once.
     #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
     Stdin,
+    /// More devices than captures.
+    #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
+    TooManyDevices {
+        /// Devices named.
+        found: usize,
+    },
     /// The picture has nothing to show.
     #[error("no axis moves in either recording: there is nothing to plot; leave --plot out")]
     NothingToPlot,
@@ -124,6 +130,9 @@ pub enum CompareVerbError {
 pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
     if [&args.a, &args.b].iter().any(|file| file.as_path() == Path::new("-")) {
         return Err(CompareVerbError::Stdin);
+    }
+    if args.device.len() > 2 {
+        return Err(CompareVerbError::TooManyDevices { found: args.device.len() });
     }
     let options = args.how.options();
     let names = Names { runs: [&args.a, &args.b].map(|file| file.display().to_string()), plot: args.how.plot.clone() };

@@ -10,8 +10,8 @@ use super::programs::{self, LIBRARY, Programs};
 use super::{modules, packages};
 use crate::error::Error;
 
-/// What the guest's USB and HID code is, and the virtual host controller.
-const MODULES: [&str; 3] = ["vhci-hcd", "usbhid", "hid-generic"];
+/// What the guest's USB and HID code is, the virtual host controller, and the monitor of USB traffic.
+const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 
 /// The guest's first program. `@` stands for the modules in their order.
 const INIT: &str = r#"#!/bin/busybox sh
@@ -24,7 +24,7 @@ for module in @; do insmod "/modules/$module" || echo "insmod $module failed"; d
 ifconfig lo up
 echo "GUEST-BEGIN $(uname -r)"
 cd /tmp
-/rig/tests --test-threads=1 2>&1
+/rig/tests captured --test-threads=1 2>&1
 code=$?
 echo "GUEST-END rc=$code"
 # The code goes to isa-debug-exit; poweroff is for a QEMU without it.

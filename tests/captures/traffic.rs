@@ -11,7 +11,7 @@ pub const TAKEN_BACK: i32 = -2;
 #[derive(Default)]
 pub struct Traffic {
     pub events: Vec<Event>,
-    transfers: u64,
+    pub transfers: u64,
 }
 
 /// A frame with that number in it; byte 3 is 0.

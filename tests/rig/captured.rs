@@ -121,7 +121,7 @@ impl Host {
 /// How often the program looks while it waits for the network.
 const LOOK: Duration = Duration::from_millis(5);
 /// Targets of both axes.
-const TARGETS: i32 = 20;
+const TARGETS: i32 = 12;
 
 fn board(report: &Frame, size: SlotSize) -> MasterResponse {
     MasterResponse::decode(&report.slot(size, 0))

@@ -1,27 +1,28 @@
 //! The model, with the host's half of a recording played to it.
 
-use std::collections::VecDeque;
-
 use super::Start;
 use super::start::CYCLE_NS;
 use crate::compare::{Observed, Source};
 use crate::engine::Board;
 use crate::link::Dir;
+use crate::sk::Frame;
 
 /// How far a recorded model may have run before its first frame for its time to be taken over as it is. \[OURS]
 const LONGEST_WAIT_NS: i64 = 60_000_000_000;
 
 /// What passes between the host and the model: the host's frames, each at its time, and the model's reports. Times are
 /// those of the recording.
+///
+/// Whenever the host got a report of the board, it gets the newest of the model: it looks at both at the same moments. One
+/// that it has seen already it does not get again. \[OURS]
 pub struct Model {
     source: Source,
     board: Board,
     /// The model's time less that of the recording.
     offset_ns: i64,
+    /// Its newest report that the host has not seen.
+    newest: Option<Frame>,
     reports: u64,
-    ready: VecDeque<Observed>,
-    /// The source has no more.
-    ended: bool,
     begun: bool,
     start: Start,
 }
@@ -32,9 +33,8 @@ impl Model {
             source,
             board,
             offset_ns: 0,
+            newest: None,
             reports: 0,
-            ready: VecDeque::new(),
-            ended: false,
             begun: false,
             start: *start,
         };
@@ -59,22 +59,23 @@ impl Model {
         }
     }
 
-    fn play(&mut self, observed: Observed) {
+    fn play(&mut self, observed: Observed) -> Option<Observed> {
         if !std::mem::replace(&mut self.begun, true) {
             self.begin(observed.at_ns);
         }
-        let Self { board, reports, ready, offset_ns, .. } = self;
-        let mut keep = |frame: &crate::sk::Frame, at: u64| {
-            *reports += 1;
-            let at_ns = time(at).saturating_sub(*offset_ns);
-            ready.push_back(Observed { number: *reports, at_ns, dir: Dir::Read, frame: frame.clone() });
-        };
+        let Self { board, newest, offset_ns, .. } = self;
+        let mut keep = |frame: &Frame, _| *newest = Some(frame.clone());
         let at = observed.at_ns.saturating_add(*offset_ns).max(0).unsigned_abs();
         match observed.dir {
-            Dir::Read => board.advance(at, &mut keep),
             Dir::Write => {
                 board.host(&observed.frame, at, &mut keep);
-                ready.push_back(observed);
+                Some(observed)
+            }
+            Dir::Read => {
+                board.advance(at, &mut keep);
+                let frame = newest.take()?;
+                self.reports += 1;
+                Some(Observed { number: self.reports, frame, ..observed })
             }
         }
     }
@@ -88,12 +89,11 @@ impl Iterator for Model {
     type Item = Observed;
 
     fn next(&mut self) -> Option<Observed> {
-        while self.ready.is_empty() && !self.ended {
-            match self.source.next() {
-                Some(observed) => self.play(observed),
-                None => self.ended = true,
+        loop {
+            let observed = self.source.next()?;
+            if let Some(seen) = self.play(observed) {
+                return Some(seen);
             }
         }
-        self.ready.pop_front()
     }
 }

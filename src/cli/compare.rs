@@ -173,10 +173,8 @@ struct Runs {
 impl Runs {
     fn open(args: &Args, options: &Options) -> Result<Self, CompareVerbError> {
         let devices = [args.device.first().copied(), args.device.last().copied()];
-        let [a, b] = [
-            Source::open(&args.a, options.slot, devices[0])?,
-            Source::open(&args.b, options.slot, devices[1])?,
-        ];
+        let [a, b] =
+            [Source::open(&args.a, options.slot, devices[0])?, Source::open(&args.b, options.slot, devices[1])?];
         let size = Source::common_size(&a, &b)?;
         Ok(Self { a, b, size })
     }

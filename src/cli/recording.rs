@@ -7,9 +7,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 use ecmsk::engine::Firmware;
-use ecmsk::link::record::{
-    Address, AddressError, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in,
-};
+use ecmsk::link::record::{Address, AddressError, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{SizeFinder, SizeFrom};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
@@ -83,12 +81,7 @@ impl<R: Read> Frames<R> {
     ///
     /// # Errors
     /// [`RecordError`] if it does not begin like a recording.
-    pub fn new(
-        source: R,
-        name: &str,
-        size: Option<SlotSize>,
-        device: Option<Address>,
-    ) -> Result<Self, RecordError> {
+    pub fn new(source: R, name: &str, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
         let recording = Recording::new(source, name)?;
         let mut frames = Self {
             recording: match device {

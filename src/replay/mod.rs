@@ -53,19 +53,25 @@ pub enum ReplayError {
     #[error(transparent)]
     Uri(#[from] UriError),
     /// Neither the user nor the recording names a model.
-    #[error("{name} does not say which slaves the board has; name the model, for example --link 'sim:?slaves=drive*2,io'")]
+    #[error(
+        "{name} does not say which slaves the board has; name the model, for example --link 'sim:?slaves=drive*2,io'"
+    )]
     NoModel {
         /// The recording.
         name: String,
     },
     /// The link is no model.
-    #[error("`{link}` is no model, and a real board cannot be told what time it is; name one with --link 'sim:?slaves=..'")]
+    #[error(
+        "`{link}` is no model, and a real board cannot be told what time it is; name one with --link 'sim:?slaves=..'"
+    )]
     NotAModel {
         /// The link.
         link: String,
     },
     /// The board never said anything.
-    #[error("{name} holds {commands} command frames of board {board} and no report: there is nothing to hold the model against; capture both directions, whole packets (snap length 0)")]
+    #[error(
+        "{name} holds {commands} command frames of board {board} and no report: there is nothing to hold the model against; capture both directions, whole packets (snap length 0)"
+    )]
     NoReport {
         /// The capture.
         name: String,
@@ -75,7 +81,9 @@ pub enum ReplayError {
         commands: u64,
     },
     /// It begins in the middle.
-    #[error("{name} begins with the network in {state}, and never goes below SafeOP: what the board was told before is not in it; begin the capture before the program starts, with the board just switched on")]
+    #[error(
+        "{name} begins with the network in {state}, and never goes below SafeOP: what the board was told before is not in it; begin the capture before the program starts, with the board just switched on"
+    )]
     NoStart {
         /// The capture.
         name: String,

@@ -29,15 +29,7 @@ pub struct Model {
 
 impl Model {
     pub(super) fn new(source: Source, board: Board, start: &Start) -> Self {
-        let mut model = Self {
-            source,
-            board,
-            offset_ns: 0,
-            newest: None,
-            reports: 0,
-            begun: false,
-            start: *start,
-        };
+        let mut model = Self { source, board, offset_ns: 0, newest: None, reports: 0, begun: false, start: *start };
         model.offset_ns = time(model.board.next_cycle()).saturating_sub(start.tick_ns);
         model
     }

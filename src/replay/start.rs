@@ -62,7 +62,6 @@ impl Start {
     }
 }
 
-
 /// The place of reports in their cycle.
 struct Tick {
     first_ns: i64,

@@ -71,7 +71,13 @@ fn usbmon(event: &Event, header_len: usize) -> Vec<u8> {
     packet.extend([event.what, event.transfer, event.endpoint, event.device]);
     packet.extend(event.bus.to_le_bytes());
     packet.push(if event.setup.is_some() { 0 } else { b'-' });
-    packet.push(if event.data.is_some() { 0 } else if event.what == b'S' { b'<' } else { b'>' });
+    packet.push(if event.data.is_some() {
+        0
+    } else if event.what == b'S' {
+        b'<'
+    } else {
+        b'>'
+    });
     packet.extend((event.at_us / 1_000_000).to_le_bytes());
     packet.extend(((event.at_us % 1_000_000) as u32).to_le_bytes());
     packet.extend(event.status.to_le_bytes());

@@ -22,8 +22,7 @@ fn every_question_names_its_rule() {
     for step in 1..=5 {
         assert!(hardware.contains(&format!("\n{step}. **")), "step {step}");
     }
-    let known: BTreeSet<&str> =
-        rules.lines().filter_map(|line| line.strip_prefix("| ")?.split(' ').next()).collect();
+    let known: BTreeSet<&str> = rules.lines().filter_map(|line| line.strip_prefix("| ")?.split(' ').next()).collect();
     let questions = hardware.split("\n## What only a board can show").nth(1).expect("the chapter");
     let rows: Vec<&str> = questions.lines().filter(|line| line.starts_with("| ") && !line.contains("---")).collect();
     let mut asked = 0;
@@ -34,7 +33,9 @@ fn every_question_names_its_rule() {
     }
     assert!(asked > 40, "{asked}");
     // What is not claimed yet of the board's SPI is asked for.
-    let later = rules.lines().filter(|line| line.starts_with("| SK-10.") && line.contains("OURS") && line.ends_with("| later |"));
+    let later = rules
+        .lines()
+        .filter(|line| line.starts_with("| SK-10.") && line.contains("OURS") && line.ends_with("| later |"));
     for row in later {
         let id = row.trim_start_matches("| ").split(' ').next().expect("an id");
         assert!(ids(questions).contains(id), "{row}");

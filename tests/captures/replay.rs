@@ -164,7 +164,9 @@ fn a_capture_that_begins_in_the_middle() {
     let error = open(&kept(&middle, USB_LINUX).file, Some(MODEL)).expect_err("it never leaves OP");
     let state = StateByte::reached(MasterState::Op);
     assert!(matches!(&error, ReplayError::NoStart { state: s, .. } if *s == state), "{error}");
-    assert!(error.to_string().ends_with("begin the capture before the program starts, with the board just switched on"));
+    assert!(
+        error.to_string().ends_with("begin the capture before the program starts, with the board just switched on")
+    );
 
     // Then the whole program once more.
     let mut middle = from_state(&captured(&long.file), MasterState::Op);
@@ -199,7 +201,10 @@ fn what_cannot_be_replayed() {
     }
     let error = open(&capture.file, Some("sim:?slaves=drive*2&slot=16")).expect_err("other slots");
     let expected = (SIZE, SlotSize::Bytes16);
-    assert!(matches!(&error, ReplayError::SlotSizes { capture, model, .. } if (*capture, *model) == expected), "{error}");
+    assert!(
+        matches!(&error, ReplayError::SlotSizes { capture, model, .. } if (*capture, *model) == expected),
+        "{error}"
+    );
 
     let events = traffic.events.iter().filter(|event| event.endpoint == 0x02).cloned().collect();
     let commands = Traffic { events, ..Traffic::default() };

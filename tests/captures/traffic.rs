@@ -22,7 +22,16 @@ pub fn numbered(n: u8) -> Frame {
 }
 
 impl Traffic {
-    fn push(&mut self, what: u8, transfer: u8, endpoint: u8, device: u8, status: i32, length: u32, data: Option<Vec<u8>>) {
+    fn push(
+        &mut self,
+        what: u8,
+        transfer: u8,
+        endpoint: u8,
+        device: u8,
+        status: i32,
+        length: u32,
+        data: Option<Vec<u8>>,
+    ) {
         let at_us = 1_600_000_000_000_000 + 125 * self.events.len() as u64;
         let id = 0xFFFF_8880_0000_0000 + self.transfers;
         let setup = None;

@@ -159,7 +159,9 @@ impl Boards {
                 return self.frame(event, Dir::Write, at_ns, waits.then_some(event.id), held);
             }
             (Kind::Interrupt, false, Stage::Ended { done }) => self.ended(event, done, held),
-            (Kind::Interrupt, true, Stage::Ended { .. }) if event.length == 0 => self.others(event.at).without_report += 1,
+            (Kind::Interrupt, true, Stage::Ended { .. }) if event.length == 0 => {
+                self.others(event.at).without_report += 1
+            }
             (Kind::Interrupt, true, Stage::Ended { .. }) => return self.frame(event, Dir::Read, at_ns, None, held),
             (Kind::Interrupt, true, Stage::Submitted) => {}
             (Kind::Other, ..) => self.others(event.at).other_transfers += 1,

@@ -292,8 +292,7 @@ impl<R: Read> Recording<R> {
             None if self.frames > 0 || self.is_recording => Ok(()),
             None => {
                 let devices = self.devices();
-                let found =
-                    if devices.is_empty() { "no transfer at all".to_owned() } else { boards::list(&devices) };
+                let found = if devices.is_empty() { "no transfer at all".to_owned() } else { boards::list(&devices) };
                 Err(match self.only {
                     Some(asked) => RecordError::NoSuchDevice { name, asked, found },
                     None => RecordError::NoBoard { name, found },

@@ -68,7 +68,8 @@ pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
     let id = u64::from_le_bytes(header.irp);
     let stage = if ended { Stage::Ended { done } } else { Stage::Submitted };
     let unknown = header.endpoint == UNKNOWN_ENDPOINT;
-    let event = Event { at, kind: Kind::Other, stage, to_host: header.endpoint & TO_HOST != 0, id, setup: None, length, data };
+    let event =
+        Event { at, kind: Kind::Other, stage, to_host: header.endpoint & TO_HOST != 0, id, setup: None, length, data };
     match header.transfer {
         CONTROL => control(event, *packet.get(HEADER_LEN)?),
         // Which way it goes shows where its bytes are: with the request or with the answer.

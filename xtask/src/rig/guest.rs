@@ -24,7 +24,7 @@ for module in @; do insmod "/modules/$module" || echo "insmod $module failed"; d
 ifconfig lo up
 echo "GUEST-BEGIN $(uname -r)"
 cd /tmp
-/rig/tests captured --test-threads=1 2>&1
+/rig/tests --test-threads=1 2>&1
 code=$?
 echo "GUEST-END rc=$code"
 # The code goes to isa-debug-exit; poweroff is for a QEMU without it.

@@ -56,7 +56,7 @@ pub enum RecordError {
     },
     /// It ends inside a block.
     #[error(
-        "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link before copying its recording"
+        "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link, or stop the capture, before copying its file"
     )]
     Truncated {
         /// The file.

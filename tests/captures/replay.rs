@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::compare::{Comparison, Observed, Options, Steps, What, compare_steps};
 use ecmsk::link::Dir;
-use ecmsk::link::record::{RecordError, Recording};
+use ecmsk::link::record::{RecordError, Recorded, Recording};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::replay::{Replay, ReplayError};
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
@@ -168,12 +168,17 @@ fn a_capture_that_begins_in_the_middle() {
         error.to_string().ends_with("begin the capture before the program starts, with the board just switched on")
     );
 
-    // Then the whole program once more.
+    // A command, what was left of OP, then the whole program once more.
     let mut middle = from_state(&captured(&long.file), MasterState::Op);
+    let mut command = Traffic::default();
+    command.write(7, &[0; 512]);
+    for event in command.events.iter_mut().rev() {
+        event.at_us = middle.events[0].at_us - 100;
+        middle.events.insert(0, event.clone());
+    }
     let later = middle.events.last().expect("an event").at_us + 1_000_000;
     let again = captured(&long.file);
     let first = again.events[0].at_us;
-    let cut = middle.events.len();
     middle.events.extend(again.events.into_iter().map(|mut event| {
         event.at_us = event.at_us - first + later;
         event.id += 1 << 20;
@@ -181,7 +186,11 @@ fn a_capture_that_begins_in_the_middle() {
     }));
     let capture = kept(&middle, USB_LINUX);
     let replay = open(&capture.file, Some(MODEL)).expect("it is replayed");
-    assert!(replay.start().skipped > 400 && replay.start().skipped < cut as u64, "{:?}", replay.start());
+    let frames: Vec<_> = Recording::open(&capture.file).expect("a capture").map(Result::unwrap).collect();
+    let is_start = |recorded: &Recorded| recorded.dir == Dir::Read && recorded.frame.bytes()[2] == 2;
+    let before = frames.iter().position(is_start).expect("it goes back") as u64;
+    assert!(before > 400 && frames[0].dir == Dir::Write);
+    assert_eq!(replay.start().skipped, before);
     let found = compare(&replay);
     assert_eq!(found.counts[0].commands, found.counts[1].commands);
     assert!(found.counts[0].commands >= 304, "{found}");

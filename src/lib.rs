@@ -24,6 +24,8 @@ pub mod port;
 #[cfg(feature = "std")]
 pub mod recording;
 #[cfg(feature = "sim")]
+pub mod replay;
+#[cfg(feature = "sim")]
 pub mod slave;
 #[cfg(feature = "std")]
 mod span;

@@ -271,7 +271,9 @@ fn several_boards() {
 fn notes() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
-    let (mut board, _) = two_axes();
+    // Without an axis and without CRCs nothing tells the slot size.
+    let mut board = Run::new(SlotSize::Bytes12, 0);
+    board.cycle();
     board.script.leave_crc_out();
     board.script.record(&file, "usb:", None);
     let ran = run([Path::new("plot"), &file]);
@@ -372,7 +374,7 @@ fn truncated() {
     let plot = Plot::parse(&ran.out);
     near(plot.panel("Axis 1").at(COLOURS[0], false, early.seconds), early.position[0].into(), 10_000.0);
     fs::write(&recorded.file, &whole[..1500]).expect("a file");
-    recorded.try_plot(&[]).failed(1, &["ends in the middle of the block"], "close the link before copying");
+    recorded.try_plot(&[]).failed(1, &["ends in the middle of the block"], "before copying its file");
 }
 
 /// SET_FIFO's clear is a command for slot 0 with an argument in byte 2, whatever else the frame holds.

@@ -1,6 +1,6 @@
 //! `ecmsk compare`: two recordings of the same program, held against each other command by command.
 
-mod json;
+pub mod json;
 mod picture;
 
 use std::io;
@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::compare::{CompareError, Comparison, Options, Source, Steps, compare_steps};
+use ecmsk::compare::{CompareError, Comparison, Observed, Options, Source, Steps, compare_steps};
+use ecmsk::link::record::Address;
 use ecmsk::sk::SlotSize;
 
 use super::error::say;
@@ -43,6 +44,17 @@ pub struct Args {
     #[arg(value_name = "B", value_hint = ValueHint::FilePath)]
     b: PathBuf,
 
+    #[command(flatten)]
+    how: How,
+
+    /// Of captures these devices alone, by bus and address, as 1.5: of A, and of B if it is another one
+    #[arg(long, value_name = "BUS.ADDRESS", value_delimiter = ',', value_parser = recording::parse_device)]
+    device: Vec<Address>,
+}
+
+/// What counts as equal, and how it is told.
+#[derive(clap::Args)]
+pub struct How {
     /// Positions may be so many counts apart
     #[arg(long, value_name = "COUNTS", default_value_t = 0)]
     tolerance: u32,
@@ -57,15 +69,35 @@ pub struct Args {
 
     /// Print one JSON object
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 
     /// Make a picture of the positions in both, with the first difference marked
     #[arg(long, value_name = "SVG", value_hint = ValueHint::FilePath)]
-    plot: Option<PathBuf>,
+    pub plot: Option<PathBuf>,
 
-    /// Bytes of a slot in both, 12 or 16 [default: what the recordings say, else what the CRCs fit, else 12]
-    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    /// Bytes of a slot in both, 12 or 16 [default: what the recordings say, else what CRCs and slots fit, else 12]
+    #[arg(long, visible_alias = "slot", value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
+}
+
+impl How {
+    /// What counts as equal.
+    pub const fn options(&self) -> Options {
+        Options {
+            tolerance_counts: self.tolerance,
+            statusword_mask: self.statusword_mask,
+            ignore_repeats: self.ignore_repeats,
+            slot: self.slot_size,
+        }
+    }
+}
+
+/// What the two runs are called, and where their picture goes.
+pub struct Names {
+    /// Of A and B.
+    pub runs: [String; 2],
+    /// The picture.
+    pub plot: Option<PathBuf>,
 }
 
 /// Why nothing was compared.
@@ -80,6 +112,12 @@ pub enum CompareVerbError {
     /// Recordings are read more than once.
     #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
     Stdin,
+    /// More devices than captures.
+    #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
+    TooManyDevices {
+        /// Devices named.
+        found: usize,
+    },
     /// The picture has nothing to show.
     #[error("no axis moves in either recording: there is nothing to plot; leave --plot out")]
     NothingToPlot,
@@ -93,12 +131,11 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
     if [&args.a, &args.b].iter().any(|file| file.as_path() == Path::new("-")) {
         return Err(CompareVerbError::Stdin);
     }
-    let options = Options {
-        tolerance_counts: args.tolerance,
-        statusword_mask: args.statusword_mask,
-        ignore_repeats: args.ignore_repeats,
-        slot: args.slot_size,
-    };
+    if args.device.len() > 2 {
+        return Err(CompareVerbError::TooManyDevices { found: args.device.len() });
+    }
+    let options = args.how.options();
+    let names = Names { runs: [&args.a, &args.b].map(|file| file.display().to_string()), plot: args.how.plot.clone() };
     let mut runs = Runs::open(args, &options)?;
     let found = compare_steps(
         Steps::new(&mut runs.a, runs.size, options.ignore_repeats),
@@ -106,17 +143,24 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
         &options,
     );
     runs.check()?;
-    if let Some(file) = &args.plot {
-        let drawing = draw(args, &options, &found)?;
+    if let Some(file) = &args.how.plot {
+        let Runs { a, b, size } = Runs::open(args, &options)?;
+        let steps = |source| Steps::new(source, size, options.ignore_repeats);
+        let drawing = draw(steps(a), steps(b), &names, &found)?;
         plot::save(file, "--plot", &[&args.a, &args.b], &drawing)?;
     }
-    let text = if args.json { json::text(args, &found) } else { text(args, &found) };
+    let text = if args.how.json { json::object(&names, &found).to_string() + "\n" } else { text(&names, &found) };
+    print(text, found.is_equal())
+}
+
+/// Prints what was found, and gives the exit code.
+pub fn print(text: String, is_equal: bool) -> Result<ExitCode, CompareVerbError> {
     match output::print(text) {
         // Whoever has seen enough of the words may still want the exit code.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(CompareVerbError::Output(error)),
         _ => {}
     }
-    Ok(if found.is_equal() { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) })
+    Ok(if is_equal { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) })
 }
 
 /// Both recordings.
@@ -128,7 +172,9 @@ struct Runs {
 
 impl Runs {
     fn open(args: &Args, options: &Options) -> Result<Self, CompareVerbError> {
-        let [a, b] = [Source::open(&args.a, options.slot)?, Source::open(&args.b, options.slot)?];
+        let devices = [args.device.first().copied(), args.device.last().copied()];
+        let [a, b] =
+            [Source::open(&args.a, options.slot, devices[0])?, Source::open(&args.b, options.slot, devices[1])?];
         let size = Source::common_size(&a, &b)?;
         Ok(Self { a, b, size })
     }
@@ -136,30 +182,45 @@ impl Runs {
     /// What is to be said of the recordings, once they were read.
     fn check(&self) -> Result<(), CompareVerbError> {
         for (name, source) in [("A", &self.a), ("B", &self.b)] {
-            source.check()?;
-            if source.is_size_assumed() {
-                recording::note_assumed(name, self.size);
-            }
-            if let Some(damage) = source.damage() {
-                say("note", &format_args!("{name}: {damage}"));
-            }
-            if source.missing() > 0 {
-                let missing = source.missing();
-                say(
-                    "note",
-                    &format_args!("{name}: {missing} frames are missing; record to a faster disk to have them all"),
-                );
-            }
+            tell(name, source)?;
         }
         Ok(())
     }
 }
 
-fn draw(args: &Args, options: &Options, found: &Comparison) -> Result<String, CompareVerbError> {
-    let Runs { a, b, size } = Runs::open(args, options)?;
+/// Says on standard error what there is to say of a recording, once it was read.
+///
+/// # Errors
+/// Why it could not be.
+pub fn tell(name: &str, source: &Source) -> Result<(), CompareError> {
+    source.check()?;
+    if source.is_size_assumed() {
+        recording::note_assumed(name, source.size());
+    }
+    if let Some(damage) = source.damage() {
+        say("note", &format_args!("{name}: {damage}"));
+    }
+    recording::note_left_out(name, &source.skipped());
+    if source.missing() > 0 {
+        let missing = source.missing();
+        say("note", &format_args!("{name}: {missing} frames are missing; record to a faster disk to have them all"));
+    }
+    Ok(())
+}
+
+/// The picture of two runs.
+pub fn draw<A, B>(
+    mut a: Steps<A>,
+    mut b: Steps<B>,
+    names: &Names,
+    found: &Comparison,
+) -> Result<String, CompareVerbError>
+where
+    A: Iterator<Item = Observed>,
+    B: Iterator<Item = Observed>,
+{
     let commands = found.counts.map(|counts| counts.commands);
     let mut picture = Picture::new(commands[0].max(commands[1]));
-    let [mut a, mut b] = [a, b].map(|source| Steps::new(source, size, options.ignore_repeats));
     loop {
         let (a, b) = (a.next(), b.next());
         if a.is_none() && b.is_none() {
@@ -167,12 +228,13 @@ fn draw(args: &Args, options: &Options, found: &Comparison) -> Result<String, Co
         }
         picture.step(a.as_ref(), b.as_ref());
     }
-    picture.draw(args, found)
+    picture.draw(names, found)
 }
 
-fn text(args: &Args, found: &Comparison) -> String {
-    let (a, b) = (args.a.display(), args.b.display());
-    let picture = args.plot.as_ref().map_or_else(String::new, |file| format!("picture: {}\n", file.display()));
+/// What was found, in words.
+pub fn text(names: &Names, found: &Comparison) -> String {
+    let [a, b] = &names.runs;
+    let picture = names.plot.as_ref().map_or_else(String::new, |file| format!("picture: {}\n", file.display()));
     format!("A is {a}\nB is {b}\n{found}\n{picture}")
 }
 

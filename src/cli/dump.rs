@@ -15,7 +15,7 @@ use std::rc::Rc;
 use clap::ValueHint;
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
-use ecmsk::link::record::RecordMeta;
+use ecmsk::link::record::{Address, RecordMeta};
 use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 
@@ -45,7 +45,8 @@ Examples:
   ecmsk dump run.pcapng --json | jq 'select(.direction == \"response\") | .slots[0].fifo_free_entries'
   xxd -p -c 0 frame.bin | ecmsk dump --hex --command")]
 pub struct Args {
-    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon; `-` is standard input
+    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap);
+    /// `-` is standard input
     #[arg(value_name = "FILE", required_unless_present = "hex", conflicts_with = "hex", value_hint = ValueHint::FilePath)]
     file: Option<PathBuf>,
 
@@ -93,6 +94,10 @@ pub struct Args {
     /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
+
+    /// Of a capture this device alone, by its bus and address, as 1.5
+    #[arg(long, value_name = "BUS.ADDRESS", conflicts_with = "hex", value_parser = recording::parse_device)]
+    device: Option<Address>,
 
     /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, none
     #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
@@ -160,7 +165,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 }
 
 fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(), CliError> {
-    let mut frames = Frames::open(file, args.slot_size)?;
+    let mut frames = Frames::open(file, args.slot_size, args.device)?;
     // Slaves belong to a board, and a capture may have several.
     let mut kinds = BTreeMap::new();
     let mut section: Option<Section> = None;

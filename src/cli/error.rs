@@ -28,6 +28,9 @@ pub enum CliError {
     /// See [`super::compare::CompareVerbError`].
     #[error(transparent)]
     Compare(#[from] super::compare::CompareVerbError),
+    /// See [`super::replay::ReplayVerbError`].
+    #[error(transparent)]
+    Replay(#[from] super::replay::ReplayVerbError),
     /// See [`super::man::ManError`].
     #[error(transparent)]
     Man(#[from] super::man::ManError),
@@ -67,7 +70,7 @@ impl CliError {
             #[cfg(unix)]
             Self::Exec(error) => ExitCode::from(error.code()),
             Self::Board(error) => ExitCode::from(error.code()),
-            Self::Compare(_) => ExitCode::from(super::compare::TROUBLE),
+            Self::Compare(_) | Self::Replay(_) => ExitCode::from(super::compare::TROUBLE),
             _ => ExitCode::FAILURE,
         }
     }

@@ -21,6 +21,7 @@ mod output;
 mod plot;
 mod reading;
 mod recording;
+mod replay;
 mod script;
 #[cfg(unix)]
 mod serve;
@@ -43,6 +44,8 @@ Exit codes:
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
   compare
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
+  replay
+       0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
   list 0 if each board that was found on USB can be opened, or an SPI device if there is none
   doctor
        0 nothing is wrong, 1 something has to be put right
@@ -68,6 +71,7 @@ enum Verb {
     Run(script::Args),
     Shell(shell::Args),
     Compare(compare::Args),
+    Replay(replay::Args),
     Monitor(monitor::Args),
     Link(link::Args),
     #[cfg(target_os = "linux")]
@@ -101,6 +105,7 @@ impl Verb {
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Compare(args) => Ok(compare::run(&args)?),
+            Self::Replay(args) => Ok(replay::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             #[cfg(target_os = "linux")]

@@ -14,13 +14,13 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use clap::ValueHint;
-use ecmsk::link::record::RecordError;
+use ecmsk::link::record::{Address, RecordError};
 use ecmsk::recording::InOrder;
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::error::{CliError, say};
 use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
-use super::recording::{Framed, Frames};
+use super::recording::{self, Framed, Frames};
 use super::{output, slot_size};
 use series::{AxisLines, Series};
 use survey::Survey;
@@ -40,7 +40,7 @@ Examples:
   ecmsk plot run.pcapng
   ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg")]
 pub struct Args {
-    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon
+    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap)
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
@@ -71,6 +71,10 @@ pub struct Args {
     /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
+
+    /// Of a capture this device alone, by its bus and address, as 1.5
+    #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
+    device: Option<Address>,
 }
 
 /// Why there is no plot.
@@ -166,7 +170,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         return Err(PlotError::TooManyAxes { found: asked.len() }.into());
     }
     let mut survey = Survey::default();
-    let mut recording = Frames::open(&args.file, args.slot_size)?;
+    let device = recording::board(&args.file, args.device)?;
+    let mut recording = Frames::open(&args.file, args.slot_size, device)?;
     let Walked { frames, damage } = walk(&mut recording, |framed| survey.frame(framed))?;
     recording.note_missing();
     let Some(op) = survey.op() else {
@@ -180,7 +185,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     let cycle_ns = args.difference.then(|| survey.cycle_ns());
     let commands = args.commands.iter().map(|command| command.code()).collect();
     let mut series = Series::new(window, &axes, survey.board(), cycle_ns).only(commands);
-    walk(&mut Frames::open(&args.file, args.slot_size)?.quiet(), |framed| series.frame(framed))?;
+    walk(&mut Frames::open(&args.file, args.slot_size, device)?.quiet(), |framed| series.frame(framed))?;
     let lines = series.finish();
     if !args.commands.is_empty() && lines.axes.iter().all(AxisLines::is_empty) {
         let names = args.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 use ecmsk::engine::Firmware;
-use ecmsk::link::record::{RecordError, RecordMeta, Recorded, Recording};
+use ecmsk::link::record::{Address, AddressError, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{SizeFinder, SizeFrom};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
@@ -59,17 +59,18 @@ pub struct Frames<R> {
 }
 
 impl Frames<Box<dyn Read>> {
-    /// Opens a file, `-` being standard input. `size`: what the user says of the slot size.
+    /// Opens a file, `-` being standard input. `size`: what the user says of the slot size. `device`: of a capture this
+    /// device alone.
     ///
     /// # Errors
     /// [`RecordError`] if it cannot be read or is no recording.
-    pub fn open(file: &Path, size: Option<SlotSize>) -> Result<Self, RecordError> {
+    pub fn open(file: &Path, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
         if file == Path::new(STDIN) {
-            return Self::new(Box::new(std::io::stdin().lock()), "standard input", size);
+            return Self::new(Box::new(std::io::stdin().lock()), "standard input", size, device);
         }
         let name = file.display().to_string();
         match File::open(file) {
-            Ok(source) => Self::new(Box::new(source), &name, size),
+            Ok(source) => Self::new(Box::new(source), &name, size, device),
             Err(error) => Err(RecordError::Io { name, message: error.to_string() }),
         }
     }
@@ -80,9 +81,13 @@ impl<R: Read> Frames<R> {
     ///
     /// # Errors
     /// [`RecordError`] if it does not begin like a recording.
-    pub fn new(source: R, name: &str, size: Option<SlotSize>) -> Result<Self, RecordError> {
+    pub fn new(source: R, name: &str, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
+        let recording = Recording::new(source, name)?;
         let mut frames = Self {
-            recording: Recording::new(source, name)?,
+            recording: match device {
+                Some(device) => recording.only(device),
+                None => recording,
+            },
             name: name.to_owned(),
             sizes: SizeFinder::new(size),
             ahead: VecDeque::new(),
@@ -141,8 +146,9 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Says on standard error how many frames are missing, if any are; known at the end only.
+    /// Says on standard error what is missing and what was left out, if anything is; known at the end only.
     pub fn note_missing(&self) {
+        note_left_out(&self.name, &self.recording.skipped());
         let missing = self.recording.missing();
         if missing > 0 {
             let name = &self.name;
@@ -195,6 +201,32 @@ pub fn note_assumed(whose: &str, size: SlotSize) {
         "note",
         &format_args!("{whose}: no CRC tells the slot size, taken as {size} bytes; if it is not, give --slot-size"),
     );
+}
+
+/// Says on standard error what of a capture was left out, if it matters.
+pub fn note_left_out(whose: &str, skipped: &Skipped) {
+    if let Some(words) = skipped.words() {
+        say("note", &format_args!("{whose}: left out: {words}; look at them in Wireshark"));
+    }
+}
+
+/// The board of a capture: the one asked for, else the one that there is; `None` if the file is a recording.
+///
+/// # Errors
+/// [`RecordError`], if there are none or several.
+pub fn board(file: &Path, asked: Option<Address>) -> Result<Option<Address>, RecordError> {
+    match asked {
+        Some(asked) => Ok(Some(asked)),
+        None => board_in(file),
+    }
+}
+
+/// Reads `1.5`.
+///
+/// # Errors
+/// What is allowed.
+pub fn parse_device(text: &str) -> Result<Address, String> {
+    text.parse().map_err(|error: AddressError| error.to_string())
 }
 
 fn size_told(meta: Option<&RecordMeta>) -> Option<SlotSize> {

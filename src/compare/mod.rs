@@ -115,7 +115,7 @@ impl Default for Options {
 /// # Errors
 /// [`CompareError`] if one cannot be read, or the two have slots of different sizes.
 pub fn files(a: &Path, b: &Path, options: &Options) -> Result<Comparison, CompareError> {
-    let [mut a, mut b] = [Source::open(a, options.slot)?, Source::open(b, options.slot)?];
+    let [mut a, mut b] = [Source::open(a, options.slot, None)?, Source::open(b, options.slot, None)?];
     let size = Source::common_size(&a, &b)?;
     let found = compare(&mut a, &mut b, size, options);
     a.check()?;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::Observed;
 use crate::link::Dir;
-use crate::link::record::{RecordError, Recorded, Recording};
+use crate::link::record::{Address, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
 use crate::recording::{InOrder, SizeFinder, SizeFrom};
 use crate::sk::{FRAME_LEN, SlotSize};
 
@@ -38,13 +38,14 @@ pub enum CompareError {
     },
 }
 
-/// The frames of a recording in the order of their times; of a capture with several boards those of the first. It ends at
-/// damage: what comes before is whole, and [`Source::damage`] tells.
+/// The frames of a recording in the order of their times; of a capture those of its board. It ends at damage: what comes
+/// before is whole, and [`Source::damage`] tells.
 pub struct Source {
     recording: Recording<File>,
     /// Since when times count.
     first_ns: u64,
-    board: (u16, u8),
+    board: Address,
+    meta: Option<RecordMeta>,
     size: SlotSize,
     size_from: SizeFrom,
     order: InOrder<Observed>,
@@ -53,22 +54,48 @@ pub struct Source {
 }
 
 impl Source {
-    /// Opens a recording. `slot`: its slot size, if it is known better than the recording tells.
+    /// Opens a recording. `slot`: its slot size, if it is known better than the recording tells. `device`: the board of a
+    /// capture, if it is not to be looked for.
     ///
     /// # Errors
     /// [`CompareError::Recording`], [`CompareError::Empty`].
-    pub fn open(path: &Path, slot: Option<SlotSize>) -> Result<Self, CompareError> {
-        let Start { first, size, size_from } = Start::of(path, slot)?;
+    pub fn open(path: &Path, slot: Option<SlotSize>, device: Option<Address>) -> Result<Self, CompareError> {
+        let device = match device {
+            Some(device) => Some(device),
+            None => board_in(path)?,
+        };
+        let Start { first, meta, size, size_from } = Start::of(path, slot, device)?;
         Ok(Self {
-            recording: Recording::open(path)?,
+            recording: open(path, device)?,
             first_ns: first.at_ns,
-            board: (first.bus, first.device),
+            board: first.address(),
+            meta,
             size,
             size_from,
             order: InOrder::default(),
             number: 0,
             error: None,
         })
+    }
+
+    /// Which board's frames these are.
+    pub const fn board(&self) -> Address {
+        self.board
+    }
+
+    /// What the recording says of itself at its first frame; `None` for a capture that somebody else made.
+    pub const fn meta(&self) -> Option<&RecordMeta> {
+        self.meta.as_ref()
+    }
+
+    /// When the first frame passed, as the recording has it: times count from there.
+    pub const fn first_ns(&self) -> u64 {
+        self.first_ns
+    }
+
+    /// What of a capture was left out, as far as it was read.
+    pub fn skipped(&self) -> Skipped {
+        self.recording.skipped()
     }
 
     /// Bytes of a slot.
@@ -119,7 +146,7 @@ impl Iterator for Source {
 
     fn next(&mut self) -> Option<Observed> {
         while self.error.is_none() {
-            let Recorded { at_ns, dir, frame, bus, device } = match self.recording.next() {
+            let recorded = match self.recording.next() {
                 Some(Ok(recorded)) => recorded,
                 Some(Err(error)) => {
                     self.error = Some(error);
@@ -128,9 +155,10 @@ impl Iterator for Source {
                 None => break,
             };
             self.number += 1;
-            if (bus, device) != self.board {
+            if recorded.address() != self.board {
                 continue;
             }
+            let Recorded { at_ns, dir, frame, .. } = recorded;
             let at_ns = i64::try_from(i128::from(at_ns) - i128::from(self.first_ns)).unwrap_or(i64::MAX);
             let observed = Observed { number: self.number, at_ns, dir, frame };
             // A command of the same moment had not reached the board when the report was made.
@@ -146,16 +174,26 @@ impl Iterator for Source {
 /// What the first frames tell.
 struct Start {
     first: Recorded,
+    meta: Option<RecordMeta>,
     size: SlotSize,
     size_from: SizeFrom,
 }
 
+fn open(path: &Path, device: Option<Address>) -> Result<Recording<File>, RecordError> {
+    let recording = Recording::open(path)?;
+    Ok(match device {
+        Some(device) => recording.only(device),
+        None => recording,
+    })
+}
+
 impl Start {
-    fn of(path: &Path, slot: Option<SlotSize>) -> Result<Self, CompareError> {
-        let mut recording = Recording::open(path)?;
+    fn of(path: &Path, slot: Option<SlotSize>, device: Option<Address>) -> Result<Self, CompareError> {
+        let mut recording = open(path, device)?;
         let first = recording.next().transpose()?;
         let first = first.ok_or_else(|| CompareError::Empty { name: path.display().to_string() })?;
-        let told = slot.or_else(|| recording.meta()?.slot);
+        let meta = recording.meta().cloned();
+        let told = slot.or_else(|| meta.as_ref()?.slot);
         let mut sizes = SizeFinder::new(told);
         sizes.look(&first.frame, FRAME_LEN);
         for recorded in recording.map_while(Result::ok).take(LOOK_AT) {
@@ -165,6 +203,6 @@ impl Start {
             sizes.look(&recorded.frame, FRAME_LEN);
         }
         let (size, size_from) = sizes.size();
-        Ok(Self { first, size, size_from })
+        Ok(Self { first, meta, size, size_from })
     }
 }

@@ -336,6 +336,16 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 
+/// The board of a `sim:` link without the link: just switched on, on a time that passes by its caller alone. Of the link's
+/// keys those count that say what the board and its network are.
+///
+/// # Errors
+/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::NoBoard`].
+#[cfg(feature = "sim")]
+pub fn model(uri: &uri::LinkUri) -> Result<crate::engine::Board, LinkError> {
+    sim::model(uri)
+}
+
 #[cfg_attr(not(feature = "sim"), allow(unused_variables, reason = "a build without links uses none of them"))]
 fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     match uri.scheme() {

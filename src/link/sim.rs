@@ -62,6 +62,21 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     link
 }
 
+/// The board that the URI describes, by itself: it was just switched on and talks, and nothing happens to it but by calls.
+pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
+    let options = SimOptions::from_uri(uri)?;
+    let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
+    let (mut board, network) = switch_on(&options);
+    if let Some(script) = script {
+        let run = script.start(network, board.handle(), board.now());
+        board.set_script(Some(Box::new(run)));
+    }
+    if board.engine().talks() {
+        return Ok(board);
+    }
+    Err(LinkError::NoBoard { name: uri.to_string(), reason: "it finds no slave; give it some with `slaves=`".into() })
+}
+
 fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
     let config = EngineConfig {
         slot: options.slot,

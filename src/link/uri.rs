@@ -311,7 +311,7 @@ const REAL_CLOCK_ONLY: &[(&str, &str)] = &[
 ];
 
 /// A slot size as links write it.
-pub(super) fn slot_size(value: &str) -> Option<SlotSize> {
+pub(crate) fn slot_size(value: &str) -> Option<SlotSize> {
     SlotSize::from_bytes(value.parse().ok()?)
 }
 

@@ -1,17 +1,17 @@
 //! The slot size of frames, which they do not say of themselves.
 
-use crate::sk::{CrcStatus, Frame, SlotSize};
+use crate::sk::{CommandId, CrcStatus, Frame, MASTER_CYCLIC, RawSlot, SlotSize};
 
 /// How sure the slot size of a frame is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SizeFrom {
-    /// The user or the recording says so, only one size has frames of this length, or a CRC fits one size alone.
+    /// The user or the recording says so, only one size has frames of this length, or a CRC or the slots fit one size alone.
     Known,
     /// Nothing tells.
     Assumed,
 }
 
-/// Finds the slot size of frames, by what is said and by what their CRCs fit.
+/// Finds the slot size of frames, by what is said, by what their CRCs fit and, where there are none, their slots.
 #[derive(Clone, Debug)]
 pub struct SizeFinder {
     known: Option<SlotSize>,
@@ -61,7 +61,7 @@ impl SizeFinder {
     }
 }
 
-/// The size that a frame shows by its length or its CRC.
+/// The size that a frame shows by its length, its CRC or its slots.
 fn own_size(frame: &Frame, len: usize) -> Option<SlotSize> {
     if len < SlotSize::Bytes16.frame_len() {
         return Some(SlotSize::Bytes12);
@@ -71,6 +71,48 @@ fn own_size(frame: &Frame, len: usize) -> Option<SlotSize> {
     match (frame.crc_byte(), fits(SlotSize::Bytes12), fits(SlotSize::Bytes16)) {
         (1.., true, false) => Some(SlotSize::Bytes12),
         (1.., false, true) => Some(SlotSize::Bytes16),
+        _ => by_slots(frame),
+    }
+}
+
+/// The size whose slots alone make sense: each holds an id that belongs there, or nothing. \[OURS] Slots of the other size
+/// begin in the middle of these, and what asks for something or answers does not look like that there. A slot of a
+/// response that answers GET_STATUS holds data without an id: such a frame tells nothing.
+fn by_slots(frame: &Frame) -> Option<SlotSize> {
+    let sensible = |size: SlotSize| {
+        frame.slots(size).iter().enumerate().all(|(i, slot)| match i {
+            0 => slot.id == MASTER_CYCLIC || !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_)),
+            i if i == size.sdo_slot() => is_sdo(&slot, size) || slot.is_zero(),
+            _ => is_of_slave(slot.id) || slot.is_zero(),
+        })
+    };
+    match (sensible(SlotSize::Bytes12), sensible(SlotSize::Bytes16)) {
+        (true, false) => Some(SlotSize::Bytes12),
+        (false, true) => Some(SlotSize::Bytes16),
         _ => None,
     }
+}
+
+/// A transfer, or the answer to one (SK-6).
+fn is_sdo(slot: &RawSlot, size: SlotSize) -> bool {
+    let is_transfer = matches!(CommandId::from_code(slot.id), CommandId::SdoRead | CommandId::SdoWrite);
+    is_transfer && (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF))
+}
+
+/// Commands for slaves (SK-4).
+const fn is_of_slave(id: u8) -> bool {
+    matches!(
+        CommandId::from_code(id),
+        CommandId::DriveMode
+            | CommandId::AlarmClear
+            | CommandId::ServoOn
+            | CommandId::ServoOff
+            | CommandId::IoRead
+            | CommandId::IoWrite
+            | CommandId::Csp
+            | CommandId::Csv
+            | CommandId::Cst
+            | CommandId::GoHome
+            | CommandId::AbortHome
+    )
 }

@@ -2,6 +2,7 @@
 //! system, as root, one at a time: `cargo xtask test --rig`.
 #![cfg(target_os = "linux")]
 
+mod captured;
 mod detach;
 mod frames;
 mod here;

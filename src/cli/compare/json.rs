@@ -4,7 +4,7 @@ use ecmsk::compare::{Comparison, Context, Counts, Difference, Side, What};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Args;
+use super::Names;
 
 #[derive(Serialize)]
 struct Found<'a> {
@@ -64,26 +64,26 @@ impl<'a> First<'a> {
     }
 }
 
-/// The object on a line.
-pub fn text(args: &Args, found: &Comparison) -> String {
-    let run = |file: &std::path::Path, counts: &Counts| {
+/// The object.
+pub fn object(names: &Names, found: &Comparison) -> Value {
+    let run = |file: &str, counts: &Counts| {
         let Counts { commands, polls, repeats, reports, last_ns } = *counts;
-        Run { file: file.display().to_string(), commands, polls, repeats, reports, last_ns }
+        Run { file: file.to_owned(), commands, polls, repeats, reports, last_ns }
     };
     let context =
         found.context.iter().map(|Context { command, at_ns, text }| Before { command: *command, at_ns: *at_ns, text });
     let json = Found {
         equal: found.is_equal(),
-        a: run(&args.a, &found.counts[0]),
-        b: run(&args.b, &found.counts[1]),
+        a: run(&names.runs[0], &found.counts[0]),
+        b: run(&names.runs[1], &found.counts[1]),
         answers: found.answers,
         differing_answers: found.differing_answers,
         ends_early: found.ends_early.map(side),
         first: found.first.as_ref().map(First::of),
         context: context.collect(),
-        plot: args.plot.as_ref().map(|file| file.display().to_string()),
+        plot: names.plot.as_ref().map(|file| file.display().to_string()),
     };
-    json!(json).to_string() + "\n"
+    json!(json)
 }
 
 const fn side(side: Side) -> &'static str {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use ecmsk::compare::{Answer, Comparison, Step, What};
 use ecmsk::sk::{CommandId, SlotSize};
 
-use super::{Args, CompareVerbError};
+use super::{CompareVerbError, Names};
 use crate::cli::plot::chart::{self, Caption};
 use crate::cli::plot::decimate::Line;
 use crate::cli::plot::panel::{Look, Panel, Stroke};
@@ -59,7 +59,7 @@ impl Picture {
     }
 
     /// The picture as SVG: of the axes that move, that with the first difference among them.
-    pub fn draw(mut self, args: &Args, found: &Comparison) -> Result<String, CompareVerbError> {
+    pub fn draw(mut self, names: &Names, found: &Comparison) -> Result<String, CompareVerbError> {
         let differing = found.first.as_ref().and_then(|first| first.what.iter().find_map(What::slave));
         let mut chosen: Vec<u8> = self.axes.keys().copied().collect();
         chosen.sort_by_key(|slave| (Some(*slave) != differing, *slave));
@@ -90,13 +90,12 @@ impl Picture {
         for panel in &mut panels {
             panel.marks = mark.map(|command| command as f64).into_iter().collect();
         }
-        let name = |file: &std::path::Path| file.display().to_string();
         let caption = Caption {
             title: match &found.first {
                 Some(first) => first.to_string(),
                 None => format!("equal: {} commands", found.counts[0].commands),
             },
-            about: format!("A: {}, B: {}", name(&args.a), name(&args.b)),
+            about: format!("A: {}, B: {}", names.runs[0], names.runs[1]),
             range: self.window.range(),
             axis: "command",
         };

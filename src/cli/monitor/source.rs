@@ -54,7 +54,7 @@ impl Feed {
     /// A recording, as fast as it was.
     pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, RecordError> {
         // What is no recording is told before the screen is taken.
-        drop(Frames::open(&file, slot)?);
+        drop(Frames::open(&file, slot, None)?);
         Ok(Self::start(watched, None, Arc::default(), move |watched, stop| {
             let began = Instant::now();
             let played = walk(&file, slot, |framed| {
@@ -155,7 +155,7 @@ pub fn walk(
 ) -> Result<Option<RecordError>, CliError> {
     let mut order = InOrder::default();
     let mut damage = None;
-    for framed in Frames::open(file, slot)? {
+    for framed in Frames::open(file, slot, None)? {
         match framed {
             Ok(framed) => {
                 if let Some(framed) = order.push(framed.time_ns, framed)

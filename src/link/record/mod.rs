@@ -3,13 +3,17 @@
 //! A recording opens in Wireshark and looks like a capture of the board's USB traffic by Linux' usbmon. What the host
 //! writes is the submission of a transfer to endpoint 0x02, what it reads the completion of one from 0x81. Times are
 //! nanoseconds of the link's clock, moved to the calendar where that clock is real ([`RecordMeta::base_ns`]).
-//! [`Recording`] reads such a file back, and captures of a real board as well.
+//! [`Recording`] reads such a file back, and captures of a real board as well: of usbmon, and of USBPcap on Windows.
 
+mod boards;
 mod container;
 mod file;
+mod held;
 mod meta;
 mod reader;
+mod transfer;
 mod usbmon;
+mod usbpcap;
 mod writer;
 
 use std::io::{self, Write};
@@ -20,8 +24,10 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+pub use boards::{BOARD_IDS, Seen, Skipped};
 pub use meta::RecordMeta;
-pub use reader::{RecordError, Recorded, Recording};
+pub use reader::{RecordError, Recorded, Recording, board_in};
+pub use transfer::{Address, AddressError};
 
 use super::options::Clock;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};

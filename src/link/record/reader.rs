@@ -1,19 +1,18 @@
-//! Reads recordings back, and captures of a real board that Wireshark or tcpdump made by Linux' usbmon.
+//! Reads recordings back, and captures of a real board that Wireshark or tcpdump made by Linux' usbmon, or by USBPcap on
+//! Windows.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use super::boards::{self, Boards, Cut, Seen, Skipped};
 use super::container::{Blocks, Item, Packet};
+use super::held::Held;
 use super::meta::RecordMeta;
-use super::usbmon;
+use super::transfer::Address;
+use super::{usbmon, usbpcap};
 use crate::link::Dir;
-use crate::sk::{FRAME_LEN, Frame, SlotSize};
-
-/// Bytes of a frame behind a report id, as some hosts capture it.
-const WITH_REPORT_ID: usize = 1 + FRAME_LEN;
-/// Bytes of a frame without filler.
-const NARROW: usize = SlotSize::Bytes12.frame_len();
+use crate::sk::Frame;
 
 /// A frame in a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,6 +28,13 @@ pub struct Recorded {
     pub bus: u16,
     /// The board on that bus; it changes when the board is plugged again.
     pub device: u8,
+}
+
+impl Recorded {
+    /// Which board of a capture this is of.
+    pub const fn address(&self) -> Address {
+        Address { bus: self.bus, device: self.device }
+    }
 }
 
 /// Why a recording cannot be read, or not further.
@@ -50,7 +56,7 @@ pub enum RecordError {
     },
     /// It ends inside a block.
     #[error(
-        "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link before copying its recording"
+        "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link, or stop the capture, before copying its file"
     )]
     Truncated {
         /// The file.
@@ -70,12 +76,42 @@ pub enum RecordError {
     },
     /// No packet in it can be one of a board.
     #[error(
-        "{name} holds no USB traffic of Linux (link type 220 or 189) but {found}; record with record= or capture usbmon"
+        "{name} holds no USB traffic (link types 220 and 189 of Linux, 249 of Windows) but {found}; record with record= or capture usbmon or USBPcap"
     )]
     NoUsb {
         /// The file.
         name: String,
         /// The link types it has.
+        found: String,
+    },
+    /// There is USB traffic, and none of a board.
+    #[error(
+        "{name} holds no frames of a board (interrupt transfers of 512 bytes) but {found}; capture the bus of the board (16c0:05df) while the program runs"
+    )]
+    NoBoard {
+        /// The file.
+        name: String,
+        /// The devices it has.
+        found: String,
+    },
+    /// More than one device may be the board.
+    #[error("{name} holds {found}, each of which may be the board; choose one with --device {example}")]
+    SeveralBoards {
+        /// The file.
+        name: String,
+        /// Those devices.
+        found: String,
+        /// One of them.
+        example: Address,
+    },
+    /// The device asked for moved no frame.
+    #[error("{name} holds no frames of device {asked} but {found}; name one that has some with --device")]
+    NoSuchDevice {
+        /// The file.
+        name: String,
+        /// What was asked for.
+        asked: Address,
+        /// The devices it has.
         found: String,
     },
     /// A packet holds less than the frame that passed.
@@ -96,15 +132,28 @@ pub enum RecordError {
 
 /// The frames of a recording or a capture, in the order of the file.
 ///
-/// Of other traffic in a capture nothing is seen: a frame is an interrupt transfer of 512 or 504 bytes, or of 513 with a
-/// report id. After an error there is nothing more.
+/// Of a capture: frames to the board at the submission of their transfer, reports at its completion; a frame that the
+/// capture shows to have been taken back is none. A frame is an interrupt transfer of 512 or 504 bytes, or of 513 with
+/// a report id of 0, or as long a SET_REPORT. All else is counted ([`Recording::skipped`]). After an error there is
+/// nothing more.
 pub struct Recording<R> {
     blocks: Blocks<R>,
     name: String,
     meta: Option<RecordMeta>,
+    /// That of the section that was begun, while frames of the one before are held.
+    next_meta: Option<Option<RecordMeta>>,
     missing: u64,
     /// Link types of interfaces that are no USB, for an error; `None` once there was one that is.
     others: Option<Vec<String>>,
+    boards: Boards,
+    held: Held,
+    only: Option<Address>,
+    /// Frames given out.
+    frames: u64,
+    /// Whether some section is a recording: those may be empty.
+    is_recording: bool,
+    /// How reading ended, once it has.
+    end: Option<Result<(), RecordError>>,
     ended: bool,
 }
 
@@ -132,13 +181,29 @@ impl<R: Read> Recording<R> {
             blocks: Blocks::new(source, name.to_owned()),
             name: name.to_owned(),
             meta: None,
+            next_meta: None,
             missing: 0,
             others: Some(Vec::new()),
+            boards: Boards::default(),
+            held: Held::default(),
+            only: None,
+            frames: 0,
+            is_recording: false,
+            end: None,
             ended: false,
         };
         // The file's header, so that `meta` is known at once.
         recording.step()?;
+        recording.meta = recording.next_meta.take().flatten();
         Ok(recording)
+    }
+
+    /// Gives out the frames of one device alone, whatever its descriptor says.
+    #[must_use]
+    pub fn only(mut self, address: Address) -> Self {
+        self.only = Some(address);
+        self.boards.only(address);
+        self
     }
 
     /// What the recording says of itself; `None` for a capture that somebody else made. A file that was recorded to
@@ -152,36 +217,87 @@ impl<R: Read> Recording<R> {
         self.missing
     }
 
-    /// One block on: a frame if it holds one; `None` at the end.
-    fn step(&mut self) -> Result<Option<Option<Recorded>>, RecordError> {
-        let Some(item) = self.blocks.next()? else { return Ok(None) };
+    /// What was left out, as far as it was read.
+    pub fn skipped(&self) -> Skipped {
+        self.boards.skipped()
+    }
+
+    /// The devices, as far as it was read.
+    pub fn devices(&self) -> Vec<Seen> {
+        self.boards.seen()
+    }
+
+    /// One block on; says whether there was one.
+    fn step(&mut self) -> Result<bool, RecordError> {
+        let Some(item) = self.blocks.next()? else { return Ok(false) };
         match item {
-            Item::Section(meta) => self.meta = meta,
-            Item::Interface(link_type) if usbmon::is_usbmon(link_type) => self.others = None,
+            Item::Section(meta) => {
+                self.held.settle();
+                self.is_recording |= meta.is_some();
+                self.next_meta = Some(meta);
+            }
+            Item::Interface(link_type) if usbmon::is_usbmon(link_type) || usbpcap::is_usbpcap(link_type) => {
+                self.others = None;
+            }
             Item::Interface(link_type) => {
                 if let Some(others) = &mut self.others {
                     others.push(format!("{link_type:?}"));
                 }
             }
-            Item::Packet(packet) => return frame(&self.name, &packet).map(Some),
+            Item::Packet(Packet { link_type, order, at_ns, offset, data }) => {
+                let event = if usbpcap::is_usbpcap(link_type) {
+                    usbpcap::event(data)
+                } else {
+                    usbmon::event(link_type, order, data)
+                };
+                // A recording has no ends of transfers: what it holds was taken.
+                let waits = self.meta.is_none();
+                let taken = event.map_or(Ok(()), |event| self.boards.take(&event, at_ns, waits, &mut self.held));
+                if let Err(Cut { captured, length }) = taken {
+                    return Err(RecordError::Cut { name: self.name.clone(), offset, captured, length });
+                }
+            }
             Item::Missing(frames) => self.missing = self.missing.saturating_add(frames),
             Item::Other => {}
         }
-        Ok(Some(None))
+        Ok(true)
     }
 
     fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
-        while let Some(step) = self.step()? {
-            if step.is_some() {
-                return Ok(step);
+        loop {
+            if let Some(frame) = self.held.pop() {
+                self.frames += 1;
+                return Ok(Some(frame));
+            }
+            // Nothing of the section before is left.
+            if let Some(meta) = self.next_meta.take() {
+                self.meta = meta;
+            }
+            match self.end.take() {
+                Some(end) => return end.and_then(|()| self.check()).map(|()| None),
+                None => self.end = self.step().map(|more| (!more).then_some(())).transpose(),
+            }
+            if self.end.is_some() {
+                self.held.settle();
             }
         }
+    }
+
+    /// A file that was read to its end without a frame.
+    fn check(&mut self) -> Result<(), RecordError> {
+        let name = self.name.clone();
         match self.others.take() {
-            None => Ok(None),
-            Some(found) if found.is_empty() => {
-                Err(RecordError::NoUsb { name: self.name.clone(), found: "no interface".to_owned() })
+            Some(found) if found.is_empty() => Err(RecordError::NoUsb { name, found: "no interface".to_owned() }),
+            Some(found) => Err(RecordError::NoUsb { name, found: found.join(", ") }),
+            None if self.frames > 0 || self.is_recording => Ok(()),
+            None => {
+                let devices = self.devices();
+                let found = if devices.is_empty() { "no transfer at all".to_owned() } else { boards::list(&devices) };
+                Err(match self.only {
+                    Some(asked) => RecordError::NoSuchDevice { name, asked, found },
+                    None => RecordError::NoBoard { name, found },
+                })
             }
-            Some(found) => Err(RecordError::NoUsb { name: self.name.clone(), found: found.join(", ") }),
         }
     }
 }
@@ -199,18 +315,30 @@ impl<R: Read> Iterator for Recording<R> {
     }
 }
 
-/// The frame in a packet, if it holds one.
-fn frame(name: &str, packet: &Packet<'_>) -> Result<Option<Recorded>, RecordError> {
-    let Some(transfer) = usbmon::transfer(packet.link_type, packet.order, packet.data) else { return Ok(None) };
-    let length = transfer.length as usize;
-    if ![FRAME_LEN, NARROW, WITH_REPORT_ID].contains(&length) {
+/// Which device of a capture is the board: the one that is the most like it, by its descriptor if the capture has that,
+/// and by its frames. `None` for a recording, which is of one board. A capture that is damaged is looked at up to there.
+///
+/// # Errors
+/// [`RecordError::SeveralBoards`], [`RecordError::NoBoard`], and what else keeps a file from being read.
+pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
+    let mut recording = Recording::open(path)?;
+    for frame in recording.by_ref() {
+        match frame {
+            Err(RecordError::Truncated { .. } | RecordError::Malformed { .. }) => break,
+            frame => drop(frame?),
+        }
+    }
+    if recording.is_recording {
         return Ok(None);
     }
-    let Some(data) = transfer.data.get(..length) else {
-        let (offset, captured) = (packet.offset, transfer.data.len());
-        return Err(RecordError::Cut { name: name.to_owned(), offset, captured, length: transfer.length });
-    };
-    let data = if length == WITH_REPORT_ID { &data[1..] } else { data };
-    let frame = Frame::from_prefix(data);
-    Ok(Some(Recorded { at_ns: packet.at_ns, dir: transfer.dir, frame, bus: transfer.bus, device: transfer.device }))
+    let (name, devices) = (recording.name.clone(), recording.devices());
+    match boards::candidates(&devices)[..] {
+        [] if devices.is_empty() => Err(RecordError::NoBoard { name, found: "no transfer at all".to_owned() }),
+        [] => Err(RecordError::NoBoard { name, found: boards::list(&devices) }),
+        [board] => Ok(Some(board.address)),
+        [first, ..] => {
+            let found = boards::list(&boards::candidates(&devices));
+            Err(RecordError::SeveralBoards { name, found, example: first.address })
+        }
+    }
 }

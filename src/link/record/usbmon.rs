@@ -6,6 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
 
+use super::transfer::{Address, Event, Kind, Stage};
 use crate::link::Dir;
 use crate::sk::FRAME_LEN;
 
@@ -20,12 +21,15 @@ const IN: u8 = 0x81;
 /// Bit of an endpoint's number: to the host.
 const TO_HOST: u8 = 0x80;
 
-/// Events: a transfer is handed to the controller, a transfer has ended.
+/// Events: a transfer is handed to the controller, it has ended, it was refused.
 const SUBMIT: u8 = b'S';
 const COMPLETE: u8 = b'C';
-/// Kind of transfer.
+const REFUSED: u8 = b'E';
+/// Kinds of transfer.
 const INTERRUPT: u8 = 1;
-/// There is no setup packet.
+const CONTROL: u8 = 2;
+/// There is a setup packet, or none.
+const SETUP_PRESENT: u8 = 0;
 const NO_SETUP: u8 = b'-';
 /// The data follow.
 const DATA_PRESENT: u8 = 0;
@@ -92,43 +96,47 @@ pub(super) fn header(dir: Dir, id: u64, at_ns: u64) -> [u8; HEADER_LEN] {
     })
 }
 
-/// A transfer that carries data in the direction of its endpoint, over an interrupt endpoint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Transfer<'a> {
-    pub dir: Dir,
-    pub bus: u16,
-    pub device: u8,
-    /// Bytes that were moved or are to be; a capture may hold fewer of them.
-    pub length: u32,
-    pub data: &'a [u8],
-}
-
 /// Whether packets of that link type begin with this header.
 pub(super) const fn is_usbmon(link_type: DataLink) -> bool {
     header_len(link_type).is_some()
 }
 
-/// The transfer in a packet of that link type; `None` if the packet is something else: another kind of transfer or
-/// event, or no usbmon packet at all.
-pub(super) fn transfer(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<Transfer<'_>> {
+/// What a packet of that link type tells; `None` if it is no usbmon packet.
+pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<Event<'_>> {
     let (start, data) = packet.split_at_checked(header_len(link_type)?)?;
     let mut bytes = [0; HEADER_LEN];
     bytes[..start.len()].copy_from_slice(start);
     let header: RawHeader = bytemuck::cast(bytes);
-    let dir = match (header.event, header.endpoint & TO_HOST) {
-        (SUBMIT, 0) => Dir::Write,
-        (COMPLETE, TO_HOST) => Dir::Read,
+    let (stage, length) = match header.event {
+        SUBMIT => (Stage::Submitted, number(order, header.length)),
+        COMPLETE => (Stage::Ended { done: header.status == [0; 4] }, number(order, header.length)),
+        // What was refused has moved nothing.
+        REFUSED => (Stage::Ended { done: false }, 0),
         _ => return None,
     };
-    if header.transfer != INTERRUPT || header.flag_data != DATA_PRESENT {
-        return None;
-    }
-    let captured = usize::try_from(number(order, header.captured)).ok()?.min(data.len());
-    let bus = match order {
-        Endianness::Little => u16::from_le_bytes(header.bus),
-        Endianness::Big => u16::from_be_bytes(header.bus),
+    let kind = match header.transfer {
+        INTERRUPT => Kind::Interrupt,
+        CONTROL => Kind::Control,
+        _ => Kind::Other,
     };
-    Some(Transfer { dir, bus, device: header.device, length: number(order, header.length), data: &data[..captured] })
+    let captured = match header.flag_data {
+        DATA_PRESENT => usize::try_from(number(order, header.captured)).ok()?.min(data.len()),
+        _ => 0,
+    };
+    let (bus, id) = match order {
+        Endianness::Little => (u16::from_le_bytes(header.bus), u64::from_le_bytes(header.id)),
+        Endianness::Big => (u16::from_be_bytes(header.bus), u64::from_be_bytes(header.id)),
+    };
+    Some(Event {
+        at: Address { bus, device: header.device },
+        kind,
+        stage,
+        to_host: header.endpoint & TO_HOST != 0,
+        id,
+        setup: (header.flag_setup == SETUP_PRESENT).then_some(header.setup),
+        length,
+        data: &data[..captured],
+    })
 }
 
 const fn header_len(link_type: DataLink) -> Option<usize> {

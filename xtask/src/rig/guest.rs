@@ -10,8 +10,8 @@ use super::programs::{self, LIBRARY, Programs};
 use super::{modules, packages};
 use crate::error::Error;
 
-/// What the guest's USB and HID code is, and the virtual host controller.
-const MODULES: [&str; 3] = ["vhci-hcd", "usbhid", "hid-generic"];
+/// What the guest's USB and HID code is, the virtual host controller, and the monitor of USB traffic.
+const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 
 /// What the link `usb:` loads, which no program names.
 const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];

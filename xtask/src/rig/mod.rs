@@ -5,6 +5,7 @@
 //! and nothing else; QEMU boots it without privileges and without KVM. All that is fetched stays in
 //! `target/xtask/rig/`.
 
+mod files;
 mod guest;
 mod initrd;
 mod kernel;

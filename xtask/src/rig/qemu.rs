@@ -7,6 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
+use super::files;
 use crate::command;
 use crate::error::Error;
 
@@ -55,10 +56,12 @@ pub fn boot(kernel: &Path, initrd: &Path, folder: &Path) -> Result<(), Error> {
     let status = child.0.wait().map_err(Error::file("wait for", Path::new("qemu")))?;
     // Its output is at its end, as it is itself.
     let _ = reader.join();
+    files::keep(&all, &folder.join("files"))?;
     if in_time && status.code() == Some(GUEST_SUCCEEDED) && all.iter().any(|line| line == END) {
         return Ok(());
     }
-    println!("{}", all[all.len().saturating_sub(LAST_LINES)..].join("\n"));
+    let said: Vec<&str> = all.iter().map(String::as_str).filter(|line| !line.starts_with(files::MARK)).collect();
+    println!("{}", said[said.len().saturating_sub(LAST_LINES)..].join("\n"));
     let why = if in_time { "a test failed, or the guest did" } else { "the guest did not end in time" };
     Err(Error::Guest { why, log })
 }

@@ -1,0 +1,120 @@
+//! `ecmsk replay`: the host's half of a capture played to the model, and its answers held against the board's.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::ValueHint;
+use ecmsk::compare::{Steps, compare_steps};
+use ecmsk::link::record::{Address, Skipped};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::replay::{Replay, ReplayError};
+use serde_json::{Value, json};
+
+use super::compare::{self, CompareVerbError, How, Names};
+use super::error::say;
+use super::{plot, recording};
+
+/// Play the host's half of a capture to the model: does the model answer as the board did?
+///
+/// Every command frame of the capture goes to the model at its time. What the model answers is held against what the board
+/// answered, command by command as `ecmsk compare` does it: A is the capture, B the model. A recording of our own can be
+/// replayed too. The capture has to begin with a board that was just switched on (Init or PreOP).
+#[derive(clap::Args)]
+#[command(after_help = "\
+Exit codes, as those of diff: 0 the model answers as the board did, 1 otherwise, 2 it could not be replayed.
+
+Examples:
+  ecmsk replay board.pcapng --link 'sim:?slaves=drive*2,io'
+  ecmsk replay board.pcapng --link 'sim:?slaves=drive*2' --tolerance 20 --statusword-mask 0x006F --plot difference.svg
+  ecmsk replay windows.pcapng --device 2.7 --link 'sim:?slaves=io' --json")]
+pub struct Args {
+    /// The capture of usbmon or USBPcap (pcapng, pcap), or a recording
+    #[arg(value_name = "CAPTURE", value_hint = ValueHint::FilePath)]
+    capture: PathBuf,
+
+    /// The model, with the slaves that the board had, see `ecmsk link help`; its slot size is that of the capture
+    /// [default: of a recording of `sim:`, that link]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Of a capture this device alone, by its bus and address, as 1.5
+    #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
+    device: Option<Address>,
+
+    #[command(flatten)]
+    how: How,
+}
+
+/// Why nothing was replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayVerbError {
+    /// See [`ReplayError`].
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// See [`CompareVerbError`].
+    #[error(transparent)]
+    Compare(#[from] CompareVerbError),
+    /// See [`plot::PlotError`].
+    #[error(transparent)]
+    Plot(#[from] plot::PlotError),
+    /// A capture is read more than once.
+    #[error("standard input cannot be replayed, it can be read only once; save it to a file and name that")]
+    Stdin,
+}
+
+/// Replays, and gives the exit code.
+pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
+    if args.capture == Path::new("-") {
+        return Err(ReplayVerbError::Stdin);
+    }
+    let options = args.how.options();
+    let replay = Replay::open(&args.capture, args.link.as_ref(), &options, args.device)?;
+    let (mut board, mut model) = replay.halves()?;
+    let found = compare_steps(
+        Steps::new(&mut board, replay.size(), options.ignore_repeats),
+        Steps::new(&mut model, replay.size(), options.ignore_repeats),
+        &options,
+    );
+    compare::tell("A", &board).map_err(CompareVerbError::from)?;
+    let before = replay.start().skipped;
+    if before > 0 {
+        let left = "what the board was told before it is not known; begin a capture with the board just switched on";
+        say("note", &format_args!("A: {before} frames before the network was in PreOP are left out: {left}"));
+    }
+    let capture = args.capture.display();
+    let capture = match board.meta() {
+        Some(_) => capture.to_string(),
+        None => format!("{capture} (device {})", replay.board()),
+    };
+    let names = Names { runs: [capture, replay.link().to_string()], plot: args.how.plot.clone() };
+    if let Some(file) = &args.how.plot {
+        let (board, model) = replay.halves()?;
+        let (board, model) = (
+            Steps::new(board, replay.size(), options.ignore_repeats),
+            Steps::new(model, replay.size(), options.ignore_repeats),
+        );
+        let drawing = compare::draw(board, model, &names, &found)?;
+        plot::save(file, "--plot", &[&args.capture], &drawing)?;
+    }
+    let text = if args.how.json {
+        let mut object = compare::json::object(&names, &found);
+        object["left_out"] = left_out(before, &board.skipped());
+        object.to_string() + "\n"
+    } else {
+        compare::text(&names, &found)
+    };
+    Ok(compare::print(text, found.is_equal())?)
+}
+
+/// What of the capture was not played.
+fn left_out(before_start: u64, skipped: &Skipped) -> Value {
+    let Skipped { taken_back, without_report, other_lengths, other_transfers, other_devices } = *skipped;
+    json!({
+        "frames_before_start": before_start,
+        "frames_taken_back": taken_back,
+        "reads_without_report": without_report,
+        "transfers_of_other_length": other_lengths,
+        "other_packets": other_transfers,
+        "packets_of_other_devices": other_devices,
+    })
+}

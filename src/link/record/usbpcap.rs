@@ -1,0 +1,96 @@
+//! The header that USBPcap puts before the bytes of a USB transfer: captures that Wireshark makes on Windows.
+//!
+//! LINKTYPE_USBPCAP (249); little endian whatever the file around it. Source: `USBPCAP_BUFFER_PACKET_HEADER` in USBPcap's
+//! description of its format (desowin.org/usbpcap/captureformat.html).
+
+use bytemuck::{Pod, Zeroable};
+use pcap_file::DataLink;
+
+use super::transfer::{Address, Event, Kind, Stage};
+
+/// Bytes of the header that all transfers have.
+const HEADER_LEN: usize = size_of::<RawHeader>();
+/// Bit of `info`: from the device's driver back to who asked, and so at the end of a transfer.
+const IS_ANSWER: u8 = 1;
+/// Bit of an endpoint's number: to the host.
+const TO_HOST: u8 = 0x80;
+/// The endpoint of a transfer whose pipe was opened before the capture began.
+const UNKNOWN_ENDPOINT: u8 = 0xFF;
+
+/// Kinds of transfer.
+const INTERRUPT: u8 = 1;
+const CONTROL: u8 = 2;
+
+/// Parts of a control transfer, in the byte behind its header.
+const STAGE_SETUP: u8 = 0;
+const STAGE_DATA: u8 = 1;
+const STAGE_COMPLETE: u8 = 3;
+/// Bytes of a setup packet.
+const SETUP_LEN: usize = 8;
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct RawHeader {
+    header_len: [u8; 2],
+    irp: [u8; 8],
+    status: [u8; 4],
+    function: [u8; 2],
+    info: u8,
+    bus: [u8; 2],
+    device: [u8; 2],
+    endpoint: u8,
+    transfer: u8,
+    data_length: [u8; 4],
+}
+
+const _: () = assert!(HEADER_LEN == 27 && align_of::<RawHeader>() == 1);
+
+/// Whether packets of that link type begin with this header.
+pub(super) fn is_usbpcap(link_type: DataLink) -> bool {
+    link_type == DataLink::USBPCAP
+}
+
+/// What a packet tells; `None` if it is no packet of USBPcap or one that does not matter.
+pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
+    let start = packet.first_chunk::<HEADER_LEN>()?;
+    let header: RawHeader = bytemuck::cast(*start);
+    let header_len = usize::from(u16::from_le_bytes(header.header_len));
+    let data = packet.get(header_len.max(HEADER_LEN)..)?;
+    let length = u32::from_le_bytes(header.data_length);
+    let data = &data[..data.len().min(length as usize)];
+    let ended = header.info & IS_ANSWER != 0;
+    let done = header.status == [0; 4];
+    let at = Address {
+        bus: u16::from_le_bytes(header.bus),
+        // Of a device that it does not know USBPcap gives 0xFFFF; on the bus there are 127 at most.
+        device: u8::try_from(u16::from_le_bytes(header.device)).unwrap_or(u8::MAX),
+    };
+    let id = u64::from_le_bytes(header.irp);
+    let stage = if ended { Stage::Ended { done } } else { Stage::Submitted };
+    let unknown = header.endpoint == UNKNOWN_ENDPOINT;
+    let event =
+        Event { at, kind: Kind::Other, stage, to_host: header.endpoint & TO_HOST != 0, id, setup: None, length, data };
+    match header.transfer {
+        CONTROL => control(event, *packet.get(HEADER_LEN)?),
+        // Which way it goes shows where its bytes are: with the request or with the answer.
+        _ if unknown => Some(Event { kind: Kind::Interrupt, to_host: ended && length > 0, ..event }),
+        INTERRUPT => Some(Event { kind: Kind::Interrupt, ..event }),
+        _ => Some(event),
+    }
+}
+
+/// A part of a control transfer. Since version 1.5 the setup packet has the bytes of an OUT transfer behind it, and the
+/// last part those of an IN transfer; before, a part of its own has them.
+fn control(event: Event<'_>, stage: u8) -> Option<Event<'_>> {
+    let event = Event { kind: Kind::Control, ..event };
+    match stage {
+        STAGE_SETUP => {
+            let setup = *event.data.first_chunk::<SETUP_LEN>()?;
+            let length = event.length.saturating_sub(SETUP_LEN as u32);
+            let (to_host, data) = (setup[0] & TO_HOST != 0, &event.data[SETUP_LEN..]);
+            Some(Event { stage: Stage::Submitted, setup: Some(setup), to_host, length, data, ..event })
+        }
+        STAGE_DATA | STAGE_COMPLETE => Some(event),
+        _ => None,
+    }
+}

@@ -1,0 +1,49 @@
+//! Files that come out of the guest: it says them on its console.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use super::packages;
+use crate::error::Error;
+
+/// A line of a file: this word, the file's name, and the next bytes of it in hexadecimal digits.
+pub const MARK: &str = "FILE ";
+
+/// Puts them into `folder`, which holds nothing else.
+pub fn keep(lines: &[String], folder: &Path) -> Result<(), Error> {
+    packages::empty(folder)?;
+    for (name, content) in files(lines) {
+        let path = folder.join(name);
+        fs::write(&path, content).map_err(Error::file("write", &path))?;
+    }
+    Ok(())
+}
+
+fn files(lines: &[String]) -> BTreeMap<&str, Vec<u8>> {
+    let mut files: BTreeMap<&str, Vec<u8>> = BTreeMap::new();
+    for line in lines {
+        let part = line.strip_prefix(MARK).and_then(|rest| rest.split_once(' '));
+        if let Some((name, bytes)) = part.and_then(|(name, digits)| Some((name, bytes(digits)?))) {
+            files.entry(name).or_default().extend(bytes);
+        }
+    }
+    files
+}
+
+/// `None`: no hexadecimal digits.
+fn bytes(digits: &str) -> Option<Vec<u8>> {
+    let pairs = digits.as_bytes().chunks(2);
+    pairs.map(|pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_put_together_of_its_lines() {
+        let lines = ["FILE a 0001", "FILE b ff", "test a ... ok", "FILE a 02", "FILE a no digits"].map(str::to_owned);
+        assert_eq!(files(&lines), BTreeMap::from([("a", vec![0, 1, 2]), ("b", vec![0xFF])]));
+    }
+}

@@ -145,9 +145,7 @@ impl Syntax {
                 (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
             }
             Self::Text => (1..=TEXT_MAX).contains(&value.chars().count()).then(|| value.to_owned()),
-            Self::Hertz(min, max) => {
-                hertz(value).filter(|number| (min..=max).contains(number)).map(|number| hertz_text(number))
-            }
+            Self::Hertz(min, max) => hertz(value).filter(|number| (min..=max).contains(number)).map(hertz_text),
             Self::Line => value
                 .rsplit_once('/')
                 .is_some_and(|(chip, line)| !chip.is_empty() && !chip.ends_with('/') && !line.is_empty())

@@ -87,18 +87,22 @@ fn the_native_api_streams() {
         let link = Arc::new(Held::over(sim.clone()).open(&format!("{LINK}{keys}")).unwrap());
         let ecm = Ecm::over(link, Options::default()).unwrap();
         // What closing takes is bounded, and this machine may be slow.
-        ecm.configure(&Config { cycle_us: 8000, ..Config::drives(2) }).unwrap();
+        ecm.configure(&Config { cycle_us: 4000, ..Config::drives(2) }).unwrap();
         ecm.set_state(MasterState::Op).unwrap();
         ecm.servo_on(&[1, 2]).unwrap();
         let start = ecm.snapshot().unwrap().position(1).unwrap();
         let mut stream = ecm.stream(20).unwrap();
         for n in 0..150 {
-            stream.csp(1, start + n * 10).unwrap();
-            stream.csp(2, start - n * 10).unwrap();
+            // At rest in the end, so that finishing has nothing to brake.
+            let far = n.min(80) * 10;
+            stream.csp(1, start + far).unwrap();
+            stream.csp(2, start - far).unwrap();
             stream.step().unwrap();
         }
         let stats = stream.finish().unwrap();
         assert_eq!((stats.frames, stats.losses), (150, 0), "{keys}");
+        let moved = ecm.snapshot().unwrap().position(1).unwrap() - start;
+        assert!((moved - 800).abs() <= 3, "{keys}: {moved}");
         drop(ecm);
         let counters = sim.stats().board.unwrap();
         assert_eq!((counters.full, counters.rejected_total()), (0, 0), "{keys}");

@@ -12,7 +12,7 @@ fn fails(uri: &str, parts: &[&str]) -> LinkError {
     error
 }
 
-/// WIRE-40, SK-10.1, SK-10.2 Defaults and normal forms of the keys.
+/// WIRE-40, SK-10.1 Defaults and normal forms of the keys.
 #[test]
 fn keys_and_their_defaults() {
     let normal = |text: &str| LinkUri::parse(text).unwrap().to_string();

@@ -107,3 +107,23 @@ fn there(beginning: &str) -> String {
     found.sort();
     format!("there are /dev/{}", found.join(", /dev/"))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Error, ErrorKind};
+
+    use super::*;
+
+    /// WIRE-52
+    #[test]
+    fn what_the_system_says_is_told_apart() {
+        let of = |kind: ErrorKind| WireError::of("/dev/x", &Error::from(kind), || "there is /dev/y".to_owned());
+        let what = || "/dev/x".to_owned();
+        assert_eq!(of(ErrorKind::PermissionDenied), WireError::Denied { what: what() });
+        assert_eq!(of(ErrorKind::NotFound), WireError::Missing { what: what(), there: "there is /dev/y".to_owned() });
+        for taken in [ErrorKind::ResourceBusy, ErrorKind::WouldBlock] {
+            assert!(matches!(of(taken), WireError::InUse { .. }));
+        }
+        assert!(matches!(of(ErrorKind::InvalidInput), WireError::Refused { .. }));
+    }
+}

@@ -124,3 +124,27 @@ pub(super) fn refused(name: &str, error: WireError) -> LinkError {
         },
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// WIRE-52
+    #[test]
+    fn wires_that_cannot_be_used_are_told_with_the_next_step() {
+        let said = |error| refused("spi:/dev/spidev0.0", error);
+        let what = || "line 25 of /dev/gpiochip0".to_owned();
+        let denied = said(WireError::Denied { what: what() });
+        assert!(matches!(denied, LinkError::NoBoard { .. }));
+        assert!(denied.to_string().contains("line 25 of /dev/gpiochip0 may not be used by this user; add the user to"));
+        let missing = said(WireError::Missing { what: what(), there: "it has lines 0 to 7".to_owned() });
+        assert!(missing.to_string().contains("is not there; it has lines 0 to 7; switch SPI on"), "{missing}");
+        let used = said(WireError::InUse { what: what(), by: " by a driver".to_owned() });
+        assert!(
+            matches!(&used, LinkError::InUse { by, .. } if by == " by a driver (line 25 of /dev/gpiochip0)"),
+            "{used}"
+        );
+        let failed = said(WireError::Refused { what: what(), message: "no".to_owned() });
+        assert!(matches!(&failed, LinkError::Io { message, .. } if message.contains("bufsiz")), "{failed}");
+    }
+}

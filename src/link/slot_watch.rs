@@ -180,7 +180,7 @@ mod tests {
         };
         assert_eq!(sure_at(given, damaged), None);
         // Two of another size, then one that is right, over and over: a row is what counts.
-        let mixed = |number: u32| with_crc(if number % 3 == 0 { given } else { SlotSize::Bytes16 }, 1);
+        let mixed = |number: u32| with_crc(if number.is_multiple_of(3) { given } else { SlotSize::Bytes16 }, 1);
         assert_eq!(sure_at(given, mixed), None);
     }
 

@@ -131,7 +131,7 @@ fn lints(site: &Site) -> Result<(), Error> {
 
 /// What a program that needs little of the crate may ask for: the wire format without std, and what README says.
 fn small_builds(site: &Site) -> Result<(), Error> {
-    for features in ["", "sim", "sim,tcp"] {
+    for features in ["", "sim", "sim,tcp", "usb"] {
         let check = ["check", "--package=ecmsk", "--lib", "--no-default-features", "--features", features];
         command::run(site.project.cargo().args(check))?;
     }

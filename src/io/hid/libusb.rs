@@ -240,11 +240,22 @@ functions! {
 pub(super) fn load() -> Result<&'static Api, NoLibrary> {
     static LOADED: OnceLock<(Api, Library)> = OnceLock::new();
     if LOADED.get().is_none() {
-        let loaded = open().map_err(|error| NoLibrary { said: error.to_string() })?;
+        let loaded = open().map_err(|error| NoLibrary { said: whole(&error) })?;
         LOADED.get_or_init(|| loaded);
     }
     // What failed is tried again: somebody may install the library meanwhile.
     LOADED.get().map(|(api, _)| api).ok_or_else(|| NoLibrary { said: String::new() })
+}
+
+/// An error with what is behind it: the dynamic linker's own words.
+fn whole(error: &libloading::Error) -> String {
+    let mut said = error.to_string();
+    let mut next = std::error::Error::source(error);
+    while let Some(source) = next {
+        said = format!("{said}: {source}");
+        next = source.source();
+    }
+    said
 }
 
 fn open() -> Result<(Api, Library), libloading::Error> {

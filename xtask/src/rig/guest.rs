@@ -74,6 +74,7 @@ pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<Path
         libraries.extend(programs::libraries(program)?);
     }
     for (place, library) in packages.libraries(&LOADED)? {
+        libraries.extend(programs::libraries(&library)?);
         archive.copy(&place, &library)?;
     }
     for library in libraries {

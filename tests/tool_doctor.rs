@@ -260,7 +260,7 @@ fn what_is_right_all_the_same() {
 #[test]
 fn hubs() {
     for (attributes, state, found) in
-        [("e0", "ok", "has a power supply"), ("80", "advice", "no power supply"), ("", "ok", "does not say")]
+        [("c0", "ok", "has a power supply"), ("a0", "advice", "no power supply"), ("", "ok", "does not say")]
     {
         let tree = Tree::bare();
         tree.hub("1-2", attributes);

@@ -30,7 +30,8 @@ pub enum ChoiceError {
 )]
 pub struct Unnamed {
     looked: String,
-    error: LinkError,
+    // Boxed: errors of all verbs have its size.
+    error: Box<LinkError>,
 }
 
 impl Chosen {
@@ -51,6 +52,6 @@ impl Chosen {
 
     /// Why it did not open; `None`: somebody named it, and `error` says all.
     pub fn unnamed(&self, error: &LinkError) -> Option<Unnamed> {
-        self.looked.clone().map(|looked| Unnamed { looked, error: error.clone() })
+        self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
 }

@@ -11,12 +11,13 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use ecmsk::coe::ObjectAddress;
+use ecmsk::link::{self, Dir, Share, Wait};
 use ecmsk::sk::{
     CycleTime, DcShift, DriveResponse, Frame, HspResponse, MasterCommand, MasterResponse, MasterState, Motion,
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize,
 };
 
-use super::served::{PATIENCE, Served, attach, detach_all, until};
+use super::served::{PATIENCE, Served, attach, detach_all, recorded, until};
 
 /// All buses. A `read` gives one event: the first 48 bytes of its header and its data (usbmon.rst, "Binary API").
 const MONITOR: &str = "/dev/usbmon0";
@@ -220,4 +221,37 @@ fn a_capture_of_usbmon_is_read() {
         let reports = tool(&["dump", &path, "--direction", "response", "--slots", "1"]);
         assert!(reports.contains(&format!("CSP #{TARGETS} DRIVE ")), "{reports}");
     }
+}
+
+/// WIRE-100, WIRE-102 The link `usb:` keeps eight reads waiting, and takes them back when it is closed. What usbmon captures of
+/// it are the frames that the link has recorded, none more, none less, and in their order.
+#[test]
+fn a_capture_has_the_frames_of_the_link() {
+    let served = Served::start(&["sim:?slaves=drive*2,io"], &[]);
+    let monitor = Monitor::start();
+    attach("1-1");
+    let uri = "usb:?slot=12&record=%2Ftmp%2Fhost.pcapng";
+    let board = link::open(uri, Share::ByName).unwrap_or_else(|error| panic!("{error}"));
+    let mut report = Frame::new();
+    for number in 0..200_u32 {
+        let mut frame = Frame::new();
+        if number == 100 {
+            frame.put_master(SlotSize::Bytes12, &MasterCommand::SetState(MasterState::Op));
+        }
+        frame.bytes_mut()[504..508].copy_from_slice(&number.to_le_bytes());
+        board.write(&frame, Wait::For(PATIENCE)).expect("it takes it");
+        if number % 3 == 0 {
+            board.read(&mut report, Wait::For(PATIENCE)).expect("a report");
+        }
+    }
+    board.close();
+    detach_all();
+    fs::write("/tmp/usbmon.pcap", monitor.stop()).expect("/tmp is there");
+    served.stop();
+    let [sent, read] = [Dir::Write, Dir::Read].map(|dir| recorded("/tmp/host.pcapng", dir));
+    assert_eq!((sent.len(), read.len()), (200, 67));
+    assert!(recorded("/tmp/usbmon.pcap", Dir::Write) == sent, "other frames than were sent");
+    // The link has dropped some of those that nobody read.
+    let mut captured = recorded("/tmp/usbmon.pcap", Dir::Read).into_iter();
+    assert!(read.iter().all(|report| captured.any(|other| other == *report)), "a report that was not captured");
 }

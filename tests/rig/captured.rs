@@ -17,7 +17,8 @@ use ecmsk::sk::{
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize,
 };
 
-use super::served::{PATIENCE, Served, attach, detach_all, recorded, until};
+use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
+use super::usbfs::Usbfs;
 
 /// All buses. A `read` gives one event: the first 48 bytes of its header and its data (usbmon.rst, "Binary API").
 const MONITOR: &str = "/dev/usbmon0";
@@ -80,33 +81,30 @@ fn pcap_packet(event: &[u8]) -> Vec<u8> {
     [&words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>(), event].concat()
 }
 
-/// A program on the board: libusb, one transfer after the other, a look every few milliseconds.
+/// A program on the board: one transfer after the other, a look every few milliseconds.
 struct Host {
-    board: rusb::DeviceHandle<rusb::GlobalContext>,
+    board: Usbfs,
     size: SlotSize,
     report: Frame,
 }
 
 impl Host {
-    fn open(size: SlotSize) -> Self {
-        let board = until("libusb finds it", || rusb::open_device_with_vid_pid(0x16C0, 0x05DF));
-        board.set_auto_detach_kernel_driver(true).expect("Linux can");
-        board.claim_interface(0).expect("it is free");
-        Self { board, size, report: Frame::new() }
+    fn open(board: &Board, size: SlotSize) -> Self {
+        Self { board: Usbfs::open(board), size, report: Frame::new() }
     }
 
     fn write(&self, put: impl FnOnce(&mut Frame)) {
         let mut frame = Frame::new();
         put(&mut frame);
         frame.fill_crc(self.size);
-        let moved = self.board.write_interrupt(0x02, frame.bytes(), PATIENCE).expect("it takes it");
+        let moved = self.board.write(frame.bytes(), PATIENCE).expect("it takes it");
         assert_eq!(moved, 512);
     }
 
     fn until(&mut self, what: &str, every: Duration, so: impl Fn(&Frame, SlotSize) -> bool) {
         until(what, || {
             thread::sleep(every);
-            let moved = self.board.read_interrupt(0x81, self.report.bytes_mut(), PATIENCE).expect("a report");
+            let moved = self.board.read(self.report.bytes_mut(), PATIENCE).expect("a report");
             assert_eq!(moved, 512);
             so(&self.report, self.size).then_some(())
         });
@@ -181,8 +179,8 @@ fn capture(size: SlotSize, file: &str) -> String {
     let slot = size.bytes();
     let served = Served::start(&[&format!("sim:?slaves=drive,hsp2,io&slot={slot}")], &[]);
     let monitor = Monitor::start();
-    attach("1-1");
-    let mut host = Host::open(size);
+    let board = attach("1-1");
+    let mut host = Host::open(&board, size);
     program(&mut host);
     drop(host);
     detach_all();

@@ -206,7 +206,7 @@ fn own_link(meta: &RecordMeta) -> Option<LinkUri> {
     let kept = link.keys().filter(|(key, _)| *key != "record" && !key.starts_with("fault."));
     let encode = |text| percent_encoding::utf8_percent_encode(text, percent_encoding::NON_ALPHANUMERIC).to_string();
     let keys: Vec<String> = kept.map(|(key, value)| format!("{key}={}", encode(value))).collect();
-    LinkUri::parse(&format!("sim:?{}", keys.join("&")).trim_end_matches('?').to_owned()).ok()
+    LinkUri::parse(format!("sim:?{}", keys.join("&")).trim_end_matches('?')).ok()
 }
 
 /// When the first frame passed on the clock of a model that was recorded, nanoseconds since it was switched on.

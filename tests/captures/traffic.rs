@@ -22,32 +22,24 @@ pub fn numbered(n: u8) -> Frame {
 }
 
 impl Traffic {
-    fn push(
-        &mut self,
-        what: u8,
-        transfer: u8,
-        endpoint: u8,
-        device: u8,
-        status: i32,
-        length: u32,
-        data: Option<Vec<u8>>,
-    ) {
+    /// `pipe`: kind of transfer and endpoint.
+    fn push(&mut self, what: u8, pipe: (u8, u8), device: u8, status: i32, length: u32, data: Option<Vec<u8>>) {
         let at_us = 1_600_000_000_000_000 + 125 * self.events.len() as u64;
         let id = 0xFFFF_8880_0000_0000 + self.transfers;
-        let setup = None;
+        let (setup, (transfer, endpoint)) = (None, pipe);
         self.events.push(Event { id, what, transfer, endpoint, device, bus: 3, setup, status, length, data, at_us });
     }
 
     /// The host hands a frame over, and the device has not answered yet; gives the transfer's id.
     pub fn submitted(&mut self, device: u8, bytes: &[u8]) -> u64 {
         self.transfers += 1;
-        self.push(b'S', 1, 0x02, device, -115, bytes.len() as u32, Some(bytes.to_vec()));
+        self.push(b'S', (1, 0x02), device, -115, bytes.len() as u32, Some(bytes.to_vec()));
         self.events[self.events.len() - 1].id
     }
 
     /// That transfer ends.
     pub fn completed(&mut self, device: u8, id: u64, status: i32, moved: u32) -> &mut Self {
-        self.push(b'C', 1, 0x02, device, status, moved, None);
+        self.push(b'C', (1, 0x02), device, status, moved, None);
         let last = self.events.len() - 1;
         self.events[last].id = id;
         self
@@ -67,17 +59,17 @@ impl Traffic {
     /// A read that ends like that.
     pub fn read_ended(&mut self, device: u8, status: i32, data: Option<Vec<u8>>) -> &mut Self {
         self.transfers += 1;
-        self.push(b'S', 1, 0x81, device, -115, 512, None);
+        self.push(b'S', (1, 0x81), device, -115, 512, None);
         let length = data.as_ref().map_or(0, Vec::len) as u32;
-        self.push(b'C', 1, 0x81, device, status, length, data);
+        self.push(b'C', (1, 0x81), device, status, length, data);
         self
     }
 
     /// A bulk transfer to the device.
     pub fn bulk(&mut self, device: u8, bytes: &[u8]) -> &mut Self {
         self.transfers += 1;
-        self.push(b'S', 3, 0x02, device, -115, bytes.len() as u32, Some(bytes.to_vec()));
-        self.push(b'C', 3, 0x02, device, 0, bytes.len() as u32, None);
+        self.push(b'S', (3, 0x02), device, -115, bytes.len() as u32, Some(bytes.to_vec()));
+        self.push(b'C', (3, 0x02), device, 0, bytes.len() as u32, None);
         self
     }
 
@@ -87,10 +79,10 @@ impl Traffic {
         let to_host = setup[0] & 0x80 != 0;
         let (length, endpoint) = (u32::from(u16::from_le_bytes([setup[6], setup[7]])), setup[0] & 0x80);
         let sent = (!to_host).then(|| bytes.to_vec());
-        self.push(b'S', 2, endpoint, device, -115, length, sent);
+        self.push(b'S', (2, endpoint), device, -115, length, sent);
         let last = self.events.len() - 1;
         self.events[last].setup = Some(setup);
-        self.push(b'C', 2, endpoint, device, 0, bytes.len() as u32, to_host.then(|| bytes.to_vec()));
+        self.push(b'C', (2, endpoint), device, 0, bytes.len() as u32, to_host.then(|| bytes.to_vec()));
         self
     }
 

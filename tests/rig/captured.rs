@@ -11,12 +11,14 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use ecmsk::coe::ObjectAddress;
+use ecmsk::link::{self, Dir, Share, Wait};
 use ecmsk::sk::{
     CycleTime, DcShift, DriveResponse, Frame, HspResponse, MasterCommand, MasterResponse, MasterState, Motion,
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize,
 };
 
-use super::served::{PATIENCE, Served, attach, detach_all, until};
+use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
+use super::usbfs::Usbfs;
 
 /// All buses. A `read` gives one event: the first 48 bytes of its header and its data (usbmon.rst, "Binary API").
 const MONITOR: &str = "/dev/usbmon0";
@@ -79,33 +81,30 @@ fn pcap_packet(event: &[u8]) -> Vec<u8> {
     [&words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>(), event].concat()
 }
 
-/// A program on the board: libusb, one transfer after the other, a look every few milliseconds.
+/// A program on the board: one transfer after the other, a look every few milliseconds.
 struct Host {
-    board: rusb::DeviceHandle<rusb::GlobalContext>,
+    board: Usbfs,
     size: SlotSize,
     report: Frame,
 }
 
 impl Host {
-    fn open(size: SlotSize) -> Self {
-        let board = until("libusb finds it", || rusb::open_device_with_vid_pid(0x16C0, 0x05DF));
-        board.set_auto_detach_kernel_driver(true).expect("Linux can");
-        board.claim_interface(0).expect("it is free");
-        Self { board, size, report: Frame::new() }
+    fn open(board: &Board, size: SlotSize) -> Self {
+        Self { board: Usbfs::open(board), size, report: Frame::new() }
     }
 
     fn write(&self, put: impl FnOnce(&mut Frame)) {
         let mut frame = Frame::new();
         put(&mut frame);
         frame.fill_crc(self.size);
-        let moved = self.board.write_interrupt(0x02, frame.bytes(), PATIENCE).expect("it takes it");
+        let moved = self.board.write(frame.bytes(), PATIENCE).expect("it takes it");
         assert_eq!(moved, 512);
     }
 
     fn until(&mut self, what: &str, every: Duration, so: impl Fn(&Frame, SlotSize) -> bool) {
         until(what, || {
             thread::sleep(every);
-            let moved = self.board.read_interrupt(0x81, self.report.bytes_mut(), PATIENCE).expect("a report");
+            let moved = self.board.read(self.report.bytes_mut(), PATIENCE).expect("a report");
             assert_eq!(moved, 512);
             so(&self.report, self.size).then_some(())
         });
@@ -180,8 +179,8 @@ fn capture(size: SlotSize, file: &str) -> String {
     let slot = size.bytes();
     let served = Served::start(&[&format!("sim:?slaves=drive,hsp2,io&slot={slot}")], &[]);
     let monitor = Monitor::start();
-    attach("1-1");
-    let mut host = Host::open(size);
+    let board = attach("1-1");
+    let mut host = Host::open(&board, size);
     program(&mut host);
     drop(host);
     detach_all();
@@ -220,4 +219,37 @@ fn a_capture_of_usbmon_is_read() {
         let reports = tool(&["dump", &path, "--direction", "response", "--slots", "1"]);
         assert!(reports.contains(&format!("CSP #{TARGETS} DRIVE ")), "{reports}");
     }
+}
+
+/// WIRE-100, WIRE-102 The link `usb:` keeps eight reads waiting, and takes them back when it is closed. What usbmon captures of
+/// it are the frames that the link has recorded, none more, none less, and in their order.
+#[test]
+fn a_capture_has_the_frames_of_the_link() {
+    let served = Served::start(&["sim:?slaves=drive*2,io"], &[]);
+    let monitor = Monitor::start();
+    attach("1-1");
+    let uri = "usb:?slot=12&record=%2Ftmp%2Fhost.pcapng";
+    let board = link::open(uri, Share::ByName).unwrap_or_else(|error| panic!("{error}"));
+    let mut report = Frame::new();
+    for number in 0..200_u32 {
+        let mut frame = Frame::new();
+        if number == 100 {
+            frame.put_master(SlotSize::Bytes12, &MasterCommand::SetState(MasterState::Op));
+        }
+        frame.bytes_mut()[504..508].copy_from_slice(&number.to_le_bytes());
+        board.write(&frame, Wait::For(PATIENCE)).expect("it takes it");
+        if number % 3 == 0 {
+            board.read(&mut report, Wait::For(PATIENCE)).expect("a report");
+        }
+    }
+    board.close();
+    detach_all();
+    fs::write("/tmp/usbmon.pcap", monitor.stop()).expect("/tmp is there");
+    served.stop();
+    let [sent, read] = [Dir::Write, Dir::Read].map(|dir| recorded("/tmp/host.pcapng", dir));
+    assert_eq!((sent.len(), read.len()), (200, 67));
+    assert!(recorded("/tmp/usbmon.pcap", Dir::Write) == sent, "other frames than were sent");
+    // The link has dropped some of those that nobody read.
+    let mut captured = recorded("/tmp/usbmon.pcap", Dir::Read).into_iter();
+    assert!(read.iter().all(|report| captured.any(|other| other == *report)), "a report that was not captured");
 }

@@ -14,3 +14,4 @@ mod served;
 mod shown;
 mod trouble;
 mod usb;
+mod usbfs;

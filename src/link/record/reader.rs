@@ -324,8 +324,9 @@ pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
     let mut recording = Recording::open(path)?;
     for frame in recording.by_ref() {
         match frame {
+            Ok(_) => {}
             Err(RecordError::Truncated { .. } | RecordError::Malformed { .. }) => break,
-            frame => drop(frame?),
+            Err(error) => return Err(error),
         }
     }
     if recording.is_recording {

@@ -5,6 +5,8 @@
 //! Also, as facts: the same with a secret (TLS), and a write alone.
 
 mod common;
+#[path = "common/places.rs"]
+mod places;
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -13,11 +15,11 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use common::Demand;
-use common::places::Places;
 use ecmsk::link::tcp::Secret;
 use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::port::tcp::{ServeOptions, Server};
 use ecmsk::sk::{Frame, SlotSize};
+use places::Places;
 
 /// Bytes of a write's message, and of a report's.
 const OUT: usize = 4 + 8 + 8 + 512;

@@ -3,6 +3,8 @@
 //! report.
 
 mod common;
+#[path = "common/places.rs"]
+mod places;
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -10,10 +12,10 @@ use std::sync::Arc;
 use std::thread;
 
 use common::Demand;
-use common::places::Places;
 use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, Server};
 use ecmsk::sk::Frame;
+use places::Places;
 
 const UNDER_WAY: u32 = 8;
 const REPORTS: u32 = 4000;

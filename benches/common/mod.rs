@@ -2,9 +2,6 @@
 
 #![allow(dead_code, reason = "each bench takes what it needs")]
 
-#[cfg(target_os = "linux")]
-pub mod places;
-
 use std::time::{Duration, Instant};
 
 use serde_json::json;

@@ -145,7 +145,7 @@ mod tests {
             shape(&bytes, Some(1))
         };
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
-        assert_eq!(with(HID, &[input.clone()]), Err(NotOne::OtherReports));
+        assert_eq!(with(HID, std::slice::from_ref(&input)), Err(NotOne::OtherReports));
         assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 2, 512)]), Err(NotOne::OtherReports), "bulk");
         assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 3, 64)]), Err(NotOne::OtherReports));
         assert_eq!(with(HID, &[endpoint(0x81, 3, 512 | 1 << 11), output.clone()]), Ok(SHAPE), "two in a microframe");

@@ -114,7 +114,7 @@ fn the_link_of_the_environment() {
     let ran = cli_support::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
     cli_support::Ran::from(ran).failed(1, &["`nonsense` has no scheme"], "ecmsk link help");
     let nowhere = cli_support::ecmsk(["state"]).env("HOME", "/nonexistent").env_remove("XDG_CONFIG_HOME").output();
-    cli_support::Ran::from(nowhere.expect("it starts")).failed(1, &["link `usb:`"], "`ecmsk link help`");
+    cli_support::Ran::from(nowhere.expect("it starts")).failed(1, &["no link was given", "/nonexistent/.config/ecmsk/ecmsk.toml"], "`usb:`");
 }
 
 /// TOOL-5 `--up` switches on the axes that a verb names, and no other; a verb that has none switches on none.

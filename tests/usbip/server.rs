@@ -289,7 +289,7 @@ fn what_cannot_be_served_is_said_at_the_start() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let options = Options { listen: taken.local_addr().unwrap(), ..options() };
     let error = Server::start(options, vec![], Arc::new(|_| {})).map(|_| ()).unwrap_err();
-    assert!(error.to_string().ends_with("Choose another with --listen"), "{error}");
+    assert!(error.to_string().ends_with("name another place with `--listen`"), "{error}");
 }
 
 /// SK-9.8, SK-9.9, SK-9.15 A simulated board: a report every cycle, asked or not, in every state; a cycle of 250 us is

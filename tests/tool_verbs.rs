@@ -113,8 +113,14 @@ fn the_link_of_the_environment() {
     assert_eq!(cli_support::Ran::from(ran).quiet(), "PreOP\n");
     let ran = cli_support::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
     cli_support::Ran::from(ran).failed(1, &["`nonsense` has no scheme"], "ecmsk link help");
-    let nowhere = cli_support::ecmsk(["state"]).env("HOME", "/nonexistent").env_remove("XDG_CONFIG_HOME").output();
-    cli_support::Ran::from(nowhere.expect("it starts")).failed(1, &["no link was given", "/nonexistent/.config/ecmsk/ecmsk.toml"], "`usb:`");
+    // A board that is plugged in here is none of this test's: the library that would find it cannot be loaded.
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("libusb-1.0.so.0"), "no library").expect("a file");
+    let mut nowhere = cli_support::ecmsk(["state"]);
+    nowhere.env("HOME", "/nonexistent").env_remove("XDG_CONFIG_HOME").env("LD_LIBRARY_PATH", folder.path());
+    let ran = cli_support::Ran::from(nowhere.output().expect("it starts"));
+    let words = ["no link was given", "no board at `usb:`", "sudo apt-get install libusb-1.0-0", "sim:?slaves=drive*2"];
+    ran.failed(1, &words, "`ecmsk link help`");
 }
 
 /// TOOL-5 `--up` switches on the axes that a verb names, and no other; a verb that has none switches on none.

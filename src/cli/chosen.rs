@@ -26,7 +26,8 @@ pub enum ChoiceError {
 /// Nobody has named a board, and the default does not open.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "no link was given: no --link, {VARIABLE} is not set, there is no {looked}; and the default does not open: {error}"
+    "no link was given: no --link, {VARIABLE} is not set, there is no {looked}; and the default does not open: {error}; to \
+     run without a board use `--link 'sim:?slaves=drive*2'`, see `ecmsk link help`"
 )]
 pub struct Unnamed {
     looked: String,

@@ -76,6 +76,7 @@ pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<Path
     for (place, library) in packages.libraries(&LOADED)? {
         libraries.extend(programs::libraries(&library)?);
         archive.copy(&place, &library)?;
+        libraries.extend(programs::libraries(&library)?);
     }
     for library in libraries {
         archive.copy(library.to_string_lossy().trim_start_matches('/'), &library)?;

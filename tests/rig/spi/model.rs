@@ -45,24 +45,13 @@ impl Model {
         Self::on(uri, Busy::True, straight)
     }
 
-    /// The board of that link, whose BUSY is high that long after an exchange.
-    #[track_caller]
-    pub fn slow(uri: &str, processing: Duration) -> Self {
-        Self::with(uri, Busy::True, straight, processing)
-    }
-
     /// The board of that link on these wires.
     #[track_caller]
     pub fn on(uri: &str, busy: Busy, miso: Miso) -> Self {
-        Self::with(uri, busy, miso, PROCESSING)
-    }
-
-    #[track_caller]
-    fn with(uri: &str, busy: Busy, miso: Miso, processing: Duration) -> Self {
         let uri = format!("{uri}&queue=1");
         let face = Arc::new(Mutex::new(Face::new(open(&uri).expect("a simulated board"))));
         let control = Arc::new(Control { miso: Mutex::new(miso), hangs: AtomicBool::new(false) });
-        let wired = Wired { face: face.clone(), control: control.clone(), uri, processing, booted: None };
+        let wired = Wired { face: face.clone(), control: control.clone(), uri, booted: None };
         Self { played: Played::start(wired, busy), face, control }
     }
 
@@ -104,7 +93,6 @@ struct Wired {
     face: Arc<Mutex<Face>>,
     control: Arc<Control>,
     uri: String,
-    processing: Duration,
     /// When it is back.
     booted: Option<Instant>,
 }
@@ -116,7 +104,7 @@ impl Board for Wired {
     }
 
     fn process(&mut self) {
-        thread::sleep(self.processing);
+        thread::sleep(PROCESSING);
     }
 
     fn reset(&mut self, low: Duration) -> bool {

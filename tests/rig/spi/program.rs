@@ -1,7 +1,6 @@
 //! Whole programs over `spi:`: unchanged ones of examples/cpp and examples/c on this project's library.
 
 use std::process::{Command, Output};
-use std::time::Duration;
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, RawSlot, SlotSize};
@@ -12,11 +11,6 @@ use crate::served::recorded;
 
 /// The folder with this project's library.
 const LIBRARY: &str = "/rig/ours";
-/// A guest without KVM on a busy machine pauses longer than a program is ahead of the board: a gap at full speed is more
-/// than a drive follows. A slow board gives it the time.
-const RATE: &str = "rate=0.1";
-/// Half a cycle of it.
-const SLOW_BUSY: Duration = Duration::from_millis(5);
 
 #[track_caller]
 fn run(program: &str, link: &str) -> Output {
@@ -51,7 +45,7 @@ fn tells(frame: &Frame, size: SlotSize) -> bool {
 #[track_caller]
 fn says_the_same(program: &str, size: SlotSize, board: &str) {
     let slot = size.bytes();
-    let model = Model::slow(&format!("sim:?{board}&slot={slot}&{RATE}&record=%2Ftmp%2Fboard.pcapng"), SLOW_BUSY);
+    let model = Model::start(&format!("sim:?{board}&slot={slot}&record=%2Ftmp%2Fboard.pcapng"));
     let link = format!("{LINK}&slot={slot}&record=%2Ftmp%2Fhost.pcapng");
     let on_spi = run(program, &link);
     let counters = model.counters();

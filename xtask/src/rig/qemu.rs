@@ -74,8 +74,8 @@ pub fn boot(kernel: &Path, initrd: &Path, names: &[String], folder: &Path) -> Re
 fn command_line(kernel: &Path, initrd: &Path, names: &[String]) -> Command {
     let mut qemu = Command::new("qemu-system-x86_64");
     qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max", "-smp", "1", "-m", "512"]);
-    // Time in the guest is what it has executed, 2 ns an instruction: a busy machine makes no test late.
-    qemu.args(["-icount", "shift=1,sleep=off"]);
+    // Time in the guest is what it has executed, 1 ns an instruction: a busy machine makes no test late.
+    qemu.args(["-icount", "shift=0,sleep=off"]);
     qemu.args(["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]);
     qemu.args(["-device", "isa-debug-exit,iobase=0xf4,iosize=1"]);
     qemu.arg("-kernel").arg(kernel).arg("-initrd").arg(initrd);

@@ -13,8 +13,8 @@ use crate::{command, stage};
 
 /// The test of the root package that runs in the guest alone.
 const TESTS: &str = "rig";
-/// Programs that link the library, and the folder of each.
-const EXAMPLES: [(&str, &str); 4] = [("two_axes_12b", "cpp"), ("two_axes_16b", "cpp"), ("hsp_16b", "cpp"), ("io", "c")];
+/// Of examples/cpp.
+const EXAMPLES: [&str; 3] = ["two_axes_12b", "two_axes_16b", "hsp_16b"];
 /// The library by the name that programs ask for.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
@@ -50,7 +50,7 @@ pub fn build(project: &Project, folder: &Path) -> Result<Programs, Error> {
     let built = folder.join("built");
     packages::empty(&built)?;
     let tests = build_tests(project)?;
-    let examples = EXAMPLES.map(|(name, folder)| build_example(project, &prefix, folder, &built.join(name)));
+    let examples = EXAMPLES.map(|name| build_example(project, &prefix, &built.join(name)));
     let examples = examples.into_iter().collect::<Result<_, _>>()?;
     let hidraw = build_hidraw_library(project, &built)?;
     Ok(Programs { tool: prefix.join("bin/ecmsk"), tests, examples, ours: prefix.join("lib").join(LIBRARY), hidraw })
@@ -64,10 +64,10 @@ fn build_tests(project: &Project) -> Result<PathBuf, Error> {
     built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() })
 }
 
-fn build_example(project: &Project, prefix: &Path, folder: &str, program: &Path) -> Result<PathBuf, Error> {
+fn build_example(project: &Project, prefix: &Path, program: &Path) -> Result<PathBuf, Error> {
     let built = program.parent().unwrap_or(program);
     let mut make = Command::new("make");
-    make.current_dir(project.root.join("examples").join(folder)).env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
+    make.current_dir(project.root.join("examples/cpp")).env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
     command::run(make.arg("--quiet").arg(format!("OUT={}", built.display())).arg(program))?;
     Ok(program.to_owned())
 }

@@ -1,4 +1,4 @@
-//! Wire tests: the tool, Debian's `usbip`, and between them the USB and HID code of a real kernel. They run in a guest
+//! Wire tests: the tool, Debian's `usbip`, and between them the USB, HID, SPI and GPIO code of a real kernel. They run in a guest
 //! system, as root, one at a time: `cargo xtask test --rig`.
 #![cfg(target_os = "linux")]
 
@@ -12,6 +12,7 @@ mod program;
 mod rogue;
 mod served;
 mod shown;
+mod spi;
 mod trouble;
 mod usb;
 mod usbfs;

@@ -25,6 +25,8 @@ enum Source {
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
+/// What Debian 12 builds its kernel with, and modules for it.
+pub const GCC: Need = Need { program: "gcc-12", source: Source::Debian(&["gcc-12"]) };
 pub const MAKE: Need = Need { program: "make", source: Source::Debian(&["make"]) };
 pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debian(&["pkg-config"]) };
 pub const PYTHON: Need = Need { program: "python3", source: Source::Debian(&["python3"]) };

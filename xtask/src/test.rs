@@ -13,9 +13,12 @@ pub struct Arguments {
     /// Add the parts that need more than this machine: the wire tests in a guest system
     #[arg(long)]
     all: bool,
-    /// Run the wire tests alone: the tool and a real kernel's USB code, in a guest system (QEMU)
+    /// Run the wire tests alone: the tool and a real kernel's USB, SPI and GPIO code, in a guest system (QEMU)
     #[arg(long, conflicts_with = "all")]
     rig: bool,
+    /// Of the wire tests those alone whose names contain one of these
+    #[arg(requires = "rig", value_name = "NAME")]
+    names: Vec<String>,
 }
 
 /// One step of the test.
@@ -46,7 +49,7 @@ const PARTS: &[Part] = &[
 
 /// What `--all` adds.
 const PARTS_BEYOND_THIS_MACHINE: &[Part] =
-    &[Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project) }];
+    &[Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, &[]) }];
 
 /// Tests that need more than Rust stand in modules of these names, so that they can be left out by name.
 struct Gate {
@@ -73,7 +76,7 @@ impl Site<'_> {
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.rig {
         needs::require(project, rig::NEEDS)?;
-        return rig::run(project);
+        return rig::run(project, &arguments.names);
     }
     let beyond = if arguments.all { PARTS_BEYOND_THIS_MACHINE } else { &[] };
     let parts: Vec<&Part> = PARTS.iter().chain(beyond).collect();

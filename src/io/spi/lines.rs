@@ -43,6 +43,8 @@ pub(super) struct Input {
     request: Request,
     /// Made once: what the crate's own call for one edge reads beyond it, it loses.
     edges: Vec<u64>,
+    /// Edges were taken that nobody has asked for yet.
+    fallen: bool,
 }
 
 impl Input {
@@ -57,7 +59,7 @@ impl Input {
             .request()
             .map_err(|error| refused(place, &error))?;
         let edges = vec![0; EDGES * request.edge_event_u64_size()];
-        Ok(Self { name: place.to_string(), request, edges })
+        Ok(Self { name: place.to_string(), request, edges, fallen: false })
     }
 
     pub fn is_high(&self) -> Result<bool, WireError> {
@@ -84,17 +86,17 @@ impl Input {
     }
 
     pub fn has_fallen(&mut self) -> Result<bool, WireError> {
-        let mut fallen = false;
         while self.request.has_edge_event().map_err(|error| self.failed(&error))? {
             self.take_edges()?;
-            fallen = true;
         }
-        Ok(fallen)
+        Ok(std::mem::take(&mut self.fallen))
     }
 
     fn take_edges(&mut self) -> Result<(), WireError> {
         let taken = self.request.read_edge_events_into_slice(&mut self.edges);
-        taken.map(|_| ()).map_err(|error| self.failed(&error))
+        taken.map_err(|error| self.failed(&error))?;
+        self.fallen = true;
+        Ok(())
     }
 
     fn failed(&self, error: &gpiocdev::Error) -> WireError {

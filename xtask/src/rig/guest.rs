@@ -27,7 +27,7 @@ for module in @; do insmod "/modules/$module" || echo "insmod $module failed"; d
 ifconfig lo up
 echo "GUEST-BEGIN $(uname -r)"
 cd /tmp
-/rig/tests --test-threads=1 2>&1
+/rig/tests --test-threads=1 $* 2>&1
 code=$?
 echo "GUEST-END rc=$code"
 # The code goes to isa-debug-exit; poweroff is for a QEMU without it.
@@ -35,8 +35,8 @@ printf "\\x$(printf %02x $code)" | dd of=/dev/port bs=1 seek=244 count=1 2>/dev/
 poweroff -f
 "#;
 
-/// Packs the guest's root.
-pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<PathBuf, Error> {
+/// Packs the guest's root; `board` is the module that is a board on SPI.
+pub fn pack(packages: &Packages, board: &Path, built: &Programs, folder: &Path) -> Result<PathBuf, Error> {
     let mut archive = Archive::default();
     for empty in ["proc", "sys", "dev", "tmp", "var", "run"] {
         archive.folder(empty);
@@ -45,7 +45,9 @@ pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<Path
     archive.link("var/run", "/run");
     archive.copy("bin/busybox", &packages.root.join("bin/busybox"))?;
 
-    let order = modules::in_order(&packages.root.join("lib/modules").join(&packages.release), &MODULES)?;
+    let mut order = modules::in_order(&packages.root.join("lib/modules").join(&packages.release), &MODULES)?;
+    // All that it needs is in the kernel itself.
+    order.push(board.to_owned());
     let mut names = Vec::new();
     for module in &order {
         let name = module.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -58,14 +60,17 @@ pub fn pack(packages: &Packages, built: &Programs, folder: &Path) -> Result<Path
     packages::empty(&stripped)?;
     let usbip = packages.root.join("usr/sbin/usbip");
     let (ours, hidraw) = (format!("ours/{LIBRARY}"), format!("hidraw/{LIBRARY}"));
-    let programs: [(&str, &Path); 6] = [
-        ("tests", &built.tests),
+    let mut programs: Vec<(String, &Path)> = [
+        ("tests", built.tests.as_path()),
         ("ecmsk", &built.tool),
-        ("two_axes_12b", &built.example),
         (&ours, &built.ours),
         (&hidraw, &built.hidraw),
         ("usbip", &usbip),
-    ];
+    ]
+    .map(|(name, program)| (name.to_owned(), program))
+    .to_vec();
+    let name_of = |program: &Path| program.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    programs.extend(built.examples.iter().map(|program| (name_of(program), program.as_path())));
     let mut libraries = BTreeSet::new();
     for (number, (name, program)) in programs.into_iter().enumerate() {
         let small = stripped.join(number.to_string());

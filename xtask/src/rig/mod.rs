@@ -1,10 +1,11 @@
-//! `cargo xtask test --rig`: the wire tests in a small guest, where a real kernel's USB and HID code stands between the
-//! two ends.
+//! `cargo xtask test --rig`: the wire tests in a small guest, where a real kernel's USB, HID, SPI and GPIO code stands
+//! between the two ends.
 //!
-//! The guest is Debian's kernel, an archive in memory with its modules, Debian's `usbip`, the tool and the test program,
-//! and nothing else; QEMU boots it without privileges and without KVM. All that is fetched stays in
-//! `target/xtask/rig/`.
+//! The guest is Debian's kernel, an archive in memory with its modules and the one of `tests/rig/board`, Debian's
+//! `usbip`, the tool and the test program, and nothing else; QEMU boots it without privileges and without KVM. All that
+//! is fetched stays in `target/xtask/rig/`.
 
+mod board;
 mod files;
 mod guest;
 mod initrd;
@@ -15,18 +16,19 @@ mod programs;
 mod qemu;
 
 use crate::error::Error;
-use crate::needs::{CXX, MAKE, Need, PKG_CONFIG, QEMU, STRIP, XZ};
+use crate::needs::{CXX, GCC, MAKE, Need, PKG_CONFIG, QEMU, STRIP, XZ};
 use crate::project::Project;
 
 /// What the rig needs beside cargo.
-pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP, CXX, MAKE, PKG_CONFIG];
+pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP, CXX, GCC, MAKE, PKG_CONFIG];
 
-/// Runs all wire tests in the guest.
-pub fn run(project: &Project) -> Result<(), Error> {
+/// Runs the wire tests in the guest: those whose names contain one of `names`, or all.
+pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     let folder = project.target.join("xtask/rig");
     let packages = packages::fetch(&folder)?;
     let kernel = kernel::unpack(&packages, &folder)?;
+    let board = board::build(project, &packages, &folder)?;
     let programs = programs::build(project, &folder)?;
-    let initrd = guest::pack(&packages, &programs, &folder)?;
-    qemu::boot(&kernel, &initrd, &folder)
+    let initrd = guest::pack(&packages, &board, &programs, &folder)?;
+    qemu::boot(&kernel, &initrd, names, &folder)
 }

@@ -9,8 +9,9 @@ use crate::error::Error;
 
 /// What stands for the newest kernel of this Debian. The flavour "cloud" has no USB.
 const KERNEL: &str = "linux-image-amd64";
-/// Busybox is the guest's user land; usbip attaches a board; libusb, with what it needs, is what the link `usb:` loads.
-const OTHERS: [&str; 4] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1"];
+/// Busybox is the guest's user land; usbip attaches a board; libusb, with what it needs, is what the link `usb:` loads;
+/// libelf1 is what the programs of linux-kbuild load.
+const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
 /// File in the root that says which packages it was made of.
 const MADE_OF: &str = "made-of";
 
@@ -30,7 +31,7 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
     let image = kernel_package()?;
     let release = image.trim_start_matches("linux-image-").to_owned();
     let root = folder.join(format!("root-{release}"));
-    let names = [&[image.as_str()][..], &OTHERS].concat();
+    let names = names(&image, &release);
     let made_of = names.join(" ");
     if fs::read_to_string(root.join(MADE_OF)).ok().as_ref() != Some(&made_of) {
         let (debs, unpacked) = (folder.join("debs"), folder.join("unpacking"));
@@ -54,6 +55,16 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
 }
 
 impl Packages {
+    /// What modules for this kernel are built with.
+    pub fn headers(&self) -> PathBuf {
+        self.root.join(format!("usr/src/linux-headers-{}", self.release))
+    }
+
+    /// The part of it that is the same for all flavours of the kernel.
+    pub fn common_headers(&self) -> PathBuf {
+        self.root.join("usr/src").join(common_headers(&self.release))
+    }
+
     /// Libraries of these names, by their places below `/`.
     pub fn libraries(&self, names: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
         let mut found = Vec::new();
@@ -67,6 +78,24 @@ impl Packages {
         }
         Ok(found)
     }
+}
+
+/// All packages: the kernel, what modules for it are built with, and the others.
+fn names(image: &str, release: &str) -> Vec<String> {
+    let headers = [format!("linux-headers-{release}"), common_headers(release), kbuild(release)];
+    let kernel = std::iter::once(image.to_owned()).chain(headers);
+    kernel.chain(OTHERS.map(str::to_owned)).collect()
+}
+
+/// `6.1.0-40-amd64`: the flavour is its last part.
+fn common_headers(release: &str) -> String {
+    format!("linux-headers-{}-common", release.rsplit_once('-').map_or(release, |(version, _)| version))
+}
+
+/// It is named by the first two numbers of the version.
+fn kbuild(release: &str) -> String {
+    let numbers: Vec<&str> = release.splitn(3, '.').take(2).collect();
+    format!("linux-kbuild-{}", numbers.join("."))
 }
 
 /// The package with the kernel itself, by the one that depends on the newest.
@@ -110,6 +139,19 @@ pub fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_kernel_has_its_headers() {
+        assert_eq!(
+            names("linux-image-6.1.0-40-amd64", "6.1.0-40-amd64")[..4],
+            [
+                "linux-image-6.1.0-40-amd64",
+                "linux-headers-6.1.0-40-amd64",
+                "linux-headers-6.1.0-40-common",
+                "linux-kbuild-6.1"
+            ]
+        );
+    }
 
     #[test]
     fn the_kernel_is_what_the_newest_depends_on() {

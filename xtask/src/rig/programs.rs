@@ -14,7 +14,7 @@ use crate::{command, stage};
 /// The test of the root package that runs in the guest alone.
 const TESTS: &str = "rig";
 /// Of examples/cpp.
-const EXAMPLE: &str = "two_axes_12b";
+const EXAMPLES: [&str; 3] = ["two_axes_12b", "two_axes_16b", "hsp_16b"];
 /// The library by the name that programs ask for.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
@@ -22,8 +22,8 @@ pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 pub struct Programs {
     pub tool: PathBuf,
     pub tests: PathBuf,
-    /// An unchanged program that links the library.
-    pub example: PathBuf,
+    /// Unchanged programs that link the library.
+    pub examples: Vec<PathBuf>,
     /// This project's library.
     pub ours: PathBuf,
     /// A library that moves a hidraw node.
@@ -49,9 +49,11 @@ pub fn build(project: &Project, folder: &Path) -> Result<Programs, Error> {
     stage::build_into(project, &prefix, "dev")?;
     let built = folder.join("built");
     packages::empty(&built)?;
-    let (tests, example) = (build_tests(project)?, build_example(project, &prefix, &built)?);
+    let tests = build_tests(project)?;
+    let examples = EXAMPLES.map(|name| build_example(project, &prefix, &built.join(name)));
+    let examples = examples.into_iter().collect::<Result<_, _>>()?;
     let hidraw = build_hidraw_library(project, &built)?;
-    Ok(Programs { tool: prefix.join("bin/ecmsk"), tests, example, ours: prefix.join("lib").join(LIBRARY), hidraw })
+    Ok(Programs { tool: prefix.join("bin/ecmsk"), tests, examples, ours: prefix.join("lib").join(LIBRARY), hidraw })
 }
 
 fn build_tests(project: &Project) -> Result<PathBuf, Error> {
@@ -62,12 +64,12 @@ fn build_tests(project: &Project) -> Result<PathBuf, Error> {
     built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() })
 }
 
-fn build_example(project: &Project, prefix: &Path, built: &Path) -> Result<PathBuf, Error> {
-    let program = built.join(EXAMPLE);
+fn build_example(project: &Project, prefix: &Path, program: &Path) -> Result<PathBuf, Error> {
+    let built = program.parent().unwrap_or(program);
     let mut make = Command::new("make");
     make.current_dir(project.root.join("examples/cpp")).env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
-    command::run(make.arg("--quiet").arg(format!("OUT={}", built.display())).arg(&program))?;
-    Ok(program)
+    command::run(make.arg("--quiet").arg(format!("OUT={}", built.display())).arg(program))?;
+    Ok(program.to_owned())
 }
 
 fn build_hidraw_library(project: &Project, built: &Path) -> Result<PathBuf, Error> {

@@ -20,11 +20,15 @@ const END: &str = "GUEST-END rc=0";
 /// Lines that are shown of a guest that failed.
 const LAST_LINES: usize = 80;
 
-/// Boots it; what it says goes to a file, and results of tests to standard output too.
-pub fn boot(kernel: &Path, initrd: &Path, folder: &Path) -> Result<(), Error> {
+/// What the kernel is told; behind it stands what it hands to its first program.
+const KERNEL_OPTIONS: &str = "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic --";
+
+/// Boots it and has it run the tests with these in their names; what it says goes to a file, and results of tests to
+/// standard output too.
+pub fn boot(kernel: &Path, initrd: &Path, names: &[String], folder: &Path) -> Result<(), Error> {
     let log = folder.join("console.log");
     let mut file = File::create(&log).map_err(Error::file("make", &log))?;
-    let mut qemu = command_line(kernel, initrd);
+    let mut qemu = command_line(kernel, initrd, names);
     let started = qemu.spawn().map_err(|source| Error::Start { command: command::shown(&qemu), source });
     let mut child = Guest(started?);
     let said = child.0.stdout.take();
@@ -67,13 +71,15 @@ pub fn boot(kernel: &Path, initrd: &Path, folder: &Path) -> Result<(), Error> {
 }
 
 /// Without KVM: on a machine that is a guest itself it may hang.
-fn command_line(kernel: &Path, initrd: &Path) -> Command {
+fn command_line(kernel: &Path, initrd: &Path, names: &[String]) -> Command {
     let mut qemu = Command::new("qemu-system-x86_64");
     qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max", "-smp", "1", "-m", "512"]);
+    // Time in the guest is what it has executed, 1 ns an instruction: a busy machine makes no test late.
+    qemu.args(["-icount", "shift=0,sleep=off"]);
     qemu.args(["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]);
     qemu.args(["-device", "isa-debug-exit,iobase=0xf4,iosize=1"]);
     qemu.arg("-kernel").arg(kernel).arg("-initrd").arg(initrd);
-    qemu.args(["-append", "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic"]);
+    qemu.arg("-append").arg(format!("{KERNEL_OPTIONS} {}", names.join(" ")));
     qemu.stdin(Stdio::null()).stdout(Stdio::piped());
     qemu
 }

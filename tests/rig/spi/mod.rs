@@ -1,0 +1,34 @@
+//! SPI: spidev and the GPIO lines of a real kernel, and a board on the wires behind them.
+
+mod answers;
+mod kernel;
+mod lies;
+mod link;
+mod model;
+mod played;
+mod program;
+mod wires;
+
+use std::os::unix::process::CommandExt;
+use std::process::{Command, Output};
+
+/// What the kernel makes of the module of `tests/rig/board`.
+const SPIDEV: &str = "/dev/spidev0.0";
+const CHIP: &str = "/dev/gpiochip0";
+/// Lines of the chip.
+const BUSY: u32 = 0;
+const RESET: u32 = 1;
+/// The same for a link.
+const LINK: &str = "spi:/dev/spidev0.0?busy=gpiochip0/BUSY";
+const LINK_WITHOUT_BUSY: &str = "spi:/dev/spidev0.0";
+const RESET_KEY: &str = "gpiochip0/1";
+
+/// Runs the tool, as that user or as root.
+fn tool(arguments: &[&str], user: Option<u32>) -> Output {
+    let mut command = Command::new("/rig/ecmsk");
+    command.args(arguments).current_dir("/");
+    if let Some(user) = user {
+        command.uid(user).gid(user);
+    }
+    command.output().expect("the tool starts")
+}

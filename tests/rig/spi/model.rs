@@ -1,0 +1,132 @@
+//! Our model as the board on the wires.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use ecmsk::link::{self, Link, Share};
+use ecmsk::port::spi::{Face, FaceCounters};
+
+use super::played::{Board, Busy, Played, Seen};
+
+/// SK-10: a shorter pulse on RESET is none.
+const SHORTEST_RESET: Duration = Duration::from_micros(32);
+
+/// How long BUSY is high after an exchange here.
+const PROCESSING: Duration = Duration::from_micros(100);
+/// How long a board boots here.
+const BOOT: Duration = Duration::from_millis(50);
+
+/// What the wires make of the bytes on MISO; those on MOSI come first.
+pub type Miso = fn(&[u8], &mut [u8]);
+
+/// Wires as they should be.
+pub fn straight(_: &[u8], _: &mut [u8]) {}
+
+/// What a test can change while the board runs.
+struct Control {
+    miso: Mutex<Miso>,
+    /// BUSY is high.
+    hangs: AtomicBool,
+}
+
+/// A simulated board on the wires, until it is dropped.
+pub struct Model {
+    played: Played,
+    face: Arc<Mutex<Face>>,
+    control: Arc<Control>,
+}
+
+impl Model {
+    /// The board of that link on wires as they should be.
+    #[track_caller]
+    pub fn start(uri: &str) -> Self {
+        Self::on(uri, Busy::True, straight)
+    }
+
+    /// The board of that link on these wires.
+    #[track_caller]
+    pub fn on(uri: &str, busy: Busy, miso: Miso) -> Self {
+        let uri = format!("{uri}&queue=1");
+        let face = Arc::new(Mutex::new(Face::new(open(&uri).expect("a simulated board"))));
+        let control = Arc::new(Control { miso: Mutex::new(miso), hangs: AtomicBool::new(false) });
+        let wired = Wired { face: face.clone(), control: control.clone(), uri, booted: None };
+        Self { played: Played::start(wired, busy), face, control }
+    }
+
+    pub fn counters(&self) -> FaceCounters {
+        locked(&self.face).counters()
+    }
+
+    /// From now on the wires do that.
+    pub fn set_miso(&self, miso: Miso) {
+        *locked(&self.control.miso) = miso;
+    }
+
+    /// From now on BUSY stays high, or not.
+    pub fn hang(&self, hangs: bool) {
+        self.control.hangs.store(hangs, Ordering::Relaxed);
+    }
+
+    /// What the host has done so far.
+    pub fn seen(&self) -> Seen {
+        self.played.seen()
+    }
+
+    /// Takes the board away; its recording is whole then.
+    #[track_caller]
+    pub fn stop(self) -> Seen {
+        self.played.stop()
+    }
+}
+
+fn open(uri: &str) -> Option<Arc<dyn Link>> {
+    link::open(uri, Share::ByName).ok()
+}
+
+fn locked<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
+    what.lock().expect("nobody panics with it")
+}
+
+struct Wired {
+    face: Arc<Mutex<Face>>,
+    control: Arc<Control>,
+    uri: String,
+    /// When it is back.
+    booted: Option<Instant>,
+}
+
+impl Board for Wired {
+    fn exchange(&mut self, mosi: &[u8], miso: &mut [u8]) {
+        locked(&self.face).exchange(mosi, miso);
+        locked(&self.control.miso)(mosi, miso);
+    }
+
+    fn process(&mut self) {
+        thread::sleep(PROCESSING);
+    }
+
+    fn reset(&mut self, low: Duration) -> bool {
+        let is_one = low > SHORTEST_RESET;
+        if is_one {
+            locked(&self.face).reset();
+        }
+        is_one
+    }
+
+    fn is_busy(&mut self) -> bool {
+        let mut face = locked(&self.face);
+        if !face.is_busy() {
+            return self.control.hangs.load(Ordering::Relaxed);
+        }
+        let booted = *self.booted.get_or_insert_with(|| Instant::now() + BOOT);
+        if Instant::now() >= booted
+            && let Some(link) = open(&self.uri)
+        {
+            face.replace(link);
+            self.booted = None;
+        }
+        face.is_busy()
+    }
+}

@@ -16,3 +16,4 @@ mod spi;
 mod trouble;
 mod usb;
 mod usbfs;
+mod waits;

@@ -10,6 +10,7 @@ use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
 
 use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
+use super::waits::reads_end;
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 
@@ -186,25 +187,7 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let _served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
     attach("1-1");
     let board = open("usb:");
-    let mut untouched = Frame::from_bytes([0xA5; 512]);
-    for wait in [Wait::Now, Wait::For(Duration::from_millis(50))] {
-        let error = board.read(&mut untouched, wait).unwrap_err();
-        assert!(matches!(error, LinkError::Timeout { dir: Dir::Read, .. }), "{error}");
-    }
-    assert_eq!(untouched, Frame::from_bytes([0xA5; 512]));
-    let waiting = || {
-        let board = board.clone();
-        thread::spawn(move || board.read(&mut Frame::new(), Wait::Forever))
-    };
-    let reader = waiting();
-    while !reader.is_finished() {
-        board.cancel(Dir::Read);
-        thread::sleep(Duration::from_millis(5));
-    }
-    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Cancelled { .. })));
-    let reader = waiting();
-    board.close();
-    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Closed)));
+    reads_end(&board);
     detach_all();
 }
 

@@ -13,6 +13,7 @@ use super::model::Model;
 use super::played::Busy;
 use super::{LINK, RESET_KEY, model};
 use crate::served::{PATIENCE, recorded, until};
+use crate::waits::reads_end;
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 const BOARD: &str = "sim:?slaves=io";
@@ -152,24 +153,7 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let short = Duration::from_millis(50);
     let error = until("no report comes", || board.read(&mut report, Wait::For(short)).err());
     assert!(matches!(error, LinkError::Timeout { dir: Dir::Read, .. }), "{error}");
-    let mut untouched = Frame::from_bytes([0xA5; 512]);
-    let error = board.read(&mut untouched, Wait::Now).unwrap_err();
-    assert!(matches!(error, LinkError::Timeout { dir: Dir::Read, .. }), "{error}");
-    assert_eq!(untouched, Frame::from_bytes([0xA5; 512]));
-
-    let waiting = || {
-        let board = board.clone();
-        thread::spawn(move || board.read(&mut Frame::new(), Wait::Forever))
-    };
-    let reader = waiting();
-    while !reader.is_finished() {
-        board.cancel(Dir::Read);
-        thread::sleep(Duration::from_millis(5));
-    }
-    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Cancelled { .. })));
-    let reader = waiting();
-    board.close();
-    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Closed)));
+    reads_end(&board);
     assert!(matches!(board.write(&Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 

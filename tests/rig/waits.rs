@@ -1,0 +1,32 @@
+//! How waits of any link end.
+
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::link::{Dir, Link, LinkError, Wait};
+use ecmsk::sk::Frame;
+
+/// Reads of a board from which no report comes end by their limit, by cancelling and by closing, and leave the frame alone.
+#[track_caller]
+pub fn reads_end(board: &Arc<dyn Link>) {
+    let mut untouched = Frame::from_bytes([0xA5; 512]);
+    for wait in [Wait::Now, Wait::For(Duration::from_millis(50))] {
+        let error = board.read(&mut untouched, wait).unwrap_err();
+        assert!(matches!(error, LinkError::Timeout { dir: Dir::Read, .. }), "{error}");
+    }
+    assert_eq!(untouched, Frame::from_bytes([0xA5; 512]));
+    let waiting = || {
+        let board = board.clone();
+        thread::spawn(move || board.read(&mut Frame::new(), Wait::Forever))
+    };
+    let reader = waiting();
+    while !reader.is_finished() {
+        board.cancel(Dir::Read);
+        thread::sleep(Duration::from_millis(5));
+    }
+    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Cancelled { .. })));
+    let reader = waiting();
+    board.close();
+    assert!(matches!(reader.join().expect("it ends"), Err(LinkError::Closed)));
+}

@@ -36,16 +36,32 @@ pub struct Arguments {
 /// A room of src/, the tests that have to notice, and the part of its viable mutants that they have to.
 struct Room {
     name: &'static str,
-    tests: &'static [&'static str],
-    /// Whether some stand in the room itself.
-    unit_tests: bool,
+    /// Most mutants are caught by these.
+    tests: Tests,
+    /// What those miss is tried again with these.
+    all_tests: Option<Tests>,
     least: f64,
 }
 
+struct Tests {
+    programs: &'static [&'static str],
+    /// Whether those in src/ count too: then the crate is built twice for each mutant.
+    unit_tests: bool,
+}
+
+const fn programs(programs: &'static [&'static str]) -> Tests {
+    Tests { programs, unit_tests: false }
+}
+
 const ROOMS: [Room; 3] = [
-    Room { name: "sk", tests: &["sk_*"], unit_tests: false, least: 0.9 },
-    Room { name: "engine", tests: &["engine", "runners"], unit_tests: true, least: 0.9 },
-    Room { name: "slave", tests: &["slave"], unit_tests: false, least: 0.8 },
+    Room { name: "sk", tests: programs(&["sk_*"]), all_tests: None, least: 0.9 },
+    Room {
+        name: "engine",
+        tests: programs(&["engine"]),
+        all_tests: Some(Tests { programs: &["engine", "runners"], unit_tests: true }),
+        least: 0.9,
+    },
+    Room { name: "slave", tests: programs(&["slave"]), all_tests: None, least: 0.8 },
 ];
 
 /// Survivors that may survive, each with its reason.
@@ -87,8 +103,10 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         // A run that was stopped has left its lists.
         place.keep()?;
         if !arguments.report {
-            try_mutants(project, room, &place, arguments)?;
-            place.keep()?;
+            for tests in std::iter::once(&room.tests).chain(&room.all_tests) {
+                try_mutants(project, room, tests, &place, arguments)?;
+                place.keep()?;
+            }
         }
         let mutants = list(project, room, arguments.shard.as_deref())?;
         let figures = Figures::of(&mutants, &place.known()?, &reasons(project)?);
@@ -156,7 +174,13 @@ fn cargo_mutants(project: &Project, room: &Room, shard: Option<&str>) -> std::pr
     cargo
 }
 
-fn try_mutants(project: &Project, room: &Room, place: &Place, arguments: &Arguments) -> Result<(), Error> {
+fn try_mutants(
+    project: &Project,
+    room: &Room,
+    tests: &Tests,
+    place: &Place,
+    arguments: &Arguments,
+) -> Result<(), Error> {
     let mut cargo = cargo_mutants(project, room, arguments.shard.as_deref());
     // Debug information takes longer to link than the tests run; without the tool there is half as much to build.
     cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").args(["--no-default-features", "--features=sim"]);
@@ -171,8 +195,8 @@ fn try_mutants(project: &Project, room: &Room, place: &Place, arguments: &Argume
     ]);
     cargo.arg("--output").arg(&place.folder);
     // Not behind `--`: then all tests would be built.
-    cargo.args(room.unit_tests.then_some("--cargo-arg=--lib"));
-    cargo.args(room.tests.iter().map(|tests| format!("--cargo-arg=--test={tests}")));
+    cargo.args(tests.unit_tests.then_some("--cargo-arg=--lib"));
+    cargo.args(tests.programs.iter().map(|tests| format!("--cargo-arg=--test={tests}")));
     let status = cargo.status().map_err(|source| Error::Start { command: command::shown(&cargo), source })?;
     match status.code() {
         // All caught; some missed; some never ended; some of both.
@@ -270,7 +294,7 @@ impl Figures {
 mod tests {
     use super::*;
 
-    const ROOM: Room = Room { name: "sk", tests: &[], unit_tests: false, least: 0.9 };
+    const ROOM: Room = Room { name: "sk", tests: programs(&[]), all_tests: None, least: 0.9 };
 
     fn names(n: usize) -> Vec<String> {
         (0..n).map(|n| format!("src/sk/a.rs:{n}:3: replace f{n} -> u8 with 0")).collect()

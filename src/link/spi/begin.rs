@@ -33,6 +33,8 @@ pub(super) fn begin(
     wires.reset(RESET_LOW).map_err(|error| refused(name, error))?;
     let mut answer = Frame::new();
     let (mut asked, mut good, mut bad, mut rises) = (0, 0, 0, false);
+    // Answers that have slipped may have the form of right ones: what those said that have not is not forgotten.
+    let mut named = Lie::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
         if !wires.wait_ready(left).map_err(|error| refused(name, error))? {
@@ -61,9 +63,15 @@ pub(super) fn begin(
                     }
                     return Ok(response);
                 }
-                (good >= UNSURE).then_some(Lie::Garbled)
+                (good >= UNSURE).then_some(named)
             }
-            Err(_) => Some(judge.explain()),
+            Err(_) => {
+                let lie = judge.explain();
+                if lie != Lie::Garbled {
+                    named = lie;
+                }
+                Some(lie)
+            }
         };
         if let Some(lie) = lie {
             bad += 1;

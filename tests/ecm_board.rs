@@ -7,7 +7,7 @@ use std::time::Duration;
 use ecm_support::{SIZE, Tap, enable, in_op, open, script, uri};
 use ecmsk::ecm::{Config, CrcSwitches, Ecm, EcmError, Options};
 use ecmsk::link::{Link, LinkError, Wait};
-use ecmsk::sk::{CommandId, Frame, MasterState, StateByte};
+use ecmsk::sk::{CommandId, Frame, MasterState, RawSlot, StateByte};
 
 const SECOND: Duration = Duration::from_secs(1);
 const MINUTE: Duration = Duration::from_secs(60);
@@ -146,7 +146,10 @@ fn a_cleared_fifo_stops_the_axis() {
     tap.take();
     ecm.clear_fifo().unwrap();
     assert!(tap.stats().board.unwrap().cleared - before > 140);
-    assert!(tap.take().iter().all(|frame| frame.slot(SIZE, 1).id == 0), "the newest target would be a jump");
+    assert!(
+        tap.take().iter().all(|frame| RawSlot { index: 0, ..frame.slot(SIZE, 1) }.is_zero()),
+        "the newest target would be a jump"
+    );
     for _ in 0..200 {
         ecm.next_cycle(SECOND).unwrap();
     }
@@ -190,7 +193,7 @@ fn a_fifo_that_another_thread_clears() {
     });
     let frames = tap.take();
     let clear = frames.iter().position(|frame| frame.slot(SIZE, 0).id == CommandId::SetFifo.code()).unwrap();
-    assert!(frames[clear..].iter().all(|frame| frame.slot(SIZE, 1).id == 0));
+    assert!(frames[clear..].iter().all(|frame| RawSlot { index: 0, ..frame.slot(SIZE, 1) }.is_zero()));
 }
 
 /// API-22 API-2 Entries that were dropped are no underruns, and hide none of the stream that comes after.

@@ -15,16 +15,12 @@ use ecmsk::port::usbip::descriptors::Descriptors;
 use ecmsk::port::usbip::setup::descriptor::CONFIGURATION;
 use ecmsk::sk::{Frame, SlotSize};
 
+use super::links::refused;
 use super::rogue::{Answer, Manners, Rogue, plugged_in};
 use super::served::{Board, PATIENCE, Served, TOOL, attach, detach_all, until};
 
 fn open(uri: &str) -> Result<Arc<dyn Link>, LinkError> {
     link::open(uri, Share::ByName)
-}
-
-#[track_caller]
-fn refused(uri: &str) -> LinkError {
-    open(uri).map(|_| ()).unwrap_err()
 }
 
 fn reports(sizes: &[usize]) -> VecDeque<Answer> {

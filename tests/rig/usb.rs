@@ -1,38 +1,15 @@
 //! The link `usb:`, with the kernel's USB code between it and a virtual board.
 
 use std::fs;
-use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
 use ecmsk::ecm::{Close, Ecm};
-use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
-use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
+use ecmsk::link::{self, Dir, LinkError, Share, Wait};
+use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
 
+use super::links::{frame, open, reads_end, refused, state};
 use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
-use super::waits::reads_end;
-
-const SIZE: SlotSize = SlotSize::Bytes12;
-
-#[track_caller]
-fn open(uri: &str) -> Arc<dyn Link> {
-    link::open(uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"))
-}
-
-#[track_caller]
-fn refused(uri: &str) -> LinkError {
-    link::open(uri, Share::ByName).map(|_| ()).unwrap_err()
-}
-
-fn frame(command: MasterCommand) -> Frame {
-    let mut frame = Frame::new();
-    frame.put_master(SIZE, &command);
-    frame
-}
-
-fn state(report: &Frame) -> StateByte {
-    MasterResponse::decode(&report.slot(SIZE, 0)).state
-}
 
 /// WIRE-19, SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
 #[test]

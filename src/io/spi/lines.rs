@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use gpiocdev::line::{EdgeDetection, Value};
+use gpiocdev::request::Builder;
 use gpiocdev::{Chip, Request};
 
 use super::{WireError, there};
@@ -49,15 +50,7 @@ pub(super) struct Input {
 
 impl Input {
     pub fn open(place: &LinePlace) -> Result<Self, WireError> {
-        let offset = find(place)?;
-        let request = Request::builder()
-            .on_chip(&place.chip)
-            .with_consumer(CONSUMER)
-            .with_line(offset)
-            .as_input()
-            .with_edge_detection(EdgeDetection::FallingEdge)
-            .request()
-            .map_err(|error| refused(place, &error))?;
+        let request = request(place, |line| line.as_input().with_edge_detection(EdgeDetection::FallingEdge))?;
         let edges = vec![0; EDGES * request.edge_event_u64_size()];
         Ok(Self { name: place.to_string(), request, edges, fallen: false })
     }
@@ -112,15 +105,7 @@ pub(super) struct Output {
 
 impl Output {
     pub fn open(place: &LinePlace) -> Result<Self, WireError> {
-        let offset = find(place)?;
-        let request = Request::builder()
-            .on_chip(&place.chip)
-            .with_consumer(CONSUMER)
-            .with_line(offset)
-            .as_output(Value::Active)
-            .request()
-            .map_err(|error| refused(place, &error))?;
-        Ok(Self { name: place.to_string(), request })
+        Ok(Self { name: place.to_string(), request: request(place, |line| line.as_output(Value::Active))? })
     }
 
     pub fn pull_low(&self, time: Duration) -> Result<(), WireError> {
@@ -132,6 +117,14 @@ impl Output {
         std::thread::sleep(time);
         set(Value::Active)
     }
+}
+
+/// Takes the line, as what `set` makes of it.
+fn request(place: &LinePlace, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, WireError> {
+    let offset = find(place)?;
+    let mut line = Request::builder();
+    line.on_chip(&place.chip).with_consumer(CONSUMER).with_line(offset);
+    set(&mut line).request().map_err(|error| refused(place, &error))
 }
 
 /// The line's number on its chip.

@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use ecmsk::link::{LinkError, Wait};
 use ecmsk::sk::Frame;
 
-use super::link::{open, refused, until_lost};
+use super::link::until_lost;
 use super::model::{Miso, Model, straight};
 use super::played::Busy;
 use super::{LINK, LINK_WITHOUT_BUSY};
+use crate::links::{open, refused};
 use crate::served::{PATIENCE, until};
 
 const BOARD: &str = "sim:?slaves=io";

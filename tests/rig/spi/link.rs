@@ -1,42 +1,20 @@
 //! The link `spi:`, with the kernel's SPI and GPIO code between it and our model.
 
 use std::fs;
-use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
 use ecmsk::ecm::{Close, Ecm};
-use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
-use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
+use ecmsk::link::{Dir, Link, LinkError, Wait};
+use ecmsk::sk::{Frame, MasterCommand, MasterState, SlotSize, StateByte};
 
 use super::model::Model;
 use super::played::Busy;
 use super::{LINK, RESET_KEY, model};
+use crate::links::{frame, open, reads_end, refused, state};
 use crate::served::{PATIENCE, recorded, until};
-use crate::waits::reads_end;
 
-const SIZE: SlotSize = SlotSize::Bytes12;
 const BOARD: &str = "sim:?slaves=io";
-
-#[track_caller]
-pub fn open(uri: &str) -> Arc<dyn Link> {
-    link::open(uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"))
-}
-
-#[track_caller]
-pub fn refused(uri: &str) -> LinkError {
-    link::open(uri, Share::ByName).map(|_| ()).unwrap_err()
-}
-
-fn frame(command: MasterCommand) -> Frame {
-    let mut frame = Frame::new();
-    frame.put_master(SIZE, &command);
-    frame
-}
-
-fn state(report: &Frame) -> StateByte {
-    MasterResponse::decode(&report.slot(SIZE, 0)).state
-}
 
 /// Reads until the link gives the board up.
 #[track_caller]

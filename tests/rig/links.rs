@@ -1,11 +1,34 @@
-//! How waits of any link end.
+//! Links of any kind: opening them, and how their waits end.
 
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-use ecmsk::link::{Dir, Link, LinkError, Wait};
-use ecmsk::sk::Frame;
+use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
+use ecmsk::sk::{Frame, MasterCommand, MasterResponse, SlotSize, StateByte};
+
+/// Slots of the boards that are talked to by [`frame`] and [`state`].
+const SIZE: SlotSize = SlotSize::Bytes12;
+
+#[track_caller]
+pub fn open(uri: &str) -> Arc<dyn Link> {
+    link::open(uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"))
+}
+
+#[track_caller]
+pub fn refused(uri: &str) -> LinkError {
+    link::open(uri, Share::ByName).map(|_| ()).unwrap_err()
+}
+
+pub fn frame(command: MasterCommand) -> Frame {
+    let mut frame = Frame::new();
+    frame.put_master(SIZE, &command);
+    frame
+}
+
+pub fn state(report: &Frame) -> StateByte {
+    MasterResponse::decode(&report.slot(SIZE, 0)).state
+}
 
 /// Reads of a board from which no report comes end by their limit, by cancelling and by closing, and leave the frame alone.
 #[track_caller]

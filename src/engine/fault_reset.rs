@@ -60,3 +60,23 @@ impl FaultReset {
         matches!(self.bit, Bit::Set { .. })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SK-7.11 The pulse of ALM_CLR: 8 sets of outputs with the bit, then 8 without it before the next one.
+    #[test]
+    fn pulses_are_as_long_as_the_pauses_between_them() {
+        let mut reset = FaultReset::default();
+        reset.ask();
+        let bits: Vec<bool> = (0..40)
+            .map(|_| {
+                reset.ask();
+                reset.next_bit()
+            })
+            .collect();
+        let expected: Vec<bool> = (0..40).map(|set| set / 8 % 2 == 0).collect();
+        assert_eq!(bits, expected);
+    }
+}

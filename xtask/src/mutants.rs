@@ -183,10 +183,13 @@ fn try_mutants(
 ) -> Result<(), Error> {
     let mut cargo = cargo_mutants(project, room, arguments.shard.as_deref());
     // Debug information takes longer to link than the tests run; without the tool there is half as much to build.
-    cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").args(["--no-default-features", "--features=sim"]);
+    // A little optimised, they run in a quarter of the time and take no longer to build.
+    cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
+    cargo.args(["--no-default-features", "--features=sim"]);
     // Each copy of the project has to build for itself: in one folder they would run each other's programs.
     cargo.env_remove("CARGO_TARGET_DIR").env_remove("CARGO_BUILD_TARGET_DIR");
-    // nextest stops at the first test that fails.
+    // nextest stops at the first test that fails, and ends one that hangs (.config/nextest.toml).
+    cargo.env("NEXTEST_PROFILE", "mutants");
     cargo.args([
         "--test-tool=nextest",
         "--iterate",

@@ -1,7 +1,7 @@
 //! What a slot says to the program's last command stays, as on USB, though the link asks for the state in between.
 
-use ecmsk::link::{self, Link, Share, Wait};
-use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState, RawSlot, SlaveKind};
+use ecmsk::link::{Link, Wait};
+use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState, SlaveKind};
 
 use super::bench::{Answers, Bench, Setup};
 use super::frames::{SIZE, all, axes, board, master, state, target, to};
@@ -14,7 +14,7 @@ fn head(report: &Frame, slot: usize) -> (u8, u8) {
     (slot.id, slot.index)
 }
 
-/// WIRE-109, SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
+/// WIRE-120, SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
 /// FIFO is free: a program may wait for both.
 #[test]
 fn the_id_stays() {
@@ -35,7 +35,7 @@ fn the_id_stays() {
     }
 }
 
-/// WIRE-109 Positions and statuswords are those of the cycle, whatever command is shown.
+/// WIRE-120 Positions and statuswords are those of the cycle, whatever command is shown.
 #[test]
 fn values_are_those_of_the_cycle() {
     let mut bench = Bench::on(Setup::default());
@@ -45,7 +45,7 @@ fn values_are_those_of_the_cycle() {
     assert_eq!(head(&bench.report, 1).0, CommandId::Csp.code());
 }
 
-/// WIRE-109 A GET_STATUS of the program's own is executed too: then the slot shows it, six reports later at the most.
+/// WIRE-120 A GET_STATUS of the program's own is executed too: then the slot shows it, six reports later at the most.
 #[test]
 fn the_programs_own_get_status_is_shown() {
     for answers in BOTH {
@@ -60,7 +60,7 @@ fn the_programs_own_get_status_is_shown() {
     }
 }
 
-/// WIRE-109, SK-4.23 A command that the board rejects leaves no id of an earlier one, and is counted.
+/// WIRE-120, SK-4.23 A command that the board rejects leaves no id of an earlier one, and is counted.
 #[test]
 fn a_rejected_command_is_not_shown_as_answered() {
     for answers in BOTH {
@@ -78,7 +78,7 @@ fn a_rejected_command_is_not_shown_as_answered() {
     }
 }
 
-/// WIRE-109, WIRE-44 What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
+/// WIRE-120, WIRE-44 What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
 #[test]
 fn what_was_dropped_is_not_answered() {
     let mut bench = Bench::on(Setup::default());
@@ -94,7 +94,7 @@ fn what_was_dropped_is_not_answered() {
     assert_eq!(bench.pacer.counts().unseen, 0);
 }
 
-/// WIRE-109, SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
+/// WIRE-120, SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
 #[test]
 fn the_boards_own_slot_outside_op() {
     let mut bench = Bench::new(Setup::default());
@@ -112,7 +112,7 @@ fn the_boards_own_slot_outside_op() {
     assert_eq!(head(&bench.report, 0).0, ecmsk::sk::MASTER_CYCLIC);
 }
 
-/// WIRE-109, SK-3.7, SK-3.8 An IO slave over a whole link: IO_WR's answer stays the outputs, IO_RD's the inputs of the cycle,
+/// WIRE-120, SK-3.7, SK-3.8 An IO slave over a whole link: IO_WR's answer stays the outputs, IO_RD's the inputs of the cycle,
 /// both with the whole FIFO free and with a right CRC.
 #[test]
 fn inputs_and_outputs() {

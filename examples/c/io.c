@@ -30,15 +30,18 @@ static unsigned Ask(unsigned short command, unsigned data)
     return 0;
 }
 
-/* The command has run once its entry has left the FIFO, and in the report after that is the answer. */
+/* The command has run once its entry has left the FIFO. What is read first may be older than the command. */
 static unsigned Local(unsigned short command, unsigned outputs)
 {
     ClearCmd();
     cmdData[0].CMD = command;
     cmdData[0].Data1 = outputs;
     WriteCmd();
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4 || FifoFree() < FIFO_SIZE; i++) {
         ReadResp();
+        if (i == ANSWER_TRIES || State() != STATE_OPERATIONAL)
+            Fail("no answer of the board's own inputs and outputs");
+    }
     return respData[0].Data1 & 0x3F;
 }
 

@@ -15,5 +15,6 @@ mod served;
 mod shown;
 mod spi;
 mod trouble;
+mod unchanged;
 mod usb;
 mod usbfs;

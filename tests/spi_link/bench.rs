@@ -159,7 +159,7 @@ impl Bench {
         self.begins.push((self.now, carry));
         self.pacer.begins(&frame, carry, extra, self.now);
         self.board_to_now();
-        let answer = if self.setup.answers == Answers::Newest { self.newest.clone() } else { self.staged.clone() };
+        let mut answer = if self.setup.answers == Answers::Newest { self.newest.clone() } else { self.staged.clone() };
         self.now += ON_THE_WIRES;
         self.board_to_now();
         let at = self.board.now();
@@ -171,7 +171,8 @@ impl Bench {
         self.staged = self.newest.clone();
         let response = master(&answer);
         self.pacer.answered(&response, extra, self.held.len());
-        self.free = if self.pacer.op() { self.pacer.shown_free(&response, self.held.len()) } else { 160 };
+        self.pacer.show(&mut answer, self.held.len());
+        self.free = if self.pacer.op() { master(&answer).fifo_free } else { 160 };
         self.report = answer;
     }
 

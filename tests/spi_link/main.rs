@@ -2,6 +2,7 @@
 //! test holds, and the board's side of the wires.
 #![cfg(all(target_os = "linux", feature = "spi", feature = "serve", feature = "sim"))]
 
+mod answers;
 mod bench;
 mod drift;
 mod face;

@@ -31,6 +31,8 @@ const RESERVE: u16 = 32;
 const CALM: u32 = 2000;
 /// Entries that the newest answer may not know of. \[OURS]
 const NOT_REPORTED: u16 = 2;
+/// Cycles that an answer is old at most. \[OURS]
+const OLD: Ns = 2;
 /// The highest level that is wanted, whatever threshold a program sets. \[OURS]
 const HIGHEST: u16 = FIFO_ENTRIES - 5;
 
@@ -111,6 +113,8 @@ pub struct PacerCounts {
     pub passed_over: u64,
     /// Cycles passed over because the host had no frame and the prefill lasts.
     pub spared: u64,
+    /// Commands of the host for slaves that no answer has shown: rejected ones, and such as were executed between two answers.
+    pub unseen: u64,
 }
 
 /// The pacer of one link.
@@ -123,6 +127,8 @@ pub struct Pacer {
     tick: Ns,
     /// When one may begin at the soonest.
     not_before: Ns,
+    /// When the last two began, the newer one first.
+    began: [Ns; 2],
     /// The level that is wanted, after an entry was taken out.
     wanted: u16,
     /// The FIFO's level now, as far as it is known.
@@ -154,6 +160,7 @@ impl Pacer {
             state: None,
             tick: 0,
             not_before: 0,
+            began: [0; 2],
             wanted: options.prefill.max(LEVEL),
             level: 0,
             reported: 0,
@@ -164,7 +171,7 @@ impl Pacer {
             extra: 0,
             settle: SETTLE,
             arm: Arm::Not,
-            sent: Sent::default(),
+            sent: Sent::new(options.slot),
             counts: PacerCounts::default(),
         }
     }
@@ -265,6 +272,7 @@ impl Pacer {
 
     /// An exchange with that frame begins.
     pub fn begins(&mut self, frame: &Frame, carry: Carry, extra: bool, now: Ns) {
+        self.began = [now, self.began[0]];
         self.counts.exchanges += 1;
         self.counts.host += u64::from(carry == Carry::Host);
         self.counts.extra += u64::from(extra);
@@ -281,9 +289,9 @@ impl Pacer {
             }
         }
         self.not_before = now + self.options.period_ns;
-        self.sent.push(carry == Carry::Host);
+        self.sent.push(frame, carry == Carry::Host, now);
         match carry {
-            Carry::Host => self.look(frame),
+            Carry::Host => self.look(frame, now),
             Carry::Prefill => {
                 self.arm = Arm::Waiting(0);
                 self.extra = self.wanted;
@@ -312,13 +320,14 @@ impl Pacer {
     }
 
     /// What a frame of the host changes for the pacer.
-    fn look(&mut self, frame: &Frame) {
+    fn look(&mut self, frame: &Frame, now: Ns) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
+            Ok(MasterCommand::SetAxis { group, kinds }) if !self.above_preop() => self.sent.declare(group, &kinds),
             Ok(MasterCommand::SetDc { cycle, .. }) if !self.above_preop() => self.cycle = cycle,
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) if self.op() => {
                 self.flow_anew();
-                self.sent = Sent::default();
-                self.sent.push(true);
+                self.sent.forget();
+                self.sent.push(frame, true, now);
             }
             // A program that fills the FIFO before it starts gets the level that it asks for.
             Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) if self.op() => {
@@ -337,6 +346,7 @@ impl Pacer {
         self.state = answer.state.state();
         if self.op() != was_op {
             self.flow_anew();
+            self.sent.forget();
         }
         let level = FIFO_ENTRIES.saturating_sub(answer.fifo_free);
         self.reported = if self.op() { level } else { 0 };
@@ -367,12 +377,28 @@ impl Pacer {
         self.arm = Arm::Not;
     }
 
-    /// The free count that a program is shown: of the board's entries those of the host alone count, as they do on USB,
-    /// and those that the link holds.
-    pub fn shown_free(&self, answer: &MasterResponse, held: usize) -> u16 {
-        let level = FIFO_ENTRIES.saturating_sub(answer.fifo_free);
+    /// Makes of a good answer the report that a program is shown: as free entries those that it may still write, and in
+    /// the slots what they answered to its own commands. Whether that differs from the answer; then the CRC has to be
+    /// filled.
+    pub fn show(&mut self, answer: &mut Frame, held: usize) -> bool {
+        let size = self.options.slot;
+        let mut board = answer.slot(size, 0);
+        let free = MasterResponse::decode(&board).fifo_free;
+        let level = if self.op() { FIFO_ENTRIES.saturating_sub(free) } else { 0 };
+        // It is of a cycle not long before, or of the end of the exchange before.
+        let [began, before] = self.began;
+        let old = OLD * self.period() + self.options.wires_ns;
+        let since = began.saturating_sub(old).min(before.saturating_sub(1));
+        let put = self.sent.show(answer, level, since, self.op());
+        self.counts.unseen = self.sent.unseen();
+        if !self.op() {
+            return put;
+        }
         let ahead = usize::from(self.sent.of_the_host(level)) + held;
-        FIFO_ENTRIES.saturating_sub(ahead.min(FIFO_ENTRIES.into()) as u16)
+        let shown = FIFO_ENTRIES.saturating_sub(ahead.min(FIFO_ENTRIES.into()) as u16);
+        board.data2 = u32::from(shown) | u32::from(board.data2_high()) << 16;
+        answer.put(size, 0, &board);
+        put || shown != free
     }
 
     /// Whether the last answer was of OP.

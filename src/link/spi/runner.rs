@@ -111,7 +111,7 @@ impl Runner {
         let size = self.options.slot;
         self.wires.exchange(command.wire(size), &mut answer.bytes_mut()[..size.frame_len()])?;
         self.pacer.ended(self.shared.now());
-        self.show();
+        self.publish_counts();
         if self.wires.has_busy() {
             *since_edge += 1;
             if *since_edge >= LOOK_AT_EDGES {
@@ -175,29 +175,14 @@ impl Runner {
         };
         *bad = 0;
         self.pacer.answered(&response, extra, self.shared.desk.held());
-        if self.pacer.op() {
-            self.show_free(answer, &response);
+        if self.pacer.show(answer, self.shared.desk.held()) && self.judge.fills_crc() {
+            answer.fill_crc(self.options.slot);
         }
         self.shared.desk.report(answer, at, self.pacer.op());
         Ok(())
     }
 
-    /// Puts the free count that a program is to see into a report, and the CRC that fits.
-    fn show_free(&self, answer: &mut Frame, response: &crate::sk::MasterResponse) {
-        let size = self.options.slot;
-        let shown = self.pacer.shown_free(response, self.shared.desk.held());
-        if shown == response.fifo_free {
-            return;
-        }
-        let mut slot = answer.slot(size, 0);
-        slot.data2 = u32::from(shown) | u32::from(slot.data2_high()) << 16;
-        answer.put(size, 0, &slot);
-        if self.judge.fills_crc() {
-            answer.fill_crc(size);
-        }
-    }
-
-    fn show(&self) {
+    fn publish_counts(&self) {
         *self.shared.counts.lock() = self.pacer.counts();
         self.shared.cycle_us.store(self.pacer.cycle().us().into(), Ordering::Relaxed);
     }

@@ -6,8 +6,9 @@ mod lies;
 mod link;
 mod model;
 mod played;
-mod program;
 mod wires;
+
+pub use self::model::Model;
 
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Output};
@@ -19,7 +20,7 @@ const CHIP: &str = "/dev/gpiochip0";
 const BUSY: u32 = 0;
 const RESET: u32 = 1;
 /// The same for a link.
-const LINK: &str = "spi:/dev/spidev0.0?busy=gpiochip0/BUSY";
+pub const LINK: &str = "spi:/dev/spidev0.0?busy=gpiochip0/BUSY";
 const LINK_WITHOUT_BUSY: &str = "spi:/dev/spidev0.0";
 const RESET_KEY: &str = "gpiochip0/1";
 

@@ -70,7 +70,7 @@ pub fn pack(packages: &Packages, board: &Path, built: &Programs, folder: &Path) 
     .map(|(name, program)| (name.to_owned(), program))
     .to_vec();
     let name_of = |program: &Path| program.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    programs.extend(built.examples.iter().map(|program| (name_of(program), program.as_path())));
+    programs.extend(built.examples.iter().map(|program| (format!("examples/{}", name_of(program)), program.as_path())));
     let mut libraries = BTreeSet::new();
     for (number, (name, program)) in programs.into_iter().enumerate() {
         let small = stripped.join(number.to_string());

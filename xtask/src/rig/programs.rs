@@ -1,6 +1,7 @@
 //! What runs in the guest: the tool, the wire tests as one program, and an unchanged program on two libraries.
 
 use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -13,8 +14,8 @@ use crate::{command, stage};
 
 /// The test of the root package that runs in the guest alone.
 const TESTS: &str = "rig";
-/// Of examples/cpp.
-const EXAMPLES: [&str; 3] = ["two_axes_12b", "two_axes_16b", "hsp_16b"];
+/// The folders of programs whose makefiles build them all.
+const EXAMPLES: [&str; 2] = ["examples/c", "examples/cpp"];
 /// The library by the name that programs ask for.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
@@ -50,8 +51,7 @@ pub fn build(project: &Project, folder: &Path) -> Result<Programs, Error> {
     let built = folder.join("built");
     packages::empty(&built)?;
     let tests = build_tests(project)?;
-    let examples = EXAMPLES.map(|name| build_example(project, &prefix, &built.join(name)));
-    let examples = examples.into_iter().collect::<Result<_, _>>()?;
+    let examples = build_examples(project, &prefix, &built.join("examples"))?;
     let hidraw = build_hidraw_library(project, &built)?;
     Ok(Programs { tool: prefix.join("bin/ecmsk"), tests, examples, ours: prefix.join("lib").join(LIBRARY), hidraw })
 }
@@ -64,12 +64,17 @@ fn build_tests(project: &Project) -> Result<PathBuf, Error> {
     built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() })
 }
 
-fn build_example(project: &Project, prefix: &Path, program: &Path) -> Result<PathBuf, Error> {
-    let built = program.parent().unwrap_or(program);
-    let mut make = Command::new("make");
-    make.current_dir(project.root.join("examples/cpp")).env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
-    command::run(make.arg("--quiet").arg(format!("OUT={}", built.display())).arg(program))?;
-    Ok(program.to_owned())
+fn build_examples(project: &Project, prefix: &Path, to: &Path) -> Result<Vec<PathBuf>, Error> {
+    for folder in EXAMPLES {
+        let mut make = Command::new("make");
+        make.current_dir(project.root.join(folder)).env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
+        command::run(make.arg("--quiet").arg(format!("OUT={}", to.display())))?;
+    }
+    let mut programs = fs::read_dir(to)
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>, _>>())
+        .map_err(Error::file("read", to))?;
+    programs.sort();
+    Ok(programs)
 }
 
 fn build_hidraw_library(project: &Project, built: &Path) -> Result<PathBuf, Error> {

@@ -1,0 +1,236 @@
+//! The unchanged programs of `examples/` on this project's library: over `usb:` and over `spi:`, a real kernel's code in
+//! between, a board gets the commands that it gets from them in their own process.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, Write};
+use std::process::{Command, Output};
+use std::sync::{Mutex, PoisonError};
+
+use ecmsk::link::Dir;
+use ecmsk::sk::{CommandId, Frame, RawSlot, SlotSize};
+
+use super::served::{Served, attach, detach_all, recorded};
+use super::spi::{self, Model};
+
+/// The folder with all programs.
+const EXAMPLES: &str = "/rig/examples";
+/// The folder with this project's library.
+const LIBRARY: &str = "/rig/ours";
+
+struct Program {
+    name: &'static str,
+    /// Its network.
+    board: &'static str,
+    size: SlotSize,
+    /// What happens to it.
+    script: Option<&'static str>,
+    same: Same,
+}
+
+/// What does not depend on when a program sees something.
+#[derive(Clone, Copy)]
+enum Same {
+    /// Every frame with a command, to the byte.
+    Frames,
+    /// The commands; it takes its targets from positions that it has read.
+    Commands,
+}
+
+use Same::{Commands, Frames};
+use SlotSize::{Bytes12, Bytes16};
+
+const DRIVES: &str = "slaves=drive*2";
+const ON_THE_WAY: Option<&str> = Some(include_str!("../../examples/scripts/alarm_on_the_way.ecmscript"));
+const ALARM: Option<&str> = Some(include_str!("../../examples/scripts/alarm.ecmscript"));
+const LOCAL_INPUTS: Option<&str> = Some(include_str!("../../examples/scripts/local_inputs.ecmscript"));
+
+const PROGRAMS: [Program; 14] = [
+    program("two_axes_12b", DRIVES, Bytes12, None, Frames),
+    program("two_axes_16b", DRIVES, Bytes16, None, Frames),
+    program("hsp_16b", "slaves=hsp2", Bytes16, None, Frames),
+    program("io", "slaves=io", Bytes12, LOCAL_INPUTS, Frames),
+    program("csv_cst", DRIVES, Bytes12, None, Commands),
+    program("homing", DRIVES, Bytes12, None, Commands),
+    program("alarm_recovery", DRIVES, Bytes12, ON_THE_WAY, Commands),
+    program("operator_panel", DRIVES, Bytes12, ALARM, Commands),
+    program("habit_read_after_open", DRIVES, Bytes12, None, Frames),
+    program("habit_reader_writer_threads", DRIVES, Bytes12, None, Frames),
+    program("habit_sdo_retry", DRIVES, Bytes12, None, Frames),
+    program("habit_set_axis_burst", DRIVES, Bytes12, None, Frames),
+    program("habit_tight_writer", DRIVES, Bytes12, None, Frames),
+    program("habit_two_writes_fifo_mark", DRIVES, Bytes12, None, Frames),
+];
+
+const fn program(
+    name: &'static str,
+    board: &'static str,
+    size: SlotSize,
+    script: Option<&'static str>,
+    same: Same,
+) -> Program {
+    Program { name, board, size, script, same }
+}
+
+impl Program {
+    #[track_caller]
+    fn run(&self, link: &str) -> Output {
+        let mut command = Command::new(format!("{EXAMPLES}/{}", self.name));
+        let output = command.env("LD_LIBRARY_PATH", LIBRARY).env("ECMSK_LINK", link).output().expect("it starts");
+        assert!(output.status.success(), "{} on {link}: {output:?}", self.name);
+        output
+    }
+
+    /// Past what tests capture: all of them take a while.
+    fn say(&self) {
+        writeln!(io::stdout(), "{}", self.name).expect("the console is there");
+    }
+
+    /// A file of its own: recordings of one process to the same file are joined.
+    fn file(&self, whose: &str) -> String {
+        format!("/tmp/{}-{whose}.pcapng", self.name)
+    }
+
+    /// Its board, with a recording.
+    fn board(&self, whose: &str) -> String {
+        let script = self.script.map_or(String::new(), |script| {
+            fs::write("/tmp/script.ecmscript", script).expect("it is a file system in memory");
+            "&script=%2Ftmp%2Fscript.ecmscript".to_owned()
+        });
+        format!("sim:?{}&slot={}{script}&{}", self.board, self.size.bytes(), recording(&self.file(whose)))
+    }
+
+    /// What it tells a board in its own process, and what it says; it runs there once.
+    #[track_caller]
+    fn at_home(&self) -> (Vec<Frame>, Output) {
+        static RUNS: Mutex<BTreeMap<&str, (Vec<Frame>, Output)>> = Mutex::new(BTreeMap::new());
+        let mut runs = RUNS.lock().unwrap_or_else(PoisonError::into_inner);
+        let run = runs.entry(self.name).or_insert_with(|| {
+            let output = self.run(&format!("{}&clock=virtual", self.board("home")));
+            (recorded(&self.file("home"), Dir::Write), output)
+        });
+        run.clone()
+    }
+
+    /// Frames with a command. A program asks for the state alone while it waits, and the link `spi:` when the program says
+    /// nothing.
+    fn told(&self, frames: &[Frame]) -> Vec<Frame> {
+        frames.iter().filter(|frame| tells(frame, self.size)).cloned().collect()
+    }
+
+    /// The steps that it makes: how often it says something again, until an answer is there, depends on when that comes.
+    fn steps(&self, frames: &[Frame]) -> Vec<Vec<u8>> {
+        let mut steps: Vec<Vec<u8>> = self.told(frames).into_iter().map(|frame| self.step(frame)).collect();
+        steps.dedup();
+        steps
+    }
+
+    fn step(&self, mut frame: Frame) -> Vec<u8> {
+        if let Commands = self.same {
+            let motion = [CommandId::Csp, CommandId::Csv, CommandId::Cst].map(CommandId::code);
+            for slave in 1..=self.size.max_slaves() {
+                let slot = frame.slot(self.size, slave);
+                if motion.contains(&slot.id) {
+                    frame.put(self.size, slave, &RawSlot { id: slot.id, ..RawSlot::ZERO });
+                }
+            }
+        }
+        frame.wire(self.size).to_vec()
+    }
+
+    /// `sent` by the program, `arrived` at the board.
+    #[track_caller]
+    fn check(&self, sent: &[Frame], arrived: &[Frame], printed: &Output) {
+        let other = arrived.iter().zip(sent).position(|(arrived, sent)| arrived != sent);
+        let (came, went) = (arrived.len(), sent.len());
+        assert!(arrived == sent, "{}: {came} arrived of {went}, the first other one: {other:?}", self.name);
+        let (at_home, printed_at_home) = self.at_home();
+        let (steps, expected) = (self.steps(arrived), self.steps(&at_home));
+        let other = steps.iter().zip(&expected).position(|(step, expected)| step != expected);
+        let (here, home) = (steps.len(), expected.len());
+        assert!(
+            steps == expected,
+            "{}: {here} steps, {home} at home, the first other one: {other:?}; at home: {:?}, here: {:?}",
+            self.name,
+            other.map(|other| &expected[other]),
+            other.map(|other| &steps[other]),
+        );
+        // One writes faster than any board executes, on purpose: what a wire does not take at once cannot be lost.
+        if self.name != "habit_tight_writer" {
+            assert_eq!(lost(printed), lost(&printed_at_home), "{}", self.name);
+        }
+    }
+}
+
+fn recording(file: &str) -> String {
+    format!("record={}", file.replace('/', "%2F"))
+}
+
+/// What a program says of lost commands.
+fn lost(output: &Output) -> Vec<String> {
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    said.lines().filter_map(|line| line.split_once("commands lost").map(|(_, count)| count.to_owned())).collect()
+}
+
+/// The questions of the link `spi:` at its opening have this in the SDO slot.
+const OPENING_MARK: u8 = 0x5A;
+
+/// GET_STATUS in every slot is a frame of zeros, but for the CRC.
+fn tells(frame: &Frame, size: SlotSize) -> bool {
+    let (board, sdo) = (frame.slot(size, 0), frame.slot(size, size.sdo_slot()));
+    let asks = |slot: &RawSlot| slot.id == CommandId::GetStatus.code() && slot.data1 == 0 && slot.data2 == 0;
+    if asks(&sdo) && sdo.index == OPENING_MARK {
+        return false;
+    }
+    let slaves = (1..size.slots()).map(|slot| frame.slot(size, slot));
+    !asks(&board) || slaves.into_iter().any(|slot| !slot.is_zero())
+}
+
+/// WIRE-62, WIRE-89 No program is left out.
+#[test]
+fn all_programs_are_in_the_list() {
+    let entries = fs::read_dir(EXAMPLES).expect("the programs are there");
+    let names = entries.map(|entry| entry.expect("a file").file_name().into_string().expect("a plain name"));
+    let mut listed = PROGRAMS.map(|program| program.name.to_owned());
+    listed.sort();
+    let mut there: Vec<String> = names.collect();
+    there.sort();
+    assert_eq!(there, listed);
+}
+
+/// WIRE-89, WIRE-18, SK-9.7 Every program on a board on USB: each of its frames arrives whole, none lost or doubled, in order,
+/// and they are the commands that a board in its own process gets.
+#[test]
+fn every_program_on_usb() {
+    for program in &PROGRAMS {
+        program.say();
+        let served = Served::start(&[&program.board("usb")], &[]);
+        attach("1-1");
+        let printed =
+            program.run(&format!("usb:?slot={}&{}", program.size.bytes(), recording(&program.file("host-usb"))));
+        detach_all();
+        served.stop();
+        let [sent, arrived] = ["host-usb", "usb"].map(|whose| recorded(&program.file(whose), Dir::Write));
+        program.check(&sent, &arrived, &printed);
+    }
+}
+
+/// WIRE-62 Every program on a board on SPI: each of its commands arrives whole, none lost or doubled, in order, and they are
+/// those that a board in its own process gets.
+#[test]
+fn every_program_on_spi() {
+    for program in &PROGRAMS {
+        program.say();
+        let model = Model::start(&program.board("spi"));
+        let link = format!("{}&slot={}&{}", spi::LINK, program.size.bytes(), recording(&program.file("host-spi")));
+        let printed = program.run(&link);
+        let counters = model.counters();
+        let seen = model.stop();
+        assert_eq!((counters.incomplete, counters.while_busy, counters.refused, seen.while_busy), (0, 0, 0, 0));
+        let len = program.size.frame_len();
+        assert!(seen.exchanges.iter().all(|exchange| exchange.len == len && exchange.transfers == 1));
+        let [sent, arrived] =
+            ["host-spi", "spi"].map(|whose| program.told(&recorded(&program.file(whose), Dir::Write)));
+        program.check(&sent, &arrived, &printed);
+    }
+}

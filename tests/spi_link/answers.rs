@@ -1,0 +1,153 @@
+//! What a slot says to the program's last command stays, as on USB, though the link asks for the state in between.
+
+use ecmsk::link::{Link, Wait};
+use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState, SlaveKind};
+
+use super::bench::{Answers, Bench, Setup};
+use super::frames::{SIZE, all, axes, board, master, state, target, to};
+use super::wires::Held;
+
+const BOTH: [Answers; 2] = [Answers::Newest, Answers::Older];
+
+fn head(report: &Frame, slot: usize) -> (u8, u8) {
+    let slot = report.slot(SIZE, slot);
+    (slot.id, slot.index)
+}
+
+/// WIRE-120, SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
+/// FIFO is free: a program may wait for both.
+#[test]
+fn the_id_stays() {
+    for answers in BOTH {
+        let mut bench = Bench::on(Setup { slaves: 2, answers, ..Setup::default() });
+        for (index, command) in [(7, CommandId::AlarmClear), (8, CommandId::ServoOn), (9, CommandId::AlarmClear)] {
+            bench.held.push_back(all(2, command, index, 0));
+            bench.until(|bench| bench.free == 160 && head(&bench.report, 1) == (command.code(), index));
+            for _ in 0..400 {
+                bench.exchange(u64::MAX);
+                assert_eq!(bench.free, 160);
+                assert_eq!([1, 2].map(|slot| head(&bench.report, slot)), [(command.code(), index); 2], "{answers:?}");
+                // Nobody has asked the others anything.
+                assert_eq!(head(&bench.report, 3), (0, 0));
+            }
+        }
+        assert_eq!(bench.pacer.counts().unseen, 0, "{answers:?}");
+    }
+}
+
+/// WIRE-120 Positions and statuswords are those of the cycle, whatever command is shown.
+#[test]
+fn values_are_those_of_the_cycle() {
+    let mut bench = Bench::on(Setup::default());
+    (0..50).for_each(|n| bench.held.push_back(target(1, n)));
+    bench.until(|bench| bench.free == 160);
+    bench.until(|bench| super::frames::drive(&bench.report, 1).position.abs_diff(490) <= 3);
+    assert_eq!(head(&bench.report, 1).0, CommandId::Csp.code());
+}
+
+/// WIRE-120 A GET_STATUS of the program's own is executed too: then the slot shows it, six reports later at the most.
+#[test]
+fn the_programs_own_get_status_is_shown() {
+    for answers in BOTH {
+        let mut bench = Bench::on(Setup { answers, ..Setup::default() });
+        bench.held.push_back(all(1, CommandId::ServoOn, 3, 0));
+        bench.until(|bench| head(&bench.report, 1) == (CommandId::ServoOn.code(), 3));
+        bench.held.push_back(board(&MasterCommand::GetStatus));
+        bench.until(|bench| bench.held.is_empty());
+        (0..6).for_each(|_| _ = bench.exchange(u64::MAX));
+        assert_eq!(head(&bench.report, 1), (0, 0));
+        assert_eq!(bench.pacer.counts().unseen, 0);
+    }
+}
+
+/// WIRE-120, SK-4.23 A command that the board rejects leaves no id of an earlier one, and is counted.
+#[test]
+fn a_rejected_command_is_not_shown_as_answered() {
+    for answers in BOTH {
+        let mut bench = Bench::on(Setup { answers, ..Setup::default() });
+        bench.held.push_back(all(1, CommandId::ServoOn, 3, 0));
+        bench.until(|bench| head(&bench.report, 1) == (CommandId::ServoOn.code(), 3));
+        bench.held.push_back(all(1, CommandId::IoRead, 4, 0));
+        bench.until(|bench| bench.held.is_empty() && bench.free == 160);
+        for _ in 0..20 {
+            bench.exchange(u64::MAX);
+            assert_eq!(head(&bench.report, 1), (0, 0), "{answers:?}");
+        }
+        assert_eq!(bench.pacer.counts().unseen, 1);
+        assert_eq!(bench.board.engine().counters().rejected_total(), 1);
+    }
+}
+
+/// WIRE-120, WIRE-44 What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
+#[test]
+fn what_was_dropped_is_not_answered() {
+    let mut bench = Bench::on(Setup::default());
+    bench.held.push_back(all(1, CommandId::ServoOn, 3, 0));
+    bench.until(|bench| bench.free == 160 && head(&bench.report, 1) == (CommandId::ServoOn.code(), 3));
+    bench.held.push_back(board(&MasterCommand::SetFifo(ecmsk::sk::FifoAction::Threshold(100))));
+    (0..30).for_each(|n| bench.held.push_back(target(1, n)));
+    bench.until(|bench| bench.held.is_empty());
+    bench.held.push_back(all(1, CommandId::AlarmClear, 5, 0));
+    bench.held[0].put_master(SIZE, &MasterCommand::SetFifo(ecmsk::sk::FifoAction::Clear));
+    bench.until(|bench| bench.free == 160 && head(&bench.report, 1) == (CommandId::AlarmClear.code(), 5));
+    assert_eq!(bench.targets().0, Vec::<u8>::new(), "no target was executed");
+    assert_eq!(bench.pacer.counts().unseen, 0);
+}
+
+/// WIRE-120, SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
+#[test]
+fn the_boards_own_slot_outside_op() {
+    let mut bench = Bench::new(Setup::default());
+    bench.held.extend(axes());
+    bench.until(|bench| bench.held.is_empty());
+    (0..4).for_each(|_| _ = bench.exchange(u64::MAX));
+    for _ in 0..20 {
+        bench.exchange(u64::MAX);
+        assert_eq!(head(&bench.report, 0).0, CommandId::SetAxis.code());
+        assert_eq!(bench.report.slot(SIZE, 0).data1, 1, "slaves found");
+    }
+    bench.held.push_back(to(MasterState::Op));
+    bench.until(|bench| state(&bench.report) == Some(MasterState::Op));
+    (0..20).for_each(|_| _ = bench.exchange(u64::MAX));
+    assert_eq!(head(&bench.report, 0).0, ecmsk::sk::MASTER_CYCLIC);
+}
+
+/// WIRE-120, SK-3.7, SK-3.8 An IO slave over a whole link: IO_WR's answer stays the outputs, IO_RD's the inputs of the cycle,
+/// both with the whole FIFO free and with a right CRC.
+#[test]
+fn inputs_and_outputs() {
+    let held = Held::board("sim:?queue=1&slaves=io");
+    let link = held.open("spi:/dev/spidev0.0").unwrap();
+    let write = |frame: &Frame| link.write(frame, Wait::Forever).unwrap();
+    let kinds = [SlaveKind::Io; 8];
+    write(&board(&MasterCommand::SetAxis { group: 0, kinds }));
+    write(&to(MasterState::Op));
+    let mut report = Frame::new();
+    let mut until = |done: &dyn Fn(&Frame) -> bool| {
+        for _ in 0..20_000 {
+            link.read(&mut report, Wait::Forever).unwrap();
+            assert_eq!(report.check_crc(SIZE, CrcPolicy::Strict), Ok(()));
+            if done(&report) {
+                return report.clone();
+            }
+        }
+        panic!("it does not come: {report:?}");
+    };
+    until(&|report| state(report) == Some(MasterState::Op));
+    let answered =
+        |report: &Frame, id: CommandId| master(report).fifo_free == 160 && report.slot(SIZE, 1).id == id.code();
+    for outputs in [0x8001, 0x1234, 0] {
+        write(&all(1, CommandId::IoWrite, 0, outputs));
+        until(&|report| answered(report, CommandId::IoWrite) && report.slot(SIZE, 1).data1 == outputs as u32);
+        for _ in 0..100 {
+            let report = until(&|_| true);
+            assert_eq!((report.slot(SIZE, 1).id, report.slot(SIZE, 1).data1), (0x14, outputs as u32));
+        }
+        write(&all(1, CommandId::IoRead, 0, 0));
+        let report = until(&|report| answered(report, CommandId::IoRead));
+        let inputs = report.slot(SIZE, 1).data1;
+        for _ in 0..100 {
+            assert_eq!(until(&|_| true).slot(SIZE, 1).data1, inputs);
+        }
+    }
+}

@@ -23,7 +23,7 @@ class Panel
     static readonly string[] NAMES = { "on", "off", "jog +", "jog -", "jog released", "home", "abort", "reset" };
     static readonly string[] LAMPS = { "off", "on", "searching home", "ALARM" };
 
-    readonly Homing homing = new Homing { Method = 28, SwitchSpeed = 200000, ZeroSpeed = 20000, Acceleration = 10000000 };
+    readonly Homing homing = new Homing { Method = 28, SwitchSpeed = 200000, ZeroSpeed = 20000, Acceleration = 10000000, Offset = 0 };
     readonly int[] wanted = new int[AXES]; // speed that the jog buttons ask for
     readonly int[] speed = new int[AXES];
     readonly int[] target = new int[AXES];

@@ -7,10 +7,20 @@ namespace Ecmsk
         const byte Polynomial = 0x07;
         const byte Initial = 0x5A;
 
-        // Eight tables of 256: what a byte does to the CRC with 0 to 7 bytes behind it. Every frame is gone through twice a
-        // cycle, so eight bytes at a time.
+        // Modulo this polynomial x^127 is 1, and so is x^1016: bytes that are 127 apart count the same.
+        const int Period = 127;
+
+        // Eight tables of 256: what a byte does to the CRC with 0 to 7 bytes behind it.
         const int TableSize = 256;
         static readonly byte[] Tables = MakeTables();
+
+        // What is folded: a multiple of 8 that has a period.
+        const int FoldedLength = 128;
+
+        unsafe struct Folded
+        {
+            public fixed byte Bytes[FoldedLength];
+        }
 
         static byte[] MakeTables()
         {
@@ -27,12 +37,38 @@ namespace Ecmsk
             return tables;
         }
 
-        // `length` is a multiple of 8.
+        // Of at least two periods. Every frame is gone through twice a cycle, so it is folded to one period first, eight bytes at a
+        // time: a quarter of the look-ups.
         public static unsafe byte Of(byte* bytes, int length)
+        {
+            var folded = new Folded();
+            // The first byte of `folded` stays 0, which does nothing to a CRC that begins with 0.
+            byte* period = folded.Bytes + 1;
+            byte* block = bytes + length - Period;
+            for (; block >= bytes; block -= Period)
+                Add(block, Period, period);
+            int rest = (int)(block + Period - bytes);
+            Add(bytes, rest, period + Period - rest);
+            // The initial value counts as a change of the frame's first byte.
+            period[(Period - rest) % Period] ^= Initial;
+            return Plain(folded.Bytes, FoldedLength);
+        }
+
+        static unsafe void Add(byte* from, int length, byte* to)
+        {
+            int i = 0;
+            for (; i + 8 <= length; i += 8)
+                *(ulong*)(to + i) ^= *(ulong*)(from + i);
+            for (; i < length; i++)
+                to[i] ^= from[i];
+        }
+
+        // With the initial value 0, of a multiple of 8 bytes.
+        static unsafe byte Plain(byte* bytes, int length)
         {
             fixed (byte* table = Tables)
             {
-                uint crc = Initial;
+                uint crc = 0;
                 for (byte* end = bytes + length; bytes < end; bytes += 8)
                 {
                     // Two loads instead of eight: little-endian, as every machine that .NET runs on.

@@ -142,7 +142,11 @@ namespace NEXTWUSB_dotNET
 #else
         const int FrameLength = DEF_MA_MAX * 12;
 #endif
-        const int FrameWords = FrameLength / 8;
+        // The bytes of a frame, which are copied at once.
+        unsafe struct Frame
+        {
+            public fixed byte Bytes[FrameLength];
+        }
         // Where a frame has its CRC-8.
         const int CrcByte = 3;
 
@@ -175,10 +179,10 @@ namespace NEXTWUSB_dotNET
             Library library = Library.Get();
             if (library == null)
                 return false;
-            ulong* frame = stackalloc ulong[FrameWords];
+            Frame frame;
             fixed (transData* from = slots)
-                Copy((ulong*)from, frame);
-            byte* bytes = (byte*)frame;
+                frame = *(Frame*)from;
+            byte* bytes = frame.Bytes;
             bytes[CrcByte] = 0;
             bytes[CrcByte] = Crc8.Of(bytes, FrameLength);
             return Reason.Of(library.Write(bytes, (UIntPtr)FrameLength), library);
@@ -199,8 +203,8 @@ namespace NEXTWUSB_dotNET
             Library library = Library.Get();
             if (library == null)
                 return false;
-            ulong* frame = stackalloc ulong[FrameWords];
-            byte* bytes = (byte*)frame;
+            Frame frame;
+            byte* bytes = frame.Bytes;
             if (!Reason.Of(library.Read(bytes, (UIntPtr)FrameLength), library))
                 return false;
             byte crc = bytes[CrcByte];
@@ -214,7 +218,7 @@ namespace NEXTWUSB_dotNET
                 bytes[CrcByte] = crc;
             }
             fixed (transData* to = slots)
-                Copy(frame, (ulong*)to);
+                *(Frame*)to = frame;
             return true;
         }
 
@@ -236,12 +240,6 @@ namespace NEXTWUSB_dotNET
             if (slots.Length != DEF_MA_MAX)
                 return Reason.Is("{0} has {1} slots; it must have {2} (DEF_MA_MAX)", name, slots.Length, DEF_MA_MAX);
             return true;
-        }
-
-        static unsafe void Copy(ulong* from, ulong* to)
-        {
-            for (int i = 0; i < FrameWords; i++)
-                to[i] = from[i];
         }
     }
 }

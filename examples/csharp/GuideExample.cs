@@ -14,7 +14,7 @@ class Program
         NEXTWUSB.ClearCmdData();
         Console.WriteLine("ECMUSBWrite: {0}", NEXTWUSB.ECMUSBWrite());
         Console.WriteLine("ECMUSBRead: {0}", NEXTWUSB.ECMUSBRead());
-        Console.WriteLine("state {0}, FIFO free {1}", NEXTWUSB.respData[0].Parm & 0xFF, NEXTWUSB.respData[0].Data2 & 0xFFFF);
+        Console.WriteLine("state {0}", NEXTWUSB.respData[0].Parm & 0xFF);
         NEXTWUSB.CloseECMUSB();
         Console.WriteLine("closed");
     }

@@ -35,8 +35,8 @@ pub fn compiled() -> &'static Path {
 
 /// Runs `cargo xtask dotnet`; gives the folder, and what it printed.
 pub fn compile_into(out: &Path, arguments: &[&str]) -> (PathBuf, String) {
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["run", "--quiet", "--package", "xtask", "--target-dir"]).arg(target()).current_dir(root());
+    let mut cargo = support::cargo();
+    cargo.args(["run", "--quiet", "--package", "xtask", "--target-dir"]).arg(target());
     // It asks cargo where to build to.
     cargo.env("CARGO_TARGET_DIR", target());
     let said = support::succeed(cargo.args(["--", "dotnet", "--out"]).arg(out).args(arguments));

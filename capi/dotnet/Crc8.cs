@@ -1,5 +1,7 @@
 // The CRC-8 of a frame (UG17 2.2): x^8+x^2+x+1, initial value 0x5A, over the frame with its byte 3 as 0.
 
+using System;
+
 namespace Ecmsk
 {
     static class Crc8
@@ -37,20 +39,31 @@ namespace Ecmsk
             return tables;
         }
 
-        // Of at least two periods. Every frame is gone through twice a cycle, so it is folded to one period first, eight bytes at a
+        // Of more than two periods. Every frame is gone through twice a cycle, so it is folded to one period first, eight bytes at a
         // time: a quarter of the look-ups.
         public static unsafe byte Of(byte* bytes, int length)
         {
-            var folded = new Folded();
-            // The first byte of `folded` stays 0, which does nothing to a CRC that begins with 0.
+            Folded folded;
+            ulong* sum = (ulong*)folded.Bytes;
+            // The last two periods, each with the byte before it: so they are a multiple of 8.
+            byte* last = bytes + length - FoldedLength;
+            byte* other = last - Period;
+            for (int i = 0; i < FoldedLength / 8; i++)
+                sum[i] = *(ulong*)(last + 8 * i) ^ *(ulong*)(other + 8 * i);
+            // Those before them; the first one is seldom whole.
             byte* period = folded.Bytes + 1;
-            byte* block = bytes + length - Period;
-            for (; block >= bytes; block -= Period)
-                Add(block, Period, period);
-            int rest = (int)(block + Period - bytes);
-            Add(bytes, rest, period + Period - rest);
-            // The initial value counts as a change of the frame's first byte.
-            period[(Period - rest) % Period] ^= Initial;
+            byte* block = other + 1;
+            while (block > bytes)
+            {
+                int part = Math.Min(Period, (int)(block - bytes));
+                block -= part;
+                Add(block, part, period + Period - part);
+                // The initial value counts as a change of the frame's first byte.
+                if (block == bytes)
+                    period[Period - part] ^= Initial;
+            }
+            // In front of them stands what was too much; 0 does nothing to a CRC that begins with 0.
+            folded.Bytes[0] = 0;
             return Plain(folded.Bytes, FoldedLength);
         }
 

@@ -9,7 +9,7 @@ use ecmsk::sk::crc::frame_crc;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
 
 use crate::runtime::{REAL, Runtime, VIRTUAL, example, test_program};
-use crate::support::{Program, out_dir, root};
+use crate::support::{Language, Program, out_dir, root};
 
 /// Every program of `examples/csharp/` with its snapshot, which a program in C++ shares where there is such a one, and the
 /// keys of its link.
@@ -177,10 +177,23 @@ pub fn search(runtime: Runtime) {
     assert_eq!(run(true), found(&at("libNEXTWUSBLib.so")));
 }
 
+/// With a library that has the vendor's four functions alone.
+pub fn a_library_as_the_vendors(runtime: Runtime) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let program = alone(&test_program("Where", "NEXTWUSB_dotNET"), folder.path());
+    let library = folder.path().join("libNEXTWUSBLib.so");
+    let mut compiler = Language::C("c99").compiler();
+    compiler.args(["-shared", "-fPIC", "-o"]).arg(&library).arg(root().join("tests/dotnet/programs/vendor.c"));
+    crate::support::succeed(&mut compiler);
+    let said = runtime.run(&program, VIRTUAL, &[]).success();
+    assert_eq!(said, format!("True {}\n\nTrue False\n", library.display()));
+}
+
 /// A copy of a program, with its assembly, in a folder of its own.
 fn alone(program: &Program, folder: &Path) -> Program {
     let exe = folder.join(program.exe.file_name().expect("a name"));
-    for name in [program.exe.file_name().expect("a name").to_str().expect("UTF-8"), "NEXTWUSB_dotNET.dll", "core.json"] {
+    for name in [program.exe.file_name().expect("a name").to_str().expect("UTF-8"), "NEXTWUSB_dotNET.dll", "core.json"]
+    {
         fs::copy(program.exe.with_file_name(name), folder.join(name)).expect("a copy");
     }
     Program { exe }

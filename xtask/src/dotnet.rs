@@ -49,12 +49,7 @@ const PROGRAMS: [Program; 4] = [
     Program { name: "GuideExample", with: &[], assembly: "NEXTWUSB_dotNET", define: None },
     Program { name: "OperatorPanel", with: &["Ecm", "Homing"], assembly: "NEXTWUSB_dotNET", define: None },
     Program { name: "TwoAxes12B", with: &["Ecm"], assembly: "NEXTWUSB_dotNET", define: None },
-    Program {
-        name: "TwoAxes16B",
-        with: &["Ecm"],
-        assembly: "NEXTWUSB_dotNET_16B",
-        define: Some("SLOTS_OF_16_BYTES"),
-    },
+    Program { name: "TwoAxes16B", with: &["Ecm"], assembly: "NEXTWUSB_dotNET_16B", define: Some("SLOTS_OF_16_BYTES") },
 ];
 
 /// The language of Visual Studio 2010, which the vendor's guide uses.

@@ -29,6 +29,30 @@ fn constants() {
     assert_eq!(Mono.run(&program, VIRTUAL, &[]).success(), "21 17 18 2 3 34 8\n");
 }
 
+/// LIB-31, LIB-34 The constants are those of the C headers, by name and value.
+#[test]
+fn constants_are_those_of_the_headers() {
+    let program = test_program("Surface", "NEXTWUSB_dotNET");
+    for (name, header) in [("NEXTWUSB_dotNET_12B", "NEXTWUSBLib_12B.h"), ("NEXTWUSB_dotNET_16B", "NEXTWUSBLib_16B.h")] {
+        let said = support::run(Mono.command(&program, VIRTUAL).arg(assembly(name))).success();
+        let constants = said.lines().filter_map(|line| line.trim().strip_prefix("const Int32 "));
+        let constants: BTreeSet<(String, i64)> = constants
+            .map(|line| line.split_once(" = ").expect("a value"))
+            .map(|(name, value)| (name.to_owned(), value.parse().expect("a number")))
+            .collect();
+        let text = fs::read_to_string(support::include_dir().join(header)).expect("the header");
+        let defines = text.lines().filter_map(|line| line.trim().strip_prefix("#define ")?.split_once(' '));
+        let defines: BTreeSet<(String, i64)> = defines
+            .filter_map(|(name, value)| {
+                let hex = value.strip_prefix("0x").map(|digits| i64::from_str_radix(digits, 16).ok());
+                Some((name.to_owned(), hex.unwrap_or_else(|| value.parse().ok())?))
+            })
+            .collect();
+        assert_eq!(constants, defines, "{name}");
+        assert!(constants.len() > 35, "{}", constants.len());
+    }
+}
+
 /// NET-1 Everything that programs see is documented, and nothing else is.
 #[test]
 fn documentation() {

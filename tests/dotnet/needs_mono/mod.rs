@@ -52,3 +52,13 @@ fn configuration() {
 fn search() {
     programs::search(Mono);
 }
+
+mod needs_cxx {
+    use super::*;
+
+    /// LIB-29, LIB-4 A library as the vendor's, whose bool is one byte and which gives no reasons, is as good.
+    #[test]
+    fn a_library_as_the_vendors() {
+        programs::a_library_as_the_vendors(Mono);
+    }
+}

@@ -1,4 +1,4 @@
-// Programs that end without Close. Argument: how. `return` while a thread is blocked in a read, which is a background thread;
+// Programs that end without Close. Argument: how. `return` while a background thread reads;
 // `exit` from another thread; `throw`; `closed` by another thread, whereupon the read ends.
 using System;
 using System.Threading;

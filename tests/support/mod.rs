@@ -46,13 +46,26 @@ pub struct Library {
     pub dir: PathBuf,
 }
 
+/// cargo, as it is when no other cargo has started it.
+pub fn cargo() -> Command {
+    let mut cargo = Command::new(env!("CARGO"));
+    // A test is told its package by these. A build script that looks at them (ring's does) would be run again, and all that
+    // stands on it compiled again, here and the next time without a test.
+    let told = env::vars_os().map(|(name, _)| name.to_string_lossy().into_owned());
+    for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
+        cargo.env_remove(name);
+    }
+    cargo.current_dir(root());
+    cargo
+}
+
 /// Builds the library, once per test program, with the test's profile into the test's target folder.
 pub fn library() -> &'static Library {
     static LIBRARY: OnceLock<Library> = OnceLock::new();
     LIBRARY.get_or_init(|| {
         let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("it lies in the target folder");
-        let mut cargo = Command::new(env!("CARGO"));
-        cargo.args(["build", "--quiet", "--package", "NEXTWUSBLib", "--target-dir"]).arg(target).current_dir(root());
+        let mut cargo = cargo();
+        cargo.args(["build", "--quiet", "--package", "NEXTWUSBLib", "--target-dir"]).arg(target);
         let profile = if cfg!(debug_assertions) {
             "debug"
         } else {

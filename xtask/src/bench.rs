@@ -7,7 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::command;
 use crate::error::Error;
+use crate::needs::{self, MCS, MONO, Need};
 use crate::project::Project;
+
+/// Of benches; one that lacks its own says so and is left out.
+const NEEDS: &[Need] = &[MCS, MONO];
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -69,6 +73,7 @@ impl fmt::Display for Figure {
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    let missing = needs::set_up(project, NEEDS);
     println!("keep the machine quiet meanwhile");
     let mut cargo = project.cargo();
     let said = command::output(cargo.args(["bench", "--workspace", "--bench", &arguments.bench]))?;
@@ -85,6 +90,10 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let text = serde_json::to_string_pretty(&figures).expect("numbers and names always serialise");
     fs::write(&path, text + "\n").map_err(Error::file("write", &path))?;
     println!("written to {}", project.relative(&path).display());
+    if !missing.is_empty() {
+        let (what, install) = (needs::names(&missing), needs::install_line(&missing));
+        println!("left out: benches that need {what}; to enable: {install}");
+    }
 
     let misses = figures.iter().filter(|figure| !figure.holds()).count();
     let pairs = figures.iter().filter(|figure| figure.ratio.is_some()).count();

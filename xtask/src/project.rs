@@ -38,6 +38,12 @@ impl Project {
     /// cargo at the root of the project.
     pub fn cargo(&self) -> Command {
         let mut cargo = Command::new(cargo_program());
+        // `cargo xtask` tells us our own package by these. A build script that looks at them (ring's does) would be run again,
+        // and all that stands on it compiled again, here and the next time without us.
+        let told = env::vars_os().map(|(name, _)| name.to_string_lossy().into_owned());
+        for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
+            cargo.env_remove(name);
+        }
         cargo.current_dir(&self.root);
         cargo
     }

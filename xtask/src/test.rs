@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use crate::error::Error;
-use crate::needs::{CLIPPY, CXX, MAKE, Need, PKG_CONFIG, PYTHON, RUSTFMT, VALGRIND};
+use crate::needs::{CLIPPY, CXX, DOTNET_CORE, MAKE, MCS, MONO, Need, PIP, PKG_CONFIG, PYTHON, RUSTFMT, VALGRIND};
 use crate::project::Project;
 use crate::{command, features, needs, rig, stage};
 
@@ -59,6 +59,8 @@ struct Gate {
 
 const GATES: &[Gate] = &[
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
+    Gate { module: "needs_mono", needs: &[MCS, MONO] },
+    Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
@@ -188,7 +190,9 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
-        assert_eq!(closed(&[PYTHON]), ["needs_python"]);
+        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_python"]);
+        assert_eq!(closed(&[MONO]), ["needs_mono"]);
+        assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);
         assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_valgrind"]);
         assert!(closed(&[CLIPPY]).is_empty());
     }

@@ -4,9 +4,16 @@ use std::fmt;
 use std::iter;
 
 /// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
-/// native API, the tool, a board on the network, a board on its wires.
-pub const PREFIXES: [(&str, bool); 6] =
-    [("SK-", true), ("LIB-", false), ("API-", false), ("TOOL-", false), ("TCP-", false), ("WIRE-", false)];
+/// native API, the tool, a board on the network, a board on its wires, .NET.
+pub const PREFIXES: [(&str, bool); 7] = [
+    ("SK-", true),
+    ("LIB-", false),
+    ("API-", false),
+    ("TOOL-", false),
+    ("TCP-", false),
+    ("WIRE-", false),
+    ("NET-", false),
+];
 
 /// An id as it is written; it need not be one of docs/RULES.md.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -1,0 +1,19 @@
+// What the test programs share: a condition that does not hold ends the program with its text.
+using System;
+
+static class Check
+{
+    public static void That(bool holds, string what)
+    {
+        if (holds)
+            return;
+        Console.Error.WriteLine("not so: " + what);
+        Environment.Exit(1);
+    }
+
+    public static void Says(string part)
+    {
+        string said = NEXTWUSB_dotNET.NEXTWUSBDiagnostics.LastError;
+        That(said.Contains(part), "\"" + said + "\" says \"" + part + "\"");
+    }
+}

@@ -1,0 +1,61 @@
+// A program with declarations of its own for NEXTWUSBLib, as they are found in the field: bool as I1, and as .NET takes it
+// unless told otherwise, a BOOL of four bytes. Argument: a board that does not open, then one that does.
+using System;
+using System.Runtime.InteropServices;
+
+static class OneByte
+{
+    [DllImport("NEXTWUSBLib.dll", CallingConvention = CallingConvention.StdCall)]
+    [return: MarshalAs(UnmanagedType.I1)]
+    public static extern bool OpenECMUSB();
+    [DllImport("NEXTWUSBLib.dll", CallingConvention = CallingConvention.StdCall)]
+    public static extern void CloseECMUSB();
+    [DllImport("NEXTWUSBLib.dll", CallingConvention = CallingConvention.StdCall)]
+    [return: MarshalAs(UnmanagedType.I1)]
+    public static extern bool ECMUSBWrite(byte[] data, uint dwlength);
+    [DllImport("NEXTWUSBLib.dll", CallingConvention = CallingConvention.StdCall)]
+    [return: MarshalAs(UnmanagedType.I1)]
+    public static extern bool ECMUSBRead(byte[] data, uint dwlength);
+}
+
+static class FourBytes
+{
+    [DllImport("NEXTWUSBLib.dll")]
+    public static extern bool OpenECMUSB();
+    [DllImport("NEXTWUSBLib.dll")]
+    public static extern void CloseECMUSB();
+    [DllImport("NEXTWUSBLib.dll")]
+    public static extern bool ECMUSBWrite(IntPtr data, uint dwlength);
+    [DllImport("NEXTWUSBLib.dll")]
+    public static extern bool ECMUSBRead(IntPtr data, uint dwlength);
+    // The number as it is, all four bytes of it.
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "OpenECMUSB")]
+    public static extern int Open();
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "ECMUSBRead")]
+    public static extern int Read(byte[] data, uint dwlength);
+}
+
+static class Declared
+{
+    static void Main()
+    {
+        byte[] frame = new byte[504], response = new byte[504];
+        Console.WriteLine("not open: {0} {1} {2}", OneByte.ECMUSBWrite(frame, 504), OneByte.ECMUSBRead(response, 504),
+            FourBytes.Read(response, 504));
+        Console.WriteLine("I1: {0} {1} {2}", OneByte.OpenECMUSB(), OneByte.ECMUSBWrite(frame, 504),
+            OneByte.ECMUSBRead(response, 504));
+        Console.WriteLine("state {0}", response[2]);
+        Console.WriteLine("numbers: {0} {1}", FourBytes.Open(), FourBytes.Read(response, 504));
+        Console.WriteLine("null: {0} {1}", OneByte.ECMUSBWrite(null, 504), OneByte.ECMUSBRead(null, 504));
+        OneByte.CloseECMUSB();
+
+        IntPtr memory = Marshal.AllocHGlobal(504);
+        Marshal.Copy(frame, 0, memory, 504);
+        Console.WriteLine("BOOL: {0} {1} {2}", FourBytes.OpenECMUSB(), FourBytes.ECMUSBWrite(memory, 504),
+            FourBytes.ECMUSBRead(memory, 504));
+        Console.WriteLine("state {0}", Marshal.ReadByte(memory, 2));
+        FourBytes.CloseECMUSB();
+        Console.WriteLine("closed: {0} {1}", FourBytes.ECMUSBRead(memory, 504), FourBytes.Read(response, 504));
+        Marshal.FreeHGlobal(memory);
+    }
+}

@@ -40,6 +40,8 @@ fn main() {
     match words[..] {
         ["usb-board", ref how @ ..] => usb_board::run(how),
         ["spi-board", ref how @ ..] => spi_board::run(how),
+        ["usb"] => usb::measure(),
+        ["spi"] => spi::measure(),
         _ => {
             usb::measure();
             spi::measure();

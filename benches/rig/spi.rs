@@ -23,7 +23,7 @@ const BUSY: u32 = 0;
 const SPEED_HZ: u32 = 24_000_000;
 const SIZE: SlotSize = SlotSize::Bytes12;
 const LIMIT: Wait = Wait::For(Duration::from_secs(10));
-const BLOCKS: usize = 15;
+const BLOCKS: usize = 9;
 /// At least 0.95 of the baseline's exchanges per second.
 const EXCHANGE_TARGET: f64 = 1.0 / 0.95;
 const TO_START_TARGET: f64 = 1.1;

@@ -11,17 +11,17 @@ use crate::counted::allocations;
 use crate::libusb::Bare;
 use crate::usb_board::{Which, plug_in};
 
-const PAIRS: u64 = 400;
-const PAIR_BLOCKS: usize = 21;
+const PAIRS: u64 = 300;
+const PAIR_BLOCKS: usize = 11;
 /// At least 0.95 of the baseline's pairs per second.
 const PAIRS_TARGET: f64 = 1.0 / 0.95;
-const CALLS: usize = 1000;
-const LATENCY_BLOCKS: usize = 11;
+const CALLS: usize = 600;
+const LATENCY_BLOCKS: usize = 7;
 const LATENCY_TARGET: f64 = 1.1;
 const LIMIT: Wait = Wait::For(Duration::from_secs(10));
 
 /// Reports read of a board that sends by itself.
-const REPORTS: u64 = 4000;
+const REPORTS: u64 = 2000;
 /// The program does something else after so many: longer than the transfers that wait last, shorter than the queue.
 const BETWEEN_PAUSES: u64 = 100;
 const PAUSE: Duration = Duration::from_millis(5);
@@ -66,7 +66,7 @@ fn pairs() {
         );
     }
     let count = allocations(|| (0..PAIRS).for_each(|_| ours.pair()));
-    common::limited("usb_allocations", count as f64, "in 400 pairs", 0.0);
+    common::limited("usb_allocations", count as f64, "in 300 pairs", 0.0);
 }
 
 /// A frame out, and the report that answers it.
@@ -139,8 +139,8 @@ fn stream(name: &str, period: Duration) {
     drop((link, board));
     let figure = |what: &str| format!("usb_{name}_{what}");
     common::fact(&figure("reports"), REPORTS as f64 / took.as_secs_f64(), "reports/s");
-    common::limited(&figure("missed"), missed as f64, "of 4000 reports", 0.0);
-    common::limited(&figure("allocations"), allocated as f64, "in 4000 reports", 0.0);
+    common::limited(&figure("missed"), missed as f64, "of 2000 reports", 0.0);
+    common::limited(&figure("allocations"), allocated as f64, "in 2000 reports", 0.0);
 
     // The same without a queue, and without a pause: what the kernel has no transfer for is lost.
     let _board = plug_in(Which::Bare, Some(period));
@@ -150,7 +150,7 @@ fn stream(name: &str, period: Duration) {
         bare.read(&mut report);
         u64::from_le_bytes(*report.first_chunk().expect("8 bytes"))
     });
-    common::fact(&figure("missed_by_bare_loop"), missed as f64, "of 4000 reports");
+    common::fact(&figure("missed_by_bare_loop"), missed as f64, "of 2000 reports");
 }
 
 /// Reads that many; how many are missing among their numbers, and how long it took.

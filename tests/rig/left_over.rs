@@ -12,9 +12,9 @@ use super::served::{PATIENCE, until};
 
 /// Less than a transfer or a report is, for each of the rounds.
 const NOISE: usize = 100;
-const ROUNDS: usize = 20;
+const ROUNDS: usize = 10;
 
-/// Bytes that are allocated, by whomever: the guest's environment has all threads on one heap (MALLOC_ARENA_MAX).
+/// Bytes that are allocated, by whomever: the guest's environment has all threads on one heap (GLIBC_TUNABLES).
 fn allocated() -> usize {
     // SAFETY: it only reads the allocator's own figures, under its lock.
     let heap = unsafe { libc::mallinfo2() };
@@ -64,6 +64,34 @@ fn nothing_is_left_of_boards_that_came_and_went() {
     assert!(allocated() >= before + 4096, "what other threads allocate is seen");
     drop(leaked);
 
+    for what in ["rogue", "idle", "closed", "lost"] {
+        for _ in 0..4 {
+            let before = allocated();
+            for _ in 0..2 {
+                let rogue = Rogue::plug_in_and_wait(Manners { takes: takes_zeros, ..Manners::default() });
+                match what {
+                    "rogue" => {}
+                    "idle" => {
+                        let board = until("opens", || ecmsk::link::open("usb:", ecmsk::link::Share::ByName).ok());
+                        board.close();
+                    }
+                    "closed" => {
+                        let board = until("opens", || ecmsk::link::open("usb:", ecmsk::link::Share::ByName).ok());
+                        board.write(&Frame::new(), Wait::For(PATIENCE)).expect("it takes it");
+                        board.close();
+                    }
+                    _ => {
+                        let board = until("opens", || ecmsk::link::open("usb:", ecmsk::link::Share::ByName).ok());
+                        rogue.pull();
+                        until("it is lost", || board.check().err());
+                        continue;
+                    }
+                }
+                rogue.pull();
+            }
+            eprintln!("{what}: {}", allocated() as isize - before as isize);
+        }
+    }
     // What is made once is there after this.
     (0..2).for_each(|_| round());
     let (open_before, before) = (open_now(), allocated());

@@ -27,8 +27,8 @@ for module in @; do insmod "/modules/$module" || echo "insmod $module failed"; d
 ifconfig lo up
 echo "GUEST-BEGIN $(uname -r)"
 cd /tmp
-# One heap for all threads: a test looks whether it grows.
-export MALLOC_ARENA_MAX=1
+# One heap for all threads, and nothing freed is kept apart: a test looks whether it grows.
+export GLIBC_TUNABLES=glibc.malloc.arena_max=1:glibc.malloc.tcache_count=0
 % $* 2>&1
 code=$?
 echo "GUEST-END rc=$code"

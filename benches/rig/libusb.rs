@@ -60,9 +60,7 @@ impl Bare {
     fn transfer(&mut self, endpoint: c_uchar, bytes: &mut [u8; 512]) {
         let mut moved = 0;
         // SAFETY: the handle is open, and the buffer is there for as long as the call lasts.
-        let code = unsafe {
-            (self.transfer)(self.handle, endpoint, bytes.as_mut_ptr(), 512, &raw mut moved, LIMIT_MS)
-        };
+        let code = unsafe { (self.transfer)(self.handle, endpoint, bytes.as_mut_ptr(), 512, &raw mut moved, LIMIT_MS) };
         assert_eq!((code, moved), (0, 512), "endpoint {endpoint:#04x}");
     }
 }

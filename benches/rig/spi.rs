@@ -45,7 +45,12 @@ pub fn measure() {
         block();
         board.borrow_mut().block().1
     };
-    common::pair_of_blocks(demand("spi_busy_to_start", TO_START_TARGET), BLOCKS, || side(write_all), || side(bare_wait));
+    common::pair_of_blocks(
+        demand("spi_busy_to_start", TO_START_TARGET),
+        BLOCKS,
+        || side(write_all),
+        || side(bare_wait),
+    );
 }
 
 /// All frames through the link, those that count after it is told to close.

@@ -40,12 +40,8 @@ fn open() -> Arc<dyn Link> {
 fn pairs() {
     let (_board, _other) = (plug_in(Which::Links, None), plug_in(Which::Bare, None));
     let mut ours = OnLink { board: open(), frame: Frame::new(), report: Frame::new(), number: 0 };
-    let mut bare = OnLibusb {
-        board: Bare::open(0x16C0, Which::Bare.product()),
-        frame: [0; 512],
-        report: [0; 512],
-        number: 0,
-    };
+    let mut bare =
+        OnLibusb { board: Bare::open(0x16C0, Which::Bare.product()), frame: [0; 512], report: [0; 512], number: 0 };
     for _ in 0..PAIRS {
         ours.pair();
         bare.pair();
@@ -127,7 +123,9 @@ fn stream(name: &str, period: Duration) {
         u64::from_le_bytes(*report.bytes().first_chunk().expect("8 bytes"))
     };
     // What a thread's first wait costs is no report's.
-    (0..BETWEEN_PAUSES).for_each(|_| drop(read()));
+    (0..BETWEEN_PAUSES).for_each(|_| {
+        read();
+    });
     let (mut missed, mut took) = (0, Duration::ZERO);
     let allocated = allocations(|| (missed, took) = read_all(read));
     link.close();

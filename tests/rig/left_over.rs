@@ -64,34 +64,6 @@ fn nothing_is_left_of_boards_that_came_and_went() {
     assert!(allocated() >= before + 4096, "what other threads allocate is seen");
     drop(leaked);
 
-    for what in ["rogue", "idle", "closed", "lost"] {
-        for _ in 0..4 {
-            let before = allocated();
-            for _ in 0..2 {
-                let rogue = Rogue::plug_in_and_wait(Manners { takes: takes_zeros, ..Manners::default() });
-                match what {
-                    "rogue" => {}
-                    "idle" => {
-                        let board = until("opens", || ecmsk::link::open("usb:", ecmsk::link::Share::ByName).ok());
-                        board.close();
-                    }
-                    "closed" => {
-                        let board = until("opens", || ecmsk::link::open("usb:", ecmsk::link::Share::ByName).ok());
-                        board.write(&Frame::new(), Wait::For(PATIENCE)).expect("it takes it");
-                        board.close();
-                    }
-                    _ => {
-                        let board = until("opens", || ecmsk::link::open("usb:", ecmsk::link::Share::ByName).ok());
-                        rogue.pull();
-                        until("it is lost", || board.check().err());
-                        continue;
-                    }
-                }
-                rogue.pull();
-            }
-            eprintln!("{what}: {}", allocated() as isize - before as isize);
-        }
-    }
     // What is made once is there after this.
     (0..2).for_each(|_| round());
     let (open_before, before) = (open_now(), allocated());

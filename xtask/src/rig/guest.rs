@@ -16,7 +16,8 @@ const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 /// What the link `usb:` loads, which no program names.
 const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];
 
-/// The guest's first program. `@` stands for the modules in their order, `%` for the command that it is made for.
+/// The guest's first program. `@` stands for the modules in their order, `COMMAND` for what it is there
+/// to run.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin:/rig
@@ -29,7 +30,7 @@ echo "GUEST-BEGIN $(uname -r)"
 cd /tmp
 # One heap for all threads, and nothing freed is kept apart: a test looks whether it grows.
 export GLIBC_TUNABLES=glibc.malloc.arena_max=1:glibc.malloc.tcache_count=0
-% $* 2>&1
+COMMAND $* 2>&1
 code=$?
 echo "GUEST-END rc=$code"
 # The code goes to isa-debug-exit; poweroff is for a QEMU without it.
@@ -63,7 +64,7 @@ pub fn pack(
         archive.copy(&format!("modules/{name}"), module)?;
         names.push(name);
     }
-    let init = INIT.replace('@', &names.join(" ")).replace('%', command);
+    let init = INIT.replace('@', &names.join(" ")).replace("COMMAND", command);
     archive.file("init", 0o755, init.as_bytes());
 
     let stripped = folder.join("stripped");

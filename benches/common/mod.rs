@@ -76,6 +76,17 @@ pub fn fact(name: &str, value: f64, unit: &str) {
     );
 }
 
+/// Prints a figure that must not be above `most`.
+pub fn limited(name: &str, value: f64, unit: &str, most: f64) {
+    println!(
+        "{}",
+        json!({
+            "name": name, "ours_ns": null, "baseline_ns": null, "ratio": null, "target": most,
+            "value": value, "unit": unit,
+        })
+    );
+}
+
 /// The middle one of `values`; of an even number the upper of the two.
 ///
 /// # Panics

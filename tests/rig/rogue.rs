@@ -55,11 +55,15 @@ impl Default for Manners {
 /// What it was asked for on endpoint 0.
 pub type Requests = Arc<Mutex<Vec<Request>>>;
 
+/// Transfers that it holds: number, and whether to the host. Whoever has the lock may write to the kernel.
+type Held = Arc<Mutex<Vec<(u32, bool)>>>;
+
 /// It is plugged in until it is dropped.
 pub struct Rogue {
     stream: UnixStream,
     thread: Option<JoinHandle<()>>,
     pub requests: Requests,
+    held: Held,
 }
 
 impl Rogue {
@@ -73,10 +77,10 @@ impl Rogue {
         // Not the address that a board of the server has.
         let order = format!("{port} {} {} {}", theirs.as_raw_fd(), wire::device_id(7, 7), manners.speed);
         fs::write(vhci.join("attach"), order).expect("the kernel takes it");
-        let requests = Requests::default();
-        let (stream, heard) = (ours.try_clone().expect("a copy"), requests.clone());
-        let thread = Some(thread::spawn(move || serve(ours, manners, &heard)));
-        Self { stream, thread, requests }
+        let (requests, held) = (Requests::default(), Held::default());
+        let (stream, heard, holds) = (ours.try_clone().expect("a copy"), requests.clone(), held.clone());
+        let thread = Some(thread::spawn(move || serve(ours, manners, &heard, &holds)));
+        Self { stream, thread, requests, held }
     }
 
     /// Plugs it in and waits until the kernel has set it up.
@@ -85,6 +89,27 @@ impl Rogue {
         let rogue = Self::plug_in(manners);
         until("the kernel shows it", || (!plugged_in().is_empty()).then_some(()));
         rogue
+    }
+
+    /// Sends a report by the oldest read that it holds.
+    #[track_caller]
+    pub fn send(&self, report: &[u8; 512]) {
+        self.end_held(true, report);
+    }
+
+    /// Takes the oldest frame that it holds.
+    #[track_caller]
+    pub fn take(&self) {
+        self.end_held(false, &[]);
+    }
+
+    #[track_caller]
+    fn end_held(&self, to_host: bool, data: &[u8]) {
+        let mut held = self.held.lock().expect("no panic there");
+        let at = held.iter().position(|other| other.1 == to_host).expect("it holds one");
+        let mut reply = Vec::new();
+        wire::ret_submit(&mut reply, held.remove(at).0, Status::Done, 512, data);
+        (&self.stream).write_all(&reply).expect("it is plugged in");
     }
 
     /// Whether a halt was cleared, and of which endpoint.
@@ -120,24 +145,28 @@ pub fn plugged_in() -> Vec<PathBuf> {
     all.filter(|folder| says(folder, "idVendor") == "16c0\n" && says(folder, "idProduct") == "05df\n").collect()
 }
 
-fn serve(mut stream: UnixStream, mut manners: Manners, requests: &Requests) {
+fn serve(mut stream: UnixStream, mut manners: Manners, requests: &Requests, held: &Held) {
     let descriptors = Descriptors::new(&manners.identity).expect("its texts are short");
-    let mut held = Vec::new();
     let mut header = [0; wire::HEADER_LEN];
     while stream.read_exact(&mut header).is_ok() {
         let mut replies = Vec::new();
-        match Command::parse(&header).expect("the kernel speaks USB/IP") {
+        let command = Command::parse(&header).expect("the kernel speaks USB/IP");
+        let mut data = match &command {
+            Command::Submit(transfer) if transfer.direction == Direction::Out => vec![0; transfer.length as usize],
+            _ => Vec::new(),
+        };
+        if stream.read_exact(&mut data).is_err() {
+            return;
+        }
+        let mut held = held.lock().expect("no panic there");
+        match command {
             Command::Unlink { sequence, victim, .. } => {
-                let was_there = held.contains(&victim);
-                held.retain(|other| *other != victim);
+                let was_there = held.iter().any(|other| other.0 == victim);
+                held.retain(|other| other.0 != victim);
                 wire::ret_unlink(&mut replies, sequence, if was_there { Status::Unlinked } else { Status::Done });
             }
             Command::Submit(transfer) => {
                 let to_host = transfer.direction == Direction::In;
-                let mut data = vec![0; if to_host { 0 } else { transfer.length as usize }];
-                if stream.read_exact(&mut data).is_err() {
-                    return;
-                }
                 let answer = match (transfer.endpoint, to_host) {
                     (0, _) => control(&transfer, &descriptors, &manners, requests),
                     (_, true) => manners.sends.pop_front().unwrap_or(Answer::Hold),
@@ -152,7 +181,7 @@ fn serve(mut stream: UnixStream, mut manners: Manners, requests: &Requests) {
                         wire::ret_submit(&mut replies, transfer.sequence, Status::Done, transfer.length, &[]);
                     }
                     Answer::Stall => wire::ret_submit(&mut replies, transfer.sequence, Status::Stall, 0, &[]),
-                    Answer::Hold => held.push(transfer.sequence),
+                    Answer::Hold => held.push((transfer.sequence, to_host)),
                 }
             }
         }

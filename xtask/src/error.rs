@@ -50,10 +50,8 @@ pub enum Error {
     Figure { line: String, source: serde_json::Error },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]
     NoFigures,
-    #[error(
-        "{misses} of {pairs} figures miss their target; a busy machine? Measure again with:\n    cargo xtask bench"
-    )]
-    Slow { misses: usize, pairs: usize },
+    #[error("{misses} of {demands} figures miss their target; a busy machine? Measure again with:\n    {again}")]
+    Slow { misses: usize, demands: usize, again: &'static str },
 }
 
 impl Error {

@@ -4,6 +4,7 @@
 //! always queued, so that no report is missed between two reads.
 
 mod bus;
+mod events;
 #[cfg(test)]
 mod fake;
 mod find;

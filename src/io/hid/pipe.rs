@@ -70,7 +70,7 @@ pub struct Pipe {
     inputs: Vec<Transfer>,
     /// One writer at a time.
     output: Mutex<Transfer>,
-    /// The thread for libusb's events, and the interface, until the pipe is closed.
+    /// The pipe's own thread, and the interface, until the pipe is closed.
     open: Mutex<Option<(JoinHandle<()>, Claim)>>,
     handle: Arc<Handle>,
     shape: Shape,
@@ -116,6 +116,11 @@ impl Pipe {
         let began = Instant::now();
         let mut state = self.shared.state.lock();
         let cancelled = state.cancelled_reads;
+        if self.shared.queue == 1 && !state.closing {
+            // Who keeps one report wants the newest.
+            self.shared.take_what_came(&mut state, self.handle.bus());
+        }
+        let mut looked = false;
         loop {
             if state.closing {
                 return Err(PipeError::Closed);
@@ -128,7 +133,14 @@ impl Pipe {
             if state.cancelled_reads != cancelled {
                 return Err(PipeError::Cancelled);
             }
-            wait(&self.shared.readable, &mut state, began, limit)?;
+            match self.wait(&self.shared.readable, &mut state, began, limit) {
+                // What came is not late because nobody has looked.
+                Err(_) if !looked => {
+                    looked = true;
+                    self.shared.take_what_came(&mut state, self.handle.bus());
+                }
+                done => done?,
+            }
         }
     }
 
@@ -172,13 +184,13 @@ impl Pipe {
             };
             match (given_up, stop) {
                 // libusb gives it back soon.
-                (Some(_), _) => self.shared.writable.wait(&mut state),
+                (Some(_), _) => self.shared.wait(&self.shared.writable, &mut state, self.handle.bus(), None),
                 (None, Some(why)) => {
                     given_up = Some(why);
                     output.cancel();
                 }
                 (None, None) => {
-                    if let Err(why) = wait(&self.shared.writable, &mut state, began, limit)
+                    if let Err(why) = self.wait(&self.shared.writable, &mut state, began, limit)
                         && state.written.is_none()
                     {
                         given_up = Some(why);
@@ -197,14 +209,16 @@ impl Pipe {
 
     /// Ends the reads under way.
     pub fn cancel_reads(&self) {
-        self.shared.state.lock().cancelled_reads += 1;
-        self.shared.readable.notify_all();
+        let mut state = self.shared.state.lock();
+        state.cancelled_reads += 1;
+        self.shared.wake_all(&state, self.handle.bus());
     }
 
     /// Ends the writes under way.
     pub fn cancel_writes(&self) {
-        self.shared.state.lock().cancelled_writes += 1;
-        self.shared.writable.notify_all();
+        let mut state = self.shared.state.lock();
+        state.cancelled_writes += 1;
+        self.shared.wake_all(&state, self.handle.bus());
     }
 
     /// Whether the device is there.
@@ -225,8 +239,7 @@ impl Pipe {
         {
             let mut state = self.shared.state.lock();
             state.closing = true;
-            self.shared.readable.notify_all();
-            self.shared.writable.notify_all();
+            self.shared.wake_all(&state, self.handle.bus());
         }
         // From here on none is handed over again.
         let Some((events, claim)) = self.open.lock().take() else { return };
@@ -239,6 +252,27 @@ impl Pipe {
             let _ = self.handle.clear_halt(self.shape.input);
         }
         drop(claim);
+    }
+
+    /// Waits for a change, until the limit.
+    fn wait(
+        &self,
+        changed: &Condvar,
+        state: &mut MutexGuard<'_, State>,
+        began: Instant,
+        limit: Option<Duration>,
+    ) -> Result<(), PipeError> {
+        // A limit too far away to be a moment is none.
+        let until = limit.and_then(|limit| Some((limit, began.checked_add(limit)?)));
+        let left = match until {
+            Some((limit, until)) => match until.checked_duration_since(Instant::now()) {
+                Some(left) if !left.is_zero() => Some(left),
+                _ => return Err(PipeError::Timeout(limit)),
+            },
+            None => None,
+        };
+        self.shared.wait(changed, state, self.handle.bus(), left);
+        Ok(())
     }
 }
 
@@ -285,31 +319,6 @@ fn result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> Result
         (_, 1..) => Err(PipeError::Torn { moved }),
         (Outcome::Stalled, 0) => Err(PipeError::Stalled),
         (_, 0) => Err(given_up.unwrap_or(PipeError::Usb(UsbError::Io))),
-    }
-}
-
-/// Waits for a change, until the limit.
-fn wait(
-    changed: &Condvar,
-    state: &mut MutexGuard<'_, State>,
-    began: Instant,
-    limit: Option<Duration>,
-) -> Result<(), PipeError> {
-    let Some(limit) = limit else {
-        changed.wait(state);
-        return Ok(());
-    };
-    // A limit too far away to be a moment is none.
-    match began.checked_add(limit) {
-        Some(until) if Instant::now() >= until => Err(PipeError::Timeout(limit)),
-        Some(until) => {
-            changed.wait_until(state, until);
-            Ok(())
-        }
-        None => {
-            changed.wait(state);
-            Ok(())
-        }
     }
 }
 

@@ -1,21 +1,15 @@
 //! What happens on a pipe while nobody looks: reports come in and are kept, transfers end, the device goes.
 
 use std::collections::VecDeque;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use parking_lot::{Condvar, Mutex};
 
 use super::REPORT_LEN;
-use super::bus::Bus;
 use super::libusb::UsbError;
 use super::pipe::{PipeError, PipeStats};
 use super::transfer::{Ended, Outcome};
 
-/// How often the thread for libusb's events looks whether it is to end, should nothing wake it. \[OURS]
-const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// After an error of libusb's event handling it is tried again. \[OURS]
-const AFTER_AN_ERROR: Duration = Duration::from_millis(10);
 /// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
 const FAILURES: u32 = 8;
 
@@ -46,6 +40,12 @@ pub(super) struct State {
     pub closing: bool,
     pub cancelled_reads: u64,
     pub cancelled_writes: u64,
+    /// A thread handles libusb's events.
+    pub handled: bool,
+    /// Times that a call has begun to wait.
+    pub waits: u64,
+    /// Calls that wait while another thread handles events.
+    pub waiting: usize,
     failures: u32,
     pub stats: PipeStats,
 }
@@ -60,35 +60,22 @@ impl State {
     }
 }
 
-/// What the threads that read, write and close share with the one that handles libusb's events.
+/// What the threads that read, write and close share with the pipe's own.
 pub(super) struct Shared {
-    queue: usize,
+    pub queue: usize,
     pub state: Mutex<State>,
     pub readable: Condvar,
     pub writable: Condvar,
+    /// For the pipe's own thread.
+    pub look_around: Condvar,
 }
 
 impl Shared {
     /// Keeps the newest `queue` reports.
     pub fn new(queue: usize) -> Self {
         let state = State { reports: VecDeque::with_capacity(queue.min(PREPARED)), ..State::default() };
-        Self { queue, state: Mutex::new(state), readable: Condvar::new(), writable: Condvar::new() }
-    }
-
-    /// Until the pipe is closed and libusb has none of its transfers.
-    pub fn handle_events(&self, bus: &Bus) {
-        loop {
-            {
-                let state = self.state.lock();
-                if state.closing && state.pending == 0 {
-                    return;
-                }
-            }
-            if let Err(error) = bus.handle_events(LOOK_EVERY) {
-                log::debug!("libusb's events: {error}");
-                thread::sleep(AFTER_AN_ERROR);
-            }
-        }
+        let [readable, writable, look_around] = [const { Condvar::new() }; 3];
+        Self { queue, state: Mutex::new(state), readable, writable, look_around }
     }
 
     /// Ends every wait: the device is gone.

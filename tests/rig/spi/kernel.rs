@@ -19,7 +19,8 @@ pub fn spidev(mode: SpiModeFlags, speed_hz: u32) -> Spidev {
     device
 }
 
-/// What the buffer's own wait looks at is the kernel alone, and not what it has read from there already.
+/// The next edge. `EdgeEventBuffer::wait_event` of gpiocdev 0.8.0 looks at the kernel alone, and not at what the buffer has
+/// read from there already: whoever waits for edges one by one waits by this.
 #[track_caller]
 pub fn next_edge(line: &Request, edges: &mut EdgeEventBuffer<'_>) -> EdgeEvent {
     let has_one = edges.has_event().expect("it is asked") || line.wait_edge_event(PATIENCE).expect("it waits");

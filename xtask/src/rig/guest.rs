@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::initrd::Archive;
 use super::packages::Packages;
-use super::programs::{self, LIBRARY, Programs};
+use super::programs::{self, Programs};
 use super::{modules, packages};
 use crate::error::Error;
 
@@ -16,7 +16,8 @@ const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 /// What the link `usb:` loads, which no program names.
 const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];
 
-/// The guest's first program. `@` stands for the modules in their order.
+/// The guest's first program. `@` stands for the modules in their order, `COMMAND` for what it is there
+/// to run.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin:/rig
@@ -27,7 +28,9 @@ for module in @; do insmod "/modules/$module" || echo "insmod $module failed"; d
 ifconfig lo up
 echo "GUEST-BEGIN $(uname -r)"
 cd /tmp
-/rig/tests --test-threads=1 $* 2>&1
+# One heap for all threads, and nothing freed is kept apart: a test looks whether it grows.
+export GLIBC_TUNABLES=glibc.malloc.arena_max=1:glibc.malloc.tcache_count=0
+COMMAND $* 2>&1
 code=$?
 echo "GUEST-END rc=$code"
 # The code goes to isa-debug-exit; poweroff is for a QEMU without it.
@@ -35,8 +38,15 @@ printf "\\x$(printf %02x $code)" | dd of=/dev/port bs=1 seek=244 count=1 2>/dev/
 poweroff -f
 "#;
 
-/// Packs the guest's root; `board` is the module that is a board on SPI.
-pub fn pack(packages: &Packages, board: &Path, built: &Programs, folder: &Path) -> Result<PathBuf, Error> {
+/// Packs the guest's root; `board` is the module that is a board on SPI, `command` what the guest
+/// runs.
+pub fn pack(
+    packages: &Packages,
+    board: &Path,
+    command: &str,
+    programs: &Programs,
+    folder: &Path,
+) -> Result<PathBuf, Error> {
     let mut archive = Archive::default();
     for empty in ["proc", "sys", "dev", "tmp", "var", "run"] {
         archive.folder(empty);
@@ -54,25 +64,13 @@ pub fn pack(packages: &Packages, board: &Path, built: &Programs, folder: &Path) 
         archive.copy(&format!("modules/{name}"), module)?;
         names.push(name);
     }
-    archive.file("init", 0o755, INIT.replace('@', &names.join(" ")).as_bytes());
+    let init = INIT.replace('@', &names.join(" ")).replace("COMMAND", command);
+    archive.file("init", 0o755, init.as_bytes());
 
     let stripped = folder.join("stripped");
     packages::empty(&stripped)?;
-    let usbip = packages.root.join("usr/sbin/usbip");
-    let (ours, hidraw) = (format!("ours/{LIBRARY}"), format!("hidraw/{LIBRARY}"));
-    let mut programs: Vec<(String, &Path)> = [
-        ("tests", built.tests.as_path()),
-        ("ecmsk", &built.tool),
-        (&ours, &built.ours),
-        (&hidraw, &built.hidraw),
-        ("usbip", &usbip),
-    ]
-    .map(|(name, program)| (name.to_owned(), program))
-    .to_vec();
-    let name_of = |program: &Path| program.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    programs.extend(built.examples.iter().map(|program| (format!("examples/{}", name_of(program)), program.as_path())));
     let mut libraries = BTreeSet::new();
-    for (number, (name, program)) in programs.into_iter().enumerate() {
+    for (number, (name, program)) in programs.iter().enumerate() {
         let small = stripped.join(number.to_string());
         programs::stripped(program, &small)?;
         archive.copy(&format!("rig/{name}"), &small)?;

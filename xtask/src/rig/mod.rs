@@ -1,5 +1,5 @@
 //! `cargo xtask test --rig`: the wire tests in a small guest, where a real kernel's USB, HID, SPI and GPIO code stands
-//! between the two ends.
+//! between the two ends. `cargo xtask bench --rig`: the wires measured there.
 //!
 //! The guest is Debian's kernel, an archive in memory with its modules and the one of `tests/rig/board`, Debian's
 //! `usbip`, the tool and the test program, and nothing else; QEMU boots it without privileges and without KVM. All that
@@ -19,6 +19,13 @@ use crate::error::Error;
 use crate::needs::{CXX, GCC, MAKE, Need, PKG_CONFIG, QEMU, STRIP, XZ};
 use crate::project::Project;
 
+use packages::Packages;
+use programs::Programs;
+
+/// What the guest runs.
+const TESTS: &str = "/rig/tests --test-threads=1";
+const BENCH: &str = "/rig/bench";
+
 /// What the rig needs beside cargo.
 pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP, CXX, GCC, MAKE, PKG_CONFIG];
 
@@ -26,9 +33,29 @@ pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP, CXX, GCC, MAKE, PKG_CONFIG];
 pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     let folder = project.target.join("xtask/rig");
     let packages = packages::fetch(&folder)?;
-    let kernel = kernel::unpack(&packages, &folder)?;
-    let board = board::build(project, &packages, &folder)?;
-    let programs = programs::build(project, &folder)?;
-    let initrd = guest::pack(&packages, &board, &programs, &folder)?;
-    qemu::boot(&kernel, &initrd, names, &folder)
+    let programs = programs::tests(project, &packages, &folder)?;
+    let said = boot(project, &packages, &programs, TESTS, names, qemu::is_result)?;
+    files::keep(&said, &folder.join("files"))
+}
+
+/// Measures the wires in the guest; gives what the bench says.
+pub fn bench(project: &Project) -> Result<Vec<String>, Error> {
+    let packages = packages::fetch(&project.target.join("xtask/rig"))?;
+    let programs = programs::bench(project)?;
+    boot(project, &packages, &programs, BENCH, &[], |line| line.starts_with("GUEST-BEGIN"))
+}
+
+fn boot(
+    project: &Project,
+    packages: &Packages,
+    programs: &Programs,
+    command: &str,
+    words: &[String],
+    is_shown: fn(&str) -> bool,
+) -> Result<Vec<String>, Error> {
+    let folder = project.target.join("xtask/rig");
+    let kernel = kernel::unpack(packages, &folder)?;
+    let board = board::build(project, packages, &folder)?;
+    let initrd = guest::pack(packages, &board, command, programs, &folder)?;
+    qemu::boot(&kernel, &initrd, words, &folder, is_shown)
 }

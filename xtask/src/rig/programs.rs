@@ -1,4 +1,5 @@
-//! What runs in the guest: the tool, the wire tests as one program, and an unchanged program on two libraries.
+//! What runs in the guest: the wire tests as one program, with the tool and unchanged programs on two libraries; or the
+//! bench of the wires.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -7,7 +8,7 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-use super::packages;
+use super::packages::{self, Packages};
 use crate::error::Error;
 use crate::project::Project;
 use crate::{command, stage};
@@ -16,20 +17,15 @@ use crate::{command, stage};
 const TESTS: &str = "rig";
 /// The folders of programs whose makefiles build them all.
 const EXAMPLES: [&str; 2] = ["examples/c", "examples/cpp"];
+/// The bench of the root package that measures in the guest alone.
+const BENCH: &str = "rig";
+/// What it needs: a build with the tool takes several times as long.
+const BENCH_FEATURES: &[&str] = &["--no-default-features", "--features=serve,spi,usb"];
 /// The library by the name that programs ask for.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
-/// Programs that were built for the guest.
-pub struct Programs {
-    pub tool: PathBuf,
-    pub tests: PathBuf,
-    /// Unchanged programs that link the library.
-    pub examples: Vec<PathBuf>,
-    /// This project's library.
-    pub ours: PathBuf,
-    /// A library that moves a hidraw node.
-    pub hidraw: PathBuf,
-}
+/// Programs and libraries for the guest, by their names below `/rig`.
+pub type Programs = Vec<(String, PathBuf)>;
 
 /// A line of cargo's `--message-format=json-render-diagnostics`.
 #[derive(Deserialize)]
@@ -44,24 +40,41 @@ struct Target {
     kind: Vec<String>,
 }
 
-/// Builds all.
-pub fn build(project: &Project, folder: &Path) -> Result<Programs, Error> {
+/// The wire tests with all that they start.
+pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Programs, Error> {
     let prefix = project.target.join("xtask/stage");
     stage::build_into(project, &prefix, "dev")?;
     let built = folder.join("built");
     packages::empty(&built)?;
-    let tests = build_tests(project)?;
-    let examples = build_examples(project, &prefix, &built.join("examples"))?;
-    let hidraw = build_hidraw_library(project, &built)?;
-    Ok(Programs { tool: prefix.join("bin/ecmsk"), tests, examples, ours: prefix.join("lib").join(LIBRARY), hidraw })
+    let mut programs = vec![
+        ("tests".to_owned(), build_target(project, "test", TESTS, &[])?),
+        ("ecmsk".to_owned(), prefix.join("bin/ecmsk")),
+        // This project's library, and one that moves a hidraw node.
+        (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
+        (format!("hidraw/{LIBRARY}"), build_hidraw_library(project, &built)?),
+        ("usbip".to_owned(), packages.root.join("usr/sbin/usbip")),
+    ];
+    // Unchanged programs that link the library.
+    for program in build_examples(project, &prefix, &built.join("examples"))? {
+        let name = program.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        programs.push((format!("examples/{name}"), program));
+    }
+    Ok(programs)
 }
 
-fn build_tests(project: &Project) -> Result<PathBuf, Error> {
+/// The bench of the wires.
+pub fn bench(project: &Project) -> Result<Programs, Error> {
+    Ok(vec![("bench".to_owned(), build_target(project, "bench", BENCH, BENCH_FEATURES)?)])
+}
+
+/// Builds a test or a bench of the root package.
+fn build_target(project: &Project, kind: &str, name: &str, features: &[&str]) -> Result<PathBuf, Error> {
     let mut cargo = project.cargo();
-    cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--no-run", "--message-format=json-render-diagnostics"]);
+    cargo.args([kind, "--package=ecmsk", &format!("--{kind}={name}")]);
+    cargo.args(["--no-run", "--message-format=json-render-diagnostics"]).args(features);
     let said = command::output(&mut cargo)?;
-    let built = executable(&said, TESTS, "test");
-    built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no tests".into() })
+    let built = executable(&said, name, kind);
+    built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no program".into() })
 }
 
 fn build_examples(project: &Project, prefix: &Path, to: &Path) -> Result<Vec<PathBuf>, Error> {

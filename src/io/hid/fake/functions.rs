@@ -13,6 +13,9 @@ use super::{Ending, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, World, report_of, t
 
 const NOT_FOUND: c_int = -5;
 
+/// From here on a limit is long.
+const LONG: Duration = Duration::from_secs(1);
+
 fn world<T>(pointer: *mut T) -> &'static World {
     // SAFETY: contexts, devices and handles of this library are all the address of a world, which is never freed.
     unsafe { &*pointer.cast::<World>() }
@@ -275,8 +278,13 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
     // SAFETY: the caller's limit.
     let limit = unsafe { Duration::new((*limit).tv_sec as u64, (*limit).tv_usec as u32 * 1000) };
     let mut inside = world.inside.lock();
-    if inside.endings.is_empty() && !inside.interrupted {
-        world.changed.wait_for(&mut inside, limit);
+    // A long limit never passes here: whoever needs it to has forgotten to interrupt.
+    while inside.endings.is_empty() && !inside.interrupted {
+        if limit < LONG {
+            world.changed.wait_for(&mut inside, limit);
+            break;
+        }
+        world.changed.wait(&mut inside);
     }
     inside.interrupted = false;
     let endings = std::mem::take(&mut inside.endings);

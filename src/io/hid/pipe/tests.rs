@@ -64,6 +64,50 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
     assert_eq!(pipe.stats(), PipeStats { reports: 10, dropped: 6, short: 0, failed: 0 });
 }
 
+/// WIRE-19 Calls that wait handle libusb's events themselves; when the program does something else then, reports are taken
+/// all the same, more of them than transfers wait.
+#[test]
+fn reports_are_taken_between_two_calls() {
+    let world = World::new();
+    let pipe = open(world);
+    let mut sent = 0;
+    for _ in 0..20 {
+        // A call waits, and ends by a report or by its limit.
+        assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
+        world.send(status::COMPLETED, &[1; 512]);
+        sent += 1;
+        assert_eq!(read(&pipe, None), Ok((1, sent - 1)));
+        (0..10).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
+        sent += 10;
+        world.until_pending(LIMITS.transfers);
+        for fill in 6..10 {
+            assert_eq!(read(&pipe, None), Ok((fill, sent - 10 + u64::from(fill))));
+        }
+    }
+}
+
+/// WIRE-20 The call that handles libusb's events for all ends: the others go on, and end by what they wait for.
+#[test]
+fn calls_do_not_need_one_another() {
+    for round in 0..20 {
+        let world = World::new();
+        let pipe = Arc::new(open(world));
+        world.set_takes(Takes::None { moved: 0 });
+        let (reads, writes) = (pipe.clone(), pipe.clone());
+        let readers = [reads.clone(), reads].map(|pipe| thread::spawn(move || read(&pipe, None)));
+        let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
+        world.until_pending(LIMITS.transfers + 1);
+        world.send(status::COMPLETED, &[7; 512]);
+        world.send(status::COMPLETED, &[8; 512]);
+        let mut ended = readers.map(|reader| in_time(|| reader.join().unwrap().unwrap()));
+        ended.sort_unstable();
+        assert_eq!(ended, [(7, 0), (8, 1)], "round {round}");
+        pipe.cancel_writes();
+        assert_eq!(in_time(|| writer.join().unwrap()), Err(PipeError::Cancelled), "round {round}");
+        assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
+    }
+}
+
 /// WIRE-83 A board that refuses to send is lost at once, with what to do; whoever opens it next finds the halt cleared.
 #[test]
 fn a_stall_of_the_board_ends_every_read() {

@@ -1,0 +1,164 @@
+//! `usb:` against a bare loop on libusb, each on a board of its own.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ecmsk::link::{self, Link, Share, Wait};
+use ecmsk::sk::Frame;
+
+use crate::common::{self, Demand};
+use crate::counted::allocations;
+use crate::libusb::Bare;
+use crate::usb_board::{Which, plug_in};
+
+const PAIRS: u64 = 300;
+const PAIR_BLOCKS: usize = 11;
+/// At least 0.95 of the baseline's pairs per second.
+const PAIRS_TARGET: f64 = 1.0 / 0.95;
+const CALLS: usize = 600;
+const LATENCY_BLOCKS: usize = 7;
+const LATENCY_TARGET: f64 = 1.1;
+const LIMIT: Wait = Wait::For(Duration::from_secs(10));
+
+/// Reports read of a board that sends by itself.
+const REPORTS: u64 = 2000;
+/// The program does something else after so many: longer than the transfers that wait last, shorter than the queue.
+const BETWEEN_PAUSES: u64 = 100;
+const PAUSE: Duration = Duration::from_millis(5);
+
+pub fn measure() {
+    pairs();
+    for (name, period) in [("1khz", Duration::from_millis(1)), ("4khz", Duration::from_micros(250))] {
+        stream(name, period);
+    }
+}
+
+fn open() -> Arc<dyn Link> {
+    link::open("usb:", Share::ByName).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn pairs() {
+    let (_board, _other) = (plug_in(Which::Links, None), plug_in(Which::Bare, None));
+    let mut ours = OnLink { board: open(), frame: Frame::new(), report: Frame::new(), number: 0 };
+    let mut bare =
+        OnLibusb { board: Bare::open(0x16C0, Which::Bare.product()), frame: [0; 512], report: [0; 512], number: 0 };
+    for _ in 0..PAIRS {
+        ours.pair();
+        bare.pair();
+    }
+    let demand = |name, target| Demand { name, target, allowance: None };
+    common::pair_of_blocks(
+        demand("usb_pairs", PAIRS_TARGET),
+        PAIR_BLOCKS,
+        || common::per_call_ns(PAIRS, &mut || ours.pair()),
+        || common::per_call_ns(PAIRS, &mut || bare.pair()),
+    );
+    for (name, share) in [("usb_latency_p50", 50), ("usb_latency_p99", 99)] {
+        common::pair_of_blocks(
+            demand(name, LATENCY_TARGET),
+            LATENCY_BLOCKS,
+            || percentile(share, || ours.pair()),
+            || percentile(share, || bare.pair()),
+        );
+    }
+    let count = allocations(|| (0..PAIRS).for_each(|_| ours.pair()));
+    common::limited("usb_allocations", count as f64, "in 300 pairs", 0.0);
+}
+
+/// A frame out, and the report that answers it.
+struct OnLink {
+    board: Arc<dyn Link>,
+    frame: Frame,
+    report: Frame,
+    number: u64,
+}
+
+impl OnLink {
+    fn pair(&mut self) {
+        self.number += 1;
+        self.frame.bytes_mut()[16..24].copy_from_slice(&self.number.to_le_bytes());
+        self.board.write(&self.frame, LIMIT).expect("it takes it");
+        self.board.read(&mut self.report, LIMIT).expect("a report");
+        assert_eq!(self.report.bytes()[16..24], self.number.to_le_bytes());
+    }
+}
+
+struct OnLibusb {
+    board: Bare,
+    frame: [u8; 512],
+    report: [u8; 512],
+    number: u64,
+}
+
+impl OnLibusb {
+    fn pair(&mut self) {
+        self.number += 1;
+        self.frame[16..24].copy_from_slice(&self.number.to_le_bytes());
+        self.board.write(&mut self.frame);
+        self.board.read(&mut self.report);
+        assert_eq!(self.report[16..24], self.number.to_le_bytes());
+    }
+}
+
+/// The time that `share` of 100 calls do not exceed, nanoseconds.
+fn percentile(share: usize, mut call: impl FnMut()) -> f64 {
+    let mut times: Vec<u64> = (0..CALLS)
+        .map(|_| {
+            let begin = Instant::now();
+            call();
+            begin.elapsed().as_nanos() as u64
+        })
+        .collect();
+    times.sort_unstable();
+    times[CALLS * share / 100] as f64
+}
+
+/// Of a board that sends a report each `period` none is missed, though the program does something else at times.
+fn stream(name: &str, period: Duration) {
+    let board = plug_in(Which::Links, Some(period));
+    let link = open();
+    let mut report = Frame::new();
+    let mut read = || {
+        link.read(&mut report, LIMIT).expect("a report");
+        u64::from_le_bytes(*report.bytes().first_chunk().expect("8 bytes"))
+    };
+    // What a thread's first wait costs is no report's.
+    (0..BETWEEN_PAUSES).for_each(|_| {
+        read();
+    });
+    let (mut missed, mut took) = (0, Duration::ZERO);
+    let allocated = allocations(|| (missed, took) = read_all(read));
+    link.close();
+    drop((link, board));
+    let figure = |what: &str| format!("usb_{name}_{what}");
+    common::fact(&figure("reports"), REPORTS as f64 / took.as_secs_f64(), "reports/s");
+    common::limited(&figure("missed"), missed as f64, "of 2000 reports", 0.0);
+    common::limited(&figure("allocations"), allocated as f64, "in 2000 reports", 0.0);
+
+    // The same without a queue: what the kernel has no transfer for is lost.
+    let _board = plug_in(Which::Bare, Some(period));
+    let mut bare = Bare::open(0x16C0, Which::Bare.product());
+    let mut report = [0; 512];
+    let (missed, _) = read_all(|| {
+        bare.read(&mut report);
+        u64::from_le_bytes(*report.first_chunk().expect("8 bytes"))
+    });
+    common::fact(&figure("missed_by_bare_loop"), missed as f64, "of 2000 reports");
+}
+
+/// Reads that many, with pauses; how many are missing among their numbers, and how long it took.
+fn read_all(mut read: impl FnMut() -> u64) -> (u64, Duration) {
+    let mut last = read();
+    let begin = Instant::now();
+    let mut missed = 0;
+    for count in 0..REPORTS {
+        if count % BETWEEN_PAUSES == BETWEEN_PAUSES / 2 {
+            std::thread::sleep(PAUSE);
+        }
+        let number = read();
+        assert!(number > last, "in order");
+        missed += number - last - 1;
+        last = number;
+    }
+    (missed, begin.elapsed())
+}

@@ -1,5 +1,6 @@
 //! Programs that a chore needs beside cargo: looked for, installed where we may, named where we may not.
 
+use std::path::Path;
 use std::process::Command;
 
 use crate::command;
@@ -19,6 +20,8 @@ pub struct Need {
 enum Source {
     /// Packages of Debian, by their names there.
     Debian(&'static [&'static str]),
+    /// Packages of Debian too; the program is a file of theirs, wherever else there is one of its name.
+    DebianFile(&'static [&'static str]),
     /// A component of the Rust toolchain; the program is a verb of cargo.
     Rustup(&'static str),
     /// A crate that brings a verb of cargo, `program`.
@@ -42,6 +45,20 @@ pub const MCS: Need = Need { program: "mcs", source: Source::Debian(&["mono-mcs"
 pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-runtime"]) };
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Wheel(&DOTNET_CORE_3) };
+/// Debian's compiler with the sources of its standard library, which rustup has not for these targets: see `windows`.
+pub const RUSTC_DEBIAN: Need = Need {
+    program: "/usr/lib/rustlib/src/rust/library/std/Cargo.toml",
+    source: Source::DebianFile(&["rustc-web", "rust-web-src"]),
+};
+pub const CARGO_DEBIAN: Need = Need { program: "/usr/bin/cargo", source: Source::DebianFile(&["cargo-web"]) };
+/// The variant "posix" has std::thread.
+pub const MINGW_X86: Need =
+    Need { program: "i686-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-i686-posix"]) };
+pub const MINGW_X64: Need =
+    Need { program: "x86_64-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-x86-64-posix"]) };
+/// For programs with Microsoft's conventions.
+pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
+pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };
@@ -50,6 +67,7 @@ pub const MUTANTS: Need = Need { program: "mutants", source: Source::Crate("carg
 impl Need {
     fn is_there(&self, project: &Project) -> bool {
         match self.source {
+            Source::DebianFile(_) => Path::new(self.program).exists(),
             Source::Debian(_) => command::succeeds(Command::new(self.program).arg("--version")),
             Source::Rustup(_) | Source::Crate(_) => {
                 command::succeeds(project.cargo().args([self.program, "--version"]))
@@ -148,7 +166,7 @@ pub fn names(needs: &[Need]) -> String {
 
 fn packages(needs: &[Need]) -> Vec<&'static str> {
     let packages = needs.iter().filter_map(|need| match need.source {
-        Source::Debian(packages) => Some(packages),
+        Source::Debian(packages) | Source::DebianFile(packages) => Some(packages),
         _ => None,
     });
     packages.flatten().copied().collect()

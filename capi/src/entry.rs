@@ -7,7 +7,7 @@ use std::sync::Once;
 
 use crate::error::{self, CallError};
 use crate::floats::FloatingPoint;
-use crate::module::Call;
+use crate::module::{Call, LastError};
 use crate::shutdown;
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
@@ -38,6 +38,7 @@ pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
+    let _last_error = LastError::keep();
     let _ours = FloatingPoint::begin();
     set_up();
     let body = || if shutdown::is_forked() { Err(CallError::Forked.into()) } else { body() };

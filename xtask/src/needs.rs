@@ -22,6 +22,8 @@ enum Source {
     Debian(&'static [&'static str]),
     /// Packages of Debian too; the program is a file of theirs, wherever else there is one of its name.
     DebianFile(&'static [&'static str]),
+    /// The rights of root.
+    Rights,
     /// A component of the Rust toolchain; the program is a verb of cargo.
     Rustup(&'static str),
     /// A crate that brings a verb of cargo, `program`.
@@ -59,6 +61,10 @@ pub const MINGW_X64: Need =
 /// For programs with Microsoft's conventions.
 pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
 pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };
+pub const WINE_X64: Need = Need { program: "/usr/lib/wine/wine64", source: Source::DebianFile(&["wine", "wine64"]) };
+pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
+/// To make a system in a folder, and to run programs in it.
+pub const ROOT: Need = Need { program: "right to make a system in a folder", source: Source::Rights };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };
@@ -67,6 +73,7 @@ pub const MUTANTS: Need = Need { program: "mutants", source: Source::Crate("carg
 impl Need {
     fn is_there(&self, project: &Project) -> bool {
         match self.source {
+            Source::Rights => is_root(),
             Source::DebianFile(_) => Path::new(self.program).exists(),
             Source::Debian(_) => command::succeeds(Command::new(self.program).arg("--version")),
             Source::Rustup(_) | Source::Crate(_) => {
@@ -155,6 +162,8 @@ pub fn install_line(needs: &[Need]) -> String {
     }
     if wheels(needs).next().is_some() {
         lines.push("cargo xtask dotnet --runtime".to_owned());
+    if needs.iter().any(|need| need.source == Source::Rights) {
+        lines.push("run the same command as root".to_owned());
     }
     lines.join(" && ")
 }

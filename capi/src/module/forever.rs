@@ -20,6 +20,16 @@ impl Call {
     }
 }
 
+/// What the system's calls leave behind is the caller's to look at after a failure alone.
+pub struct LastError;
+
+impl LastError {
+    /// Nothing is to be done.
+    pub const fn keep() -> Self {
+        Self
+    }
+}
+
 /// What an exported function that closes a board leaves with: a code of the C ABI.
 pub type Leaving = i32;
 

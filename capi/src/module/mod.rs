@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[cfg(not(windows))]
 use forever as stay;
 pub(crate) use stay::leaving;
-pub use stay::{Call, Leaving, Stay, close};
+pub use stay::{Call, LastError, Leaving, Stay, close};
 
 /// The folder that this library was loaded from, as the loader names it; for the static library the program's.
 #[cfg(unix)]

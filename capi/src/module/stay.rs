@@ -11,7 +11,7 @@ use std::ffi::c_void;
 use std::ptr::null_mut;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use windows_sys::Win32::Foundation::{CloseHandle, HMODULE};
+use windows_sys::Win32::Foundation::{CloseHandle, GetLastError, HMODULE, SetLastError};
 use windows_sys::Win32::System::LibraryLoader::{
     FreeLibraryAndExitThread, GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS, GET_MODULE_HANDLE_EX_FLAG_UNCHANGED_REFCOUNT,
     GetModuleHandleExW,
@@ -87,6 +87,24 @@ impl Drop for Call {
     fn drop(&mut self) {
         CALLS.fetch_sub(1, Ordering::SeqCst);
         give_back_by_threads();
+    }
+}
+
+/// Windows' last error as the caller has it; it is put back when this is dropped.
+pub struct LastError(u32);
+
+impl LastError {
+    /// Notes it.
+    pub fn keep() -> Self {
+        // SAFETY: it has no conditions.
+        Self(unsafe { GetLastError() })
+    }
+}
+
+impl Drop for LastError {
+    fn drop(&mut self) {
+        // SAFETY: as above.
+        unsafe { SetLastError(self.0) };
     }
 }
 

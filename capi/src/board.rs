@@ -29,6 +29,7 @@ pub struct OpenBoard {
 static OPEN: AtomicUsize = AtomicUsize::new(0);
 
 /// Whether any board is open.
+#[cfg(unix)]
 pub fn any_open() -> bool {
     OPEN.load(Ordering::Relaxed) > 0
 }

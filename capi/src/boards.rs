@@ -176,6 +176,7 @@ pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
 }
 
 /// Closes every board of this process, at its end.
+#[cfg(unix)]
 pub fn close_all() {
     vendor::BOARD.give_back();
     for board in HANDLES.drain() {

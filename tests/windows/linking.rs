@@ -59,7 +59,7 @@ fn mingw(width: Width, input: &str) -> Command {
 }
 
 crate::for_each_width! {
-    /// LIB-2, LIB-4, WIN-5 Microsoft's linker resolves extern "C" and C++ names to the undecorated exports.
+    /// LIB-10, LIB-11, LIB-12, LIB-7, WIN-5 Microsoft's linker resolves extern "C" and C++ names to the undecorated exports.
     #[test]
     fn names_of_microsofts_compiler(width: Width) {
         let folder = Folder::with_dll(width, "linking-msvc");
@@ -73,7 +73,7 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-2, LIB-4, WIN-5 MinGW's linker resolves extern "C" and C++ names to the undecorated exports.
+    /// LIB-12, LIB-7, WIN-5 MinGW's linker resolves extern "C" and C++ names to the undecorated exports.
     #[test]
     fn names_of_mingw(width: Width) {
         let folder = Folder::with_dll(width, "linking-mingw");
@@ -87,7 +87,7 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-2, WIN-6 A program may import the functions by their ordinals.
+    /// LIB-3, WIN-6 A program may import the functions by their ordinals.
     #[test]
     fn imports_by_ordinal(width: Width) {
         let folder = Folder::with_dll(width, "linking-ordinals");
@@ -108,7 +108,7 @@ crate::for_each_width! {
         works(&folder, program);
     }
 
-    /// LIB-2, LIB-3, LIB-39, WIN-6 LoadLibrary and GetProcAddress by name and by ordinal; all of EAX is 0 or 1; the functions
+    /// LIB-3, LIB-5, LIB-39, LIB-40, WIN-6 LoadLibrary and GetProcAddress by name and by ordinal; all of EAX is 0 or 1; the functions
     /// take their arguments off the stack.
     #[test]
     fn functions_by_name_and_by_ordinal(width: Width) {

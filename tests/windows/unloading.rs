@@ -52,11 +52,13 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-48, WIN-11 FreeLibrary and Close during a blocked read: the read is false and says why, then the DLL goes.
+    /// LIB-48, WIN-11 FreeLibrary and Close during a blocked read: the read is false, and says why to who has the
+    /// DLL still; then the DLL goes.
     #[test]
     fn unloaded_during_a_read(width: Width) {
         let (folder, program) = with_program(width, "pinned");
         folder.passes(&program, REAL, &["read"]);
+        folder.passes(&program, REAL, &["close"]);
     }
 
     /// LIB-41, WIN-12 A program may end without Close, whatever its threads are at.

@@ -9,6 +9,8 @@ use std::path::PathBuf;
 
 #[cfg(not(windows))]
 use forever as stay;
+#[cfg(windows)]
+pub(crate) use stay::LdrUnloadDll;
 pub(crate) use stay::leaving;
 pub use stay::{Call, LastError, Leaving, Stay, close};
 

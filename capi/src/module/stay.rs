@@ -176,7 +176,7 @@ macro_rules! leaving {
             "2:",
             "ret",
             close = sym $close,
-            unload = sym $crate::module::stay::LdrUnloadDll,
+            unload = sym $crate::module::LdrUnloadDll,
         )
     };
 }
@@ -206,7 +206,7 @@ macro_rules! leaving {
             "2:",
             "ret",
             close = sym $close,
-            unload = sym $crate::module::stay::LdrUnloadDll,
+            unload = sym $crate::module::LdrUnloadDll,
         )
     };
 }

@@ -1,6 +1,6 @@
 /* FreeLibrary while the board is open: the DLL stays until the board is closed, even if the program closes it by the
- * address alone, and goes then. Argument: `alone`, or `read` while another thread is blocked in a read, or `uri`: a board of
- * ecmsk_open. */
+ * address alone, and goes then. Argument: `alone`; `read`: while another thread is blocked in a read; `close`: FreeLibrary
+ * comes after that thread's end, which says why; `uri`: a board of ecmsk_open. */
 #include "loaded.h"
 
 typedef int(__cdecl *open_uri_function)(const char *uri, void **board);
@@ -9,15 +9,16 @@ typedef int(__cdecl *close_uri_function)(void *board);
 static volatile LONG reading;
 static char said[500];
 
-/* The reports that are there, then one that does not come: the board's cycle is an hour of waiting. */
-static DWORD WINAPI reader(void *unused)
+/* Reads until the board is closed. Only who has the DLL still may ask it why. */
+static DWORD WINAPI reader(void *may_ask)
 {
     static unsigned char frame[512];
-    (void)unused;
     while (read_board(frame, 512) == 1) {
         InterlockedIncrement(&reading);
     }
-    lstrcpynA(said, last_error(), sizeof said);
+    if (may_ask) {
+        lstrcpynA(said, last_error(), sizeof said);
+    }
     return 0;
 }
 
@@ -50,17 +51,23 @@ int main(int count, char **arguments)
         close_board();
         CHECK(GetModuleHandleA(DLL) == NULL);
     } else {
-        HANDLE thread = CreateThread(NULL, 0, reader, NULL, 0, NULL);
+        int kept = strcmp(how, "close") == 0;
+        HANDLE thread = CreateThread(NULL, 0, reader, kept ? said : NULL, 0, NULL);
         CHECK(thread != NULL);
         while (reading == 0) {
             Sleep(1);
         }
-        CHECK(FreeLibrary(dll));
-        CHECK(GetModuleHandleA(DLL) != NULL);
+        if (!kept) {
+            CHECK(FreeLibrary(dll));
+            CHECK(GetModuleHandleA(DLL) != NULL);
+        }
         close_board();
         CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
         CloseHandle(thread);
-        CHECK(strstr(said, "closed") != NULL || strstr(said, "call OpenECMUSB first") != NULL);
+        if (kept) {
+            CHECK(strstr(said, "closed") != NULL || strstr(said, "call OpenECMUSB first") != NULL);
+            CHECK(FreeLibrary(dll));
+        }
         last_error = NULL;
         while (GetModuleHandleA(DLL) != NULL) {
             Sleep(1);

@@ -103,9 +103,9 @@ fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Err
 
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
+    let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;
-    let wine = wine::set_up(project, width)?;
     let mut cargo = project.cargo();
     cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", "--quiet"]);
     if names.is_empty() {

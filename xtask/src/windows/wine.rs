@@ -7,7 +7,7 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use super::{Width, debian, folder};
 use crate::command;
@@ -43,26 +43,30 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
             (root.join(PROGRAMS), root.join(PREFIX), text)
         }
     };
-    fs::create_dir_all(&programs).map_err(Error::file("make", &programs))?;
+    for folder in [&programs, &prefix] {
+        fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+    }
     write_script(&script, &text)?;
     let wine = Wine { programs, script };
-    // The server stays until it is told to go: started anew for each program it would take most of the time.
-    wine.run("--server", &["-p"])?;
     if !prefix.join("system.reg").exists() {
         println!("setting up Wine for {} (10 s)", width.name());
-        // Once more for what the services write late.
         wine.run(".", &["wineboot.exe", "-i"])?;
+        // It has written all when its server ends.
         wine.run("--server", &["-w"])?;
-        wine.run("--server", &["-p"])?;
     }
+    // The server stays until it is told to go: started anew for each program it would take most of the time.
+    wine.run("--server", &["-p"])?;
+    // Its services begin with the first program and keep what that one writes to open: this one writes to nobody.
+    wine.run(".", &["cmd.exe", "/c", "exit"])?;
     Ok(wine)
 }
 
 impl Wine {
     fn run(&self, folder: &str, words: &[&str]) -> Result<(), Error> {
+        let mut script = Command::new(&self.script);
         // Wine's complaints about what it does not find here are none of ours.
-        command::output(Command::new(&self.script).arg(folder).args(words).stderr(std::process::Stdio::null()))
-            .map(drop)
+        script.arg(folder).args(words).stdout(Stdio::null()).stderr(Stdio::null());
+        command::run(&mut script)
     }
 }
 

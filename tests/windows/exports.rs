@@ -7,7 +7,7 @@ use crate::fixture::Width;
 use crate::support::root;
 
 /// What the DLL exports: name and ordinal.
-fn exports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<(String, u32)> {
+fn exports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<(String, u16)> {
     let table = file.export_table().expect("readable").expect("a table of exports");
     let exports = table.exports().expect("readable");
     let code = |target: &ExportTarget<'_>| matches!(target, ExportTarget::Address(_));
@@ -47,7 +47,7 @@ crate::for_each_width! {
     fn every_export_is_of_the_list(width: Width) {
         let list = std::fs::read_to_string(root().join("capi/exports.txt")).expect("capi/exports.txt");
         let names = list.lines().filter(|line| !line.is_empty() && !line.starts_with('#')).map(str::to_owned);
-        let expected: Vec<(String, u32)> = names.zip(1..).collect();
+        let expected: Vec<(String, u16)> = names.zip(1..).collect();
         assert_eq!(expected[..4].iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), [
             "OpenECMUSB",
             "CloseECMUSB",

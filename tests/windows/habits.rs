@@ -108,6 +108,15 @@ crate::for_each_width! {
     fn floating_point_of_the_caller(width: Width) {
         let folder = Folder::with_dll(width, "habit-floats");
         folder.build(Toolchain::MinGw, &source("floats.c"), "floats.exe");
-        folder.passes("floats.exe", "sim:?slaves=drive&clock=virtual", &[]);
+        let sum = |state: [&str; 2]| {
+            let ended = folder.run("floats.exe", "sim:?slaves=drive&clock=virtual", state);
+            assert_eq!(ended.stderr, "", "{state:?}");
+            lines(&ended.success())
+        };
+        let usual = sum(["1F80", "037F"]);
+        // Invalid, divide by zero and overflow raise exceptions; down, denormals as 0, single precision; towards zero.
+        for other in [["1900", "0372"], ["BFC0", "047F"], ["7F80", "0C7F"]] {
+            assert_eq!(sum(other), usual, "{other:?}");
+        }
     }
 }

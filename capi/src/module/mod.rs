@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[cfg(not(windows))]
 use forever as stay;
 #[cfg(windows)]
-pub(crate) use stay::LdrUnloadDll;
+pub use stay::UNLOAD;
 pub(crate) use stay::leaving;
 pub use stay::{Call, LastError, Leaving, Stay, close};
 

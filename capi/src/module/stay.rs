@@ -118,6 +118,7 @@ pub fn close(close: impl FnOnce() -> i32) -> Leaving {
     let alone = CALLS.fetch_sub(1, Ordering::SeqCst) == 1 && alone;
     let take_one = || TO_GIVE_BACK.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |count| count.checked_sub(1));
     let module = if code == 0 && alone && take_one().is_ok() { this_module() } else { None };
+    UNLOAD.store(LdrUnloadDll as *const () as usize, Ordering::SeqCst);
     give_back_by_threads();
     module.map_or(code as usize, |module| module.addr())
 }
@@ -152,11 +153,15 @@ unsafe extern "system" fn when_all_have_left(_: *mut c_void) -> u32 {
     0
 }
 
-#[link(name = "ntdll", kind = "raw-dylib")]
+#[cfg_attr(not(target_arch = "x86"), link(name = "ntdll", kind = "raw-dylib"))]
+#[cfg_attr(target_arch = "x86", link(name = "ntdll", kind = "raw-dylib", import_name_type = "undecorated"))]
 unsafe extern "system" {
     /// What FreeLibrary calls; it gives 0 if all is well, as this library's functions do.
-    pub fn LdrUnloadDll(module: *mut std::ffi::c_void) -> i32;
+    fn LdrUnloadDll(module: *mut c_void) -> i32;
 }
+
+/// Its address, from when there is a module to be unloaded: an import has none before the program runs.
+pub static UNLOAD: AtomicUsize = AtomicUsize::new(0);
 
 /// The body of an exported function that closes a board, given the function which does so and gives what
 /// [`close`] gives.
@@ -172,11 +177,11 @@ macro_rules! leaving {
             "test rax, rax", // 0?
             "jz 2f",
             "mov rcx, rax",
-            "jmp {unload}",
+            "jmp qword ptr [rip + {unload}]",
             "2:",
             "ret",
             close = sym $close,
-            unload = sym $crate::module::LdrUnloadDll,
+            unload = sym $crate::module::UNLOAD,
         )
     };
 }
@@ -202,11 +207,11 @@ macro_rules! leaving {
             "pop ecx", // where to return to; the module goes in front of it
             "push eax",
             "push ecx",
-            "jmp {unload}",
+            "jmp dword ptr [{unload}]",
             "2:",
             "ret",
             close = sym $close,
-            unload = sym $crate::module::LdrUnloadDll,
+            unload = sym $crate::module::UNLOAD,
         )
     };
 }

@@ -1,5 +1,6 @@
 /* A caller whose floating point is set otherwise: exceptions that are not masked (Delphi, C++Builder), another rounding and
- * precision (graphics libraries). What the board does is the same, and the caller's state is as it was after each call. */
+ * precision (graphics libraries). After each call the caller's state is as it was. Prints a sum of all that the board
+ * answered. Arguments: the states of SSE and of x87, hexadecimal. */
 #include "loaded.h"
 
 enum { SLOTS = 42, CYCLES = 400 };
@@ -90,27 +91,17 @@ static unsigned move(unsigned sse, unsigned short x87)
             sum = sum * 31 + ((unsigned char *)response)[byte];
         }
     }
-    memset(command, 0, sizeof command);
-    master(0xBB, 0, 0, 0);
     close_board();
     look();
     set(0x1F80, 0x037F);
     return sum;
 }
 
-int main(void)
+int main(int count, char **arguments)
 {
-    unsigned usual, others[3], i;
+    CHECK(count == 3);
     load(DLL);
-    usual = move(0x1F80, 0x037F);
-    /* Invalid, divide by zero and overflow raise an exception. */
-    others[0] = move(0x1900, 0x0372);
-    /* Down, denormals to zero; x87 in single precision. */
-    others[1] = move(0xBFC0, 0x047F);
-    others[2] = move(0x7F80, 0x0C7F);
-    for (i = 0; i < 3; i++) {
-        CHECK(others[i] == usual);
-    }
-    ok();
+    printf("%08X\n", move(strtoul(arguments[1], NULL, 16), (unsigned short)strtoul(arguments[2], NULL, 16)));
+    fflush(stdout);
     return 0;
 }

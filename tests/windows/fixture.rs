@@ -26,10 +26,6 @@ pub enum Toolchain {
     Msvc,
 }
 
-impl Toolchain {
-    pub const ALL: [Self; 2] = [Self::MinGw, Self::Msvc];
-}
-
 impl Width {
     /// As xtask names it.
     pub const fn name(self) -> &'static str {

@@ -13,8 +13,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use windows_sys::Win32::Foundation::{CloseHandle, GetLastError, HMODULE, SetLastError};
 use windows_sys::Win32::System::LibraryLoader::{
-    FreeLibraryAndExitThread, GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS, GET_MODULE_HANDLE_EX_FLAG_UNCHANGED_REFCOUNT,
-    GetModuleHandleExW,
+    FreeLibraryAndExitThread, GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS, GET_MODULE_HANDLE_EX_FLAG_PIN,
+    GET_MODULE_HANDLE_EX_FLAG_UNCHANGED_REFCOUNT, GetModuleHandleExW,
 };
 use windows_sys::Win32::System::Threading::{CreateThread, Sleep};
 
@@ -38,6 +38,7 @@ pub struct Stay {
 impl Stay {
     /// Takes a reference.
     pub fn begin() -> Self {
+        keep_winsock();
         let taken = module(GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS).is_some();
         if !taken {
             // It is a module, so this does not happen; it must then just not be unloaded while a board is open.
@@ -70,6 +71,16 @@ fn module(flags: u32) -> Option<HMODULE> {
     // SAFETY: with FROM_ADDRESS the name is an address, here one of this module; `module` has room for the answer.
     let found = unsafe { GetModuleHandleExW(flags, here, &raw mut module) } != 0;
     found.then_some(module)
+}
+
+/// Has Windows keep its sockets' library until the process ends. Sockets that were opened once belong to it; unloaded with this
+/// library and loaded again, it opens none any more (under Wine).
+fn keep_winsock() {
+    let name: Vec<u16> = "ws2_32.dll\0".encode_utf16().collect();
+    let mut module = null_mut();
+    // SAFETY: the name ends with 0; `module` has room for the answer, which is of no interest: it is loaded, for this
+    // library imports it.
+    unsafe { GetModuleHandleExW(GET_MODULE_HANDLE_EX_FLAG_PIN, name.as_ptr(), &raw mut module) };
 }
 
 /// A call, from when it comes in until it is about to leave.

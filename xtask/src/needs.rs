@@ -162,6 +162,7 @@ pub fn install_line(needs: &[Need]) -> String {
     }
     if wheels(needs).next().is_some() {
         lines.push("cargo xtask dotnet --runtime".to_owned());
+    }
     if needs.iter().any(|need| need.source == Source::Rights) {
         lines.push("run the same command as root".to_owned());
     }

@@ -14,36 +14,11 @@ use ecmsk::cia402::DriveState;
 use ecmsk::link::Dir;
 use ecmsk::link::record::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize};
+use support::examples::{C, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
 use support::{Ended, Program, out_dir, root};
 
-/// Two drives on virtual time.
-const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
-/// The same with slots of 16 bytes.
-const VIRTUAL_16: &str = "sim:?slaves=drive*2&clock=virtual&slot=16";
 /// Two drives on the real clock.
 const REAL: &str = "sim:?slaves=drive*2&clock=real";
-
-/// Every program of `examples/cpp/`, and the link that it is tested on.
-const CPP: [(&str, &str); 12] = [
-    ("alarm_recovery", VIRTUAL),
-    ("habit_read_after_open", VIRTUAL),
-    ("habit_reader_writer_threads", VIRTUAL),
-    ("habit_sdo_retry", VIRTUAL),
-    ("habit_set_axis_burst", VIRTUAL),
-    ("habit_tight_writer", VIRTUAL),
-    ("habit_two_writes_fifo_mark", VIRTUAL),
-    ("homing", VIRTUAL),
-    ("hsp_16b", "sim:?slaves=hsp2&clock=virtual&slot=16"),
-    ("operator_panel", VIRTUAL),
-    ("two_axes_12b", VIRTUAL),
-    ("two_axes_16b", VIRTUAL_16),
-];
-/// Every program of `examples/c/`.
-const C: [(&str, &str); 2] = [("csv_cst", VIRTUAL), ("io", "sim:?slaves=io&clock=virtual")];
-
-/// The script of `examples/scripts/` that a program's snapshot is made with, if it is one.
-const SCRIPTS: [(&str, &str); 3] =
-    [("alarm_recovery", "alarm_on_the_way"), ("io", "local_inputs"), ("operator_panel", "alarm")];
 
 /// Every program with the link that its snapshot is made with.
 fn programs() -> impl Iterator<Item = (&'static str, String)> {

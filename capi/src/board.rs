@@ -8,6 +8,7 @@ use ecmsk::link::{Link, Wait};
 use ecmsk::sk::{Frame, SlotSize};
 
 use crate::error::{CallError, lock};
+use crate::module::Stay;
 
 /// A link with the limits that its URI gave it.
 pub struct OpenBoard {
@@ -20,12 +21,15 @@ pub struct OpenBoard {
     closed: AtomicBool,
     /// Bytes of a frame of this board, if the link knows; 0: it does not, or a program has been told.
     frame_len: AtomicUsize,
+    /// The link's threads run in this library.
+    stay: Mutex<Option<Stay>>,
 }
 
 /// Boards open in this process.
 static OPEN: AtomicUsize = AtomicUsize::new(0);
 
 /// Whether any board is open.
+#[cfg(unix)]
 pub fn any_open() -> bool {
     OPEN.load(Ordering::Relaxed) > 0
 }
@@ -41,6 +45,7 @@ impl OpenBoard {
             write_wait: info.write_wait,
             closed: AtomicBool::new(false),
             frame_len: AtomicUsize::new(info.slot.map_or(0, SlotSize::frame_len)),
+            stay: Mutex::new(Some(Stay::begin())),
         })
     }
 
@@ -50,6 +55,7 @@ impl OpenBoard {
             OPEN.fetch_sub(1, Ordering::Relaxed);
         }
         self.link.close();
+        lock(&self.stay).take();
     }
 
     /// A program that writes frames of the other slot size means other slots than the board: it is told once, in the

@@ -9,9 +9,10 @@ use ecmsk::sk::Frame;
 
 use crate::board::OpenBoard;
 use crate::buffer::{ReportBuffer, fill_frame, text_from};
-use crate::entry::entry;
+use crate::entry::{entry, guard};
 use crate::error::CallError;
 use crate::handles::Handles;
+use crate::module::{self, Leaving, leaving};
 use crate::{connect, shutdown, vendor};
 
 /// How a call ended: `ECMSK_OK`, or a negative number, and then `ecmsk_last_error` says why in words.
@@ -86,15 +87,24 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
 /// # Safety
 /// None: any value may be passed.
 #[unsafe(no_mangle)]
+#[cfg_attr(windows, unsafe(naked))]
 pub extern "C" fn ecmsk_close(board: *mut EcmskBoard) -> EcmskResult {
+    leaving!(close, board)
+}
+
+extern "C" fn close(board: *mut EcmskBoard) -> Leaving {
     let handle = board.addr();
-    code(entry!(ecmsk_close(handle), {
-        match handle {
-            VENDOR => vendor::BOARD.close(),
-            other => HANDLES.remove(other)?.close(),
+    let call = || match handle {
+        VENDOR => {
+            vendor::BOARD.close();
+            Ok(())
         }
-        Ok(())
-    }))
+        other => {
+            HANDLES.remove(other)?.close();
+            Ok(())
+        }
+    };
+    module::close(|| code(guard(format_args!("ecmsk_close(handle={handle})"), call)))
 }
 
 /// The board of `OpenECMUSB` as a handle for the functions below. Always the same value; while that board is not open
@@ -166,6 +176,7 @@ pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
 }
 
 /// Closes every board of this process, at its end.
+#[cfg(unix)]
 pub fn close_all() {
     vendor::BOARD.give_back();
     for board in HANDLES.drain() {

@@ -6,6 +6,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
 use crate::error::{self, CallError};
+use crate::floats::FloatingPoint;
+use crate::module::{Call, LastError};
 use crate::shutdown;
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
@@ -27,6 +29,17 @@ pub fn enter<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
+    let _under_way = Call::begin();
+    guard(call, body)
+}
+
+/// As [`entry!`], for a call that [`module::close`](crate::module::close) counts as one under way.
+pub fn guard<T: Debug>(
+    call: Arguments<'_>,
+    body: impl FnOnce() -> Result<T, Box<CallError>>,
+) -> Result<T, Box<CallError>> {
+    let _last_error = LastError::keep();
+    let _ours = FloatingPoint::begin();
     set_up();
     let body = || if shutdown::is_forked() { Err(CallError::Forked.into()) } else { body() };
     let result =

@@ -57,6 +57,7 @@ impl Handles {
     }
 
     /// Takes all boards out.
+    #[cfg(unix)]
     pub fn drain(&self) -> Vec<Arc<OpenBoard>> {
         let mut table = self.live.write().unwrap_or_else(PoisonError::into_inner);
         std::mem::take(&mut table.boards).into_values().collect()

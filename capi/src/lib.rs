@@ -13,7 +13,9 @@ mod connect;
 mod entry;
 mod error;
 mod facts;
+mod floats;
 mod handles;
+mod module;
 mod shutdown;
 mod vendor;
 

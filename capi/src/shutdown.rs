@@ -8,6 +8,7 @@ use std::sync::Once;
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+#[cfg(unix)]
 use crate::board;
 
 /// This process was forked while a board was open.

@@ -8,9 +8,11 @@ use std::ffi::{c_uchar, c_ulong};
 use ecmsk::sk::Frame;
 
 use crate::board::VendorBoard;
+use crate::boards::ECMSK_OK;
 use crate::buffer::{ReportBuffer, fill_frame};
-use crate::entry::entry;
+use crate::entry::{entry, guard};
 use crate::error::{CallError, remember_open};
+use crate::module::{self, Leaving, leaving};
 use crate::{connect, shutdown};
 
 /// The board of these four functions.
@@ -36,12 +38,20 @@ pub extern "system" fn OpenECMUSB() -> u32 {
 ///
 /// Source: UG17 4.2.2.
 #[unsafe(no_mangle)]
+#[cfg_attr(windows, unsafe(naked))]
 pub extern "system" fn CloseECMUSB() {
-    // Nothing in it fails, and the caller would not learn of it.
-    let _ = entry!(CloseECMUSB(), {
-        BOARD.close();
-        Ok(())
-    });
+    leaving!(close_board)
+}
+
+extern "C" fn close_board() -> Leaving {
+    module::close(|| {
+        // Nothing in it fails, and the caller would not learn of it.
+        let _ = guard(format_args!("CloseECMUSB()"), || {
+            BOARD.close();
+            Ok(())
+        });
+        ECMSK_OK
+    })
 }
 
 /// Writes a command frame of `dwlength` bytes: of more than 512 the first 512, fewer are filled up with 0. 1 if the

@@ -19,7 +19,7 @@ pub mod slaves;
 mod slot_watch;
 #[cfg(all(feature = "spi", target_os = "linux"))]
 pub mod spi;
-#[cfg(all(feature = "tcp", unix))]
+#[cfg(all(feature = "tcp", any(unix, windows)))]
 #[cfg_attr(not(feature = "serve"), allow(dead_code, unused_imports, reason = "the server's end is not in the build"))]
 pub mod tcp;
 pub mod travel;
@@ -353,7 +353,7 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
         keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
         #[cfg(all(feature = "spi", target_os = "linux"))]
         keys::Scheme::Spi => spi::open(uri, options),
-        #[cfg(all(feature = "tcp", unix))]
+        #[cfg(all(feature = "tcp", any(unix, windows)))]
         keys::Scheme::Tcp => tcp::open(uri, options),
         #[cfg(all(feature = "usb", unix))]
         keys::Scheme::Usb => usb::open(uri, options),

@@ -3,20 +3,40 @@
 #include "check.h"
 
 #include <limits.h>
+#ifdef _WIN32
+#include <windows.h>
+
+/* Room before a page that nobody may touch: where that one begins. */
+static unsigned char *new_edge(void)
+{
+    size_t page = 4096;
+    unsigned char *pages = (unsigned char *)VirtualAlloc(NULL, 2 * page, MEM_RESERVE, PAGE_NOACCESS);
+    CHECK(pages != NULL);
+    CHECK(VirtualAlloc(pages, page, MEM_COMMIT, PAGE_READWRITE) != NULL);
+    return pages + page;
+}
+#else
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* `length` bytes right before a page that nobody may touch. */
+/* Room before a page that nobody may touch: where that one begins. */
+static unsigned char *new_edge(void)
+{
+    size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    unsigned char *pages =
+        (unsigned char *)mmap(NULL, 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    CHECK(pages != MAP_FAILED);
+    CHECK(mprotect(pages + page, page, PROT_NONE) == 0);
+    return pages + page;
+}
+#endif
+
+/* `length` bytes right before that page. */
 static unsigned char *at_the_edge(size_t length)
 {
     static unsigned char *edge;
     if (!edge) {
-        size_t page = (size_t)sysconf(_SC_PAGESIZE);
-        unsigned char *pages =
-            (unsigned char *)mmap(NULL, 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-        CHECK(pages != MAP_FAILED);
-        CHECK(mprotect(pages + page, page, PROT_NONE) == 0);
-        edge = pages + page;
+        edge = new_edge();
     }
     return edge - length;
 }

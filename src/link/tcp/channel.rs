@@ -3,7 +3,6 @@
 
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
-use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
@@ -13,6 +12,7 @@ use rustls::Connection;
 use super::inbox::Inbox;
 use super::proof::Material;
 use super::tls;
+use super::waker::Waker;
 use super::wire::{MESSAGE_MAX, Message};
 
 /// Bytes that wait in the system for a slow peer, at most, about: what is older is dropped here, counted, and not there.
@@ -23,8 +23,7 @@ const SYSTEM_BUFFER: usize = 64 * 1024;
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    waker: UnixStream,
-    woken: UnixStream,
+    waker: Waker,
 }
 
 /// Bytes that were not sent yet, and room for a message.
@@ -85,10 +84,7 @@ impl Channel {
         socket.set_nodelay(true)?;
         socket.set_nonblocking(true)?;
         rustix::net::sockopt::set_socket_send_buffer_size(&socket, SYSTEM_BUFFER)?;
-        let (waker, woken) = UnixStream::pair()?;
-        waker.set_nonblocking(true)?;
-        woken.set_nonblocking(true)?;
-        Ok(Self { socket, tls: None, waker, woken })
+        Ok(Self { socket, tls: None, waker: Waker::new()? })
     }
 
     /// Puts a TLS session into it, by `deadline`; gives its keying material.
@@ -138,8 +134,7 @@ impl Channel {
 
     /// Ends the wait of the thread that waits, or that of the next one.
     pub fn wake(&self) {
-        // Full: it will wake up anyhow.
-        let _ = (&self.waker).write(&[0]);
+        self.waker.wake();
     }
 
     /// Waits until there is something to receive, with `to_send` until something can be sent, until [`wake`](Self::wake)
@@ -149,16 +144,14 @@ impl Channel {
     /// The system's.
     pub fn wait(&self, to_send: bool, limit: Option<Duration>) -> io::Result<()> {
         let events = if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
-        let mut ready = [PollFd::new(&self.socket, events), PollFd::new(&self.woken, PollFlags::IN)];
+        let mut ready = [PollFd::new(&self.socket, events), PollFd::new(self.waker.waited(), PollFlags::IN)];
         let limit = limit.and_then(|limit| Timespec::try_from(limit).ok());
         match poll(&mut ready, limit.as_ref()) {
             Ok(_) | Err(rustix::io::Errno::INTR) => {}
             Err(error) => return Err(error.into()),
         }
         if !ready[1].revents().is_empty() {
-            let mut seen = [0; 64];
-            // It is empty when it says so.
-            while matches!((&self.woken).read(&mut seen), Ok(count) if count == seen.len()) {}
+            self.waker.seen();
         }
         Ok(())
     }

@@ -25,6 +25,7 @@ mod tls;
 mod traffic;
 #[cfg(test)]
 mod vectors;
+mod waker;
 pub(crate) mod wire;
 
 use std::sync::Arc;

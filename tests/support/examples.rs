@@ -1,0 +1,27 @@
+//! The programs of `examples/cpp/` and `examples/c/`, and what their snapshots in `tests/snapshots/` are made with.
+
+/// Two drives on virtual time.
+pub const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
+/// The same with slots of 16 bytes.
+pub const VIRTUAL_16: &str = "sim:?slaves=drive*2&clock=virtual&slot=16";
+/// Every program of `examples/cpp/`, and the link that it is tested on.
+pub const CPP: [(&str, &str); 12] = [
+    ("alarm_recovery", VIRTUAL),
+    ("habit_read_after_open", VIRTUAL),
+    ("habit_reader_writer_threads", VIRTUAL),
+    ("habit_sdo_retry", VIRTUAL),
+    ("habit_set_axis_burst", VIRTUAL),
+    ("habit_tight_writer", VIRTUAL),
+    ("habit_two_writes_fifo_mark", VIRTUAL),
+    ("homing", VIRTUAL),
+    ("hsp_16b", "sim:?slaves=hsp2&clock=virtual&slot=16"),
+    ("operator_panel", VIRTUAL),
+    ("two_axes_12b", VIRTUAL),
+    ("two_axes_16b", VIRTUAL_16),
+];
+/// Every program of `examples/c/`.
+pub const C: [(&str, &str); 2] = [("csv_cst", VIRTUAL), ("io", "sim:?slaves=io&clock=virtual")];
+
+/// The script of `examples/scripts/` that a program's snapshot is made with, if it is one.
+pub const SCRIPTS: [(&str, &str); 3] =
+    [("alarm_recovery", "alarm_on_the_way"), ("io", "local_inputs"), ("operator_panel", "alarm")];

@@ -1,0 +1,104 @@
+//! What is in the files.
+
+use object::Object as _;
+use object::read::pe::{ExportTarget, ImageNtHeaders, PeFile, PeFile32, PeFile64};
+
+use crate::fixture::Width;
+use crate::support::root;
+
+/// What the DLL exports: name and ordinal.
+fn exports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<(String, u16)> {
+    let table = file.export_table().expect("readable").expect("a table of exports");
+    let exports = table.exports().expect("readable");
+    let code = |target: &ExportTarget<'_>| matches!(target, ExportTarget::Address(_));
+    assert!(exports.iter().all(|export| code(&export.target)), "an export leads to another DLL");
+    let name = |name: Option<&[u8]>| String::from_utf8_lossy(name.expect("every export has a name")).into_owned();
+    let mut exports: Vec<_> = exports.iter().map(|export| (name(export.name), export.ordinal.0)).collect();
+    exports.sort_by_key(|(_, ordinal)| *ordinal);
+    exports
+}
+
+/// DLLs that the loader looks for.
+fn imports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<String> {
+    let table = file.import_table().expect("readable").expect("a table of imports");
+    let mut descriptors = table.descriptors().expect("readable");
+    let mut names = Vec::new();
+    while let Some(descriptor) = descriptors.next().expect("readable") {
+        let name = table.name(descriptor.name.get(object::LittleEndian)).expect("readable");
+        names.push(String::from_utf8_lossy(name).to_ascii_lowercase());
+    }
+    names
+}
+
+/// Applies to the DLL of a width.
+macro_rules! of_dll {
+    ($width:expr, $bytes:expr, $function:ident) => {
+        match $width {
+            Width::X64 => $function(&PeFile64::parse($bytes).expect("a 64-bit DLL")),
+            Width::X86 => $function(&PeFile32::parse($bytes).expect("a 32-bit DLL")),
+        }
+    };
+}
+
+crate::for_each_width! {
+    /// LIB-2, LIB-3, WIN-1 The DLL exports the vendor's four functions by names without decoration, with the ordinals 1 to 4, and after them
+    /// the other ones of the list, and nothing else.
+    #[test]
+    fn every_export_is_of_the_list(width: Width) {
+        let list = std::fs::read_to_string(root().join("capi/exports.txt")).expect("capi/exports.txt");
+        let names = list.lines().filter(|line| !line.is_empty() && !line.starts_with('#')).map(str::to_owned);
+        let expected: Vec<(String, u16)> = names.zip(1..).collect();
+        assert_eq!(expected[..4].iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), [
+            "OpenECMUSB",
+            "CloseECMUSB",
+            "ECMUSBWrite",
+            "ECMUSBRead"
+        ]);
+        let bytes = width.dll();
+        assert_eq!(of_dll!(width, &*bytes, exports_of), expected);
+    }
+
+    /// WIN-2 It needs nothing but what every Windows since 7 has.
+    #[test]
+    fn only_system_dlls_are_imported(width: Width) {
+        let system = ["advapi32.dll", "bcrypt.dll", "kernel32.dll", "msvcrt.dll", "ntdll.dll", "user32.dll", "userenv.dll", "ws2_32.dll"];
+        let bytes = width.dll();
+        let imports = of_dll!(width, &*bytes, imports_of);
+        assert!(imports.iter().all(|name| system.contains(&name.as_str())), "{imports:?}");
+        assert!(imports.iter().any(|name| name == "kernel32.dll"), "{imports:?}");
+    }
+
+    /// WIN-3 Windows shows whose it is and its version.
+    #[test]
+    fn the_file_has_a_version(width: Width) {
+        let bytes = width.dll();
+        let wide = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>();
+        let has = |bytes: &[u8], part: &[u8]| bytes.windows(part.len()).any(|window| window == part);
+        for text in ["VS_VERSION_INFO", "OriginalFilename", "NEXTWUSBLib.dll", env!("CARGO_PKG_VERSION")] {
+            assert!(has(&bytes, &wide(text)), "{text}");
+        }
+        // Signature of VS_FIXEDFILEINFO, its own version, and the file's.
+        let number = |part: &str| part.parse::<u32>().expect("a number");
+        let high = number(env!("CARGO_PKG_VERSION_MAJOR")) << 16 | number(env!("CARGO_PKG_VERSION_MINOR"));
+        let low = number(env!("CARGO_PKG_VERSION_PATCH")) << 16;
+        let fixed: Vec<u8> = [0xFEEF_04BD_u32, 0x1_0000, high, low].into_iter().flat_map(u32::to_le_bytes).collect();
+        assert!(has(&bytes, &fixed));
+    }
+
+    /// WIN-4 Neither file nor import libraries name a path of the machine that built them.
+    #[test]
+    fn no_path_of_the_builder(width: Width) {
+        let mine = root().to_str().expect("UTF-8").as_bytes();
+        let home = std::env::var("HOME").map(|home| format!("{home}/.cargo")).unwrap_or_default();
+        for file in ["NEXTWUSBLib.dll", "NEXTWUSBLib.lib", "libNEXTWUSBLib.dll.a"] {
+            let bytes = std::fs::read(width.stage().join(file)).expect("a file of the stage");
+            for path in [mine, home.as_bytes()].into_iter().filter(|path| !path.is_empty()) {
+                let found = bytes.windows(path.len()).position(|window| window == path);
+                assert_eq!(found, None, "{file} names {}", String::from_utf8_lossy(path));
+            }
+        }
+        let bytes = width.dll();
+        let symbols = object::File::parse(&*bytes).expect("a DLL").symbols().count();
+        assert_eq!(symbols, 0, "what a debugger needs is not in it");
+    }
+}

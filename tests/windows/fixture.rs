@@ -1,0 +1,192 @@
+//! DLLs, compilers and Wine, as `cargo xtask test --windows` hands them over, and programs on them.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+use crate::support::{self, Ended, root};
+
+/// The DLL's file.
+pub const DLL: &str = "NEXTWUSBLib.dll";
+
+/// A width of programs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    X64,
+    X86,
+}
+
+/// Who compiles and links, and so by which conventions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Toolchain {
+    /// gcc and GNU ld.
+    MinGw,
+    /// clang for `*-pc-windows-msvc` and lld-link, on the declarations in `msvc/`.
+    Msvc,
+}
+
+impl Width {
+    /// As xtask names it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::X64 => "x64",
+            Self::X86 => "x86",
+        }
+    }
+
+    /// As the triples of compilers begin.
+    pub const fn machine(self) -> &'static str {
+        match self {
+            Self::X64 => "x86_64",
+            Self::X86 => "i686",
+        }
+    }
+
+    /// What xtask has built for this width.
+    pub fn stage(self) -> PathBuf {
+        given("ECMSK_WINDOWS_STAGE").join(self.name())
+    }
+
+    /// The DLL's bytes.
+    pub fn dll(self) -> Vec<u8> {
+        fs::read(self.stage().join(DLL)).expect("the DLL")
+    }
+}
+
+/// What xtask says.
+fn given(variable: &str) -> PathBuf {
+    match env::var_os(variable) {
+        Some(value) => value.into(),
+        None => panic!("{variable} is not set; run this test by `cargo xtask test --windows`"),
+    }
+}
+
+/// A folder for programs, which Wine sees too.
+pub struct Folder {
+    /// Of which width.
+    pub width: Width,
+    /// Its name below the folder of all programs.
+    name: String,
+}
+
+impl Folder {
+    /// An empty one, with the DLL in it.
+    pub fn with_dll(width: Width, name: &str) -> Self {
+        let folder = Self::empty(width, name);
+        fs::copy(width.stage().join(DLL), folder.path().join(DLL)).expect("the DLL");
+        folder
+    }
+
+    /// An empty one.
+    pub fn empty(width: Width, name: &str) -> Self {
+        let folder = Self { width, name: name.to_owned() };
+        let _ = fs::remove_dir_all(folder.path());
+        fs::create_dir_all(folder.path()).expect("a folder of Wine's");
+        folder
+    }
+
+    /// Where it lies for this system.
+    pub fn path(&self) -> PathBuf {
+        given("ECMSK_WINE_PROGRAMS").join(&self.name)
+    }
+
+    /// Compiles `source`, and links it with the toolchain's import library.
+    pub fn build(&self, toolchain: Toolchain, source: &Path, program: &str) {
+        self.build_with(toolchain, source, program, &[]);
+    }
+
+    /// The same with options for the compiler.
+    pub fn build_with(&self, toolchain: Toolchain, source: &Path, program: &str, options: &[&str]) {
+        match toolchain {
+            Toolchain::MinGw => {
+                let mut gcc = self.gcc(source);
+                gcc.args(options).arg(source).arg("-o").arg(self.path().join(program));
+                // In the program, so that it needs no DLL of the compiler's.
+                gcc.args(["-static", "-L"]).arg(self.width.stage()).arg("-lNEXTWUSBLib");
+                support::succeed(&mut gcc);
+            }
+            Toolchain::Msvc => {
+                let start = self.object(&root().join("tests/windows/msvc/start.c"), &format!("{program}-start"), &[]);
+                let object = self.object(source, program, options);
+                let mut link = self.lld_link(program);
+                link.arg(object).arg(start).arg("/entry:mainCRTStartup");
+                // What MinGW links with has no table of exception handlers, which Microsoft's linker asks for on x86.
+                link.arg("/safeseh:no").args(["msvcrt", "kernel32"].map(|name| self.mingw_library(name)));
+                support::succeed(&mut link);
+            }
+        }
+    }
+
+    fn gcc(&self, source: &Path) -> Command {
+        let (compiler, standard) = if is_c(source) { ("gcc", "gnu99") } else { ("g++", "gnu++17") };
+        let mut gcc = Command::new(format!("{}-w64-mingw32-{compiler}-posix", self.width.machine()));
+        gcc.arg(format!("-std={standard}")).args(["-O1", "-Wall", "-Wextra", "-Werror", "-I"]);
+        gcc.arg(support::include_dir());
+        gcc
+    }
+
+    /// Compiles for Microsoft's conventions.
+    pub fn object(&self, source: &Path, name: &str, options: &[&str]) -> PathBuf {
+        let ours = root().join("tests/windows/msvc");
+        let mut clang = Command::new("clang-14");
+        clang.arg(format!("--target={}-pc-windows-msvc", self.width.machine()));
+        if is_c(source) {
+            clang.arg("-std=c99");
+        } else {
+            clang.args(["-std=c++17", "-fno-exceptions", "-fno-rtti", "-nostdinc++", "-isystem"]).arg(ours.join("cpp"));
+        }
+        let object = self.path().join(format!("{name}.obj"));
+        clang.args(["-O1", "-Wall", "-Wextra", "-Werror", "-isystem"]).arg(ours.join("c"));
+        clang.arg("-I").arg(support::include_dir()).args(options).arg("-c").arg(source).arg("-o").arg(&object);
+        support::succeed(&mut clang);
+        object
+    }
+
+    /// Microsoft's linker's like, with the import library for it.
+    pub fn lld_link(&self, program: &str) -> Command {
+        let mut link = Command::new("lld-link-14");
+        link.args(["/nologo", "/nodefaultlib", "/subsystem:console"]);
+        link.arg(format!("/out:{}", self.path().join(program).display()));
+        link.arg(self.width.stage().join("NEXTWUSBLib.lib"));
+        link
+    }
+
+    fn mingw_library(&self, name: &str) -> PathBuf {
+        Path::new("/usr").join(format!("{}-w64-mingw32/lib/lib{name}.a", self.width.machine()))
+    }
+
+    /// A program of it, with that link.
+    pub fn command(&self, program: &str, link: &str) -> Command {
+        let mut command = Command::new(given("ECMSK_WINE"));
+        command.arg(&self.name).arg(program);
+        command.env("ECMSK_LINK", link).env_remove("ECMSK_LOG");
+        command
+    }
+
+    /// Runs it to its end.
+    pub fn run<A: AsRef<OsStr>>(&self, program: &str, link: &str, arguments: impl IntoIterator<Item = A>) -> Ended {
+        support::run(self.command(program, link).args(arguments))
+    }
+
+    /// Runs a program that checks itself and says `ok`.
+    pub fn passes(&self, program: &str, link: &str, arguments: &[&str]) {
+        let ended = self.run(program, link, arguments);
+        assert_eq!(ended.stderr, "", "{program} {arguments:?} on {link}");
+        assert_eq!(lines(&ended.success()), "ok\n", "{program} {arguments:?} on {link}");
+    }
+}
+
+/// A source in `tests/windows/programs/`.
+pub fn source(name: &str) -> PathBuf {
+    root().join("tests/windows/programs").join(name)
+}
+
+/// What Windows' C library has written to a text, with the ends of lines as they are here.
+pub fn lines(text: &str) -> String {
+    text.replace("\r\n", "\n")
+}
+
+fn is_c(source: &Path) -> bool {
+    source.extension() == Some(OsStr::new("c"))
+}

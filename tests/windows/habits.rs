@@ -1,0 +1,122 @@
+//! What the functions do call by call: the programs of `tests/c/` that are not of Unix, each of which checks itself.
+
+use ecmsk::link::Dir;
+use ecmsk::link::record::Recording;
+
+use crate::fixture::{Folder, Toolchain, Width, lines, source};
+use crate::support::root;
+
+const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
+const CLOCKS: [&str; 2] = [VIRTUAL, "sim:?slaves=drive*2&clock=real"];
+
+/// A folder with the program of `tests/c/` and the DLL.
+fn with_program(width: Width, name: &str) -> (Folder, String) {
+    let folder = Folder::with_dll(width, &format!("habit-{name}"));
+    let program = format!("{name}.exe");
+    folder.build(Toolchain::MinGw, &root().join("tests/c").join(name).with_extension("c"), &program);
+    (folder, program)
+}
+
+fn passes(width: Width, name: &str, links: &[&str]) {
+    let (folder, program) = with_program(width, name);
+    for link in links {
+        folder.passes(&program, link, &[]);
+    }
+}
+
+crate::for_each_width! {
+    /// LIB-41, LIB-54, LIB-47, LIB-20 Calls before Open and after Close are false and harm nothing.
+    #[test]
+    fn calls_while_nothing_is_open(width: Width) {
+        passes(width, "not_open", &CLOCKS);
+    }
+
+    /// LIB-27, LIB-28, LIB-51, LIB-52, LIB-53 Lengths and addresses; not a byte beyond is touched.
+    #[test]
+    fn lengths_and_addresses(width: Width) {
+        passes(width, "lengths", &CLOCKS);
+    }
+
+    /// LIB-44, LIB-47 Open twice, close twice, open again.
+    #[test]
+    fn open_twice_close_twice(width: Width) {
+        passes(width, "open_close", &CLOCKS);
+    }
+
+    /// SK-4.34, LIB-43, LIB-49 A board that was reset is dead until Open.
+    #[test]
+    fn a_reset_board(width: Width) {
+        passes(width, "reset", &CLOCKS);
+    }
+
+    /// LIB-36, LIB-54 A read with a limit ends.
+    #[test]
+    fn a_read_with_a_limit(width: Width) {
+        passes(width, "timeout", &CLOCKS.map(|link| format!("{link}&read_timeout_ms=20")).each_ref().map(String::as_str));
+    }
+
+    /// LIB-55 The newest 32 reports are kept.
+    #[test]
+    fn unread_reports(width: Width) {
+        passes(width, "unread", &["sim:?slaves=drive&clock=virtual"]);
+    }
+
+    /// Several boards by URI, handles, statistics, names.
+    #[test]
+    fn functions_beside_the_vendors(width: Width) {
+        passes(width, "boards", &[VIRTUAL]);
+    }
+
+    /// SK-1.23 The caller's bytes go to the board as they are, and a recording has them.
+    #[test]
+    fn bytes_as_they_are(width: Width) {
+        let (folder, program) = with_program(width, "untouched");
+        folder.passes(&program, "sim:?clock=virtual&record=untouched.pcapng", &[]);
+        let frames: Result<Vec<_>, _> =
+            Recording::open(&folder.path().join("untouched.pcapng")).expect("a recording").collect();
+        let mut expected: [u8; 512] = std::array::from_fn(|i| (0x80 + i * 7) as u8);
+        let mut count = 0;
+        for (frame, crc) in frames.expect("whole").iter().filter(|frame| frame.dir == Dir::Write).zip([0, 0xEE]) {
+            expected[3] = crc;
+            assert_eq!(frame.frame.bytes(), &expected);
+            count += 1;
+        }
+        assert_eq!(count, 2);
+    }
+
+    /// LIB-42, WIN-7 What cannot be opened gives false, and a text that says why and what to do.
+    #[test]
+    fn an_open_that_fails(width: Width) {
+        let folder = Folder::with_dll(width, "habit-fails");
+        folder.build(Toolchain::MinGw, &source("which_link.c"), "which_link.exe");
+        for (link, parts) in [
+            ("sim:?slaves=none&clock=virtual", &["no slave"][..]),
+            ("nic:eth1", &["from ECMSK_LINK", "`nic:`", "sim:?slaves=drive*2"]),
+            ("sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]),
+            ("nonsense", &["from ECMSK_LINK", "nonsense"]),
+            ("tcp://127.0.0.1:1", &["from ECMSK_LINK", "127.0.0.1:1"]),
+        ] {
+            let ended = folder.run("which_link.exe", link, ["NEXTWUSBLib.dll"]);
+            assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(1), ""), "{link}");
+            let said = lines(&ended.stdout);
+            assert!(parts.iter().all(|part| said.contains(part)), "{link}: {said}");
+        }
+    }
+
+    /// WIN-8 A caller's floating-point state harms nothing and is left to it.
+    #[test]
+    fn floating_point_of_the_caller(width: Width) {
+        let folder = Folder::with_dll(width, "habit-floats");
+        folder.build(Toolchain::MinGw, &source("floats.c"), "floats.exe");
+        let sum = |state: [&str; 2]| {
+            let ended = folder.run("floats.exe", "sim:?slaves=drive&clock=virtual", state);
+            assert_eq!(ended.stderr, "", "{state:?}");
+            lines(&ended.success())
+        };
+        let usual = sum(["1F80", "037F"]);
+        // Invalid, divide by zero and overflow raise exceptions; down, denormals as 0, single precision; towards zero.
+        for other in [["1900", "0372"], ["BFC0", "047F"], ["7F80", "0C7F"]] {
+            assert_eq!(sum(other), usual, "{other:?}");
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! The DLLs for Windows: what is in the files, what links with them, and programs of both widths that run on them under Wine:
+//! `cargo xtask test --windows`, which builds the DLLs and sets Wine up. Every test stands in a module of its width.
+#![cfg(all(target_os = "linux", feature = "cli"))]
+
+mod examples;
+mod exports;
+mod fixture;
+mod habits;
+mod linking;
+mod links;
+#[path = "../support/mod.rs"]
+mod support;
+#[path = "../tcp_support/mod.rs"]
+mod tcp_support;
+mod unloading;
+
+/// Makes a test of each function for each width. A run has the DLL and the Wine of one, and leaves the other's tests out by
+/// name.
+macro_rules! for_each_width {
+    ($($(#[$attribute:meta])* fn $name:ident($width:ident: Width) $body:block)*) => {
+        $(fn $name($width: Width) $body)*
+        mod x64 {
+            $($(#[$attribute])* fn $name() { super::$name(crate::fixture::Width::X64) })*
+        }
+        mod x86 {
+            $($(#[$attribute])* fn $name() { super::$name(crate::fixture::Width::X86) })*
+        }
+    };
+}
+use for_each_width;

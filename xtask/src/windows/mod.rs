@@ -1,0 +1,118 @@
+//! The DLLs for Windows, and their tests under Wine.
+//!
+//! Everything is made on Linux: rustc builds for MinGW, with the standard library from its own sources and for Windows 7
+//! and later (what the targets `*-pc-windows-gnu` import, Wine 8 does not have). It comes from Debian, for rustup has no
+//! such targets ready; what is built stays in `target/xtask/windows/`.
+
+mod debian;
+mod dll;
+mod implib;
+mod wine;
+
+use std::path::{Path, PathBuf};
+
+use crate::error::Error;
+use crate::needs::{
+    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, LLD_LINK, MINGW_X64, MINGW_X86, Need, ROOT, RUSTC_DEBIAN, WINE_X64,
+};
+use crate::project::Project;
+use crate::{command, stage};
+
+/// What building the DLLs needs beside cargo.
+pub const BUILD_NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64];
+
+/// What the tests of 64-bit programs need.
+pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, WINE_X64];
+/// What those of 32-bit programs need.
+pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
+
+/// The test of the root package that needs the DLLs and Wine.
+const TESTS: &str = "windows";
+
+/// A width of Windows programs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    X86,
+    X64,
+}
+
+impl Width {
+    pub const ALL: [Self; 2] = [Self::X86, Self::X64];
+
+    /// As folders are called.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::X86 => "x86",
+            Self::X64 => "x64",
+        }
+    }
+
+    /// As MinGW's programs begin.
+    pub const fn mingw(self) -> &'static str {
+        match self {
+            Self::X86 => "i686-w64-mingw32",
+            Self::X64 => "x86_64-w64-mingw32",
+        }
+    }
+
+    /// rustc's target.
+    pub const fn target(self) -> &'static str {
+        match self {
+            Self::X86 => "i686-win7-windows-gnu",
+            Self::X64 => "x86_64-win7-windows-gnu",
+        }
+    }
+}
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Folder that gets x86/ and x64/, each with the DLL and its import libraries, and include/
+    #[arg(long, value_name = "DIR")]
+    prefix: Option<PathBuf>,
+}
+
+/// `cargo xtask windows`: builds the DLLs and their import libraries.
+pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    crate::needs::require(project, BUILD_NEEDS)?;
+    let prefix = arguments.prefix.clone().unwrap_or_else(|| folder(project).join("stage"));
+    build_into(project, &prefix)?;
+    println!("installed into {}", prefix.display());
+    Ok(())
+}
+
+/// Where everything of this lies.
+pub fn folder(project: &Project) -> PathBuf {
+    project.target.join("xtask/windows")
+}
+
+/// Builds the DLLs and what links them, into `x86/`, `x64/` and `include/` of `prefix`.
+pub fn build_into(project: &Project, prefix: &Path) -> Result<(), Error> {
+    for width in Width::ALL {
+        build_width(project, width, prefix)?;
+    }
+    Ok(())
+}
+
+fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Error> {
+    let place = prefix.join(width.name());
+    std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
+    dll::build(project, width, &place)?;
+    implib::write(width, &place)?;
+    stage::install_headers(project, &prefix.join("include"))
+}
+
+/// Runs the tests of a width: those whose names contain one of `names`, or all.
+pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
+    let wine = wine::set_up(project, width)?;
+    let prefix = folder(project).join("stage");
+    build_width(project, width, &prefix)?;
+    let mut cargo = project.cargo();
+    cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", "--quiet"]);
+    if names.is_empty() {
+        cargo.arg(format!("{}::", width.name()));
+    } else {
+        cargo.args(names.iter().map(|name| format!("{}::{name}", width.name())));
+    }
+    cargo.env("ECMSK_WINDOWS_STAGE", &prefix);
+    command::run(cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs))
+}

@@ -91,6 +91,14 @@ impl Program {
         format!("/tmp/{}-{whose}.pcapng", self.name)
     }
 
+    /// The command frames of a recording, which goes: it is in the guest's memory.
+    #[track_caller]
+    fn written(&self, whose: &str) -> Vec<Frame> {
+        let frames = recorded(&self.file(whose), Dir::Write);
+        fs::remove_file(self.file(whose)).expect("it was there");
+        frames
+    }
+
     /// Its board, with a recording.
     fn board(&self, whose: &str) -> String {
         let script = self.script.map_or(String::new(), |script| {
@@ -107,7 +115,7 @@ impl Program {
         let mut runs = RUNS.lock().unwrap_or_else(PoisonError::into_inner);
         let run = runs.entry(self.name).or_insert_with(|| {
             let output = self.run(&format!("{}&clock=virtual", self.board("home")));
-            (recorded(&self.file("home"), Dir::Write), output)
+            (self.written("home"), output)
         });
         run.clone()
     }
@@ -210,7 +218,7 @@ fn every_program_on_usb() {
             program.run(&format!("usb:?slot={}&{}", program.size.bytes(), recording(&program.file("host-usb"))));
         detach_all();
         served.stop();
-        let [sent, arrived] = ["host-usb", "usb"].map(|whose| recorded(&program.file(whose), Dir::Write));
+        let [sent, arrived] = ["host-usb", "usb"].map(|whose| program.written(whose));
         program.check(&sent, &arrived, &printed);
     }
 }
@@ -229,8 +237,7 @@ fn every_program_on_spi() {
         assert_eq!((counters.incomplete, counters.while_busy, counters.refused, seen.while_busy), (0, 0, 0, 0));
         let len = program.size.frame_len();
         assert!(seen.exchanges.iter().all(|exchange| exchange.len == len && exchange.transfers == 1));
-        let [sent, arrived] =
-            ["host-spi", "spi"].map(|whose| program.told(&recorded(&program.file(whose), Dir::Write)));
+        let [sent, arrived] = ["host-spi", "spi"].map(|whose| program.told(&program.written(whose)));
         program.check(&sent, &arrived, &printed);
     }
 }

@@ -1,7 +1,10 @@
 //! What is in the files.
 
+use std::collections::BTreeMap;
+
 use object::Object as _;
-use object::read::pe::{ExportTarget, ImageNtHeaders, PeFile, PeFile32, PeFile64};
+use object::pe::{IMAGE_REL_BASED_DIR64, IMAGE_REL_BASED_HIGHLOW};
+use object::read::pe::{ExportTarget, ImageNtHeaders, ImageOptionalHeader as _, PeFile, PeFile32, PeFile64};
 
 use crate::fixture::Width;
 use crate::support::root;
@@ -30,6 +33,27 @@ fn imports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<String> {
     names
 }
 
+/// Base relocations by kind, and how many of 32 bits move what is no address in the DLL.
+fn relocations_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> (BTreeMap<u16, usize>, usize) {
+    let sections = file.section_table();
+    let base = file.relative_address_base();
+    let image = base..base + u64::from(file.nt_headers().optional_header().size_of_image());
+    let blocks = file.data_directories().relocation_blocks(file.data(), &sections).expect("readable");
+    let mut blocks = blocks.expect("Windows loads it where it likes");
+    let (mut kinds, mut wrong) = (BTreeMap::new(), 0);
+    while let Some(block) = blocks.next().expect("readable") {
+        for relocation in block {
+            *kinds.entry(relocation.typ.0).or_default() += 1;
+            if relocation.typ == IMAGE_REL_BASED_HIGHLOW {
+                let place = sections.pe_data_at(file.data(), relocation.virtual_address).expect("in a section");
+                let value = u32::from_le_bytes(place[..4].try_into().expect("four bytes"));
+                wrong += usize::from(!image.contains(&value.into()));
+            }
+        }
+    }
+    (kinds, wrong)
+}
+
 /// Applies to the DLL of a width.
 macro_rules! of_dll {
     ($width:expr, $bytes:expr, $function:ident) => {
@@ -38,6 +62,16 @@ macro_rules! of_dll {
             Width::X86 => $function(&PeFile32::parse($bytes).expect("a 32-bit DLL")),
         }
     };
+}
+
+/// The address that it is loaded at unless something else is there.
+fn base_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> u64 {
+    file.relative_address_base()
+}
+
+/// That of a width's DLL.
+pub fn base(width: Width) -> u64 {
+    of_dll!(width, &*width.dll(), base_of)
 }
 
 crate::for_each_width! {
@@ -66,6 +100,19 @@ crate::for_each_width! {
         let imports = of_dll!(width, &*bytes, imports_of);
         assert!(imports.iter().all(|name| system.contains(&name.as_str())), "{imports:?}");
         assert!(imports.iter().any(|name| name == "kernel32.dll"), "{imports:?}");
+    }
+
+    /// WIN-14 Loaded at another base, nothing moves that is no address: what is each thread's own keeps its offset.
+    #[test]
+    fn addresses_alone_are_relocated(width: Width) {
+        let bytes = width.dll();
+        let (kinds, wrong) = of_dll!(width, &*bytes, relocations_of);
+        assert_eq!(wrong, 0, "{kinds:?}");
+        let addresses = match width {
+            Width::X64 => IMAGE_REL_BASED_DIR64,
+            Width::X86 => IMAGE_REL_BASED_HIGHLOW,
+        };
+        assert!(kinds.get(&addresses.0).is_some_and(|count| *count > 1000), "{kinds:?}");
     }
 
     /// WIN-3 Windows shows whose it is and its version.

@@ -1,4 +1,4 @@
-//! Loading and unloading: again and again, while a board is open, and the end of a process.
+//! Loading and unloading: again and again, at another place, while a board is open, and the end of a process.
 
 use crate::fixture::{Folder, Toolchain, Width, source};
 use crate::support;
@@ -60,6 +60,16 @@ crate::for_each_width! {
         let (folder, program) = with_program(width, "read", "pinned");
         folder.passes(&program, REAL, &["read"]);
         folder.passes(&program, REAL, &["close"]);
+    }
+
+    /// WIN-14 The DLL works wherever Windows puts it.
+    #[test]
+    fn loaded_at_another_base(width: Width) {
+        let (folder, program) = with_program(width, "moved", "moved");
+        let base = format!("{:x}", crate::exports::base(width));
+        for link in [VIRTUAL, REAL] {
+            folder.passes(&program, link, &[&base]);
+        }
     }
 
     /// LIB-41, WIN-12 A program may end without Close, whatever its threads are at.

@@ -48,6 +48,8 @@ pub enum Error {
     Guest { why: &'static str, log: PathBuf },
     #[error("a line of a bench is no figure: {line}\n    ({source}); print figures by benches/common")]
     Figure { line: String, source: serde_json::Error },
+    #[error("{} is not a DLL as the linker makes them: {what}", path.display())]
+    Dll { path: PathBuf, what: String },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]
     NoFigures,
     #[error("{misses} of {demands} figures miss their target; a busy machine? Measure again with:\n    {again}")]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-use super::{Width, folder};
+use super::{Width, folder, relocations};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
@@ -29,8 +29,10 @@ pub fn build(project: &Project, width: Width, place: &Path) -> Result<(), Error>
     println!("building {DLL} for {}", width.name());
     command::run(cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]))?;
     let built = target.join(width.target()).join(PROFILE).join(DLL);
+    let mut dll = fs::read(&built).map_err(Error::file("read", &built))?;
+    relocations::mend(&mut dll).map_err(|what| Error::Dll { path: built, what })?;
     let to = place.join(DLL);
-    fs::copy(&built, &to).map(drop).map_err(Error::file("copy", &built))
+    fs::write(&to, dll).map_err(Error::file("write", &to))
 }
 
 /// cargo, set up for a width; its verb and arguments are to follow.

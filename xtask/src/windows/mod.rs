@@ -7,6 +7,7 @@
 mod debian;
 mod dll;
 mod implib;
+mod relocations;
 mod wine;
 
 use std::path::{Path, PathBuf};

@@ -50,6 +50,8 @@ pub enum Error {
     Figure { line: String, source: serde_json::Error },
     #[error("{} is not a DLL as the linker makes them: {what}", path.display())]
     Dll { path: PathBuf, what: String },
+    #[error("no test has {names} in its name")]
+    NoTest { names: String },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]
     NoFigures,
     #[error("{misses} of {demands} figures miss their target; a busy machine? Measure again with:\n    {again}")]

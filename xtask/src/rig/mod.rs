@@ -35,6 +35,9 @@ pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     let packages = packages::fetch(&folder)?;
     let programs = programs::tests(project, &packages, &folder)?;
     let said = boot(project, &packages, &programs, TESTS, names, qemu::is_result)?;
+    if said.iter().any(|line| line == "running 0 tests") {
+        return Err(Error::NoTest { names: names.join(" ") });
+    }
     files::keep(&said, &folder.join("files"))
 }
 

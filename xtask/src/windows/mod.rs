@@ -107,13 +107,19 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;
-    let mut cargo = project.cargo();
-    cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", "--quiet"]);
-    if names.is_empty() {
-        cargo.arg(format!("{}::", width.name()));
-    } else {
-        cargo.args(names.iter().map(|name| format!("{}::{name}", width.name())));
+    let others: Vec<&str> = Width::ALL.into_iter().filter(|other| *other != width).map(Width::name).collect();
+    let tests = |how: &str| {
+        let mut cargo = project.cargo();
+        cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", how]);
+        cargo.args(others.iter().map(|other| format!("--skip={other}::"))).args(names);
+        cargo
+    };
+    let listed = command::output(&mut tests("--list"))?;
+    // A name that no test has would pass.
+    if !String::from_utf8_lossy(&listed).lines().any(|line| line.ends_with(": test")) {
+        return Err(Error::NoTest { names: names.join(" ") });
     }
+    let mut cargo = tests("--quiet");
     cargo.env("ECMSK_WINDOWS_STAGE", &prefix);
     command::run(cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs))
 }

@@ -1,5 +1,8 @@
 //! What a slot says to the program's last command stays, as on USB, though the link asks for the state in between.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use ecmsk::link::{Link, Wait};
 use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState, SlaveKind};
 
@@ -149,5 +152,56 @@ fn inputs_and_outputs() {
         for _ in 0..100 {
             assert_eq!(until(&|_| true).slot(SIZE, 1).data1, inputs);
         }
+    }
+}
+
+/// Answers are none while this is set.
+fn garble(held: &Held) -> Arc<AtomicBool> {
+    let on = Arc::new(AtomicBool::new(false));
+    let garbles = on.clone();
+    let _ = held.clone().tamper(move |_, rx| {
+        if garbles.load(Ordering::Relaxed) {
+            rx[2] ^= 0x55;
+        }
+    });
+    on
+}
+
+/// WIRE-120 Outputs that were written in a cycle without a report are shown as written, with their index; IO_WR to a slave
+/// that is not there never is.
+#[test]
+fn outputs_that_no_report_has_shown() {
+    let held = Held::board("sim:?queue=1&slaves=io");
+    let garbled = garble(&held);
+    let link = held.open("spi:/dev/spidev0.0").unwrap();
+    let write = |frame: &Frame| link.write(frame, Wait::Forever).unwrap();
+    write(&board(&MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Io; 8] }));
+    write(&to(MasterState::Op));
+    let mut report = Frame::new();
+    let mut until = |done: &dyn Fn(&Frame) -> bool| {
+        let came = (0..20_000).any(|_| {
+            link.read(&mut report, Wait::Forever).unwrap();
+            assert_eq!(report.slot(SIZE, 2).id, 0, "there is no slave 2");
+            done(&report)
+        });
+        assert!(came, "{report:?}");
+    };
+    let shows = |report: &Frame, index: u8, outputs: u32| {
+        let slot = report.slot(SIZE, 1);
+        (slot.id, slot.index, slot.data1) == (CommandId::IoWrite.code(), index, outputs)
+    };
+    until(&|report| state(report) == Some(MasterState::Op));
+    write(&all(2, CommandId::IoWrite, 1, 0x0F0F));
+    until(&|report| master(report).fifo_free == 160 && shows(report, 1, 0x0F0F));
+    for (index, outputs) in [(2, 0x1111), (3, 0x2222)] {
+        let before = held.with(|state| state.exchanges.len());
+        garbled.store(true, Ordering::Relaxed);
+        write(&all(2, CommandId::IoWrite, index, outputs));
+        // Fewer than would lose the board, more than its entry stays in the FIFO.
+        while held.with(|state| state.exchanges.len()) < before + 12 {
+            std::thread::sleep(std::time::Duration::from_micros(200));
+        }
+        garbled.store(false, Ordering::Relaxed);
+        until(&|report| master(report).fifo_free == 160 && shows(report, index, outputs as u32));
     }
 }

@@ -322,7 +322,7 @@ impl Pacer {
     /// What a frame of the host changes for the pacer.
     fn look(&mut self, frame: &Frame, now: Ns) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
-            Ok(MasterCommand::SetAxis { group, kinds }) if !self.above_preop() => self.sent.declare(group, &kinds),
+            Ok(MasterCommand::SetAxis { .. }) if !self.above_preop() => self.sent.forget_kinds(),
             Ok(MasterCommand::SetDc { cycle, .. }) if !self.above_preop() => self.cycle = cycle,
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) if self.op() => {
                 self.flow_anew();

@@ -2,7 +2,7 @@
 //! a program knows of, neither in the free count nor in what a slot answers.
 
 use super::pacer::Ns;
-use crate::sk::{CommandId, FIFO_ENTRIES, Frame, RawSlot, SlaveKind, SlotSize};
+use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlotSize};
 
 /// Entries that count as in the FIFO however low its level is: the frame of this exchange, and those that its answer may
 /// be older than. \[OURS]
@@ -48,8 +48,14 @@ pub(super) struct Sent {
     /// All before this number have surely been executed, or dropped.
     settled: u64,
     said: [Option<Said>; MAX_SLOTS],
-    /// The slaves that a program has declared IO slaves: bit N is slave N.
+    /// The slaves that have answered IO_RD or IO_WR: bit N is slave N.
     io: u64,
+    /// Whether answers repeat the index of a command.
+    echoes: bool,
+    /// What the board says of frames that it did not execute: its error count and its full count.
+    refused: Option<(u8, u16)>,
+    /// Frames before this number may be among those.
+    doubtful: u64,
     unseen: u64,
 }
 
@@ -63,6 +69,9 @@ impl Sent {
             settled: 0,
             said: [None; MAX_SLOTS],
             io: 0,
+            echoes: true,
+            refused: None,
+            doubtful: 0,
             unseen: 0,
         }
     }
@@ -89,6 +98,7 @@ impl Sent {
     pub fn forget(&mut self) {
         self.entries = [Entry::Own; KEPT];
         self.settled = self.pushed;
+        self.said[0] = None;
     }
 
     /// How many entries of the host there are at most, if the newest answer says that level.
@@ -115,6 +125,12 @@ impl Sent {
     /// `level` is the FIFO's in this answer, which may not know what was sent after `since`; `op`, whether it is of OP.
     /// Whether anything was put.
     pub fn show(&mut self, answer: &mut Frame, level: u16, since: Ns, op: bool) -> bool {
+        let board = MasterResponse::decode(&answer.slot(self.size, 0));
+        let refused = (board.error, board.full_count);
+        if board.state.is_failed() || (op && self.refused.is_some_and(|before| before != refused)) {
+            self.doubtful = self.pushed;
+        }
+        self.refused = op.then_some(refused);
         // In OP slot 0 has an id of its own.
         let slots = usize::from(op)..=self.size.max_slaves();
         for slot in slots.clone() {
@@ -122,6 +138,10 @@ impl Sent {
             if answered.id != GET_STATUS {
                 let entry = self.newest_with(slot, answered.id, level);
                 self.said[slot] = Some(Said { slot: answered, entry });
+                self.learn(slot, &answered, entry);
+            } else if answered.index != 0 && self.asked_itself(slot, answered.index) {
+                // The host's own GET_STATUS, with an index of its own.
+                self.said[slot] = None;
             }
         }
         let settled = self.executed(level, since).max(self.settled);
@@ -150,37 +170,55 @@ impl Sent {
         (self.settled..end).rev().find(has).unwrap_or(self.settled.saturating_sub(1))
     }
 
+    /// The board takes IO_RD and IO_WR there, and repeats the index or, in firmware 1.5, does not.
+    fn learn(&mut self, slot: usize, answered: &RawSlot, entry: u64) {
+        if !is_io(answered.id) {
+            return;
+        }
+        self.io |= 1 << slot;
+        if let Entry::Host(commands) = self.entries[place(entry)]
+            && (commands[slot].id, commands[slot].index != 0) == (answered.id, true)
+        {
+            self.echoes = answered.index != 0;
+        }
+    }
+
+    /// Whether an entry of the host that is not settled asks that slot for its state with that index.
+    fn asked_itself(&self, slot: usize, index: u8) -> bool {
+        let asks = |number: u64| {
+            matches!(self.entries[place(number)], Entry::Host(commands)
+                if (commands[slot].id, commands[slot].index) == (GET_STATUS, index))
+        };
+        (self.settled.max(self.oldest())..self.pushed).any(asks)
+    }
+
     /// A slot of an entry of the host has been executed: what was said to an earlier one is no answer any more.
     fn settle(&mut self, slot: usize, command: Command, number: u64) {
         let fits = match self.said[slot] {
-            Some(said) => said.entry >= number || said.slot.id == command.id,
+            Some(said) => said.entry >= number || (said.slot.id == command.id && !is_io(command.id)),
             None => command.id == GET_STATUS,
         };
         if fits {
             return;
         }
         // Executed between two answers, or rejected. What an IO slave answers is known all the same.
-        self.said[slot] = self.answer_of_io(slot, command).map(|slot| Said { slot, entry: number });
+        self.said[slot] = self.answer_of_io(slot, command, number).map(|slot| Said { slot, entry: number });
         if slot > 0 && command.id != GET_STATUS && self.said[slot].is_none() {
             self.unseen += 1;
         }
     }
 
-    /// In OP the board takes IO_RD and IO_WR for each slave that is declared an IO slave (SK-4), and answers outputs as they
-    /// were written. \[OURS]
-    fn answer_of_io(&self, slot: usize, command: Command) -> Option<RawSlot> {
-        let Command { id, index, outputs } = command;
-        let known =
-            self.io >> slot & 1 == 1 && [CommandId::IoRead, CommandId::IoWrite].map(CommandId::code).contains(&id);
-        known.then_some(RawSlot { id, index, data1: outputs.into(), ..RawSlot::ZERO })
+    /// Where the board has answered IO_RD or IO_WR it takes the next ones too (SK-4), and answers outputs as they were
+    /// written. \[OURS]
+    fn answer_of_io(&self, slot: usize, command: Command, number: u64) -> Option<RawSlot> {
+        let known = self.io >> slot & 1 == 1 && is_io(command.id) && number >= self.doubtful;
+        let index = if self.echoes { command.index } else { 0 };
+        known.then_some(RawSlot { id: command.id, index, data1: command.outputs.into(), ..RawSlot::ZERO })
     }
 
-    /// The program has said what kind of slaves `group * 8 + 1` and the seven after it are.
-    pub fn declare(&mut self, group: u8, kinds: &[SlaveKind; 8]) {
-        for (slave, kind) in (usize::from(group) * 8 + 1..).zip(kinds) {
-            let bit = 1u64.checked_shl(slave as u32).unwrap_or(0);
-            self.io = if *kind == SlaveKind::Io { self.io | bit } else { self.io & !bit };
-        }
+    /// The kinds of slaves are told anew: what is known of them counts no more.
+    pub const fn forget_kinds(&mut self) {
+        self.io = 0;
     }
 
     /// Commands of the host for slaves that no answer has shown: rejected ones, and such as were executed between two answers.
@@ -205,4 +243,8 @@ fn repeated(now: &RawSlot, said: &RawSlot, slot: usize) -> RawSlot {
         shown.data1 = said.data1;
     }
     shown
+}
+
+fn is_io(id: u8) -> bool {
+    [CommandId::IoRead, CommandId::IoWrite].map(CommandId::code).contains(&id)
 }

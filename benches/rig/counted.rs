@@ -1,4 +1,5 @@
-//! How often this process allocates: all of its threads together, which the crate for tests does not count.
+//! How often this process's Rust allocates: all of its threads together, which the crate for tests does not count. What
+//! C allocates, as libusb does when a transfer is handed over, does not go through it.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -22,9 +22,10 @@ const LIMIT: Wait = Wait::For(Duration::from_secs(10));
 
 /// Reports read of a board that sends by itself.
 const REPORTS: u64 = 2000;
-/// The program does something else after so many: longer than the transfers that wait last, shorter than the queue.
+/// The program does something else after so many.
 const BETWEEN_PAUSES: u64 = 100;
-const PAUSE: Duration = Duration::from_millis(5);
+/// For so many reports: more than the 8 transfers that wait, fewer than the queue's 32.
+const PAUSE: u32 = 20;
 
 pub fn measure() {
     pairs();
@@ -127,7 +128,7 @@ fn stream(name: &str, period: Duration) {
         read();
     });
     let (mut missed, mut took) = (0, Duration::ZERO);
-    let allocated = allocations(|| (missed, took) = read_all(read));
+    let allocated = allocations(|| (missed, took) = read_all(period, read));
     link.close();
     drop((link, board));
     let figure = |what: &str| format!("usb_{name}_{what}");
@@ -139,7 +140,7 @@ fn stream(name: &str, period: Duration) {
     let _board = plug_in(Which::Bare, Some(period));
     let mut bare = Bare::open(0x16C0, Which::Bare.product());
     let mut report = [0; 512];
-    let (missed, _) = read_all(|| {
+    let (missed, _) = read_all(period, || {
         bare.read(&mut report);
         u64::from_le_bytes(*report.first_chunk().expect("8 bytes"))
     });
@@ -147,13 +148,13 @@ fn stream(name: &str, period: Duration) {
 }
 
 /// Reads that many, with pauses; how many are missing among their numbers, and how long it took.
-fn read_all(mut read: impl FnMut() -> u64) -> (u64, Duration) {
+fn read_all(period: Duration, mut read: impl FnMut() -> u64) -> (u64, Duration) {
     let mut last = read();
     let begin = Instant::now();
     let mut missed = 0;
     for count in 0..REPORTS {
         if count % BETWEEN_PAUSES == BETWEEN_PAUSES / 2 {
-            std::thread::sleep(PAUSE);
+            std::thread::sleep(PAUSE * period);
         }
         let number = read();
         assert!(number > last, "in order");

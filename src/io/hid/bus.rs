@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::libusb::{
-    self, Api, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, NoLibrary, RawContext, RawDevice, RawHandle,
-    UsbError,
+    self, Api, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, NoLibrary, RawContext, RawDevice,
+    RawHandle, UsbError,
 };
 use crate::threads;
 
@@ -84,7 +84,8 @@ impl Bus {
         };
         // SAFETY: the context is there until `drop`.
         let code = unsafe { (self.api.handle_events)(self.raw.as_ptr(), &raw mut limit, ptr::null_mut()) };
-        UsbError::check(code).map(drop)
+        // The program's own threads wait here, and its signals come to them.
+        if code == INTERRUPTED { Ok(()) } else { UsbError::check(code).map(drop) }
     }
 
     /// Ends the wait in [`Bus::handle_events`].

@@ -34,7 +34,7 @@ impl Shared {
         }
     }
 
-    /// A call: waits for a change, for that long at most or a little less.
+    /// A call: waits for a change, for that long or up to a millisecond more, as libusb counts; it may be less.
     pub fn wait(&self, changed: &Condvar, state: &mut MutexGuard<'_, State>, bus: &Bus, limit: Option<Duration>) {
         state.waits += 1;
         if !state.handled {

@@ -50,6 +50,8 @@ struct Inside {
     halted: bool,
     halts_cleared: Vec<u8>,
     interrupted: bool,
+    /// Waits for events that a signal ends, from now on.
+    signals: u32,
     gone: bool,
     /// Calls so far, and that at which the device is pulled.
     calls: usize,
@@ -87,6 +89,7 @@ impl World {
                 halts_cleared: Vec::new(),
                 interrupted: false,
                 gone: false,
+                signals: 0,
                 calls: 0,
                 pulled_at: usize::MAX,
                 answers: Vec::new(),
@@ -137,6 +140,11 @@ impl World {
     /// The cable is pulled in that call of libusb, counted from 1.
     pub fn pull_at(&self, call: usize) {
         self.with(|inside| inside.pulled_at = call);
+    }
+
+    /// The next waits for events are ended by a signal.
+    pub fn signal(&self, times: u32) {
+        self.with(|inside| inside.signals = times);
     }
 
     /// Calls of that name answer so.

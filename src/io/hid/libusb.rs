@@ -170,6 +170,9 @@ pub enum UsbError {
     Other(i32),
 }
 
+/// A signal has come while the system was waited for.
+pub(super) const INTERRUPTED: c_int = -10;
+
 impl UsbError {
     /// `Ok` with what libusb gave back, unless it is an error.
     pub(super) const fn check(code: c_int) -> Result<c_int, Self> {

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use super::super::REPORT_LEN;
 use super::super::libusb::{
-    Api, ConfigurationDescriptor, DeviceDescriptor, EndpointDescriptor, HIGH_SPEED, INTERRUPT, InterfaceDescriptor,
-    InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, status,
+    Api, ConfigurationDescriptor, DeviceDescriptor, EndpointDescriptor, HIGH_SPEED, INTERRUPT, INTERRUPTED,
+    InterfaceDescriptor, InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, status,
 };
 use super::{Ending, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, World, report_of, to_host};
 
@@ -278,6 +278,10 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
     // SAFETY: the caller's limit.
     let limit = unsafe { Duration::new((*limit).tv_sec as u64, (*limit).tv_usec as u32 * 1000) };
     let mut inside = world.inside.lock();
+    if inside.signals > 0 {
+        inside.signals -= 1;
+        return INTERRUPTED;
+    }
     // A long limit never passes here: whoever needs it to has forgotten to interrupt.
     while inside.endings.is_empty() && !inside.interrupted {
         if limit < LONG {

@@ -247,6 +247,16 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
     drop(pipe);
 }
 
+/// WIRE-85 Signals to the thread that reads, as many as there may be, are no errors: reports go on at once.
+#[test]
+fn signals_do_not_hold_up_reports() {
+    let world = World::new();
+    let pipe = open(world);
+    world.signal(2000);
+    world.send(status::COMPLETED, &[7; 512]);
+    assert_eq!(read(&pipe, Some(PATIENCE / 2)), Ok((7, 0)));
+}
+
 /// WIRE-85 Transfers that fail on the wire are begun again and counted; a row of them is a board that is gone.
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {

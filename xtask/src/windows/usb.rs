@@ -9,6 +9,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use super::{Width, build_width, folder, wine};
+use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 use crate::rig::initrd::Archive;
@@ -16,7 +17,6 @@ use crate::rig::packages::Packages;
 use crate::rig::programs::{build_tests, stripped};
 use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
-use crate::{command, stage};
 
 /// The test of the root package that runs in the guest.
 const TESTS: &str = "windows_usb";
@@ -62,7 +62,7 @@ export HOME=/@PREFIX@ WINEPREFIX=/@PREFIX@ WINEDEBUG=-all WINEDLLOVERRIDES='msco
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin
 chroot /new wineserver -p
 chroot /new wine cmd.exe /c exit >/new/dev/null
-chroot /new /rig/tests --test-threads=1 $*
+chroot /new /rig/tests --test-threads=1 --color=never $*
 code=$?
 echo "GUEST-END rc=$code"
 # The code goes to isa-debug-exit; poweroff is for a QEMU without it.
@@ -81,8 +81,7 @@ pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
     let initrd = pack(&packages, &folder)?;
     println!("running Windows programs in a guest system, a minute on two free cores");
     let folders = [("root", root.as_path()), ("rig", share.as_path())];
-    let machine =
-        Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders, limit: LIMIT };
+    let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders, limit: LIMIT };
     qemu::boot(&machine, names, &folder)
 }
 
@@ -122,9 +121,8 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
             command::run(&mut gcc)?;
         }
     }
-    let prefix = project.target.join("xtask/stage");
-    stage::build_into(project, &prefix, "dev")?;
-    stripped(&prefix.join("bin/ecmsk"), &share.join("ecmsk"))?;
+    command::run(project.cargo().args(["build", "--package=ecmsk", "--bin=ecmsk"]))?;
+    stripped(&project.target.join("debug/ecmsk"), &share.join("ecmsk"))?;
     stripped(&build_tests(project, TESTS)?, &share.join("tests"))?;
     Ok(share)
 }

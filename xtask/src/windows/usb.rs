@@ -6,7 +6,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Duration;
 
 use super::{Width, build_width, folder, wine};
 use crate::command;
@@ -14,7 +13,7 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::rig::initrd::Archive;
 use crate::rig::packages::Packages;
-use crate::rig::programs::{build_tests, stripped};
+use crate::rig::programs::{build_target, stripped};
 use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
 
@@ -24,8 +23,6 @@ const TESTS: &str = "windows_usb";
 const PROGRAMS: [&str; 2] = ["tests/windows/usb/board.c", "tests/c/reset.c"];
 /// USB and HID, the virtual host controller, and what shows folders of this machine to the guest.
 const MODULES: [&str; 7] = ["vhci-hcd", "usbhid", "hid-generic", "virtio_pci", "9pnet_virtio", "9p", "overlay"];
-/// 40 s on two free cores; no run takes longer on the busiest machine that was seen.
-const LIMIT: Duration = Duration::from_secs(1500);
 const MEMORY_MB: u32 = 2048;
 
 /// What Wine is to know: of devices those that the kernel has as hidraw, and not by SDL, which is not there and without
@@ -81,8 +78,8 @@ pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
     let initrd = pack(&packages, &folder)?;
     println!("running Windows programs in a guest system, a minute on two free cores");
     let folders = [("root", root.as_path()), ("rig", share.as_path())];
-    let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders, limit: LIMIT };
-    qemu::boot(&machine, names, &folder)
+    let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders };
+    qemu::boot(&machine, names, &folder, qemu::is_result).map(drop)
 }
 
 /// The Debian with Wine of both widths, which is told where to look for devices.
@@ -123,7 +120,7 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
     }
     command::run(project.cargo().args(["build", "--package=ecmsk", "--bin=ecmsk"]))?;
     stripped(&project.target.join("debug/ecmsk"), &share.join("ecmsk"))?;
-    stripped(&build_tests(project, TESTS)?, &share.join("tests"))?;
+    stripped(&build_target(project, "test", TESTS, &[])?, &share.join("tests"))?;
     Ok(share)
 }
 

@@ -173,7 +173,8 @@ static void busy(void)
     open_board();
     CHECK(read_report());
     CHECK(!write_command());
-    CHECK(last_error_has("board"));
+    /* The limit of the link; or the kernel's own, where Wine does not come back from the call before that. */
+    CHECK(last_error_has("took no byte") || last_error_has("input/output error"));
     CHECK(read_report());
 }
 

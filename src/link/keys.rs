@@ -57,7 +57,7 @@ impl Scheme {
         match self {
             Self::Sim => cfg!(feature = "sim"),
             Self::Tcp => cfg!(all(feature = "tcp", unix)),
-            Self::Usb => cfg!(all(feature = "usb", unix)),
+            Self::Usb => cfg!(all(feature = "usb", any(unix, windows))),
             Self::Spi => cfg!(all(feature = "spi", target_os = "linux")),
             Self::XfSim | Self::XfSpi | Self::Nic => false,
         }

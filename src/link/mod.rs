@@ -15,7 +15,7 @@ pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
 pub mod slaves;
-#[cfg(all(feature = "usb", unix))]
+#[cfg(all(feature = "usb", any(unix, windows)))]
 mod slot_watch;
 #[cfg(all(feature = "spi", target_os = "linux"))]
 pub mod spi;
@@ -24,7 +24,7 @@ pub mod spi;
 pub mod tcp;
 pub mod travel;
 pub mod uri;
-#[cfg(all(feature = "usb", unix))]
+#[cfg(all(feature = "usb", any(unix, windows)))]
 mod usb;
 
 use std::borrow::Cow;
@@ -355,7 +355,7 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
         keys::Scheme::Spi => spi::open(uri, options),
         #[cfg(all(feature = "tcp", any(unix, windows)))]
         keys::Scheme::Tcp => tcp::open(uri, options),
-        #[cfg(all(feature = "usb", unix))]
+        #[cfg(all(feature = "usb", any(unix, windows)))]
         keys::Scheme::Usb => usb::open(uri, options),
         other => Err(LinkError::Unsupported {
             scheme: other.name().into(),

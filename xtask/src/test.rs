@@ -59,10 +59,11 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, site.names) },
     WINDOWS[0],
     WINDOWS[1],
+    WINDOWS[2],
 ];
 
 /// What `--windows` runs alone.
-const WINDOWS: [Part; 2] = [
+const WINDOWS: [Part; 3] = [
     Part {
         name: "64-bit Windows programs under Wine",
         needs: windows::NEEDS_X64,
@@ -72,6 +73,11 @@ const WINDOWS: [Part; 2] = [
         name: "32-bit Windows programs under Wine",
         needs: windows::NEEDS_X86,
         run: |site| windows::test(site.project, Width::X86, site.names),
+    },
+    Part {
+        name: "Windows programs on USB, in a guest",
+        needs: windows::NEEDS_USB,
+        run: |site| windows::usb::test(site.project, site.names),
     },
 ];
 

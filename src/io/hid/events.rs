@@ -1,4 +1,4 @@
-//! Who handles libusb's events: the call that waits for one, so that no other thread stands between it and the system; and
+//! Who handles a line's events: the call that waits for one, so that no other thread stands between it and the system; and
 //! the pipe's own thread as long as none does, so that reports are taken whatever the program does. One at a time.
 
 use std::thread;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, MutexGuard};
 
-use super::bus::Bus;
+use super::line::Line;
 use super::reports::{Shared, State};
 
 /// For how long a thread handles events before it looks around, should nothing wake it. \[OURS]
@@ -14,19 +14,19 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// As long as calls handle events the pipe's thread looks this often whether they have left something: half of what the
 /// transfers that wait (8) last at a cycle of 250 us. \[OURS]
 const LOOK_AFTER_CALLS: Duration = Duration::from_millis(1);
-/// After an error of libusb's event handling it is tried again. \[OURS]
+/// After an error of a line's event handling it is tried again. \[OURS]
 const AFTER_AN_ERROR: Duration = Duration::from_millis(10);
 
 impl Shared {
-    /// The pipe's thread: until the pipe is closed and libusb has none of its transfers.
-    pub fn handle_events(&self, bus: &Bus) {
+    /// The pipe's thread: until the pipe is closed and the system has none of its transfers.
+    pub fn handle_events(&self, line: &dyn Line) {
         let mut state = self.state.lock();
         let mut seen = state.waits;
         while !state.closing || state.pending > 0 {
             let calls_wait = state.waits != seen && !state.closing;
             seen = state.waits;
             if !state.handled {
-                self.handle(&mut state, bus, if calls_wait { Duration::ZERO } else { LOOK_EVERY });
+                self.handle(&mut state, line, if calls_wait { Duration::ZERO } else { LOOK_EVERY });
             }
             if calls_wait || state.handled {
                 self.look_around.wait_for(&mut state, LOOK_AFTER_CALLS);
@@ -35,10 +35,10 @@ impl Shared {
     }
 
     /// A call: waits for a change, for that long or up to a millisecond more, as libusb counts; it may be less.
-    pub fn wait(&self, changed: &Condvar, state: &mut MutexGuard<'_, State>, bus: &Bus, limit: Option<Duration>) {
+    pub fn wait(&self, changed: &Condvar, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Option<Duration>) {
         state.waits += 1;
         if !state.handled {
-            return self.handle(state, bus, limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY));
+            return self.handle(state, line, limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY));
         }
         state.waiting += 1;
         match limit {
@@ -51,27 +51,27 @@ impl Shared {
     }
 
     /// Takes what has come and was not handled yet, without waiting.
-    pub fn take_what_came(&self, state: &mut MutexGuard<'_, State>, bus: &Bus) {
+    pub fn take_what_came(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line) {
         if !state.handled {
-            self.handle(state, bus, Duration::ZERO);
+            self.handle(state, line, Duration::ZERO);
         }
     }
 
     /// Ends the waits under way, whoever handles events.
-    pub fn wake_all(&self, state: &State, bus: &Bus) {
+    pub fn wake_all(&self, state: &State, line: &dyn Line) {
         self.readable.notify_all();
         self.writable.notify_all();
         self.look_around.notify_all();
         if state.handled {
-            bus.interrupt();
+            line.interrupt();
         }
     }
 
-    fn handle(&self, state: &mut MutexGuard<'_, State>, bus: &Bus, limit: Duration) {
+    fn handle(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
         state.handled = true;
         MutexGuard::unlocked(state, || {
-            if let Err(error) = bus.handle_events(limit) {
-                log::debug!("libusb's events: {error}");
+            if let Err(error) = line.handle_events(limit) {
+                log::debug!("the events of USB: {error}");
                 thread::sleep(AFTER_AN_ERROR);
             }
         });

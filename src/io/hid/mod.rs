@@ -1,24 +1,34 @@
-//! A HID pipe on USB: reports of a fixed size, one endpoint each way, over libusb.
+//! A HID pipe on USB: reports of a fixed size, one endpoint each way.
 //!
 //! [`find`] tells a device that has the wanted shape from others; [`Pipe`] moves its reports. Transfers to the host are
-//! always queued, so that no report is missed between two reads.
+//! always queued, so that no report is missed between two reads. What moves them is a line: libusb's transfers, or on
+//! Windows the system's own HID driver (docs/decisions/windows-hid-driver.md).
 
-mod bus;
+mod error;
 mod events;
-#[cfg(test)]
-mod fake;
-mod find;
+mod found;
+#[cfg(unix)]
 mod libusb;
+mod line;
 mod pipe;
 mod reports;
 mod system;
-mod transfer;
+// Its functions are a table; the tests have one on every system.
+#[cfg(any(windows, test))]
+mod windows;
 
-pub use bus::{Bus, NoBus};
-pub use find::{Found, NotOne, Shape, find};
-pub use libusb::{NoLibrary, UsbError};
+pub use error::UsbError;
+pub use found::{Found, NotOne};
+#[cfg(unix)]
+use libusb::Device;
+#[cfg(unix)]
+pub use libusb::{Bus, NoBus, NoLibrary, Shape, find};
 pub use pipe::{Limits, Pipe, PipeError, PipeStats};
 pub use system::{Holder, Remark, System};
+#[cfg(windows)]
+use windows::Device;
+#[cfg(windows)]
+pub use windows::{Bus, NoBus, Shape, find};
 
 /// Bytes of a report, both ways.
 pub const REPORT_LEN: usize = 512;

@@ -6,10 +6,9 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
-use super::bus::Handle;
-use super::libusb::UsbError;
+use super::error::UsbError;
+use super::line::{Line, Outcome};
 use super::reports::{GONE, Shared, State};
-use super::transfer::{Outcome, Transfer};
 use super::{Found, REPORT_LEN, Shape};
 use crate::threads;
 
@@ -46,7 +45,7 @@ pub enum PipeError {
     /// The device refuses the report; its endpoint takes the next one again.
     #[error("it refuses the report (its endpoint stalls)")]
     Stalled,
-    /// libusb refuses.
+    /// libusb or Windows refuses.
     #[error(transparent)]
     Usb(#[from] UsbError),
 }
@@ -67,42 +66,37 @@ pub struct PipeStats {
 /// An open device. Reader, writer and closer may be three threads.
 pub struct Pipe {
     shared: Arc<Shared>,
-    inputs: Vec<Transfer>,
     /// One writer at a time.
-    output: Mutex<Transfer>,
-    /// The pipe's own thread, and the interface, until the pipe is closed.
-    open: Mutex<Option<(JoinHandle<()>, Claim)>>,
-    handle: Arc<Handle>,
-    shape: Shape,
+    output: Mutex<()>,
+    /// The pipe's own thread, until the pipe is closed.
+    open: Mutex<Option<JoinHandle<()>>>,
+    line: Arc<dyn Line>,
 }
 
 impl Pipe {
-    /// Opens a device: takes it from the kernel's driver, which has it again when the pipe is closed.
+    /// Opens a device. By libusb it is taken from the kernel's driver, which has it again when the pipe is closed; on
+    /// Windows the driver keeps it, and other programs may open it too.
     ///
     /// # Errors
     /// [`PipeError::Usb`]: [`UsbError::Access`] if this user may not, [`UsbError::Busy`] if another program has it.
     /// [`PipeError::Lost`] if it goes meanwhile.
     pub fn open(found: &Found, shape: Shape, limits: Limits) -> Result<Self, PipeError> {
-        let handle = Arc::new(found.device.open()?);
-        match handle.detach_driver_by_itself() {
-            // Where the kernel has no driver there is nothing to detach.
-            Ok(()) | Err(UsbError::NotSupported) => {}
-            Err(error) => return Err(error.into()),
-        }
-        let claim = Claim::new(&handle, shape.interface)?;
-
         let shared = Arc::new(Shared::new(limits.queue));
-        let transfer = |endpoint| Transfer::new(&handle, endpoint, shared.clone()).ok_or(UsbError::NoMemory);
-        let inputs = (0..limits.transfers).map(|_| transfer(shape.input)).collect::<Result<Vec<_>, _>>()?;
-        let output = Mutex::new(transfer(shape.output)?);
-        let (its, bus) = (shared.clone(), found.device.bus().clone());
-        let events = threads::spawn("usb-events", move || its.handle_events(&bus)).map_err(|_| UsbError::NoMemory)?;
+        let line = found.device.line(shape, limits.transfers, &shared)?;
+        Self::over(line, shared)
+    }
+
+    /// A pipe over a line that tells `shared` what ends.
+    pub(super) fn over(line: Arc<dyn Line>, shared: Arc<Shared>) -> Result<Self, PipeError> {
+        let its = (shared.clone(), line.clone());
+        let events =
+            threads::spawn("usb-events", move || its.0.handle_events(&*its.1)).map_err(|_| UsbError::NoMemory)?;
         // From here on what was begun is ended by `close`, whatever happens.
-        let pipe = Self { shared, inputs, output, open: Mutex::new(Some((events, claim))), handle, shape };
-        for input in &pipe.inputs {
+        let pipe = Self { shared, output: Mutex::new(()), open: Mutex::new(Some(events)), line };
+        for number in 0..pipe.line.inputs() {
             let mut state = pipe.shared.state.lock();
             state.fit()?;
-            input.hand_over().map_err(gone)?;
+            pipe.line.begin_input(number).map_err(gone)?;
             state.pending += 1;
         }
         Ok(pipe)
@@ -118,7 +112,7 @@ impl Pipe {
         let cancelled = state.cancelled_reads;
         if self.shared.queue == 1 && !state.closing {
             // Who keeps one report wants the newest.
-            self.shared.take_what_came(&mut state, self.handle.bus());
+            self.shared.take_what_came(&mut state, &*self.line);
         }
         let mut looked = false;
         loop {
@@ -137,7 +131,7 @@ impl Pipe {
                 // What came is not late because nobody has looked.
                 Err(_) if !looked => {
                     looked = true;
-                    self.shared.take_what_came(&mut state, self.handle.bus());
+                    self.shared.take_what_came(&mut state, &*self.line);
                 }
                 done => done?,
             }
@@ -151,25 +145,29 @@ impl Pipe {
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
         let before = self.shared.state.lock().cancelled_writes;
-        let output = match limit {
+        let _alone = match limit {
             None => self.output.lock(),
             Some(limit) => self.output.try_lock_for(limit).ok_or(PipeError::Timeout(limit))?,
         };
         let mut state = self.shared.state.lock();
         state.fit()?;
-        // SAFETY: with the lock of `output` this thread is alone, and a write ends after its transfer has.
-        unsafe { output.fill(report) };
         state.written = None;
-        if let Err(error) = output.hand_over() {
-            return Err(match gone(error) {
-                PipeError::Lost(why) => {
-                    self.shared.lose(&mut state, why);
-                    PipeError::Lost(why)
-                }
-                other => other,
-            });
-        }
         state.pending += 1;
+        drop(state);
+        // Without the lock: there are systems that do not come back from it before the device has the report.
+        // SAFETY: with the lock of `output` this thread is alone, and a write ends after its transfer has.
+        let begun = unsafe { self.line.begin_output(report) };
+        let mut state = self.shared.state.lock();
+        if let Err(error) = begun {
+            state.pending -= 1;
+            let error = gone(error);
+            if let PipeError::Lost(why) = error {
+                self.shared.lose(&mut state, why);
+            }
+            // Whoever closes it may wait for this transfer.
+            self.shared.wake_all(&state, &*self.line);
+            return Err(error);
+        }
         let mut given_up = None;
         let (outcome, moved) = loop {
             if let Some(ended) = state.written {
@@ -183,26 +181,25 @@ impl Pipe {
                 None
             };
             match (given_up, stop) {
-                // libusb gives it back soon.
-                (Some(_), _) => self.shared.wait(&self.shared.writable, &mut state, self.handle.bus(), None),
+                // The system gives it back soon.
+                (Some(_), _) => self.shared.wait(&self.shared.writable, &mut state, &*self.line, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
-                    output.cancel();
+                    self.line.cancel_output();
                 }
                 (None, None) => {
                     if let Err(why) = self.wait(&self.shared.writable, &mut state, began, limit)
                         && state.written.is_none()
                     {
                         given_up = Some(why);
-                        output.cancel();
+                        self.line.cancel_output();
                     }
                 }
             }
         };
         drop(state);
         if outcome == Outcome::Stalled {
-            // If it stalls for good the next report says so again.
-            let _ = self.handle.clear_halt(self.shape.output);
+            self.line.unstall_output();
         }
         result(outcome, moved, given_up)
     }
@@ -211,14 +208,14 @@ impl Pipe {
     pub fn cancel_reads(&self) {
         let mut state = self.shared.state.lock();
         state.cancelled_reads += 1;
-        self.shared.wake_all(&state, self.handle.bus());
+        self.shared.wake_all(&state, &*self.line);
     }
 
     /// Ends the writes under way.
     pub fn cancel_writes(&self) {
         let mut state = self.shared.state.lock();
         state.cancelled_writes += 1;
-        self.shared.wake_all(&state, self.handle.bus());
+        self.shared.wake_all(&state, &*self.line);
     }
 
     /// Whether the device is there.
@@ -239,19 +236,19 @@ impl Pipe {
         {
             let mut state = self.shared.state.lock();
             state.closing = true;
-            self.shared.wake_all(&state, self.handle.bus());
+            self.shared.wake_all(&state, &*self.line);
         }
         // From here on none is handed over again.
-        let Some((events, claim)) = self.open.lock().take() else { return };
-        self.inputs.iter().for_each(Transfer::cancel);
-        self.handle.bus().interrupt();
-        // It ends when libusb has no transfer any more; a panic in it would have no one to hear of it.
+        let Some(events) = self.open.lock().take() else { return };
+        self.line.cancel_inputs();
+        self.line.interrupt();
+        // It ends when no transfer is under way any more; a panic in it would have no one to hear of it.
         let _ = events.join();
         if self.shared.state.lock().stalled {
             // Whoever opens it next begins with an endpoint that sends.
-            let _ = self.handle.clear_halt(self.shape.input);
+            self.line.unstall_input();
         }
-        drop(claim);
+        self.line.release();
     }
 
     /// Waits for a change, until the limit.
@@ -271,7 +268,7 @@ impl Pipe {
             },
             None => None,
         };
-        self.shared.wait(changed, state, self.handle.bus(), left);
+        self.shared.wait(changed, state, &*self.line, left);
         Ok(())
     }
 }
@@ -282,27 +279,7 @@ impl Drop for Pipe {
     }
 }
 
-/// An interface that this process has.
-struct Claim {
-    handle: Arc<Handle>,
-    interface: u8,
-}
-
-impl Claim {
-    fn new(handle: &Arc<Handle>, interface: u8) -> Result<Self, UsbError> {
-        handle.claim(interface)?;
-        Ok(Self { handle: handle.clone(), interface })
-    }
-}
-
-impl Drop for Claim {
-    fn drop(&mut self) {
-        // A device that is gone has nothing to release.
-        let _ = self.handle.release(self.interface);
-    }
-}
-
-/// Why libusb did not take a transfer.
+/// Why the system did not take a transfer.
 const fn gone(error: UsbError) -> PipeError {
     match error {
         // An interface that is not ours any more: the device was reset under us.
@@ -322,5 +299,5 @@ fn result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> Result
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests;

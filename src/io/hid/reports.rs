@@ -6,9 +6,9 @@ use std::time::Instant;
 use parking_lot::{Condvar, Mutex};
 
 use super::REPORT_LEN;
-use super::libusb::UsbError;
+use super::error::UsbError;
+use super::line::{Ended, Outcome};
 use super::pipe::{PipeError, PipeStats};
-use super::transfer::{Ended, Outcome};
 
 /// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
 const FAILURES: u32 = 8;
@@ -30,7 +30,7 @@ pub(super) struct Report {
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// Transfers that libusb has.
+    /// Transfers that the system has.
     pub pending: usize,
     /// How the transfer to the device ended, once it has.
     pub written: Option<(Outcome, usize)>,
@@ -40,7 +40,7 @@ pub(super) struct State {
     pub closing: bool,
     pub cancelled_reads: u64,
     pub cancelled_writes: u64,
-    /// A thread handles libusb's events.
+    /// A thread handles the line's events.
     pub handled: bool,
     /// Times that a call has begun to wait.
     pub waits: u64,

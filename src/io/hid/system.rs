@@ -1,4 +1,5 @@
-//! What Linux says of a device on the bus besides its descriptors: sysfs and /proc. Nothing is sent to the device.
+//! What Linux says of a device on the bus besides its descriptors: sysfs and /proc. Nothing is sent to the device. Other
+//! systems say nothing here.
 
 use std::fmt;
 use std::fs;
@@ -7,7 +8,8 @@ use std::path::{Path, PathBuf};
 /// Where a system shows itself.
 #[derive(Clone, Debug)]
 pub struct System {
-    root: PathBuf,
+    /// `None`: it is no Linux.
+    root: Option<PathBuf>,
 }
 
 /// Something about a device's place on the bus that is worth a warning.
@@ -76,7 +78,7 @@ impl fmt::Display for Holder {
 impl System {
     /// This one.
     pub fn this() -> Self {
-        Self { root: "/".into() }
+        Self { root: cfg!(target_os = "linux").then(|| "/".into()) }
     }
 
     /// Its serial number; `None`: it has none, or this is no Linux.
@@ -96,8 +98,11 @@ impl System {
             remarks.push(Remark::Slow { mbit: self.line(path, "speed") });
         }
         let never = self.line(path, "power/autosuspend_delay_ms").is_some_and(|delay| delay.starts_with('-'));
-        if self.line(path, "power/control").as_deref() == Some("auto") && !never {
-            remarks.push(Remark::Sleeps { control: self.device(path).join("power/control") });
+        if self.line(path, "power/control").as_deref() == Some("auto")
+            && !never
+            && let Some(device) = self.device(path)
+        {
+            remarks.push(Remark::Sleeps { control: device.join("power/control") });
         }
         let times = self.over_currents(path);
         if times > 0 {
@@ -121,7 +126,7 @@ impl System {
     /// Who has the device open whose node is that: bus and address. Processes of other users are shown to root alone.
     pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<Holder> {
         let node = PathBuf::from(format!("/dev/bus/usb/{bus:03}/{address:03}"));
-        let processes = fs::read_dir(self.root.join("proc")).into_iter().flatten().flatten();
+        let processes = self.root.iter().flat_map(|root| fs::read_dir(root.join("proc"))).flatten().flatten();
         let mut holders: Vec<Holder> = processes
             .filter_map(|process| {
                 let pid = process.file_name().to_str()?.parse().ok()?;
@@ -135,12 +140,12 @@ impl System {
         holders
     }
 
-    fn device(&self, path: &str) -> PathBuf {
-        self.root.join("sys/bus/usb/devices").join(path)
+    fn device(&self, path: &str) -> Option<PathBuf> {
+        Some(self.root.as_ref()?.join("sys/bus/usb/devices").join(path))
     }
 
     fn line(&self, path: &str, file: &str) -> Option<String> {
-        first_line(&self.device(path).join(file))
+        first_line(&self.device(path)?.join(file))
     }
 }
 
@@ -151,7 +156,7 @@ fn first_line(file: &Path) -> Option<String> {
     (!text.is_empty()).then_some(text)
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use std::os::unix::fs::symlink;
 
@@ -171,7 +176,7 @@ mod tests {
         }
 
         fn system(&self) -> System {
-            System { root: self.0.path().to_owned() }
+            System { root: Some(self.0.path().to_owned()) }
         }
     }
 

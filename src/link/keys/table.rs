@@ -298,7 +298,8 @@ pub const KEYS: &[Key] = &[
         syntax: Syntax::Name,
         default: None,
         example: "1-2.3",
-        meaning: "the board at this place, bus and ports as Linux names them; not given: the only one there is",
+        meaning: "the board at this place, bus and ports as Linux names them, on Windows the name that the error for several boards \
+                  shows; not given: the only one there is",
     },
     Key {
         name: "transfers",

@@ -13,7 +13,9 @@ pub(super) fn choose<'a>(
     options: &UsbOptions,
     system: &System,
 ) -> Result<(&'a Found, Shape), LinkError> {
-    let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system)).collect();
+    // One board that need not be told from others is asked nothing.
+    let may_ask = options.serial.is_some() || found.len() > 1;
+    let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system, may_ask)).collect();
     let index = one_of(&facts, options).map_err(|reason| LinkError::NoBoard { name: name.to_owned(), reason })?;
     match found[index].shape {
         Ok(shape) => Ok((&found[index], shape)),
@@ -30,9 +32,9 @@ struct Facts<'a> {
 }
 
 impl<'a> Facts<'a> {
-    fn of(found: &'a Found, system: &System) -> Self {
-        let path = &found.path;
-        Self { path, serial: system.serial(path), name: system.name(path), not_one: found.shape.err() }
+    fn of(found: &'a Found, system: &System, may_ask: bool) -> Self {
+        let (name, serial) = found.texts(system, may_ask);
+        Self { path: &found.path, serial, name, not_one: found.shape.err() }
     }
 
     /// `1-2.3 (ECM-SK, serial 7)`.
@@ -52,8 +54,11 @@ impl<'a> Facts<'a> {
 fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     let fits = |facts: &Facts<'_>| {
         facts.not_one.is_none()
-            && options.serial.as_deref().is_none_or(|serial| facts.serial.as_deref() == Some(serial))
-            && options.path.as_deref().is_none_or(|path| facts.path == path)
+            && options
+                .serial
+                .as_deref()
+                .is_none_or(|serial| facts.serial.as_deref().is_some_and(|its| same(its, serial)))
+            && options.path.as_deref().is_none_or(|path| same(facts.path, path))
     };
     let fitting: Vec<usize> = (0..found.len()).filter(|index| fits(&found[*index])).collect();
     match fitting[..] {
@@ -65,6 +70,11 @@ fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
             Err(format!("there are {}: {}; choose one, e.g. usb:?path={example}", all.len(), all.join(", ")))
         }
     }
+}
+
+/// Windows writes names of devices now in capitals, now not.
+fn same(its: &str, given: &str) -> bool {
+    if cfg!(windows) { its.eq_ignore_ascii_case(given) } else { its == given }
 }
 
 fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {

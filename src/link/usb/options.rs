@@ -13,7 +13,7 @@ pub(super) struct UsbOptions {
     pub product: u16,
     /// The serial number of the board that is meant.
     pub serial: Option<String>,
-    /// Bus and ports of the board that is meant, as Linux names them.
+    /// Where the board that is meant is plugged in: bus and ports as Linux names them, or Windows' name of its instance.
     pub path: Option<String>,
     /// Transfers to the host that are handed over at a time.
     pub transfers: usize,

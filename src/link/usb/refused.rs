@@ -3,23 +3,36 @@
 use crate::io::hid::{Found, Holder, PipeError, System, UsbError};
 use crate::link::LinkError;
 
-/// What libusb said, in the words of a link.
+/// What to do where this user may not open it, and where the system has no memory for its transfers.
+#[cfg(not(windows))]
+const MAY_NOT: &str = "give it to users by a udev rule (docs/VIRTUAL-BOARD.md has it), or be root";
+#[cfg(not(windows))]
+const MORE_MEMORY: &str = "take fewer (`transfers=`), or more for all of USB: `echo 256 | sudo tee \
+                           /sys/module/usbcore/parameters/usbfs_memory_mb`";
+#[cfg(not(windows))]
+const ANOTHER: &str = "another program (root is shown which)";
+#[cfg(windows)]
+const MAY_NOT: &str = "use an account that may: Device Manager shows the board under Human Interface Devices";
+#[cfg(windows)]
+const MORE_MEMORY: &str = "take fewer (`transfers=`), or end other programs";
+#[cfg(windows)]
+const ANOTHER: &str = "another program that lets nobody else in (close programs for HID devices one by one)";
+
+/// What the system said, in the words of a link.
 pub(super) fn refused(name: &str, board: &Found, error: PipeError, system: &System) -> LinkError {
     let path = &board.path;
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
     match error {
-        PipeError::Usb(UsbError::Access) => no_board(format!(
-            "the one at {path} may not be opened by this user; give it to users by a udev rule (docs/VIRTUAL-BOARD.md \
-             has it), or be root"
-        )),
+        PipeError::Usb(UsbError::Access) => {
+            no_board(format!("the one at {path} may not be opened by this user; {MAY_NOT}"))
+        }
         PipeError::Usb(UsbError::Busy) => LinkError::InUse {
             name: name.to_owned(),
             by: by(path, &system.holders(board.node)),
             instead: "share the board by `ecmsk serve tcp`",
         },
         PipeError::Usb(UsbError::NoMemory) => no_board(format!(
-            "the one at {path} does not open: this machine gives no memory for transfers; take fewer (`transfers=`), or \
-             more for all of USB: `echo 256 | sudo tee /sys/module/usbcore/parameters/usbfs_memory_mb`"
+            "the one at {path} does not open: this machine gives no memory for transfers; {MORE_MEMORY}"
         )),
         PipeError::Usb(UsbError::NoDevice) | PipeError::Lost(_) => {
             no_board(format!("the one at {path} went away while it was opened; open it again"))
@@ -31,11 +44,11 @@ pub(super) fn refused(name: &str, board: &Found, error: PipeError, system: &Syst
 /// ` by press (PID 12), the board at 1-2`.
 fn by(path: &str, holders: &[Holder]) -> String {
     let names: Vec<String> = holders.iter().map(Holder::to_string).collect();
-    let who = if names.is_empty() { "another program (root is shown which)".to_owned() } else { names.join(" and ") };
+    let who = if names.is_empty() { ANOTHER.to_owned() } else { names.join(" and ") };
     format!(" by {who}, the board at {path}")
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
 

@@ -8,12 +8,12 @@
 mod board;
 mod files;
 mod guest;
-mod initrd;
-mod kernel;
-mod modules;
-mod packages;
-mod programs;
-mod qemu;
+pub mod initrd;
+pub mod kernel;
+pub mod modules;
+pub mod packages;
+pub mod programs;
+pub mod qemu;
 
 use crate::error::Error;
 use crate::needs::{CXX, GCC, MAKE, Need, PKG_CONFIG, QEMU, STRIP, XZ};
@@ -21,6 +21,7 @@ use crate::project::Project;
 
 use packages::Packages;
 use programs::Programs;
+use qemu::Machine;
 
 /// What the guest runs.
 const TESTS: &str = "/rig/tests --test-threads=1";
@@ -60,5 +61,6 @@ fn boot(
     let kernel = kernel::unpack(packages, &folder)?;
     let board = board::build(project, packages, &folder)?;
     let initrd = guest::pack(packages, &board, command, programs, &folder)?;
-    qemu::boot(&kernel, &initrd, words, &folder, is_shown)
+    let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: 512, folders: &[] };
+    qemu::boot(&machine, words, &folder, is_shown)
 }

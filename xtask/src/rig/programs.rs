@@ -68,7 +68,7 @@ pub fn bench(project: &Project) -> Result<Programs, Error> {
 }
 
 /// Builds a test or a bench of the root package.
-fn build_target(project: &Project, kind: &str, name: &str, features: &[&str]) -> Result<PathBuf, Error> {
+pub fn build_target(project: &Project, kind: &str, name: &str, features: &[&str]) -> Result<PathBuf, Error> {
     let mut cargo = project.cargo();
     cargo.args([kind, "--package=ecmsk", &format!("--{kind}={name}")]);
     cargo.args(["--no-run", "--message-format=json-render-diagnostics"]).args(features);

@@ -23,18 +23,26 @@ const LAST_LINES: usize = 80;
 /// What the kernel is told; behind it stands what it hands to its first program.
 const KERNEL_OPTIONS: &str = "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic --";
 
+/// What is booted.
+pub struct Machine<'a> {
+    pub kernel: &'a Path,
+    pub initrd: &'a Path,
+    pub memory_mb: u32,
+    /// Folders of this machine that it sees, by the names it mounts them by; it cannot write to them.
+    pub folders: &'a [(&'a str, &'a Path)],
+}
+
 /// Boots it, hands it these words, and gives what it says, line by line. That goes to a file too, and what `is_shown` to
 /// standard output at once.
 pub fn boot(
-    kernel: &Path,
-    initrd: &Path,
+    machine: &Machine<'_>,
     words: &[String],
     folder: &Path,
     is_shown: fn(&str) -> bool,
 ) -> Result<Vec<String>, Error> {
     let log = folder.join("console.log");
     let mut file = File::create(&log).map_err(Error::file("make", &log))?;
-    let mut qemu = command_line(kernel, initrd, words);
+    let mut qemu = command_line(machine, words);
     let started = qemu.spawn().map_err(|source| Error::Start { command: command::shown(&qemu), source });
     let mut child = Guest(started?);
     let said = child.0.stdout.take();
@@ -76,15 +84,23 @@ pub fn boot(
 }
 
 /// Without KVM: on a machine that is a guest itself it may hang.
-fn command_line(kernel: &Path, initrd: &Path, words: &[String]) -> Command {
+fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     let mut qemu = Command::new("qemu-system-x86_64");
-    qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max", "-smp", "1", "-m", "512"]);
-    // Time in the guest is what it has executed, 1 ns an instruction: a busy machine makes no test late.
-    qemu.args(["-icount", "shift=0,sleep=off"]);
+    // 64-bit Wine goes back to itself by iretq, to which this QEMU applies SMAP: the guest's kernel would panic.
+    qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max,-smap", "-smp", "1", "-m", &machine.memory_mb.to_string()]);
+    // Time in the guest is what it has executed, 1 ns an instruction: a busy machine makes no test late. While it does
+    // nothing time jumps to what it waits for next, unless that is a file of this machine, which takes its time.
+    let idle = if machine.folders.is_empty() { "off" } else { "on" };
+    qemu.arg("-icount").arg(format!("shift=0,sleep={idle}"));
     qemu.args(["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]);
     qemu.args(["-device", "isa-debug-exit,iobase=0xf4,iosize=1"]);
-    qemu.arg("-kernel").arg(kernel).arg("-initrd").arg(initrd);
+    qemu.arg("-kernel").arg(machine.kernel).arg("-initrd").arg(machine.initrd);
     qemu.arg("-append").arg(format!("{KERNEL_OPTIONS} {}", words.join(" ")));
+    for (name, folder) in machine.folders {
+        // A comma in a value is written twice.
+        let path = folder.to_string_lossy().replace(',', ",,");
+        qemu.arg("-virtfs").arg(format!("local,path={path},mount_tag={name},security_model=none,readonly=on"));
+    }
     qemu.stdin(Stdio::null()).stdout(Stdio::piped());
     qemu
 }

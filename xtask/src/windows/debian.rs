@@ -11,7 +11,8 @@ use crate::error::Error;
 const RELEASE: &str = "bookworm";
 /// File in the root that says what it was made of.
 const MADE_OF: &str = "made-of";
-const PACKAGES: &[&str] = &["wine", "wine64", "wine32:i386"];
+/// The last two are for USB in the guest: Wine looks for devices by libudev, of either width.
+const PACKAGES: &[&str] = &["wine", "wine64", "wine32:i386", "udev", "libudev1:i386"];
 /// What nobody reads there.
 const LEFT_OUT: &str =
     "path-exclude=/usr/share/doc/*\npath-exclude=/usr/share/man/*\npath-exclude=/usr/share/locale/*\n";

@@ -8,13 +8,15 @@ mod debian;
 mod dll;
 mod implib;
 mod relocations;
+pub mod usb;
 mod wine;
 
 use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, LLD_LINK, MINGW_X64, MINGW_X86, Need, ROOT, RUSTC_DEBIAN, WINE_X64,
+    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, GCC, LLD_LINK, MINGW_X64, MINGW_X86, Need, QEMU, ROOT, RUSTC_DEBIAN, STRIP,
+    WINE_X64, XZ,
 };
 use crate::project::Project;
 use crate::{command, stage};
@@ -26,6 +28,10 @@ pub const BUILD_NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_
 pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, WINE_X64];
 /// What those of 32-bit programs need.
 pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
+
+/// What the tests on USB need beyond those of 32-bit programs: a guest system.
+pub const NEEDS_USB: &[Need] =
+    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
 /// The test of the root package that needs the DLLs and Wine.
 const TESTS: &str = "windows";

@@ -17,7 +17,7 @@ use crate::project::Project;
 /// Where programs lie in the Debian of its own.
 const PROGRAMS: &str = "srv";
 /// Where Wine keeps its drive C there.
-const PREFIX: &str = "wine";
+pub const PREFIX: &str = "wine";
 
 /// A Wine that is ready.
 pub struct Wine {
@@ -62,7 +62,13 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
 }
 
 impl Wine {
-    fn run(&self, folder: &str, words: &[&str]) -> Result<(), Error> {
+    /// The root that its programs see, if it is one of its own.
+    pub fn root(&self) -> PathBuf {
+        self.programs.parent().map(Path::to_owned).unwrap_or_default()
+    }
+
+    /// Runs a program in a folder of it.
+    pub fn run(&self, folder: &str, words: &[&str]) -> Result<(), Error> {
         let mut script = Command::new(&self.script);
         // Wine's complaints about what it does not find here are none of ours.
         script.arg(folder).args(words).stdout(Stdio::null()).stderr(Stdio::null());

@@ -3,7 +3,7 @@
 use std::sync::mpsc;
 use std::thread;
 
-use super::super::fake::{Takes, World};
+use super::super::libusb::fake::{self, Takes, World};
 use super::super::libusb::status;
 use super::*;
 
@@ -177,7 +177,7 @@ fn a_write_that_is_given_up_says_what_has_moved() {
 fn a_cable_cut_at_any_moment_ends_every_call() {
     fn run(world: &'static World) -> Result<(), PipeError> {
         let bus = world.bus()?;
-        let found = super::super::find(&bus, super::super::fake::VENDOR, super::super::fake::PRODUCT)?.pop();
+        let found = super::super::find(&bus, fake::VENDOR, fake::PRODUCT)?.pop();
         let found = found.ok_or(UsbError::NoDevice)?;
         // Its descriptors are not there any more.
         let shape = found.shape.map_err(|_| UsbError::NoDevice)?;

@@ -9,6 +9,8 @@ use std::sync::OnceLock;
 
 use libloading::Library;
 
+use super::UsbError;
+
 /// The library as the dynamic linker knows it.
 const NAME: &str = if cfg!(target_os = "macos") { "libusb-1.0.0.dylib" } else { "libusb-1.0.so.0" };
 
@@ -129,7 +131,7 @@ pub(super) const INTERRUPT: u8 = 3;
 pub(super) const HIGH_SPEED: c_int = 3;
 
 /// `enum libusb_transfer_status`
-pub(super) mod status {
+pub(in crate::io::hid) mod status {
     use super::c_int;
 
     pub const COMPLETED: c_int = 0;
@@ -138,44 +140,12 @@ pub(super) mod status {
     pub const NO_DEVICE: c_int = 5;
 }
 
-/// Why libusb refuses: `enum libusb_error`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum UsbError {
-    /// An error on the wire.
-    #[error("input/output error")]
-    Io,
-    /// What was asked makes no sense, or the kernel takes no transfer of that kind.
-    #[error("invalid parameter")]
-    Invalid,
-    /// This user may not.
-    #[error("access denied")]
-    Access,
-    /// The device is gone.
-    #[error("no such device")]
-    NoDevice,
-    /// It has not got what was asked for.
-    #[error("not found")]
-    NotFound,
-    /// Another program has it.
-    #[error("busy")]
-    Busy,
-    /// There is no memory, or the limit for transfers is reached (`usbcore.usbfs_memory_mb`).
-    #[error("no memory")]
-    NoMemory,
-    /// This system cannot do it.
-    #[error("not supported on this system")]
-    NotSupported,
-    /// Another one.
-    #[error("libusb's error {0}")]
-    Other(i32),
-}
-
 /// A signal has come while the system was waited for.
-pub(super) const INTERRUPTED: c_int = -10;
+pub(in crate::io::hid) const INTERRUPTED: c_int = -10;
 
 impl UsbError {
     /// `Ok` with what libusb gave back, unless it is an error.
-    pub(super) const fn check(code: c_int) -> Result<c_int, Self> {
+    pub(in crate::io::hid) const fn check(code: c_int) -> Result<c_int, Self> {
         Err(match code {
             0.. => return Ok(code),
             -1 => Self::Io,

@@ -10,9 +10,9 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
+use super::api::{RawTransfer, status};
 use super::bus::Bus;
-use super::libusb::{RawTransfer, UsbError, status};
-use super::{Found, REPORT_LEN, find};
+use super::{Found, REPORT_LEN, UsbError, find};
 
 pub const VENDOR: u16 = 0x16C0;
 pub const PRODUCT: u16 = 0x05DF;

@@ -5,24 +5,9 @@ use std::ffi::{c_int, c_void};
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-use super::REPORT_LEN;
+use super::api::{INTERRUPT, RawTransfer, status};
 use super::bus::Handle;
-use super::libusb::{INTERRUPT, RawTransfer, UsbError, status};
-
-/// How a transfer ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Outcome {
-    /// As it should, or with fewer bytes.
-    Done,
-    /// It was cancelled; some bytes may have moved.
-    Cancelled,
-    /// The device is gone.
-    Gone,
-    /// The endpoint refuses.
-    Stalled,
-    /// Something else went wrong on the wire.
-    Failed,
-}
+use super::{Ended, Outcome, REPORT_LEN, UsbError};
 
 impl Outcome {
     const fn of(status: c_int) -> Self {
@@ -34,14 +19,6 @@ impl Outcome {
             _ => Self::Failed,
         }
     }
-}
-
-/// Who is told when a transfer has ended.
-pub(super) trait Ended: Send + Sync {
-    /// The transfer to the host has ended; `again` hands it over once more, within this call or not at all.
-    fn input(&self, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>);
-    /// The transfer to the device has ended; so many bytes were moved.
-    fn output(&self, outcome: Outcome, moved: usize);
 }
 
 /// A transfer of one report on an interrupt endpoint. While libusb has it, its buffer is libusb's.

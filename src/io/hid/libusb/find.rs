@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use super::REPORT_LEN;
 use super::bus::{Bus, Device, Interface};
-use super::libusb::UsbError;
+use super::{Found, NotOne, REPORT_LEN, System, UsbError};
 
 /// Class code of HID interfaces.
 const HID: u8 = 3;
@@ -27,39 +26,6 @@ pub struct Shape {
     pub output: u8,
 }
 
-/// A device of the wanted pair of ids.
-pub struct Found {
-    pub(super) device: Device,
-    /// Bus and ports, as Linux names it: `1-2.3`.
-    pub path: String,
-    /// Number of the bus and address on it: those of its node below `/dev/bus/usb`.
-    pub node: (u8, u8),
-    /// Whether the bus runs at high speed.
-    pub high_speed: bool,
-    /// Where its reports move, or why it is another device.
-    pub shape: Result<Shape, NotOne>,
-}
-
-/// Why a device with the right ids is another one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotOne {
-    /// No configuration of it is chosen.
-    #[error(
-        "this machine has not switched it on: its port or hub gives it too little power, or it is still being looked \
-         at; plug it into this machine, or into a hub with a power supply of its own"
-    )]
-    Unconfigured,
-    /// Its descriptors cannot be read or contradict each other.
-    #[error("its descriptors cannot be read")]
-    Descriptors,
-    /// It is no HID device.
-    #[error("it has no HID interface")]
-    NoHid,
-    /// Its reports are other ones.
-    #[error("its HID interface has no interrupt endpoints of {REPORT_LEN} bytes both ways")]
-    OtherReports,
-}
-
 /// All devices of that pair. Nothing is sent to any of them.
 ///
 /// # Errors
@@ -70,6 +36,13 @@ pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<Found>, Usb
     let mut found: Vec<Found> = wanted.map(look).collect();
     found.sort_by(|a, b| a.path.cmp(&b.path));
     Ok(found)
+}
+
+impl Found {
+    /// Its name and its serial number as the system has them; nothing is sent to it, whether it may be asked or not.
+    pub fn texts(&self, system: &System, _may_ask: bool) -> (Option<String>, Option<String>) {
+        (system.name(&self.path), system.serial(&self.path))
+    }
 }
 
 fn look(device: Device) -> Found {

@@ -6,9 +6,10 @@ use std::slice;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::libusb::{
+use super::UsbError;
+use super::api::{
     self, Api, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, NoLibrary, RawContext, RawDevice,
-    RawHandle, UsbError,
+    RawHandle,
 };
 use crate::threads;
 
@@ -43,7 +44,7 @@ impl Bus {
     /// # Errors
     /// [`NoBus`].
     pub fn open() -> Result<Arc<Self>, NoBus> {
-        Ok(Self::over(libusb::load()?)?)
+        Ok(Self::over(api::load()?)?)
     }
 
     /// The USB behind these functions.
@@ -103,7 +104,7 @@ impl Drop for Bus {
 }
 
 /// A device on the bus.
-pub(super) struct Device {
+pub(in crate::io::hid) struct Device {
     bus: Arc<Bus>,
     raw: NonNull<RawDevice>,
 }
@@ -130,10 +131,6 @@ pub(super) struct Endpoint {
 }
 
 impl Device {
-    pub const fn bus(&self) -> &Arc<Bus> {
-        &self.bus
-    }
-
     /// idVendor and idProduct.
     pub fn ids(&self) -> Result<(u16, u16), UsbError> {
         let mut descriptor = DeviceDescriptor::default();
@@ -163,7 +160,7 @@ impl Device {
     }
 
     /// The interfaces of the configuration that is chosen; [`UsbError::NotFound`]: none is.
-    pub fn interfaces(&self) -> Result<Vec<Interface>, UsbError> {
+    pub(super) fn interfaces(&self) -> Result<Vec<Interface>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: the device is there until `drop`; `raw` takes a tree of descriptors, which is given back below.
         UsbError::check(unsafe { (self.bus.api.configuration)(self.raw.as_ptr(), &raw mut raw) })?;
@@ -176,7 +173,7 @@ impl Device {
     }
 
     /// Opens it.
-    pub fn open(&self) -> Result<Handle, UsbError> {
+    pub(super) fn open(&self) -> Result<Handle, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: the device is there until `drop`; `raw` takes the handle.
         UsbError::check(unsafe { (self.bus.api.open)(self.raw.as_ptr(), &raw mut raw) })?;
@@ -256,7 +253,7 @@ unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
         .map(|setting| {
             // SAFETY: as above.
             let endpoints = unsafe { entries(setting.endpoints, setting.endpoint_count.into()) };
-            let endpoint = |of: &libusb::EndpointDescriptor| Endpoint {
+            let endpoint = |of: &api::EndpointDescriptor| Endpoint {
                 address: of.address,
                 attributes: of.attributes,
                 packet: of.packet,

@@ -5,7 +5,7 @@ use std::ptr;
 use std::time::Duration;
 
 use super::super::REPORT_LEN;
-use super::super::libusb::{
+use super::super::api::{
     Api, ConfigurationDescriptor, DeviceDescriptor, EndpointDescriptor, HIGH_SPEED, INTERRUPT, INTERRUPTED,
     InterfaceDescriptor, InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, status,
 };

@@ -1,0 +1,207 @@
+//! The functions of Windows that are used, found by their names when the first link `usb:` is opened: a program on another
+//! link loads neither `hid.dll` nor `setupapi.dll`. Every one is there since Windows Vista.
+//!
+//! Names and layouts: `fileapi.h`, `ioapiset.h`, `minwinbase.h`, `hidsdi.h`, `hidpi.h`, `setupapi.h`, `cfgmgr32.h`.
+
+use std::ffi::c_void;
+
+pub type Bool = i32;
+pub type Handle = *mut c_void;
+
+/// `INVALID_HANDLE_VALUE`
+pub const INVALID_HANDLE: Handle = -1_isize as Handle;
+/// `GENERIC_READ | GENERIC_WRITE`
+pub const READ_AND_WRITE: u32 = 0xC000_0000;
+/// `FILE_SHARE_READ | FILE_SHARE_WRITE`
+pub const SHARED: u32 = 3;
+/// `OPEN_EXISTING`
+pub const OPEN_EXISTING: u32 = 3;
+/// `FILE_FLAG_OVERLAPPED`
+pub const OVERLAPPED: u32 = 0x4000_0000;
+/// `DIGCF_PRESENT | DIGCF_DEVICEINTERFACE`
+pub const PRESENT_INTERFACES: u32 = 0x12;
+/// `HIDP_STATUS_SUCCESS`
+pub const HIDP_SUCCESS: i32 = 0x0011_0000;
+/// `CR_SUCCESS`
+pub const CR_SUCCESS: u32 = 0;
+
+/// `GUID`
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub struct Guid {
+    pub data1: u32,
+    pub data2: u16,
+    pub data3: u16,
+    pub data4: [u8; 8],
+}
+
+/// `OVERLAPPED`
+#[repr(C)]
+pub struct Overlapped {
+    pub internal: usize,
+    pub internal_high: usize,
+    pub offset: u32,
+    pub offset_high: u32,
+    pub event: Handle,
+}
+
+/// `SP_DEVICE_INTERFACE_DATA`. `setupapi.h` packs it on x86, which changes nothing.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub struct InterfaceData {
+    pub size: u32,
+    pub class: Guid,
+    pub flags: u32,
+    pub reserved: usize,
+}
+
+/// `SP_DEVINFO_DATA`, as above.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub struct DeviceData {
+    pub size: u32,
+    pub class: Guid,
+    pub node: u32,
+    pub reserved: usize,
+}
+
+/// `SP_DEVICE_INTERFACE_DETAIL_DATA_W` with room for a long path.
+#[repr(C)]
+pub struct InterfaceDetail {
+    pub size: u32,
+    pub path: [u16; LONGEST_PATH],
+}
+
+/// Paths of HID devices have some 100 characters.
+pub const LONGEST_PATH: usize = 1024;
+/// The size that is stated of it: that of the structure with room for one character, which is packed on x86.
+pub const INTERFACE_DETAIL_SIZE: u32 = if cfg!(target_pointer_width = "64") { 8 } else { 6 };
+
+/// `HIDP_CAPS`
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub struct Capabilities {
+    pub usage: u16,
+    pub usage_page: u16,
+    pub input_len: u16,
+    pub output_len: u16,
+    pub rest: [u16; 28],
+}
+
+/// `PHIDP_PREPARSED_DATA`, known by its address only.
+pub type Preparsed = *mut c_void;
+/// `HDEVINFO`
+pub type DeviceList = *mut c_void;
+
+macro_rules! functions {
+    ($($library:ident: { $($field:ident = $name:ident ($($argument:ty),*) $(-> $result:ty)?;)* })*) => {
+        /// The functions.
+        #[derive(Clone, Copy)]
+        pub struct Api {
+            $($(pub $field: unsafe extern "system" fn($($argument),*) $(-> $result)?,)*)*
+        }
+
+        #[cfg(windows)]
+        impl Api {
+            /// Looks them up.
+            ///
+            /// # Safety
+            /// The libraries are those of Windows, and stay loaded as long as one of the functions may be called.
+            unsafe fn of(libraries: &Libraries) -> Result<Self, libloading::Error> {
+                // SAFETY: by the caller's promise the functions are those that Windows' headers declare.
+                Ok(unsafe { Self { $($($field: *libraries.$library.get(concat!(stringify!($name), "\0"))?,)*)* } })
+            }
+        }
+    };
+}
+
+functions! {
+    kernel32: {
+        create_file = CreateFileW(*const u16, u32, u32, *const c_void, u32, u32, Handle) -> Handle;
+        close_handle = CloseHandle(Handle) -> Bool;
+        read_file = ReadFile(Handle, *mut u8, u32, *mut u32, *mut Overlapped) -> Bool;
+        write_file = WriteFile(Handle, *const u8, u32, *mut u32, *mut Overlapped) -> Bool;
+        cancel = CancelIoEx(Handle, *mut Overlapped) -> Bool;
+        create_port = CreateIoCompletionPort(Handle, Handle, usize, u32) -> Handle;
+        next_completion = GetQueuedCompletionStatus(Handle, *mut u32, *mut usize, *mut *mut Overlapped, u32) -> Bool;
+        post_completion = PostQueuedCompletionStatus(Handle, u32, usize, *mut Overlapped) -> Bool;
+        last_error = GetLastError() -> u32;
+    }
+    hid: {
+        hid_class = HidD_GetHidGuid(*mut Guid);
+        preparsed = HidD_GetPreparsedData(Handle, *mut Preparsed) -> u8;
+        free_preparsed = HidD_FreePreparsedData(Preparsed) -> u8;
+        capabilities = HidP_GetCaps(Preparsed, *mut Capabilities) -> i32;
+        set_input_buffers = HidD_SetNumInputBuffers(Handle, u32) -> u8;
+        product_text = HidD_GetProductString(Handle, *mut c_void, u32) -> u8;
+        serial_text = HidD_GetSerialNumberString(Handle, *mut c_void, u32) -> u8;
+    }
+    setupapi: {
+        list = SetupDiGetClassDevsW(*const Guid, *const u16, Handle, u32) -> DeviceList;
+        free_list = SetupDiDestroyDeviceInfoList(DeviceList) -> Bool;
+        interface = SetupDiEnumDeviceInterfaces(DeviceList, *const c_void, *const Guid, u32, *mut InterfaceData) -> Bool;
+        detail = SetupDiGetDeviceInterfaceDetailW(
+            DeviceList, *const InterfaceData, *mut InterfaceDetail, u32, *mut u32, *mut DeviceData) -> Bool;
+        parent = CM_Get_Parent(*mut u32, u32, u32) -> u32;
+        device_id = CM_Get_Device_IDW(u32, *mut u16, u32, u32) -> u32;
+    }
+}
+
+/// The DLLs of Windows, loaded until this is dropped.
+#[cfg(windows)]
+pub struct Libraries {
+    kernel32: libloading::os::windows::Library,
+    hid: libloading::os::windows::Library,
+    setupapi: libloading::os::windows::Library,
+}
+
+#[cfg(windows)]
+impl Libraries {
+    /// Loads them.
+    pub fn load() -> Result<(Self, Api), libloading::Error> {
+        use libloading::os::windows::Library;
+
+        let kernel32 = Library::open_already_loaded("kernel32.dll")?;
+        let folder = system_folder(&kernel32)?;
+        // By their whole paths: a file of that name beside the program is none of Windows'.
+        // SAFETY: what Windows' own DLLs do when they are loaded is harmless.
+        let load = |name: &str| unsafe { Library::new(folder.join(name)) };
+        let libraries = Self { hid: load("hid.dll")?, setupapi: load("setupapi.dll")?, kernel32 };
+        // SAFETY: they are Windows' own; whoever has the functions keeps them.
+        let api = unsafe { Api::of(&libraries) }?;
+        Ok((libraries, api))
+    }
+}
+
+/// Where Windows' own DLLs of this width lie.
+#[cfg(windows)]
+fn system_folder(kernel32: &libloading::os::windows::Library) -> Result<std::path::PathBuf, libloading::Error> {
+    use std::ffi::OsString;
+    use std::os::windows::ffi::OsStringExt;
+
+    let mut path = [0_u16; LONGEST_PATH];
+    // SAFETY: the function is the one that `sysinfoapi.h` declares, and the buffer has room for as much as is said.
+    let length = unsafe {
+        let name = "GetSystemDirectoryW\0";
+        let function = kernel32.get::<unsafe extern "system" fn(*mut u16, u32) -> u32>(name)?;
+        function(path.as_mut_ptr(), LONGEST_PATH as u32)
+    };
+    Ok(OsString::from_wide(path.get(..length as usize).unwrap_or_default()).into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sizes by MinGW's compilers (`sizeof` of the types in Windows' headers).
+    #[test]
+    fn layouts_are_those_of_the_headers() {
+        let word = size_of::<usize>();
+        assert_eq!(size_of::<Guid>(), 16);
+        assert_eq!(size_of::<Capabilities>(), 64);
+        assert_eq!(size_of::<Overlapped>(), if word == 8 { 32 } else { 20 });
+        assert_eq!(size_of::<InterfaceData>(), if word == 8 { 32 } else { 28 });
+        assert_eq!(size_of::<DeviceData>(), if word == 8 { 32 } else { 28 });
+        assert_eq!(std::mem::offset_of!(InterfaceDetail, path), 4);
+    }
+}

@@ -1,0 +1,76 @@
+//! What Windows' error codes say of a device: `winerror.h`.
+
+use super::{Outcome, UsbError};
+
+/// `ERROR_IO_PENDING`: the transfer was handed over.
+pub const PENDING: u32 = 997;
+/// `WAIT_TIMEOUT`: nothing has happened.
+pub const NOTHING_YET: u32 = 258;
+/// `ERROR_OPERATION_ABORTED`
+const ABORTED: u32 = 995;
+
+/// The device is not there any more: its path leads nowhere, or its handle to nothing. Which of them a removal gives
+/// depends on the Windows and on the moment: not found (2, 3), access denied (5, as a deletion that is under way says to a
+/// handle that is open), invalid handle (6), no such device (55, 433), delete pending (303), not connected (1167), removed
+/// (1617).
+const GONE: [u32; 9] = [2, 3, 5, 6, 55, 303, 433, 1167, 1617];
+
+/// How a transfer ended; 0 is success.
+pub fn outcome(code: u32) -> Outcome {
+    match code {
+        0 => Outcome::Done,
+        ABORTED => Outcome::Cancelled,
+        code if GONE.contains(&code) => Outcome::Gone,
+        _ => Outcome::Failed,
+    }
+}
+
+/// Why a device that is open takes no transfer.
+pub fn refused(code: u32) -> UsbError {
+    if GONE.contains(&code) { UsbError::NoDevice } else { error(code) }
+}
+
+/// Why a device does not open.
+pub fn error(code: u32) -> UsbError {
+    match code {
+        // Of the path, the device, and the port it was on.
+        2 | 3 | 55 | 303 | 433 | 1167 | 1617 => UsbError::NoDevice,
+        5 => UsbError::Access,
+        // Not enough memory (8, 14), no system resources (1450), quota (1816).
+        8 | 14 | 1450 | 1816 => UsbError::NoMemory,
+        // Another program has opened it and lets nobody else in.
+        32 => UsbError::Busy,
+        // General failure, a timeout on the wire, an I/O error.
+        31 | 121 | 1117 => UsbError::Io,
+        1 | 50 => UsbError::NotSupported,
+        // Invalid parameter, invalid user buffer (a report of another length).
+        87 | 1784 => UsbError::Invalid,
+        other => UsbError::Other(i32::try_from(other).unwrap_or(i32::MAX)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// WIN-43
+    #[test]
+    fn a_code_says_what_has_become_of_the_device() {
+        assert_eq!(outcome(0), Outcome::Done);
+        assert_eq!(outcome(995), Outcome::Cancelled);
+        for code in [5, 433, 1167, 1617] {
+            assert_eq!((outcome(code), refused(code)), (Outcome::Gone, UsbError::NoDevice), "{code}");
+        }
+        assert_eq!((outcome(31), refused(31)), (Outcome::Failed, UsbError::Io), "the wire may be better soon");
+        let opening = [2, 5, 32, 1450, 1784, 1234].map(error);
+        let expected = [
+            UsbError::NoDevice,
+            UsbError::Access,
+            UsbError::Busy,
+            UsbError::NoMemory,
+            UsbError::Invalid,
+            UsbError::Other(1234),
+        ];
+        assert_eq!(opening, expected);
+    }
+}

@@ -1,0 +1,222 @@
+//! Finding and opening boards, and the pipe, over a Windows of which the test has every end.
+
+use std::sync::{Arc, mpsc};
+use std::thread;
+use std::time::Duration;
+
+use super::fake::{BOARD, Listed, Takes, World};
+use super::*;
+use crate::io::hid::reports::Shared;
+use crate::io::hid::{NotOne, Pipe, PipeError, PipeStats};
+
+const TRANSFERS: usize = 3;
+const QUEUE: usize = 4;
+/// Longer than anything takes here.
+const PATIENCE: Duration = Duration::from_secs(20);
+const SOON: Duration = Duration::from_millis(20);
+
+fn try_open(world: &'static World) -> Result<Pipe, PipeError> {
+    let candidate = world.candidates().expect("it lists").pop().expect("it is there");
+    let shared = Arc::new(Shared::new(QUEUE));
+    let shape = candidate.shape.expect("a board");
+    let line = candidate.device.line(shape, TRANSFERS, &shared)?;
+    Pipe::over(line, shared)
+}
+
+fn open() -> (&'static World, Arc<Pipe>) {
+    let world = World::new(vec![BOARD]);
+    let pipe = Arc::new(try_open(world).expect("it opens"));
+    (world, pipe)
+}
+
+fn read(pipe: &Pipe, limit: Option<Duration>) -> Result<(u8, u64), PipeError> {
+    let mut report = [0xA5; REPORT_LEN];
+    let done = pipe.read(&mut report, limit);
+    assert!(done.is_ok() || report == [0xA5; REPORT_LEN], "a read that fails leaves the report alone");
+    done.map(|(_, number)| (report[0], number))
+}
+
+/// Fails instead of waiting without end.
+#[track_caller]
+fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    let (done, ended) = mpsc::channel();
+    thread::spawn(move || done.send(work()));
+    ended.recv_timeout(PATIENCE).expect("it does not end")
+}
+
+/// WIN-40 Ids, place and serial number are in Windows' names: no other device is opened, and none is asked for a text.
+#[test]
+fn a_board_is_found_by_its_names() {
+    let relay = Listed { name: "hid#vid_16c0&pid_05df#7&2&0&0000", parents: &[], reports: [9, 9] };
+    let keyboard = Listed { name: "hid#vid_046d&pid_c31c#7&3&0&0000", parents: &[], reports: [9, 2] };
+    let composite = Listed {
+        name: "hid#vid_16c0&pid_05df&mi_00#8&4&0&0000",
+        parents: &[r"USB\VID_16C0&PID_05DF&MI_00\7&5&0&0000", r"USB\VID_16C0&PID_05DF\B"],
+        ..BOARD
+    };
+    let world = World::new(vec![composite, keyboard, relay, BOARD]);
+    let found = world.candidates().expect("it lists");
+    let seen: Vec<_> = found.iter().map(|one| (one.instance.as_str(), one.shape.err())).collect();
+    let expected = [("7-1a2b-0-0000", None), ("7-2-0-0000", Some(NotOne::OtherReports)), ("8-4-0-0000", None)];
+    assert_eq!(seen, expected);
+    assert!(world.opened().iter().all(|path| path.contains("vid_16c0")), "{:?}", world.opened());
+
+    let texts: Vec<_> = found.iter().map(|one| one.device.texts(false)).collect();
+    let text = |text: &str| Some(text.to_owned());
+    assert_eq!(texts, [(None, text("0001")), (None, None), (None, text("B"))]);
+    assert_eq!(world.asked(), 0);
+    assert_eq!(found[0].device.texts(true), (text("ECM-SK"), text("0001")), "what Windows knows is not asked for");
+    assert_eq!(found[1].device.texts(true), (text("ECM-SK"), text("told")));
+    drop(found);
+    assert_eq!(world.left(), 0);
+}
+
+/// WIN-41 On the way to and from Windows' driver a report has its number, 0, in front; of 512 bytes, no more and no less.
+#[test]
+fn a_report_has_its_number_in_front() {
+    let (world, pipe) = open();
+    let report: [u8; REPORT_LEN] = std::array::from_fn(|at| (at % 251) as u8 + 1);
+    pipe.write(&report, None).expect("it takes it");
+    assert_eq!(world.taken(), [[&[0], &report[..]].concat()]);
+    for (number, bytes) in [(0, &report[..]), (1, &report), (0, &report[..511]), (0, &[]), (0, &[7; 512])] {
+        world.send(number, bytes);
+    }
+    let mut came = [0; REPORT_LEN];
+    assert_eq!(pipe.read(&mut came, Some(PATIENCE)).map(|(_, number)| number), Ok(0));
+    assert_eq!(came, report);
+    assert_eq!(read(&pipe, Some(PATIENCE)), Ok((7, 1)));
+    assert_eq!(pipe.stats(), PipeStats { reports: 2, dropped: 0, short: 3, failed: 0 });
+    assert_eq!(read(&pipe, Some(SOON)), Err(PipeError::Timeout(SOON)));
+}
+
+/// WIN-42 Reads are always under way; of reports nobody reads the newest are kept, the others counted. Windows' driver
+/// drops what it has no room for without a word, so it is given all the room there is.
+#[test]
+fn of_reports_nobody_reads_the_newest_are_kept() {
+    let (world, pipe) = open();
+    world.until_pending(TRANSFERS);
+    assert_eq!(world.keeps(), Some(512));
+    (0..10).for_each(|fill| world.send(0, &[fill; REPORT_LEN]));
+    world.until_pending(TRANSFERS);
+    let kept = (0..QUEUE).map(|_| read(&pipe, Some(PATIENCE))).collect::<Result<Vec<_>, _>>();
+    assert_eq!(kept, Ok((6..10).map(|number| (number, number.into())).collect()));
+    assert_eq!(pipe.stats().dropped, 6);
+}
+
+/// WIN-43 Whatever code Windows has for a board that was pulled: every call ends at once and says so, and so do all after
+/// it. Nothing stays open.
+#[test]
+fn every_call_ends_when_the_board_goes() {
+    for code in [2, 5, 6, 55, 303, 433, 1167, 1617] {
+        let (world, pipe) = open();
+        world.set_takes(Takes::Nothing);
+        let (reads, writes) = (pipe.clone(), pipe.clone());
+        let reader = thread::spawn(move || read(&reads, None).map(drop));
+        let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
+        world.until_pending(TRANSFERS + 1);
+        world.pull(code);
+        for call in [reader, writer] {
+            let ended = in_time(|| call.join().expect("no panic"));
+            assert!(matches!(ended, Err(PipeError::Lost(_))), "code {code}: {ended:?}");
+        }
+        assert!(matches!(pipe.check(), Err(PipeError::Lost(_))));
+        assert!(matches!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(_))));
+        assert!(matches!(read(&pipe, None), Err(PipeError::Lost(_))));
+        pipe.close();
+        assert_eq!(read(&pipe, None), Err(PipeError::Closed));
+        drop(pipe);
+        assert_eq!(world.left(), 0, "code {code}");
+    }
+}
+
+/// WIN-43 A wire that fails without a word about the device is asked again, and counts as gone after 9 failures in a row.
+#[test]
+fn a_wire_that_fails_is_not_asked_for_ever() {
+    let (world, pipe) = open();
+    world.set_takes(Takes::Fails(31));
+    assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Usb(UsbError::Io)));
+    world.set_takes(Takes::All);
+    assert_eq!(pipe.write(&[2; REPORT_LEN], None), Ok(()));
+    world.pull(31);
+    let ended = in_time({
+        let pipe = pipe.clone();
+        move || read(&pipe, None)
+    });
+    assert!(matches!(ended, Err(PipeError::Lost(_))), "{ended:?}");
+}
+
+/// WIN-44 A write that the board does not take is taken back at its limit, when it is cancelled and when the pipe is
+/// closed; then the next one may pass.
+#[test]
+fn a_write_that_is_not_taken_is_taken_back() {
+    let (world, pipe) = open();
+    world.set_takes(Takes::Nothing);
+    assert_eq!(pipe.write(&[1; REPORT_LEN], Some(SOON)), Err(PipeError::Timeout(SOON)));
+    let write = || {
+        let pipe = pipe.clone();
+        let writer = thread::spawn(move || pipe.write(&[2; REPORT_LEN], None));
+        world.until_pending(TRANSFERS + 1);
+        writer
+    };
+    let writer = write();
+    pipe.cancel_writes();
+    assert_eq!(in_time(|| writer.join().expect("no panic")), Err(PipeError::Cancelled));
+    world.set_takes(Takes::All);
+    assert_eq!(pipe.write(&[3; REPORT_LEN], Some(PATIENCE)), Ok(()));
+    world.set_takes(Takes::Nothing);
+    let writer = write();
+    pipe.close();
+    assert_eq!(in_time(|| writer.join().expect("no panic")), Err(PipeError::Closed));
+    assert_eq!(world.taken().iter().map(|report| report[1]).collect::<Vec<_>>(), [3]);
+}
+
+/// WIN-44 Reads go on, and end, while Windows does not come back from a write.
+#[test]
+fn a_write_that_windows_holds_holds_no_read() {
+    let (world, pipe) = open();
+    world.hold();
+    let writes = pipe.clone();
+    let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], Some(SOON)));
+    world.send(0, &[7; REPORT_LEN]);
+    let reads = pipe.clone();
+    assert_eq!(in_time(move || read(&reads, Some(PATIENCE))), Ok((7, 0)));
+    let reads = pipe.clone();
+    assert_eq!(in_time(move || read(&reads, Some(SOON))), Err(PipeError::Timeout(SOON)));
+    world.let_go();
+    let ended = in_time(|| writer.join().expect("no panic"));
+    assert!(matches!(ended, Ok(()) | Err(PipeError::Timeout(_))), "{ended:?}");
+}
+
+/// WIN-44 Closing ends a read that waits, at once, and gives all back.
+#[test]
+fn close_ends_a_read_that_waits() {
+    let (world, pipe) = open();
+    let reads = pipe.clone();
+    let reader = thread::spawn(move || read(&reads, None));
+    world.until_pending(TRANSFERS);
+    pipe.close();
+    pipe.close();
+    assert_eq!(in_time(|| reader.join().expect("no panic")), Err(PipeError::Closed));
+    drop(pipe);
+    assert_eq!(world.left(), 0);
+}
+
+/// WIN-45 A board that does not open says why, and nothing of it stays open.
+#[test]
+fn an_open_that_fails_leaves_nothing() {
+    for (code, error) in [(5, UsbError::Access), (32, UsbError::Busy), (433, UsbError::NoDevice)] {
+        let world = World::new(vec![BOARD]);
+        world.refuse(code);
+        assert_eq!(try_open(world).map(drop), Err(PipeError::Usb(error)));
+        assert_eq!(world.left(), 0);
+    }
+    let world = World::new(vec![BOARD]);
+    let found = world.candidates().expect("it lists");
+    world.pull(1167);
+    let shared = Arc::new(Shared::new(QUEUE));
+    let device = &found[0].device;
+    let refused = device.line(found[0].shape.expect("a board"), TRANSFERS, &shared).map(drop);
+    assert_eq!(refused, Err(UsbError::NoDevice));
+    drop(found);
+    assert_eq!(world.left(), 0);
+}

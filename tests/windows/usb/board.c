@@ -1,0 +1,205 @@
+/* The library on a board that Windows' HID driver has. The first argument says what is tried; what a test has to know
+ * meanwhile is a line of the output, and what it says is a file that appears in the program's folder. */
+#include "check.h"
+
+#include <windows.h>
+
+#define SIZE 512
+
+static unsigned char buffer[SIZE];
+
+static void say(const char *line)
+{
+    puts(line);
+    fflush(stdout);
+}
+
+static void wait_for(const char *file)
+{
+    while (GetFileAttributesA(file) == INVALID_FILE_ATTRIBUTES) {
+        Sleep(10);
+    }
+}
+
+static bool read_report(void)
+{
+    memset(buffer, 0xA5, sizeof buffer);
+    return ECMUSBRead(buffer, sizeof buffer);
+}
+
+static bool untouched(void) { return is_filled_with(buffer, sizeof buffer, 0xA5); }
+
+static unsigned long long dropped(void)
+{
+    ecmsk_stats stats;
+    stats.size = sizeof stats;
+    CHECK(ecmsk_get_stats(ecmsk_vendor_board(), &stats) == ECMSK_OK);
+    return stats.reports_dropped;
+}
+
+/* Until the board is there. */
+static void open_board(void)
+{
+    while (!OpenECMUSB()) {
+        Sleep(100);
+    }
+}
+
+/* A read before any write; then frames with their numbers, each followed by a read. Success leaves Windows' last error as
+ * it was. */
+static void moves(unsigned frames)
+{
+    unsigned number;
+    open_board();
+    SetLastError(12345);
+    CHECK(read_report() && buffer[2] == STATE_PRE_OP);
+    for (number = 1; number <= frames; number++) {
+        memset(buffer, 0, sizeof buffer);
+        memcpy(buffer + 16, &number, sizeof number);
+        memset(buffer + 504, (unsigned char)number, 8);
+        CHECK(ECMUSBWrite(buffer, sizeof buffer));
+        CHECK(read_report() && buffer[2] == STATE_PRE_OP);
+    }
+    CHECK(GetLastError() == 12345);
+    CloseECMUSB();
+}
+
+/* No board: false, and a text that has these parts. */
+static void none(int count, char **parts)
+{
+    int i;
+    CHECK(!OpenECMUSB());
+    for (i = 0; i < count; i++) {
+        CHECK(last_error_has(parts[i]));
+    }
+    CHECK(!read_report() && untouched());
+    CHECK(!write_command());
+}
+
+/* The board goes while a read waits, and comes back: dead until Open, which needs no Close. */
+static void lost(void)
+{
+    open_board();
+    say("open");
+    while (read_report()) {
+    }
+    CHECK(untouched());
+    CHECK(last_error_has("open it again"));
+    CHECK(!write_command());
+    say("lost");
+    wait_for("back");
+    CHECK(!read_report() && untouched());
+    CHECK(!write_command());
+    open_board();
+    CHECK(read_report() && buffer[2] == STATE_PRE_OP);
+    CHECK(write_command());
+}
+
+static volatile LONG reads;
+
+static DWORD WINAPI reader(LPVOID unused)
+{
+    (void)unused;
+    InterlockedIncrement(&reads);
+    CHECK(!read_report() && untouched());
+    CHECK(last_error_has("closed"));
+    return 0;
+}
+
+/* The board is silent: Close ends the read that waits. */
+static void close_ends(void)
+{
+    int round;
+    for (round = 0; round < 5; round++) {
+        HANDLE thread;
+        reads = 0;
+        open_board();
+        thread = CreateThread(NULL, 0, reader, NULL, 0, NULL);
+        CHECK(thread != NULL);
+        while (!reads) {
+            Sleep(1);
+        }
+        Sleep(50);
+        CloseECMUSB();
+        CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
+        CloseHandle(thread);
+    }
+}
+
+/* The board is silent, and reads have a limit. */
+static void limits(void)
+{
+    int i;
+    open_board();
+    for (i = 0; i < 3; i++) {
+        CHECK(!read_report() && untouched());
+        CHECK(last_error_has("timed out"));
+    }
+    CHECK(write_command());
+}
+
+/* Nobody reads: the newest 32 are kept, what is older is counted. */
+static void unread(void)
+{
+    int i;
+    open_board();
+    while (dropped() < 40) {
+        Sleep(10);
+    }
+    for (i = 0; i < 33; i++) {
+        CHECK(read_report() && buffer[2] == STATE_PRE_OP);
+    }
+}
+
+/* Has the board open, with reports, until it is told to end. */
+static void shares(const char *end)
+{
+    int i;
+    open_board();
+    CHECK(read_report());
+    say("open");
+    wait_for(end);
+    /* All that waited, and more. */
+    for (i = 0; i < 100; i++) {
+        CHECK(read_report() && buffer[2] == STATE_PRE_OP);
+    }
+    CHECK(write_command());
+    CloseECMUSB();
+}
+
+/* The board does not take a frame: false, and reports go on. */
+static void busy(void)
+{
+    open_board();
+    CHECK(read_report());
+    CHECK(!write_command());
+    /* The limit of the link; or the kernel's own, where Wine does not come back from the call before that. */
+    CHECK(last_error_has("took no byte") || last_error_has("input/output error"));
+    CHECK(read_report());
+}
+
+int main(int count, char **arguments)
+{
+    const char *what = count > 1 ? arguments[1] : "";
+    if (strcmp(what, "moves") == 0) {
+        moves((unsigned)atoi(arguments[2]));
+    } else if (strcmp(what, "none") == 0) {
+        none(count - 2, arguments + 2);
+    } else if (strcmp(what, "lost") == 0) {
+        lost();
+    } else if (strcmp(what, "close") == 0) {
+        close_ends();
+    } else if (strcmp(what, "limits") == 0) {
+        limits();
+    } else if (strcmp(what, "unread") == 0) {
+        unread();
+    } else if (strcmp(what, "shares") == 0) {
+        shares(arguments[2]);
+    } else if (strcmp(what, "busy") == 0) {
+        busy();
+    } else {
+        CHECK(!"an argument that says what is tried");
+    }
+    say("ok");
+    return 0;
+}

@@ -1,0 +1,129 @@
+//! What the functions do call by call on a board on USB: the table of the vendor's library, LIB-35 to LIB-55, as far as
+//! Wine can show it.
+
+use ecmsk::link::Dir;
+
+use crate::program::{Program, Width, passes};
+use crate::served::{Board, Served, recorded, until};
+
+/// A board that sends a report each millisecond; one that sends none.
+const BOARD: &str = "sim:?slaves=io";
+const SILENT: &str = "sim:?slaves=io&fault.drop.read=1";
+
+/// A board that is plugged in, and shown by the kernel.
+#[track_caller]
+fn plugged(link: &str) -> Served {
+    let served = Served::start(&[link], &["--attach"]);
+    until("the kernel shows it", || Board::all().pop());
+    served
+}
+
+/// It is unplugged, and the kernel shows it no more.
+#[track_caller]
+fn unplug(served: Served) {
+    served.kill();
+    until("it is gone", || Board::all().is_empty().then_some(()));
+}
+
+crate::for_each_width! {
+    /// LIB-20, LIB-39, LIB-40, WIN-41, WIN-46 A read before any write; frames arrive once, whole and in order, 512 bytes each, and
+    /// success leaves Windows' last error alone.
+    #[test]
+    fn frames_go_to_the_board_and_reports_come(width: Width) {
+        let file = "/tmp/moved.pcapng";
+        let served = plugged(&format!("{BOARD}&record=%2Ftmp%2Fmoved.pcapng"));
+        passes(width, "board", "usb:?slot=12", &["moves", "200"]);
+        served.stop();
+        let arrived = recorded(file, Dir::Write);
+        assert_eq!(arrived.len(), 200);
+        for (frame, number) in arrived.iter().zip(1_u32..) {
+            assert_eq!(frame.bytes()[16..20], number.to_le_bytes());
+            assert_eq!(frame.bytes()[504..], [number as u8; 8]);
+        }
+        until("it is gone", || Board::all().is_empty().then_some(()));
+    }
+
+    /// LIB-42, WIN-40 Without a board Open is false and says what to do.
+    #[test]
+    fn without_a_board_open_is_false(width: Width) {
+        passes(width, "board", "usb:", &["none", "set CONFIG0 to USB"]);
+    }
+
+    /// LIB-35, LIB-49, LIB-54, WIN-43, WIN-46 A board that is unplugged ends a read that waits; the handle stays dead when the board
+    /// is back, until Open, which needs no Close.
+    #[test]
+    fn a_board_that_goes_and_comes_back(width: Width) {
+        let served = plugged(SILENT);
+        let mut program = Program::start(width, "board", "usb:", &["lost"]);
+        program.says("open");
+        unplug(served);
+        program.says("lost");
+        let served = plugged(BOARD);
+        program.tell("back");
+        program.passes();
+        unplug(served);
+    }
+
+    /// LIB-35, LIB-47, LIB-48, LIB-54, WIN-44, WIN-46 Close ends a read that waits.
+    #[test]
+    fn close_ends_a_read(width: Width) {
+        let served = plugged(SILENT);
+        passes(width, "board", "usb:", &["close"]);
+        unplug(served);
+    }
+
+    /// LIB-36, LIB-54 A read with a limit is false after it; the link goes on.
+    #[test]
+    fn a_read_with_a_limit_ends(width: Width) {
+        let served = plugged(SILENT);
+        passes(width, "board", "usb:?read_timeout_ms=50", &["limits"]);
+        unplug(served);
+    }
+
+    /// LIB-55, WIN-42 The newest 32 reports are kept while nobody reads, older ones are counted.
+    #[test]
+    fn unread_reports(width: Width) {
+        let served = plugged(BOARD);
+        passes(width, "board", "usb:", &["unread"]);
+        unplug(served);
+    }
+
+    /// LIB-45, WIN-45 A second process opens the board too; both get its reports, and one that closes leaves it to the other.
+    #[test]
+    fn two_processes_share_a_board(width: Width) {
+        let served = plugged(BOARD);
+        let mut first = Program::start(width, "board", "usb:", &["shares", "end"]);
+        first.says("open");
+        passes(width, "board", "usb:", &["moves", "5"]);
+        first.tell("end");
+        first.passes();
+        unplug(served);
+    }
+
+    /// WIN-40 Of two boards one has to be chosen, by its serial number or by its place, which the error names.
+    #[test]
+    fn one_of_two_boards_is_chosen(width: Width) {
+        let served = Served::start(&["sim:?name=a", "sim:?name=b"], &["--attach", "--serial", "A", "--serial", "B"]);
+        until("the kernel shows both", || (Board::all().len() == 2).then_some(()));
+        passes(width, "board", "usb:", &["none", "there are 2", "serial A", "serial B", "usb:?path="]);
+        passes(width, "board", "usb:?serial=C", &["none", "none with serial number C"]);
+        passes(width, "board", "usb:?serial=B", &["moves", "5"]);
+        unplug(served);
+    }
+
+    /// SK-4.34, LIB-43, LIB-49, WIN-46 SW_RESET takes the board away: dead until Open.
+    #[test]
+    fn a_reset_board(width: Width) {
+        let served = plugged("sim:?slaves=drive*2");
+        passes(width, "reset", "usb:", &[]);
+        unplug(served);
+    }
+
+    /// LIB-38 A board that does not take a frame: the write is false, and reads go on.
+    #[test]
+    fn a_board_that_is_busy(width: Width) {
+        let served = plugged(&format!("{BOARD}&fault.delay.write=1&fault.delay_ms=3600000"));
+        passes(width, "board", "usb:?write_timeout_ms=1000", &["busy"]);
+        unplug(served);
+    }
+}

@@ -1,0 +1,25 @@
+//! Windows programs on a board on USB: our DLL, Wine's HID stack, the USB and HID code of a real kernel, and behind it
+//! `ecmsk serve usbip`. They run in a guest system, as root, one at a time: `cargo xtask test --windows`. Every test stands in a
+//! module of the width of its programs.
+#![cfg(target_os = "linux")]
+
+mod boards;
+mod program;
+#[path = "../../rig/served.rs"]
+#[allow(dead_code, reason = "the wire tests use the rest")]
+mod served;
+
+/// Makes a test of each function for each width.
+macro_rules! for_each_width {
+    ($($(#[doc = $doc:literal])* #[test] fn $name:ident($width:ident: Width) $body:block)*) => {
+        $(fn $name($width: Width) $body)*
+
+        mod x64 {
+            $($(#[doc = $doc])* #[test] fn $name() { super::$name(super::Width::X64) })*
+        }
+        mod x86 {
+            $($(#[doc = $doc])* #[test] fn $name() { super::$name(super::Width::X86) })*
+        }
+    };
+}
+use for_each_width;

@@ -1,0 +1,113 @@
+//! A Windows program in the guest, with our DLL beside it.
+
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
+
+use crate::served::PATIENCE;
+
+/// Where the guest has the programs and the DLL of a width; and a place of its own, for Wine loads from there more surely.
+const GIVEN: &str = "/rig";
+const OWN: &str = "/tmp/programs";
+const STDERR: &str = "/tmp/program.stderr";
+
+/// A width of programs.
+#[derive(Clone, Copy, Debug)]
+pub enum Width {
+    X64,
+    X86,
+}
+
+impl Width {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::X64 => "x64",
+            Self::X86 => "x86",
+        }
+    }
+}
+
+/// A program that runs.
+pub struct Program {
+    child: Child,
+    lines: Receiver<String>,
+    folder: PathBuf,
+    what: String,
+}
+
+impl Program {
+    /// Starts it under Wine.
+    #[track_caller]
+    pub fn start(width: Width, program: &str, link: &str, arguments: &[&str]) -> Self {
+        let folder = Path::new(OWN).join(width.name());
+        copy_once(&Path::new(GIVEN).join(width.name()), &folder);
+        let mut wine = Command::new("wine");
+        wine.current_dir(&folder).arg(format!("{program}.exe")).args(arguments);
+        wine.env("ECMSK_LINK", link).stdin(Stdio::null()).stdout(Stdio::piped());
+        let mut child = wine.stderr(File::create(STDERR).expect("/tmp is there")).spawn().expect("Wine starts");
+        let said = BufReader::new(child.stdout.take().expect("it is a pipe"));
+        let (sender, lines) = mpsc::channel();
+        thread::spawn(move || {
+            said.lines().map_while(Result::ok).try_for_each(|line| sender.send(line.trim_end().to_owned()))
+        });
+        Self { child, lines, folder, what: format!("{width:?} {program} {arguments:?} on {link}") }
+    }
+
+    /// The next line that it says.
+    #[track_caller]
+    pub fn says(&mut self, line: &str) {
+        match self.lines.recv_timeout(PATIENCE) {
+            Ok(said) => assert_eq!(said, line, "{}: {}", self.what, complaints()),
+            Err(why) => panic!("{}: no `{line}` ({why}): {}", self.what, complaints()),
+        }
+    }
+
+    /// Tells it something.
+    pub fn tell(&self, file: &str) {
+        fs::write(self.folder.join(file), "").expect("its folder is there");
+    }
+
+    /// It says `ok` and ends well, without a complaint.
+    #[track_caller]
+    pub fn passes(mut self) {
+        self.says("ok");
+        let status = self.child.wait().expect("it ends");
+        assert!(status.success(), "{}: {status}: {}", self.what, complaints());
+        assert_eq!(complaints(), "", "{}", self.what);
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        // It has ended, or a test has failed.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        for file in ["back", "end"] {
+            let _ = fs::remove_file(self.folder.join(file));
+        }
+    }
+}
+
+/// Runs a program of the tests that says `ok`.
+#[track_caller]
+pub fn passes(width: Width, program: &str, link: &str, arguments: &[&str]) {
+    Program::start(width, program, link, arguments).passes();
+}
+
+fn complaints() -> String {
+    fs::read_to_string(STDERR).unwrap_or_default()
+}
+
+fn copy_once(from: &Path, to: &Path) {
+    if to.exists() {
+        return;
+    }
+    fs::create_dir_all(to).expect("a folder in /tmp");
+    for file in fs::read_dir(from).expect("the programs are there") {
+        let file = file.expect("it is listed").path();
+        fs::copy(&file, to.join(file.file_name().expect("a file"))).expect("it is copied");
+    }
+}

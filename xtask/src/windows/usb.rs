@@ -1,0 +1,156 @@
+//! Windows programs on a board on USB: Wine's HID stack and the USB and HID code of a real kernel, in a guest system.
+//!
+//! The kernel and its modules are those of the wire tests (`rig`). The guest's root is the Debian that 32-bit programs run
+//! on here, seen through 9p and not written to: what is written stays in the guest's memory.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::{Width, build_width, folder, wine};
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+use crate::rig::initrd::Archive;
+use crate::rig::packages::Packages;
+use crate::rig::programs::{build_target, stripped};
+use crate::rig::qemu::{self, Machine};
+use crate::rig::{kernel, modules, packages};
+
+/// The test of the root package that runs in the guest.
+const TESTS: &str = "windows_usb";
+/// Its programs: one of its own, and one that runs on any link.
+const PROGRAMS: [&str; 2] = ["tests/windows/usb/board.c", "tests/c/reset.c"];
+/// USB and HID, the virtual host controller, and what shows folders of this machine to the guest.
+const MODULES: [&str; 7] = ["vhci-hcd", "usbhid", "hid-generic", "virtio_pci", "9pnet_virtio", "9p", "overlay"];
+const MEMORY_MB: u32 = 2048;
+
+/// What Wine is to know: of devices those that the kernel has as hidraw, and not by SDL, which is not there and without
+/// which it would look no further.
+const REGISTRY: &str = "REGEDIT4\n\n[HKEY_LOCAL_MACHINE\\System\\CurrentControlSet\\Services\\winebus]\n\
+                        \"Enable SDL\"=dword:00000000\n\"DisableInput\"=dword:00000001\n\
+                        \"DisableHidraw\"=dword:00000000\n";
+
+/// The guest's first program. `@MODULES@` stands for the modules in their order, `@PREFIX@` for Wine's folder. Libraries of
+/// udev are there, and the daemon has to run, or Wine notices neither that a board goes nor that it comes back.
+const INIT: &str = r#"#!/bin/busybox sh
+/bin/busybox --install -s /bin
+export PATH=/bin
+mount -t proc proc /proc
+mount -t sysfs sysfs /sys
+mount -t devtmpfs dev /dev
+for module in @MODULES@; do insmod "/modules/$module" || echo "insmod $module failed"; done
+mkdir -p /lower /upper /new
+p9="ro,trans=virtio,version=9p2000.L,msize=524288,cache=loose"
+mount -t 9p -o "$p9" root /lower
+mount -t tmpfs tmpfs /upper
+mkdir /upper/over /upper/work
+mount -t overlay -o lowerdir=/lower,upperdir=/upper/over,workdir=/upper/work overlay /new
+mkdir -p /new/rig
+mount -t 9p -o "$p9" rig /new/rig
+for place in proc sys dev; do mount --move "/$place" "/new/$place"; done
+mkdir -p /new/dev/shm
+for place in tmp run dev/shm; do mount -t tmpfs tmpfs "/new/$place"; done
+ifconfig lo up
+exec </new/dev/null 2>&1
+chroot /new /lib/systemd/systemd-udevd --daemon
+echo "GUEST-BEGIN $(uname -r)"
+export HOME=/@PREFIX@ WINEPREFIX=/@PREFIX@ WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml='
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin
+chroot /new wineserver -p
+chroot /new wine cmd.exe /c exit >/new/dev/null
+chroot /new /rig/tests --test-threads=1 --color=never $*
+code=$?
+echo "GUEST-END rc=$code"
+# The code goes to isa-debug-exit; poweroff is for a QEMU without it.
+printf "\\x$(printf %02x $code)" | /bin/dd of=/new/dev/port bs=1 seek=244 count=1 2>/new/dev/null
+/bin/poweroff -f
+"#;
+
+/// Runs the tests in the guest: those whose names contain one of `names`, or all.
+pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
+    let folder = folder(project).join("usb");
+    fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
+    let packages = packages::fetch(&project.target.join("xtask/rig"))?;
+    let kernel = kernel::unpack(&packages, &folder)?;
+    let root = set_up_root(project)?;
+    let share = share(project, &folder)?;
+    let initrd = pack(&packages, &folder)?;
+    println!("running Windows programs in a guest system, a minute on two free cores");
+    let folders = [("root", root.as_path()), ("rig", share.as_path())];
+    let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders };
+    qemu::boot(&machine, names, &folder, qemu::is_result).map(drop)
+}
+
+/// The Debian with Wine of both widths, which is told where to look for devices.
+fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
+    let wine = wine::set_up(project, Width::X86)?;
+    let known = wine.programs.join("winebus.reg");
+    if fs::read_to_string(&known).ok().as_deref() != Some(REGISTRY) {
+        let new = wine.programs.join("winebus.new.reg");
+        fs::write(&new, REGISTRY).map_err(Error::file("write", &new))?;
+        wine.run(".", &["regedit.exe", "/S", "winebus.new.reg"])?;
+        // Named last, when Wine knows it.
+        fs::rename(&new, &known).map_err(Error::file("rename", &new))?;
+    }
+    // Wine writes its registry when its server ends, which it does when this is dropped.
+    Ok(wine.root())
+}
+
+/// What the guest sees at `/rig`: the tests, the tool, and of each width the programs and the DLL.
+fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
+    let (stage, share) = (super::folder(project).join("stage"), folder.join("share"));
+    packages::empty(&share)?;
+    for width in Width::ALL {
+        build_width(project, width, &stage)?;
+        let place = share.join(width.name());
+        fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
+        let dll = stage.join(width.name()).join(super::dll::DLL);
+        fs::copy(&dll, place.join(super::dll::DLL)).map_err(Error::file("copy", &dll))?;
+        for source in PROGRAMS.map(|source| project.root.join(source)) {
+            let program = place.join(source.file_stem().unwrap_or_default()).with_extension("exe");
+            let mut gcc = Command::new(format!("{}-gcc-posix", width.mingw()));
+            gcc.args(["-std=gnu99", "-O1", "-Wall", "-Wextra", "-Werror", "-static"]);
+            for include in [stage.join("include"), project.root.join("tests/c")] {
+                gcc.arg("-I").arg(include);
+            }
+            gcc.arg(source).arg("-o").arg(program).arg("-L").arg(stage.join(width.name())).arg("-lNEXTWUSBLib");
+            command::run(&mut gcc)?;
+        }
+    }
+    command::run(project.cargo().args(["build", "--package=ecmsk", "--bin=ecmsk"]))?;
+    stripped(&project.target.join("debug/ecmsk"), &share.join("ecmsk"))?;
+    stripped(&build_target(project, "test", TESTS, &[])?, &share.join("tests"))?;
+    Ok(share)
+}
+
+/// Packs what the guest begins with.
+fn pack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
+    let mut archive = Archive::default();
+    for empty in ["proc", "sys", "dev"] {
+        archive.folder(empty);
+    }
+    archive.copy("bin/busybox", &packages.root.join("bin/busybox"))?;
+    let order = modules::in_order(&packages.root.join("lib/modules").join(&packages.release), &MODULES)?;
+    let mut names = Vec::new();
+    for module in &order {
+        let name = module.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        archive.copy(&format!("modules/{name}"), module)?;
+        names.push(name);
+    }
+    let init = INIT.replace("@MODULES@", &names.join(" ")).replace("@PREFIX@", wine::PREFIX);
+    archive.file("init", 0o755, init.as_bytes());
+    let initrd = folder.join("initrd");
+    fs::write(&initrd, archive.finish()).map_err(Error::file("write", &initrd))?;
+    Ok(initrd)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_program_can_be_read_by_a_shell() {
+        assert!(command::succeeds(Command::new("sh").args(["-n", "-c", INIT])));
+    }
+}

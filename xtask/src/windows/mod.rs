@@ -108,8 +108,15 @@ fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Err
     stage::install_headers(project, &prefix.join("include"))
 }
 
+/// Of `names` those of a part; `None`: there are names, and none of them is.
+fn asked_for(names: &[String], is_of_it: impl Fn(&str) -> bool) -> Option<Vec<String>> {
+    let own: Vec<String> = names.iter().filter(|name| is_of_it(name)).cloned().collect();
+    (names.is_empty() || !own.is_empty()).then_some(own)
+}
+
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
+    let Some(names) = asked_for(names, |name| !usb::is_of_it(name)) else { return Ok(()) };
     let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;
@@ -117,7 +124,7 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     let tests = |how: &str| {
         let mut cargo = project.cargo();
         cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", how]);
-        cargo.args(others.iter().map(|other| format!("--skip={other}::"))).args(names);
+        cargo.args(others.iter().map(|other| format!("--skip={other}::"))).args(&names);
         cargo
     };
     let listed = command::output(&mut tests("--list"))?;

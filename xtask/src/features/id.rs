@@ -4,8 +4,8 @@ use std::fmt;
 use std::iter;
 
 /// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
-/// native API, the tool, a board on the network, a board on its wires, .NET.
-pub const PREFIXES: [(&str, bool); 7] = [
+/// native API, the tool, a board on the network, a board on its wires, .NET, Windows.
+pub const PREFIXES: [(&str, bool); 8] = [
     ("SK-", true),
     ("LIB-", false),
     ("API-", false),
@@ -13,6 +13,7 @@ pub const PREFIXES: [(&str, bool); 7] = [
     ("TCP-", false),
     ("WIRE-", false),
     ("NET-", false),
+    ("WIN-", false),
 ];
 
 /// An id as it is written; it need not be one of docs/RULES.md.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::id::{PREFIXES, RuleId, id_of};
+use super::id::{RuleId, id_of};
 
 /// Whether a rule is claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +47,8 @@ impl Rules {
             if let Some(title) = line.strip_prefix("## ") {
                 sections.push(Section { title: title.trim().to_owned(), rules: Vec::new() });
             }
-            let row = |prefix: &str| line.strip_prefix("| ").is_some_and(|cell| cell.starts_with(prefix));
-            if !PREFIXES.iter().any(|(prefix, _)| row(prefix)) {
+            // Every row of a table but its head.
+            if !line.strip_prefix("| ").is_some_and(|row| !row.starts_with("id |") && !row.starts_with("---")) {
                 continue;
             }
             let rule = Self::row(line).map_err(|problem| (number, problem))?;
@@ -133,6 +133,7 @@ mod tests {
             ("| SK-1.1 | text | source | soon |", "`soon`"),
             ("| SK-1 | text | source | now |", "`SK-1`"),
             ("| SK-1.1 |  | source | now |", "no rule"),
+            ("| NEW-1 | text | source | now |", "`NEW-1`"),
         ] {
             let (line, found) = Rules::parse(&format!("## 1\n{row}\n")).unwrap_err();
             assert!(line == 2 && found.contains(problem), "{row}: line {line}: {found}");

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::id::{RuleId, id_of};
+use super::id::{PREFIXES, RuleId, id_of};
 
 /// Whether a rule is claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +47,11 @@ impl Rules {
             if let Some(title) = line.strip_prefix("## ") {
                 sections.push(Section { title: title.trim().to_owned(), rules: Vec::new() });
             }
-            // Every row of a table but its head.
-            if !line.strip_prefix("| ").is_some_and(|row| !row.starts_with("id |") && !row.starts_with("---")) {
+            // Every row of a section's table but its head; before the first section stands what the columns mean.
+            let is_row = |row: &str| !row.starts_with("id |") && !row.starts_with("---");
+            let is_rule = |row: &str| PREFIXES.iter().any(|(prefix, _)| row.starts_with(prefix));
+            let applies = |row| is_rule(row) || (!sections.is_empty() && is_row(row));
+            if !line.strip_prefix("| ").is_some_and(applies) {
                 continue;
             }
             let rule = Self::row(line).map_err(|problem| (number, problem))?;

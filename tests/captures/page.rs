@@ -11,7 +11,7 @@ fn page(name: &str) -> String {
 /// Ids of rules in a text, as SK-9.4.
 fn ids(text: &str) -> BTreeSet<&str> {
     let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '-' || c == '.'));
-    let is_id = |word: &&str| ["SK-", "LIB-"].iter().any(|start| word.starts_with(start));
+    let is_id = |word: &&str| ["SK-", "LIB-", "WIRE-", "WIN-"].iter().any(|start| word.starts_with(start));
     words.map(|word| word.trim_end_matches('.')).filter(is_id).collect()
 }
 

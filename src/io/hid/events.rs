@@ -34,7 +34,7 @@ impl Shared {
         }
     }
 
-    /// A call: waits for a change, for that long or up to a millisecond more, as libusb counts; it may be less.
+    /// A call: waits for a change, for that long or up to a millisecond more, as systems count; it may be less.
     pub fn wait(&self, changed: &Condvar, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Option<Duration>) {
         state.waits += 1;
         if !state.handled {

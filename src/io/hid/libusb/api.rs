@@ -141,7 +141,7 @@ pub(in crate::io::hid) mod status {
 }
 
 /// A signal has come while the system was waited for.
-pub(in crate::io::hid) const INTERRUPTED: c_int = -10;
+pub(super) const INTERRUPTED: c_int = -10;
 
 impl UsbError {
     /// `Ok` with what libusb gave back, unless it is an error.

@@ -178,7 +178,8 @@ impl Line for Overlapping {
     }
 
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
-        let mut limit = u32::try_from(limit.as_millis()).unwrap_or(u32::MAX - 1);
+        // Windows waits for whole milliseconds.
+        let mut limit = u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(u32::MAX - 1);
         // All that have ended, each transfer once at most.
         for _ in 0..=self.inputs.len() {
             if !self.next_event(limit)? {

@@ -35,9 +35,15 @@ fn a_cycle_allocates_nothing() {
     std::thread::spawn(move || while reads.read(&mut [0; 4096]).is_ok_and(|count| count > 0) {});
     let mut session = Session::new(&hub, Arc::clone(&board), Arc::clone(&clients[0].0));
     let mut cycles = cycles(&hub, &board, &clients[0].0, &mut session);
-    // Until the one that does not read takes no more.
-    cycles(3000);
-    assert!(clients[1].0.is_blocked() && clients[1].0.dropped() > 0);
+    // Until the one that does not read takes no more: how much the kernel takes for it, it decides by itself.
+    let takes_no_more = || clients[1].0.is_blocked() && clients[1].0.dropped() > 0;
+    for _ in 0..100 {
+        cycles(1000);
+        if takes_no_more() {
+            break;
+        }
+    }
+    assert!(takes_no_more());
     let counted = allocation_counter::measure(|| cycles(1000));
     assert_eq!(counted.count_total, 0, "{counted:?}");
     assert!(!clients[0].0.is_over());

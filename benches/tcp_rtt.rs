@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Condvar, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use common::Demand;
 use ecmsk::link::tcp::Secret;
@@ -38,15 +38,15 @@ fn main() {
     for (name, share) in [("tcp_rtt_p50", 50), ("tcp_rtt_p99", 99)] {
         let demand = Demand { name, target: 1.2, allowance: Some(ALLOWANCE) };
         let ours = || {
-            percentile(share, || {
+            common::percentile(CALLS, share, || {
                 board.write(&frame, LIMIT).expect("it is taken");
                 board.read(&mut report, LIMIT).expect("a report");
             })
         };
-        common::pair_of_blocks(demand, BLOCKS, ours, || percentile(share, || echo.exchange()));
+        common::pair_of_blocks(demand, BLOCKS, ours, || common::percentile(CALLS, share, || echo.exchange()));
     }
     // Its reports are dropped.
-    let written = percentile(50, || {
+    let written = common::percentile(CALLS, 50, || {
         board.write(&frame, LIMIT).expect("it is taken");
     });
     common::fact("tcp_write_p50", written, "ns");
@@ -60,24 +60,11 @@ fn main() {
     let server = places.server(|| serve(Some(secret)));
     let uri = format!("tcp://{}?secret_file={}", server.address(), file.display());
     let board = link::open(&uri, Share::ByName).expect("a link");
-    let secured = percentile(50, || {
+    let secured = common::percentile(CALLS, 50, || {
         board.write(&frame, LIMIT).expect("it is taken");
         board.read(&mut report, LIMIT).expect("a report");
     });
     common::fact("tcp_rtt_tls_p50", secured, "ns");
-}
-
-/// The time that `share` of 100 calls do not exceed, nanoseconds.
-fn percentile(share: usize, mut call: impl FnMut()) -> f64 {
-    let mut times: Vec<u64> = (0..CALLS)
-        .map(|_| {
-            let begin = Instant::now();
-            call();
-            begin.elapsed().as_nanos() as u64
-        })
-        .collect();
-    times.sort_unstable();
-    times[CALLS * share / 100] as f64
 }
 
 fn serve(secret: Option<Secret>) -> Server {

@@ -109,6 +109,19 @@ fn calls_per_block(call: &mut impl FnMut()) -> u64 {
     ((BLOCK_TIME.as_nanos() as f64 / per_call) as u64).max(1)
 }
 
+/// The time that `share` of 100 of so many calls do not exceed, nanoseconds.
+pub fn percentile(calls: usize, share: usize, mut call: impl FnMut()) -> f64 {
+    let mut times: Vec<u64> = (0..calls)
+        .map(|_| {
+            let begin = Instant::now();
+            call();
+            begin.elapsed().as_nanos() as u64
+        })
+        .collect();
+    times.sort_unstable();
+    times[calls * share / 100] as f64
+}
+
 /// Time of a call, mean of so many.
 pub fn per_call_ns(calls: u64, call: &mut impl FnMut()) -> f64 {
     let start = Instant::now();

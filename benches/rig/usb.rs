@@ -58,8 +58,8 @@ fn pairs() {
         common::pair_of_blocks(
             demand(name, LATENCY_TARGET),
             LATENCY_BLOCKS,
-            || percentile(share, || ours.pair()),
-            || percentile(share, || bare.pair()),
+            || common::percentile(CALLS, share, || ours.pair()),
+            || common::percentile(CALLS, share, || bare.pair()),
         );
     }
     let count = allocations(|| (0..PAIRS).for_each(|_| ours.pair()));
@@ -99,19 +99,6 @@ impl OnLibusb {
         self.board.read(&mut self.report);
         assert_eq!(self.report[16..24], self.number.to_le_bytes());
     }
-}
-
-/// The time that `share` of 100 calls do not exceed, nanoseconds.
-fn percentile(share: usize, mut call: impl FnMut()) -> f64 {
-    let mut times: Vec<u64> = (0..CALLS)
-        .map(|_| {
-            let begin = Instant::now();
-            call();
-            begin.elapsed().as_nanos() as u64
-        })
-        .collect();
-    times.sort_unstable();
-    times[CALLS * share / 100] as f64
 }
 
 /// Of a board that sends a report each `period` none is missed, though the program does something else at times.

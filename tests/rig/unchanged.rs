@@ -154,7 +154,13 @@ impl Program {
         assert!(arrived == sent, "{}: {came} arrived of {went}, the first other one: {other:?}", self.name);
         let at_home = self.at_home();
         let (steps, expected) = (self.steps(arrived), self.steps(&at_home.told));
-        assert_eq!(expected.is_empty(), self.name == "habit_read_after_open", "{} says nothing", self.name);
+        let least = match self.name {
+            "habit_read_after_open" => 0,
+            "two_axes_12b" => 501,
+            "two_axes_16b" | "hsp_16b" => 21,
+            _ => 1,
+        };
+        assert!(expected.len() >= least, "{}: {} steps at home", self.name, expected.len());
         let other = steps.iter().zip(&expected).position(|(step, expected)| step != expected);
         let (here, home) = (steps.len(), expected.len());
         assert!(

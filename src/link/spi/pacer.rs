@@ -127,8 +127,6 @@ pub struct Pacer {
     tick: Ns,
     /// When one may begin at the soonest.
     not_before: Ns,
-    /// When the last two began, the newer one first.
-    began: [Ns; 2],
     /// The level that is wanted, after an entry was taken out.
     wanted: u16,
     /// The FIFO's level now, as far as it is known.
@@ -160,7 +158,6 @@ impl Pacer {
             state: None,
             tick: 0,
             not_before: 0,
-            began: [0; 2],
             wanted: options.prefill.max(LEVEL),
             level: 0,
             reported: 0,
@@ -272,7 +269,6 @@ impl Pacer {
 
     /// An exchange with that frame begins.
     pub fn begins(&mut self, frame: &Frame, carry: Carry, extra: bool, now: Ns) {
-        self.began = [now, self.began[0]];
         self.counts.exchanges += 1;
         self.counts.host += u64::from(carry == Carry::Host);
         self.counts.extra += u64::from(extra);
@@ -291,7 +287,7 @@ impl Pacer {
         self.not_before = now + self.options.period_ns;
         self.sent.push(frame, carry == Carry::Host, now);
         match carry {
-            Carry::Host => self.look(frame, now),
+            Carry::Host => self.look(frame),
             Carry::Prefill => {
                 self.arm = Arm::Waiting(0);
                 self.extra = self.wanted;
@@ -320,14 +316,13 @@ impl Pacer {
     }
 
     /// What a frame of the host changes for the pacer.
-    fn look(&mut self, frame: &Frame, now: Ns) {
+    fn look(&mut self, frame: &Frame) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
             Ok(MasterCommand::SetAxis { .. }) if !self.above_preop() => self.sent.forget_kinds(),
             Ok(MasterCommand::SetDc { cycle, .. }) if !self.above_preop() => self.cycle = cycle,
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) if self.op() => {
                 self.flow_anew();
-                self.sent.forget();
-                self.sent.push(frame, true, now);
+                self.sent.forget_earlier();
             }
             // A program that fills the FIFO before it starts gets the level that it asks for.
             Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) if self.op() => {
@@ -385,11 +380,8 @@ impl Pacer {
         let mut board = answer.slot(size, 0);
         let free = MasterResponse::decode(&board).fifo_free;
         let level = if self.op() { FIFO_ENTRIES.saturating_sub(free) } else { 0 };
-        // It is of a cycle not long before, or of the end of the exchange before.
-        let [began, before] = self.began;
         let old = OLD * self.period() + self.options.wires_ns;
-        let since = began.saturating_sub(old).min(before.saturating_sub(1));
-        let put = self.sent.show(answer, level, since, self.op());
+        let put = self.sent.show(answer, level, old, self.op());
         self.counts.unseen = self.sent.unseen();
         if !self.op() {
             return put;

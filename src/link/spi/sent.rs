@@ -101,6 +101,23 @@ impl Sent {
         self.said[0] = None;
     }
 
+    /// The newest frame has cleared the FIFO: of all that were sent it alone is there.
+    pub fn forget_earlier(&mut self) {
+        let newest = place(self.pushed - 1);
+        let (entry, time) = (self.entries[newest], self.times[newest]);
+        self.pushed -= 1;
+        self.forget();
+        (self.entries[newest], self.times[newest]) = (entry, time);
+        self.pushed += 1;
+    }
+
+    /// What an answer may not know of was sent after this: it is of a cycle so long ago at most, or of the end of the
+    /// exchange before.
+    fn known_until(&self, old: Ns) -> Ns {
+        let began = |back: u64| self.pushed.checked_sub(back).map_or(0, |number| self.times[place(number)]);
+        began(1).saturating_sub(old).min(began(2).saturating_sub(1))
+    }
+
     /// How many entries of the host there are at most, if the newest answer says that level.
     pub fn of_the_host(&self, level: u16) -> u16 {
         let newest = u64::from((level + 1).max(NOT_IN_THE_ANSWER)).min(KEPT as u64);
@@ -122,9 +139,9 @@ impl Sent {
     /// Puts into an answer what its slots said to the host's last commands, where they now answer a GET_STATUS of the
     /// link's own: the id and the index, and what IO_WR answers. On USB nobody asks in between, and they stay.
     ///
-    /// `level` is the FIFO's in this answer, which may not know what was sent after `since`; `op`, whether it is of OP.
-    /// Whether anything was put.
-    pub fn show(&mut self, answer: &mut Frame, level: u16, since: Ns, op: bool) -> bool {
+    /// `level` is the FIFO's in this answer, `old` the age of it at most; `op`, whether it is of OP. Whether anything was
+    /// put.
+    pub fn show(&mut self, answer: &mut Frame, level: u16, old: Ns, op: bool) -> bool {
         let board = MasterResponse::decode(&answer.slot(self.size, 0));
         let refused = (board.error, board.full_count);
         if board.state.is_failed() || (op && self.refused.is_some_and(|before| before != refused)) {
@@ -144,7 +161,7 @@ impl Sent {
                 self.said[slot] = None;
             }
         }
-        let settled = self.executed(level, since).max(self.settled);
+        let settled = self.executed(level, self.known_until(old)).max(self.settled);
         for number in self.settled.max(self.oldest())..settled {
             if let Entry::Host(commands) = self.entries[place(number)] {
                 slots.clone().for_each(|slot| self.settle(slot, commands[slot], number));

@@ -6,9 +6,6 @@ mod support;
 use std::fs;
 use std::process::Command;
 
-use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
-use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
 use support::{Ended, root};
 
 const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
@@ -67,12 +64,7 @@ mod needs_python {
         let keys = format!("script=examples/scripts/alarm.ecmscript&record={}", file.display());
         let alarm = run("two_axes", &format!("{DRIVES}&{keys}"));
         assert_eq!((alarm.status.code(), alarm.stderr.as_str()), (Some(1), "failed: an axis does not arrive\n"));
-        let frames = Recording::open(&file).expect("the recording").map(|recorded| recorded.expect("a frame"));
-        let last = frames.filter(|recorded| recorded.dir == Dir::Read).last().expect("a report").frame;
-        let state = MasterResponse::decode(&last.slot(SlotSize::Bytes12, 0)).state;
-        assert_eq!(state, StateByte::reached(MasterState::PreOp));
-        let word = |slave| DriveResponse::decode(&last.slot(SlotSize::Bytes12, slave)).statusword;
-        assert!(!word(1).is_enabled() && !word(2).is_enabled());
+        support::both_axes_are_off_in_preop(&file);
     }
 
     /// API-33 Every program of the folder is one of these.

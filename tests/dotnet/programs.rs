@@ -5,8 +5,8 @@ use std::path::Path;
 
 use ecmsk::link::Dir;
 use ecmsk::link::record::Recording;
+use ecmsk::sk::SlotSize;
 use ecmsk::sk::crc::frame_crc;
-use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
 
 use crate::runtime::{REAL, Runtime, VIRTUAL, example, test_program};
 use crate::support::{Language, Program, out_dir, root};
@@ -39,12 +39,7 @@ pub fn an_end_by_an_alarm(runtime: Runtime) {
     let link = format!("{VIRTUAL}{}&record={}", scripted("&script=SCRIPTS/alarm.ecmscript"), file.display());
     let ended = runtime.run(&example("TwoAxes12B"), &link, &[]);
     assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(1), "failed: an axis does not arrive\n"));
-    let frames = Recording::open(&file).expect("the recording").map(|recorded| recorded.expect("a frame"));
-    let last = frames.filter(|recorded| recorded.dir == Dir::Read).last().expect("a report").frame;
-    let state = MasterResponse::decode(&last.slot(SlotSize::Bytes12, 0)).state;
-    assert_eq!(state, StateByte::reached(MasterState::PreOp));
-    let word = |slave| DriveResponse::decode(&last.slot(SlotSize::Bytes12, slave)).statusword;
-    assert!(!word(1).is_enabled() && !word(2).is_enabled());
+    crate::support::both_axes_are_off_in_preop(&file);
 }
 
 /// Frames on the way have the right CRC, whatever stood in its place; a response with a wrong one is refused, one without

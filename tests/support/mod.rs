@@ -14,6 +14,10 @@ use std::thread;
 use std::time::{Duration, Instant};
 use std::{env, fs, io};
 
+use ecmsk::link::Dir;
+use ecmsk::link::record::Recording;
+use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
+
 /// No program of the tests takes longer than a fraction of this, valgrind included: one that does hangs.
 const HANG: Duration = Duration::from_secs(300);
 
@@ -311,4 +315,15 @@ pub fn kept(path: &Path, actual: &str) {
         "{} differs; look at it, and if it is right run the test with ECMSK_BLESS=1\n--- kept\n{kept}\n--- now\n{actual}",
         path.display()
     );
+}
+
+/// In the last report of that recording drives 1 and 2 are off and the network is in PreOP.
+#[track_caller]
+pub fn both_axes_are_off_in_preop(recording: &Path) {
+    let frames = Recording::open(recording).expect("the recording").map(|recorded| recorded.expect("a frame"));
+    let last = frames.filter(|recorded| recorded.dir == Dir::Read).last().expect("a report").frame;
+    let state = MasterResponse::decode(&last.slot(SlotSize::Bytes12, 0)).state;
+    assert_eq!(state, StateByte::reached(MasterState::PreOp));
+    let word = |slave| DriveResponse::decode(&last.slot(SlotSize::Bytes12, slave)).statusword;
+    assert!(!word(1).is_enabled() && !word(2).is_enabled());
 }

@@ -326,3 +326,104 @@ impl AxisHoming {
         self.rest = rest;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CLEAR: Statusword = Statusword(0x0237);
+    const ATTAINED: Statusword = Statusword(0x0237 | Statusword::TARGET_REACHED | Statusword::BIT12);
+
+    fn answer(statusword: Statusword, heard: u64) -> Answer {
+        Answer { statusword, heard: Some(heard), period_ns: 1_000_000 }
+    }
+
+    /// Homing since the outputs 10.
+    fn running() -> AxisHoming {
+        let mut homing = AxisHoming::default();
+        homing.start();
+        assert!(homing.next_bit(10));
+        homing
+    }
+
+    /// SK-5.22 Entries that a clear takes back while a drive goes home change nothing of what it has shown since they were
+    /// sent: having shown no result it is believed at once.
+    #[test]
+    fn what_was_shown_counts_after_a_clear() {
+        let mut homing = running();
+        let then = homing;
+        assert_eq!(homing.answer(&answer(CLEAR, 10)), None);
+        homing.go_back_to(&then);
+        assert_eq!(homing.answer(&answer(ATTAINED, 11)), Some(News::Ended(HomingEnd::Attained)));
+    }
+
+    /// SK-5.22 An ABORT_HOME and the GO_HOME after it, both taken back: the homing of before goes on, and its end is its
+    /// own, which no later clear undoes.
+    #[test]
+    fn another_homing_is_taken_back() {
+        let mut homing = running();
+        let then = homing;
+        assert!(homing.end(HomingEnd::Aborted));
+        homing.start();
+        let first = (11..40).find(|id| homing.next_bit(*id)).expect("bit 4 rises again");
+        assert_eq!(first, 11 + u64::from(REST), "after its rest");
+        homing.go_back_to(&then);
+        assert!(homing.is_homing() && homing.next_bit(first + 1));
+        // Answered before the second one's bit 4 could have been sent.
+        assert_eq!(homing.answer(&answer(CLEAR, 10)), None);
+        assert_eq!(homing.answer(&answer(ATTAINED, 10)), Some(News::Ended(HomingEnd::Attained)));
+        homing.go_back_to(&then);
+        assert!(!homing.is_homing(), "what the drive has ended stays ended");
+    }
+
+    /// SK-5.22 A homing that waits for bit 4's rest goes on when the ABORT_HOME that ended it is taken back, and not when
+    /// the drive has left Operation enabled meanwhile.
+    #[test]
+    fn one_that_waits_is_taken_back_to() {
+        for (end, goes_on) in [(HomingEnd::Aborted, true), (HomingEnd::ServoOff, true), (HomingEnd::NotEnabled, false)]
+        {
+            let mut homing = AxisHoming::default();
+            homing.start();
+            let then = homing;
+            assert!(homing.end(end));
+            homing.go_back_to(&then);
+            assert_eq!((homing.is_homing(), homing.is_ending()), (goes_on, !goes_on), "{end}");
+        }
+    }
+
+    /// SK-7.39 Answers that may be older than the mode say nothing, whatever they show: the 20 ms begin after them.
+    #[test]
+    fn answers_of_before_the_mode_say_nothing() {
+        const DELAY: i64 = 16;
+        for older in [CLEAR, ATTAINED] {
+            for (quiet, believed) in [(SETTLE_NS / 1_000_000 - 1, false), (SETTLE_NS / 1_000_000, true)] {
+                let mut homing = AxisHoming::default();
+                homing.mode_written(DELAY);
+                (0..DELAY).for_each(|_| homing.watch(true, older));
+                (0..quiet).for_each(|_| homing.watch(true, CLEAR));
+                homing.start();
+                assert!(homing.next_bit(10));
+                let end = homing.answer(&answer(ATTAINED, 10));
+                let expected = believed.then_some(News::Ended(HomingEnd::Attained));
+                assert_eq!(end, expected, "{quiet} answers after {older:?}");
+            }
+        }
+    }
+
+    /// SK-7.41 The drive is given time to stand from when it has heard that bit 4 fell: what it showed before, bit 10 of
+    /// an earlier move for example, says nothing.
+    #[test]
+    fn standing_counts_when_bit_4_has_fallen() {
+        const REACHED: Statusword = Statusword(0x0237 | Statusword::TARGET_REACHED);
+        let mut homing = running();
+        assert!(homing.end(HomingEnd::Aborted));
+        assert!(!homing.next_bit(11));
+        assert_eq!(homing.answer(&answer(REACHED, 10)), None);
+        assert!(!homing.next_bit(12));
+        assert_eq!(homing.answer(&answer(CLEAR, 12)), None, "it brakes");
+        assert_eq!(homing.answer(&answer(REACHED, 13)), None, "it stands, and is to be held there");
+        assert!(!homing.next_bit(14));
+        assert_eq!(homing.answer(&answer(REACHED, 13)), None);
+        assert_eq!(homing.answer(&answer(REACHED, 14)), Some(News::Stands));
+    }
+}

@@ -170,10 +170,9 @@ impl<B: Fieldbus> Fieldbus for Torn<B> {
     }
 }
 
-/// SK-5.21 SK-4.59 An entry whose outputs no bus takes any more has been executed: its LIO has acted, once.
-#[test]
-fn a_cable_that_is_cut_this_moment() {
-    for how in std::iter::once(None).chain(deep().map(Some)) {
+/// Boards in OP whose drive is on, on every kind of bus, each with its cuts to come.
+fn torn() -> impl Iterator<Item = (Host, Puppet, Arc<AtomicU32>, Option<Ahead>)> {
+    std::iter::once(None).chain(deep().map(Some)).map(|how| {
         let (puppet, cuts) = (Puppet::obedient(), Arc::new(AtomicU32::new(0)));
         let (bus, torn) = (SimBus::new(vec![puppet.boxed()]), Arc::clone(&cuts));
         let mut host = match how {
@@ -181,6 +180,14 @@ fn a_cable_that_is_cut_this_moment() {
             Some(how) => Host::new(EngineConfig::default(), Torn { bus: AheadBus::new(bus, how), cuts: torn }),
         };
         host.op(1).servo_on(1).cycles(30);
+        (host, puppet, cuts, how)
+    })
+}
+
+/// SK-5.21 SK-4.59 An entry whose outputs no bus takes any more has been executed: its LIO has acted, once.
+#[test]
+fn a_cable_that_is_cut_this_moment() {
+    for (mut host, puppet, cuts, how) in torn() {
         let before = host.counters();
         cuts.store(1, Relaxed);
         let mut frame = Frame::new();
@@ -190,5 +197,28 @@ fn a_cable_that_is_cut_this_moment() {
         assert_eq!((host.board.engine().local_outputs(), cuts.load(Relaxed)), (0x15, 0), "{how:?}");
         host.cycles(30);
         assert_eq!((host.counters().executed, puppet.last().target), (before.executed + 1, 9), "{how:?}");
+    }
+}
+
+/// SK-4.44 [OURS] A command that no outputs have carried is counted: when another one for the slave takes its place, and
+/// when OP ends.
+#[test]
+fn what_a_cut_cable_has_not_carried_is_counted() {
+    for (mut host, puppet, cuts, how) in torn() {
+        let before = host.counters().for_lost;
+        cuts.store(2, Relaxed);
+        for target in [9, 10] {
+            let mut frame = Frame::new();
+            frame.put_slave(host.size, 1, &SlaveCommand::Csp(Motion::to(target)).into());
+            host.arrive(&frame).cycle();
+        }
+        host.cycles(30);
+        assert_eq!((host.counters().for_lost - before, puppet.last().target), (1, 10), "{how:?}");
+
+        cuts.store(u32::MAX, Relaxed);
+        host.csp(1, 11).cycle();
+        assert_eq!(host.counters().for_lost - before, 1, "{how:?}: it may still go");
+        host.go(MasterState::SafeOp);
+        assert_eq!(host.counters().for_lost - before, 2, "{how:?}");
     }
 }

@@ -167,6 +167,18 @@ fn a_fault_ends_a_walk() {
     }
 }
 
+/// SK-7.8 One that is braking by a quick stop of its own is led out of it first: disable voltage, then the walk.
+#[test]
+fn servo_on_goes_on_after_a_quick_stop() {
+    let (mut host, puppet) = board();
+    host.slave(1, SlaveCommand::ServoOn).cycles(3);
+    for (shown, asked) in [(READY, 0x07), (QUICK_STOP, 0x00), (DISABLED, 0x06), (READY, 0x07), (SWITCHED_ON, 0x0F)] {
+        puppet.show(shown);
+        host.cycles(3);
+        assert_eq!(puppet.last().controlword.0, asked, "after {shown:04x}");
+    }
+}
+
 /// SK-7.8 A drive that drops out of Operation enabled by itself is not brought back by the board; a new SV_ON is.
 #[test]
 fn a_drive_that_drops_out_stays_out() {

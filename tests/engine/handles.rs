@@ -3,7 +3,7 @@
 use ecmsk::engine::{EngineConfig, Event, Script};
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::sk::FIFO_ENTRIES;
+use ecmsk::sk::{FIFO_ENTRIES, MasterCommand};
 
 use crate::host::Host;
 use crate::probe::drives;
@@ -53,6 +53,24 @@ fn a_held_fifo_fills() {
     handle.hold_fifo(false);
     host.cycles(3);
     assert_eq!(free(&host), 3);
+}
+
+/// SK-8.1 The chip's inputs are six; what was never set is left to whoever sets it otherwise.
+#[test]
+fn inputs_are_set() {
+    let mut host = board();
+    let handle = host.board.handle();
+    let read = |host: &mut Host| {
+        host.master(MasterCommand::LocalRead).drained();
+        host.answer().result
+    };
+    host.board.engine_mut().set_local_inputs(0x15);
+    assert_eq!(read(&mut host), 0x15);
+    for (bits, shown) in [(0x2A, 0x2A), (0xFF, 0x3F), (0, 0)] {
+        handle.set_local_inputs(bits);
+        host.cycle();
+        assert_eq!(read(&mut host), shown, "{bits:02x}");
+    }
 }
 
 /// Notes one event in the first cycle that it sees.

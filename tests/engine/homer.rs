@@ -8,7 +8,7 @@ use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::engine::{EngineConfig, Event, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Fieldbus, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
 use ecmsk::sk::{Frame, SlaveCommand};
 use ecmsk::slave::{AlStatus, SdoValue, Slave};
 
@@ -273,6 +273,11 @@ impl Slave for Homer {
     fn step(&mut self, _dt_ns: Ns) {}
 }
 
+fn watched(config: EngineConfig, bus: impl Fieldbus + 'static) -> (Host, Spans) {
+    let (bus, jobs) = Watch::new(bus);
+    (Host::new(config, bus), jobs)
+}
+
 /// A board with such drives.
 pub struct Home {
     pub host: Host,
@@ -287,11 +292,10 @@ impl Home {
         let drives: Vec<Homer> = (0..n).map(|_| Homer::new()).collect();
         let bus = SimBus::new(drives.iter().map(|drive| Box::new(drive.clone()) as Box<dyn Slave>).collect());
         let network = bus.handle();
-        let (bus, jobs) = Watch::new(bus);
         let config = EngineConfig { firmware, ..EngineConfig::default() };
-        let host = match how {
-            None => Host::new(config, bus),
-            Some(how) => Host::new(config, AheadBus::new(bus, how)),
+        let (host, jobs) = match how {
+            None => watched(config, bus),
+            Some(how) => watched(config, AheadBus::new(bus, how)),
         };
         Self { host, drives, network, jobs }
     }

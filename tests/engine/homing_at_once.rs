@@ -88,8 +88,12 @@ fn without_an_old_result_a_new_one_counts_at_once() {
 #[test]
 fn an_old_result_that_comes_up_late_is_none() {
     type Late = fn(&mut Home);
-    let cases: [(&str, Late); 4] = [
+    let cases: [(&str, Late); 5] = [
         ("the mode is new", |home| home.mode(1, 6)),
+        ("the mode is 10 ms old", |home| {
+            home.mode(1, 6);
+            home.host.cycles(10);
+        }),
         ("by itself", |home| home.drive().fall(ON | DONE)),
         ("by itself, an error", |home| home.drive().fall(ON | BIT_13)),
         ("off and on", |home| {

@@ -224,3 +224,15 @@ fn each_slave_has_its_own_end() {
         assert_eq!(home.ends(mark).last(), Some(&(3, HomingEnd::Attained)));
     }
 }
+
+/// SK-7.21 Each end has its words, as a log shows them.
+#[test]
+fn every_end_is_worded() {
+    use HomingEnd::*;
+    let ends = [Attained, Error, NotEnabled, ServoOff, Aborted, ModeWritten, LeftOp, Lost];
+    let words = ends.map(|end| end.to_string());
+    for (n, text) in words.iter().enumerate() {
+        assert!(text.len() > 5 && !words[..n].contains(text), "{:?}: {text:?}", ends[n]);
+    }
+    assert!(words[1].contains("bit 13") && words[7].contains("cable"), "what to look at");
+}

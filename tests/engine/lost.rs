@@ -129,10 +129,44 @@ fn a_slave_that_is_back_holds_its_place() {
             net.host.cycle();
         }
         net.host.cycles(20).servo_on(2).cycles(20);
+        assert_eq!(net.puppets[1].strings().sent[0].target, 123_456, "{how:?}: with the very first outputs");
         let on: Vec<i32> =
             net.puppets[1].strings().sent.iter().filter(|out| out.controlword.0 != 0).map(|out| out.target).collect();
         assert!(!on.is_empty() && on.iter().all(|target| *target == 123_456), "{how:?}: {on:?}");
     }
+}
+
+/// SK-7.34 A slave that is back has the mode of DRIVE_MODE, whatever its 0x6060 was written before.
+#[test]
+fn a_slave_that_is_back_is_in_its_mode() {
+    for how in buses() {
+        let mut net = Net::new(how, 2);
+        net.puppets[1].strings().objects.insert((0x6060, 0), (1, 8));
+        net.host.go(Op).drained();
+        assert_eq!(net.host.write_object(2, 0x6060, 0, SdoSize::One, 6), Ok(6));
+        net.network.lose(2);
+        net.until_state(FAILED_OP);
+        net.network.find(2);
+        net.ask(Op, StateByte(8));
+        net.host.servo_on(2).csp(2, 1).drained();
+        assert_eq!(net.host.counters().rejected_total(), 0, "{how:?}: CSP is what it is in");
+    }
+}
+
+/// SK-4.44 SK-7.32 CSP for a lost drive that is not in CSP is rejected as for one that is there.
+#[test]
+fn targets_for_a_lost_slave_in_another_mode() {
+    let mut net = Net::new(None, 2);
+    net.puppets[1].strings().objects.insert((0x6060, 0), (1, 8));
+    net.host.go(Op).drained();
+    assert_eq!(net.host.write_object(2, 0x6060, 0, SdoSize::One, 6), Ok(6));
+    net.network.silence(2, true);
+    net.host.cycle();
+    let before = net.host.counters();
+    net.host.csp(2, 5).cycles(2);
+    let after = net.host.counters();
+    assert_eq!(after.rejected[Reason::WrongMode.kind()], before.rejected[Reason::WrongMode.kind()] + 1);
+    assert_eq!(after.for_lost, before.for_lost);
 }
 
 /// SK-4.61 Commands for a lost slave do not change its slot. SK-4.44 [OURS] They stand in a counter of their own; SK-4.39
@@ -339,7 +373,11 @@ fn all_lost_with_outputs_ahead() {
         [1, 2].into_iter().for_each(|slave| net.network.lose(slave));
         net.until_state(FAILED_OP);
         [1, 2].into_iter().for_each(|slave| net.network.find(slave));
+        net.puppets.iter().for_each(Puppet::forget);
         net.ask(Op, StateByte(8));
+        net.host.cycles(40);
+        let words = [0, 1].map(|n| net.puppets[n].controlwords());
+        assert!(words.iter().flatten().all(|word| *word == 0), "{how:?}: no motor starts: {words:02x?}");
         net.host.servo_on(1).servo_on(2);
     }
 }

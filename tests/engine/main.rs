@@ -52,6 +52,7 @@ mod puppet;
 mod random;
 mod random_networks;
 mod rejections;
+mod repeats;
 mod replaced;
 mod rig;
 mod sdo;

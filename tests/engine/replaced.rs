@@ -7,7 +7,9 @@ use ecmsk::fieldbus::{AlState, Ns, Role};
 use ecmsk::sk::{CycleTime, DcShift, DriveSync, MasterCommand, MasterState, SlaveCommand, SlaveKind};
 use ecmsk::slave::AlStatus;
 
+use crate::host::Host;
 use crate::probe::{Bench, any_slaves, drives};
+use crate::watch::Spans;
 
 fn board() -> Bench {
     let mut bench = Bench::new(EngineConfig::default(), any_slaves(2));
@@ -44,6 +46,26 @@ fn new_settings_are_configured() {
             // The last change up came from PreOP.
             let moves: Vec<AlState> = jobs.moves().into_iter().map(|(state, _)| state).collect();
             assert_eq!(moves[moves.len() - 2..], [AlState::SafeOp, AlState::Op], "{first} {cycles}");
+        }
+    }
+}
+
+/// SK-4.64 SK-4.75 It is enough that one of them says something new: the cycle alone, or one slave alone.
+#[test]
+fn one_new_setting_is_configured() {
+    type Setting = (fn(&mut Host) -> &mut Host, (u32, Mode));
+    let settings: [Setting; 2] = [
+        (|host| host.master(set_dc(2000)), (2000, Mode::Csp)),
+        (|host| host.slave(1, SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync }), (1000, Mode::Csv)),
+    ];
+    for (setting, (us, mode)) in settings {
+        for cycles in [5, 60, 310] {
+            let Bench { mut host, jobs, .. } = board();
+            host.master(MasterCommand::SetState(Op)).cycles(cycles);
+            setting(&mut host);
+            host.master(MasterCommand::SetState(Op)).until("OP", |host| host.state().0 == 8);
+            let config = jobs.configured();
+            assert_eq!((config.cycle.us(), config.slaves[0].role), (us, Role::Drive(mode)), "after {cycles} cycles");
         }
     }
 }
@@ -115,4 +137,27 @@ fn a_refusal_after_another_target() {
     host.cycles(12_000);
     assert_eq!((host.state().0, jobs.len()), (0x12, jobs_so_far));
     host.go(PreOp).go(Init);
+}
+
+/// SK-4.55 SK-4.76 So is one that comes when the slave was asked already, and the other target has more time.
+#[test]
+fn a_refusal_of_what_was_asked_before() {
+    let Bench { mut host, network, jobs } = board();
+    let asked = |jobs: &Spans| jobs.moves().iter().filter(|(state, _)| *state == AlState::SafeOp).count();
+    host.master(MasterCommand::SetState(SafeOp)).until("it is asked", |_| asked(&jobs) == 1);
+    network.silence(2, true);
+    host.cycles(50).master(MasterCommand::SetState(Op));
+    network.refuse(2, Some((AlState::SafeOp, AlStatus(0x0011))));
+    network.silence(2, false);
+    host.until("the failure", |host| host.state().0 == 0x12);
+    assert_eq!(asked(&jobs), 1, "it is not asked again");
+}
+
+/// SK-4.50 Kinds and modes that do not go together harm nobody on the way down: Init is reached.
+#[test]
+fn the_way_down_needs_no_process_data() {
+    let Bench { mut host, .. } = Bench::new(EngineConfig::default(), any_slaves(1));
+    host.master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Step; 8] });
+    host.slave(1, SlaveCommand::DriveMode { mode: Mode::Cst, sync: DriveSync::DcSync });
+    host.go(Init).go(PreOp);
 }

@@ -1,9 +1,9 @@
 //! A bus that says when its jobs begin and end.
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use ecmsk::fieldbus::{AlState, BusConfig, Busy, Fieldbus, Job, JobDone, Ns, SdoRequest, SlaveSet};
+use ecmsk::fieldbus::{AlState, BusConfig, BusError, Busy, Fieldbus, Job, JobDone, Ns, Outputs, SdoRequest, SlaveSet};
 
 use crate::bus_wrapper::hand_on;
 
@@ -17,12 +17,17 @@ pub struct Span {
 
 /// Every job a bus was given, in order; clones see the same ones.
 #[derive(Clone, Default)]
-pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>);
+pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>, Arc<AtomicU64>);
 
 impl Spans {
     /// The bus is busy that often when it is to start something.
     pub fn be_busy(&self, times: u32) {
         self.1.store(times, Ordering::Relaxed);
+    }
+
+    /// Sets of outputs that it took.
+    pub fn pushes(&self) -> u64 {
+        self.2.load(Ordering::Relaxed)
     }
 
     /// The SDO transfers.
@@ -89,7 +94,12 @@ impl<B: Fieldbus> Watch<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for Watch<B> {
-    hand_on!(inner: pacing, room, held, discard_ahead, push, poll);
+    hand_on!(inner: pacing, room, held, discard_ahead, poll);
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        self.spans.2.fetch_add(1, Ordering::Relaxed);
+        self.inner.push(outputs)
+    }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         if self.spans.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1)).is_ok() {

@@ -1,0 +1,151 @@
+//! The ways between the states, step by step.
+
+use super::*;
+
+fn at(state: MasterState) -> Network {
+    Network { reached: Some(state), found: 1, scanned: true, talks: true, ..Network::default() }
+}
+
+/// SK-4: the steps of every way from one state to another.
+#[test]
+fn every_way_is_walked_step_by_step() {
+    use MasterState::*;
+    let ways: [(MasterState, MasterState, &[Step]); 9] = [
+        (PreOp, Op, &[Step::Configure, Step::Move(SafeOp), Step::Move(Op)]),
+        (PreOp, SafeOp, &[Step::Configure, Step::Move(SafeOp)]),
+        (SafeOp, Op, &[Step::Move(Op)]),
+        (Init, PreOp, &[Step::Move(PreOp)]),
+        (Op, SafeOp, &[Step::Move(SafeOp)]),
+        (Op, PreOp, &[Step::Move(PreOp)]),
+        (Op, Init, &[Step::Move(Init)]),
+        (SafeOp, Init, &[Step::Move(Init)]),
+        (PreOp, PreOp, &[]),
+    ];
+    for (from, to, steps) in ways {
+        let mut network = at(from);
+        assert!(network.request(to, 0, false));
+        for step in steps {
+            assert_eq!(network.next_step(), Some(*step), "{from} to {to}");
+            network.done(*step);
+        }
+        assert_eq!((network.next_step(), network.state()), (None, Some(to)), "{from} to {to}");
+    }
+}
+
+/// The steps from here on, each ending well at once.
+fn walk(network: &mut Network) -> Vec<Step> {
+    let mut steps = Vec::new();
+    while let Some(step) = network.next_step() {
+        assert!(steps.len() < 20, "it never ends: {steps:?}");
+        network.begin(step);
+        network.done(step);
+        steps.push(step);
+    }
+    steps
+}
+
+/// SK-4.64 A target that is replaced by the state the network is in: what was begun is led back.
+#[test]
+fn the_state_of_before_is_asked_for_again() {
+    let mut network = at(MasterState::PreOp);
+    assert!(network.request(MasterState::Op, 0, false));
+    network.begin(Step::Configure);
+    assert!(network.request(MasterState::PreOp, 0, false));
+    assert_eq!(walk(&mut network), [Step::Move(MasterState::PreOp)]);
+}
+
+/// SK-4.75 What was declared during the configuration is configured, however often the target is replaced: the way
+/// up begins at PreOP again.
+#[test]
+fn new_settings_are_remembered_with_another_target() {
+    use MasterState::*;
+    let again = [Step::Move(PreOp), Step::Configure, Step::Move(SafeOp), Step::Move(Op)];
+    for requests in [[(SafeOp, false), (Op, false), (Op, true)], [(SafeOp, false), (SafeOp, true), (Op, false)]] {
+        let mut network = at(PreOp);
+        for (n, (target, otherwise)) in requests.into_iter().enumerate() {
+            assert!(network.request(target, 0, otherwise));
+            if n == 0 {
+                network.begin(Step::Configure);
+            }
+        }
+        assert_eq!(walk(&mut network), again, "{requests:?}");
+    }
+}
+
+/// SK-4.62 The ways back of lost slaves, from each state: below SafeOP there is nothing to configure.
+#[test]
+fn lost_slaves_come_back() {
+    use MasterState::*;
+    let ways: [(MasterState, &[Step]); 4] = [
+        (Init, &[Step::Return(Init)]),
+        (PreOp, &[Step::Return(PreOp)]),
+        (SafeOp, &[Step::Fetch, Step::Reconfigure, Step::Return(SafeOp)]),
+        (Op, &[Step::Fetch, Step::Reconfigure, Step::Return(Op)]),
+    ];
+    for (state, steps) in ways {
+        let mut network = at(state);
+        network.lose(SlaveSet::first(2));
+        assert!(network.request(state, 0, false));
+        assert_eq!(walk(&mut network), steps, "{state}");
+        assert!(network.lost().is_empty(), "{state}");
+    }
+}
+
+/// SK-4.62 SK-4.76 A slave that is lost after the others came back, while a failure is still being acknowledged, comes
+/// back with the SET_STATE that follows.
+#[test]
+fn one_more_is_lost_after_the_others_came_back() {
+    use MasterState::Op;
+    let mut network = Network { failed: true, ..at(Op) };
+    network.lose(SlaveSet::first(1));
+    assert!(network.request(Op, 0, false));
+    for step in [Step::Fetch, Step::Reconfigure, Step::Return(Op)] {
+        assert_eq!(network.next_step(), Some(step));
+        network.begin(step);
+        network.done(step);
+    }
+    assert_eq!(network.next_step(), Some(Step::Move(Op)), "the failure is acknowledged");
+    network.begin(Step::Move(Op));
+    let second = SlaveSet::first(2).difference(SlaveSet::first(1));
+    network.lose(second);
+    assert!(network.request(Op, 0, false));
+    network.done(Step::Move(Op));
+    assert_eq!(network.next_step(), Some(Step::Fetch));
+    network.begin(Step::Fetch);
+    assert_eq!(network.returning(), second);
+    network.done(Step::Fetch);
+    assert_eq!(walk(&mut network), [Step::Reconfigure, Step::Return(Op)]);
+    assert_eq!((network.lost(), network.state_byte()), (SlaveSet::EMPTY, StateByte::reached(Op)));
+}
+
+/// SK-4.55 SK-4.76 A program that asks in every frame sees that a lost slave has refused: asking again forgets nothing.
+#[test]
+fn asking_again_forgets_no_refusal() {
+    use MasterState::SafeOp;
+    let mut network = at(SafeOp);
+    network.lose(SlaveSet::first(2));
+    assert!(network.request(SafeOp, 0, false));
+    network.begin(Step::Fetch);
+    network.stays_away(1, false);
+    for step in [Step::Fetch, Step::Reconfigure, Step::Return(SafeOp)] {
+        assert!(network.request(SafeOp, 0, false));
+        network.done(step);
+    }
+    assert_eq!((network.lost(), network.failed), (SlaveSet::first(1), true));
+    assert_eq!(network.next_step(), None, "it is not asked again");
+}
+
+/// SK-4.74 Of several slaves who come back to OP those that do not answer are given half of the time that is left; one
+/// alone has all of it.
+#[test]
+fn who_comes_back_with_others_has_half_of_the_time() {
+    use MasterState::Op;
+    for (slaves, patience) in [(1, None), (2, Some(500))] {
+        let mut network = at(Op);
+        network.lose(SlaveSet::first(slaves));
+        assert!(network.request(Op, 1000, false));
+        network.begin(Step::Fetch);
+        assert_eq!(network.patience(Step::Return(Op), 1000), patience, "{slaves}");
+        assert_eq!(network.patience(Step::Reconfigure, 1000), None, "{slaves}");
+    }
+}

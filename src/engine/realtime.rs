@@ -161,3 +161,46 @@ impl Clock {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    /// A clock that goes slower: spans there are rounded down, spans here up, so that neither ends too soon.
+    #[test]
+    fn spans_at_a_rate() {
+        let [half, third] = [500_000_000, 300_000_000].map(Rate::billionths);
+        assert_eq!((half.slowed(2 * SECOND), half.real(SECOND)), (SECOND, 2 * SECOND));
+        let ns = Duration::from_nanos;
+        assert_eq!((third.slowed(ns(10)), third.slowed(ns(13)), third.real(ns(3))), (ns(3), ns(3), ns(10)));
+        assert_eq!((third.real(ns(1)), third.real(ns(2))), (ns(4), ns(7)));
+        let machine = Rate::default();
+        assert_eq!((machine.slowed(ns(7)), machine.real(ns(7))), (ns(7), ns(7)));
+        assert_eq!((Rate::billionths(0), Rate::billionths(u32::MAX)), (Rate::billionths(1), machine));
+        // 10^20 ns are more than a span of nanoseconds holds.
+        assert_eq!(Rate::billionths(1).real(100 * SECOND), ns(u64::MAX));
+    }
+
+    /// A sleep ends at its time and not before, whatever second it ends in.
+    #[test]
+    fn sleeps_are_long_enough() {
+        let clock = Clock::start(Rate::default());
+        for ms in [1, 300, 600, 900, 1200] {
+            let at = Duration::from_millis(ms);
+            clock.sleep_until(at);
+            assert!(clock.now() >= at, "{at:?}: {:?}", clock.now());
+            assert!(clock.instant(at) <= Instant::now() && clock.instant(at) == clock.instant(Duration::ZERO) + at);
+        }
+    }
+
+    /// At half the rate they take twice as long.
+    #[test]
+    fn sleeps_at_a_rate() {
+        let clock = Clock::start(Rate::billionths(500_000_000));
+        clock.sleep_until(Duration::from_millis(10));
+        assert!(clock.start.elapsed() >= Duration::from_millis(20));
+        assert!(clock.now() <= clock.start.elapsed() / 2);
+    }
+}

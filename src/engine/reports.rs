@@ -67,3 +67,28 @@ impl ReportQueue {
         (sequence % self.ring.len() as u64) as usize
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// LIB-55 The newest reports are kept, the oldest go first, and each that went unread is counted; their numbers go on.
+    #[test]
+    fn the_oldest_goes_first_and_is_counted() {
+        let mut queue = ReportQueue::new(3);
+        let (mut frame, mut out) = (Frame::new(), Frame::new());
+        assert_eq!((queue.is_empty(), queue.pop(&mut out)), (true, None));
+        for n in 0..8 {
+            frame.bytes_mut()[0] = n;
+            queue.push(&frame, n.into());
+            assert_eq!(queue.dropped(), u64::from(n).saturating_sub(2));
+        }
+        for n in 5..8 {
+            let report = Report { at: n, sequence: n, dropped: 5 };
+            assert_eq!((queue.pop(&mut out), out.bytes()[0]), (Some(report), n as u8));
+        }
+        assert!(queue.is_empty());
+        queue.push(&frame, 9);
+        assert_eq!(queue.pop(&mut out), Some(Report { at: 9, sequence: 8, dropped: 5 }));
+    }
+}

@@ -1,11 +1,12 @@
 //! What the slots of a response say: the board's own, those of slaves, and the SDO slot.
 
+use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{EngineConfig, Firmware};
 use ecmsk::fieldbus::AlState;
 use ecmsk::sk::{
-    CycleTime, DcShift, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand,
-    SlaveKind, SlotSize, StateByte,
+    CycleTime, DcShift, DriveSync, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand,
+    SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::AlStatus;
 
@@ -228,6 +229,20 @@ fn a_failed_change_goes_by_the_low_nibble() {
             network.refuse(2, None);
             host.go(good).cycles(5);
             assert_eq!(host.state(), StateByte::reached(good), "{size:?}");
+        }
+    }
+}
+
+/// SK-3.1 SK-4.56 A slot without a slave shows what was executed there, too: DRIVE_MODE and its index.
+#[test]
+fn a_slot_without_a_slave_shows_what_it_was_told() {
+    for size in SlotSize::ALL {
+        let Bench { mut host, .. } = board(size);
+        for slave in [3, size.max_slaves()] {
+            assert_eq!(host.slot(slave), RawSlot::ZERO);
+            let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync }.with_index(0x5A);
+            host.build(|frame, size| frame.put_slave(size, slave, &mode)).cycle();
+            assert_eq!(host.slot(slave), RawSlot { id: 0x06, index: 0x5A, ..RawSlot::ZERO }, "{size:?} slot {slave}");
         }
     }
 }

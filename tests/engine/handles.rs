@@ -55,6 +55,16 @@ fn a_held_fifo_fills() {
     assert_eq!(free(&host), 3);
 }
 
+/// A board counts its cycles from when it was switched on, whatever state it is in; before OP each takes 1 ms.
+#[test]
+fn cycles_are_counted() {
+    let mut host = board();
+    let (cycles, now) = (host.board.cycles(), host.board.next_cycle());
+    assert_eq!(cycles, now / 1_000_000 - 1, "from boot on");
+    host.cycles(25);
+    assert_eq!((host.board.cycles(), host.board.next_cycle()), (cycles + 25, now + 25_000_000));
+}
+
 /// SK-8.1 The chip's inputs are six; what was never set is left to whoever sets it otherwise.
 #[test]
 fn inputs_are_set() {

@@ -233,16 +233,29 @@ fn a_failed_change_goes_by_the_low_nibble() {
     }
 }
 
-/// SK-3.1 SK-4.56 A slot without a slave shows what was executed there, too: DRIVE_MODE and its index.
+/// SK-3.1 SK-4.56 A slot without a slave, and one that is declared as none, shows what was executed there, too: DRIVE_MODE
+/// and its index.
 #[test]
 fn a_slot_without_a_slave_shows_what_it_was_told() {
     for size in SlotSize::ALL {
         let Bench { mut host, .. } = board(size);
+        let mut kinds = [SlaveKind::Drive; 8];
+        kinds[2] = SlaveKind::None;
+        host.master(MasterCommand::SetAxis { group: 0, kinds });
+        let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync }.with_index(0x5A);
+        let shown = RawSlot { id: 0x06, index: 0x5A, ..RawSlot::ZERO };
         for slave in [3, size.max_slaves()] {
+            host.go(MasterState::PreOp);
             assert_eq!(host.slot(slave), RawSlot::ZERO);
-            let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync }.with_index(0x5A);
             host.build(|frame, size| frame.put_slave(size, slave, &mode)).cycle();
-            assert_eq!(host.slot(slave), RawSlot { id: 0x06, index: 0x5A, ..RawSlot::ZERO }, "{size:?} slot {slave}");
+            assert_eq!(host.slot(slave), shown, "{size:?} slot {slave}");
+            // And in OP, where it is executed no more, until another frame has come.
+            host.build(|frame, size| {
+                frame.put_master(size, &MasterCommand::SetState(MasterState::Op));
+                frame.put_slave(size, slave, &mode);
+            });
+            host.until("OP", |host| host.state() == StateByte(8)).cycles(3);
+            assert_eq!(host.slot(slave), shown, "{size:?} slot {slave} in OP");
         }
     }
 }

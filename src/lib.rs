@@ -13,7 +13,7 @@ pub mod ecm;
 pub mod engine;
 #[cfg(feature = "std")]
 pub mod fieldbus;
-#[cfg(any(all(feature = "usb", any(unix, windows)), all(feature = "spi", target_os = "linux")))]
+#[cfg(feature = "std")]
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;

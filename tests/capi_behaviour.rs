@@ -162,6 +162,17 @@ mod needs_cxx {
         }
     }
 
+    /// LIB-57 A thread that is cancelled in a call, or before it, makes the call whole and ends after it: in a read that
+    /// waits, and in calls that open, close and write files.
+    #[test]
+    fn a_thread_may_be_cancelled() {
+        for link in CLOCKS {
+            passes("cancelled", link, &[]);
+            let file = out_dir().join("cancelled.pcapng");
+            passes("cancelled", &format!("{link}&record={}", file.display()), &[]);
+        }
+    }
+
     /// LIB-1 The static library does the same. LIB-41 Programs that end without Close among them.
     #[test]
     fn a_program_may_link_the_static_library() {

@@ -22,6 +22,8 @@ pub struct Demand {
     pub target: f64,
     /// However large the ratio, ours passes if it takes no more than this above the baseline.
     pub allowance: Option<Duration>,
+    /// What the baseline is, where the name of the figure does not say it.
+    pub against: Option<&'static str>,
 }
 
 /// Measures `ours` against `baseline`, in alternating blocks, and prints the figure: times per call, and the median of the
@@ -30,7 +32,7 @@ pub fn pair(name: &'static str, target: f64, mut ours: impl FnMut(), mut baselin
     let ours_calls = calls_per_block(&mut ours);
     let baseline_calls = calls_per_block(&mut baseline);
     pair_of_blocks(
-        Demand { name, target, allowance: None },
+        Demand { name, target, allowance: None, against: None },
         BLOCKS,
         || per_call_ns(ours_calls, &mut ours),
         || per_call_ns(baseline_calls, &mut baseline),
@@ -61,6 +63,9 @@ pub fn pair_of_blocks(demand: Demand, blocks: usize, mut ours: impl FnMut() -> f
     });
     if let Some(allowance) = demand.allowance {
         figure["allowance_ns"] = (allowance.as_nanos() as f64).into();
+    }
+    if let Some(against) = demand.against {
+        figure["against"] = against.into();
     }
     println!("{figure}");
 }

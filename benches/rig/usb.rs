@@ -1,4 +1,5 @@
-//! `usb:` against a bare loop on libusb, each on a board of its own.
+//! `usb:` against bare loops on libusb, each on a board of its own. Of the two loops the asynchronous one is the fairer: it
+//! has reads under way before the board answers, as the link has; the synchronous one begins its read after the write.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -8,7 +9,7 @@ use ecmsk::sk::Frame;
 
 use crate::common::{self, Demand};
 use crate::counted::allocations;
-use crate::libusb::Bare;
+use crate::libusb::{Bare, Queued, Synchronous};
 use crate::usb_board::{Which, plug_in};
 
 const PAIRS: u64 = 300;
@@ -38,32 +39,53 @@ fn open() -> Arc<dyn Link> {
     link::open("usb:", Share::ByName).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// What the link is compared with.
+const SYNCHRONOUS: &str = "libusb's synchronous functions: write, then read";
+const QUEUED: &str = "libusb's asynchronous functions, 8 reads under way";
+
 fn pairs() {
-    let (_board, _other) = (plug_in(Which::Links, None), plug_in(Which::Bare, None));
+    let _boards = [Which::Links, Which::Synchronous, Which::Queued].map(|which| plug_in(which, None));
     let mut ours = OnLink { board: open(), frame: Frame::new(), report: Frame::new(), number: 0 };
-    let mut bare =
-        OnLibusb { board: Bare::open(0x16C0, Which::Bare.product()), frame: [0; 512], report: [0; 512], number: 0 };
+    let mut synchronous = OnLibusb::over(Synchronous::open(0x16C0, Which::Synchronous.product()));
+    let mut queued = OnLibusb::over(Queued::open(0x16C0, Which::Queued.product()));
     for _ in 0..PAIRS {
         ours.pair();
-        bare.pair();
+        synchronous.pair();
+        queued.pair();
     }
-    let demand = |name, target| Demand { name, target, allowance: None };
+    measure_pairs(
+        &mut ours,
+        &mut || synchronous.pair(),
+        ["usb_pairs", "usb_latency_p50", "usb_latency_p99"],
+        SYNCHRONOUS,
+    );
+    measure_pairs(
+        &mut ours,
+        &mut || queued.pair(),
+        ["usb_pairs_queued", "usb_latency_queued_p50", "usb_latency_queued_p99"],
+        QUEUED,
+    );
+    let count = allocations(|| (0..PAIRS).for_each(|_| ours.pair()));
+    common::limited("usb_allocations", count as f64, "in 300 pairs", 0.0);
+}
+
+fn measure_pairs(ours: &mut OnLink, bare: &mut dyn FnMut(), names: [&'static str; 3], against: &'static str) {
+    let demand = |name, target| Demand { name, target, allowance: None, against: Some(against) };
+    let [pairs, p50, p99] = names;
     common::pair_of_blocks(
-        demand("usb_pairs", PAIRS_TARGET),
+        demand(pairs, PAIRS_TARGET),
         PAIR_BLOCKS,
         || common::per_call_ns(PAIRS, &mut || ours.pair()),
-        || common::per_call_ns(PAIRS, &mut || bare.pair()),
+        || common::per_call_ns(PAIRS, bare),
     );
-    for (name, share) in [("usb_latency_p50", 50), ("usb_latency_p99", 99)] {
+    for (name, share) in [(p50, 50), (p99, 99)] {
         common::pair_of_blocks(
             demand(name, LATENCY_TARGET),
             LATENCY_BLOCKS,
             || common::percentile(CALLS, share, || ours.pair()),
-            || common::percentile(CALLS, share, || bare.pair()),
+            || common::percentile(CALLS, share, &mut *bare),
         );
     }
-    let count = allocations(|| (0..PAIRS).for_each(|_| ours.pair()));
-    common::limited("usb_allocations", count as f64, "in 300 pairs", 0.0);
 }
 
 /// A frame out, and the report that answers it.
@@ -84,14 +106,18 @@ impl OnLink {
     }
 }
 
-struct OnLibusb {
-    board: Bare,
+struct OnLibusb<B> {
+    board: B,
     frame: [u8; 512],
     report: [u8; 512],
     number: u64,
 }
 
-impl OnLibusb {
+impl<B: Bare> OnLibusb<B> {
+    fn over(board: B) -> Self {
+        Self { board, frame: [0; 512], report: [0; 512], number: 0 }
+    }
+
     fn pair(&mut self) {
         self.number += 1;
         self.frame[16..24].copy_from_slice(&self.number.to_le_bytes());
@@ -124,8 +150,8 @@ fn stream(name: &str, period: Duration) {
     common::limited(&figure("allocations"), allocated as f64, "in 2000 reports", 0.0);
 
     // The same without a queue: what the kernel has no transfer for is lost.
-    let _board = plug_in(Which::Bare, Some(period));
-    let mut bare = Bare::open(0x16C0, Which::Bare.product());
+    let _board = plug_in(Which::Synchronous, Some(period));
+    let mut bare = Synchronous::open(0x16C0, Which::Synchronous.product());
     let mut report = [0; 512];
     let (missed, _) = read_all(period, || {
         bare.read(&mut report);

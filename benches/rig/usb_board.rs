@@ -7,6 +7,7 @@ use std::io::{Read, Write};
 use std::os::fd::AsRawFd;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use ecmsk::port::usbip::descriptors::Descriptors;
@@ -17,49 +18,62 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::other::{Other, READY};
 
-/// What is different of two boards on one bus.
+/// What is different of boards on one bus.
 #[derive(Clone, Copy)]
 pub enum Which {
     Links,
-    Bare,
+    Synchronous,
+    Queued,
 }
 
 impl Which {
     pub const fn product(self) -> u16 {
         match self {
             Self::Links => 0x05DF,
-            Self::Bare => 0x05DE,
+            Self::Synchronous => 0x05DE,
+            Self::Queued => 0x05DD,
         }
     }
 }
 
 /// A board until it is dropped; `period`: `None` is one that sends back frames.
 pub fn plug_in(which: Which, period: Option<Duration>) -> Other {
+    static PLUGGED_IN: AtomicU32 = AtomicU32::new(0);
+
     let period = period.unwrap_or_default().as_micros().to_string();
-    let other = Other::start(&["usb-board", &which.product().to_string(), &period]);
+    // None that was there before has its serial number.
+    let serial = format!("{}-{}", std::process::id(), PLUGGED_IN.fetch_add(1, Ordering::Relaxed));
+    let other = Other::start(&["usb-board", &which.product().to_string(), &period, &serial]);
     let limit = Instant::now() + Duration::from_secs(60);
-    while !set_up(which.product()) {
+    while !set_up(which.product(), &serial) {
         assert!(Instant::now() < limit, "the kernel shows it");
         std::thread::sleep(Duration::from_millis(10));
     }
     other
 }
 
-/// Whether the kernel's driver has the board: before that it is not quiet.
-fn set_up(product: u16) -> bool {
-    let devices = fs::read_dir("/sys/class/hidraw").into_iter().flatten().flatten();
+/// Whether the kernel's driver has the board, before which it is not quiet, and the one with its ids that was there before
+/// it has gone.
+fn set_up(product: u16, serial: &str) -> bool {
+    let entries = |folder| fs::read_dir(folder).into_iter().flatten().flatten();
+    let devices = entries("/sys/bus/usb/devices").filter(|entry| {
+        let says = |name: &str| fs::read_to_string(entry.path().join(name)).unwrap_or_default();
+        says("idVendor").trim() == "16c0" && says("idProduct").trim() == format!("{product:04x}")
+    });
     let id = format!("HID_ID=0003:000016C0:0000{product:04X}\n");
-    devices
-        .filter_map(|entry| fs::read_to_string(entry.path().join("device/uevent")).ok())
-        .any(|facts| facts.contains(&id))
+    let ours = format!("HID_UNIQ={serial}\n");
+    devices.count() == 1
+        && entries("/sys/class/hidraw")
+            .filter_map(|entry| fs::read_to_string(entry.path().join("device/uevent")).ok())
+            .any(|facts| facts.contains(&id) && facts.contains(&ours))
 }
 
 /// The process that is the board.
 pub fn run(words: &[&str]) {
-    let [product, period] = words else { panic!("{words:?}") };
+    let [product, period, serial] = words else { panic!("{words:?}") };
     let product = product.parse().expect("a number");
     let period = Duration::from_micros(period.parse().expect("a number"));
-    let identity = Identity { product, serial: format!("{product:04X}"), ..Identity::default() };
+    let identity = Identity { product, serial: (*serial).to_owned(), ..Identity::default() };
     let status = fs::read_to_string(Path::new(VHCI).join("status")).expect("the guest has the controller");
     let port = free_ports(&status).next().expect("a free port");
     let (ours, theirs) = UnixStream::pair().expect("sockets");

@@ -50,7 +50,7 @@ fn main() {
         mono.arg(&in_cs);
         let mut ours = start(mono, cs_argument);
         let mut baseline = start(Command::new(&in_c), c_argument);
-        let demand = Demand { name, target: TARGET, allowance: None };
+        let demand = Demand { name, target: TARGET, allowance: None, against: None };
         common::pair_of_blocks(demand, BLOCKS, || ours.block(ROUNDS), || baseline.block(ROUNDS));
     }
 }

@@ -5,6 +5,7 @@ use std::fmt::{Arguments, Debug};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
+use crate::cancellation::Uncancelled;
 use crate::error::{self, CallError};
 use crate::floats::FloatingPoint;
 use crate::module::{Call, LastError};
@@ -38,6 +39,8 @@ pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
+    // The first to begin is the last to end.
+    let _whole = Uncancelled::begin();
     let _last_error = LastError::keep();
     let _ours = FloatingPoint::begin();
     set_up();

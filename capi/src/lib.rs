@@ -9,6 +9,7 @@
 mod board;
 mod boards;
 mod buffer;
+mod cancellation;
 mod connect;
 mod entry;
 mod error;

@@ -89,7 +89,8 @@ pub struct Stamp(pub u64);
 /// What is known of a report besides its bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadMeta {
-    /// When it was made, on the link's clock.
+    /// When it was made, on the link's clock; of a real board when the link took it: on SPI the begin of the exchange, on
+    /// USB the moment that the system handed it over, which between two reads is up to 1 ms after it came (WIRE-94).
     pub at: Stamp,
     /// Its number since the link was opened, from 0; a gap means reports that were dropped.
     pub sequence: u64,

@@ -6,13 +6,8 @@ mod descriptors;
 pub use descriptors::shape;
 
 use super::Machine;
-
-/// Bytes of a report, both ways (SK-9).
-pub const REPORT_LEN: usize = 512;
-/// The board's pair of ids (SK-9), which many hobby devices share.
-pub const VENDOR: u16 = 0x16C0;
-/// See [`VENDOR`].
-pub const PRODUCT: u16 = 0x05DF;
+pub use crate::io::shape::{NotOne, Shape};
+use crate::link::record::BOARD_IDS;
 
 /// The devices that the kernel knows.
 const DEVICES: &str = "/sys/bus/usb/devices";
@@ -20,31 +15,6 @@ const DEVICES: &str = "/sys/bus/usb/devices";
 const HIGH_SPEED: &str = "480";
 /// Bit of a configuration's attributes: it has power of its own (USB 2.0 table 9-10).
 const SELF_POWERED: u16 = 0x40;
-
-/// Where a device's reports move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shape {
-    /// Number of the interface.
-    pub interface: u8,
-    /// Address of the endpoint to the host.
-    pub input: u8,
-    /// Address of the endpoint to the device.
-    pub output: u8,
-}
-
-/// Why a device with the board's ids is another one. The words are those of the link `usb:`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotOne {
-    /// Its descriptors cannot be read or contradict each other.
-    #[error("its descriptors cannot be read")]
-    Descriptors,
-    /// It is no HID device.
-    #[error("it has no HID interface")]
-    NoHid,
-    /// Its reports are other ones.
-    #[error("its HID interface has no interrupt endpoints of {REPORT_LEN} bytes both ways")]
-    OtherReports,
-}
 
 /// A device with the board's ids.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -159,7 +129,7 @@ impl Machine {
 
     fn has_ids(&self, path: &str) -> bool {
         let id = |name| self.hexadecimal(&format!("{DEVICES}/{path}/{name}"));
-        (id("idVendor"), id("idProduct")) == (Some(VENDOR), Some(PRODUCT))
+        id("idVendor").zip(id("idProduct")) == Some(BOARD_IDS)
     }
 
     fn usb_device(&self, path: &str, names: &[String]) -> UsbDevice {
@@ -246,21 +216,5 @@ mod tests {
         }
         assert!(is_interface("1-2:1.0", "1-2") && !is_interface("1-2.3:1.0", "1-2") && !is_interface("1-2", "1-2"));
         assert_eq!((hub_of("1-2"), hub_of("1-2.3"), hub_of("1-2.3.4")), (None, Some("1-2"), Some("1-2.3")));
-    }
-
-    /// TOOL-97 The link and the list say the same of a device that is no board.
-    #[test]
-    #[cfg(feature = "usb")]
-    fn the_words_are_those_of_the_link() {
-        use crate::io::hid;
-
-        assert_eq!(REPORT_LEN, hid::REPORT_LEN);
-        for (ours, theirs) in [
-            (NotOne::Descriptors, hid::NotOne::Descriptors),
-            (NotOne::NoHid, hid::NotOne::NoHid),
-            (NotOne::OtherReports, hid::NotOne::OtherReports),
-        ] {
-            assert_eq!(ours.to_string(), theirs.to_string());
-        }
     }
 }

@@ -1,6 +1,7 @@
 //! The link `usb:`, with the kernel's USB code between it and a virtual board.
 
 use std::fs;
+use std::process::Command;
 use std::thread;
 use std::time::Duration;
 
@@ -33,6 +34,18 @@ fn a_board_on_usb_is_a_link() {
     assert_eq!(ecm.state().expect("a report"), StateByte::reached(MasterState::Op));
     ecm.set_state(MasterState::PreOp).expect("it goes back");
     ecm.close(Close::Leave).expect("it closes");
+    detach_all();
+}
+
+/// LIB-57 Threads of a program that are cancelled in calls over a real kernel's USB, which waits where they do, harm nobody.
+#[test]
+fn a_thread_may_be_cancelled() {
+    let _served = Served::start(&["sim:?slaves=drive*2"], &[]);
+    attach("1-1");
+    let mut program = Command::new("/rig/cancelled");
+    program.env("LD_LIBRARY_PATH", "/rig/ours").env("ECMSK_LINK", "usb:");
+    let output = program.output().expect("it starts");
+    assert!(output.status.success() && output.stdout == b"ok\n", "{output:?}");
     detach_all();
 }
 

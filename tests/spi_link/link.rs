@@ -169,6 +169,64 @@ fn sw_reset_takes_the_board_away() {
     until(&link, |report| state(report) == Some(MasterState::PreOp));
 }
 
+/// SW_RESET with another CRC than its own.
+fn wrong_reset(crc: Option<u8>) -> Frame {
+    let mut frame = board(&MasterCommand::SoftReset);
+    frame.bytes_mut()[3] = crc.unwrap_or(!frame.bytes()[3]);
+    frame
+}
+
+/// WIRE-121, SK-1.24 A board that checks CRCs refuses a SW_RESET with a wrong one: it is not lost, and reports go on.
+#[test]
+fn a_sw_reset_that_the_board_refuses_ends_nothing() {
+    for busy in [Busy::True, Busy::None] {
+        let opened = || link::open("sim:?queue=1&slaves=drive&name=refuses", Share::ByName);
+        let held = Held::over(opened().unwrap()).busy(busy);
+        let link = held.open(LINK).unwrap();
+        write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));
+        write(&link, &board(&MasterCommand::SoftReset));
+        drop(link);
+        held.with(|state| state.face.reset());
+        let link = come_back(&held, opened);
+        let errors = until(&link, |_| true).slot(SIZE, 0).index;
+        for (number, crc) in [(1, None), (2, Some(0))] {
+            write(&link, &wrong_reset(crc));
+            until(&link, |report| report.slot(SIZE, 0).index == errors.wrapping_add(number));
+            (0..30).for_each(|_| drop(until(&link, |_| true)));
+        }
+        assert_eq!(link.check(), Ok(()));
+        write(&link, &board(&MasterCommand::SoftReset));
+        assert!(is_reset(&link), "by a right one it is");
+        drop(link);
+        held.with(|state| state.face.close());
+    }
+}
+
+/// WIRE-121, WIRE-49 A board that does not check CRCs is lost by any SW_RESET, with BUSY and without.
+#[test]
+fn a_sw_reset_without_a_right_crc_takes_the_board_away() {
+    for busy in [Busy::True, Busy::None] {
+        for crc in [None, Some(0)] {
+            let held = Held::board("sim:?queue=1&slaves=drive").busy(busy);
+            let link = held.open(LINK).unwrap();
+            write(&link, &wrong_reset(crc));
+            assert!(is_reset(&link), "{busy:?} {crc:?}");
+        }
+    }
+}
+
+/// Reads until the board is lost; whether by SW_RESET.
+fn is_reset(link: &dyn Link) -> bool {
+    let mut report = Frame::new();
+    loop {
+        match link.read(&mut report, PATIENCE) {
+            Ok(_) => {}
+            Err(LinkError::Lost { reason, .. }) => return reason.contains("SW_RESET"),
+            Err(_) => return false,
+        }
+    }
+}
+
 /// WIRE-50 What was written goes out before the link is closed, however much it is; what a program wrote with a prefill that
 /// was never reached is executed all the same.
 #[test]

@@ -41,6 +41,9 @@ struct Figure {
     /// However large the ratio: ours passes if it is not longer than the baseline by more than this.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     allowance_ns: Option<f64>,
+    /// What the baseline is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    against: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -73,6 +76,9 @@ impl fmt::Display for Figure {
                 write!(f, " or +{allowance:.0} ns")?;
             }
             write!(f, "  {}", if self.holds() { "met" } else { "MISSED" })?;
+            if let Some(against) = &self.against {
+                write!(f, ", against {against}")?;
+            }
         }
         if let (Some(value), Some(unit)) = (self.value, &self.unit) {
             write!(f, "{value:>14.1} {unit}")?;
@@ -140,6 +146,8 @@ mod tests {
         assert!(figure("\"ratio\":3.0", "\"ratio\":2.0").holds());
         assert!(figure("2.0}", "2.0,\"allowance_ns\":20.0}").holds());
         assert!(!figure("2.0}", "2.0,\"allowance_ns\":19.9}").holds());
+        let named = figure("2.0}", "2.0,\"against\":\"a bare loop\"}");
+        assert!(named.to_string().ends_with("MISSED, against a bare loop"), "{named}");
     }
 
     #[test]

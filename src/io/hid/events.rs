@@ -1,5 +1,8 @@
 //! Who handles a line's events: the call that waits for one, so that no other thread stands between it and the system; and
 //! the pipe's own thread as long as none does, so that reports are taken whatever the program does. One at a time.
+//!
+//! A call that leaves hands nothing over, which would cost every report a change of threads: the pipe's thread looks from
+//! time to time whether calls still come. While one and the same call waits it sleeps, and that call wakes it.
 
 use std::thread;
 use std::time::Duration;
@@ -7,38 +10,58 @@ use std::time::Duration;
 use parking_lot::{Condvar, MutexGuard};
 
 use super::line::Line;
-use super::reports::{Shared, State};
+use super::reports::{DEAF, Shared, State};
 
 /// For how long a thread handles events before it looks around, should nothing wake it. \[OURS]
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// As long as calls handle events the pipe's thread looks this often whether they have left something: half of what the
-/// transfers that wait (8) last at a cycle of 250 us. \[OURS]
-const LOOK_AFTER_CALLS: Duration = Duration::from_millis(1);
-/// After an error of a line's event handling it is tried again. \[OURS]
+/// As long as calls come and go the pipe's thread looks whether they have left something after half of what the transfers
+/// that wait last, at the shortest cycle (250 us) .. \[OURS]
+const LOOK_AFTER_EACH: Duration = Duration::from_micros(125);
+/// .. and at least so often. \[OURS]
+const LOOK_AFTER_AT_MOST: Duration = Duration::from_millis(1);
+/// After an error of a line's event handling it is tried again .. \[OURS]
 const AFTER_AN_ERROR: Duration = Duration::from_millis(10);
+/// .. so often in a row, a second in all: then the device counts as lost. \[OURS]
+const ERRORS: u32 = 100;
+
+/// When the pipe's thread looks again, with so many transfers to the host.
+fn look_after(transfers: usize) -> Duration {
+    u32::try_from(transfers)
+        .map_or(LOOK_AFTER_AT_MOST, |transfers| LOOK_AFTER_EACH.saturating_mul(transfers).min(LOOK_AFTER_AT_MOST))
+}
 
 impl Shared {
-    /// The pipe's thread: until the pipe is closed and the system has none of its transfers.
+    /// The pipe's thread: until the pipe is closed and the system has none of its transfers, or says nothing of them any
+    /// more.
     pub fn handle_events(&self, line: &dyn Line) {
+        let look_after = look_after(line.inputs());
         let mut state = self.state.lock();
-        let mut seen = state.waits;
-        while !state.closing || state.pending > 0 {
-            let calls_wait = state.waits != seen && !state.closing;
-            seen = state.waits;
-            if !state.handled {
-                self.handle(&mut state, line, if calls_wait { Duration::ZERO } else { LOOK_EVERY });
-            }
-            if calls_wait || state.handled {
-                self.look_around.wait_for(&mut state, LOOK_AFTER_CALLS);
+        let mut seen = state.turns;
+        while !state.deaf && (!state.closing || state.pending > 0) {
+            let calls_come = state.turns != seen;
+            seen = state.turns;
+            if state.handled {
+                if calls_come || state.closing {
+                    self.look_around.wait_for(&mut state, look_after);
+                } else {
+                    state.asleep = true;
+                    self.look_around.wait(&mut state);
+                    state.asleep = false;
+                }
+            } else if calls_come && !state.closing {
+                self.handle(&mut state, line, Duration::ZERO);
+                self.look_around.wait_for(&mut state, look_after);
+            } else {
+                self.handle(&mut state, line, LOOK_EVERY);
             }
         }
     }
 
     /// A call: waits for a change, for that long or up to a millisecond more, as systems count; it may be less.
     pub fn wait(&self, changed: &Condvar, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Option<Duration>) {
-        state.waits += 1;
+        state.turns += 1;
         if !state.handled {
-            return self.handle(state, line, limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY));
+            return self.handle_for_a_call(state, line, limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY));
         }
         state.waiting += 1;
         match limit {
@@ -52,8 +75,8 @@ impl Shared {
 
     /// Takes what has come and was not handled yet, without waiting.
     pub fn take_what_came(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line) {
-        if !state.handled {
-            self.handle(state, line, Duration::ZERO);
+        if !state.handled && !state.deaf {
+            self.handle_for_a_call(state, line, Duration::ZERO);
         }
     }
 
@@ -67,19 +90,47 @@ impl Shared {
         }
     }
 
+    fn handle_for_a_call(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
+        self.handle(state, line, limit);
+        state.turns += 1;
+        if state.asleep {
+            self.look_around.notify_all();
+        }
+    }
+
     fn handle(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
         state.handled = true;
-        MutexGuard::unlocked(state, || {
-            if let Err(error) = line.handle_events(limit) {
+        let done = MutexGuard::unlocked(state, || {
+            line.handle_events(limit).inspect_err(|error| {
                 log::debug!("the events of USB: {error}");
                 thread::sleep(AFTER_AN_ERROR);
-            }
+            })
         });
         state.handled = false;
+        state.event_errors = if done.is_ok() { 0 } else { state.event_errors + 1 };
+        if state.event_errors >= ERRORS {
+            state.deaf = true;
+            self.lose(state, DEAF);
+        }
         // One of them goes on with it.
         if state.waiting > 0 {
             self.readable.notify_all();
             self.writable.notify_all();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// WIRE-19 However few transfers wait for reports, they are looked after before they are used up at the shortest cycle.
+    #[test]
+    fn transfers_are_looked_after_in_time() {
+        let cycle = Duration::from_micros(250);
+        for transfers in 1..=64 {
+            assert!(look_after(transfers) * 2 <= cycle * transfers as u32, "{transfers}");
+        }
+        assert_eq!((look_after(8), look_after(usize::MAX)), (Duration::from_millis(1), Duration::from_millis(1)));
     }
 }

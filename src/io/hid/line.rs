@@ -62,6 +62,6 @@ pub(super) trait Line: Send + Sync {
     /// The same of the endpoint to the device.
     fn unstall_output(&self);
 
-    /// Gives the device back; no transfer is under way, and none is handed over any more.
+    /// Gives the device back; none of its transfers is handed over any more.
     fn release(&self);
 }

@@ -4,6 +4,8 @@
 //! always queued, so that no report is missed between two reads. What moves them is a line: libusb's transfers, or on
 //! Windows the system's own HID driver (docs/decisions/windows-hid-driver.md).
 
+#[cfg(test)]
+mod calls;
 mod error;
 mod events;
 mod found;
@@ -18,11 +20,11 @@ mod system;
 mod windows;
 
 pub use error::UsbError;
-pub use found::{Found, NotOne};
+pub use found::Found;
 #[cfg(unix)]
 use libusb::Device;
 #[cfg(unix)]
-pub use libusb::{Bus, NoBus, NoLibrary, Shape, find};
+pub use libusb::{Bus, NoBus, NoLibrary, find};
 pub use pipe::{Limits, Pipe, PipeError, PipeStats};
 pub use system::{Holder, Remark, System};
 #[cfg(windows)]
@@ -30,5 +32,6 @@ use windows::Device;
 #[cfg(windows)]
 pub use windows::{Bus, NoBus, Shape, find};
 
-/// Bytes of a report, both ways.
-pub const REPORT_LEN: usize = 512;
+#[cfg(unix)]
+pub use super::shape::Shape;
+pub use super::shape::{NotOne, REPORT_LEN};

@@ -1,5 +1,6 @@
 //! An open device: a queue of reports from it, one report at a time to it.
 
+use std::mem;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -102,7 +103,9 @@ impl Pipe {
         Ok(pipe)
     }
 
-    /// The oldest report not yet read, when it came, and its number from 0. `limit`: `None` waits without end.
+    /// The oldest report not yet read, when this process took it from the system, and its number from 0. While a call
+    /// waits, or none has for a moment, that is as soon as the system has it; between two calls up to a millisecond later,
+    /// and never before. `limit`: `None` waits without end.
     ///
     /// # Errors
     /// [`PipeError`]; `report` is left alone then.
@@ -172,6 +175,9 @@ impl Pipe {
         let (outcome, moved) = loop {
             if let Some(ended) = state.written {
                 break ended;
+            }
+            if state.deaf {
+                return state.fit();
             }
             let stop = if state.closing {
                 Some(PipeError::Closed)
@@ -244,7 +250,14 @@ impl Pipe {
         self.line.interrupt();
         // It ends when no transfer is under way any more; a panic in it would have no one to hear of it.
         let _ = events.join();
-        if self.shared.state.lock().stalled {
+        let state = self.shared.state.lock();
+        let (stalled, kept) = (state.stalled, state.deaf && state.pending > 0);
+        drop(state);
+        if kept {
+            // The system has transfers whose end it will not tell: their memory is its own from here on.
+            mem::forget(self.line.clone());
+        }
+        if stalled {
             // Whoever opens it next begins with an endpoint that sends.
             self.line.unstall_input();
         }

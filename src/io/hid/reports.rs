@@ -19,6 +19,9 @@ const PREPARED: usize = 1024;
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
+/// See [`State::deaf`].
+pub(super) const DEAF: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
+                               again, and look at the system's log";
 
 /// A report from the device.
 pub(super) struct Report {
@@ -42,10 +45,17 @@ pub(super) struct State {
     pub cancelled_writes: u64,
     /// A thread handles the line's events.
     pub handled: bool,
-    /// Times that a call has begun to wait.
-    pub waits: u64,
+    /// Times that a call has begun to wait, or has left the line's events.
+    pub turns: u64,
     /// Calls that wait while another thread handles events.
     pub waiting: usize,
+    /// The pipe's thread sleeps until a call leaves the line's events.
+    pub asleep: bool,
+    /// Errors of the line's event handling in a row.
+    pub event_errors: u32,
+    /// The line's events fail for good: the end of no transfer is told any more, and the system may have some. The device
+    /// is lost.
+    pub deaf: bool,
     failures: u32,
     pub stats: PipeStats,
 }

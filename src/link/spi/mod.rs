@@ -113,7 +113,7 @@ impl SpiLink {
         });
         // The last of the first exchanges was a moment ago.
         pacer.ended(shared.now());
-        let runner = Runner { shared: shared.clone(), wires, options: options.clone(), pacer, judge };
+        let runner = Runner { shared: shared.clone(), wires, options: options.clone(), pacer, judge, doubt: 0 };
         let thread = threads::spawn("ecmsk-spi", move || runner.run()).map_err(|error| LinkError::Io {
             what: format!("start the thread of `{name}`"),
             message: format!("{error}; free some threads (`ulimit -u`) and open it again"),

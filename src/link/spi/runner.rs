@@ -8,17 +8,23 @@ use parking_lot::Mutex;
 
 use super::begin::{BUSY_IS_LOW, busy_is_high};
 use super::desk::Desk;
-use super::judge::Judge;
+use super::judge::{Judge, Lie};
 use super::options::SpiOptions;
 use super::pacer::{Carry, Ns, Pacer, PacerCounts, Plan};
 use crate::io::spi::{WireError, Wires};
 use crate::link::LinkError;
-use crate::sk::{Frame, MasterCommand};
+use crate::sk::{CrcPolicy, Frame, MasterCommand};
 
 /// The link looks whether it is to end at least this often while BUSY is high. \[OURS]
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// Answers in a row that are none before the board counts as lost. \[OURS]
 const BAD: u32 = 16;
+/// Why the link ends after SW_RESET.
+const WAS_RESET: &str = "it was reset (SW_RESET)";
+/// A board processes a frame in less than a cycle: one that is busy for longer than this after SW_RESET starts up. \[OURS]
+const STARTS_UP: Duration = Duration::from_millis(20);
+/// Good answers after SW_RESET, of which the first may be an old one, that show that the board has refused it. \[OURS]
+const REFUSED_IT: u32 = 4;
 /// Exchanges between two looks whether BUSY still rises: the kernel keeps 16 edges. \[OURS]
 const LOOK_AT_EDGES: u32 = 16;
 
@@ -59,6 +65,8 @@ pub(super) struct Runner {
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub judge: Judge,
+    /// How many good answers show that the board is there still, after a SW_RESET that it may have refused.
+    pub doubt: u32,
 }
 
 /// Why the thread ends.
@@ -124,7 +132,14 @@ impl Runner {
         self.hear(answer, extra, at, bad)?;
         let resets = carry == Carry::Host
             && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
-        if resets { Err(Over::Lost("it was reset (SW_RESET)".to_owned())) } else { Ok(()) }
+        if resets {
+            // A board that checks CRCs refuses it with another one than its own: what comes next tells.
+            if command.check_crc(size, CrcPolicy::Strict).is_ok() {
+                return Err(Over::Lost(WAS_RESET.to_owned()));
+            }
+            self.doubt = REFUSED_IT;
+        }
+        Ok(())
     }
 
     /// Waits until an exchange is due.
@@ -151,13 +166,15 @@ impl Runner {
             return Ok(());
         }
         let began = Instant::now();
+        let doubts = self.doubt > 0;
+        let limit = if doubts { STARTS_UP.min(self.options.busy_limit) } else { self.options.busy_limit };
         loop {
-            let left = self.options.busy_limit.saturating_sub(began.elapsed());
+            let left = limit.saturating_sub(began.elapsed());
             if self.wires.wait_ready(left.min(LOOK_EVERY))? {
                 return Ok(());
             }
             if left.is_zero() {
-                return Err(Over::Lost(busy_is_high(self.options.busy_limit)));
+                return Err(Over::Lost(if doubts { WAS_RESET.to_owned() } else { busy_is_high(limit) }));
             }
             if self.shared.desk.lock().closing().is_some_and(|until| Instant::now() >= until) {
                 return Err(Over::Closed);
@@ -171,9 +188,13 @@ impl Runner {
             *bad += 1;
             self.shared.garbled.fetch_add(1, Ordering::Relaxed);
             self.shared.desk.no_report();
+            if self.doubt > 0 && self.judge.explain() == Lie::Zeros {
+                return Err(Over::Lost(WAS_RESET.to_owned()));
+            }
             return if *bad < BAD { Ok(()) } else { Err(Over::Lost(self.judge.explain().to_string())) };
         };
         *bad = 0;
+        self.doubt = self.doubt.saturating_sub(1);
         self.pacer.answered(&response, extra, self.shared.desk.held());
         if self.pacer.show(answer, self.shared.desk.held()) && self.judge.fills_crc() {
             answer.fill_crc(self.options.slot);
@@ -260,7 +281,7 @@ mod tests {
         answer.bytes_mut()[..12].copy_from_slice(&[MASTER_CYCLIC, 0, 8, 0, 0, 0, 0, 0, 160, 0, 0, 0]);
         answer.fill_crc(SIZE);
         let wires = Box::new(Constant { answer, left: 1000, shared: shared.clone() });
-        let runner = Runner { shared: shared.clone(), wires, options, pacer, judge: Judge::new(SIZE) };
+        let runner = Runner { shared: shared.clone(), wires, options, pacer, judge: Judge::new(SIZE), doubt: 0 };
         let host = std::thread::spawn({
             let shared = shared.clone();
             move || {

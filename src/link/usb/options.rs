@@ -1,10 +1,7 @@
 //! What a URI `usb:` says, as types.
 
+use super::super::record::BOARD_IDS;
 use super::super::uri::{LinkUri, UriError};
-
-/// The board's pair (SK-9), which many hobby devices share.
-const VENDOR: u16 = 0x16C0;
-const PRODUCT: u16 = 0x05DF;
 
 /// Options of `usb:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,9 +19,10 @@ pub(super) struct UsbOptions {
 impl UsbOptions {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let text = |value: &str| Some(value.to_owned());
+        let (vendor, product) = BOARD_IDS;
         Ok(Self {
-            vendor: VENDOR,
-            product: PRODUCT,
+            vendor,
+            product,
             serial: uri.typed("serial", text)?,
             path: uri.typed("path", text)?,
             transfers: uri.required("transfers", |value| value.parse().ok())?,

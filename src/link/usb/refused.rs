@@ -4,8 +4,10 @@ use crate::io::hid::{Found, Holder, PipeError, System, UsbError};
 use crate::link::LinkError;
 
 /// What to do where this user may not open it, and where the system has no memory for its transfers.
-#[cfg(not(windows))]
-const MAY_NOT: &str = "give it to users by a udev rule (docs/VIRTUAL-BOARD.md has it), or be root";
+#[cfg(target_os = "linux")]
+const MAY_NOT: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in the way";
+#[cfg(not(any(windows, target_os = "linux")))]
+const MAY_NOT: &str = "be root";
 #[cfg(not(windows))]
 const MORE_MEMORY: &str = "take fewer (`transfers=`), or more for all of USB: `echo 256 | sudo tee \
                            /sys/module/usbcore/parameters/usbfs_memory_mb`";

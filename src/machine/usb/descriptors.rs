@@ -1,7 +1,8 @@
 //! The descriptors of a USB device, as the kernel keeps them and as libusb reads them, too: the file `descriptors` of the
 //! device in sysfs. USB 2.0 9.6; numbers are little endian.
 
-use super::{NotOne, REPORT_LEN, Shape};
+use super::{NotOne, Shape};
+use crate::io::shape::{HID, TO_HOST, moves_reports};
 
 /// Kinds of descriptors, USB 2.0 table 9-5.
 const DEVICE: u8 = 1;
@@ -11,15 +12,6 @@ const ENDPOINT: u8 = 5;
 
 /// Bytes of a device descriptor.
 const DEVICE_LEN: usize = 18;
-/// Class code of HID interfaces.
-const HID: u8 = 3;
-/// Direction bit of an endpoint's address.
-const TO_HOST: u8 = 0x80;
-/// Bits of wMaxPacketSize that are bytes of a packet; those above say how many of them a microframe has.
-const PACKET: u16 = 0x07FF;
-/// Transfer type in an endpoint's attributes, and that of interrupts.
-const TRANSFER_TYPE: u8 = 0x03;
-const INTERRUPT: u8 = 0x03;
 
 /// Where a board's reports move: in the configuration of that number, without one in the first.
 ///
@@ -55,8 +47,7 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<Shape, NotOne> {
                 }
             }
             (ENDPOINT, [_, _, address, attributes, low, high, ..]) => {
-                let fits = attributes & TRANSFER_TYPE == INTERRUPT
-                    && usize::from(u16::from_le_bytes([*low, *high]) & PACKET) == REPORT_LEN;
+                let fits = moves_reports(*attributes, u16::from_le_bytes([*low, *high]));
                 if let Some(setting) = setting.as_mut().filter(|_| fits) {
                     setting.take(*address);
                     if let Some(shape) = setting.shape() {

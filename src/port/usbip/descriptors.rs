@@ -1,6 +1,7 @@
 //! What the virtual board says of itself: the descriptors of USB 2.0 (9.6) and HID 1.11 (6). Numbers are little endian.
 
 use super::setup::descriptor::{CONFIGURATION, DEVICE, ENDPOINT, HID, INTERFACE, REPORT, STRING};
+use crate::link::record::BOARD_IDS;
 use crate::sk::FRAME_LEN;
 
 /// Address of the interrupt endpoint to the host (SK-9).
@@ -39,8 +40,8 @@ pub struct Identity {
 impl Default for Identity {
     fn default() -> Self {
         Self {
-            vendor: 0x16C0,
-            product: 0x05DF,
+            vendor: BOARD_IDS.0,
+            product: BOARD_IDS.1,
             release: 0x0100,
             interval: 1,
             power_ma: 500,

@@ -52,6 +52,7 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
         // This project's library, and one that moves a hidraw node.
         (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
         (format!("hidraw/{LIBRARY}"), build_hidraw_library(project, &built)?),
+        ("cancelled".to_owned(), build_cancelled(project, &prefix, &built)?),
         ("usbip".to_owned(), packages.root.join("usr/sbin/usbip")),
     ];
     // Unchanged programs that link the library.
@@ -88,6 +89,16 @@ fn build_examples(project: &Project, prefix: &Path, to: &Path) -> Result<Vec<Pat
         .map_err(Error::file("read", to))?;
     programs.sort();
     Ok(programs)
+}
+
+/// A program that cancels threads in calls of the library.
+fn build_cancelled(project: &Project, prefix: &Path, built: &Path) -> Result<PathBuf, Error> {
+    let program = built.join("cancelled");
+    let mut gcc = Command::new("gcc");
+    gcc.args(["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]).arg("-I").arg(prefix.join("include"));
+    gcc.arg("-o").args([&program, &project.root.join("tests/c/cancelled.c")]);
+    command::run(gcc.arg("-L").arg(prefix.join("lib")).args(["-lNEXTWUSBLib", "-pthread"]))?;
+    Ok(program)
 }
 
 fn build_hidraw_library(project: &Project, built: &Path) -> Result<PathBuf, Error> {

@@ -52,6 +52,10 @@ struct Inside {
     interrupted: bool,
     /// Waits for events that a signal ends, from now on.
     signals: u32,
+    /// Waits for events that fail, from now on.
+    event_errors: u32,
+    /// Waits for events so far.
+    event_waits: u64,
     gone: bool,
     /// Calls so far, and that at which the device is pulled.
     calls: usize,
@@ -90,6 +94,8 @@ impl World {
                 interrupted: false,
                 gone: false,
                 signals: 0,
+                event_errors: 0,
+                event_waits: 0,
                 calls: 0,
                 pulled_at: usize::MAX,
                 answers: Vec::new(),
@@ -145,6 +151,16 @@ impl World {
     /// The next waits for events are ended by a signal.
     pub fn signal(&self, times: u32) {
         self.with(|inside| inside.signals = times);
+    }
+
+    /// The wait for events that is under way fails, and so do the next ones.
+    pub fn fail_events(&self, times: u32) {
+        self.with(|inside| inside.event_errors = times);
+    }
+
+    /// How often events were waited for.
+    pub fn event_waits(&self) -> u64 {
+        self.inside.lock().event_waits
     }
 
     /// Calls of that name answer so.

@@ -3,28 +3,8 @@
 use std::sync::Arc;
 
 use super::bus::{Bus, Device, Interface};
-use super::{Found, NotOne, REPORT_LEN, System, UsbError};
-
-/// Class code of HID interfaces.
-const HID: u8 = 3;
-/// bmAttributes of an endpoint: how it moves data.
-const KIND: u8 = 0x03;
-const INTERRUPT: u8 = 3;
-/// Address of an endpoint to the host.
-const TO_HOST: u8 = 0x80;
-/// wMaxPacketSize: bytes of a packet; bits above say how many of them in a microframe.
-const PACKET: u16 = 0x07FF;
-
-/// Where a device's reports move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shape {
-    /// Number of the interface.
-    pub interface: u8,
-    /// Address of the endpoint to the host.
-    pub input: u8,
-    /// Address of the endpoint to the device.
-    pub output: u8,
-}
+use super::{Found, NotOne, Shape, System, UsbError};
+use crate::io::shape::{HID, TO_HOST, moves_reports};
 
 /// All devices of that pair. Nothing is sent to any of them.
 ///
@@ -67,9 +47,7 @@ fn shape(interfaces: &[Interface]) -> Result<Shape, NotOne> {
         why = NotOne::OtherReports;
         let endpoint = |to_host: bool| {
             let mut endpoints = interface.endpoints.iter().filter(|endpoint| {
-                endpoint.attributes & KIND == INTERRUPT
-                    && usize::from(endpoint.packet & PACKET) == REPORT_LEN
-                    && (endpoint.address & TO_HOST != 0) == to_host
+                moves_reports(endpoint.attributes, endpoint.packet) && (endpoint.address & TO_HOST != 0) == to_host
             });
             endpoints.next().map(|endpoint| endpoint.address)
         };

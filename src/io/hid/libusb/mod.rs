@@ -13,9 +13,9 @@ pub use api::NoLibrary;
 pub(super) use api::status;
 pub(super) use bus::Device;
 pub use bus::{Bus, NoBus};
-pub use find::{Shape, find};
+pub use find::find;
 
 pub(super) use super::error::UsbError;
-pub(super) use super::found::{Found, NotOne};
+pub(super) use super::found::Found;
 pub(super) use super::line::{Ended, Line, Outcome};
-use super::{REPORT_LEN, System};
+use super::{NotOne, REPORT_LEN, Shape, System};

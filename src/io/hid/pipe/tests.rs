@@ -3,15 +3,15 @@
 use std::sync::mpsc;
 use std::thread;
 
+use super::super::calls::{PATIENCE, in_time, read};
 use super::super::libusb::fake::{self, Takes, World};
 use super::super::libusb::status;
+use super::super::reports::DEAF;
 use super::*;
 
 const SHAPE: Shape = Shape { interface: 0, input: 0x81, output: 0x02 };
 const LIMITS: Limits = Limits { transfers: 3, queue: 4 };
 const NOTHING_LEFT: [isize; 5] = [0; 5];
-/// Longer than anything takes here.
-const PATIENCE: Duration = Duration::from_secs(20);
 const SOON: Option<Duration> = Some(Duration::from_millis(20));
 
 #[track_caller]
@@ -19,21 +19,6 @@ fn open(world: &'static World) -> Pipe {
     let found = world.found();
     assert_eq!((found.shape, found.path.as_str(), found.node), (Ok(SHAPE), "9-2", (9, 7)));
     Pipe::open(&found, SHAPE, LIMITS).expect("it opens")
-}
-
-fn read(pipe: &Pipe, limit: Option<Duration>) -> Result<(u8, u64), PipeError> {
-    let mut report = [0xA5; REPORT_LEN];
-    let done = pipe.read(&mut report, limit);
-    assert!(done.is_ok() || report == [0xA5; REPORT_LEN], "a read that fails leaves the report alone");
-    done.map(|(_, number)| (report[0], number))
-}
-
-/// Fails instead of waiting without end.
-#[track_caller]
-fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
-    let (done, ended) = mpsc::channel();
-    thread::spawn(move || done.send(work()));
-    ended.recv_timeout(PATIENCE).expect("it does not end")
 }
 
 /// WIRE-19, WIRE-82 Reports come in their order with their numbers; what is no whole one is skipped and counted.
@@ -84,6 +69,105 @@ fn reports_are_taken_between_two_calls() {
             assert_eq!(read(&pipe, None), Ok((fill, sent - 10 + u64::from(fill))));
         }
     }
+}
+
+/// A read that waits and handles libusb's events, while the pipe's thread sleeps.
+#[track_caller]
+fn waiting_reader(pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<(u8, u64), PipeError>> {
+    let reads = pipe.clone();
+    let reader = thread::spawn(move || read(&reads, None));
+    for round in 0..2000 {
+        if round % 100 == 0 {
+            // Whoever handles them is interrupted: the pipe's thread, which began before the call, leaves them to it then.
+            pipe.cancel_writes();
+        }
+        thread::sleep(Duration::from_millis(10));
+        if pipe.shared.state.lock().asleep {
+            return reader;
+        }
+    }
+    panic!("the pipe's thread does not sleep");
+}
+
+/// WIRE-94 While a call waits on a silent board the pipe's thread sleeps, and wakes when the call leaves: reports are taken
+/// between two calls then too.
+#[test]
+fn the_pipes_thread_sleeps_while_a_call_waits() {
+    let world = World::new();
+    let pipe = Arc::new(open(world));
+    for round in 0..10 {
+        let reader = waiting_reader(&pipe);
+        let waits = world.event_waits();
+        thread::sleep(Duration::from_millis(50));
+        assert!(pipe.shared.state.lock().asleep, "round {round}");
+        assert_eq!(world.event_waits(), waits, "nobody looks: the call waits on");
+        world.send(status::COMPLETED, &[1; 512]);
+        assert_eq!(in_time(|| reader.join().unwrap()), Ok((1, round * 9)));
+        (0..8).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
+        world.until_pending(LIMITS.transfers);
+        while pipe.stats().reports < (round + 1) * 9 {
+            thread::yield_now();
+        }
+        for fill in 4..8 {
+            assert_eq!(read(&pipe, None), Ok((fill, round * 9 + 1 + u64::from(fill))));
+        }
+    }
+}
+
+/// WIRE-20 A write that finds the board gone ends a read that handles events, though nothing else happens.
+#[test]
+fn a_write_that_finds_the_board_gone_ends_a_read() {
+    let world = World::new();
+    let pipe = Arc::new(open(world));
+    let reader = waiting_reader(&pipe);
+    world.answer("submit", -4);
+    assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
+    assert_eq!(in_time(|| reader.join().unwrap()), Err(PipeError::Lost(GONE)));
+}
+
+/// WIRE-95 Where the system says for good no more what becomes of transfers, every call ends with that reason, and so does
+/// closing; what the system still has stays its own.
+#[test]
+fn events_that_fail_for_good_end_every_call() {
+    for closed in [false, true] {
+        let world = World::new();
+        let pipe = Arc::new(open(world));
+        world.set_takes(Takes::None { moved: 0 });
+        let reader = waiting_reader(&pipe);
+        let writes = pipe.clone();
+        let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
+        world.until_pending(LIMITS.transfers + 1);
+        world.fail_events(u32::MAX);
+        let closes = pipe.clone();
+        if closed {
+            in_time(move || closes.close());
+        } else {
+            drop(closes);
+        }
+        for call in [in_time(|| reader.join().unwrap().map(drop)), in_time(|| writer.join().unwrap())] {
+            // A call is ended by what comes first.
+            assert!(call == Err(PipeError::Lost(DEAF)) || (closed && call == Err(PipeError::Closed)), "{call:?}");
+        }
+        let ended = Err(if closed { PipeError::Closed } else { PipeError::Lost(DEAF) });
+        assert_eq!((read(&pipe, None).map(drop), pipe.write(&[2; REPORT_LEN], None)), (ended, ended));
+        in_time(move || drop(pipe));
+        let [_, _, _, claims, _] = world.left();
+        assert_eq!(claims, 0, "others may have the board");
+    }
+}
+
+/// WIRE-95 Errors now and then are none of the board's: reports go on.
+#[test]
+fn events_that_fail_at_times_end_nothing() {
+    let world = World::new();
+    let pipe = open(world);
+    for round in 0..4 {
+        world.fail_events(40);
+        world.send(status::COMPLETED, &[7; 512]);
+        assert_eq!(read(&pipe, Some(PATIENCE)), Ok((7, round)));
+    }
+    drop(pipe);
+    assert_eq!(world.left(), NOTHING_LEFT);
 }
 
 /// WIRE-20 The call that handles libusb's events for all ends: the others go on, and end by what they wait for.

@@ -1,18 +1,17 @@
 //! Finding and opening boards, and the pipe, over a Windows of which the test has every end.
 
-use std::sync::{Arc, mpsc};
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
 use super::fake::{BOARD, Listed, Takes, World};
 use super::*;
+use crate::io::hid::calls::{PATIENCE, in_time, read};
 use crate::io::hid::reports::Shared;
 use crate::io::hid::{NotOne, Pipe, PipeError, PipeStats};
 
 const TRANSFERS: usize = 3;
 const QUEUE: usize = 4;
-/// Longer than anything takes here.
-const PATIENCE: Duration = Duration::from_secs(20);
 const SOON: Duration = Duration::from_millis(20);
 
 fn try_open(world: &'static World) -> Result<Pipe, PipeError> {
@@ -27,21 +26,6 @@ fn open() -> (&'static World, Arc<Pipe>) {
     let world = World::new(vec![BOARD]);
     let pipe = Arc::new(try_open(world).expect("it opens"));
     (world, pipe)
-}
-
-fn read(pipe: &Pipe, limit: Option<Duration>) -> Result<(u8, u64), PipeError> {
-    let mut report = [0xA5; REPORT_LEN];
-    let done = pipe.read(&mut report, limit);
-    assert!(done.is_ok() || report == [0xA5; REPORT_LEN], "a read that fails leaves the report alone");
-    done.map(|(_, number)| (report[0], number))
-}
-
-/// Fails instead of waiting without end.
-#[track_caller]
-fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
-    let (done, ended) = mpsc::channel();
-    thread::spawn(move || done.send(work()));
-    ended.recv_timeout(PATIENCE).expect("it does not end")
 }
 
 /// WIN-40 Ids, place and serial number are in Windows' names: no other device is opened, and none is asked for a text.

@@ -11,6 +11,7 @@ use super::super::api::{
 };
 use super::{Ending, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, World, report_of, to_host};
 
+const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
 
 /// From here on a limit is long.
@@ -278,17 +279,22 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
     // SAFETY: the caller's limit.
     let limit = unsafe { Duration::new((*limit).tv_sec as u64, (*limit).tv_usec as u32 * 1000) };
     let mut inside = world.inside.lock();
+    inside.event_waits += 1;
     if inside.signals > 0 {
         inside.signals -= 1;
         return INTERRUPTED;
     }
     // A long limit never passes here: whoever needs it to has forgotten to interrupt.
-    while inside.endings.is_empty() && !inside.interrupted {
+    while inside.endings.is_empty() && !inside.interrupted && inside.event_errors == 0 {
         if limit < LONG {
             world.changed.wait_for(&mut inside, limit);
             break;
         }
         world.changed.wait(&mut inside);
+    }
+    if inside.event_errors > 0 {
+        inside.event_errors -= 1;
+        return IO;
     }
     inside.interrupted = false;
     let endings = std::mem::take(&mut inside.endings);

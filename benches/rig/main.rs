@@ -1,7 +1,8 @@
 //! The links `usb:` and `spi:` with a real kernel's USB, SPI and GPIO code below them, against the smallest loops that do
-//! the same: `usb_pairs`, `usb_latency_p50`, `usb_latency_p99` on libusb's synchronous functions, `usb_pairs_queued`,
-//! `usb_latency_queued_p50`, `usb_latency_queued_p99` on its asynchronous ones, `spi_exchange`, `spi_busy_to_start`. Also: how many reports
-//! are missed of a board that sends one each millisecond or each 250 us, and how often a report makes the link allocate.
+//! the same: `usb_pairs`, `usb_latency_p50`, `usb_latency_p99` against one on libusb's synchronous functions, which begins its
+//! read after the write; `usb_pairs_queued`, `usb_latency_queued_p50`, `usb_latency_queued_p99` against one on its asynchronous
+//! functions with eight reads under way, as the link has; `spi_exchange`, `spi_busy_to_start`. Also: how many reports are missed
+//! of a board that sends one each millisecond or each 250 us, and how often a report makes the link allocate.
 //!
 //! Runs in a guest system alone: `cargo xtask bench --rig`. The boards are other processes of this program.
 

@@ -180,7 +180,8 @@ fn wrong_reset(crc: Option<u8>) -> Frame {
 #[test]
 fn a_sw_reset_that_the_board_refuses_ends_nothing() {
     for busy in [Busy::True, Busy::None] {
-        let opened = || link::open("sim:?queue=1&slaves=drive&name=refuses", Share::ByName);
+        let uri = format!("sim:?queue=1&slaves=drive&name=refuses-{}", u8::from(busy == Busy::None));
+        let opened = || link::open(&uri, Share::ByName);
         let held = Held::over(opened().unwrap()).busy(busy);
         let link = held.open(LINK).unwrap();
         write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));

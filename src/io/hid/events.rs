@@ -4,6 +4,7 @@
 //! A call that leaves hands nothing over, which would cost every report a change of threads: the pipe's thread looks from
 //! time to time whether calls still come. While one and the same call waits it sleeps, and that call wakes it.
 
+use std::mem;
 use std::thread;
 use std::time::Duration;
 
@@ -93,7 +94,7 @@ impl Shared {
     fn handle_for_a_call(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
         self.handle(state, line, limit);
         state.turns += 1;
-        if state.asleep {
+        if mem::take(&mut state.asleep) {
             self.look_around.notify_all();
         }
     }

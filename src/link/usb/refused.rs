@@ -5,7 +5,8 @@ use crate::link::LinkError;
 
 /// What to do where this user may not open it, and where the system has no memory for its transfers.
 #[cfg(target_os = "linux")]
-const MAY_NOT: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in the way";
+const MAY_NOT: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in \
+                       the way";
 #[cfg(not(any(windows, target_os = "linux")))]
 const MAY_NOT: &str = "be root";
 #[cfg(not(windows))]

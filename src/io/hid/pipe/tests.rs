@@ -71,18 +71,20 @@ fn reports_are_taken_between_two_calls() {
     }
 }
 
-/// A read that waits and handles libusb's events, while the pipe's thread sleeps.
+/// A read that waits and handles libusb's events, while the pipe's thread sleeps: nobody looks whether there are any.
 #[track_caller]
-fn waiting_reader(pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<(u8, u64), PipeError>> {
+fn waiting_reader(world: &World, pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<(u8, u64), PipeError>> {
     let reads = pipe.clone();
     let reader = thread::spawn(move || read(&reads, None));
-    for round in 0..2000 {
-        if round % 100 == 0 {
+    let state = || (pipe.shared.state.lock().asleep, world.event_waits());
+    for round in 0..400 {
+        if round % 3 == 0 {
             // Whoever handles them is interrupted: the pipe's thread, which began before the call, leaves them to it then.
             pipe.cancel_writes();
         }
-        thread::sleep(Duration::from_millis(10));
-        if pipe.shared.state.lock().asleep {
+        let before = state();
+        thread::sleep(Duration::from_millis(50));
+        if before.0 && state() == before {
             return reader;
         }
     }
@@ -96,18 +98,11 @@ fn the_pipes_thread_sleeps_while_a_call_waits() {
     let world = World::new();
     let pipe = Arc::new(open(world));
     for round in 0..10 {
-        let reader = waiting_reader(&pipe);
-        let waits = world.event_waits();
-        thread::sleep(Duration::from_millis(50));
-        assert!(pipe.shared.state.lock().asleep, "round {round}");
-        assert_eq!(world.event_waits(), waits, "nobody looks: the call waits on");
+        let reader = waiting_reader(world, &pipe);
         world.send(status::COMPLETED, &[1; 512]);
         assert_eq!(in_time(|| reader.join().unwrap()), Ok((1, round * 9)));
         (0..8).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
         world.until_pending(LIMITS.transfers);
-        while pipe.stats().reports < (round + 1) * 9 {
-            thread::yield_now();
-        }
         for fill in 4..8 {
             assert_eq!(read(&pipe, None), Ok((fill, round * 9 + 1 + u64::from(fill))));
         }
@@ -119,7 +114,7 @@ fn the_pipes_thread_sleeps_while_a_call_waits() {
 fn a_write_that_finds_the_board_gone_ends_a_read() {
     let world = World::new();
     let pipe = Arc::new(open(world));
-    let reader = waiting_reader(&pipe);
+    let reader = waiting_reader(world, &pipe);
     world.answer("submit", -4);
     assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
     assert_eq!(in_time(|| reader.join().unwrap()), Err(PipeError::Lost(GONE)));
@@ -133,7 +128,7 @@ fn events_that_fail_for_good_end_every_call() {
         let world = World::new();
         let pipe = Arc::new(open(world));
         world.set_takes(Takes::None { moved: 0 });
-        let reader = waiting_reader(&pipe);
+        let reader = waiting_reader(world, &pipe);
         let writes = pipe.clone();
         let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
         world.until_pending(LIMITS.transfers + 1);

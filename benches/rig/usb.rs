@@ -69,14 +69,14 @@ fn pairs() {
     common::limited("usb_allocations", count as f64, "in 300 pairs", 0.0);
 }
 
-fn measure_pairs(ours: &mut OnLink, bare: &mut dyn FnMut(), names: [&'static str; 3], against: &'static str) {
+fn measure_pairs(ours: &mut OnLink, bare: &mut impl FnMut(), names: [&'static str; 3], against: &'static str) {
     let demand = |name, target| Demand { name, target, allowance: None, against: Some(against) };
     let [pairs, p50, p99] = names;
     common::pair_of_blocks(
         demand(pairs, PAIRS_TARGET),
         PAIR_BLOCKS,
         || common::per_call_ns(PAIRS, &mut || ours.pair()),
-        || common::per_call_ns(PAIRS, bare),
+        || common::per_call_ns(PAIRS, &mut *bare),
     );
     for (name, share) in [(p50, 50), (p99, 99)] {
         common::pair_of_blocks(

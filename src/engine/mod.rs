@@ -14,6 +14,8 @@ mod fifo;
 mod go_home;
 mod handle;
 mod handover;
+#[cfg(test)]
+mod handover_tests;
 mod homing;
 mod jobs;
 mod lost;

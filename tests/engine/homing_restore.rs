@@ -249,6 +249,19 @@ fn a_mode_that_cannot_be_restored() {
     assert_eq!((home.drive().modes(), home.host.counters().modes_not_restored), (vec![8], 1));
 }
 
+/// SK-7.42 In SafeOP as well, when homing has ended with OP.
+#[test]
+fn a_mode_that_cannot_be_restored_after_op() {
+    let mut home = Home::ready(Firmware::V17, None);
+    home.drive().script(Script { takes: 10_000, ..Script::default() });
+    home.go_home(1).drained().cycles(20);
+    home.network.abort_sdo(1, Some(AbortCode(0x0800_0022)));
+    let transfers = home.jobs.transfers().len();
+    home.host.go(MasterState::SafeOp).cycles(200);
+    assert_eq!((home.jobs.transfers().len() - transfers, home.host.counters().modes_not_restored), (3, 1));
+    assert_eq!(home.phase(1), HomingPhase::Idle);
+}
+
 /// SK-7.22 When OP is left the mode is restored in SafeOP; a way down to PreOP leaves it to the next way up.
 #[test]
 fn the_mode_returns_after_op() {

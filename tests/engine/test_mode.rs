@@ -106,6 +106,9 @@ fn a_host_ends_the_walk() {
 
             host.slave(2, SlaveCommand::IoWrite(0x00F0)).drained().cycles(20);
             assert_eq!(last(&puppets), [0, 0x00F0, 0], "{how:?}");
+            host.slave(3, SlaveCommand::IoWrite(0x000F)).drained().cycles(20);
+            assert_eq!(last(&puppets), [0, 0x00F0, 0x000F], "{how:?}: another one's hold");
+            host.slave(3, SlaveCommand::IoWrite(0)).drained().cycles(20);
             puppets.iter().for_each(Puppet::forget);
             host.cycles(15_000);
             assert_eq!(patterns(&puppets).len(), 1, "{how:?}: for good");
@@ -140,7 +143,7 @@ fn a_write_that_is_cleared() {
 #[test]
 fn a_host_changes_the_state() {
     let (mut host, puppets, _) = board(None, 1);
-    host.until("OP", |host| host.state().0 == 8).cycles(3000).go(MasterState::PreOp).cycles(3000);
+    host.until("OP", |host| host.state().0 == 8).cycles(3000).go(MasterState::PreOp).cycles(4500);
     assert_eq!(host.state().0, 2, "it is not asked for OP again");
     puppets[0].forget();
     host.go(MasterState::Op).cycles(1500);

@@ -5,6 +5,7 @@ mod boards;
 #[path = "../bus_wrapper/mod.rs"]
 mod bus_wrapper;
 mod client;
+mod early;
 mod habits;
 mod slow;
 mod stepped;

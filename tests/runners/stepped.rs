@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use ecmsk::coe::ObjectAddress;
+use ecmsk::engine::{Stepped, Stop};
 use ecmsk::link::engine::RunOptions;
 use ecmsk::link::{Dir, LinkError, Stamp, Wait};
 use ecmsk::sk::{
     CycleTime, DcShift, FIFO_ENTRIES, Frame, MasterCommand, MasterState, SdoCommand, SlaveCommand, StateByte,
 };
 
-use crate::client::{Client, MS, open, soft_reset, target};
+use crate::client::{Client, MS, board, open, soft_reset, target};
 
 const MICROFRAME: u64 = 125_000;
 
@@ -239,4 +240,24 @@ fn a_report_a_cycle_in_every_state() {
             assert_eq!(client.answer().state, StateByte::reached(state));
         }
     }
+}
+
+/// SK-9.8 Time that is let pass is the board's, and its reports are kept as if nobody had read; a report that is due at
+/// the very end of a limit comes; LIB-49 a board that is reset says so.
+#[test]
+fn time_is_let_pass() {
+    let (board, _) = board(1);
+    let zero = board.now();
+    let stepped = Stepped::new(board, 0, 32);
+    assert_eq!(stepped.pass(5 * MS), Ok(zero + 5 * MS));
+    let mut report = Frame::new();
+    let look = || stepped.read(&mut report, Some(Duration::ZERO)).ok();
+    let times: Vec<_> = std::iter::from_fn(look).map(|report| report.at).collect();
+    assert_eq!((times.len(), times[4] - times[0]), (5, 4 * MS));
+    let mut read = |limit| stepped.read(&mut report, limit).map(|report| report.at);
+    let at = read(None).unwrap();
+    assert_eq!(read(Some(Duration::from_nanos(MS))), Ok(at + MS));
+    assert_eq!(read(Some(Duration::from_nanos(MS - 1))), Err(Stop::Timeout));
+    stepped.write(&soft_reset()).unwrap();
+    assert_eq!(stepped.pass(100 * MS), Err(Stop::Rebooted));
 }

@@ -41,7 +41,7 @@ fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
 }
 
 /// The program's own file, as the system finds it.
-fn program_file(program: &Path) -> Option<PathBuf> {
+pub fn program_file(program: &Path) -> Option<PathBuf> {
     let file = if program.components().count() > 1 {
         program.to_owned()
     } else {

@@ -52,7 +52,7 @@ Exit codes:
 
 /// Tools for the ECM-SK, an EtherCAT master on a board, and for its software model.
 #[derive(Parser)]
-#[command(name = "ecmsk", version, after_help = EXIT_CODES)]
+#[command(name = "ecmsk", bin_name = "ecmsk", version, after_help = EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,

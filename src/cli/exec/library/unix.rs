@@ -27,10 +27,12 @@ pub const UNOPENED: &str =
 /// What the dynamic linker does not take in a folder's name, and what to do.
 pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`; set TMPDIR to another folder";
 
-/// Beside this tool, else in `../lib` from there.
+/// Beside this tool, else in `../lib` from there, else in the folder there in which Debian has the libraries of this
+/// architecture.
 pub fn usual_folders(beside_tool: &Path, _program: Option<&Path>) -> Vec<PathBuf> {
     let stage = beside_tool.parent().map(|above| above.join("lib"));
-    std::iter::once(beside_tool.to_owned()).chain(stage).collect()
+    let debian = stage.as_ref().map(|lib| lib.join(format!("{}-linux-gnu", std::env::consts::ARCH)));
+    std::iter::once(beside_tool.to_owned()).chain(stage).chain(debian).collect()
 }
 
 /// The dynamic linker passes over what is no library without a word, and takes the next one it finds.

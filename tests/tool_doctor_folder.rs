@@ -71,7 +71,9 @@ fn a_folder_that_is_right() {
 /// broken one are, too. What does not use the library is let be.
 #[test]
 fn a_library_that_does_not_fit() {
-    for (machine, other, width, others, name) in [(X86, X64, "32-bit", "64-bit", "x86"), (X64, X86, "64-bit", "32-bit", "x64")] {
+    for (machine, other, width, others, name) in
+        [(X86, X64, "32-bit", "64-bit", "x86"), (X64, X86, "64-bit", "32-bit", "x64")]
+    {
         let there = folder(&[("press.exe", program(machine)), ("NEXTWUSBLib.dll", ours(other))]);
         let (ran, findings) = doctor(there.path());
         assert_eq!(ran.code, Some(1), "{ran:?}");
@@ -104,7 +106,8 @@ fn a_library_that_does_not_fit() {
     assert!(told(&findings, "program", "press.exe").1.contains("is broken"));
 
     let uninstaller = Pe::program(X86).bytes();
-    let there = folder(&[("press.exe", program(X64)), ("unins000.exe", uninstaller), ("NEXTWUSBLib.dll", vendors(X64))]);
+    let there =
+        folder(&[("press.exe", program(X64)), ("unins000.exe", uninstaller), ("NEXTWUSBLib.dll", vendors(X64))]);
     let (ran, findings) = doctor(there.path());
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert_eq!(told(&findings, "library", "NEXTWUSBLib.dll").1, "64-bit, by Maker Inc., version 1, 2, 0, 3");
@@ -218,27 +221,26 @@ fn hostile_files() {
         .version(&[("CompanyName", "\u{1b}[31mMaker"), ("FileVersion", "1")])
         .text(b"NEXTWUSBLib.dll\0")
         .bytes();
-    let there = tempfile::tempdir().expect("a folder");
-    let mut count = 0;
-    let mut put = |bytes: &[u8]| {
-        count += 1;
-        fs::write(there.path().join(format!("{count:05}.exe")), bytes).expect("a file");
-    };
     // Every length of the headers, and some of the rest.
-    (0..0x200).step_by(3).chain((0x200..whole.len()).step_by(37)).for_each(|end| put(&whole[..end]));
-    let cut = count;
+    let lengths = (0..0x200).step_by(3).chain((0x200..whole.len()).step_by(37));
+    let mut files: Vec<Vec<u8>> = lengths.map(|end| whole[..end].to_vec()).collect();
+    let cut = files.len();
     for at in (0..whole.len()).filter(|at| whole[*at] != 0 || *at < 0x200) {
         for value in [0xFF, 0x80, whole[at] ^ 1] {
             let mut bytes = whole.clone();
             bytes[at] = value;
-            put(&bytes);
+            files.push(bytes);
         }
+    }
+    let there = tempfile::tempdir().expect("a folder");
+    for (number, bytes) in files.iter().enumerate() {
+        fs::write(there.path().join(format!("{number:05}.exe")), bytes).expect("a file");
     }
     let (ran, findings) = doctor(there.path());
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     assert_eq!(ran.err, "");
     let programs: Vec<&Value> = findings.iter().filter(|finding| finding["check"] == "program").collect();
-    assert_eq!(programs.len(), count);
+    assert_eq!(programs.len(), files.len());
     for program in &programs[..cut] {
         assert_eq!(program["state"], "wrong", "what is cut off is broken: {program}");
         assert!(program["next"].as_str().is_some_and(|next| !next.is_empty()), "{program}");

@@ -12,8 +12,8 @@ use linux as system;
 #[cfg(windows)]
 use windows as system;
 
-pub(crate) use system::FINER;
 pub use system::timer_resolution;
+pub(crate) use system::{COARSE, FINER};
 
 /// How late a thread was woken up, against what it asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -178,7 +178,10 @@ pub fn ours(machine: u16) -> Vec<u8> {
 /// Another maker's.
 pub fn vendors(machine: u16) -> Vec<u8> {
     let names = ["CloseECMUSB", "ECMUSBRead", "ECMUSBWrite", "OpenECMUSB"];
-    Pe::library(machine).exports(&names).version(&[("CompanyName", "Maker Inc."), ("FileVersion", "1, 2, 0, 3")]).bytes()
+    Pe::library(machine)
+        .exports(&names)
+        .version(&[("CompanyName", "Maker Inc."), ("FileVersion", "1, 2, 0, 3")])
+        .bytes()
 }
 
 fn string(name: &str, text: &str) -> Vec<u8> {

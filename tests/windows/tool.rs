@@ -3,9 +3,14 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
-use std::process::{Command, Stdio};
+use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
 
-use crate::fixture::{DLL, Folder, Toolchain, Width, lines, source};
+use ecmsk::link::Dir;
+use ecmsk::link::record::{Recorded, Recording};
+use ecmsk::sk::{CommandId, SlotSize};
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::fixture::{DLL, Folder, Toolchain, Width, lines};
 use crate::support::{self, Ended, root};
 
 const TOOL: &str = "ecmsk.exe";
@@ -149,31 +154,80 @@ crate::for_each_width! {
         assert!(said.contains(&takes), "{said}");
     }
 
-    /// WIN-65, TCP-1 A board that the tool serves under Windows is one for the tool of this system; Ctrl-Break ends it as
-    /// SIGTERM does on Linux.
+    /// WIN-65, TCP-1 A board that the tool serves under Windows is one for the tool of this system; Ctrl-C ends it in order.
     #[test]
     fn a_served_board_and_its_end(width: Width) {
         let folder = folder(width, "tool-serve");
-        // Windows' own way to press Ctrl-Break for another program is a call of a program in the same console.
-        folder.build(Toolchain::MinGw, &source("ctrl_break.c"), "ctrl_break.exe");
-        let served = format!("{TOOL} serve tcp --link sim:?slaves=drive*2 --listen 127.0.0.1:0");
-        let mut command = folder.command("ctrl_break.exe", "");
-        command.arg(served).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut started = command.spawn().expect("Wine starts");
-        let mut out = BufReader::new(started.stdout.take().expect("a pipe"));
+        let mut served = Running::start(&folder, &["serve", "tcp", "--link", "sim:?slaves=drive*2", "--listen", "127.0.0.1:0"]);
         let mut line = String::new();
-        out.read_line(&mut line).expect("a line");
-        let address = line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect(&line);
-        let link = format!("tcp://{address}");
-        let info = here(&folder, &["move", "1=1000", "--link", &link]);
-        assert_eq!(info.stderr, "");
-        assert!(info.success().contains("1000"));
-        // The end of its input is the word.
-        drop(started.stdin.take());
-        let mut err = String::new();
-        started.stderr.take().expect("a pipe").read_to_string(&mut err).expect("text");
-        let ended = started.wait().expect("it ends");
-        assert!(err.contains("stopped by Ctrl-Break"), "{err}");
-        assert_eq!(ended.code(), Some(0), "{err}");
+        served.out.read_line(&mut line).expect("a line");
+        let address = line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect("where");
+        let moved = here(&folder, &["move", "1=1000", "--up", "--link", &format!("tcp://{address}")]);
+        assert!(moved.success().contains("1000"));
+        served.press_ctrl_c();
+        let (code, err) = served.end();
+        assert!(code == Some(0) && err.contains("stopped by Ctrl-C"), "{code:?} {err}");
+    }
+
+    /// WIN-66, TOOL-16 Ctrl-C in a move brakes the axis before the tool ends by 130: it has not gone where it was sent, and
+    /// its last targets come to rest.
+    #[test]
+    fn ctrl_c_brakes_a_move(width: Width) {
+        let folder = folder(width, "tool-stop");
+        let board = "sim:?slaves=drive&record=stop.pcapng";
+        let line = ["move", "1=90000000", "--velocity", "100000", "--acceleration", "200000", "--up", "--link", board];
+        let mut moving = Running::start(&folder, &line);
+        moving.until("progress: moving");
+        moving.press_ctrl_c();
+        let (code, err) = moving.end();
+        assert_eq!(code, Some(130), "{err}");
+        assert!(err.contains("stopped by Ctrl-C; no axis moves, those that were on stay on"), "{err}");
+        let csp = |recorded: &Recorded| (recorded.dir == Dir::Write).then(|| recorded.frame.slot(SlotSize::Bytes12, 1));
+        let recording = Recording::open(&folder.path().join("stop.pcapng")).expect("the recording");
+        let slots = recording.filter_map(|recorded| csp(&recorded.expect("a frame")));
+        let targets: Vec<i32> =
+            slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect();
+        let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert!(steps.contains(&100) && steps.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
+        assert!(steps.ends_with(&[0]) || steps.ends_with(&[1]), "it came to rest: {:?}", steps.last());
+        assert!(steps.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 2), "no jump");
+    }
+}
+
+/// The tool at work.
+struct Running {
+    child: Child,
+    out: BufReader<ChildStdout>,
+    said: BufReader<ChildStderr>,
+    err: String,
+}
+
+impl Running {
+    fn start(folder: &Folder, words: &[&str]) -> Self {
+        let mut command = folder.command(TOOL, "");
+        command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("Wine starts");
+        let out = BufReader::new(child.stdout.take().expect("a pipe"));
+        let said = BufReader::new(child.stderr.take().expect("a pipe"));
+        Self { child, out, said, err: String::new() }
+    }
+
+    /// Waits until it says a line with this on standard error.
+    fn until(&mut self, words: &str) {
+        while !self.err.contains(words) {
+            let read = self.said.read_line(&mut self.err).expect("UTF-8");
+            assert!(read > 0, "it ended without `{words}`: {}", self.err);
+        }
+    }
+
+    /// Wine hands SIGINT on as Windows does Ctrl-C. What Wine is started by becomes the program.
+    fn press_ctrl_c(&self) {
+        kill_process(Pid::from_child(&self.child), Signal::INT).expect("it runs");
+    }
+
+    /// Its exit code, and all it has said on standard error.
+    fn end(mut self) -> (Option<i32>, String) {
+        self.said.read_to_string(&mut self.err).expect("UTF-8");
+        (self.child.wait().expect("it ends").code(), self.err)
     }
 }

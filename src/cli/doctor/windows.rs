@@ -8,7 +8,7 @@ use ecmsk::machine::findings::Finding;
 
 use super::CliError;
 
-/// There is nothing to say.
+// There is nothing to say. (A comment for rustdoc would be the verb's help.)
 #[derive(clap::Args)]
 pub struct Args {}
 

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// There is nothing to say.
+// There is nothing to say. (A comment for rustdoc would be the verb's help.)
 #[derive(clap::Args)]
 pub struct Args {}
 
@@ -15,7 +15,7 @@ pub fn rows(_: &Args) -> Vec<Row> {
     match Machine::here().boards() {
         Ok(boards) => boards.iter().map(row).collect(),
         Err(why) => {
-            let (found, next) = why.rsplit_once("; ").unwrap_or((&why, "start Windows anew"));
+            let (found, next) = why.rsplit_once("; ").unwrap_or((why.as_str(), "start Windows anew"));
             vec![Row {
                 scheme: Scheme::Usb,
                 link: None,

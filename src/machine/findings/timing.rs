@@ -3,11 +3,9 @@
 use std::time::Duration;
 
 use super::Finding;
-use crate::machine::timing::{FINER, Lateness};
+use crate::machine::timing::{COARSE, FINER, Lateness};
 use crate::span::Span;
 
-/// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
-const COARSE: Duration = Duration::from_micros(100);
 /// \[OURS] What is woken up later than this, one time of a hundred, is advised real-time priority: half a cycle of 1 ms.
 const LATE: Duration = Duration::from_micros(500);
 /// How fine timers are.

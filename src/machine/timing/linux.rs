@@ -6,6 +6,8 @@ use std::time::Duration;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_getres, clock_gettime};
 
+/// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
+pub const COARSE: Duration = Duration::from_micros(100);
 /// What to do about timers that are coarse.
 pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)";
 

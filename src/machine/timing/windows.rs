@@ -4,6 +4,8 @@ use std::time::{Duration, Instant};
 
 use libloading::os::windows::Library;
 
+/// \[OURS] Timers that are coarser keep no cycle of 1 ms. Those of Windows 10 and later wake up at multiples of 500 us.
+pub const COARSE: Duration = Duration::from_millis(1);
 /// What to do about timers that are coarse.
 pub const FINER: &str = "motion of boards behind usb: and tcp: links is timed by the board itself; simulate with clock=virtual, or on Linux";
 

@@ -112,7 +112,7 @@ impl Machine {
         let devices = match self.boards() {
             Ok(devices) => devices,
             Err(why) => {
-                let (found, next) = why.rsplit_once("; ").unwrap_or((&why, "start Windows anew"));
+                let (found, next) = why.rsplit_once("; ").unwrap_or((why.as_str(), "start Windows anew"));
                 return vec![Finding::wrong_if(wanted, USB, found, next)];
             }
         };

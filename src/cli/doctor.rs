@@ -50,7 +50,7 @@ pub struct Args {
     json: bool,
 
     #[command(flatten)]
-    system: system::Args,
+    system: system::SystemArgs,
 
     /// Look at a Windows program's folder instead, also from Linux: which of its programs have which width, and whether the
     /// NEXTWUSBLib.dll and the ecmsk.toml there fit

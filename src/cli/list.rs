@@ -33,7 +33,7 @@ pub struct Args {
     json: bool,
 
     #[command(flatten)]
-    system: system::Args,
+    system: system::SystemArgs,
 }
 
 /// A device.

@@ -13,7 +13,7 @@ use super::CliError;
 pub use rule::RuleError;
 
 #[derive(clap::Args)]
-pub struct Args {
+pub struct SystemArgs {
     /// Write the udev rule that lets users open boards to /etc/udev/rules.d, show it, and say how it comes into force; who
     /// may not write there is told the lines to type
     #[arg(long, conflicts_with_all = ["quick", "json", "folder"])]
@@ -25,7 +25,7 @@ pub struct Args {
 }
 
 /// Whether something else than findings was asked for; then it is done.
-pub fn is_done(args: &Args) -> Result<bool, CliError> {
+pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     if args.write_udev_rule {
         rule::write(&Machine::below(&args.root))?;
     }
@@ -33,16 +33,16 @@ pub fn is_done(args: &Args) -> Result<bool, CliError> {
 }
 
 /// Where `/etc` is.
-pub fn root(args: &Args) -> &Path {
+pub fn root(args: &SystemArgs) -> &Path {
     &args.root
 }
 
 /// The system and its release.
-pub fn name(args: &Args) -> Option<String> {
+pub fn name(args: &SystemArgs) -> Option<String> {
     Machine::below(&args.root).kernel().map(|release| format!("Linux {release}"))
 }
 
 /// All that can be told without waiting.
-pub fn findings(args: &Args, wanted: Option<&LinkUri>) -> Vec<Finding> {
+pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::below(&args.root).findings(wanted)
 }

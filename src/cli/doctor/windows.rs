@@ -10,25 +10,25 @@ use super::CliError;
 
 // There is nothing to say. (A comment for rustdoc would be the verb's help.)
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct SystemArgs {}
 
 /// Nothing else can be asked for.
-pub fn is_done(_: &Args) -> Result<bool, CliError> {
+pub fn is_done(_: &SystemArgs) -> Result<bool, CliError> {
     Ok(false)
 }
 
 /// Folders have no other place.
-pub fn root(_: &Args) -> &Path {
+pub fn root(_: &SystemArgs) -> &Path {
     Path::new("")
 }
 
 /// The system.
-pub fn name(_: &Args) -> Option<String> {
+pub fn name(_: &SystemArgs) -> Option<String> {
     let width = if cfg!(target_pointer_width = "64") { "64-bit" } else { "32-bit" };
     Some(format!("Windows, this tool is {width}"))
 }
 
 /// All that can be told without waiting.
-pub fn findings(_: &Args, wanted: Option<&LinkUri>) -> Vec<Finding> {
+pub fn findings(_: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::here().findings(wanted)
 }

@@ -12,14 +12,14 @@ use serde_json::json;
 use super::Row;
 
 #[derive(clap::Args)]
-pub struct Args {
+pub struct SystemArgs {
     /// The folder that /sys, /proc, /dev and /etc are below
     #[arg(long, hide = true, value_name = "DIR", default_value = "/", value_hint = ValueHint::DirPath)]
     root: PathBuf,
 }
 
 /// All devices.
-pub fn rows(args: &Args) -> Vec<Row> {
+pub fn rows(args: &SystemArgs) -> Vec<Row> {
     let machine = Machine::below(&args.root);
     usb(&machine).chain(spi(&machine)).collect()
 }

@@ -8,10 +8,10 @@ use super::Row;
 
 // There is nothing to say. (A comment for rustdoc would be the verb's help.)
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct SystemArgs {}
 
 /// All devices with the board's ids; or why there is no telling.
-pub fn rows(_: &Args) -> Vec<Row> {
+pub fn rows(_: &SystemArgs) -> Vec<Row> {
     match Machine::here().boards() {
         Ok(boards) => boards.iter().map(row).collect(),
         Err(why) => {

@@ -133,8 +133,6 @@ impl Image {
         for section in sections.iter() {
             section.pe_data(data)?;
         }
-        let is_there = |entry: usize| directories.get(entry).is_some_and(|entry| entry.virtual_address.get(LE) != 0);
-
         let mut managed = None;
         let mut width = match headers.file_header().machine.get(LE) {
             pe::IMAGE_FILE_MACHINE_I386 => Width::X86,
@@ -160,21 +158,14 @@ impl Image {
             }
         }
 
-        let mut exports = Vec::new();
-        if is_there(pe::IMAGE_DIRECTORY_ENTRY_EXPORT)
-            && let Some(table) = directories.export_table(data, &sections)?
-        {
-            for (name, _) in table.name_iter().take(MOST) {
-                exports.push(String::from_utf8_lossy(table.name_from_pointer(name)?).into_owned());
-            }
-        }
-        let resource = is_there(pe::IMAGE_DIRECTORY_ENTRY_RESOURCE)
-            .then(|| directories.resource_directory(data, &sections))
-            .transpose()?
-            .flatten()
-            .map(|resources| version_resource(resources, data, &sections))
-            .transpose()?
-            .flatten();
+        // What only tells whose it is may be odd, as in files that were packed: Windows loads those, too.
+        let table = directories.export_table(data, &sections).ok().flatten();
+        let exports = table.map_or_else(Vec::new, |table| {
+            let names = table.name_iter().take(MOST).filter_map(|(name, _)| table.name_from_pointer(name).ok());
+            names.map(|name| String::from_utf8_lossy(name).into_owned()).collect()
+        });
+        let resources = directories.resource_directory(data, &sections).ok().flatten();
+        let resource = resources.and_then(|resources| version_resource(resources, data, &sections));
         let text = |name: &str| {
             let text = printable(version::text(resource?, name)?.trim());
             (!text.is_empty()).then_some(text)
@@ -205,17 +196,13 @@ fn version_resource<'data>(
     resources: ResourceDirectory<'data>,
     data: &'data [u8],
     sections: &SectionTable<'data>,
-) -> Result<Option<&'data [u8]>, ImageError> {
+) -> Option<&'data [u8]> {
     let of_kind = |entry: &&ImageResourceDirectoryEntry| entry.name_or_id().id() == Some(VERSION);
-    let mut entry = resources.root()?.entries.iter().find(of_kind);
+    let mut entry = resources.root().ok()?.entries.iter().find(of_kind)?;
     // Its names, and the languages of the first one.
     for _ in 0..2 {
-        let table = entry.map(|entry| entry.data(resources)).transpose()?.and_then(|found| found.table());
-        entry = table.and_then(|table| table.entries.first());
+        entry = entry.data(resources).ok()?.table()?.entries.first()?;
     }
-    let Some(there) = entry.map(|entry| entry.data(resources)).transpose()?.and_then(|found| found.data()) else {
-        return Ok(None);
-    };
-    let all = sections.pe_data_at(data, there.offset_to_data.get(LE)).ok_or(ImageError::Cut("version"))?;
-    Ok(all.get(..there.size.get(LE) as usize))
+    let there = entry.data(resources).ok()?.data()?;
+    sections.pe_data_at(data, there.offset_to_data.get(LE))?.get(..there.size.get(LE) as usize)
 }

@@ -65,24 +65,27 @@ impl Pe {
 
     /// With exported functions.
     pub fn exports(mut self, names: &[&str]) -> Self {
-        let name_places: Vec<u32> = names.iter().map(|name| self.put(&[name.as_bytes(), b"\0"].concat())).collect();
-        let own_name = self.put(b"NEXTWUSBLib.dll\0");
         let count = names.len() as u32;
         let base = MEMORY_AT + self.next();
         let (functions, pointers, ordinals) = (base + 40, base + 40 + 4 * count, base + 40 + 8 * count);
+        // The names stand behind the tables, the library's own first.
+        let mut texts = b"NEXTWUSBLib.dll\0".to_vec();
+        let first = ordinals + 2 * count;
         let mut table: Vec<u8> = Vec::new();
-        for word in [0, 0, 0, own_name, 1, count, count, functions, pointers, ordinals] {
+        for word in [0, 0, 0, first, 1, count, count, functions, pointers, ordinals] {
             table.extend(word.to_le_bytes());
         }
         for _ in names {
             table.extend(base.to_le_bytes());
         }
-        for place in name_places {
-            table.extend(place.to_le_bytes());
+        for name in names {
+            table.extend((first + texts.len() as u32).to_le_bytes());
+            texts.extend([name.as_bytes(), b"\0"].concat());
         }
         for number in 0..count as u16 {
             table.extend(number.to_le_bytes());
         }
+        table.extend(texts);
         let length = table.len() as u32;
         let at = self.put(&table);
         self.directory[EXPORT] = (at, length);

@@ -95,7 +95,8 @@ crate::for_each_width! {
     /// WIN-2 It needs nothing but what every Windows since 7 has.
     #[test]
     fn only_system_dlls_are_imported(width: Width) {
-        let system = ["advapi32.dll", "bcrypt.dll", "kernel32.dll", "msvcrt.dll", "ntdll.dll", "user32.dll", "userenv.dll", "ws2_32.dll"];
+        let system = [
+            "advapi32.dll", "bcrypt.dll", "gdi32.dll", "kernel32.dll", "shell32.dll", "msvcrt.dll", "ntdll.dll", "user32.dll", "userenv.dll", "ws2_32.dll"];
         for file in ["NEXTWUSBLib.dll", "ecmsk.exe"] {
             let bytes = std::fs::read(width.stage().join(file)).expect("a file of the stage");
             let imports = of_dll!(width, &*bytes, imports_of);

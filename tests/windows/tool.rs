@@ -162,7 +162,8 @@ crate::for_each_width! {
         let mut line = String::new();
         served.out.read_line(&mut line).expect("a line");
         let address = line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect("where");
-        let moved = here(&folder, &["move", "1=1000", "--up", "--link", &format!("tcp://{address}")]);
+        let link = format!("tcp://{address}");
+        let moved = here(&folder, &["move", "1=1000", "--up", "--slaves", "drive*2", "--link", &link]);
         assert!(moved.success().contains("1000"));
         served.press_ctrl_c();
         let (code, err) = served.end();

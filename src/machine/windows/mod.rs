@@ -5,11 +5,9 @@ use super::printable;
 use super::timing::timer_resolution;
 use crate::io::hid::{self, Bus, NotOne, System, UsbError};
 use crate::link::keys::Scheme;
+use crate::link::record::BOARD_IDS;
 use crate::link::uri::LinkUri;
 
-/// The board's ids (SK-9).
-const VENDOR: u16 = 0x16C0;
-const PRODUCT: u16 = 0x05DF;
 /// What is looked at.
 const USB: &str = "usb";
 const BOARD: &str = "usb-board";
@@ -75,7 +73,8 @@ impl Machine {
     /// Why there is no telling; the text ends with the next step.
     pub fn boards(&self) -> Result<Vec<Board>, String> {
         let bus = Bus::open().map_err(|error| error.to_string())?;
-        let found = hid::find(&bus, VENDOR, PRODUCT)
+        let (vendor, product) = BOARD_IDS;
+        let found = hid::find(&bus, vendor, product)
             .map_err(|error| format!("Windows does not list its HID devices ({error}); start it anew"))?;
         let system = System::this();
         Ok(found

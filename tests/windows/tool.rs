@@ -189,7 +189,8 @@ crate::for_each_width! {
         let targets: Vec<i32> =
             slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect();
         let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        assert!(steps.contains(&100) && steps.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
+        // Ctrl-C may come before it is at 100 counts a cycle.
+        assert!(steps.iter().any(|step| *step > 10) && steps.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
         assert!(steps.ends_with(&[0]) || steps.ends_with(&[1]), "it came to rest: {:?}", steps.last());
         assert!(steps.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 2), "no jump");
     }

@@ -17,9 +17,9 @@ pub mod fieldbus;
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;
-#[cfg(all(feature = "std", target_os = "linux"))]
+#[cfg(any(all(feature = "std", target_os = "linux"), all(feature = "usb", windows)))]
 pub mod machine;
-#[cfg(all(feature = "serve", unix))]
+#[cfg(all(feature = "serve", any(unix, windows)))]
 pub mod port;
 #[cfg(feature = "std")]
 pub mod recording;

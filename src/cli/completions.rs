@@ -11,7 +11,8 @@ use super::{CliError, output};
 Where it goes:
   bash  ecmsk completions bash > ~/.local/share/bash-completion/completions/ecmsk
   zsh   ecmsk completions zsh  > a folder of $fpath, as `_ecmsk`
-  fish  ecmsk completions fish > ~/.config/fish/completions/ecmsk.fish")]
+  fish  ecmsk completions fish > ~/.config/fish/completions/ecmsk.fish
+  PowerShell  ecmsk completions powershell >> $PROFILE")]
 pub struct Args {
     /// Shell to print it for
     shell: Shell,

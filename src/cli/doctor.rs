@@ -1,8 +1,12 @@
 //! `ecmsk doctor`: what keeps a board from working on this machine, and what to do.
 
+mod folder;
 mod link;
-mod rule;
+#[cfg(target_os = "linux")]
+mod linux;
 mod versions;
+#[cfg(windows)]
+mod windows;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -10,14 +14,19 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::ValueHint;
-use ecmsk::machine::Machine;
 use ecmsk::machine::findings::{Finding, State, lateness};
 use ecmsk::machine::timing::Lateness;
 use serde_json::{Map, Value, json};
 
 use super::{CliError, output};
+pub use folder::FolderError;
 pub use link::not_in_build;
-pub use rule::RuleError;
+#[cfg(target_os = "linux")]
+use linux as system;
+#[cfg(target_os = "linux")]
+pub use linux::RuleError;
+#[cfg(windows)]
+use windows as system;
 
 /// Check this machine for what keeps a board from working, and say what to do
 ///
@@ -29,6 +38,7 @@ pub use rule::RuleError;
 Examples:
   ecmsk doctor
   ecmsk doctor --quick --json | jq -r 'select(.state == \"wrong\") | .next'
+  ecmsk doctor /mnt/share/press
   sudo ecmsk doctor --write-udev-rule")]
 pub struct Args {
     /// Leave out what takes a second: how late threads are woken up
@@ -39,14 +49,13 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Write the udev rule that lets users open boards to /etc/udev/rules.d, show it, and say how it comes into force; who
-    /// may not write there is told the lines to type
-    #[arg(long, conflicts_with_all = ["quick", "json"])]
-    write_udev_rule: bool,
+    #[command(flatten)]
+    system: system::SystemArgs,
 
-    /// The folder that /sys, /proc, /dev and /etc are below
-    #[arg(long, hide = true, value_name = "DIR", default_value = "/", value_hint = ValueHint::DirPath)]
-    root: PathBuf,
+    /// Look at a Windows program's folder instead, also from Linux: which of its programs have which width, and whether the
+    /// NEXTWUSBLib.dll and the ecmsk.toml there fit
+    #[arg(value_name = "DIR", value_hint = ValueHint::DirPath)]
+    folder: Option<PathBuf>,
 }
 
 /// How long and how often threads sleep for the measurement: a second of cycles.
@@ -56,21 +65,31 @@ const TIMES: usize = 1000;
 /// # Errors
 /// [`CliError`]
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let machine = Machine::below(&args.root);
-    if args.write_udev_rule {
-        rule::write(&machine)?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    let (link, wanted) = link::finding(&args.root);
-    let mut findings = vec![versions::finding(&machine), link];
-    findings.extend(wanted.as_ref().and_then(link::build));
-    findings.extend(machine.findings(wanted.as_ref()));
-    if !args.quick {
-        findings.push(lateness(Lateness::measure(PERIOD, TIMES)));
-    }
+    let findings = match &args.folder {
+        Some(folder) => folder::findings(folder)?,
+        None => match machine(args)? {
+            Some(findings) => findings,
+            None => return Ok(ExitCode::SUCCESS),
+        },
+    };
     output::print(if args.json { lines(&findings) } else { text(&findings) })?;
     let is_wrong = findings.iter().any(|finding| finding.state == State::Wrong);
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// `None`: something else was asked for, and is done.
+fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
+    if system::is_done(&args.system)? {
+        return Ok(None);
+    }
+    let (link, wanted) = link::finding(system::root(&args.system));
+    let mut findings = vec![versions::finding(system::name(&args.system)), link];
+    findings.extend(wanted.as_ref().and_then(link::build));
+    findings.extend(system::findings(&args.system, wanted.as_ref()));
+    if !args.quick {
+        findings.push(lateness(Lateness::measure(PERIOD, TIMES)));
+    }
+    Ok(Some(findings))
 }
 
 fn text(findings: &[Finding]) -> String {

@@ -41,16 +41,16 @@ pub enum CliError {
     #[cfg(target_os = "linux")]
     #[error(transparent)]
     UdevRule(#[from] super::doctor::RuleError),
+    /// See [`super::doctor::FolderError`].
+    #[error(transparent)]
+    Folder(#[from] super::doctor::FolderError),
     /// See [`super::exec::ExecError`].
-    #[cfg(unix)]
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
     /// See [`ecmsk::port::tcp::ServeError`].
-    #[cfg(unix)]
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
     /// See [`ecmsk::port::usbip::ServeError`].
-    #[cfg(target_os = "linux")]
     #[error(transparent)]
     Usbip(#[from] ecmsk::port::usbip::ServeError),
 }
@@ -67,7 +67,6 @@ impl CliError {
         }
         say("error", self);
         match self {
-            #[cfg(unix)]
             Self::Exec(error) => ExitCode::from(error.code()),
             Self::Board(error) => ExitCode::from(error.code()),
             Self::Compare(_) | Self::Replay(_) => ExitCode::from(super::compare::TROUBLE),

@@ -1,7 +1,8 @@
 //! `ecmsk exec`: runs an existing program on the library of this build.
 //!
 //! A program that links NEXTWUSBLib finds it through the dynamic linker. A private folder with nothing but our library
-//! in it, first on `LD_LIBRARY_PATH`, makes that ours; `ECMSK_LINK` tells it which board.
+//! in it, first on `LD_LIBRARY_PATH`, makes that ours; on Windows it is the library's own folder, first on `PATH`, after
+//! that of the program. `ECMSK_LINK` tells it which board.
 
 mod child;
 mod library;
@@ -19,13 +20,13 @@ use ecmsk::link::uri::{LinkUri, UriError};
 
 use super::error::say;
 use library::LibraryFolder;
-#[cfg(target_os = "linux")]
 pub use library::find as find_library;
 
 /// Run an existing program on the library of this build
 ///
-/// The program is one that links NEXTWUSBLib for Linux; it is not changed. It sees this build's library first and,
-/// with --link, the board named there. Ctrl-C reaches the program alone.
+/// The program is one that links NEXTWUSBLib; it is not changed. It sees this build's library first and, with --link, the
+/// board named there. Ctrl-C reaches the program alone. On Windows a NEXTWUSBLib.dll beside the program comes before all
+/// others: it has to be this build's.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -44,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
-    /// The library, or the folder it is in [default: beside this tool, then ../lib]
+    /// The library, or the folder it is in [default: beside this tool, then ../lib, then Debian's folder there]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 
@@ -84,8 +85,20 @@ pub enum ExecError {
         /// The system's words.
         source: io::Error,
     },
-    /// `LD_LIBRARY_PATH` has no way to say this.
-    #[error("the dynamic linker cannot look into {}: it takes no `:`, `;` or `$`; set TMPDIR to another folder", .folder.display())]
+    /// Windows takes that one first.
+    #[cfg(windows)]
+    #[error(
+        "{} is not of this build, and Windows takes it before any other; keep it under another name, and copy {} to its place",
+        .beside.display(), .ours.display()
+    )]
+    Beside {
+        /// The one that is there.
+        beside: PathBuf,
+        /// Ours.
+        ours: PathBuf,
+    },
+    /// The search path has no way to say this.
+    #[error("the dynamic linker cannot look into {}: {}", .folder.display(), library::UNLINKABLE)]
     UnlinkableFolder {
         /// The private folder.
         folder: PathBuf,
@@ -152,7 +165,7 @@ impl ExecError {
 pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap asks for one at least.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
-    let file = library::find(args.library.as_deref())?;
+    let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
     let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
     // Its folder stays until this goes.
     let library = LibraryFolder::make(&file)?;
@@ -175,13 +188,11 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         say("program", &ended);
     }
     if !library.opened().exists() {
-        say("note", &format_args!("{} has opened no board; {}", Path::new(program).display(), unopened_hint()));
+        say("note", &format_args!("{} has opened no board; {}", Path::new(program).display(), library::UNOPENED));
     }
-    Ok(ExitCode::from(child::exit_code(ended)))
-}
-
-const fn unopened_hint() -> &'static str {
-    "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library"
+    // Its folder goes before this process does.
+    drop(library);
+    Ok(child::end_as(ended))
 }
 
 fn in_build() -> String {

@@ -4,16 +4,14 @@ mod board;
 mod chosen;
 mod compare;
 mod completions;
-#[cfg(target_os = "linux")]
 mod doctor;
 mod dump;
 mod error;
-#[cfg(unix)]
 mod exec;
 mod filter;
+mod image;
 mod kinds;
 mod link;
-#[cfg(target_os = "linux")]
 mod list;
 mod man;
 mod monitor;
@@ -23,9 +21,9 @@ mod reading;
 mod recording;
 mod replay;
 mod script;
-#[cfg(unix)]
 mod serve;
 mod shell;
+mod signals;
 mod slot_size;
 mod step;
 
@@ -54,7 +52,7 @@ Exit codes:
 
 /// Tools for the ECM-SK, an EtherCAT master on a board, and for its software model.
 #[derive(Parser)]
-#[command(name = "ecmsk", version, after_help = EXIT_CODES)]
+#[command(name = "ecmsk", bin_name = "ecmsk", version, after_help = EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,
@@ -62,7 +60,6 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Verb {
-    #[cfg(unix)]
     Exec(exec::Args),
     Dump(dump::Args),
     Plot(plot::Args),
@@ -74,11 +71,8 @@ enum Verb {
     Replay(replay::Args),
     Monitor(monitor::Args),
     Link(link::Args),
-    #[cfg(target_os = "linux")]
     List(list::Args),
-    #[cfg(target_os = "linux")]
     Doctor(doctor::Args),
-    #[cfg(unix)]
     Serve(serve::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -97,7 +91,6 @@ pub fn main() -> ExitCode {
 impl Verb {
     fn run(self) -> Result<ExitCode, CliError> {
         match self {
-            #[cfg(unix)]
             Self::Exec(args) => Ok(exec::run(&args)?),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
@@ -108,12 +101,9 @@ impl Verb {
             Self::Replay(args) => Ok(replay::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
-            #[cfg(target_os = "linux")]
             Self::List(args) => list::run(&args),
-            #[cfg(target_os = "linux")]
             Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
-            #[cfg(unix)]
             Self::Serve(args) => serve::run(&args),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

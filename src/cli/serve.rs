@@ -1,6 +1,5 @@
 //! `ecmsk serve`: a board for other processes and machines.
 
-#[cfg(target_os = "linux")]
 mod usbip;
 
 use std::net::SocketAddr;
@@ -12,11 +11,9 @@ use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, LinkError, LinkInfo, Share, tcp::Secret};
 use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
 use super::error::say;
-use super::{CliError, output};
+use super::{CliError, output, signals};
 
 /// Serve a board to other processes and machines
 #[derive(clap::Args)]
@@ -29,7 +26,6 @@ pub struct Args {
 #[derive(Subcommand)]
 enum Port {
     Tcp(Tcp),
-    #[cfg(target_os = "linux")]
     Usbip(usbip::Args),
 }
 
@@ -81,7 +77,6 @@ enum Vanish {
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     match &args.port {
         Port::Tcp(args) => serve_tcp(args),
-        #[cfg(target_os = "linux")]
         Port::Usbip(args) => usbip::run(args),
     }
 }
@@ -89,7 +84,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
 fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
     // Before anything moves.
-    let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
+    let asked = signals::Asked::watch().map_err(failed)?;
     let uri = args.link.to_string();
     let options = ServeOptions {
         listen: args.listen,
@@ -107,8 +102,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let server = Server::start(move || open(&uri), options)?;
     let protection = if is_secret { ", for clients with the secret" } else { "" };
     output::print(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
-    let signal = signals.forever().next();
-    say("serve", &format!("stopped by {}", if signal == Some(SIGTERM) { "SIGTERM" } else { "SIGINT" }));
+    say("serve", &format_args!("stopped by {}", asked.wait()));
     server.stop();
     Ok(ExitCode::SUCCESS)
 }

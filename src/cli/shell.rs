@@ -1,6 +1,7 @@
 //! `ecmsk shell`: steps as they are typed, on one open board.
 
 mod input;
+mod terminal;
 
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;

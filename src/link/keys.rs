@@ -56,7 +56,7 @@ impl Scheme {
     pub const fn in_build(self) -> bool {
         match self {
             Self::Sim => cfg!(feature = "sim"),
-            Self::Tcp => cfg!(all(feature = "tcp", unix)),
+            Self::Tcp => cfg!(all(feature = "tcp", any(unix, windows))),
             Self::Usb => cfg!(all(feature = "usb", any(unix, windows))),
             Self::Spi => cfg!(all(feature = "spi", target_os = "linux")),
             Self::XfSim | Self::XfSpi | Self::Nic => false,

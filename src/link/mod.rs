@@ -358,6 +358,13 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
         keys::Scheme::Tcp => tcp::open(uri, options),
         #[cfg(all(feature = "usb", any(unix, windows)))]
         keys::Scheme::Usb => usb::open(uri, options),
+        #[cfg(not(target_os = "linux"))]
+        keys::Scheme::Spi => Err(LinkError::Unsupported {
+            scheme: keys::Scheme::Spi.name().into(),
+            hint: "it is a link of Linux: serve the board by `ecmsk serve tcp` on the machine it is wired to, and name it \
+                   here by tcp://HOST:PORT"
+                .into(),
+        }),
         other => Err(LinkError::Unsupported {
             scheme: other.name().into(),
             hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \

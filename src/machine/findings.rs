@@ -1,14 +1,10 @@
 //! What is right or wrong with a machine for a board, and what to do about it.
 
-mod host;
-mod spi;
-mod usb;
+mod timing;
 
 use std::fmt;
 
-use super::Machine;
-use super::timing::{Lateness, timer_resolution};
-use crate::link::uri::LinkUri;
+pub use timing::{lateness, timer};
 
 /// How it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,40 +71,28 @@ impl Finding {
     }
 
     /// Wrong where that matters, else just said.
-    fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
+    pub fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         if matters { Self::wrong(check, found, next) } else { Self::fine(check, found) }
     }
 
-    fn of(mut self, subject: &str) -> Self {
+    /// Of that device, or file.
+    #[must_use]
+    pub fn of(mut self, subject: &str) -> Self {
         self.subject = Some(subject.to_owned());
         self
     }
 
     /// With it the device does not open.
-    fn blocking(mut self) -> Self {
+    #[must_use]
+    pub fn blocking(mut self) -> Self {
         self.blocks = true;
         self
     }
 
-    fn figure(mut self, name: &'static str, value: i64) -> Self {
+    /// With a figure, by its name and unit.
+    #[must_use]
+    pub fn figure(mut self, name: &'static str, value: i64) -> Self {
         self.figures.push((name, value));
         self
     }
-}
-
-impl Machine {
-    /// All that can be told without waiting. What is missing for the link that is `wanted` is wrong; for another one it
-    /// is just said.
-    pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
-        let mut all = self.usb_findings(wanted);
-        all.extend(self.spi_findings(wanted));
-        all.extend(self.host_findings());
-        all.push(host::timer(timer_resolution()));
-        all
-    }
-}
-
-/// What a lateness means for cycles.
-pub fn lateness(measured: Option<Lateness>) -> Finding {
-    host::lateness(measured)
 }

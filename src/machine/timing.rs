@@ -1,9 +1,19 @@
 //! How exactly this machine wakes a thread up: what cycles that a program keeps by itself depend on.
 
+#[cfg(target_os = "linux")]
+mod linux;
+#[cfg(windows)]
+mod windows;
+
 use std::time::Duration;
 
-use rustix::thread::{ClockId, clock_nanosleep_absolute};
-use rustix::time::{Timespec, clock_getres, clock_gettime};
+#[cfg(target_os = "linux")]
+use linux as system;
+#[cfg(windows)]
+use windows as system;
+
+pub use system::timer_resolution;
+pub(crate) use system::{COARSE, FINER};
 
 /// How late a thread was woken up, against what it asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,35 +40,11 @@ impl Lateness {
 
     /// Sleeps so many times, one period after the other, each to a deadline of its own as the runners of boards do.
     pub fn measure(period: Duration, times: usize) -> Option<Self> {
-        let now = || duration(clock_gettime(rustix::time::ClockId::Monotonic));
-        let sleeper = move || {
-            // As the runner's thread: an ordinary one may sleep 50 us longer than it asked for.
-            let _ = rustix::thread::set_current_timer_slack(std::num::NonZeroU64::new(1));
-            let mut late = Vec::with_capacity(times);
-            for _ in 0..times {
-                let deadline = now() + period;
-                let request = Timespec {
-                    tv_sec: i64::try_from(deadline.as_secs()).unwrap_or(i64::MAX),
-                    tv_nsec: deadline.subsec_nanos().into(),
-                };
-                while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
-                late.push(now().saturating_sub(deadline));
-            }
-            late
-        };
-        // The slack is a thread's own, and this one's stays.
+        // What makes its sleeps exact is a thread's own, and this one's stays as it is.
+        let sleeper = move || system::late(period, times);
         let late = crate::threads::spawn("ecmsk-sleeper", sleeper).ok()?.join().ok()?;
         Self::of(period, late)
     }
-}
-
-/// How fine the timers of this machine are; without high-resolution timers it is a tick of the kernel, 1 to 10 ms.
-pub fn timer_resolution() -> Duration {
-    duration(clock_getres(rustix::time::ClockId::Monotonic))
-}
-
-fn duration(time: Timespec) -> Duration {
-    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
 #[cfg(test)]

@@ -4,5 +4,4 @@
 mod listen;
 pub mod spi;
 pub mod tcp;
-#[cfg(target_os = "linux")]
 pub mod usbip;

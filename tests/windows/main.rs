@@ -8,10 +8,13 @@ mod fixture;
 mod habits;
 mod linking;
 mod links;
+#[path = "../pe_support/mod.rs"]
+mod pe_support;
 #[path = "../support/mod.rs"]
 mod support;
 #[path = "../tcp_support/mod.rs"]
 mod tcp_support;
+mod tool;
 mod unloading;
 
 /// Makes a test of each function for each width. A run has the DLL and the Wine of one, and leaves the other's tests out by

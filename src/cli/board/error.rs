@@ -134,7 +134,7 @@ pub enum BoardError {
         last: String,
     },
     /// Ctrl-C or another signal.
-    #[error("stopped by {}; {next}", name(*.signal))]
+    #[error("stopped by {}; {next}", crate::cli::signals::name(*.signal))]
     Stopped {
         /// Its number.
         signal: u8,
@@ -150,14 +150,5 @@ impl BoardError {
             Self::Stopped { signal, .. } => 128 + *signal,
             _ => 1,
         }
-    }
-}
-
-fn name(signal: u8) -> String {
-    match signal {
-        1 => "SIGHUP".into(),
-        2 => "Ctrl-C".into(),
-        15 => "SIGTERM".into(),
-        other => format!("signal {other}"),
     }
 }

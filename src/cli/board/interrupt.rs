@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use crate::cli::signals;
+
 /// What signals have come. Made once in a program.
 #[derive(Debug, Default)]
 pub struct Interrupt {
@@ -12,28 +14,14 @@ pub struct Interrupt {
 }
 
 impl Interrupt {
-    /// Looks out for SIGINT, SIGTERM and SIGHUP from now on.
+    /// Looks out from now on: for SIGINT, SIGTERM and SIGHUP, on Windows for what the console sends.
     ///
     /// # Errors
     /// What the system says.
-    #[cfg(unix)]
     pub fn watch() -> std::io::Result<Self> {
-        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-        use signal_hook::flag;
-
         let interrupt = Self::default();
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            // In this order: the flag that ends the program is not set yet when the first one comes.
-            flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&interrupt.armed))?;
-            flag::register_usize(signal, Arc::clone(&interrupt.signal), signal as usize)?;
-            flag::register(signal, Arc::clone(&interrupt.armed))?;
-        }
+        signals::note_once(&interrupt.signal, &interrupt.armed)?;
         Ok(interrupt)
-    }
-
-    #[cfg(not(unix))]
-    pub fn watch() -> std::io::Result<Self> {
-        Ok(Self::default())
     }
 
     /// The signal that asks for the end.

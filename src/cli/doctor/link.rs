@@ -15,7 +15,10 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
     if let Platform::Unix { etc, .. } = &mut environment.platform {
         *etc = root.join("etc");
     }
-    let shown = |file: &Path| file.strip_prefix(root).map_or(file.to_owned(), |inside| Path::new("/").join(inside));
+    let shown = |file: &Path| match file.strip_prefix(root) {
+        Ok(inside) if cfg!(unix) => Path::new("/").join(inside),
+        _ => file.to_owned(),
+    };
     let configured = match config::find(&environment) {
         Ok(configured) => configured,
         Err(error) => {
@@ -69,7 +72,7 @@ fn with_feature(scheme: Scheme) -> String {
 }
 
 /// An error's text ends with the next step.
-fn split(error: &str) -> (String, String) {
+pub fn split(error: &str) -> (String, String) {
     match error.rsplit_once("; ") {
         Some((found, next)) => (found.to_owned(), next.to_owned()),
         None => (error.to_owned(), "see `ecmsk link help`".to_owned()),

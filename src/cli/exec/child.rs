@@ -1,60 +1,24 @@
-//! Runs the program as if this tool were not there: signals reach it, its exit code is handed on.
+//! Runs the program as if this tool were not there: what asks for the end reaches it, its exit code is handed on.
+
+#[cfg(unix)]
+mod unix;
+#[cfg(windows)]
+mod windows;
 
 use std::io;
-use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus};
 
-use rustix::process::{Pid, Signal, kill_process};
-use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
-use signal_hook::iterator::Signals;
+#[cfg(unix)]
+pub use unix::{end_as, run};
+#[cfg(windows)]
+pub use windows::{end_as, run};
+
+#[cfg(unix)]
+use unix::MAKE_EXECUTABLE;
+#[cfg(windows)]
+use windows::MAKE_EXECUTABLE;
 
 use super::ExecError;
-
-/// Starts `command` and waits for its end.
-///
-/// A terminal sends SIGINT and SIGQUIT to the program itself, which is in the same process group: they are not for this
-/// tool. SIGTERM and SIGHUP come to this tool alone and are handed on. It then ends as the program does.
-pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecError> {
-    // Caught, not ignored: a program inherits what is ignored, but not what is caught. What this tool was told to ignore
-    // (`nohup`) stays so for both. And caught before the start, so that no signal falls between.
-    let ours = [SIGINT, SIGQUIT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal));
-    let mut signals = Signals::new(ours.chain([SIGCHLD])).map_err(failed("catch signals"))?;
-    let mut child = command.spawn().map_err(|source| not_started(program, source))?;
-    loop {
-        for signal in signals.wait() {
-            match signal {
-                SIGTERM => hand_on(&child, Signal::TERM),
-                SIGHUP => hand_on(&child, Signal::HUP),
-                _ => {}
-            }
-        }
-        if let Some(ended) = child.try_wait().map_err(failed("wait for the program"))? {
-            return Ok(ended);
-        }
-    }
-}
-
-/// The program's code, or 128 + n after signal n, as shells have it.
-pub fn exit_code(ended: ExitStatus) -> u8 {
-    let code = ended.code().or_else(|| ended.signal().map(|signal| 128 + signal));
-    // Codes have 8 bits, signals go to 64.
-    code.and_then(|code| u8::try_from(code).ok()).unwrap_or(u8::MAX)
-}
-
-/// The child has not been waited for yet, so its id is nobody else's.
-fn hand_on(child: &Child, signal: Signal) {
-    // It may have ended a moment ago; then there is nobody to tell.
-    let _ = kill_process(Pid::from_child(child), signal);
-}
-
-fn is_ignored(signal: i32) -> bool {
-    let mut action = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: without a new action this only asks, and `action` has room for the answer.
-    let asked = unsafe { libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()) } == 0;
-    // SAFETY: zeroed is a valid `sigaction`, and the call leaves a valid one.
-    asked && unsafe { action.assume_init() }.sa_sigaction == libc::SIG_IGN
-}
 
 fn not_started(program: &Path, source: io::Error) -> ExecError {
     let program = program.to_owned();
@@ -63,9 +27,7 @@ fn not_started(program: &Path, source: io::Error) -> ExecError {
         io::ErrorKind::PermissionDenied if program.is_dir() => {
             ExecError::NotExecutable { program, source, hint: "it is a folder: name the program in it" }
         }
-        io::ErrorKind::PermissionDenied => {
-            ExecError::NotExecutable { program, source, hint: "make it executable with `chmod +x`" }
-        }
+        io::ErrorKind::PermissionDenied => ExecError::NotExecutable { program, source, hint: MAKE_EXECUTABLE },
         io::ErrorKind::OutOfMemory | io::ErrorKind::WouldBlock => {
             ExecError::System { what: "start the program", source }
         }

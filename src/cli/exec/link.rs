@@ -41,14 +41,21 @@ fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
 }
 
 /// The program's own file, as the system finds it.
-fn program_file(program: &Path) -> Option<PathBuf> {
+pub fn program_file(program: &Path) -> Option<PathBuf> {
     let file = if program.components().count() > 1 {
         program.to_owned()
     } else {
         let folders = env::var_os("PATH")?;
-        env::split_paths(&folders).map(|folder| folder.join(program)).find(|file| file.is_file())?
+        env::split_paths(&folders).find_map(|folder| as_started(folder.join(program)))?
     };
-    fs::canonicalize(file).ok()
+    fs::canonicalize(as_started(file)?).ok()
+}
+
+/// Windows starts `press.exe` for `press`.
+fn as_started(file: PathBuf) -> Option<PathBuf> {
+    let mut whole = file.clone().into_os_string();
+    whole.push(env::consts::EXE_SUFFIX);
+    [file, whole.into()].into_iter().find(|file| file.is_file())
 }
 
 fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, ExecError> {

@@ -9,6 +9,7 @@ use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, Ke
 
 use super::source::Feed;
 use super::{MonitorError, screen};
+use crate::cli::signals;
 
 /// How long a signal may wait to be seen. \[OURS]
 const LOOK: Duration = Duration::from_millis(50);
@@ -26,11 +27,7 @@ enum Wish {
 /// Shows what the feed sees until it is told to end; gives the exit code.
 pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<ExitCode, MonitorError> {
     let signal = Arc::new(AtomicUsize::new(0));
-    #[cfg(unix)]
-    for number in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-        let known = usize::try_from(number).unwrap_or_default();
-        signal_hook::flag::register_usize(number, Arc::clone(&signal), known).map_err(MonitorError::Terminal)?;
-    }
+    signals::note(&signal).map_err(MonitorError::Terminal)?;
     // From here on a panic restores the terminal too.
     let mut terminal = ratatui::try_init().map_err(MonitorError::Terminal)?;
     let shown = show(&mut terminal, feed, interval, limit, &signal);

@@ -9,11 +9,9 @@ use clap::ArgAction;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
 use crate::cli::error::say;
-use crate::cli::{CliError, output};
+use crate::cli::{CliError, output, signals};
 
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, programs need no change
 ///
@@ -73,7 +71,7 @@ const IDENTITY: &str = "How the boards show themselves";
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Before anything is attached.
-    let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(ServeError::Signals)?;
+    let asked = signals::Asked::watch().map_err(ServeError::Signals)?;
     let boards = args.links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options =
         Options { listen: args.listen, attach: args.attach.then(|| PathBuf::from(VHCI)), ..Options::default() };
@@ -87,8 +85,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         text.push_str(&format!("{bus_id} {link}\n"));
     }
     output::print(text)?;
-    let signal = signals.forever().next();
-    say("serve", &format_args!("stopped by {}", if signal == Some(SIGTERM) { "SIGTERM" } else { "SIGINT" }));
+    say("serve", &format_args!("stopped by {}", asked.wait()));
     server.stop();
     Ok(ExitCode::SUCCESS)
 }

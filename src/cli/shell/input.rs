@@ -11,6 +11,7 @@ use rustyline::history::DefaultHistory;
 use rustyline::{Editor, Helper, Highlighter, Hinter, Validator};
 
 use super::complete;
+use super::terminal::Terminal;
 use crate::cli::board::{Board, BoardError};
 
 const PROMPT: &str = "ecmsk> ";
@@ -118,32 +119,5 @@ impl Completer for Words {
         _: &rustyline::Context<'_>,
     ) -> rustyline::Result<(usize, Vec<Self::Candidate>)> {
         Ok(complete(line.get(..at).unwrap_or_default()))
-    }
-}
-
-/// How the terminal was before a line was read: a signal may end the shell in the middle of one.
-struct Terminal {
-    #[cfg(unix)]
-    was: Option<rustix::termios::Termios>,
-}
-
-impl Terminal {
-    fn now() -> Self {
-        Self {
-            #[cfg(unix)]
-            was: rustix::termios::tcgetattr(io::stdin()).ok(),
-        }
-    }
-
-    fn restore(&self) {
-        #[cfg(unix)]
-        if let Some(was) = &self.was {
-            use std::io::Write;
-
-            let _ = rustix::termios::tcsetattr(io::stdin(), rustix::termios::OptionalActions::Now, was);
-            // Bracketed paste off, and on to a line of its own.
-            let _ = io::stdout().write_all(b"\x1b[?2004l\r\n");
-            let _ = io::stdout().flush();
-        }
     }
 }

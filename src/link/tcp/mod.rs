@@ -41,6 +41,7 @@ pub use proof::{SECRET, Secret};
 pub(crate) use tls::ServerTls;
 #[cfg(all(test, feature = "sim"))]
 pub(crate) use tls::connect as client_session;
+pub(crate) use waker::Waker;
 
 use super::options::CommonOptions;
 use super::uri::LinkUri;

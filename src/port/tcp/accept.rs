@@ -2,7 +2,6 @@
 
 use std::io::{self, ErrorKind};
 use std::net::{TcpListener, TcpStream};
-use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -16,7 +15,7 @@ use super::hub::{Guest, Hub, Joined};
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::link::tcp::wire::{End, Greeting, Message, Refusal};
-use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, Out, PROOF_LEN, ServerTls, Side, first_message};
+use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, Out, PROOF_LEN, ServerTls, Side, Waker, first_message};
 use crate::span::Span;
 use crate::threads;
 
@@ -30,7 +29,7 @@ const PAUSE: Duration = Duration::from_millis(50);
 /// The thread that listens.
 pub(super) struct Acceptor {
     shared: Arc<Shared>,
-    wake: UnixStream,
+    waker: Arc<Waker>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -52,7 +51,7 @@ impl Shared {
 impl Acceptor {
     pub(super) fn start(listener: TcpListener, hub: &Arc<Hub>) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
-        let (wake, woken) = UnixStream::pair()?;
+        let waker = Arc::new(Waker::new()?);
         let shared = Arc::new(Shared {
             hub: Arc::clone(hub),
             tls: hub.options.secret.as_ref().map(|_| ServerTls::new()).transpose()?,
@@ -60,28 +59,27 @@ impl Acceptor {
             strangers: Mutex::default(),
         });
         let thread = threads::spawn("ecmsk-listen", {
-            let shared = Arc::clone(&shared);
-            move || listen(&listener, &woken, &shared)
+            let (shared, waker) = (Arc::clone(&shared), Arc::clone(&waker));
+            move || listen(&listener, &waker, &shared)
         })?;
-        Ok(Self { shared, wake, thread: Some(thread) })
+        Ok(Self { shared, waker, thread: Some(thread) })
     }
 
     /// Ends it and every connection; clients have been told before.
     pub(super) fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
-        // It has one byte to read at most.
-        let _ = io::Write::write(&mut self.wake, &[0]);
+        self.waker.wake();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
 }
 
-fn listen(listener: &TcpListener, woken: &UnixStream, shared: &Arc<Shared>) {
+fn listen(listener: &TcpListener, waker: &Waker, shared: &Arc<Shared>) {
     let mut threads: Vec<JoinHandle<()>> = Vec::new();
     let mut number = 0;
     while !shared.stop.load(Ordering::Acquire) {
-        let mut ready = [PollFd::new(listener, PollFlags::IN), PollFd::new(woken, PollFlags::IN)];
+        let mut ready = [PollFd::new(listener, PollFlags::IN), PollFd::new(waker.waited(), PollFlags::IN)];
         // A failing wait shows in what comes next.
         let _ = poll(&mut ready, None);
         match listener.accept() {

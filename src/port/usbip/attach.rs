@@ -2,13 +2,18 @@
 //!
 //! Source: Documentation/ABI/testing/sysfs-platform-usbip-vudc and drivers/usb/usbip/vhci_sysfs.c of Linux.
 
-use std::fs;
-use std::io;
-use std::os::fd::AsRawFd;
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+#[cfg(target_os = "linux")]
+mod linux;
+#[cfg(not(target_os = "linux"))]
+mod none;
 
-use super::wire::HIGH_SPEED;
+use std::io;
+use std::path::PathBuf;
+
+#[cfg(target_os = "linux")]
+pub use linux::{Socket, attach};
+#[cfg(not(target_os = "linux"))]
+pub use none::{Socket, attach};
 
 /// Where the kernel shows the controller.
 pub const VHCI: &str = "/sys/devices/platform/vhci_hcd.0";
@@ -30,6 +35,12 @@ pub enum AttachError {
         /// The system's words.
         source: io::Error,
     },
+    /// The system has none.
+    #[error(
+        "boards are attached by the kernel of Linux alone; leave out --attach, and attach them with a program of this \
+         system, e.g. usbip-win2 on Windows: `usbip attach -r 127.0.0.1 -b 1-1`"
+    )]
+    NoKernel,
     /// The user may not.
     #[error("attaching a board to this machine needs root; start the same command with sudo")]
     NotAllowed,
@@ -56,26 +67,4 @@ pub fn free_ports(status: &str) -> impl Iterator<Item = u32> + '_ {
         let free = hub == "hs" && state.parse() == Ok(FREE);
         free.then(|| port.parse().ok())?
     })
-}
-
-/// Hands a device to the controller in the folder `vhci`; gives our end of the connection and the port.
-///
-/// # Errors
-/// [`AttachError`].
-pub fn attach(vhci: &Path, device_id: u32) -> Result<(UnixStream, u32), AttachError> {
-    let status = vhci.join("status");
-    let status =
-        fs::read_to_string(&status).map_err(|source| AttachError::NoController { path: status.clone(), source })?;
-    let (ours, theirs) = UnixStream::pair().map_err(AttachError::Refused)?;
-    for port in free_ports(&status) {
-        let order = format!("{port} {} {device_id} {HIGH_SPEED}", theirs.as_raw_fd());
-        match fs::write(vhci.join("attach"), order) {
-            Ok(()) => return Ok((ours, port)),
-            // Somebody was faster.
-            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
-            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(AttachError::NotAllowed),
-            Err(error) => return Err(AttachError::Refused(error)),
-        }
-    }
-    Err(AttachError::NoPort)
 }

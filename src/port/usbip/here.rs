@@ -14,7 +14,7 @@ use crate::threads;
 pub(super) fn attach(shared: &Arc<Shared>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
     let board = &shared.boards[index];
     let (stream, port) = attach::attach(vhci, board.device_id())?;
-    let session = board.take(Stream::Unix(stream)).map_err(|_| AttachError::Taken)?;
+    let session = board.take(Stream::Here(stream)).map_err(|_| AttachError::Taken)?;
     let shared = shared.clone();
     let serve = move || shared.boards[index].serve(&session, &format!("this machine, port {port}"));
     threads::spawn("usbip-here", serve).map_err(AttachError::Refused)

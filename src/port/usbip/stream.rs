@@ -2,8 +2,9 @@
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpStream};
-use std::os::unix::net::UnixStream;
 use std::time::Duration;
+
+use super::attach::Socket;
 
 /// How long a host may take nothing of what it is sent, until its connection is given up. \[OURS]
 pub const NEVER_READS: Duration = Duration::from_secs(30);
@@ -20,7 +21,7 @@ pub enum Stream {
     /// A client of the server.
     Tcp(TcpStream),
     /// The kernel of this machine.
-    Unix(UnixStream),
+    Here(Socket),
 }
 
 impl Stream {
@@ -38,7 +39,7 @@ impl Stream {
                 stream.set_read_timeout(None)?;
                 stream.set_write_timeout(Some(never_reads))
             }
-            Self::Unix(stream) => {
+            Self::Here(stream) => {
                 stream.set_read_timeout(None)?;
                 stream.set_write_timeout(Some(never_reads))
             }
@@ -50,7 +51,7 @@ impl Stream {
         // It fails if the connection has ended already.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
-            Self::Unix(stream) => stream.shutdown(Shutdown::Both),
+            Self::Here(stream) => stream.shutdown(Shutdown::Both),
         };
     }
 }
@@ -67,7 +68,7 @@ impl Read for &Stream {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self {
             Stream::Tcp(stream) => (&mut &*stream).read(buffer),
-            Stream::Unix(stream) => (&mut &*stream).read(buffer),
+            Stream::Here(stream) => (&mut &*stream).read(buffer),
         }
     }
 }
@@ -76,7 +77,7 @@ impl Write for &Stream {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
             Stream::Tcp(stream) => (&mut &*stream).write(buffer),
-            Stream::Unix(stream) => (&mut &*stream).write(buffer),
+            Stream::Here(stream) => (&mut &*stream).write(buffer),
         }
     }
 

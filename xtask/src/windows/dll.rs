@@ -12,7 +12,7 @@ use crate::project::Project;
 /// The library's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";
 /// Cargo's profile for it.
-const PROFILE: &str = "windows";
+pub const PROFILE: &str = "windows";
 /// Debian's programs, whatever rustup has put in front of them.
 pub const CARGO: &str = "/usr/bin/cargo";
 pub const RUSTC: &str = "/usr/bin/rustc";
@@ -36,7 +36,7 @@ pub fn build(project: &Project, width: Width, place: &Path) -> Result<(), Error>
 }
 
 /// cargo, set up for a width; its verb and arguments are to follow.
-fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Error> {
+pub fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Error> {
     let mut flags = vec![
         // Thread-local values as the loader knows them: it gives them up with the DLL. Otherwise each would take one of the
         // process's 1088 TLS indexes for good, every time that a program loads the DLL.

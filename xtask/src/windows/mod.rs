@@ -8,6 +8,7 @@ mod debian;
 mod dll;
 mod implib;
 mod relocations;
+mod tool;
 pub mod usb;
 mod wine;
 
@@ -104,6 +105,7 @@ fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Err
     let place = prefix.join(width.name());
     std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
     dll::build(project, width, &place)?;
+    tool::build(project, width, &place)?;
     implib::write(width, &place)?;
     stage::install_headers(project, &prefix.join("include"))
 }

@@ -52,6 +52,11 @@ impl Found {
     pub fn texts(&self, _system: &System, may_ask: bool) -> (Option<String>, Option<String>) {
         self.device.texts(may_ask)
     }
+
+    /// Why Windows does not open it to move reports; it is closed again.
+    pub fn refused(&self) -> Option<UsbError> {
+        self.device.refused()
+    }
 }
 
 pub(super) fn candidates(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<Candidate>, UsbError> {
@@ -120,6 +125,11 @@ impl Device {
             status
         };
         if status == HIDP_SUCCESS { Ok(capabilities) } else { Err(UsbError::Other(status)) }
+    }
+
+    #[cfg(windows)]
+    fn refused(&self) -> Option<UsbError> {
+        Owned::open(&self.bus, &self.path, true).err()
     }
 
     /// Name and serial number; the device is asked for what Windows does not know, if it may be.

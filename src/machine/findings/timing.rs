@@ -1,91 +1,28 @@
-//! How well the machine keeps cycles: rights of real time, timers, processors.
+//! How well the machine keeps cycles: timers.
 
 use std::time::Duration;
 
-use super::{Finding, Machine};
-use crate::machine::limits::Limit;
-use crate::machine::timing::Lateness;
+use super::Finding;
+use crate::machine::timing::{COARSE, FINER, Lateness};
 use crate::span::Span;
 
-/// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
-const COARSE: Duration = Duration::from_micros(100);
 /// \[OURS] What is woken up later than this, one time of a hundred, is advised real-time priority: half a cycle of 1 ms.
 const LATE: Duration = Duration::from_micros(500);
-/// \[OURS] Where limits for users go.
-const LIMITS: &str = "/etc/security/limits.d/90-ecmsk.conf";
-
-impl Machine {
-    pub(super) fn host_findings(&self) -> Vec<Finding> {
-        let limits = self.limits();
-        vec![priority(limits.realtime_priority), memory(limits.locked_memory), governor(&self.governors())]
-    }
-}
-
-fn limit_for_users(what: &str) -> String {
-    format!("echo \"$USER - {what}\" | sudo tee -a {LIMITS}, then log in again")
-}
-
-fn priority(limit: Option<Limit>) -> Finding {
-    const CHECK: &str = "realtime-priority";
-    match limit {
-        Some(Limit::Capability) => Finding::fine(CHECK, "allowed (CAP_SYS_NICE)"),
-        Some(Limit::Unlimited) => Finding::fine(CHECK, "allowed without limit"),
-        Some(Limit::Value(0)) => {
-            let found = "not allowed: a busy machine makes cycles late";
-            Finding::advice(CHECK, found, limit_for_users("rtprio 90")).figure("highest", 0)
-        }
-        Some(Limit::Value(highest)) => Finding::fine(CHECK, format!("allowed up to {highest}"))
-            .figure("highest", i64::try_from(highest).unwrap_or(i64::MAX)),
-        None => Finding::fine(CHECK, "not known: the kernel does not say"),
-    }
-}
-
-fn memory(limit: Option<Limit>) -> Finding {
-    const CHECK: &str = "locked-memory";
-    match limit {
-        Some(Limit::Capability) => Finding::fine(CHECK, "allowed (CAP_IPC_LOCK)"),
-        Some(Limit::Unlimited) => Finding::fine(CHECK, "allowed without limit"),
-        Some(Limit::Value(bytes)) => {
-            let found = format!("{} KiB: the whole program does not fit, and lock_memory=on is refused", bytes / 1024);
-            Finding::advice(CHECK, found, limit_for_users("memlock unlimited"))
-                .figure("limit_bytes", i64::try_from(bytes).unwrap_or(i64::MAX))
-        }
-        None => Finding::fine(CHECK, "not known: the kernel does not say"),
-    }
-}
-
-fn governor(governors: &[String]) -> Finding {
-    const CHECK: &str = "governor";
-    match governors {
-        [] => Finding::fine(CHECK, "the machine shows none"),
-        [one] if one == "performance" => Finding::fine(CHECK, "performance"),
-        _ => Finding::advice(
-            CHECK,
-            format!("{}: processors that slow down wake up late", governors.join(", ")),
-            "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
-        ),
-    }
-}
-
 /// How fine timers are.
-pub(super) fn timer(resolution: Duration) -> Finding {
+pub fn timer(resolution: Duration) -> Finding {
     const CHECK: &str = "timer";
     let nanoseconds = i64::try_from(resolution.as_nanos()).unwrap_or(i64::MAX);
     let finding = if resolution <= COARSE {
         Finding::fine(CHECK, format!("resolution {}", Span(resolution)))
     } else {
         let found = format!("resolution {}: cycles cannot be kept", Span(resolution));
-        Finding::wrong(
-            CHECK,
-            found,
-            "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)",
-        )
+        Finding::wrong(CHECK, found, FINER)
     };
     finding.figure("resolution_ns", nanoseconds)
 }
 
 /// What a lateness means for cycles.
-pub(super) fn lateness(measured: Option<Lateness>) -> Finding {
+pub fn lateness(measured: Option<Lateness>) -> Finding {
     const CHECK: &str = "wake-up";
     let Some(Lateness { period, p50, p99, max }) = measured else {
         return Finding::advice(CHECK, "not measured: the system gave no thread", "free some of the system's threads");
@@ -120,7 +57,7 @@ mod tests {
         assert_eq!(timer(Duration::from_nanos(1)).found, "resolution 1ns");
         let coarse = timer(Duration::from_millis(4));
         assert_eq!((coarse.state, coarse.found.as_str()), (State::Wrong, "resolution 4ms: cycles cannot be kept"));
-        assert!(coarse.next.is_some_and(|next| next.contains("highres")));
+        assert!(coarse.next.is_some_and(|next| next == FINER));
     }
 
     /// TOOL-106 What a lateness means is said in cycles; half a cycle of 1 ms is too much.

@@ -3,7 +3,7 @@
 use super::Machine;
 
 /// The rule, as it is shipped: `share/udev/60-ecmsk.rules`.
-pub const RULE: &str = include_str!("../../share/udev/60-ecmsk.rules");
+pub const RULE: &str = include_str!("../../../share/udev/60-ecmsk.rules");
 /// Where it goes. Before 73-seat-late.rules, which acts on the tag uaccess.
 pub const PLACE: &str = "/etc/udev/rules.d/60-ecmsk.rules";
 /// What makes udev use it, for devices that are there already, too.

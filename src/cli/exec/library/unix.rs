@@ -1,0 +1,103 @@
+//! As the dynamic linker of Linux finds a library.
+
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File};
+use std::io::Read;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+
+use ecmsk::link::config;
+use tempfile::TempDir;
+
+use super::{ExecError, not_a_library};
+
+/// What the linker (`-lNEXTWUSBLib`) and programs that load the library by hand ask for.
+pub const FILE_NAME: &str = "libNEXTWUSBLib.so";
+/// What a program linked with it asks for: the library's SONAME.
+const SONAME: &str = "libNEXTWUSBLib.so.0";
+/// The library's names.
+pub const NAMES: &[&str] = &[FILE_NAME, SONAME];
+/// The folders that the dynamic linker looks into before its own.
+pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
+/// What to do about a program that has opened no board.
+pub const UNOPENED: &str =
+    "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library";
+
+/// What the dynamic linker does not take in a folder's name, and what to do.
+pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`; set TMPDIR to another folder";
+
+/// Beside this tool, else in `../lib` from there, else in the folder there in which Debian has the libraries of this
+/// architecture.
+pub fn usual_folders(beside_tool: &Path, _program: Option<&Path>) -> Vec<PathBuf> {
+    let stage = beside_tool.parent().map(|above| above.join("lib"));
+    let debian = stage.as_ref().map(|lib| lib.join(format!("{}-linux-gnu", std::env::consts::ARCH)));
+    std::iter::once(beside_tool.to_owned()).chain(stage).chain(debian).collect()
+}
+
+/// The dynamic linker passes over what is no library without a word, and takes the next one it finds.
+pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
+    let mut magic = [0; 4];
+    match File::open(file).and_then(|mut file| file.read_exact(&mut magic)) {
+        Ok(()) if magic == *b"\x7fELF" => Ok(()),
+        Ok(()) => Err(not_a_library(file, "it is no ELF file".into())),
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+            Err(not_a_library(file, "it is too short".into()))
+        }
+        Err(error) => Err(not_a_library(file, error.to_string())),
+    }
+}
+
+/// A folder of this process alone that has the library under both its names, and its configuration if there is one. It
+/// goes when this is dropped.
+pub struct LibraryFolder {
+    folder: TempDir,
+    library: PathBuf,
+}
+
+impl LibraryFolder {
+    /// Makes it in the system's folder for such things (`TMPDIR`).
+    pub fn make(library: &Path) -> Result<Self, ExecError> {
+        let place = std::env::temp_dir();
+        let failed = |source| ExecError::Folder { place: place.clone(), source };
+        // The program may change its folder.
+        let place = std::path::absolute(&place).map_err(failed)?;
+        let failed = |source| ExecError::Folder { place: place.clone(), source };
+        if place.as_os_str().as_bytes().iter().any(|byte| b":;$".contains(byte)) {
+            return Err(ExecError::UnlinkableFolder { folder: place });
+        }
+        let private = fs::Permissions::from_mode(0o700);
+        let folder = tempfile::Builder::new().prefix("ecmsk-exec-").permissions(private).tempdir_in(&place);
+        let folder = folder.map_err(failed)?;
+        for name in [SONAME, FILE_NAME] {
+            symlink(library, folder.path().join(name)).map_err(failed)?;
+        }
+        // The library looks for it beside the name that it was loaded by.
+        let configuration = library.with_file_name(config::FILE);
+        if configuration.exists() {
+            symlink(configuration, folder.path().join(config::FILE)).map_err(failed)?;
+        }
+        Ok(Self { folder, library: library.to_owned() })
+    }
+
+    /// The library's file.
+    pub fn library(&self) -> &Path {
+        &self.library
+    }
+
+    /// The file that the library makes when the program opens a board.
+    pub fn opened(&self) -> PathBuf {
+        self.folder.path().join(".opened")
+    }
+
+    /// The search path with this folder in front of what is there.
+    pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
+        let mut all = self.folder.path().as_os_str().to_owned();
+        // An empty path would add an empty entry, which means the current folder.
+        if let Some(path) = path.filter(|path| !path.is_empty()) {
+            all.push(":");
+            all.push(path);
+        }
+        all
+    }
+}

@@ -1,0 +1,208 @@
+//! Programs and libraries of Windows, as their files tell what they are: nothing is run, and the machine that looks may be
+//! another one.
+//!
+//! Source: the PE format of Windows' documentation; ECMA-335 II.25.3.3 for the CLI header.
+
+mod version;
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use ecmsk::machine::printable;
+use object::LittleEndian as LE;
+use object::pe::{
+    self, ImageCor20Header, ImageDosHeader, ImageNtHeaders32, ImageNtHeaders64, ImageResourceDirectoryEntry,
+};
+use object::read::pe::{ImageNtHeaders, ResourceDirectory, SectionTable, optional_header_magic};
+use object::read::{Error as Unreadable, ReadRef};
+
+/// \[OURS] Bytes of a file that is looked at, at most: programs are shorter, installers with all their data may not be.
+const LONGEST: u64 = 256 << 20;
+/// The type of a version resource (`RT_VERSION`).
+const VERSION: u16 = 16;
+/// \[OURS] Functions and libraries that are looked at, at most.
+const MOST: usize = 10_000;
+
+/// What a processor runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    /// x86.
+    X86,
+    /// x86-64.
+    X64,
+    /// Another processor, by its number in the PE format.
+    Other(u16),
+}
+
+impl Width {
+    /// The folder of a package that has libraries of this width.
+    pub const fn folder(self) -> Option<&'static str> {
+        match self {
+            Self::X86 => Some("x86"),
+            Self::X64 => Some("x64"),
+            Self::Other(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for Width {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::X86 => f.write_str("32-bit"),
+            Self::X64 => f.write_str("64-bit"),
+            Self::Other(0xAA64) => f.write_str("64-bit ARM"),
+            Self::Other(machine) => write!(f, "for the processor 0x{machine:04X}"),
+        }
+    }
+}
+
+/// How a program for .NET says what it runs as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Managed {
+    /// Any CPU.
+    Any,
+    /// Any CPU, and 32-bit where the machine runs both.
+    Prefers32,
+    /// As its header says.
+    Fixed,
+}
+
+/// What a file says of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    /// What runs it, on a 64-bit Windows.
+    pub width: Width,
+    /// It is for .NET.
+    pub managed: Option<Managed>,
+    /// Its company, as its version resource says, fit to be shown.
+    pub company: Option<String>,
+    /// Its version, from the same place.
+    pub version: Option<String>,
+    /// Its functions, by name.
+    pub exports: Vec<String>,
+    /// The bytes.
+    bytes: Vec<u8>,
+}
+
+/// Why a file is none.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// It cannot be read.
+    #[error("it cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// It is longer than any.
+    #[error("it is longer than {} MiB, too long for a program", LONGEST >> 20)]
+    TooLong,
+    /// It is something else, or broken.
+    #[error("it is no program or library of Windows, or a broken one ({0})")]
+    Broken(#[from] Unreadable),
+    /// It is too short for what it says of itself.
+    #[error("it is a broken program or library of Windows (its {0} is cut off)")]
+    Cut(&'static str),
+}
+
+impl Image {
+    /// Looks at a file.
+    ///
+    /// # Errors
+    /// [`ImageError`]; the text says what is wrong, and no next step.
+    pub fn read(file: &Path) -> Result<Self, ImageError> {
+        let mut bytes = Vec::new();
+        File::open(file)?.take(LONGEST + 1).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > LONGEST {
+            return Err(ImageError::TooLong);
+        }
+        Self::parse(bytes)
+    }
+
+    fn parse(bytes: Vec<u8>) -> Result<Self, ImageError> {
+        match optional_header_magic(&bytes[..])? {
+            pe::IMAGE_NT_OPTIONAL_HDR64_MAGIC => Self::of::<ImageNtHeaders64>(bytes),
+            _ => Self::of::<ImageNtHeaders32>(bytes),
+        }
+    }
+
+    fn of<Headers: ImageNtHeaders>(bytes: Vec<u8>) -> Result<Self, ImageError> {
+        let data = &bytes[..];
+        let mut at = ImageDosHeader::parse(data)?.nt_headers_offset().into();
+        let (headers, directories) = Headers::parse(data, &mut at)?;
+        let sections = headers.sections(data, at)?;
+        // A file that was cut off begins as the whole one does.
+        for section in sections.iter() {
+            section.pe_data(data)?;
+        }
+        let mut managed = None;
+        let mut width = match headers.file_header().machine.get(LE) {
+            pe::IMAGE_FILE_MACHINE_I386 => Width::X86,
+            pe::IMAGE_FILE_MACHINE_AMD64 => Width::X64,
+            other => Width::Other(other.0),
+        };
+        if let Some(directory) = directories.get(pe::IMAGE_DIRECTORY_ENTRY_COM_DESCRIPTOR)
+            && directory.virtual_address.get(LE) != 0
+        {
+            let header = directory.data(data, &sections)?;
+            let header = header.read_at::<ImageCor20Header>(0).map_err(|()| ImageError::Cut("CLI header"))?;
+            let flags = header.flags.get(LE).0;
+            let has = |flag: pe::CorFlags| flags & flag.0 != 0;
+            managed = Some(match width {
+                Width::X86 if has(pe::COMIMAGE_FLAGS_32BITREQUIRED) && has(pe::COMIMAGE_FLAGS_32BITPREFERRED) => {
+                    Managed::Prefers32
+                }
+                Width::X86 if has(pe::COMIMAGE_FLAGS_ILONLY) && !has(pe::COMIMAGE_FLAGS_32BITREQUIRED) => Managed::Any,
+                _ => Managed::Fixed,
+            });
+            if managed == Some(Managed::Any) {
+                width = Width::X64;
+            }
+        }
+
+        // What only tells whose it is may be odd, as in files that were packed: Windows loads those, too.
+        let table = directories.export_table(data, &sections).ok().flatten();
+        let exports = table.map_or_else(Vec::new, |table| {
+            let names = table.name_iter().take(MOST).filter_map(|(name, _)| table.name_from_pointer(name).ok());
+            names.map(|name| String::from_utf8_lossy(name).into_owned()).collect()
+        });
+        let resources = directories.resource_directory(data, &sections).ok().flatten();
+        let resource = resources.and_then(|resources| version_resource(resources, data, &sections));
+        let text = |name: &str| {
+            let text = printable(version::text(resource?, name)?.trim());
+            (!text.is_empty()).then_some(text)
+        };
+        let (company, version) = (text("CompanyName"), text("FileVersion"));
+        Ok(Self { width, managed, company, version, exports, bytes })
+    }
+
+    /// Whether it is a library of this project, of any version.
+    pub fn is_ours(&self) -> bool {
+        self.company.as_deref() == Some("ecmsk") || self.exports.iter().any(|name| name == "ecmsk_last_error")
+    }
+
+    /// Whether a name stands anywhere in it, as a program has the names that it looks for: in UTF-8 or UTF-16, in any
+    /// case of ASCII's letters.
+    pub fn names(&self, name: &str) -> bool {
+        let wide: Vec<u8> = name.bytes().flat_map(|byte| [byte, 0]).collect();
+        [name.as_bytes(), &wide].into_iter().any(|name| contains(&self.bytes, name))
+    }
+}
+
+fn contains(bytes: &[u8], name: &[u8]) -> bool {
+    bytes.windows(name.len()).any(|window| window.eq_ignore_ascii_case(name))
+}
+
+/// The first version resource, in its first language.
+fn version_resource<'data>(
+    resources: ResourceDirectory<'data>,
+    data: &'data [u8],
+    sections: &SectionTable<'data>,
+) -> Option<&'data [u8]> {
+    let of_kind = |entry: &&ImageResourceDirectoryEntry| entry.name_or_id().id() == Some(VERSION);
+    let mut entry = resources.root().ok()?.entries.iter().find(of_kind)?;
+    // Its names, and the languages of the first one.
+    for _ in 0..2 {
+        entry = entry.data(resources).ok()?.table()?.entries.first()?;
+    }
+    let there = entry.data(resources).ok()?.data()?;
+    sections.pe_data_at(data, there.offset_to_data.get(LE))?.get(..there.size.get(LE) as usize)
+}

@@ -1,0 +1,60 @@
+//! The texts of a version resource: what Windows shows of a file under Properties, Details.
+//!
+//! Source: VS_VERSIONINFO, StringFileInfo, StringTable and String of Windows' documentation. All four have the same head:
+//! length, length of the value, its kind, a name in UTF-16 that ends with 0, then the value and what is inside, each at a
+//! multiple of four.
+
+/// Bytes before the name.
+const HEAD: usize = 6;
+/// \[OURS] Texts that are looked at: a resource has about ten.
+const MOST: usize = 100;
+
+/// One of them.
+struct Part<'data> {
+    name: String,
+    /// Value and what is inside, as they stand in the file.
+    rest: &'data [u8],
+}
+
+/// A text by its name (`CompanyName`), in the first language that has it; `None`: there is none, or this is no such
+/// resource.
+pub fn text(resource: &[u8], name: &str) -> Option<String> {
+    let (root, _) = part(resource)?;
+    // The value of the outermost one: VS_FIXEDFILEINFO.
+    let fixed = usize::from(u16::from_le_bytes([*resource.get(2)?, *resource.get(3)?]));
+    let tables = parts(root.rest.get(round(fixed)..)?).filter(|part| part.name == "StringFileInfo");
+    let texts = tables.flat_map(|all| parts(all.rest)).flat_map(|language| parts(language.rest));
+    let found = texts.take(MOST).find(|text| text.name == name)?;
+    Some(utf16(found.rest))
+}
+
+fn parts(mut data: &[u8]) -> impl Iterator<Item = Part<'_>> {
+    std::iter::from_fn(move || {
+        let (found, length) = part(data)?;
+        data = data.get(round(length)..).unwrap_or_default();
+        Some(found)
+    })
+    .take(MOST)
+}
+
+/// The first one, and its length.
+fn part(data: &[u8]) -> Option<(Part<'_>, usize)> {
+    let length = usize::from(u16::from_le_bytes([*data.first()?, *data.get(1)?]));
+    let whole = data.get(..length)?;
+    let text = whole.get(HEAD..)?;
+    let end = text.chunks_exact(2).position(|unit| unit == [0, 0])?;
+    let name = utf16(text);
+    let rest = whole.get(round(HEAD + 2 * (end + 1))..).unwrap_or_default();
+    Some((Part { name, rest }, length))
+}
+
+const fn round(at: usize) -> usize {
+    at.next_multiple_of(4)
+}
+
+/// Up to its end.
+fn utf16(data: &[u8]) -> String {
+    let units = data.chunks_exact(2).map(|unit| u16::from_le_bytes([unit[0], unit[1]]));
+    let units = units.take_while(|unit| *unit != 0);
+    char::decode_utf16(units).map(|unit| unit.unwrap_or(char::REPLACEMENT_CHARACTER)).collect()
+}

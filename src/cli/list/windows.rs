@@ -1,0 +1,53 @@
+//! Boards on USB, as Windows' HID driver tells them.
+
+use ecmsk::link::keys::Scheme;
+use ecmsk::machine::{Board, Machine};
+use serde_json::json;
+
+use super::Row;
+
+// There is nothing to say. (A comment for rustdoc would be the verb's help.)
+#[derive(clap::Args)]
+pub struct SystemArgs {}
+
+/// All devices with the board's ids; or why there is no telling.
+pub fn rows(_: &SystemArgs) -> Vec<Row> {
+    match Machine::here().boards() {
+        Ok(boards) => boards.iter().map(row).collect(),
+        Err(why) => {
+            let (found, next) = why.rsplit_once("; ").unwrap_or((why.as_str(), "start Windows anew"));
+            vec![Row {
+                scheme: Scheme::Usb,
+                link: None,
+                what: "USB".to_owned(),
+                obstacle: Some(found.to_owned()),
+                but: Vec::new(),
+                next: vec![next.to_owned()],
+                facts: json!({ "board": null }),
+            }]
+        }
+    }
+}
+
+fn row(board: &Board) -> Row {
+    let obstacle = board.obstacle();
+    let facts = json!({
+        "path": board.path, "name": board.name, "serial": board.serial, "board": board.not_one.is_none(),
+    });
+    let row = |link, what, why| Row {
+        scheme: Scheme::Usb,
+        link,
+        what,
+        obstacle: why,
+        but: Vec::new(),
+        next: Vec::new(),
+        facts,
+    };
+    match board.not_one {
+        Some(why) => row(None, format!("{} at {}", board.shown(), board.path), Some(why.to_string())),
+        None => Row {
+            next: obstacle.iter().filter_map(|finding| finding.next.clone()).collect(),
+            ..row(Some(board.link()), board.shown(), obstacle.map(|finding| finding.found))
+        },
+    }
+}

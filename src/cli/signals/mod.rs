@@ -1,0 +1,13 @@
+//! What asks the tool to end: signals, and on Windows what a console sends.
+//!
+//! Each has a number, as signals have: the exit code is 128 + n.
+
+#[cfg(unix)]
+mod unix;
+#[cfg(windows)]
+mod windows;
+
+#[cfg(unix)]
+pub use unix::{Asked, name, note, note_once};
+#[cfg(windows)]
+pub use windows::{Asked, leave_to_program, name, note, note_once};

@@ -1,0 +1,155 @@
+//! A machine with Linux, as its own files tell it: `/sys`, `/proc`, `/dev`, `/etc`. libusb is not needed: so it can be told
+//! why a board does not open.
+//!
+//! [`Machine`] reads facts ([`usb`], [`spi`], [`gpio`], [`holders`], [`limits`], [`udev`]); its findings say what is right or
+//! wrong with them.
+
+mod findings;
+pub mod gpio;
+pub mod holders;
+pub mod limits;
+pub mod spi;
+pub mod udev;
+pub mod usb;
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::Access as Wanted;
+
+use super::printable;
+
+/// \[OURS] Bytes that are read of a file at most: those of the system are far shorter, what is longer is no such file.
+const FILE_MAX: u64 = 1 << 20;
+
+/// A machine: the folder that its files are below.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Machine {
+    root: PathBuf,
+}
+
+/// Whether this user may read and write a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// It may.
+    Granted,
+    /// It may not.
+    Denied,
+    /// There is no such file.
+    Missing,
+}
+
+impl Machine {
+    /// This machine.
+    pub fn here() -> Self {
+        Self::below("/")
+    }
+
+    /// A machine whose `/sys`, `/proc`, `/dev` and `/etc` are in that folder.
+    pub fn below(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// Where a file of that name is, e.g. `/sys/bus/usb`.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.root.join(name.trim_start_matches('/'))
+    }
+
+    /// Whether there is a file of that name.
+    pub fn has(&self, name: &str) -> bool {
+        fs::symlink_metadata(self.file(name)).is_ok()
+    }
+
+    /// Whether this user may read and write it, as the kernel says (its mode, its groups, its access list).
+    pub fn access(&self, name: &str) -> Access {
+        let file = self.file(name);
+        match rustix::fs::access(&file, Wanted::READ_OK | Wanted::WRITE_OK) {
+            Ok(()) => Access::Granted,
+            Err(rustix::io::Errno::NOENT | rustix::io::Errno::NOTDIR) => Access::Missing,
+            Err(_) => Access::Denied,
+        }
+    }
+
+    /// The bytes of a file; `None`: it is not there, cannot be read, or is no file of the system.
+    fn bytes(&self, name: &str) -> Option<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let file = self.file(name);
+        // Opening a pipe would wait for somebody at its other end.
+        let is_file = fs::metadata(&file).is_ok_and(|data| data.is_file());
+        let file = if is_file { File::open(file).ok()? } else { return None };
+        file.take(FILE_MAX + 1).read_to_end(&mut bytes).ok()?;
+        (bytes.len() as u64 <= FILE_MAX).then_some(bytes)
+    }
+
+    /// The text of a file, line by line; as [`Machine::bytes`].
+    fn text(&self, name: &str) -> Option<String> {
+        Some(String::from_utf8_lossy(&self.bytes(name)?).into_owned())
+    }
+
+    /// What an attribute says: its first line, fit to be shown; `None`: nothing.
+    fn attribute(&self, name: &str) -> Option<String> {
+        let text = self.text(name)?;
+        let line = printable(text.lines().next()?.trim());
+        (!line.is_empty()).then_some(line)
+    }
+
+    /// The number that an attribute says.
+    fn number(&self, name: &str) -> Option<i64> {
+        self.attribute(name)?.parse().ok()
+    }
+
+    /// The hexadecimal number that an attribute says.
+    fn hexadecimal(&self, name: &str) -> Option<u16> {
+        u16::from_str_radix(&self.attribute(name)?, 16).ok()
+    }
+
+    /// The names in a folder, sorted; none if there is no such folder.
+    fn names(&self, folder: &str) -> Vec<String> {
+        let Ok(entries) = fs::read_dir(self.file(folder)) else { return Vec::new() };
+        let mut names: Vec<String> = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect();
+        names.sort();
+        names
+    }
+
+    /// The name that a link leads to: `usbhid` of `../../bus/usb/drivers/usbhid`.
+    fn link_name(&self, name: &str) -> Option<String> {
+        let target = fs::read_link(self.file(name)).ok()?;
+        Some(printable(target.file_name()?.to_str()?))
+    }
+
+    /// A shared library by its name, where libraries usually are: also in folders of a machine's kind.
+    fn library(&self, name: &str) -> Option<String> {
+        const FOLDERS: [&str; 5] = ["/usr/local/lib", "/usr/lib", "/lib", "/usr/lib64", "/lib64"];
+        let kinds = |folder: &str| {
+            let inside = self.names(folder).into_iter().filter(|inside| inside.contains("-linux-"));
+            inside.map(|inside| format!("{folder}/{inside}")).collect::<Vec<_>>()
+        };
+        let folders = FOLDERS.into_iter().flat_map(|folder| [vec![folder.to_owned()], kinds(folder)].concat());
+        folders.map(|folder| format!("{folder}/{name}")).find(|file| self.has(file))
+    }
+
+    /// Where a link leads to, as it stands there.
+    fn link(&self, file: &Path) -> Option<String> {
+        fs::read_link(file).ok()?.into_os_string().into_string().ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-97 What a device says of itself controls no terminal, and what is endless is cut.
+    #[test]
+    fn texts_from_outside_are_shown_harmlessly() {
+        let folder = tempfile::tempdir().expect("a folder");
+        fs::write(folder.path().join("name"), b"  \x1b[31mRed\xff \nsecond\n").expect("a file");
+        fs::write(folder.path().join("long"), "x".repeat(5000)).expect("a file");
+        fs::write(folder.path().join("blank"), "\n").expect("a file");
+        let machine = Machine::below(folder.path());
+        assert_eq!(machine.attribute("/name").as_deref(), Some("\u{FFFD}[31mRed\u{FFFD}"));
+        assert_eq!(machine.attribute("/long").map(|text| text.len()), Some(126));
+        assert_eq!((machine.attribute("/blank"), machine.attribute("/none")), (None, None));
+        assert_eq!(machine.attribute("/"), None, "a folder says nothing");
+    }
+}

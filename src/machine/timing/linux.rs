@@ -1,0 +1,39 @@
+//! Linux's clock and sleeps.
+
+use std::num::NonZeroU64;
+use std::time::Duration;
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_getres, clock_gettime};
+
+/// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
+pub const COARSE: Duration = Duration::from_micros(100);
+/// What to do about timers that are coarse.
+pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)";
+
+/// How late this thread was each time.
+pub fn late(period: Duration, times: usize) -> Vec<Duration> {
+    let now = || duration(clock_gettime(rustix::time::ClockId::Monotonic));
+    // As the runner's thread: an ordinary one may sleep 50 us longer than it asked for.
+    let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
+    let mut late = Vec::with_capacity(times);
+    for _ in 0..times {
+        let deadline = now() + period;
+        let request = Timespec {
+            tv_sec: i64::try_from(deadline.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: deadline.subsec_nanos().into(),
+        };
+        while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
+        late.push(now().saturating_sub(deadline));
+    }
+    late
+}
+
+/// How fine the timers of this machine are; without high-resolution timers it is a tick of the kernel, 1 to 10 ms.
+pub fn timer_resolution() -> Duration {
+    duration(clock_getres(rustix::time::ClockId::Monotonic))
+}
+
+fn duration(time: Timespec) -> Duration {
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+}

@@ -1,0 +1,144 @@
+//! A machine with Windows, as its HID driver tells it: nothing is to be installed, and no right is needed.
+
+use super::findings::{Finding, State, timer};
+use super::printable;
+use super::timing::timer_resolution;
+use crate::io::hid::{self, Bus, NotOne, System, UsbError};
+use crate::link::keys::Scheme;
+use crate::link::record::BOARD_IDS;
+use crate::link::uri::LinkUri;
+
+/// What is looked at.
+const USB: &str = "usb";
+const BOARD: &str = "usb-board";
+
+/// This machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Machine;
+
+/// A device with the board's ids.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Board {
+    /// Windows' name of its instance, as `path=` takes it.
+    pub path: String,
+    /// Its name, fit to be shown.
+    pub name: Option<String>,
+    /// Its serial number, fit to be shown.
+    pub serial: Option<String>,
+    /// Why it is another device with the same ids.
+    pub not_one: Option<NotOne>,
+    /// Why Windows does not open it.
+    pub refused: Option<UsbError>,
+}
+
+impl Board {
+    /// The link that opens it.
+    pub fn link(&self) -> String {
+        format!("usb:?path={}", self.path)
+    }
+
+    /// Its name and serial number: `ECM-SK, serial 7`.
+    pub fn shown(&self) -> String {
+        let name = self.name.as_deref().unwrap_or("a board without a name");
+        self.serial.as_ref().map_or_else(|| name.to_owned(), |serial| format!("{name}, serial {serial}"))
+    }
+
+    /// What keeps it from being opened; who has it Windows tells nobody.
+    pub fn obstacle(&self) -> Option<Finding> {
+        let (found, next) = match self.refused? {
+            UsbError::Busy => (
+                "in use by a program that lets nobody else in (Windows does not say which)".to_owned(),
+                "close programs for HID devices one by one, or share the board by `ecmsk serve tcp`",
+            ),
+            UsbError::Access => (
+                "this user may not open it".to_owned(),
+                "use an account that may: Device Manager shows the board under Human Interface Devices",
+            ),
+            UsbError::NoDevice => ("it went away while it was looked at".to_owned(), "plug it in again"),
+            other => (format!("it does not open: {other}"), "pull it and plug it in again"),
+        };
+        Some(Finding::wrong(BOARD, found, next).of(&self.path).blocking())
+    }
+}
+
+impl Machine {
+    /// This machine.
+    pub const fn here() -> Self {
+        Self
+    }
+
+    /// All devices with the board's ids. Each is opened as a link would open it, and closed; nothing is sent.
+    ///
+    /// # Errors
+    /// Why there is no telling; the text ends with the next step.
+    pub fn boards(&self) -> Result<Vec<Board>, String> {
+        let bus = Bus::open().map_err(|error| error.to_string())?;
+        let (vendor, product) = BOARD_IDS;
+        let found = hid::find(&bus, vendor, product)
+            .map_err(|error| format!("Windows does not list its HID devices ({error}); start it anew"))?;
+        let system = System::this();
+        Ok(found
+            .into_iter()
+            .map(|found| {
+                let (name, serial) = found.texts(&system, true);
+                Board {
+                    not_one: found.shape.err(),
+                    refused: found.refused(),
+                    name: name.as_deref().map(printable),
+                    serial: serial.as_deref().map(printable),
+                    path: found.path,
+                }
+            })
+            .collect())
+    }
+
+    /// All that can be told without waiting. What is missing for the link that is `wanted` is wrong; for another one it
+    /// is just said.
+    pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
+        let mut all = self.usb_findings(wanted.is_some_and(|link| link.scheme() == Scheme::Usb));
+        if wanted.is_some_and(|link| link.scheme() == Scheme::Spi) {
+            all.push(Finding::wrong(
+                "spi",
+                "Windows has no spi: links",
+                "serve the board by `ecmsk serve tcp` on the machine it is wired to, and use tcp://HOST:PORT here",
+            ));
+        }
+        all.push(timer(timer_resolution()));
+        all
+    }
+
+    fn usb_findings(&self, wanted: bool) -> Vec<Finding> {
+        let devices = match self.boards() {
+            Ok(devices) => devices,
+            Err(why) => {
+                let (found, next) = why.rsplit_once("; ").unwrap_or((why.as_str(), "start Windows anew"));
+                return vec![Finding::wrong_if(wanted, USB, found, next)];
+            }
+        };
+        let mut all = Vec::new();
+        let (others, boards): (Vec<_>, Vec<_>) = devices.into_iter().partition(|device| device.not_one.is_some());
+        for other in &others {
+            let why = other.not_one.map(|why| why.to_string()).unwrap_or_default();
+            all.push(Finding::fine(USB, format!("another device with the board's ids: {why}")).of(&other.path));
+        }
+        if boards.is_empty() {
+            let next = "plug it in, set CONFIG0 to USB, and give it power enough";
+            all.push(Finding::wrong_if(wanted, USB, "no board on USB", next));
+        }
+        for board in &boards {
+            let open = || {
+                let found = format!(
+                    "{}: can be opened; Windows does not say whether another program has it open too",
+                    board.shown()
+                );
+                Finding::fine(BOARD, found).of(&board.path)
+            };
+            let mut finding = board.obstacle().unwrap_or_else(open);
+            if finding.state == State::Wrong {
+                finding.found = format!("{}: {}", board.shown(), finding.found);
+            }
+            all.push(finding);
+        }
+        all
+    }
+}

@@ -1,0 +1,34 @@
+//! The kernel's controller.
+
+use std::fs;
+use std::io;
+use std::os::fd::AsRawFd;
+use std::path::Path;
+
+use super::{AttachError, free_ports};
+use crate::port::usbip::wire::HIGH_SPEED;
+
+/// What the kernel speaks through.
+pub type Socket = std::os::unix::net::UnixStream;
+
+/// Hands a device to the controller in the folder `vhci`; gives our end of the connection and the port.
+///
+/// # Errors
+/// [`AttachError`].
+pub fn attach(vhci: &Path, device_id: u32) -> Result<(Socket, u32), AttachError> {
+    let status = vhci.join("status");
+    let status =
+        fs::read_to_string(&status).map_err(|source| AttachError::NoController { path: status.clone(), source })?;
+    let (ours, theirs) = Socket::pair().map_err(AttachError::Refused)?;
+    for port in free_ports(&status) {
+        let order = format!("{port} {} {device_id} {HIGH_SPEED}", theirs.as_raw_fd());
+        match fs::write(vhci.join("attach"), order) {
+            Ok(()) => return Ok((ours, port)),
+            // Somebody was faster.
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
+            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(AttachError::NotAllowed),
+            Err(error) => return Err(AttachError::Refused(error)),
+        }
+    }
+    Err(AttachError::NoPort)
+}

@@ -1,0 +1,235 @@
+//! The tool for Windows, `ecmsk.exe`: it prints what the tool of this system prints, to the byte, on virtual time; ends of
+//! lines are those of Linux. [OURS]
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+
+use ecmsk::link::Dir;
+use ecmsk::link::record::{Recorded, Recording};
+use ecmsk::sk::{CommandId, SlotSize};
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::fixture::{DLL, Folder, Toolchain, Width, lines};
+use crate::support::{self, Ended, root};
+
+const TOOL: &str = "ecmsk.exe";
+const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
+
+/// A folder with the tool and the DLL, as a package has them.
+fn folder(width: Width, name: &str) -> Folder {
+    let folder = Folder::with_dll(width, name);
+    fs::copy(width.stage().join(TOOL), folder.path().join(TOOL)).expect("the tool");
+    folder
+}
+
+/// The tool of this system, in the same folder.
+fn here(folder: &Folder, words: &[&str]) -> Ended {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecmsk"));
+    command.current_dir(folder.path()).args(words).env_remove("ECMSK_LINK").env_remove("ECMSK_LOG");
+    support::run(&mut command)
+}
+
+fn there(folder: &Folder, words: &[&str]) -> Ended {
+    folder.run(TOOL, "", words)
+}
+
+/// Both print the same, to the byte, and end by the same code.
+fn same(folder: &Folder, words: &[&str]) -> String {
+    let (expected, found) = (here(folder, words), there(folder, words));
+    assert_eq!(
+        (found.status.code(), &found.stdout, &found.stderr),
+        (expected.status.code(), &expected.stdout, &expected.stderr),
+        "{words:?}"
+    );
+    found.stdout
+}
+
+crate::for_each_width! {
+    /// WIN-60 The tool says its version, moves axes of a simulated board, and prints what the one of Linux prints.
+    #[test]
+    fn steps_print_what_they_print_on_linux(width: Width) {
+        let folder = folder(width, "tool-steps");
+        assert!(same(&folder, &["--version"]).starts_with("ecmsk "));
+        same(&folder, &["info", "--link", BOARD]);
+        same(&folder, &["move", "1=1000", "--link", BOARD]);
+        same(&folder, &["move", "9=1000", "--link", BOARD]);
+        same(&folder, &["sdo", "read", "1", "0x6041", "--link", BOARD, "--json"]);
+        same(&folder, &["completions", "bash", "--no-such-option"]);
+        let script = there(&folder, &["completions", "powershell"]);
+        assert!(script.success().contains("Register-ArgumentCompleter"));
+        assert!(there(&folder, &["man", "dump"]).success().contains(".TH ecmsk-dump"));
+    }
+
+    /// WIN-61 A program that is run by `exec` gets the DLL beside the tool and the board that is named, and prints what it
+    /// prints on Linux; what it records is read, compared and plotted alike on both.
+    #[test]
+    fn exec_and_recordings(width: Width) {
+        let folder = folder(width, "tool-exec");
+        let csv = root().join("examples/c/csv_cst.c");
+        // Not beside the tool: Windows would find the DLL without any help.
+        fs::create_dir(folder.path().join("program")).expect("a folder");
+        folder.build(Toolchain::MinGw, &csv, "program/csv_cst.exe");
+        let link = "sim:?slaves=drive*2&clock=virtual";
+        for name in ["one.pcapng", "other.pcapng"] {
+            let words = ["exec", "--link", link, "--record", name, "--", "program\\csv_cst.exe"];
+            let ended = there(&folder, &words);
+            assert_eq!(ended.stderr, "");
+            support::snapshot("csv_cst", &lines(&ended.success()));
+        }
+        assert!(same(&folder, &["dump", "one.pcapng"]).lines().count() > 10);
+        same(&folder, &["dump", "--json", "one.pcapng"]);
+        same(&folder, &["compare", "one.pcapng", "other.pcapng"]);
+        same(&folder, &["plot", "one.pcapng", "--out", "plot.svg"]);
+        let nothing = there(&folder, &["exec", "--link", link, "--", "cmd.exe", "/c", "exit 7"]);
+        assert_eq!(nothing.status.code(), Some(7));
+        assert!(nothing.stderr.contains("cmd.exe has opened no board"), "{}", nothing.stderr);
+        let none = there(&folder, &["exec", "--link", link, "--", "none.exe"]);
+        assert_eq!(none.status.code(), Some(127), "{}", none.stderr);
+    }
+
+    /// WIN-62 A DLL beside the program that is not this project's comes first on Windows: `exec` says so and starts nothing.
+    #[test]
+    fn exec_does_not_start_on_another_dll(width: Width) {
+        let folder = folder(width, "tool-beside");
+        fs::create_dir(folder.path().join("program")).expect("a folder");
+        folder.build(Toolchain::MinGw, &root().join("examples/c/io.c"), "program/io.exe");
+        let machine = if width == Width::X64 { crate::pe_support::X64 } else { crate::pe_support::X86 };
+        fs::write(folder.path().join("program").join(DLL), crate::pe_support::vendors(machine)).expect("a file");
+        let words = ["exec", "--link", "sim:?slaves=io&clock=virtual", "--", "program\\io.exe"];
+        let ended = there(&folder, &words);
+        assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(125), ""));
+        assert!(ended.stderr.contains("keep it under another name, and copy"), "{}", ended.stderr);
+        let doctor = there(&folder, &["doctor", "program"]);
+        assert!(doctor.stdout.contains("by Maker Inc."), "{}", doctor.stdout);
+        fs::copy(folder.path().join(DLL), folder.path().join("program").join(DLL)).expect("the DLL");
+        assert!(!there(&folder, &words).success().is_empty());
+    }
+
+    /// WIN-63 What Windows does not have says so: links `spi:`, and boards attached by the kernel.
+    #[test]
+    fn what_windows_does_not_have(width: Width) {
+        let folder = folder(width, "tool-errors");
+        let spi = there(&folder, &["info", "--link", "spi:/dev/spidev0.0"]);
+        assert_eq!(spi.status.code(), Some(1));
+        assert!(spi.stderr.contains("it is a link of Linux") && spi.stderr.contains("tcp://HOST:PORT"), "{}", spi.stderr);
+        let words = ["serve", "usbip", "--link", "sim:", "--attach", "--listen", "127.0.0.1:0"];
+        let attach = there(&folder, &words);
+        assert_eq!(attach.status.code(), Some(1));
+        assert!(attach.stderr.contains("kernel of Linux alone") && attach.stderr.contains("usbip-win2"), "{}", attach.stderr);
+    }
+
+    /// WIN-64 `list` and `doctor` look at what Windows' HID driver knows, and say what to do; `doctor DIR` at real programs
+    /// and DLLs.
+    #[test]
+    fn list_and_doctor(width: Width) {
+        let folder = folder(width, "tool-doctor");
+        let list = there(&folder, &["list"]);
+        assert_eq!((list.status.code(), list.stdout.as_str()), (Some(1), ""));
+        assert!(list.stderr.starts_with("note: no board on USB"), "{}", list.stderr);
+
+        let mut doctor = folder.command(TOOL, "sim:?slaves=drive*2");
+        let doctor = support::run(doctor.args(["doctor", "--json"]));
+        assert_eq!(doctor.status.code(), Some(0), "{}", doctor.stdout);
+        let findings: Vec<serde_json::Value> =
+            doctor.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+        let found = |check: &str| {
+            let finding = findings.iter().find(|finding| finding["check"] == check);
+            finding.unwrap_or_else(|| panic!("no {check} in {findings:?}"))["found"].as_str().expect("a text")
+        };
+        assert!(found("versions").contains(DLL) && found("versions").contains("Windows"), "{findings:?}");
+        assert!(found("link").starts_with("sim:?slaves=drive*2"), "{findings:?}");
+        assert_eq!(found("usb"), "no board on USB");
+        assert!(found("timer").starts_with("resolution "), "{findings:?}");
+        assert!(found("wake-up").starts_with("late by "), "{findings:?}");
+        let usb = support::run(folder.command(TOOL, "usb:").args(["doctor", "--quick"]));
+        assert_eq!(usb.status.code(), Some(1));
+        assert!(usb.stdout.contains("do: plug it in, set CONFIG0 to USB"), "{}", usb.stdout);
+
+        folder.build(Toolchain::Msvc, &root().join("examples/c/io.c"), "io.exe");
+        let bits = if width == Width::X64 { "64-bit" } else { "32-bit" };
+        let said = same(&folder, &["doctor", "."]);
+        let version = env!("CARGO_PKG_VERSION");
+        let takes = format!("{bits}; takes {DLL} (this project's, version {version})");
+        assert!(said.contains(&takes), "{said}");
+    }
+
+    /// WIN-65, TCP-1 A board that the tool serves under Windows is one for the tool of this system; Ctrl-C ends it in order.
+    #[test]
+    fn a_served_board_and_its_end(width: Width) {
+        let folder = folder(width, "tool-serve");
+        let mut served = Running::start(&folder, &["serve", "tcp", "--link", "sim:?slaves=drive*2", "--listen", "127.0.0.1:0"]);
+        let mut line = String::new();
+        served.out.read_line(&mut line).expect("a line");
+        let address = line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect("where");
+        let link = format!("tcp://{address}");
+        let moved = here(&folder, &["move", "1=1000", "--up", "--slaves", "drive*2", "--link", &link]);
+        assert!(moved.success().contains("1000"));
+        served.press_ctrl_c();
+        let (code, err) = served.end();
+        assert!(code == Some(0) && err.contains("stopped by Ctrl-C"), "{code:?} {err}");
+    }
+
+    /// WIN-66, TOOL-16 Ctrl-C in a move brakes the axis before the tool ends by 130: it has not gone where it was sent, and
+    /// its last targets come to rest.
+    #[test]
+    fn ctrl_c_brakes_a_move(width: Width) {
+        let folder = folder(width, "tool-stop");
+        let board = "sim:?slaves=drive&record=stop.pcapng";
+        let line = ["move", "1=90000000", "--velocity", "100000", "--acceleration", "200000", "--up", "--link", board];
+        let mut moving = Running::start(&folder, &line);
+        moving.until("progress: moving");
+        moving.press_ctrl_c();
+        let (code, err) = moving.end();
+        assert_eq!(code, Some(130), "{err}");
+        assert!(err.contains("stopped by Ctrl-C; no axis moves, those that were on stay on"), "{err}");
+        let csp = |recorded: &Recorded| (recorded.dir == Dir::Write).then(|| recorded.frame.slot(SlotSize::Bytes12, 1));
+        let recording = Recording::open(&folder.path().join("stop.pcapng")).expect("the recording");
+        let slots = recording.filter_map(|recorded| csp(&recorded.expect("a frame")));
+        let targets: Vec<i32> =
+            slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect();
+        let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        // Ctrl-C may come before it is at 100 counts a cycle.
+        assert!(steps.iter().any(|step| *step > 10) && steps.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
+        assert!(steps.ends_with(&[0]) || steps.ends_with(&[1]), "it came to rest: {:?}", steps.last());
+        assert!(steps.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 2), "no jump");
+    }
+}
+
+/// The tool at work.
+struct Running {
+    child: Child,
+    out: BufReader<ChildStdout>,
+    said: BufReader<ChildStderr>,
+    err: String,
+}
+
+impl Running {
+    fn start(folder: &Folder, words: &[&str]) -> Self {
+        let mut command = folder.command(TOOL, "");
+        command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("Wine starts");
+        let out = BufReader::new(child.stdout.take().expect("a pipe"));
+        let said = BufReader::new(child.stderr.take().expect("a pipe"));
+        Self { child, out, said, err: String::new() }
+    }
+
+    /// Waits until it says a line with this on standard error.
+    fn until(&mut self, words: &str) {
+        while !self.err.contains(words) {
+            let read = self.said.read_line(&mut self.err).expect("UTF-8");
+            assert!(read > 0, "it ended without `{words}`: {}", self.err);
+        }
+    }
+
+    /// Wine hands SIGINT on as Windows does Ctrl-C. What Wine is started by becomes the program.
+    fn press_ctrl_c(&self) {
+        kill_process(Pid::from_child(&self.child), Signal::INT).expect("it runs");
+    }
+
+    /// Its exit code, and all it has said on standard error.
+    fn end(mut self) -> (Option<i32>, String) {
+        self.said.read_to_string(&mut self.err).expect("UTF-8");
+        (self.child.wait().expect("it ends").code(), self.err)
+    }
+}

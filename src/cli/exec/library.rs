@@ -19,7 +19,8 @@ const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The folders that the dynamic linker looks into before its own.
 pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
 
-/// The library: `given` (a file, or a folder that has it), else beside this tool, else in `../lib` from there.
+/// The library: `given` (a file, or a folder that has it), else beside this tool, else in `../lib` from there, else in the
+/// folder there in which Debian has the libraries of this architecture.
 pub fn find(given: Option<&Path>) -> Result<PathBuf, ExecError> {
     let file = match given {
         Some(file) if file.is_file() => file.to_owned(),
@@ -34,7 +35,8 @@ fn usual_folders() -> Result<Vec<PathBuf>, ExecError> {
     let tool = std::env::current_exe().map_err(|source| ExecError::System { what: "find this tool's file", source })?;
     let folder = tool.parent().unwrap_or(Path::new("/"));
     let stage = folder.parent().map(|above| above.join("lib"));
-    Ok(std::iter::once(folder.to_owned()).chain(stage).collect())
+    let debian = stage.as_ref().map(|lib| lib.join(format!("{}-linux-gnu", std::env::consts::ARCH)));
+    Ok(std::iter::once(folder.to_owned()).chain(stage).chain(debian).collect())
 }
 
 fn in_one_of(folders: Vec<PathBuf>) -> Result<PathBuf, ExecError> {

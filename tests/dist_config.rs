@@ -59,7 +59,9 @@ fn entry(link: &str, key: &Key) -> String {
         _ => key.example.to_owned(),
     };
     let default = key.default.map(|value| format!("; default {value}")).unwrap_or_default();
-    let mut lines = wrapped(&format!("{}: {}{default}", key.name, key.meaning));
+    // What the help has further down.
+    let meaning = key.meaning.replace("see below", "see `ecmsk link help`");
+    let mut lines = wrapped(&format!("{}: {meaning}{default}", key.name));
     lines += &format!("{OFF}'{link}?{}={value}'\n", key.name);
     lines
 }

@@ -44,7 +44,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
-    /// The library, or the folder it is in [default: beside this tool, then ../lib]
+    /// The library, or the folder it is in [default: beside this tool, then ../lib, then Debian's folder there]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 

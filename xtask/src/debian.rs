@@ -25,7 +25,6 @@ pub struct System {
     pub left_out: &'static str,
 }
 
-
 /// The root of a system below `folder`; made if it is not there.
 pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     let root = folder.join(system.name);

@@ -36,7 +36,8 @@ pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     let mut zip = release.command("zip");
     zip.current_dir(folder).args(["-q", "-X", "-D", "-9", "-@"]).arg(file);
     let shown = command::shown(&zip);
-    let mut running = zip.stdin(Stdio::piped()).spawn().map_err(|source| Error::Start { command: shown.clone(), source })?;
+    let mut running =
+        zip.stdin(Stdio::piped()).spawn().map_err(|source| Error::Start { command: shown.clone(), source })?;
     let wrote = running.stdin.take().map_or(Ok(()), |mut input| input.write_all(names.as_bytes()));
     wrote.map_err(Error::file("write", file))?;
     let status = running.wait().map_err(|source| Error::Start { command: shown.clone(), source })?;

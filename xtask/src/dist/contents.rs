@@ -42,7 +42,8 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
 
 /// The packages by their names in the list.
 fn packages(release: &Release, made: &Made) -> Vec<(String, PathBuf)> {
-    let archive = |kind: &str, rest: &str| (kind.to_owned(), made.folder.join(format!("ecmsk-{}-{rest}", release.version)));
+    let archive =
+        |kind: &str, rest: &str| (kind.to_owned(), made.folder.join(format!("ecmsk-{}-{rest}", release.version)));
     let mut found = vec![archive("windows.zip", "windows.zip"), archive("linux.tar.gz", "x86_64-linux.tar.gz")];
     for deb in &made.debs {
         let name = deb.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -81,7 +81,8 @@ impl Known {
         let said = command::output(tree.args(["--prefix", "none", "--no-dedupe", "--format", "{p}"]))?;
         let said = String::from_utf8_lossy(&said);
         let names: BTreeSet<(String, String)> = said.lines().filter_map(name_and_version).collect();
-        let missing = |(name, version)| Error::Sbom(format!("cargo tree names {name} {version}, cargo metadata does not"));
+        let missing =
+            |(name, version)| Error::Sbom(format!("cargo tree names {name} {version}, cargo metadata does not"));
         names.into_iter().map(|key| self.0.get(&key).cloned().ok_or_else(|| missing(key))).collect()
     }
 }

@@ -20,7 +20,8 @@ use std::{env, fs};
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, LINTIAN, MCS, MINGW_X64, MINGW_X86, Need, ROOT, RUSTC_DEBIAN, STRIP, UNZIP, ZIP,
+    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, LINTIAN, MCS, MINGW_X64, MINGW_X86, Need, ROOT, RUSTC_DEBIAN, STRIP, UNZIP,
+    ZIP,
 };
 use crate::project::Project;
 use crate::windows::Width;
@@ -31,12 +32,10 @@ use sbom::{Artefact, Runtime};
 use tree::Tree;
 
 /// What making the packages needs.
-const NEEDS: &[Need] =
-    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN];
+const NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN];
 /// What testing them needs: a system to install them in.
-pub const TEST_NEEDS: &[Need] = &[
-    RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT,
-];
+pub const TEST_NEEDS: &[Need] =
+    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
 
 /// rustc's target of the Linux packages.
 const LINUX: &str = "x86_64-unknown-linux-gnu";
@@ -114,9 +113,7 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let mut on_windows = Vec::new();
     for width in Width::ALL {
         on_windows = both(on_windows, known.linked(project, "NEXTWUSBLib", triple(width))?);
-        if !windows_zip::PROGRAMS.is_empty() {
-            on_windows = both(on_windows, known.linked(project, "ecmsk", triple(width))?);
-        }
+        on_windows = both(on_windows, known.linked(project, "ecmsk", triple(width))?);
     }
     let on_windows = licences::text(&on_windows)?;
 
@@ -145,7 +142,9 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
 
 /// Looks at what was made.
 fn judge(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
-    command::output(Command::new("sha256sum").current_dir(&made.folder).args(["--check", "--strict", "--quiet", SUMS]))?;
+    command::output(
+        Command::new("sha256sum").current_dir(&made.folder).args(["--check", "--strict", "--quiet", SUMS]),
+    )?;
     contents::check(project, release, made)?;
     deb::lintian(&made.debs)
 }
@@ -172,7 +171,8 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
     let mut found = Vec::new();
     let std = |rustc: &str| Ok::<_, Error>(Runtime::rust(version_of(Command::new(rustc).current_dir(&project.root))?));
     let (here, debians) = (std("rustc")?, std(windows::RUSTC)?);
-    let files = [("bin/ecmsk", "ecmsk"), ("lib/libNEXTWUSBLib.so.0", "NEXTWUSBLib"), ("lib/libNEXTWUSBLib.a", "NEXTWUSBLib")];
+    let files =
+        [("bin/ecmsk", "ecmsk"), ("lib/libNEXTWUSBLib.so.0", "NEXTWUSBLib"), ("lib/libNEXTWUSBLib.a", "NEXTWUSBLib")];
     for (file, package) in files {
         found.push(Artefact {
             name: format!("linux/{file}"),
@@ -197,7 +197,9 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
             });
         }
     }
-    for file in zip.files()?.iter().filter(|file| file.starts_with("dotnet") && file.extension().is_some_and(|e| e == "dll")) {
+    for file in
+        zip.files()?.iter().filter(|file| file.starts_with("dotnet") && file.extension().is_some_and(|e| e == "dll"))
+    {
         found.push(Artefact {
             name: format!("windows/{}", file.display()),
             kind: "library",

@@ -14,7 +14,7 @@ use crate::windows::{DLL, MINGW, MSVC, Width};
 const OF_A_WIDTH: [(&str, &str); 3] = [(DLL, "@"), (MSVC, "lib/@"), (MINGW, "lib/@")];
 
 /// Programs of the stage folder; one that is not there is an error.
-pub const PROGRAMS: &[&str] = &[];
+pub const PROGRAMS: &[&str] = &["x86/ecmsk.exe", "x64/ecmsk.exe"];
 
 /// Texts for Windows, whose lines end as there.
 const TEXTS: [(&str, &str); 4] = [

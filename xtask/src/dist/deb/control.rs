@@ -7,6 +7,7 @@ use std::process::Command;
 
 use super::parts::{Part, Place, long_description};
 use crate::command;
+use crate::dist::release::Release;
 use crate::dist::tree::Tree;
 use crate::error::Error;
 use crate::project::Project;
@@ -15,13 +16,7 @@ use crate::project::Project;
 pub const MAINTAINER: &str = "The ecmsk authors <ecmsk@packages.invalid>";
 
 /// Writes the folder `DEBIAN`.
-pub fn write(
-    part: &Part,
-    place: &Place,
-    version: &str,
-    libraries: Option<&str>,
-    tree: &Tree,
-) -> Result<(), Error> {
+pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>, tree: &Tree) -> Result<(), Error> {
     // Before DEBIAN is there: both are about what is installed.
     let (size, sums) = (installed_size(tree)?, md5sums(tree)?);
     let own = part.depends_on_own.iter().map(|package| format!("{package} (= {version})"));
@@ -95,17 +90,22 @@ fn md5sums(tree: &Tree) -> Result<String, Error> {
 }
 
 /// The licences, as Debian's tools read them (DEP-5).
-pub fn copyright(project: &Project) -> Result<String, Error> {
+pub fn copyright(project: &Project, release: &Release) -> Result<String, Error> {
     let file = project.root.join("LICENSE-MIT");
     let text = fs::read_to_string(&file).map_err(Error::file("read", &file))?;
     let holder = text.lines().find_map(|line| line.strip_prefix("Copyright (c) ")).unwrap_or("The ecmsk authors");
     let (_, terms) = text.split_once(holder).unwrap_or(("", &text));
-    let terms: String = terms.trim().lines().map(|line| if line.is_empty() { " .\n".to_owned() } else { format!(" {line}\n") }).collect();
+    let terms: String = terms
+        .trim()
+        .lines()
+        .map(|line| if line.is_empty() { " .\n".to_owned() } else { format!(" {line}\n") })
+        .collect();
+    let year = release.date("+%Y")?;
     Ok(format!(
         "Format: https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/\nUpstream-Name: ecmsk\n\
          Comment:\n Parts by others that the programs contain, each with its licence, are listed in\n \
          third-party-licenses.gz beside this file.\n\n\
-         Files: *\nCopyright: {holder}\nLicense: Expat or Apache-2.0\n\n\
+         Files: *\nCopyright: {year} {holder}\nLicense: Expat or Apache-2.0\n\n\
          License: Expat\n{terms}\nLicense: Apache-2.0\n On Debian systems the text of the Apache License, version 2.0, is in\n \
          /usr/share/common-licenses/Apache-2.0.\n"
     ))

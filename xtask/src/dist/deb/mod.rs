@@ -23,6 +23,10 @@ pub use lintian::check as lintian;
 /// Debian's number for one version packed anew. [OURS]
 const REVISION: u32 = 1;
 
+/// What lintian says of packages that are so, and why.
+const OVERRIDDEN: &str = "initial-upload-closes-no-bugs";
+const OVERRIDDEN_BECAUSE: &str = "The package is not uploaded to Debian, and answers no request there.";
+
 /// Builds all packages from the files in `stage` into `folder`; where they are.
 pub fn build(
     project: &Project,
@@ -71,15 +75,14 @@ fn documents(
     for name in ["changelog.Debian", "changelog"] {
         compress(release, &tree.at(&format!("{folder}/{name}")))?;
     }
-    tree.write(&format!("{folder}/copyright"), control::copyright(project)?)?;
+    tree.write(&format!("{folder}/copyright"), control::copyright(project, release)?)?;
     let name = format!("{folder}/third-party-licenses");
     tree.write(&name, others)?;
     compress(release, &tree.at(&name))?;
-    for (tag, reason) in part.overrides {
-        let overrides = format!("usr/share/lintian/overrides/{}", part.package);
-        tree.write(&overrides, format!("# {reason}\n{}: {tag}\n", part.package))?;
-    }
-    Ok(())
+    tree.write(
+        &format!("usr/share/lintian/overrides/{}", part.package),
+        format!("# {OVERRIDDEN_BECAUSE}\n{}: {OVERRIDDEN}\n", part.package),
+    )
 }
 
 /// As Debian wants it: with no name and no time inside.
@@ -100,7 +103,7 @@ fn depends(project: &Project, part: &Part, place: &Place, tree: &Tree) -> Result
     let text = format!("Source: ecmsk\n\nPackage: {}\nArchitecture: any\n", part.package);
     fs::write(&control, text).map_err(Error::file("write", &control))?;
     let mut ask = Command::new("dpkg-shlibdeps");
-    ask.current_dir(&sources).env("LC_ALL", "C").args(["-O", "--package"]).arg(part.package);
+    ask.current_dir(&sources).env("LC_ALL", "C").arg("-O");
     ask.args(part.programs.iter().map(|program| tree.at(&place.of(program))));
     let said = String::from_utf8_lossy(&command::output(&mut ask)?).into_owned();
     Ok(said.lines().find_map(|line| line.strip_prefix("shlibs:Depends=")).map(str::to_owned))

@@ -51,8 +51,6 @@ pub struct Part {
     pub programs: &'static [&'static str],
     /// What dpkg and the dynamic linker are to be told, by the names of dpkg's files.
     pub control: &'static [(&'static str, &'static str)],
-    /// What lintian says of it that is so, each with the reason.
-    pub overrides: &'static [(&'static str, &'static str)],
     pub fill: fn(&Project, &Place, &Path, &Tree) -> Result<(), Error>,
 }
 
@@ -81,7 +79,6 @@ pub const PARTS: &[Part] = &[
             ("shlibs", "libNEXTWUSBLib 0 libnextwusblib0 (>= @VERSION@)\n"),
             ("triggers", "activate-noawait ldconfig\n"),
         ],
-        overrides: &[],
         fill: library,
     },
     Part {
@@ -99,7 +96,6 @@ pub const PARTS: &[Part] = &[
         ),
         programs: &[],
         control: &[],
-        overrides: &[],
         fill: development,
     },
     Part {
@@ -117,7 +113,6 @@ pub const PARTS: &[Part] = &[
         ),
         programs: &["usr/bin/ecmsk"],
         control: &[],
-        overrides: &[],
         fill: tool,
     },
 ];

@@ -29,6 +29,7 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
         let top = unpack(&file, &to)?;
         problems.extend(differences(&package, &files(&top)?));
         problems.extend(paths_of_this_machine(project, &top)?);
+        problems.extend(times_of_linking(&top)?);
     }
     if problems.is_empty() {
         return Ok(());
@@ -104,9 +105,52 @@ fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>
     Ok(problems)
 }
 
+/// Of the DLLs and programs that are linked here, those that say when that was.
+fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
+    let mut problems = Vec::new();
+    for file in files(folder)?.iter().filter(|file| file.starts_with("x86") || file.starts_with("x64")) {
+        let path = folder.join(file);
+        let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+        if time_of_linking(&bytes) != Some(0) {
+            problems.push(format!(
+                "{} has the time when it was linked; remove target/xtask/windows/build, so that it is linked anew",
+                file.display()
+            ));
+        }
+    }
+    Ok(problems)
+}
+
+/// The time in the header of a PE file; `None`: it is no such file.
+fn time_of_linking(bytes: &[u8]) -> Option<u32> {
+    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at.checked_add(4)?)?.try_into().ok()?));
+    // Where the header is stands at 0x3C; the time follows signature, machine and number of sections.
+    let header = word(0x3C)? as usize;
+    (bytes.get(header..)?.starts_with(b"PE\0\0")).then(|| word(header + 8))?
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// DIST-1 A DLL that says when it was linked is told, and so is what is no DLL.
+    #[test]
+    fn a_time_of_linking_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("x64")).unwrap();
+        let mut dll = vec![0; 0x60];
+        dll[0x3C] = 0x40;
+        dll[0x40..0x44].copy_from_slice(b"PE\0\0");
+        let file = folder.path().join("x64/a.dll");
+        fs::write(&file, &dll).unwrap();
+        assert_eq!(times_of_linking(folder.path()).unwrap(), [""; 0]);
+        dll[0x4B] = 0x6B;
+        for bytes in [&dll[..], b"MZ"] {
+            fs::write(&file, bytes).unwrap();
+            let said = times_of_linking(folder.path()).unwrap();
+            assert!(said.len() == 1 && said[0].starts_with("x64/a.dll has the time"), "{said:?}");
+        }
+    }
 
     /// DIST-2 A file that is missing and one that nobody listed are both told.
     #[test]

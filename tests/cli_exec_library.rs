@@ -57,13 +57,15 @@ fn the_library_may_be_named() {
     }
 }
 
-/// Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them.
+/// DIST-5 Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them, then where Debian has the
+/// libraries of this architecture.
 #[test]
 fn the_library_is_looked_for_beside_the_tool() {
     let place = Place::new();
     let (bin, lib) = (place.path().join("stage/bin"), place.path().join("stage/lib"));
     fs::create_dir_all(&bin).expect("a folder");
-    fs::create_dir_all(&lib).expect("a folder");
+    let debian = lib.join(format!("{}-linux-gnu", std::env::consts::ARCH));
+    fs::create_dir_all(&debian).expect("a folder");
     let tool = bin.join("ecmsk");
     install(Path::new(env!("CARGO_BIN_EXE_ecmsk")), &tool, "755");
     let run = || {
@@ -78,13 +80,13 @@ fn the_library_is_looked_for_beside_the_tool() {
         Ran::from(command.env("TMPDIR", place.tmp()).output().expect("the tool starts"))
     };
     let bin = fs::canonicalize(&bin).expect("a folder");
-    let lib = fs::canonicalize(&lib).expect("a folder");
+    let [lib, debian] = [lib, debian].map(|folder| fs::canonicalize(folder).expect("a folder"));
     run().failed(
         125,
         &["no libNEXTWUSBLib.so in", &format!("{} or {}", bin.display(), lib.display())],
         "name it with --library",
     );
-    for folder in [lib, bin] {
+    for folder in [debian, lib, bin] {
         let library = folder.join("libNEXTWUSBLib.so");
         fs::copy("/bin/sh", &library).expect("a copy");
         assert_eq!(Path::new(run().quiet().trim_end()), library);

@@ -50,6 +50,16 @@ pub enum Error {
     Figure { line: String, source: serde_json::Error },
     #[error("{} is not a DLL as the linker makes them: {what}", path.display())]
     Dll { path: PathBuf, what: String },
+    #[error(
+        "nothing says what time the files are to have: set {variable} (seconds since 1970), or build from a git clone"
+    )]
+    NoTime { variable: &'static str },
+    #[error("{0}")]
+    Package(String),
+    #[error(
+        "what is shipped cannot be listed: {0}; is Cargo.lock that of this tree? `cargo metadata --locked` says more"
+    )]
+    Sbom(String),
     #[error("no test has {names} in its name")]
     NoTest { names: String },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]

@@ -2,7 +2,9 @@
 
 mod bench;
 mod command;
+mod debian;
 mod demo;
+mod dist;
 mod dotnet;
 mod error;
 mod features;
@@ -44,6 +46,8 @@ enum Verb {
     Dotnet(dotnet::Arguments),
     /// Build the DLLs for Windows, x86 and x64, and their import libraries
     Windows(windows::Arguments),
+    /// Make what is given to others: packages for Windows and Linux, their sums and what they are made of
+    Dist(dist::Arguments),
     /// Write docs/FEATURES.md from docs/RULES.md and the tests that name its rules
     Features(features::Arguments),
     /// Feed the decoders random bytes
@@ -74,6 +78,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Stage(arguments) => stage::run(project, &arguments),
         Verb::Dotnet(arguments) => dotnet::run(project, &arguments),
         Verb::Windows(arguments) => windows::run(project, &arguments),
+        Verb::Dist(arguments) => dist::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
         Verb::Soak(arguments) => soak::run(project, &arguments),

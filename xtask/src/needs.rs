@@ -62,6 +62,12 @@ pub const MINGW_X64: Need =
 pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
 pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };
 pub const WINE_X64: Need = Need { program: "/usr/lib/wine/wine64", source: Source::DebianFile(&["wine", "wine64"]) };
+/// Debian's tools for packages: what a program depends on, by its libraries; what is wrong with a package (this one brings 90 MB
+/// of Perl).
+pub const DPKG_DEV: Need = Need { program: "dpkg-shlibdeps", source: Source::Debian(&["dpkg-dev"]) };
+pub const LINTIAN: Need = Need { program: "lintian", source: Source::Debian(&["lintian"]) };
+pub const ZIP: Need = Need { program: "/usr/bin/zip", source: Source::DebianFile(&["zip"]) };
+pub const UNZIP: Need = Need { program: "/usr/bin/unzip", source: Source::DebianFile(&["unzip"]) };
 pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
 /// To make a system in a folder, and to run programs in it.
 pub const ROOT: Need = Need { program: "right to make a system in a folder", source: Source::Rights };

@@ -21,13 +21,15 @@ pub struct Arguments {
     profile: String,
 }
 
+/// What is installed, in the order it is built.
+pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", "ecmsk"];
 /// The name that programs ask the dynamic linker for; the library's build script gives it the same.
-const SONAME: &str = "libNEXTWUSBLib.so.0";
+pub const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The name that `-lNEXTWUSBLib` finds.
-const LINK_NAME: &str = "libNEXTWUSBLib.so";
+pub const LINK_NAME: &str = "libNEXTWUSBLib.so";
 /// What lets users open a board.
-const UDEV_RULE: &str = "60-ecmsk.rules";
-const ARCHIVE: &str = "libNEXTWUSBLib.a";
+pub const UDEV_RULE: &str = "60-ecmsk.rules";
+pub const ARCHIVE: &str = "libNEXTWUSBLib.a";
 /// What Rust's standard library needs of a program that links the archive.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
 const PKGCONFIG_TEMPLATE: &str = include_str!("../../capi/nextwusblib.pc.in");
@@ -41,11 +43,14 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 /// Builds with `profile` and installs into `prefix`.
 pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(), Error> {
     // One after the other: built together, the library would get the features that only the tool needs.
-    for package in ["NEXTWUSBLib", "ecmsk"] {
+    for package in PACKAGES {
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
-    let built = project.target.join(profile_folder(profile));
+    install_into(project, &project.target.join(profile_folder(profile)), prefix)
+}
 
+/// Installs what was built into a folder of cargo's.
+pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<(), Error> {
     let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
     let (pkgconfig, rules) = (lib.join("pkgconfig"), lib.join("udev/rules.d"));
     for folder in [&bin, &include, &pkgconfig, &rules] {

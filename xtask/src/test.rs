@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::needs::{CLIPPY, CXX, DOTNET_CORE, MAKE, MCS, MONO, Need, PIP, PKG_CONFIG, PYTHON, RUSTFMT, VALGRIND};
 use crate::project::Project;
 use crate::windows::{self, Width};
-use crate::{command, features, needs, rig, stage};
+use crate::{command, dist, features, needs, rig, stage};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -59,7 +59,11 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, site.names) },
     WINDOWS[0],
     WINDOWS[1],
+    Part { name: "packages", needs: dist::TEST_NEEDS, run: |site| dist::test(site.project) },
 ];
+
+/// What `--all` leaves to `cargo xtask dist --check`: everything would be compiled twice.
+const LEFT_TO_DIST: &str = "the packages made twice, to the same bytes";
 
 /// What `--all` leaves to `--windows`: its guest follows the real clock, and on a busy machine that takes its time.
 const LEFT_TO_WINDOWS: Part = WINDOWS[2];
@@ -146,6 +150,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
             "not in --all, for a machine that does nothing else: {}; cargo xtask test --windows",
             LEFT_TO_WINDOWS.name
         );
+        println!("not in --all, since it compiles everything twice: {LEFT_TO_DIST}; cargo xtask dist --check");
     }
     if !skipped.is_empty() {
         println!("skipped:");

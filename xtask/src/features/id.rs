@@ -4,8 +4,8 @@ use std::fmt;
 use std::iter;
 
 /// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
-/// native API, the tool, a board on the network, a board on its wires, .NET, Windows.
-pub const PREFIXES: [(&str, bool); 8] = [
+/// native API, the tool, a board on the network, a board on its wires, .NET, Windows, packages.
+pub const PREFIXES: [(&str, bool); 9] = [
     ("SK-", true),
     ("LIB-", false),
     ("API-", false),
@@ -14,6 +14,7 @@ pub const PREFIXES: [(&str, bool); 8] = [
     ("WIRE-", false),
     ("NET-", false),
     ("WIN-", false),
+    ("DIST-", false),
 ];
 
 /// An id as it is written; it need not be one of docs/RULES.md.

@@ -58,6 +58,8 @@ pub fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, 
     // The standard library is built too, which only a nightly compiler does without being told that it may.
     cargo.env("RUSTC_BOOTSTRAP", "1").env("CARGO_TARGET_DIR", target);
     cargo.env_remove("RUSTFLAGS").env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1F"));
+    // For ld: the files have no time, so that linking them again gives the same bytes.
+    cargo.env("SOURCE_DATE_EPOCH", "0");
     let variable = width.target().replace('-', "_");
     cargo.env(format!("CC_{variable}"), format!("{}-gcc", width.mingw()));
     cargo.env(format!("AR_{variable}"), format!("{}-ar", width.mingw()));

@@ -4,7 +4,6 @@
 //! and later (what the targets `*-pc-windows-gnu` import, Wine 8 does not have). It comes from Debian, for rustup has no
 //! such targets ready; what is built stays in `target/xtask/windows/`.
 
-mod debian;
 mod dll;
 mod implib;
 mod relocations;
@@ -13,6 +12,9 @@ pub mod usb;
 mod wine;
 
 use std::path::{Path, PathBuf};
+
+pub use dll::{DLL, RUSTC};
+pub use implib::{MINGW, MSVC};
 
 use crate::error::Error;
 use crate::needs::{

@@ -1,4 +1,4 @@
-//! A Debian of its own in a folder, with both Wines in it.
+//! A Debian of its own in a folder: for programs that this system cannot run, and to see what is installed in a fresh one.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,44 +7,51 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 
-/// The release; its Wine is the one that the tests were written with.
+/// The release; its Wine is the one that the tests were written with, and the packages are for it.
 const RELEASE: &str = "bookworm";
 /// File in the root that says what it was made of.
 const MADE_OF: &str = "made-of";
-/// The last two are for USB in the guest: Wine looks for devices by libudev, of either width.
-const PACKAGES: &[&str] = &["wine", "wine64", "wine32:i386", "udev", "libudev1:i386"];
-/// What nobody reads there.
-const LEFT_OUT: &str =
-    "path-exclude=/usr/share/doc/*\npath-exclude=/usr/share/man/*\npath-exclude=/usr/share/locale/*\n";
 
-/// The root; made if it is not there.
-pub fn set_up(folder: &Path) -> Result<PathBuf, Error> {
-    let root = folder.join("debian");
-    let made_of = format!("{RELEASE}: {}\n", PACKAGES.join(" "));
+/// A Debian with packages beyond the least that there is.
+pub struct System {
+    /// Its folder's name.
+    pub name: &'static str,
+    /// What it is for, and what making it costs.
+    pub why: &'static str,
+    /// Another architecture that it has packages of.
+    pub also: Option<&'static str>,
+    pub packages: &'static [&'static str],
+    /// What dpkg is told to leave out.
+    pub left_out: &'static str,
+}
+
+/// The root of a system below `folder`; made if it is not there.
+pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
+    let root = folder.join(system.name);
+    let made_of = format!("{RELEASE}: {}\n", system.packages.join(" "));
     if fs::read_to_string(root.join(MADE_OF)).is_ok_and(|text| text == made_of) {
         return Ok(root);
     }
     let mirror = mirror()?;
-    println!(
-        "32-bit Wine runs on a Debian of its own: fetching some 300 MB from {mirror} into {}, which takes 2 GB and, on two \
-         free cores, two minutes; it stays there for the next time",
-        root.display()
-    );
-    let new = folder.join("debian.new");
+    println!("{}: from {mirror} into {}; it stays there for the next time", system.why, root.display());
+    let new = folder.join(format!("{}.new", system.name));
     for old in [&root, &new] {
         if old.exists() {
             fs::remove_dir_all(old).map_err(Error::file("remove", old))?;
         }
     }
+    fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
     let mut debootstrap = Command::new("debootstrap");
     debootstrap.args(["--variant=minbase", RELEASE]).arg(&new).arg(&mirror);
     command::output(&mut debootstrap)?;
     write(&new.join("etc/apt/apt.conf.d/90ecmsk"), "APT::Install-Recommends \"0\";\n")?;
-    write(&new.join("etc/dpkg/dpkg.cfg.d/90ecmsk"), LEFT_OUT)?;
-    inside(&new, &["dpkg", "--add-architecture", "i386"])?;
-    inside(&new, &["apt-get", "-qq", "update"])?;
-    inside(&new, &[&["apt-get", "-qq", "-y", "install"], PACKAGES].concat())?;
-    inside(&new, &["apt-get", "clean"])?;
+    write(&new.join("etc/dpkg/dpkg.cfg.d/90ecmsk"), system.left_out)?;
+    if let Some(architecture) = system.also {
+        command::output(&mut inside(&new, &["dpkg", "--add-architecture", architecture]))?;
+    }
+    command::output(&mut inside(&new, &["apt-get", "-qq", "update"]))?;
+    command::output(&mut inside(&new, &[&["apt-get", "-qq", "-y", "install"], system.packages].concat()))?;
+    command::output(&mut inside(&new, &["apt-get", "clean"]))?;
     write(&new.join(MADE_OF), &made_of)?;
     // Named last, when all is in its place.
     fs::rename(&new, &root).map_err(Error::file("rename", &new))?;
@@ -55,12 +62,13 @@ fn write(path: &Path, text: &str) -> Result<(), Error> {
     fs::write(path, text).map_err(Error::file("write", path))
 }
 
-/// Runs a command in it, with a /proc that goes with the command.
-fn inside(root: &Path, words: &[&str]) -> Result<(), Error> {
+/// A command in it, with a /proc that goes with the command.
+pub fn inside(root: &Path, words: &[&str]) -> Command {
     let mut unshare = Command::new("unshare");
     unshare.env("DEBIAN_FRONTEND", "noninteractive").env("PATH", "/usr/sbin:/usr/bin:/sbin:/bin");
     unshare.args(["--mount", "sh", "-c", r#"mount -t proc proc "$0/proc" && exec chroot "$0" "$@""#]);
-    command::output(unshare.arg(root).args(words)).map(drop)
+    unshare.arg(root).args(words);
+    unshare
 }
 
 /// Where this system has its packages from.

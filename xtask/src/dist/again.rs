@@ -1,0 +1,96 @@
+//! The same packages made a second time: a copy of the sources in another folder, everything compiled anew.
+
+use std::fs;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+use std::process::Command;
+use std::{ffi::OsStr, path::PathBuf};
+
+use super::release::Release;
+use super::{Made, folder, make};
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+/// Makes the packages again, and compares them byte by byte.
+pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(), Error> {
+    let place = folder(project).join("once-more");
+    println!(
+        "making everything once more in {}: all is compiled anew, which takes 3 GB and, on two free cores, ten minutes",
+        place.display()
+    );
+    if place.exists() {
+        fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
+    }
+    // Neither the paths nor their lengths are those of the first time.
+    let copy = Project { root: place.join("sources of ecmsk"), target: place.join("built") };
+    copy_sources(&project.root, &copy.root)?;
+    let second = make(&copy, release, &place.join("packages"))?;
+    let differing = differing(first, &second)?;
+    if differing.is_empty() {
+        println!("{} files are the same, byte for byte", first.names.len());
+        return fs::remove_dir_all(&place).map_err(Error::file("remove", &place));
+    }
+    Err(Error::Package(format!(
+        "made twice, these differ: {}; compare {} and {} (diffoscope shows where)",
+        differing.join(", "),
+        first.folder.display(),
+        second.folder.display()
+    )))
+}
+
+/// Copies what git knows, or would know if it was told; what is built is none of that.
+fn copy_sources(from: &Path, to: &Path) -> Result<(), Error> {
+    let mut git = Command::new("git");
+    git.current_dir(from).args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"]);
+    let listed = command::output(&mut git)?;
+    let names = listed.split(|byte| *byte == 0).filter(|name| !name.is_empty());
+    // A file that was removed since the last commit is listed too.
+    for name in names.map(|name| PathBuf::from(OsStr::from_bytes(name))).filter(|name| from.join(name).exists()) {
+        let file = to.join(&name);
+        let folder = file.parent().unwrap_or(to);
+        fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+        fs::copy(from.join(&name), &file).map_err(Error::file("copy", &file))?;
+    }
+    Ok(())
+}
+
+/// The files that only one has or that differ.
+fn differing(first: &Made, second: &Made) -> Result<Vec<String>, Error> {
+    let mut names: Vec<&String> = first.names.iter().chain(&second.names).collect();
+    names.sort();
+    names.dedup();
+    let read = |made: &Made, name: &str| match made.names.iter().any(|known| known == name) {
+        true => fs::read(made.folder.join(name)).map(Some).map_err(Error::file("read", &made.folder.join(name))),
+        false => Ok(None),
+    };
+    let mut differing = Vec::new();
+    for name in names {
+        if read(first, name)? != read(second, name)? {
+            differing.push(name.clone());
+        }
+    }
+    Ok(differing)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// DIST-1 A byte that differs, and a file that one of the two lacks, are told.
+    #[test]
+    fn what_differs_is_told() {
+        let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let made = |at: usize, files: &[(&str, &str)]| {
+            for (name, text) in files {
+                fs::write(folders[at].path().join(name), text).unwrap();
+            }
+            let names = files.iter().map(|(name, _)| (*name).to_owned()).collect();
+            Made { folder: folders[at].path().to_owned(), names, debs: Vec::new() }
+        };
+        let first = made(0, &[("a", "same"), ("b", "one"), ("c", "")]);
+        let second = made(1, &[("a", "same"), ("b", "other")]);
+        assert_eq!(differing(&first, &second).unwrap(), ["b", "c"]);
+        assert_eq!(differing(&first, &first).unwrap(), [""; 0]);
+    }
+}

@@ -1,0 +1,110 @@
+//! Trees as archives, and the sums of files.
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::Path;
+use std::process::Stdio;
+
+use super::release::Release;
+use super::tree::Tree;
+use crate::command;
+use crate::error::Error;
+
+/// Writes a tree as `.tar.gz`: the folder of its root's name, root's, in the order of names.
+pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
+    let plain = file.with_extension("");
+    let mut tar = release.command("tar");
+    tar.args(["--format=ustar", "--sort=name", "--owner=root:0", "--group=root:0"]);
+    tar.arg(format!("--mtime=@{}", release.epoch)).arg("--create").arg("--file").arg(&plain);
+    let (folder, name) = parts(tree.root());
+    command::run(tar.arg("--directory").arg(folder).arg(name))?;
+    // No name and no time of the file that it was.
+    command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(&plain))
+}
+
+/// Writes the files of a tree as `.zip`, below the folder of its root's name, in the order of names.
+pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
+    tree.set_time(release.epoch)?;
+    if file.exists() {
+        fs::remove_file(file).map_err(Error::file("remove", file))?;
+    }
+    let (folder, name) = parts(tree.root());
+    let names: String =
+        tree.files()?.iter().map(|file| format!("{}\n", Path::new(name).join(file).display())).collect();
+    // -X: nothing of this machine's users; -D: no entries of folders; -@: names from standard input.
+    let mut zip = release.command("zip");
+    zip.current_dir(folder).args(["-q", "-X", "-D", "-9", "-@"]).arg(file);
+    let shown = command::shown(&zip);
+    let mut running =
+        zip.stdin(Stdio::piped()).spawn().map_err(|source| Error::Start { command: shown.clone(), source })?;
+    let wrote = running.stdin.take().map_or(Ok(()), |mut input| input.write_all(names.as_bytes()));
+    wrote.map_err(Error::file("write", file))?;
+    let status = running.wait().map_err(|source| Error::Start { command: shown.clone(), source })?;
+    if status.success() { Ok(()) } else { Err(Error::Failed { command: shown, status: status.to_string() }) }
+}
+
+/// The SHA-256 of a file.
+pub fn sha256(file: &Path) -> Result<String, Error> {
+    let opened = File::open(file).map_err(Error::file("read", file))?;
+    let said = command::output(std::process::Command::new("sha256sum").stdin(opened))?;
+    Ok(String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned())
+}
+
+/// Lines for `sha256sum -c`.
+pub fn sums(folder: &Path, names: &[String]) -> Result<String, Error> {
+    let lines: Result<Vec<String>, Error> =
+        names.iter().map(|name| Ok(format!("{}  {name}\n", sha256(&folder.join(name))?))).collect();
+    lines.map(|lines| lines.concat())
+}
+
+fn parts(root: &Path) -> (&Path, &OsStr) {
+    (root.parent().unwrap_or(Path::new("/")), root.file_name().unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dist::tree::PROGRAM;
+    use std::process::Command;
+
+    const RELEASE: Release = Release { version: "0.1.0", epoch: 1_795_305_600 };
+
+    fn tree(folder: &Path) -> Tree {
+        let tree = Tree::new(folder.join("made/ecmsk-0.1.0")).unwrap();
+        tree.write("b", "text\n").unwrap();
+        tree.write("a/c", "more text\n").unwrap();
+        tree.copy(Path::new("/bin/true"), "bin/true", PROGRAM).unwrap();
+        tree
+    }
+
+    #[test]
+    fn a_tar_is_the_same_in_another_folder_at_another_time() {
+        let [one, other] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let bytes = [(&one, 1_000_000_000), (&other, 1_100_000_000)].map(|(folder, time)| {
+            let file = folder.path().join("x.tar.gz");
+            let tree = tree(folder.path());
+            tree.set_time(time).unwrap();
+            tar(&RELEASE, &tree, &file).unwrap();
+            fs::read(file).unwrap()
+        });
+        assert!(bytes[0] == bytes[1]);
+        let mut list = Command::new("tar");
+        list.env("TZ", "UTC").args(["--list", "--verbose", "--file"]).arg(one.path().join("x.tar.gz"));
+        let list = String::from_utf8(command::output(&mut list).unwrap()).unwrap();
+        let names: Vec<&str> = list.lines().filter_map(|line| line.split_whitespace().last()).collect();
+        let expected = ["", "a/", "a/c", "b", "bin/", "bin/true"].map(|name| format!("ecmsk-0.1.0/{name}"));
+        assert_eq!(names, expected);
+        for line in list.lines() {
+            assert!(line.contains("root/root") && line.contains("2026-11-22 00:00"), "{line}");
+        }
+    }
+
+    #[test]
+    fn sums_are_those_that_sha256sum_takes() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("a"), "a\n").unwrap();
+        let lines = sums(folder.path(), &["a".to_owned()]).unwrap();
+        assert_eq!(lines, "87428fc522803d31065e7bce3cf03fe475096631e5e07bbd7a0fde60c4cf25c7  a\n");
+    }
+}

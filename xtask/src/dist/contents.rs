@@ -1,0 +1,179 @@
+//! What is in the packages is what has to be, and names no folder of the machine that made them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::release::Release;
+use super::tree::files;
+use super::{Made, cargo_home, folder};
+use crate::command;
+use crate::error::Error;
+use crate::needs::UNZIP;
+use crate::project::Project;
+
+/// Every path of every package.
+const LIST: &str = include_str!("contents.txt");
+
+/// Unpacks the packages and looks at what they hold.
+pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
+    let unpacked = folder(project).join("unpacked");
+    if unpacked.exists() {
+        fs::remove_dir_all(&unpacked).map_err(Error::file("remove", &unpacked))?;
+    }
+    fs::create_dir_all(&unpacked).map_err(Error::file("make", &unpacked))?;
+    let mut problems = Vec::new();
+    for (package, file) in packages(release, made) {
+        let to = unpacked.join(&package);
+        fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
+        let top = unpack(&file, &to)?;
+        problems.extend(differences(&package, &files(&top)?));
+        problems.extend(paths_of_this_machine(project, &top)?);
+        problems.extend(times_of_linking(&top)?);
+    }
+    if problems.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Package(format!(
+        "what is packed is not what xtask/src/dist/contents.txt lists, or names this machine:\n    {}\nlook there: {}",
+        problems.join("\n    "),
+        unpacked.display()
+    )))
+}
+
+/// The packages by their names in the list.
+fn packages(release: &Release, made: &Made) -> Vec<(String, PathBuf)> {
+    let archive =
+        |kind: &str, rest: &str| (kind.to_owned(), made.folder.join(format!("ecmsk-{}-{rest}", release.version)));
+    let mut found = vec![archive("windows.zip", "windows.zip"), archive("linux.tar.gz", "x86_64-linux.tar.gz")];
+    for deb in &made.debs {
+        let name = deb.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        found.push((name.split('_').next().unwrap_or_default().to_owned(), deb.clone()));
+    }
+    found
+}
+
+/// Unpacks a package; the folder that its paths are seen from.
+fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
+    let kind = file.extension().unwrap_or_default();
+    if kind == "deb" {
+        command::output(Command::new("dpkg-deb").arg("--extract").arg(file).arg(to))?;
+        return Ok(to.to_owned());
+    }
+    let mut unpack = match kind == "zip" {
+        true => Command::new(UNZIP.program),
+        false => Command::new("tar"),
+    };
+    match kind == "zip" {
+        true => unpack.arg("-q").arg(file).arg("-d").arg(to),
+        false => unpack.arg("--extract").arg("--file").arg(file).arg("--directory").arg(to),
+    };
+    command::output(&mut unpack)?;
+    let mut inside = fs::read_dir(to).map_err(Error::file("list", to))?.flatten().map(|entry| entry.path());
+    match (inside.next(), inside.next()) {
+        (Some(top), None) => Ok(top),
+        _ => Err(Error::Package(format!("{} does not unpack into one folder; pack it again", file.display()))),
+    }
+}
+
+fn differences(package: &str, found: &[PathBuf]) -> Vec<String> {
+    let of_it = |line: &'static str| line.strip_prefix(package)?.strip_prefix(' ');
+    let listed: Vec<&str> = LIST.lines().filter_map(of_it).collect();
+    let fits = |pattern: &str, path: &str| match pattern.split_once('*') {
+        Some((begin, _)) => path.strip_prefix(begin).is_some_and(|rest| !rest.contains('/')),
+        None => path == pattern,
+    };
+    let found: Vec<String> = found.iter().map(|path| path.display().to_string()).collect();
+    let missing = listed.iter().filter(|pattern| !found.iter().any(|path| fits(pattern, path)));
+    let missing = missing.map(|pattern| format!("{package}: {pattern} is missing"));
+    let surplus = found.iter().filter(|path| !listed.iter().any(|pattern| fits(pattern, path)));
+    missing.chain(surplus.map(|path| format!("{package}: {path} is not in the list"))).collect()
+}
+
+fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>, Error> {
+    let mine = [Some(project.root.clone()), Some(project.target.clone()), cargo_home()];
+    // A project in the root itself, or a folder like /src, is the beginning of too much.
+    let mine: Vec<String> =
+        mine.into_iter().flatten().map(|path| path.display().to_string()).filter(|path| path.len() > 6).collect();
+    let mut problems = Vec::new();
+    for file in files(folder)?.iter().map(|file| folder.join(file)).filter(|file| !file.is_symlink()) {
+        let bytes = fs::read(&file).map_err(Error::file("read", &file))?;
+        for path in mine.iter().filter(|path| bytes.windows(path.len()).any(|window| window == path.as_bytes())) {
+            problems.push(format!("{} names {path}", file.display()));
+        }
+    }
+    Ok(problems)
+}
+
+/// Of the DLLs and programs that are linked here, those that say when that was.
+fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
+    let mut problems = Vec::new();
+    for file in files(folder)?.iter().filter(|file| file.starts_with("x86") || file.starts_with("x64")) {
+        let path = folder.join(file);
+        let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+        if time_of_linking(&bytes) != Some(0) {
+            problems.push(format!(
+                "{} has the time when it was linked; remove target/xtask/windows/build, so that it is linked anew",
+                file.display()
+            ));
+        }
+    }
+    Ok(problems)
+}
+
+/// The time in the header of a PE file; `None`: it is no such file.
+fn time_of_linking(bytes: &[u8]) -> Option<u32> {
+    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at.checked_add(4)?)?.try_into().ok()?));
+    // Where the header is stands at 0x3C; the time follows signature, machine and number of sections.
+    let header = word(0x3C)? as usize;
+    (bytes.get(header..)?.starts_with(b"PE\0\0")).then(|| word(header + 8))?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// DIST-1 A DLL that says when it was linked is told, and so is what is no DLL.
+    #[test]
+    fn a_time_of_linking_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("x64")).unwrap();
+        let mut dll = vec![0; 0x60];
+        dll[0x3C] = 0x40;
+        dll[0x40..0x44].copy_from_slice(b"PE\0\0");
+        let file = folder.path().join("x64/a.dll");
+        fs::write(&file, &dll).unwrap();
+        assert_eq!(times_of_linking(folder.path()).unwrap(), [""; 0]);
+        dll[0x4B] = 0x6B;
+        for bytes in [&dll[..], b"MZ"] {
+            fs::write(&file, bytes).unwrap();
+            let said = times_of_linking(folder.path()).unwrap();
+            assert!(said.len() == 1 && said[0].starts_with("x64/a.dll has the time"), "{said:?}");
+        }
+    }
+
+    /// DIST-2 A file that is missing and one that nobody listed are both told.
+    #[test]
+    fn each_difference_is_told() {
+        let listed = LIST.lines().filter_map(|line| line.strip_prefix("libnextwusblib0 "));
+        let all: Vec<PathBuf> = listed.map(PathBuf::from).collect();
+        assert_eq!(differences("libnextwusblib0", &all), [""; 0]);
+        let other = [&all[1..], &[PathBuf::from("usr/lib/x")]].concat();
+        let said = differences("libnextwusblib0", &other);
+        assert_eq!(said[0], format!("libnextwusblib0: {} is missing", all[0].display()));
+        assert_eq!(said[1..], ["libnextwusblib0: usr/lib/x is not in the list"]);
+    }
+
+    /// DIST-3 A file that names a folder of this machine is told.
+    #[test]
+    fn a_path_of_this_machine_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let project = Project { root: "/a/place/of/mine".into(), target: "/another/place".into() };
+        fs::write(folder.path().join("good"), b"\0/a/place/of/yours\0").unwrap();
+        assert_eq!(paths_of_this_machine(&project, folder.path()).unwrap(), [""; 0]);
+        fs::write(folder.path().join("bad"), b"\0/a/place/of/mine/src/lib.rs\0").unwrap();
+        let said = paths_of_this_machine(&project, folder.path()).unwrap();
+        assert_eq!(said.len(), 1);
+        assert!(said[0].ends_with("bad names /a/place/of/mine"), "{said:?}");
+    }
+}

@@ -1,0 +1,108 @@
+//! The packages in a fresh Debian 12: installed, used and removed.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::parts::PARTS;
+use crate::command;
+use crate::debian::{self, System};
+use crate::dist::tree;
+use crate::error::Error;
+use crate::project::Project;
+
+/// A Debian with what compiles a program, and nothing of this project.
+const SYSTEM: System = System {
+    name: "debian-packages",
+    why: "the packages are installed in a Debian of its own: fetching some 150 MB, which takes 600 MB and, on two free \
+          cores, a minute",
+    also: None,
+    packages: &["gcc", "libc6-dev", "pkg-config"],
+    left_out: "path-exclude=/usr/share/locale/*\n",
+};
+
+/// Where files lie in it that belong to the test.
+const PLACE: &str = "srv";
+/// A program in C, in the vendor's words.
+const PROGRAM: &str = include_str!("program.c");
+/// What the program prints.
+const EXPECTED: &str = "PreOP\n";
+/// Places that dpkg, the dynamic linker and the test keep notes in.
+const NOTES: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];
+
+/// What is done there with the packages, each a shell line and what it prints; `None`: it need not be known.
+fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
+    let compile = "cd /srv && gcc -Wall -Wextra -Werror program.c -o";
+    let pkgconfig = "$(pkg-config --cflags --libs nextwusblib)";
+    let archive = "$(pkg-config --variable=libdir nextwusblib)/libNEXTWUSBLib.a \
+                   $(pkg-config --static --libs-only-l nextwusblib | sed s/-lNEXTWUSBLib//)";
+    let line = |text: String| -> &'static str { Box::leak(text.into_boxed_str()) };
+    vec![
+        ("apt-get -qq install -y --no-install-recommends ./srv/packages/*.deb", None),
+        ("ecmsk --version", Some(format!("ecmsk {version}\n"))),
+        ("pkg-config --modversion nextwusblib", Some(format!("{version}\n"))),
+        (line(format!("{compile} program {pkgconfig}")), Some(String::new())),
+        ("ECMSK_LINK='sim:?clock=virtual' /srv/program", Some(EXPECTED.to_owned())),
+        ("ecmsk exec --link 'sim:?clock=virtual' -- /srv/program", Some(EXPECTED.to_owned())),
+        (line(format!("{compile} alone {archive}")), Some(String::new())),
+        ("ldd /srv/alone | grep NEXTWUSBLib || ECMSK_LINK='sim:?clock=virtual' /srv/alone", Some(EXPECTED.to_owned())),
+        ("bash -n /usr/share/bash-completion/completions/ecmsk", Some(String::new())),
+        ("zcat /usr/share/man/man1/ecmsk.1.gz | grep -c '^.TH ecmsk 1'", Some("1\n".to_owned())),
+    ]
+}
+
+/// Installs, uses and removes the packages.
+pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<(), Error> {
+    let root = debian::set_up(&project.target.join("xtask"), &SYSTEM)?;
+    println!("installing the packages in {}", root.display());
+    // What a run before this one may have left.
+    purge(&root)?;
+    let before = listed(&root)?;
+    let place = root.join(PLACE).join("packages");
+    if place.exists() {
+        fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
+    }
+    fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
+    for package in packages {
+        let to = place.join(package.file_name().unwrap_or_default());
+        fs::copy(package, &to).map_err(Error::file("copy", package))?;
+    }
+    let program = root.join(PLACE).join("program.c");
+    fs::write(&program, PROGRAM).map_err(Error::file("write", &program))?;
+    for (line, expected) in steps(version) {
+        let said = command::output(&mut debian::inside(&root, &["sh", "-ec", line]))?;
+        let said = String::from_utf8_lossy(&said).into_owned();
+        if expected.as_ref().is_some_and(|expected| *expected != said) {
+            return Err(Error::Package(format!(
+                "in a fresh Debian `{line}` printed {said:?} instead of {:?}; look there: chroot {}",
+                expected.unwrap_or_default(),
+                root.display()
+            )));
+        }
+    }
+    purge(&root)?;
+    let left: Vec<String> =
+        listed(&root)?.symmetric_difference(&before).map(|path| path.display().to_string()).collect();
+    if left.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Package(format!("removing the packages leaves, or takes with it: {}", left.join(", "))))
+}
+
+fn purge(root: &Path) -> Result<(), Error> {
+    let mut words = vec!["dpkg", "--purge"];
+    // Who needs another one goes first.
+    words.extend(PARTS.iter().rev().map(|part| part.package));
+    let (known, ours) = (root.join("var/lib/dpkg/status"), PARTS[0].package);
+    let status = fs::read_to_string(&known).map_err(Error::file("read", &known))?;
+    if status.lines().any(|line| line.strip_prefix("Package: ") == Some(ours)) {
+        command::output(&mut debian::inside(root, &words))?;
+    }
+    Ok(())
+}
+
+/// Every path but those of notes.
+fn listed(root: &Path) -> Result<BTreeSet<PathBuf>, Error> {
+    let files = tree::files(root)?.into_iter();
+    Ok(files.filter(|file| !NOTES.iter().any(|note| file.to_string_lossy().starts_with(note))).collect())
+}

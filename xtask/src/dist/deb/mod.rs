@@ -1,0 +1,110 @@
+//! Debian's packages: the library, what compiles and links programs with it, and the tool. They are split as Debian splits a
+//! library, so that a program's package depends on the library alone, and that a library with another binary interface can be
+//! installed beside this one.
+
+mod control;
+pub mod install;
+mod lintian;
+mod parts;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::release::Release;
+use super::tree::{DATA, Tree};
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+use parts::{Part, Place};
+
+pub use lintian::check as lintian;
+
+/// Debian's number for one version packed anew. [OURS]
+const REVISION: u32 = 1;
+
+/// What lintian says of packages that are so, and why.
+const OVERRIDDEN: &str = "initial-upload-closes-no-bugs";
+const OVERRIDDEN_BECAUSE: &str = "The package is not uploaded to Debian, and answers no request there.";
+
+/// Builds all packages from the files in `stage` into `folder`; where they are.
+pub fn build(
+    project: &Project,
+    release: &Release,
+    stage: &Path,
+    others: &str,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, Error> {
+    let place = Place::ask()?;
+    let version = format!("{}-{REVISION}", release.version);
+    let mut packages = Vec::new();
+    for part in parts::PARTS {
+        let tree = Tree::new(super::folder(project).join("deb").join(part.package))?;
+        (part.fill)(project, &place, stage, &tree)?;
+        documents(project, release, &version, part, others, &tree)?;
+        let depends = depends(project, part, &place, &tree)?;
+        control::write(part, &place, &version, depends.as_deref(), &tree)?;
+        tree.set_time(release.epoch)?;
+        let file = folder.join(format!("{}_{version}_{}.deb", part.package, place.architecture));
+        let mut dpkg = release.command("dpkg-deb");
+        dpkg.args(["--root-owner-group", "-Zxz", "--threads-max=1", "--build"]).arg(tree.root()).arg(&file);
+        command::output(&mut dpkg)?;
+        packages.push(file);
+    }
+    Ok(packages)
+}
+
+/// What every package has to say of itself.
+fn documents(
+    project: &Project,
+    release: &Release,
+    version: &str,
+    part: &Part,
+    others: &str,
+    tree: &Tree,
+) -> Result<(), Error> {
+    let folder = format!("usr/share/doc/{}", part.package);
+    let changelog = format!(
+        "ecmsk ({version}) unstable; urgency=medium\n\n  * Version {}: see changelog.gz.\n\n -- {}  {}\n",
+        release.version,
+        control::MAINTAINER,
+        release.date("-R")?
+    );
+    tree.write(&format!("{folder}/changelog.Debian"), changelog)?;
+    tree.copy(&project.root.join("CHANGELOG.md"), &format!("{folder}/changelog"), DATA)?;
+    for name in ["changelog.Debian", "changelog"] {
+        compress(release, &tree.at(&format!("{folder}/{name}")))?;
+    }
+    tree.write(&format!("{folder}/copyright"), control::copyright(project, release)?)?;
+    let name = format!("{folder}/third-party-licenses");
+    tree.write(&name, others)?;
+    compress(release, &tree.at(&name))?;
+    tree.write(
+        &format!("usr/share/lintian/overrides/{}", part.package),
+        format!("# {OVERRIDDEN_BECAUSE}\n{}: {OVERRIDDEN}\n", part.package),
+    )
+}
+
+/// As Debian wants it: with no name and no time inside.
+fn compress(release: &Release, file: &Path) -> Result<(), Error> {
+    command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(file))
+}
+
+/// The packages whose libraries the programs of this one load, by Debian's own tool; `None`: there are no programs.
+fn depends(project: &Project, part: &Part, place: &Place, tree: &Tree) -> Result<Option<String>, Error> {
+    if part.programs.is_empty() {
+        return Ok(None);
+    }
+    // It works in a folder of Debian's sources, and asks for nothing there but this file.
+    let sources = super::folder(project).join("deb/sources");
+    let debian = sources.join("debian");
+    fs::create_dir_all(&debian).map_err(Error::file("make", &debian))?;
+    let control = debian.join("control");
+    let text = format!("Source: ecmsk\n\nPackage: {}\nArchitecture: any\n", part.package);
+    fs::write(&control, text).map_err(Error::file("write", &control))?;
+    let mut ask = Command::new("dpkg-shlibdeps");
+    ask.current_dir(&sources).env("LC_ALL", "C").arg("-O");
+    ask.args(part.programs.iter().map(|program| tree.at(&place.of(program))));
+    let said = String::from_utf8_lossy(&command::output(&mut ask)?).into_owned();
+    Ok(said.lines().find_map(|line| line.strip_prefix("shlibs:Depends=")).map(str::to_owned))
+}

@@ -1,0 +1,187 @@
+//! Which file belongs into which package, and where Debian has such files.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use crate::command;
+use crate::dist::tree::{DATA, PROGRAM, Tree};
+use crate::error::Error;
+use crate::project::Project;
+use crate::stage::{ARCHIVE, LINK_NAME, SONAME, UDEV_RULE};
+
+/// The machine that packages are for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// `amd64`
+    pub architecture: String,
+    /// Where libraries of that architecture lie: `x86_64-linux-gnu` in `/usr/lib`.
+    pub multiarch: String,
+}
+
+impl Place {
+    /// That of this machine.
+    pub fn ask() -> Result<Self, Error> {
+        let ask = |variable: &str| -> Result<String, Error> {
+            let said = command::output(Command::new("dpkg-architecture").arg(format!("-q{variable}")))?;
+            Ok(String::from_utf8_lossy(&said).trim().to_owned())
+        };
+        Ok(Self { architecture: ask("DEB_HOST_ARCH")?, multiarch: ask("DEB_HOST_MULTIARCH")? })
+    }
+
+    /// A path with `@` for the folder of the architecture.
+    pub fn of(&self, path: &str) -> String {
+        path.replace('@', &self.multiarch)
+    }
+}
+
+/// One package.
+pub struct Part {
+    pub package: &'static str,
+    pub section: &'static str,
+    /// Of the same version.
+    pub depends_on_own: &'static [&'static str],
+    pub recommends: &'static [&'static str],
+    pub suggests: &'static [&'static str],
+    /// Whether packages of several architectures can be installed at once.
+    pub multi_arch: Option<&'static str>,
+    /// The first line, then the text.
+    pub description: (&'static str, &'static str),
+    /// What is linked with libraries, see [`Place::of`].
+    pub programs: &'static [&'static str],
+    /// What dpkg and the dynamic linker are to be told, by the names of dpkg's files.
+    pub control: &'static [(&'static str, &'static str)],
+    pub fill: fn(&Project, &Place, &Path, &Tree) -> Result<(), Error>,
+}
+
+/// The package of the library: Debian names it by the SONAME.
+pub const LIBRARY: &str = "libnextwusblib0";
+
+const BOARD: &str = "The ECM-SK (EC01M, by NEXTW) is a board that drives EtherCAT slaves for a host on USB or SPI. ";
+
+pub const PARTS: &[Part] = &[
+    Part {
+        package: LIBRARY,
+        section: "libs",
+        depends_on_own: &[],
+        // Loaded when a board on USB is opened.
+        recommends: &["libusb-1.0-0"],
+        suggests: &["ecmsk"],
+        multi_arch: Some("same"),
+        description: (
+            "library for the ECM-SK EtherCAT board, with a simulated one",
+            "This is a drop-in replacement for its library NEXTWUSBLib: programs that were written for that one are \
+             compiled with this project's header and run on a simulated board, on one that another machine serves, or on \
+             a real one.",
+        ),
+        programs: &["usr/lib/@/libNEXTWUSBLib.so.0"],
+        control: &[
+            ("shlibs", "libNEXTWUSBLib 0 libnextwusblib0 (>= @VERSION@)\n"),
+            ("triggers", "activate-noawait ldconfig\n"),
+        ],
+        fill: library,
+    },
+    Part {
+        package: "libnextwusblib-dev",
+        section: "libdevel",
+        depends_on_own: &[LIBRARY],
+        recommends: &["pkg-config"],
+        suggests: &[],
+        multi_arch: Some("same"),
+        description: (
+            "headers and archive of the library for the ECM-SK board",
+            "This package compiles and links programs in C and C++ with a drop-in replacement for its library \
+             NEXTWUSBLib: the vendor's headers for both slot sizes, ecmsk.h for what those lack, and the library as an \
+             archive.",
+        ),
+        programs: &[],
+        control: &[],
+        fill: development,
+    },
+    Part {
+        package: "ecmsk",
+        section: "electronics",
+        depends_on_own: &[LIBRARY],
+        recommends: &["libusb-1.0-0", "udev"],
+        suggests: &["libnextwusblib-dev"],
+        multi_arch: None,
+        description: (
+            "tool for the ECM-SK EtherCAT board, real or simulated",
+            "The tool homes and moves axes, runs programs that were written for the board, records every frame, shows and \
+             compares what happened, and shares a board with other programs and machines. Users get the right to open \
+             a board by a rule for udev.",
+        ),
+        programs: &["usr/bin/ecmsk"],
+        control: &[],
+        fill: tool,
+    },
+];
+
+/// The text of a description, by what the board is.
+pub fn long_description(part: &Part) -> String {
+    format!("{BOARD}{}", part.description.1)
+}
+
+fn library(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
+    tree.copy(&stage.join("lib").join(SONAME), &place.of(&format!("usr/lib/@/{SONAME}")), DATA)
+}
+
+fn development(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
+    tree.copy_all(&stage.join("include"), "usr/include", &[".h"])?;
+    tree.copy(&stage.join("lib").join(ARCHIVE), &place.of(&format!("usr/lib/@/{ARCHIVE}")), DATA)?;
+    tree.link(&place.of(&format!("usr/lib/@/{LINK_NAME}")), SONAME)?;
+    let file = stage.join("lib/pkgconfig/nextwusblib.pc");
+    let text = fs::read_to_string(&file).map_err(Error::file("read", &file))?;
+    tree.write(&place.of("usr/lib/@/pkgconfig/nextwusblib.pc"), pkgconfig(&text, place))
+}
+
+/// The file for pkg-config with Debian's folders instead of those that it finds by its own place.
+fn pkgconfig(text: &str, place: &Place) -> String {
+    let lines = text.lines().map(|line| match line.split_once('=') {
+        Some(("prefix", _)) => "prefix=/usr".to_owned(),
+        Some(("libdir", _)) => place.of("libdir=${prefix}/lib/@"),
+        _ => line.to_owned(),
+    });
+    lines.map(|line| line + "\n").collect()
+}
+
+fn tool(project: &Project, _: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
+    tree.copy(&stage.join("bin/ecmsk"), "usr/bin/ecmsk", PROGRAM)?;
+    let rule = project.root.join("share/udev").join(UDEV_RULE);
+    tree.copy(&rule, &format!("usr/lib/udev/rules.d/{UDEV_RULE}"), DATA)?;
+    tree.copy_all(&stage.join("share/man/man1"), "usr/share/man/man1", &[".1"])?;
+    for page in tree.files()?.iter().filter(|file| file.extension().is_some_and(|kind| kind == "1")) {
+        let mut gzip = Command::new("gzip");
+        command::run(gzip.args(["--no-name", "--best", "--force", "--"]).arg(tree.root().join(page)))?;
+    }
+    let share = stage.join("share");
+    for (from, to) in [
+        ("bash-completion/completions/ecmsk", "bash-completion/completions/ecmsk"),
+        // Debian keeps zsh's own folder for who administers the machine.
+        ("zsh/site-functions/_ecmsk", "zsh/vendor-completions/_ecmsk"),
+        ("fish/vendor_completions.d/ecmsk.fish", "fish/vendor_completions.d/ecmsk.fish"),
+    ] {
+        tree.copy(&share.join(from), &format!("usr/share/{to}"), DATA)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pkg_config_is_told_debians_folders() {
+        let place = Place { architecture: "amd64".to_owned(), multiarch: "x86_64-linux-gnu".to_owned() };
+        let text = "prefix=${pcfiledir}/../..\nlibdir=${prefix}/lib\nincludedir=${prefix}/include\n\nName: x\n";
+        let expected = "prefix=/usr\nlibdir=${prefix}/lib/x86_64-linux-gnu\nincludedir=${prefix}/include\n\nName: x\n";
+        assert_eq!(pkgconfig(text, &place), expected);
+    }
+
+    /// Debian's rule: the SONAME in lower case, with its number.
+    #[test]
+    fn the_librarys_package_has_the_name_of_its_soname() {
+        let (name, number) = SONAME.split_once(".so.").unwrap();
+        assert_eq!(LIBRARY, format!("{}{number}", name.to_lowercase()));
+    }
+}

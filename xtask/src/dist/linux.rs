@@ -1,0 +1,105 @@
+//! The library and the tool for Linux, as they are shipped: without what only a debugger needs, and the same bytes in
+//! whatever folder they are built.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, str};
+
+use super::release::Release;
+use crate::error::Error;
+use crate::needs::STRIP;
+use crate::project::Project;
+use crate::{command, stage};
+
+/// Cargo's profile, and its folder.
+const PROFILE: &str = "release";
+
+/// Builds, and installs into `prefix` as `cargo xtask stage` does.
+pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result<(), Error> {
+    let target = super::folder(project).join("build");
+    let wrapper = write_wrapper(project, &target)?;
+    for package in stage::PACKAGES {
+        println!("building {package} for Linux");
+        let mut cargo = project.cargo();
+        for (name, _) in env::vars_os().filter(|(name, _)| is_a_setting(&name.to_string_lossy())) {
+            cargo.env_remove(name);
+        }
+        cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
+        cargo.env(super::release::VARIABLE, release.epoch.to_string());
+        command::run(cargo.args(["build", "--locked", "--profile", PROFILE, "--package", package]))?;
+    }
+    if prefix.exists() {
+        fs::remove_dir_all(prefix).map_err(Error::file("remove", prefix))?;
+    }
+    stage::install_into(project, &target.join(PROFILE), prefix)?;
+    for file in [Path::new("bin").join("ecmsk"), Path::new("lib").join(stage::SONAME)] {
+        strip(&["--strip-all"], &prefix.join(file))?;
+    }
+    strip(&["--strip-debug", "--enable-deterministic-archives"], &prefix.join("lib").join(stage::ARCHIVE))
+}
+
+fn strip(options: &[&str], file: &Path) -> Result<(), Error> {
+    command::run(Command::new(STRIP.program).args(options).args(["--remove-section=.comment", "--"]).arg(file))
+}
+
+/// Whether a variable changes what is built.
+fn is_a_setting(variable: &str) -> bool {
+    ["CARGO_PROFILE_", "CARGO_BUILD_", "CARGO_TARGET_", "CARGO_ENCODED_", "RUSTFLAGS", "CFLAGS", "RUSTC"]
+        .iter()
+        .any(|begin| variable.starts_with(begin))
+}
+
+/// Writes what stands between cargo and rustc and says what the folders of this machine are called in files. As flags of
+/// cargo's, they would have their part in the names of the archive's members.
+fn write_wrapper(project: &Project, target: &Path) -> Result<PathBuf, Error> {
+    let wrapper = super::folder(project).join("rustc");
+    fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;
+    fs::write(&wrapper, wrapper_text(&names(project, target)?)).map_err(Error::file("write", &wrapper))?;
+    let mode = fs::Permissions::from_mode(0o755);
+    fs::set_permissions(&wrapper, mode).map_err(Error::file("make executable", &wrapper))?;
+    Ok(wrapper)
+}
+
+/// Folders, and what they are called. Of several that a path begins with the last one counts.
+fn names(project: &Project, target: &Path) -> Result<Vec<(PathBuf, String)>, Error> {
+    let ask = |arguments: &[&str]| -> Result<String, Error> {
+        let mut rustc = Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()));
+        let said = command::output(rustc.current_dir(&project.root).args(arguments))?;
+        Ok(String::from_utf8_lossy(&said).trim().to_owned())
+    };
+    // Where its sources are installed, rustc names them there, and otherwise by this.
+    let sources = Path::new(&ask(&["--print", "sysroot"])?).join("lib/rustlib/src/rust");
+    let version = ask(&["-vV"])?;
+    let commit = version.lines().find_map(|line| line.strip_prefix("commit-hash: ")).unwrap_or("unknown");
+    let mut names = vec![(sources, format!("/rustc/{commit}"))];
+    names.extend(super::cargo_home().map(|home| (home, "cargo".to_owned())));
+    names.push((project.root.clone(), "ecmsk".to_owned()));
+    names.push((target.to_owned(), "target".to_owned()));
+    Ok(names)
+}
+
+fn wrapper_text(names: &[(PathBuf, String)]) -> String {
+    let options = names.iter().map(|(folder, name)| {
+        let quoted = folder.to_string_lossy().replace('\'', r"'\''");
+        format!(" \\\n  --remap-path-prefix='{quoted}'={name}")
+    });
+    format!("#!/bin/sh\nexec \"$@\"{}\n", options.collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_before_rustc_can_be_read_by_a_shell() {
+        let folder = tempfile::tempdir().unwrap();
+        let script = folder.path().join("rustc");
+        let names = [(PathBuf::from("/a folder/of $HOME's"), "ecmsk".to_owned()), ("/b".into(), "target".to_owned())];
+        fs::write(&script, wrapper_text(&names)).unwrap();
+        let said = command::output(Command::new("sh").arg(&script).args(["printf", "%s\n", "-v"])).unwrap();
+        let said = str::from_utf8(&said).unwrap();
+        assert_eq!(said, "-v\n--remap-path-prefix=/a folder/of $HOME's=ecmsk\n--remap-path-prefix=/b=target\n");
+    }
+}

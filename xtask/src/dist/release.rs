@@ -1,0 +1,81 @@
+//! What is released: its version, and the one time that all files of a release bear.
+
+use std::process::Command;
+use std::{env, fs};
+
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+/// The variable by which the world asks for a time (reproducible-builds.org).
+pub const VARIABLE: &str = "SOURCE_DATE_EPOCH";
+/// The first time that a zip file can say: 1 January 1980.
+const FIRST: u64 = 315_532_800;
+
+/// A version and its time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Release {
+    pub version: &'static str,
+    /// Seconds since 1970 of every file in a package.
+    pub epoch: u64,
+}
+
+impl Release {
+    /// The time comes from `SOURCE_DATE_EPOCH`, else from the last commit, else from the newest version of CHANGELOG that has
+    /// a date. [OURS]
+    pub fn find(project: &Project) -> Result<Self, Error> {
+        let given = env::var(VARIABLE).ok();
+        let from_git = || {
+            let there = project.root.join(".git").exists();
+            let mut git = Command::new("git");
+            git.current_dir(&project.root).args(["log", "-1", "--format=%ct"]);
+            there.then(|| command::output(&mut git).ok().and_then(|said| String::from_utf8(said).ok())).flatten()
+        };
+        let from_changelog = || date_in(&fs::read_to_string(project.root.join("CHANGELOG.md")).ok()?);
+        let epoch = given.or_else(from_git).or_else(from_changelog);
+        let epoch = epoch.and_then(|text| text.trim().parse().ok()).filter(|epoch| *epoch >= FIRST);
+        let epoch = epoch.ok_or(Error::NoTime { variable: VARIABLE })?;
+        Ok(Self { version: env!("CARGO_PKG_VERSION"), epoch })
+    }
+
+    /// The time in the words of a program that is told `format` (of `date`).
+    pub fn date(&self, format: &str) -> Result<String, Error> {
+        let mut date = Command::new("date");
+        date.env("LC_ALL", "C").args(["-u", "-d", &format!("@{}", self.epoch), format]);
+        Ok(String::from_utf8_lossy(&command::output(&mut date)?).trim().to_owned())
+    }
+
+    /// A command that makes the same of the same: time, words and order of names do not come from this machine.
+    pub fn command(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
+        command.env(VARIABLE, self.epoch.to_string()).env("LC_ALL", "C").env("TZ", "UTC");
+        command
+    }
+}
+
+/// Seconds since 1970 of the first heading such as `## [0.1.0] - 2026-11-22`.
+fn date_in(changelog: &str) -> Option<String> {
+    let day = changelog.lines().filter(|line| line.starts_with("## [")).find_map(|line| line.split_once("] - "))?.1;
+    let mut date = Command::new("date");
+    let said = command::output(date.args(["-u", "-d", day.trim(), "+%s"])).ok()?;
+    String::from_utf8(said).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_changelog_has_the_date_of_its_newest_version() {
+        let text = "# Changelog\n\n## [Unreleased]\n\n## [0.2.0] - 2026-11-22\n\n## [0.1.0] - 2026-01-01\n";
+        assert_eq!(date_in(text).unwrap().trim(), "1795305600");
+        assert_eq!(date_in("## [Unreleased]\n"), None);
+    }
+
+    #[test]
+    fn times_are_said_in_one_language_and_zone() {
+        let release = Release { version: "0.1.0", epoch: 1_795_305_600 };
+        assert_eq!(release.date("-R").unwrap(), "Sun, 22 Nov 2026 00:00:00 +0000");
+        assert_eq!(release.date("+%Y-%m-%dT%H:%M:%SZ").unwrap(), "2026-11-22T00:00:00Z");
+    }
+}

@@ -1,0 +1,71 @@
+//! The package for Windows: the DLLs, what links them, the assemblies, the tool, and words for who swaps a DLL.
+
+use std::fs;
+use std::path::Path;
+
+use super::release::Release;
+use super::tree::{PROGRAM, Tree};
+use crate::error::Error;
+use crate::project::Project;
+use crate::windows::{DLL, MINGW, MSVC, Width};
+
+/// What is taken from the stage folder of `cargo xtask windows`: where it lies there below the folder of a width, and where
+/// in the package, `@` for the width's name.
+const OF_A_WIDTH: [(&str, &str); 3] = [(DLL, "@"), (MSVC, "lib/@"), (MINGW, "lib/@")];
+
+/// Programs of the stage folder; one that is not there is an error.
+pub const PROGRAMS: &[&str] = &["x86/ecmsk.exe", "x64/ecmsk.exe"];
+
+/// Texts for Windows, whose lines end as there.
+const TEXTS: [(&str, &str); 4] = [
+    ("share/windows/README.txt", "README.txt"),
+    ("share/windows/ecmsk.toml", "ecmsk.toml"),
+    ("LICENSE-MIT", "LICENSE-MIT.txt"),
+    ("LICENSE-APACHE", "LICENSE-APACHE.txt"),
+];
+
+/// Where the licences of others stand.
+pub const OTHERS: &str = "THIRD-PARTY-LICENSES.txt";
+
+/// Fills the tree from the stage folder of `cargo xtask windows` and the assemblies of `cargo xtask dotnet`.
+pub fn fill(
+    project: &Project,
+    release: &Release,
+    tree: &Tree,
+    stage: &Path,
+    assemblies: &Path,
+    others: &str,
+) -> Result<(), Error> {
+    for width in Width::ALL.map(Width::name) {
+        for (file, folder) in OF_A_WIDTH {
+            let to = format!("{}/{file}", folder.replace('@', width));
+            tree.copy(&stage.join(width).join(file), &to, super::tree::DATA)?;
+        }
+    }
+    for program in PROGRAMS {
+        tree.copy(&stage.join(program), program, PROGRAM)?;
+    }
+    tree.copy_all(&stage.join("include"), "include", &[".h"])?;
+    tree.copy_all(assemblies, "dotnet", &[".dll", ".xml"])?;
+    for (from, to) in TEXTS {
+        let from = project.root.join(from);
+        let text = fs::read_to_string(&from).map_err(Error::file("read", &from))?;
+        tree.write(to, for_windows(&text.replace("@VERSION@", release.version)))?;
+    }
+    tree.write(OTHERS, for_windows(others))
+}
+
+/// Lines that end as on Windows.
+fn for_windows(text: &str) -> String {
+    text.replace("\r\n", "\n").replace('\n', "\r\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_once() {
+        assert_eq!(for_windows("a\nb\r\nc\n"), "a\r\nb\r\nc\r\n");
+    }
+}

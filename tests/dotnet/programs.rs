@@ -8,17 +8,9 @@ use ecmsk::link::record::Recording;
 use ecmsk::sk::SlotSize;
 use ecmsk::sk::crc::frame_crc;
 
-use crate::runtime::{REAL, Runtime, VIRTUAL, example, test_program};
+use crate::compiled::{EXAMPLES, REAL, VIRTUAL, example, test_program};
+use crate::runtime::Runtime;
 use crate::support::{Language, Program, out_dir, root};
-
-/// Every program of `examples/csharp/` with its snapshot, which a program in C++ shares where there is such a one, and the
-/// keys of its link.
-pub const EXAMPLES: [(&str, &str, &str); 4] = [
-    ("GuideExample", "dotnet_guide_example", ""),
-    ("OperatorPanel", "operator_panel", "&script=SCRIPTS/alarm.ecmscript"),
-    ("TwoAxes12B", "two_axes_12b", ""),
-    ("TwoAxes16B", "two_axes_16b", "&slot=16"),
-];
 
 fn scripted(keys: &str) -> String {
     keys.replace("SCRIPTS", root().join("examples/scripts").to_str().expect("UTF-8"))

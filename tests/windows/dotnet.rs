@@ -123,9 +123,15 @@ crate::for_each_width! {
     fn endings(width: Width) {
         let (folder, program) = with_program(width, "endings", "Endings");
         for link in [VIRTUAL, REAL] {
-            for (how, code) in [("return", 0), ("exit", 7), ("closed", 0), ("silent", 0), ("silent exit", 7)] {
+            for (how, code) in [("return", 0), ("exit", 7), ("closed", 0)] {
                 let ended = run(&folder, &program, link, &[how]);
                 assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(code), "reading\n"), "{how}: {ended:?}");
+            }
+        }
+        for (how, code) in [("return", 0), ("exit", 7), ("closed", 0)] {
+            for more in [&[how, "silent"][..], &[how, "silent", "handler"]] {
+                let ended = run(&folder, &program, &format!("{REAL}&fault.drop.read=1"), more);
+                assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(code), "reading\n"), "{more:?}: {ended:?}");
             }
         }
         let ended = run(&folder, &program, REAL, &["throw"]);

@@ -4,6 +4,7 @@
 //! and later (what the targets `*-pc-windows-gnu` import, Wine 8 does not have). It comes from Debian, for rustup has no
 //! such targets ready; what is built stays in `target/xtask/windows/`.
 
+pub mod bench;
 mod debian;
 mod dll;
 pub mod dotnet;
@@ -17,8 +18,8 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, DOTNET_CORE, DOTNET_WINDOWS_X64, DOTNET_WINDOWS_X86, GCC, LLD_LINK, MCS, MINGW_X64,
-    MINGW_X86, MONO, NPM, Need, PIP, PYTHON, QEMU, ROOT, RUSTC_DEBIAN, STRIP, WINE_X64, XZ,
+    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, DOTNET_CORE, DOTNET_WINDOWS_X64, DOTNET_WINDOWS_X86, GCC, LLD_LINK, MCS,
+    MINGW_X64, MINGW_X86, MONO, NPM, Need, PIP, PYTHON, QEMU, ROOT, RUSTC_DEBIAN, STRIP, WINE_X64, XZ,
 };
 use crate::project::Project;
 use crate::{command, stage};
@@ -53,6 +54,9 @@ pub const NEEDS_DOTNET_X86: &[Need] =
 /// What the tests on USB need beyond those of 32-bit programs: a guest system.
 pub const NEEDS_USB: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
+
+/// What the bench needs: both widths.
+pub const NEEDS_BENCH: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, WINE_X64, DEBOOTSTRAP, ROOT];
 
 /// The test of the root package that needs the DLLs and Wine.
 const TESTS: &str = "windows";

@@ -100,9 +100,9 @@ pub fn declared(runtime: Runtime) {
 
 /// What is wrong with the configuration is said with file, line and key.
 pub fn configuration(runtime: Runtime) {
-    let where_ = test_program("Where", "NEXTWUSB_dotNET");
+    let look_up = test_program("LookUp", "NEXTWUSB_dotNET");
     let folder = tempfile::tempdir().expect("a folder");
-    let program = alone(&where_, folder.path());
+    let program = alone(&look_up, folder.path());
     fs::copy(&crate::support::library().shared, folder.path().join("libNEXTWUSBLib.so")).expect("a copy");
     let open = |text: Option<&str>| {
         if let Some(text) = text {
@@ -131,9 +131,9 @@ pub fn configuration(runtime: Runtime) {
 /// The library is found beside the assembly, in the folder for its width, beside the program, by its name; and what was looked at
 /// is said when there is none.
 pub fn search(runtime: Runtime) {
-    let where_ = test_program("Where", "NEXTWUSB_dotNET");
+    let look_up = test_program("LookUp", "NEXTWUSB_dotNET");
     let folder = tempfile::tempdir().expect("a folder");
-    let program = alone(&where_, folder.path());
+    let program = alone(&look_up, folder.path());
     let library = &crate::support::library().shared;
     let run = |in_path: bool| {
         let mut command = runtime.command(&program, VIRTUAL);
@@ -176,7 +176,7 @@ pub fn search(runtime: Runtime) {
 /// With a library that has the vendor's four functions alone.
 pub fn a_library_as_the_vendors(runtime: Runtime) {
     let folder = tempfile::tempdir().expect("a folder");
-    let program = alone(&test_program("Where", "NEXTWUSB_dotNET"), folder.path());
+    let program = alone(&test_program("LookUp", "NEXTWUSB_dotNET"), folder.path());
     let library = folder.path().join("libNEXTWUSBLib.so");
     let mut compiler = Language::C("c99").compiler();
     compiler.args(["-shared", "-fPIC", "-o"]).arg(&library).arg(root().join("tests/dotnet/programs/vendor.c"));

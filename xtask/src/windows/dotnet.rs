@@ -40,7 +40,7 @@ pub fn is_of_it(name: &str) -> bool {
 
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
-    let Some(mut names) = asked_for(names, is_of_it) else { return Ok(()) };
+    let Some(mut names) = asked_for(names, |name| width.has(name) && is_of_it(name)) else { return Ok(()) };
     if names.is_empty() {
         names.push(MODULE.to_owned());
     }

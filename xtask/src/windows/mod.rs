@@ -79,6 +79,11 @@ impl Width {
         }
     }
 
+    /// Whether a name of a test names no other width.
+    fn has(self, name: &str) -> bool {
+        !Self::ALL.into_iter().any(|other| other != self && name.contains(&format!("{}::", other.name())))
+    }
+
     /// As MinGW's programs begin.
     pub const fn mingw(self) -> &'static str {
         match self {
@@ -141,7 +146,8 @@ fn asked_for(names: &[String], is_of_it: impl Fn(&str) -> bool) -> Option<Vec<St
 
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
-    let Some(names) = asked_for(names, |name| !usb::is_of_it(name) && !dotnet::is_of_it(name)) else { return Ok(()) };
+    let is_of_it = |name: &str| width.has(name) && !usb::is_of_it(name) && !dotnet::is_of_it(name);
+    let Some(names) = asked_for(names, is_of_it) else { return Ok(()) };
     let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;

@@ -2,6 +2,7 @@
 //! `cargo xtask dotnet`, and run by Mono and by .NET Core on a simulated board.
 #![cfg(target_os = "linux")]
 
+mod compiled;
 mod needs_dotnet_core;
 mod needs_mono;
 mod programs;

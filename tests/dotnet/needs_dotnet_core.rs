@@ -27,7 +27,7 @@ fn misuse() {
     programs::misuse(Core);
 }
 
-/// NET-8, LIB-48 Programs end without Close, whatever their threads are at.
+/// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are at.
 #[test]
 fn endings() {
     programs::endings(Core);

@@ -8,17 +8,9 @@ use ecmsk::link::record::Recording;
 use ecmsk::sk::SlotSize;
 use ecmsk::sk::crc::frame_crc;
 
-use crate::runtime::{REAL, Runtime, VIRTUAL, example, test_program};
+use crate::compiled::{EXAMPLES, REAL, VIRTUAL, example, test_program};
+use crate::runtime::Runtime;
 use crate::support::{Language, Program, out_dir, root};
-
-/// Every program of `examples/csharp/` with its snapshot, which a program in C++ shares where there is such a one, and the
-/// keys of its link.
-pub const EXAMPLES: [(&str, &str, &str); 4] = [
-    ("GuideExample", "dotnet_guide_example", ""),
-    ("OperatorPanel", "operator_panel", "&script=SCRIPTS/alarm.ecmscript"),
-    ("TwoAxes12B", "two_axes_12b", ""),
-    ("TwoAxes16B", "two_axes_16b", "&slot=16"),
-];
 
 fn scripted(keys: &str) -> String {
     keys.replace("SCRIPTS", root().join("examples/scripts").to_str().expect("UTF-8"))
@@ -84,6 +76,17 @@ pub fn endings(runtime: Runtime) {
         let ended = runtime.run(&program, link, &["throw"]);
         assert!(!ended.status.success() && ended.stderr.contains("on purpose"), "{ended:?}");
     }
+    let silent = format!("{REAL}&fault.drop.read=1");
+    for (how, code) in [("return", 0), ("exit", 7), ("closed", 0)] {
+        for more in [&[how, "silent"][..], &[how, "silent", "handler"]] {
+            // It waits for a read that has no end, unless the program closes the board.
+            if runtime == Runtime::Mono && how != "closed" && more.len() == 2 {
+                continue;
+            }
+            let ended = runtime.run(&program, &silent, more);
+            assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(code), "reading\n"), "{more:?}: {ended:?}");
+        }
+    }
 }
 
 /// A program's own declarations, by I1 and by BOOL.
@@ -99,9 +102,9 @@ pub fn declared(runtime: Runtime) {
 
 /// What is wrong with the configuration is said with file, line and key.
 pub fn configuration(runtime: Runtime) {
-    let where_ = test_program("Where", "NEXTWUSB_dotNET");
+    let look_up = test_program("LookUp", "NEXTWUSB_dotNET");
     let folder = tempfile::tempdir().expect("a folder");
-    let program = alone(&where_, folder.path());
+    let program = alone(&look_up, folder.path());
     fs::copy(&crate::support::library().shared, folder.path().join("libNEXTWUSBLib.so")).expect("a copy");
     let open = |text: Option<&str>| {
         if let Some(text) = text {
@@ -130,9 +133,9 @@ pub fn configuration(runtime: Runtime) {
 /// The library is found beside the assembly, in the folder for its width, beside the program, by its name; and what was looked at
 /// is said when there is none.
 pub fn search(runtime: Runtime) {
-    let where_ = test_program("Where", "NEXTWUSB_dotNET");
+    let look_up = test_program("LookUp", "NEXTWUSB_dotNET");
     let folder = tempfile::tempdir().expect("a folder");
-    let program = alone(&where_, folder.path());
+    let program = alone(&look_up, folder.path());
     let library = &crate::support::library().shared;
     let run = |in_path: bool| {
         let mut command = runtime.command(&program, VIRTUAL);
@@ -175,7 +178,7 @@ pub fn search(runtime: Runtime) {
 /// With a library that has the vendor's four functions alone.
 pub fn a_library_as_the_vendors(runtime: Runtime) {
     let folder = tempfile::tempdir().expect("a folder");
-    let program = alone(&test_program("Where", "NEXTWUSB_dotNET"), folder.path());
+    let program = alone(&test_program("LookUp", "NEXTWUSB_dotNET"), folder.path());
     let library = folder.path().join("libNEXTWUSBLib.so");
     let mut compiler = Language::C("c99").compiler();
     compiler.args(["-shared", "-fPIC", "-o"]).arg(&library).arg(root().join("tests/dotnet/programs/vendor.c"));

@@ -54,6 +54,12 @@ fn relocations_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> (BTreeMap<u16, usi
     (kinds, wrong)
 }
 
+/// Where the parts of the DLL begin in the file.
+fn places_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<u32> {
+    let sections = file.section_table();
+    sections.iter().map(|section| section.pointer_to_raw_data.get(object::LittleEndian)).collect()
+}
+
 /// Applies to the DLL of a width.
 macro_rules! of_dll {
     ($width:expr, $bytes:expr, $function:ident) => {
@@ -116,6 +122,14 @@ crate::for_each_width! {
             Width::X86 => IMAGE_REL_BASED_HIGHLOW,
         };
         assert!(kinds.get(&addresses.0).is_some_and(|count| *count > 1000), "{kinds:?}");
+    }
+
+    /// WIN-15 Each part begins at a page of the file, so that it can be mapped as it is.
+    #[test]
+    fn the_file_is_as_it_is_in_memory(width: Width) {
+        let bytes = width.dll();
+        let places = of_dll!(width, &*bytes, places_of);
+        assert!(places.len() > 5 && places.iter().all(|place| place % 4096 == 0), "{places:x?}");
     }
 
     /// WIN-3 Windows shows whose it is and its version.

@@ -55,7 +55,7 @@ impl Width {
 }
 
 /// What xtask says.
-fn given(variable: &str) -> PathBuf {
+pub fn given(variable: &str) -> PathBuf {
     match env::var_os(variable) {
         Some(value) => value.into(),
         None => panic!("{variable} is not set; run this test by `cargo xtask test --windows`"),

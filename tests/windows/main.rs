@@ -2,6 +2,9 @@
 //! `cargo xtask test --windows`, which builds the DLLs and sets Wine up. Every test stands in a module of its width.
 #![cfg(all(target_os = "linux", feature = "cli"))]
 
+#[path = "../dotnet/compiled.rs"]
+mod compiled;
+mod dotnet;
 mod examples;
 mod exports;
 mod fixture;

@@ -1,5 +1,6 @@
 //! `cargo xtask bench`: runs the benches, compares their figures with the targets, writes target/bench.json; with `--rig`
-//! those of the wires alone, in a guest, into target/bench-rig.json.
+//! those of the wires alone, in a guest, into target/bench-rig.json, with `--windows` those of the DLLs, under Wine, into
+//! target/bench-windows.json.
 
 use std::fmt;
 use std::fs;
@@ -10,7 +11,7 @@ use crate::command;
 use crate::error::Error;
 use crate::needs::{self, MCS, MONO, Need};
 use crate::project::Project;
-use crate::rig;
+use crate::{rig, windows};
 
 /// Of benches; one that lacks its own says so and is left out.
 const NEEDS: &[Need] = &[MCS, MONO];
@@ -24,6 +25,10 @@ pub struct Arguments {
     /// system (QEMU); figures go to target/bench-rig.json
     #[arg(long, conflicts_with = "bench")]
     rig: bool,
+    /// Measure the DLLs for Windows alone: from LoadLibrary to an open board, against an empty DLL, under Wine; figures go to
+    /// target/bench-windows.json
+    #[arg(long, conflicts_with_all = ["bench", "rig"])]
+    windows: bool,
 }
 
 /// A line of a bench: a pair with its target, or a value with its unit, which is a fact or has a target too.
@@ -95,6 +100,10 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let (said, file, again) = if arguments.rig {
         needs::require(project, rig::NEEDS)?;
         (rig::bench(project)?.join("\n"), "bench-rig.json", "cargo xtask bench --rig")
+    } else if arguments.windows {
+        needs::require(project, windows::NEEDS_BENCH)?;
+        println!("keep the machine quiet meanwhile");
+        (windows::bench::bench(project)?, "bench-windows.json", "cargo xtask bench --windows")
     } else {
         missing = needs::set_up(project, NEEDS);
         println!("keep the machine quiet meanwhile");

@@ -55,10 +55,10 @@ const PROGRAMS: [Program; 4] = [
 /// The language of Visual Studio 2010, which the vendor's guide uses.
 const LANGUAGE: &str = "-langversion:4";
 
-/// Tells .NET Core what programs that know nothing of it run on: the version that is there, of 2.2 and later.
+/// Tells .NET Core what programs that know nothing of it run on: the version that is there, of 2.1 and later.
 const RUNTIME_CONFIG: &str = r#"{
   "runtimeOptions": {
-    "framework": { "name": "Microsoft.NETCore.App", "version": "2.2.0" },
+    "framework": { "name": "Microsoft.NETCore.App", "version": "2.1.0" },
     "rollForward": "Major",
     "configProperties": { "System.Globalization.Invariant": true }
   }

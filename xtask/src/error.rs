@@ -37,9 +37,9 @@ pub enum Error {
     Known { path: PathBuf, source: serde_json::Error },
     #[error(
         "{} is not the file that is known: its SHA-256 is {found} instead of {expected}; fetch it again, and if it stays so look \
-         what has changed before xtask/src/wheel.rs is told", file.display()
+         what has changed before xtask/src/ is told", file.display()
     )]
-    Wheel { file: PathBuf, expected: &'static str, found: String },
+    Fetched { file: PathBuf, expected: &'static str, found: String },
     #[error("{0}")]
     Rig(&'static str),
     #[error("the kernel has no module {name}; name another one in xtask/src/rig/guest.rs")]

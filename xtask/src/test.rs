@@ -59,6 +59,8 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, site.names) },
     WINDOWS[0],
     WINDOWS[1],
+    WINDOWS[2],
+    WINDOWS[3],
     Part { name: "packages", needs: dist::TEST_NEEDS, run: |site| dist::test(site.project) },
 ];
 
@@ -66,10 +68,10 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
 const LEFT_TO_DIST: &str = "the packages made twice, to the same bytes";
 
 /// What `--all` leaves to `--windows`: its guest follows the real clock, and on a busy machine that takes its time.
-const LEFT_TO_WINDOWS: Part = WINDOWS[2];
+const LEFT_TO_WINDOWS: Part = WINDOWS[4];
 
 /// What `--windows` runs alone.
-const WINDOWS: [Part; 3] = [
+const WINDOWS: [Part; 5] = [
     Part {
         name: "64-bit Windows programs under Wine",
         needs: windows::NEEDS_X64,
@@ -79,6 +81,16 @@ const WINDOWS: [Part; 3] = [
         name: "32-bit Windows programs under Wine",
         needs: windows::NEEDS_X86,
         run: |site| windows::test(site.project, Width::X86, site.names),
+    },
+    Part {
+        name: "64-bit .NET programs on .NET Core for Windows under Wine",
+        needs: windows::NEEDS_DOTNET_X64,
+        run: |site| windows::dotnet::test(site.project, Width::X64, site.names),
+    },
+    Part {
+        name: "32-bit .NET programs on .NET Core for Windows under Wine",
+        needs: windows::NEEDS_DOTNET_X86,
+        run: |site| windows::dotnet::test(site.project, Width::X86, site.names),
     },
     Part {
         name: "Windows programs on USB, in a guest",

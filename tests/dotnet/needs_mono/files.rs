@@ -3,9 +3,8 @@
 use std::collections::BTreeSet;
 use std::fs;
 
-use crate::programs::EXAMPLES;
+use crate::compiled::{ASSEMBLIES, EXAMPLES, VIRTUAL, compile_into, compiled, test_program};
 use crate::runtime::Runtime::Mono;
-use crate::runtime::{ASSEMBLIES, VIRTUAL, compile_into, compiled, test_program};
 use crate::support::{self, out_dir, root};
 
 fn assembly(name: &str) -> std::path::PathBuf {

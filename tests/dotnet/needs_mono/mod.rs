@@ -29,7 +29,7 @@ fn misuse() {
     programs::misuse(Mono);
 }
 
-/// NET-8, LIB-48 Programs end without Close, whatever their threads are at.
+/// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are at.
 #[test]
 fn endings() {
     programs::endings(Mono);

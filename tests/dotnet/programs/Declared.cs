@@ -1,5 +1,5 @@
 // A program with declarations of its own for NEXTWUSBLib, as they are found in the field: bool as I1, and as .NET takes it
-// unless told otherwise, a BOOL of four bytes. Argument: a board that does not open, then one that does.
+// unless told otherwise, a BOOL of four bytes. With the argument `ordinals` by their numbers, on Windows alone.
 using System;
 using System.Runtime.InteropServices;
 
@@ -35,11 +35,45 @@ static class FourBytes
     public static extern int Read(byte[] data, uint dwlength);
 }
 
+// As Windows knows them without their names.
+static class ByOrdinal
+{
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "#1")]
+    [return: MarshalAs(UnmanagedType.I1)]
+    public static extern bool Open();
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "#2")]
+    public static extern void Close();
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "#3")]
+    [return: MarshalAs(UnmanagedType.I1)]
+    public static extern bool Write(byte[] data, uint dwlength);
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "#4")]
+    [return: MarshalAs(UnmanagedType.I1)]
+    public static extern bool Read(byte[] data, uint dwlength);
+    [DllImport("NEXTWUSBLib.dll", EntryPoint = "#4")]
+    public static extern bool ReadAsBool(byte[] data, uint dwlength);
+}
+
 static class Declared
 {
-    static void Main()
+    static readonly byte[] frame = new byte[504], response = new byte[504];
+
+    static void ByOrdinals()
     {
-        byte[] frame = new byte[504], response = new byte[504];
+        Console.WriteLine("I1: {0} {1} {2} {3}", ByOrdinal.Write(frame, 504), ByOrdinal.Open(), ByOrdinal.Write(frame, 504),
+            ByOrdinal.Read(response, 504));
+        Console.WriteLine("state {0}", response[2]);
+        Console.WriteLine("BOOL: {0}", ByOrdinal.ReadAsBool(response, 504));
+        ByOrdinal.Close();
+        Console.WriteLine("closed: {0} {1}", ByOrdinal.Read(response, 504), ByOrdinal.ReadAsBool(response, 504));
+    }
+
+    static void Main(string[] arguments)
+    {
+        if (arguments.Length > 0)
+        {
+            ByOrdinals();
+            return;
+        }
         Console.WriteLine("not open: {0} {1} {2}", OneByte.ECMUSBWrite(frame, 504), OneByte.ECMUSBRead(response, 504),
             FourBytes.Read(response, 504));
         Console.WriteLine("I1: {0} {1} {2}", OneByte.OpenECMUSB(), OneByte.ECMUSBWrite(frame, 504),

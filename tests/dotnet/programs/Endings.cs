@@ -1,5 +1,6 @@
-// Programs that end without Close. Argument: how. `return` while a background thread reads;
-// `exit` from another thread; `throw`; `closed` by another thread, whereupon the read ends.
+// Programs that end without Close. Arguments: how. `return` while a background thread reads;
+// `exit` from another thread; `throw`; `closed` by another thread, whereupon the read ends. With `silent` behind it the board
+// sends nothing, and the thread stays in its read; with `handler` a handler of ProcessExit closes the board.
 using System;
 using System.Threading;
 using NEXTWUSB_dotNET;
@@ -7,10 +8,12 @@ using NEXTWUSB_dotNET;
 static class Endings
 {
     static bool ended;
+    static volatile bool reading;
     static int reads;
 
     static void Read()
     {
+        reading = true;
         while (NEXTWUSB.ECMUSBRead())
             reads++;
         ended = true;
@@ -21,8 +24,14 @@ static class Endings
         Check.That(NEXTWUSB.OpenECMUSB(), "the board opens");
         var reader = new Thread(Read) { IsBackground = true };
         reader.Start();
-        while (reads < 3)
+        bool silent = Array.IndexOf(arguments, "silent") > 0;
+        while (silent ? !reading : reads < 3)
             Thread.Sleep(1);
+        // Until it is in the read.
+        if (silent)
+            Thread.Sleep(50);
+        if (Array.IndexOf(arguments, "handler") > 0)
+            AppDomain.CurrentDomain.ProcessExit += (sender, nothing) => NEXTWUSB.CloseECMUSB();
         Console.WriteLine("reading");
         switch (arguments[0])
         {

@@ -4,7 +4,9 @@
 //! and later (what the targets `*-pc-windows-gnu` import, Wine 8 does not have). It comes from Debian, for rustup has no
 //! such targets ready; what is built stays in `target/xtask/windows/`.
 
+pub mod bench;
 mod dll;
+pub mod dotnet;
 mod implib;
 mod relocations;
 mod tool;
@@ -12,14 +14,15 @@ pub mod usb;
 mod wine;
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 pub use dll::{DLL, RUSTC};
 pub use implib::{MINGW, MSVC};
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, GCC, LLD_LINK, MINGW_X64, MINGW_X86, Need, QEMU, ROOT, RUSTC_DEBIAN, STRIP,
-    WINE_X64, XZ,
+    CARGO_DEBIAN, CLANG, DEBOOTSTRAP, DOTNET_CORE, DOTNET_WINDOWS_X64, DOTNET_WINDOWS_X86, GCC, LLD_LINK, MCS,
+    MINGW_X64, MINGW_X86, MONO, NPM, Need, PIP, PYTHON, QEMU, ROOT, RUSTC_DEBIAN, STRIP, WINE_X64, XZ,
 };
 use crate::project::Project;
 use crate::{command, stage};
@@ -32,9 +35,31 @@ pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X6
 /// What those of 32-bit programs need.
 pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
 
+/// What those of 64-bit programs of .NET need; VB.NET is tried on Linux, too.
+pub const NEEDS_DOTNET_X64: &[Need] = &[
+    RUSTC_DEBIAN,
+    CARGO_DEBIAN,
+    MINGW_X86,
+    MINGW_X64,
+    WINE_X64,
+    MCS,
+    MONO,
+    PYTHON,
+    PIP,
+    DOTNET_CORE,
+    NPM,
+    DOTNET_WINDOWS_X64,
+];
+/// What those of 32-bit programs of .NET need.
+pub const NEEDS_DOTNET_X86: &[Need] =
+    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, MCS, NPM, DOTNET_WINDOWS_X86];
+
 /// What the tests on USB need beyond those of 32-bit programs: a guest system.
 pub const NEEDS_USB: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
+
+/// What the bench needs: both widths.
+pub const NEEDS_BENCH: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, WINE_X64, DEBOOTSTRAP, ROOT];
 
 /// The test of the root package that needs the DLLs and Wine.
 const TESTS: &str = "windows";
@@ -55,6 +80,11 @@ impl Width {
             Self::X86 => "x86",
             Self::X64 => "x64",
         }
+    }
+
+    /// Whether a name of a test names no other width.
+    fn has(self, name: &str) -> bool {
+        !Self::ALL.into_iter().any(|other| other != self && name.contains(&format!("{}::", other.name())))
     }
 
     /// As MinGW's programs begin.
@@ -120,15 +150,31 @@ fn asked_for(names: &[String], is_of_it: impl Fn(&str) -> bool) -> Option<Vec<St
 
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
-    let Some(names) = asked_for(names, |name| !usb::is_of_it(name)) else { return Ok(()) };
+    let is_of_it = |name: &str| width.has(name) && !usb::is_of_it(name) && !dotnet::is_of_it(name);
+    let Some(names) = asked_for(names, is_of_it) else { return Ok(()) };
     let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;
-    let others: Vec<&str> = Width::ALL.into_iter().filter(|other| *other != width).map(Width::name).collect();
+    run_tests(project, width, &names, &[dotnet::MODULE], |cargo| {
+        cargo.env("ECMSK_WINDOWS_STAGE", &prefix);
+        cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs);
+    })
+}
+
+/// Runs the tests of a width whose names contain one of `names` and none of `but`, with what `tell` tells them.
+fn run_tests(
+    project: &Project,
+    width: Width,
+    names: &[String],
+    but: &[&str],
+    tell: impl FnOnce(&mut Command),
+) -> Result<(), Error> {
+    let others = Width::ALL.into_iter().filter(|other| *other != width).map(|other| format!("{}::", other.name()));
+    let skipped: Vec<String> = others.chain(but.iter().map(|&name| name.to_owned())).collect();
     let tests = |how: &str| {
         let mut cargo = project.cargo();
         cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", how]);
-        cargo.args(others.iter().map(|other| format!("--skip={other}::"))).args(&names);
+        cargo.args(skipped.iter().map(|name| format!("--skip={name}"))).args(names);
         cargo
     };
     let listed = command::output(&mut tests("--list"))?;
@@ -137,6 +183,6 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
         return Err(Error::NoTest { names: names.join(" ") });
     }
     let mut cargo = tests("--quiet");
-    cargo.env("ECMSK_WINDOWS_STAGE", &prefix);
-    command::run(cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs))
+    tell(&mut cargo);
+    command::run(&mut cargo)
 }

@@ -1,8 +1,9 @@
-// Opens the board and says by which library, or why not.
+// Opens the board and says by which library, or why not. (A program by the name of one of Windows' own, where.exe, Wine would
+// not run.)
 using System;
 using NEXTWUSB_dotNET;
 
-static class Where
+static class LookUp
 {
     static void Main()
     {

@@ -1,0 +1,245 @@
+//! Programs of .NET on Microsoft's .NET Core for Windows, under Wine, from the same files that Mono and .NET Core run on Linux.
+
+use std::fs;
+use std::path::Path;
+
+use crate::compiled::{ASSEMBLIES, EXAMPLES, REAL, VIRTUAL, example, test_program};
+use crate::fixture::{DLL, Folder, Width, given, lines};
+use crate::support::{self, Ended, Program, both_axes_are_off_in_preop, root, snapshot};
+
+/// Every program of `examples/vb/` with its snapshot.
+const VB: [(&str, &str); 1] = [("GuideExample", "dotnet_guide_example")];
+
+/// Copies a program into the folder, with the assemblies beside it and what tells .NET Core how to run it.
+fn place(folder: &Folder, program: &Program) -> String {
+    let name = program.exe.file_name().expect("a name").to_str().expect("UTF-8").to_owned();
+    let copy = |name: &str| {
+        let from = program.exe.with_file_name(name);
+        if from.exists() {
+            fs::copy(from, folder.path().join(name)).expect("a copy");
+        }
+    };
+    ASSEMBLIES.iter().for_each(|assembly| copy(&format!("{assembly}.dll")));
+    copy("core.json");
+    copy(&name);
+    name
+}
+
+/// Runs a program of the folder.
+fn run(folder: &Folder, program: &str, link: &str, arguments: &[&str]) -> Ended {
+    let dotnet = given("ECMSK_WINE_DOTNET");
+    let mut command = folder.command(dotnet.to_str().expect("UTF-8"), link);
+    command.args(["exec", "--runtimeconfig", "core.json", program]).args(arguments);
+    let mut ended = support::run(&mut command);
+    ended.stdout = lines(&ended.stdout);
+    ended
+}
+
+/// It must end well, without a word to standard error.
+fn said(folder: &Folder, program: &str, link: &str, arguments: &[&str]) -> String {
+    let ended = run(folder, program, link, arguments);
+    assert_eq!(ended.stderr, "", "{program} {arguments:?} on {link}");
+    ended.success()
+}
+
+/// A folder with the DLL and a program of the tests.
+fn with_program(width: Width, test: &str, name: &str) -> (Folder, String) {
+    on_assembly(width, test, name, "NEXTWUSB_dotNET")
+}
+
+/// The same for one that is compiled against that assembly.
+fn on_assembly(width: Width, test: &str, name: &str, assembly: &str) -> (Folder, String) {
+    let folder = Folder::with_dll(width, &format!("dotnet-{test}"));
+    let program = place(&folder, &test_program(name, assembly));
+    (folder, program)
+}
+
+/// The keys of a link with the script that they name beside the program.
+fn scripted(folder: &Folder, keys: &str) -> String {
+    for name in keys.split("SCRIPTS/").skip(1).map(|rest| rest.split('&').next().expect("a name")) {
+        fs::copy(root().join("examples/scripts").join(name), folder.path().join(name)).expect("the script");
+    }
+    keys.replace("SCRIPTS/", "")
+}
+
+/// The head of a DLL says another machine than that of its code: a file that Windows does not take.
+fn of_another_width(mut dll: Vec<u8>) -> Vec<u8> {
+    let header = u32::from_le_bytes(dll[0x3C..0x40].try_into().expect("four bytes")) as usize;
+    let machine = &mut dll[header + 4..header + 6];
+    let other: u16 = if *machine == 0x8664_u16.to_le_bytes() { 0x014C } else { 0x8664 };
+    machine.copy_from_slice(&other.to_le_bytes());
+    dll
+}
+
+crate::for_each_width! {
+    /// LIB-29, LIB-30, NET-4, NET-11 The programs of `examples/csharp/` print what they print on Linux.
+    #[test]
+    fn examples_in_csharp(width: Width) {
+        let folder = Folder::with_dll(width, "dotnet-examples");
+        for (name, kept, keys) in EXAMPLES {
+            let program = place(&folder, &example(name));
+            let link = format!("{VIRTUAL}{}", scripted(&folder, keys));
+            snapshot(kept, &said(&folder, &program, &link, &[]));
+        }
+    }
+
+    /// NET-4, NET-11 A program that fails says why, and its axes are off.
+    #[test]
+    fn an_end_by_an_alarm(width: Width) {
+        let folder = Folder::with_dll(width, "dotnet-alarm");
+        let program = place(&folder, &example("TwoAxes12B"));
+        let script = scripted(&folder, "&script=SCRIPTS/alarm.ecmscript");
+        let ended = run(&folder, &program, &format!("{VIRTUAL}{script}&record=alarm.pcapng"), &[]);
+        let says = lines(&ended.stderr);
+        assert_eq!((ended.status.code(), says.as_str()), (Some(1), "failed: an axis does not arrive\n"));
+        both_axes_are_off_in_preop(&folder.path().join("alarm.pcapng"));
+    }
+
+    /// LIB-33, NET-11 A response with a wrong CRC-8 is refused; one without passes.
+    #[test]
+    fn the_crc(width: Width) {
+        for (assembly, slot) in [("NEXTWUSB_dotNET_12B", 12), ("NEXTWUSB_dotNET_16B", 16)] {
+            let (folder, program) = on_assembly(width, &format!("crc-{slot}"), "Frames", assembly);
+            let link = format!("{VIRTUAL}&slot={slot}");
+            let expected = "cmdData[0].Parm is 0xA500\nread True, CRC there, respData[5].Data1 is 0\nread True, CRC 0\n";
+            assert_eq!(said(&folder, &program, &link, &[]), expected, "{slot}");
+            let lies = run(&folder, &program, &format!("{link}&fault.corrupt.read=1"), &["once"]).stdout;
+            let refused = "read False, CRC 0, respData[5].Data1 is 12345\nCRC-8 of the response";
+            assert!(lies.contains(refused), "{lies}");
+        }
+    }
+
+    /// NET-5, NET-6, NET-7, NET-11 Wrong arrays, calls while nothing is open, calls of finalisers.
+    #[test]
+    fn misuse(width: Width) {
+        let (folder, program) = with_program(width, "misuse", "Misuse");
+        for link in [VIRTUAL, REAL] {
+            assert_eq!(said(&folder, &program, link, &[]), "ok\n", "{link}");
+        }
+    }
+
+    /// NET-8, NET-11, NET-12, LIB-48, WIN-12 Programs end without Close, whatever their threads are at.
+    #[test]
+    fn endings(width: Width) {
+        let (folder, program) = with_program(width, "endings", "Endings");
+        for link in [VIRTUAL, REAL] {
+            for (how, code) in [("return", 0), ("exit", 7), ("closed", 0)] {
+                let ended = run(&folder, &program, link, &[how]);
+                assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(code), "reading\n"), "{how}: {ended:?}");
+            }
+        }
+        for (how, code) in [("return", 0), ("exit", 7), ("closed", 0)] {
+            for more in [&[how, "silent"][..], &[how, "silent", "handler"]] {
+                let ended = run(&folder, &program, &format!("{REAL}&fault.drop.read=1"), more);
+                assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(code), "reading\n"), "{more:?}: {ended:?}");
+            }
+        }
+        // How it ends after that is up to Wine's debugger.
+        let ended = run(&folder, &program, REAL, &["throw"]);
+        assert!(ended.stdout.starts_with("reading\n") && ended.stderr.contains("on purpose"), "{ended:?}");
+    }
+
+    /// NET-9, NET-13, LIB-3, LIB-4 DllImport by I1, by BOOL and by ordinals.
+    #[test]
+    fn declared(width: Width) {
+        let (folder, program) = with_program(width, "declared", "Declared");
+        let expected = "not open: False False 0\nI1: True True True\nstate 2\nnumbers: 1 1\nnull: False False\n\
+                        BOOL: True True True\nstate 2\nclosed: False 0\n";
+        assert_eq!(said(&folder, &program, VIRTUAL, &[]), expected);
+        let expected = "I1: False True True True\nstate 2\nBOOL: True\nclosed: False False\n";
+        assert_eq!(said(&folder, &program, VIRTUAL, &["ordinals"]), expected);
+    }
+
+    /// NET-13, LIB-48, WIN-11 LoadLibrary and GetProcAddress; FreeLibrary while a thread reads.
+    #[test]
+    fn unloaded_during_a_read(width: Width) {
+        let (folder, program) = with_program(width, "loaded", "Loaded");
+        for how in ["gone", "kept"] {
+            assert_eq!(said(&folder, &program, REAL, &[how]), "ok\n", "{how}");
+        }
+    }
+
+    /// NET-3, NET-6, WIN-7 What is wrong with the configuration is said, with file, line and key.
+    #[test]
+    fn configuration(width: Width) {
+        let (folder, program) = with_program(width, "configuration", "LookUp");
+        let open = |text: &str| {
+            fs::write(folder.path().join("ecmsk.toml"), text).expect("a file of the folder");
+            said(&folder, &program, "", &[])
+        };
+        for (text, parts) in [
+            ("link = 3\n", ["ecmsk.toml, line 1", "link"]),
+            ("\nlnk = \"sim:\"\n", ["ecmsk.toml, line 2", "lnk"]),
+            ("link = \"sim:?slaves=lathe\"\n", ["ecmsk.toml", "lathe"]),
+        ] {
+            let said = open(text);
+            assert!(said.starts_with("False ") && parts.iter().all(|part| said.contains(part)), "{said}");
+            assert!(said.ends_with("\nFalse False\n"), "{said}");
+        }
+        let good = open(&format!("link = \"{VIRTUAL}\"\n"));
+        assert!(good.starts_with("True ") && good.ends_with("\n\nTrue True\n"), "{good}");
+    }
+
+    /// NET-2, NET-3 The DLL is found beside the assembly and in the folder for the width; one of the other width is passed
+    /// over; what was looked at is said when there is none.
+    #[test]
+    fn search(width: Width) {
+        let (folder, program) = with_program(width, "search", "LookUp");
+        let open = || {
+            let said = said(&folder, &program, VIRTUAL, &[]);
+            let mut lines = said.lines().map(str::to_owned);
+            [(); 3].map(|()| lines.next().expect("three lines"))
+        };
+        let found = |place: &str| {
+            let [first, why, last] = open();
+            assert!(first.starts_with("True Z:\\") && first.ends_with(place), "{first}");
+            assert_eq!((why.as_str(), last.as_str()), ("", "True True"));
+        };
+        found(&format!("\\{}\\{DLL}", folder.path().file_name().expect("a name").to_str().expect("UTF-8")));
+
+        let dll = folder.path().join(DLL);
+        fs::write(&dll, of_another_width(width.dll())).expect("a file of the folder");
+        let [first, why, last] = open();
+        assert_eq!((first.as_str(), last.as_str()), ("False -", "False False"));
+        let (bits, name) = if width == Width::X64 { (64, "x64") } else { (32, "x86") };
+        assert!(why.starts_with(&format!("no {DLL} for this {bits}-bit process was found; ")), "{why}");
+        assert!(why.contains(&format!("\\{DLL}: is for a process of another width, or broken")), "{why}");
+        assert!(why.ends_with(&format!("Put the {bits}-bit one beside the program, or into the folder {name} there")), "{why}");
+
+        fs::create_dir(folder.path().join(name)).expect("a folder");
+        fs::copy(width.stage().join(DLL), folder.path().join(name).join(DLL)).expect("the DLL");
+        found(&format!("\\{name}\\{DLL}"));
+    }
+}
+
+/// What is tried once, for one width.
+mod vb {
+    mod x64 {
+        use super::super::*;
+
+        /// LIB-34, NET-4, NET-11 The programs of `examples/vb/` print the same under Wine, under Mono and under .NET Core on
+        /// Linux, from one file each.
+        #[test]
+        fn examples_in_vb() {
+            let compiled = given("ECMSK_VB_PROGRAMS");
+            let entries = fs::read_dir(root().join("examples/vb")).expect("the folder");
+            let sources = entries.map(|entry| entry.expect("readable").path());
+            let is_source = |path: &Path| path.extension().is_some_and(|extension| extension == "vb");
+            assert_eq!(sources.filter(|path| is_source(path)).count(), VB.len(), "a program is left out");
+            let folder = Folder::with_dll(Width::X64, "dotnet-vb");
+            let core = given("ECMSK_DOTNET");
+            let config = compiled.join("core.json");
+            let config = ["exec", "--runtimeconfig", config.to_str().expect("UTF-8")];
+            for (name, kept) in VB {
+                let program = Program { exe: compiled.join(name).with_extension("exe") };
+                let copied = place(&folder, &program);
+                snapshot(kept, &said(&folder, &copied, VIRTUAL, &[]));
+                for (runtime, arguments) in [("mono", &[][..]), (core.to_str().expect("UTF-8"), &config[..])] {
+                    let ended = support::run(&mut program.under(runtime, arguments, VIRTUAL));
+                    assert_eq!(ended.stderr, "", "{name} by {runtime}");
+                    snapshot(kept, &ended.success());
+                }
+            }
+        }
+    }
+}

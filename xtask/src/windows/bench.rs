@@ -1,0 +1,47 @@
+//! How long the DLLs take from LoadLibrary to an open board, against an empty one, under Wine.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use super::{Width, build_width, dll, folder, wine};
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+const SOURCE: &str = "benches/windows";
+/// Where it lies below the folder of all programs.
+const PLACE: &str = "bench-load";
+const LINK: &str = "sim:";
+
+/// Measures both widths; gives what the bench says.
+pub fn bench(project: &Project) -> Result<String, Error> {
+    let mut said = String::new();
+    for width in Width::ALL {
+        let wine = wine::set_up(project, width)?;
+        let prefix = folder(project).join("stage");
+        build_width(project, width, &prefix)?;
+        let place = wine.programs.join(PLACE);
+        let [ours, empty] = ["ours", "empty"].map(|name| place.join(name));
+        for folder in [&ours, &empty] {
+            fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+        }
+        let built = prefix.join(width.name()).join(dll::DLL);
+        fs::copy(&built, ours.join(dll::DLL)).map_err(Error::file("copy", &built))?;
+        compile(project, width, "empty", &["-shared", "-Wl,--kill-at"], &empty.join(dll::DLL))?;
+        compile(project, width, "load", &["-static"], &place.join("load.exe"))?;
+        let mut script = Command::new(&wine.script);
+        script.env("ECMSK_LINK", LINK).env_remove("ECMSK_LOG").arg(PLACE).arg("load.exe");
+        script.args(["ours", "empty"].map(|name| format!("{name}\\{}", dll::DLL)));
+        let measured = command::output(script.arg(format!("windows_load_{}", width.name())))?;
+        said += &String::from_utf8_lossy(&measured).replace('\r', "");
+    }
+    Ok(said)
+}
+
+fn compile(project: &Project, width: Width, name: &str, options: &[&str], out: &Path) -> Result<(), Error> {
+    let mut gcc = Command::new(format!("{}-gcc-posix", width.mingw()));
+    gcc.args(["-std=gnu99", "-O2", "-s", "-Wall", "-Wextra", "-Werror"]);
+    gcc.arg(project.root.join(SOURCE).join(name).with_extension("c")).args(options);
+    command::run(gcc.arg("-o").arg(out))
+}

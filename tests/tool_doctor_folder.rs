@@ -25,7 +25,7 @@ fn folder(files: &[(&str, Vec<u8>)]) -> TempDir {
 
 fn doctor(folder: &Path) -> (Ran, Vec<Value>) {
     let folder = folder.display().to_string();
-    let (text, json) = (run(&["doctor", &folder]), run(&["doctor", "--json", &folder]));
+    let (text, json) = (run(["doctor", &folder]), run(["doctor", "--json", &folder]));
     assert_eq!(text.code, json.code, "{text:?} {json:?}");
     let findings = json.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     (text, findings)
@@ -205,7 +205,7 @@ fn no_program_there() {
     assert_eq!((ran.code, &findings[0]["state"]), (Some(1), &Value::from("wrong")));
     assert!(ran.out.contains("do: name the folder that the program's .exe is in"), "{}", ran.out);
     for other in ["readme.txt", "none"] {
-        let ran = run(&["doctor", &there.path().join(other).display().to_string()]);
+        let ran = run(["doctor", &there.path().join(other).display().to_string()]);
         assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{ran:?}");
         assert!(ran.err.contains("name the folder that the program's .exe is in"), "{ran:?}");
     }

@@ -193,7 +193,7 @@ fn a_sw_reset_that_the_board_refuses_ends_nothing() {
         for (number, crc) in [(1, None), (2, Some(0))] {
             write(&link, &wrong_reset(crc));
             until(&link, |report| report.slot(SIZE, 0).index == errors.wrapping_add(number));
-            (0..30).for_each(|_| drop(until(&link, |_| true)));
+            (0..30).for_each(|_| _ = until(&link, |_| true));
         }
         assert_eq!(link.check(), Ok(()));
         write(&link, &board(&MasterCommand::SoftReset));

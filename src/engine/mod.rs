@@ -14,8 +14,6 @@ mod fifo;
 mod go_home;
 mod handle;
 mod handover;
-#[cfg(test)]
-mod handover_tests;
 mod homing;
 mod jobs;
 mod lost;
@@ -417,3 +415,6 @@ impl Engine {
         if slave <= usize::from(self.v.network.found()) { self.v.roles[slave - 1] } else { Role::Unused }
     }
 }
+
+#[cfg(test)]
+mod handover_tests;

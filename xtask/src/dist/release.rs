@@ -22,7 +22,7 @@ pub struct Release {
 
 impl Release {
     /// The time comes from `SOURCE_DATE_EPOCH`, else from the last commit, else from the newest version of CHANGELOG that has
-    /// a date. [OURS]
+    /// a date. \[OURS]
     pub fn find(project: &Project) -> Result<Self, Error> {
         let given = env::var(VARIABLE).ok();
         let from_git = || {

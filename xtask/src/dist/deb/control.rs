@@ -12,7 +12,7 @@ use crate::dist::tree::Tree;
 use crate::error::Error;
 use crate::project::Project;
 
-/// Who answers for the packages. The project has no address of its own. [OURS]
+/// Who answers for the packages. The project has no address of its own. \[OURS]
 pub const MAINTAINER: &str = "The ecmsk authors <ecmsk@packages.invalid>";
 
 /// Writes the folder `DEBIAN`.

@@ -20,7 +20,7 @@ use parts::{Part, Place};
 
 pub use lintian::check as lintian;
 
-/// Debian's number for one version packed anew. [OURS]
+/// Debian's number for one version packed anew. \[OURS]
 const REVISION: u32 = 1;
 
 /// What lintian says of packages that are so, and why.

@@ -65,6 +65,8 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
         // It has written all when its server ends.
         wine.run("--server", &["-w"])?;
     }
+    // One that an interrupted run has left would be in the way; mostly there is none.
+    let _ = wine.run("--server", &["-k"]);
     // The server stays until it is told to go: started anew for each program it would take most of the time.
     wine.run("--server", &["-p"])?;
     // Its services begin with the first program and keep what that one writes to open: this one writes to nobody.

@@ -29,7 +29,7 @@ const ALLOWANCE: Duration = Duration::from_micros(20);
 fn main() {
     for (name, cycle_us) in [("pace_1ms", 1000), ("pace_250us", 250)] {
         let cycle = CycleTime::from_us(cycle_us).expect("a cycle time");
-        let demand = Demand { name, target: 1.2, allowance: Some(ALLOWANCE), against: None };
+        let demand = Demand { name, target: Some(1.2), allowance: Some(ALLOWANCE), against: None };
         common::pair_of_blocks(demand, BLOCKS, || runner(cycle), || bare_loop(cycle));
     }
 }

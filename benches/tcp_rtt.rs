@@ -36,7 +36,7 @@ fn main() {
     let mut echo = Echo::start(&places);
     let (frame, mut report) = (Frame::new(), Frame::new());
     for (name, share) in [("tcp_rtt_p50", 50), ("tcp_rtt_p99", 99)] {
-        let demand = Demand { name, target: 1.2, allowance: Some(ALLOWANCE), against: None };
+        let demand = Demand { name, target: Some(1.2), allowance: Some(ALLOWANCE), against: None };
         let ours = || {
             common::percentile(CALLS, share, || {
                 board.write(&frame, LIMIT).expect("it is taken");

@@ -36,7 +36,7 @@ fn main() {
     for stream in [&ours, &baseline] {
         per_report_ns(stream);
     }
-    let demand = Demand { name: "usbip_port", target: TARGET, allowance: None, against: None };
+    let demand = Demand { name: "usbip_port", target: Some(TARGET), allowance: None, against: None };
     common::pair_of_blocks(demand, BLOCKS, || per_report_ns(&ours), || per_report_ns(&baseline));
 }
 

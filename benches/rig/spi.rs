@@ -29,7 +29,7 @@ const EXCHANGE_TARGET: f64 = 1.0 / 0.95;
 const TO_START_TARGET: f64 = 1.1;
 
 pub fn measure() {
-    let demand = |name, target| Demand { name, target, allowance: None, against: None };
+    let demand = |name, target| Demand { name, target: Some(target), allowance: None, against: None };
     {
         let board = RefCell::new(Board::start(Busy::Never));
         let side = |block: fn()| {

@@ -59,7 +59,7 @@ fn main() {
     {
         let mut ours = by_mono(cs_argument);
         let mut baseline = start(Command::new(&in_c), c_argument);
-        let demand = Demand { name, target: TARGET, allowance: None, against: None };
+        let demand = Demand { name, target: Some(TARGET), allowance: None, against: None };
         common::pair_of_blocks(demand, BLOCKS, || ours.block(ROUNDS) - less, || baseline.block(ROUNDS));
     }
 }

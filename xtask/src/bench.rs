@@ -73,14 +73,15 @@ impl Figure {
 impl fmt::Display for Figure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:<36}", self.name)?;
-        if let (Some(ours), Some(baseline), Some(ratio), Some(target)) =
-            (self.ours_ns, self.baseline_ns, self.ratio, self.target)
-        {
-            write!(f, "{ours:>14.1} ns {baseline:>14.1} ns {ratio:>8.3} {target:>8.3}")?;
-            if let Some(allowance) = self.allowance_ns {
-                write!(f, " or +{allowance:.0} ns")?;
+        if let (Some(ours), Some(baseline), Some(ratio)) = (self.ours_ns, self.baseline_ns, self.ratio) {
+            write!(f, "{ours:>14.1} ns {baseline:>14.1} ns {ratio:>8.3}")?;
+            if let Some(target) = self.target {
+                write!(f, " {target:>8.3}")?;
+                if let Some(allowance) = self.allowance_ns {
+                    write!(f, " or +{allowance:.0} ns")?;
+                }
+                write!(f, "  {}", if self.holds() { "met" } else { "MISSED" })?;
             }
-            write!(f, "  {}", if self.holds() { "met" } else { "MISSED" })?;
             if let Some(against) = &self.against {
                 write!(f, ", against {against}")?;
             }
@@ -157,6 +158,8 @@ mod tests {
         assert!(!figure("2.0}", "2.0,\"allowance_ns\":19.9}").holds());
         let named = figure("2.0}", "2.0,\"against\":\"a bare loop\"}");
         assert!(named.to_string().ends_with("MISSED, against a bare loop"), "{named}");
+        let known = figure("\"target\":2.0", "\"target\":null,\"against\":\"a bare loop\"");
+        assert!(known.holds() && known.to_string().ends_with("3.000, against a bare loop"), "{known}");
     }
 
     #[test]

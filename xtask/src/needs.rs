@@ -5,9 +5,10 @@ use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
-use crate::npm::{DOTNET_X64, DOTNET_X86, Package};
+use crate::fetched::{Fetched, Index};
+use crate::npm::{DOTNET_X64, DOTNET_X86};
 use crate::project::Project;
-use crate::wheel::{DOTNET_CORE_3, Wheel};
+use crate::wheel::DOTNET_CORE_3;
 
 /// A program, and where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,10 +30,8 @@ enum Source {
     Rustup(&'static str),
     /// A crate that brings a verb of cargo, `program`.
     Crate(&'static str),
-    /// A wheel for Python with the program in it; fetched into the target folder.
-    Wheel(&'static Wheel),
-    /// A package of npm with the program in it; fetched into the target folder.
-    Npm(&'static Package),
+    /// A wheel for Python or a package of npm with the program in it; fetched into the target folder.
+    Fetched(&'static Fetched),
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
@@ -49,10 +48,10 @@ pub const STRIP: Need = Need { program: "strip", source: Source::Debian(&["binut
 pub const MCS: Need = Need { program: "mcs", source: Source::Debian(&["mono-mcs"]) };
 pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-runtime"]) };
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
-pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Wheel(&DOTNET_CORE_3) };
+pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Fetched(&DOTNET_CORE_3) };
 pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
-pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Npm(&DOTNET_X64) };
-pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Npm(&DOTNET_X86) };
+pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Fetched(&DOTNET_X64) };
+pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Fetched(&DOTNET_X86) };
 /// Debian's compiler with the sources of its standard library, which rustup has not for these targets: see `windows`.
 pub const RUSTC_DEBIAN: Need = Need {
     program: "/usr/lib/rustlib/src/rust/library/std/Cargo.toml",
@@ -91,8 +90,7 @@ impl Need {
             Source::Rustup(_) | Source::Crate(_) => {
                 command::succeeds(project.cargo().args([self.program, "--version"]))
             }
-            Source::Wheel(wheel) => wheel.is_there(project),
-            Source::Npm(package) => package.is_there(project),
+            Source::Fetched(package) => package.is_there(project),
         }
     }
 }
@@ -139,13 +137,8 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
         command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
     }
     // After the packages: pip and npm are of them.
-    if command::succeeds(Command::new(PIP.program).arg("--version")) {
-        wheels(needs).try_for_each(|wheel| wheel.fetch(project))?;
-    }
-    if command::succeeds(Command::new(NPM.program).arg("--version")) {
-        npm_packages(needs).try_for_each(|package| package.fetch(project))?;
-    }
-    Ok(())
+    let can_be = |package: &&Fetched| package.index.need().is_there(project);
+    fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))
 }
 
 fn apt_get() -> Command {
@@ -176,10 +169,10 @@ pub fn install_line(needs: &[Need]) -> String {
     if !crates(needs).is_empty() {
         lines.push(format!("cargo install --locked {}", crates(needs).join(" ")));
     }
-    if wheels(needs).next().is_some() {
+    if fetched(needs).any(|package| package.index == Index::Pip) {
         lines.push("cargo xtask dotnet --runtime".to_owned());
     }
-    if npm_packages(needs).next().is_some() {
+    if fetched(needs).any(|package| package.index != Index::Pip) {
         lines.push("cargo xtask test --windows".to_owned());
     }
     if needs.iter().any(|need| need.source == Source::Rights) {
@@ -217,16 +210,9 @@ fn crates(needs: &[Need]) -> Vec<&'static str> {
     crates.collect()
 }
 
-fn wheels(needs: &[Need]) -> impl Iterator<Item = &'static Wheel> {
+fn fetched(needs: &[Need]) -> impl Iterator<Item = &'static Fetched> {
     needs.iter().filter_map(|need| match need.source {
-        Source::Wheel(wheel) => Some(wheel),
-        _ => None,
-    })
-}
-
-fn npm_packages(needs: &[Need]) -> impl Iterator<Item = &'static Package> {
-    needs.iter().filter_map(|need| match need.source {
-        Source::Npm(package) => Some(package),
+        Source::Fetched(package) => Some(package),
         _ => None,
     })
 }

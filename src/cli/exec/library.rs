@@ -5,7 +5,10 @@ mod unix;
 #[cfg(windows)]
 mod windows;
 
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
 
 use super::ExecError;
 #[cfg(unix)]
@@ -13,7 +16,7 @@ use unix as system;
 #[cfg(windows)]
 use windows as system;
 
-pub use system::{FILE_NAME, LibraryFolder, SEARCH_PATH, UNLINKABLE, UNOPENED};
+pub use system::{FILE_NAME, SEARCH_PATH, UNLINKABLE, UNOPENED};
 
 /// The library for a program: `given` (a file, or a folder that has it), else where it usually is, beside this tool
 /// first.
@@ -40,4 +43,39 @@ fn in_one_of(folders: Vec<PathBuf>) -> Result<PathBuf, ExecError> {
 
 fn not_a_library(file: &Path, reason: String) -> ExecError {
     ExecError::NotALibrary { file: file.to_owned(), reason }
+}
+
+/// A folder where the system looks first and finds the library, and one of this process alone that goes when this is
+/// dropped.
+pub struct LibraryFolder {
+    folder: TempDir,
+    library: PathBuf,
+}
+
+impl LibraryFolder {
+    /// Makes it in the system's folder for such things (`TMPDIR`, on Windows `TMP`).
+    pub fn make(library: &Path) -> Result<Self, ExecError> {
+        Ok(Self { folder: system::folder(library)?, library: library.to_owned() })
+    }
+
+    /// The library's file.
+    pub fn library(&self) -> &Path {
+        &self.library
+    }
+
+    /// The file that the library makes when the program opens a board.
+    pub fn opened(&self) -> PathBuf {
+        self.folder.path().join(".opened")
+    }
+
+    /// The search path with the library's folder in front of what is there.
+    pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
+        let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();
+        // An empty path would add an empty entry, which means the current folder on Linux.
+        if let Some(path) = path.filter(|path| !path.is_empty()) {
+            all.push(system::SEPARATOR);
+            all.push(path);
+        }
+        all
+    }
 }

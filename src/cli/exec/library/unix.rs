@@ -1,6 +1,5 @@
 //! As the dynamic linker of Linux finds a library.
 
-use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
@@ -20,6 +19,8 @@ const SONAME: &str = "libNEXTWUSBLib.so.0";
 pub const NAMES: &[&str] = &[FILE_NAME, SONAME];
 /// The folders that the dynamic linker looks into before its own.
 pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
+/// Stands between two of them.
+pub const SEPARATOR: &str = ":";
 /// What to do about a program that has opened no board.
 pub const UNOPENED: &str =
     "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library";
@@ -48,56 +49,31 @@ pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
     }
 }
 
-/// A folder of this process alone that has the library under both its names, and its configuration if there is one. It
-/// goes when this is dropped.
-pub struct LibraryFolder {
-    folder: TempDir,
-    library: PathBuf,
+/// A folder of this process alone that has the library under both its names, and its configuration if there is one.
+pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
+    let place = std::env::temp_dir();
+    let failed = |source| ExecError::Folder { place: place.clone(), source };
+    // The program may change its folder.
+    let place = std::path::absolute(&place).map_err(failed)?;
+    let failed = |source| ExecError::Folder { place: place.clone(), source };
+    if place.as_os_str().as_bytes().iter().any(|byte| b":;$".contains(byte)) {
+        return Err(ExecError::UnlinkableFolder { folder: place });
+    }
+    let private = fs::Permissions::from_mode(0o700);
+    let folder = tempfile::Builder::new().prefix("ecmsk-exec-").permissions(private).tempdir_in(&place);
+    let folder = folder.map_err(failed)?;
+    for name in [SONAME, FILE_NAME] {
+        symlink(library, folder.path().join(name)).map_err(failed)?;
+    }
+    // The library looks for it beside the name that it was loaded by.
+    let configuration = library.with_file_name(config::FILE);
+    if configuration.exists() {
+        symlink(configuration, folder.path().join(config::FILE)).map_err(failed)?;
+    }
+    Ok(folder)
 }
 
-impl LibraryFolder {
-    /// Makes it in the system's folder for such things (`TMPDIR`).
-    pub fn make(library: &Path) -> Result<Self, ExecError> {
-        let place = std::env::temp_dir();
-        let failed = |source| ExecError::Folder { place: place.clone(), source };
-        // The program may change its folder.
-        let place = std::path::absolute(&place).map_err(failed)?;
-        let failed = |source| ExecError::Folder { place: place.clone(), source };
-        if place.as_os_str().as_bytes().iter().any(|byte| b":;$".contains(byte)) {
-            return Err(ExecError::UnlinkableFolder { folder: place });
-        }
-        let private = fs::Permissions::from_mode(0o700);
-        let folder = tempfile::Builder::new().prefix("ecmsk-exec-").permissions(private).tempdir_in(&place);
-        let folder = folder.map_err(failed)?;
-        for name in [SONAME, FILE_NAME] {
-            symlink(library, folder.path().join(name)).map_err(failed)?;
-        }
-        // The library looks for it beside the name that it was loaded by.
-        let configuration = library.with_file_name(config::FILE);
-        if configuration.exists() {
-            symlink(configuration, folder.path().join(config::FILE)).map_err(failed)?;
-        }
-        Ok(Self { folder, library: library.to_owned() })
-    }
-
-    /// The library's file.
-    pub fn library(&self) -> &Path {
-        &self.library
-    }
-
-    /// The file that the library makes when the program opens a board.
-    pub fn opened(&self) -> PathBuf {
-        self.folder.path().join(".opened")
-    }
-
-    /// The search path with this folder in front of what is there.
-    pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
-        let mut all = self.folder.path().as_os_str().to_owned();
-        // An empty path would add an empty entry, which means the current folder.
-        if let Some(path) = path.filter(|path| !path.is_empty()) {
-            all.push(":");
-            all.push(path);
-        }
-        all
-    }
+/// What the dynamic linker is to look into first.
+pub fn first<'a>(folder: &'a Path, _library: &'a Path) -> &'a Path {
+    folder
 }

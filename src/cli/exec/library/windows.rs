@@ -1,6 +1,5 @@
 //! As Windows finds a library: beside the program first, then in the system's folders, then in those of `PATH`.
 
-use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
@@ -15,6 +14,8 @@ pub const FILE_NAME: &str = "NEXTWUSBLib.dll";
 pub const NAMES: &[&str] = &[FILE_NAME];
 /// The folders that Windows looks into last.
 pub const SEARCH_PATH: &str = "PATH";
+/// Stands between two of them.
+pub const SEPARATOR: &str = ";";
 /// What to do about a program that has opened no board.
 pub const UNOPENED: &str =
     "if it should have, see by `ecmsk doctor DIR` which NEXTWUSBLib.dll it has in its folder DIR";
@@ -57,42 +58,19 @@ fn width_of(program: &Path) -> Option<Width> {
     Some(Image::read(&file).ok()?.width)
 }
 
-/// The library where it is, and a folder of this process alone for the word that it was used. It goes when this is dropped.
-pub struct LibraryFolder {
-    folder: TempDir,
-    library: PathBuf,
+/// A folder of this process alone for the word that the library was used; the library stays where it is.
+pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
+    let place = std::env::temp_dir();
+    let failed = |source| ExecError::Folder { place: place.clone(), source };
+    let folder = tempfile::Builder::new().prefix("ecmsk-exec-").tempdir_in(&place).map_err(failed)?;
+    let beside = first(folder.path(), library);
+    if beside.as_os_str().as_encoded_bytes().iter().any(|byte| b";\"".contains(byte)) {
+        return Err(ExecError::UnlinkableFolder { folder: beside.to_owned() });
+    }
+    Ok(folder)
 }
 
-impl LibraryFolder {
-    /// Makes it in the system's folder for such things (`TMP`).
-    pub fn make(library: &Path) -> Result<Self, ExecError> {
-        let place = std::env::temp_dir();
-        let failed = |source| ExecError::Folder { place: place.clone(), source };
-        let folder = tempfile::Builder::new().prefix("ecmsk-exec-").tempdir_in(&place).map_err(failed)?;
-        let beside = library.parent().unwrap_or(Path::new("\\"));
-        if beside.as_os_str().as_encoded_bytes().iter().any(|byte| b";\"".contains(byte)) {
-            return Err(ExecError::UnlinkableFolder { folder: beside.to_owned() });
-        }
-        Ok(Self { folder, library: library.to_owned() })
-    }
-
-    /// The library's file.
-    pub fn library(&self) -> &Path {
-        &self.library
-    }
-
-    /// The file that the library makes when the program opens a board.
-    pub fn opened(&self) -> PathBuf {
-        self.folder.path().join(".opened")
-    }
-
-    /// The search path with the library's folder in front of what is there.
-    pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
-        let mut all = self.library.parent().unwrap_or(Path::new("\\")).as_os_str().to_owned();
-        if let Some(path) = path.filter(|path| !path.is_empty()) {
-            all.push(";");
-            all.push(path);
-        }
-        all
-    }
+/// What Windows is to look into first.
+pub fn first<'a>(_folder: &'a Path, library: &'a Path) -> &'a Path {
+    library.parent().unwrap_or(Path::new("\\"))
 }

@@ -31,7 +31,14 @@ struct Part {
     name: &'static str,
     /// Without these the part is skipped.
     needs: &'static [Need],
+    /// Whether tests of this name, or of a part of it, are its own.
+    takes: fn(&str) -> bool,
     run: fn(&Site) -> Result<(), Error>,
+}
+
+/// A part that takes all names there are.
+const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> Result<(), Error>) -> Part {
+    Part { name, needs, takes: |_| true, run }
 }
 
 /// What a part works with.
@@ -39,29 +46,29 @@ struct Site<'a> {
     project: &'a Project,
     /// Of all that the parts need, what is not there.
     missing: &'a [Need],
-    /// Of the tests of a part that can choose those alone.
-    names: &'a [String],
+    /// Of the tests of a part that can choose those alone, all if there are none.
+    names: Vec<String>,
 }
 
 const PARTS: &[Part] = &[
-    Part { name: "format", needs: &[RUSTFMT], run: format },
-    Part { name: "lints", needs: &[CLIPPY], run: lints },
-    Part { name: "small builds", needs: &[], run: small_builds },
-    Part { name: "documentation", needs: &[], run: documentation },
-    Part { name: "rules and features", needs: &[], run: rules },
-    Part { name: "fuzz targets compile", needs: &[CXX], run: fuzz_targets },
-    Part { name: "library, headers and tool in place", needs: &[], run: staged },
-    Part { name: "tests", needs: &[], run: tests },
+    part("format", &[RUSTFMT], format),
+    part("lints", &[CLIPPY], lints),
+    part("small builds", &[], small_builds),
+    part("documentation", &[], documentation),
+    part("rules and features", &[], rules),
+    part("fuzz targets compile", &[CXX], fuzz_targets),
+    part("library, headers and tool in place", &[], staged),
+    part("tests", &[], tests),
 ];
 
 /// What `--all` adds.
 const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
-    Part { name: "wire tests in a guest", needs: rig::NEEDS, run: |site| rig::run(site.project, site.names) },
+    part("wire tests in a guest", rig::NEEDS, |site| rig::run(site.project, &site.names)),
     WINDOWS[0],
     WINDOWS[1],
     WINDOWS[2],
     WINDOWS[3],
-    Part { name: "packages", needs: dist::TEST_NEEDS, run: |site| dist::test(site.project) },
+    part("packages", dist::TEST_NEEDS, |site| dist::test(site.project)),
 ];
 
 /// What `--all` leaves to `cargo xtask dist --check`: everything would be compiled twice.
@@ -75,27 +82,32 @@ const WINDOWS: [Part; 5] = [
     Part {
         name: "64-bit Windows programs under Wine",
         needs: windows::NEEDS_X64,
-        run: |site| windows::test(site.project, Width::X64, site.names),
+        takes: |name| windows::takes(Width::X64, name),
+        run: |site| windows::test(site.project, Width::X64, &site.names),
     },
     Part {
         name: "32-bit Windows programs under Wine",
         needs: windows::NEEDS_X86,
-        run: |site| windows::test(site.project, Width::X86, site.names),
+        takes: |name| windows::takes(Width::X86, name),
+        run: |site| windows::test(site.project, Width::X86, &site.names),
     },
     Part {
         name: "64-bit .NET programs on .NET Core for Windows under Wine",
         needs: windows::NEEDS_DOTNET_X64,
-        run: |site| windows::dotnet::test(site.project, Width::X64, site.names),
+        takes: |name| windows::dotnet::takes(Width::X64, name),
+        run: |site| windows::dotnet::test(site.project, Width::X64, &site.names),
     },
     Part {
         name: "32-bit .NET programs on .NET Core for Windows under Wine",
         needs: windows::NEEDS_DOTNET_X86,
-        run: |site| windows::dotnet::test(site.project, Width::X86, site.names),
+        takes: |name| windows::dotnet::takes(Width::X86, name),
+        run: |site| windows::dotnet::test(site.project, Width::X86, &site.names),
     },
     Part {
         name: "Windows programs on USB, in a guest",
         needs: windows::NEEDS_USB,
-        run: |site| windows::usb::test(site.project, site.names),
+        takes: windows::usb::takes,
+        run: |site| windows::usb::test(site.project, &site.names),
     },
 ];
 
@@ -130,11 +142,12 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     }
     let beyond = if arguments.all { PARTS_BEYOND_THIS_MACHINE } else { &[] };
     let (parts, gates) = if arguments.windows { (&WINDOWS[..], &[][..]) } else { (PARTS, GATES) };
-    let parts: Vec<&Part> = parts.iter().chain(beyond).collect();
+    let asked = |part: &&Part| arguments.names.is_empty() || arguments.names.iter().any(|name| (part.takes)(name));
+    let parts: Vec<&Part> = parts.iter().chain(beyond).filter(asked).collect();
 
     let needed = parts.iter().flat_map(|part| part.needs).chain(gates.iter().flat_map(|gate| gate.needs));
     let missing = needs::set_up(project, &needed.copied().collect::<Vec<Need>>());
-    let site = Site { project, missing: &missing, names: &arguments.names };
+    let mut site = Site { project, missing: &missing, names: Vec::new() };
 
     let begin = Instant::now();
     let mut skipped = Vec::new();
@@ -147,6 +160,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
             continue;
         }
         println!("{title} ...");
+        site.names = arguments.names.iter().filter(|name| (part.takes)(name)).cloned().collect();
         let started = Instant::now();
         let result = (part.run)(&site);
         let verdict = if result.is_ok() { "passed" } else { "FAILED" };
@@ -235,7 +249,17 @@ mod tests {
     use super::*;
 
     fn site<'a>(project: &'a Project, missing: &'a [Need]) -> Site<'a> {
-        Site { project, missing, names: &[] }
+        Site { project, missing, names: Vec::new() }
+    }
+
+    #[test]
+    fn a_name_goes_to_the_parts_that_have_it() {
+        let takers = |name: &str| WINDOWS.iter().map(|part| (part.takes)(name)).collect::<Vec<_>>();
+        assert_eq!(takers("boards::x64::a"), [false, false, false, false, true]);
+        assert_eq!(takers("a"), [true, true, false, false, false]);
+        assert_eq!(takers("x86::a"), [false, true, false, false, false]);
+        assert_eq!(takers("dotnet::a"), [false, false, true, true, false]);
+        assert_eq!(takers("dotnet::x64::a"), [false, false, true, false, false]);
     }
 
     #[test]

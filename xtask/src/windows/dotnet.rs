@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::wine::{self, Wine};
-use super::{Width, asked_for, build_width, folder, run_tests};
+use super::{Width, build_width, folder, run_tests};
 use crate::command;
 use crate::dotnet;
 use crate::error::Error;
@@ -33,6 +33,11 @@ const VB_OPTIONS: [&str; 8] = [
 /// Mono's libraries, which are those of .NET Framework 4 by their names.
 const MONO: &str = "/usr/lib/mono/4.5";
 
+/// Whether a name of a test may be one of the tests of a width here.
+pub fn takes(width: Width, name: &str) -> bool {
+    width.has(name) && is_of_it(name)
+}
+
 /// Whether a name of a test is one of those here.
 pub fn is_of_it(name: &str) -> bool {
     name.starts_with(MODULE)
@@ -40,10 +45,8 @@ pub fn is_of_it(name: &str) -> bool {
 
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
-    let Some(mut names) = asked_for(names, |name| width.has(name) && is_of_it(name)) else { return Ok(()) };
-    if names.is_empty() {
-        names.push(MODULE.to_owned());
-    }
+    let all = [MODULE.to_owned()];
+    let names = if names.is_empty() { &all } else { names };
     let wine = wine::set_up(project, width)?;
     let dotnet = runtime(project, width, &wine)?;
     let prefix = folder(project).join("stage");
@@ -54,7 +57,7 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     if width == Width::X64 {
         compile_vb(project, &wine, &dotnet, &compiled, &out.join("vb"))?;
     }
-    run_tests(project, width, &names, &[], |cargo| {
+    run_tests(project, width, names, &[], |cargo| {
         cargo.env("ECMSK_WINDOWS_STAGE", &prefix).env("ECMSK_WINE", &wine.script);
         cargo.env("ECMSK_WINE_PROGRAMS", &wine.programs).env("ECMSK_WINE_DOTNET", &dotnet);
         cargo.env("ECMSK_VB_PROGRAMS", out.join("vb")).env("ECMSK_DOTNET", DOTNET_CORE_3.program(project));

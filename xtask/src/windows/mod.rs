@@ -142,20 +142,17 @@ fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Err
     stage::install_headers(project, &prefix.join("include"))
 }
 
-/// Of `names` those of a part; `None`: there are names, and none of them is.
-fn asked_for(names: &[String], is_of_it: impl Fn(&str) -> bool) -> Option<Vec<String>> {
-    let own: Vec<String> = names.iter().filter(|name| is_of_it(name)).cloned().collect();
-    (names.is_empty() || !own.is_empty()).then_some(own)
+/// Whether a name of a test may be one of the tests of a width.
+pub fn takes(width: Width, name: &str) -> bool {
+    width.has(name) && !usb::takes(name) && !dotnet::is_of_it(name)
 }
 
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
-    let is_of_it = |name: &str| width.has(name) && !usb::is_of_it(name) && !dotnet::is_of_it(name);
-    let Some(names) = asked_for(names, is_of_it) else { return Ok(()) };
     let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;
-    run_tests(project, width, &names, &[dotnet::MODULE], |cargo| {
+    run_tests(project, width, names, &[dotnet::MODULE], |cargo| {
         cargo.env("ECMSK_WINDOWS_STAGE", &prefix);
         cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs);
     })

@@ -6,7 +6,6 @@
 //! (an exported symbol that is not listed fails there). For a DLL the list is the module definition: names without
 //! decoration, and ordinals in its order.
 
-use std::process::Command;
 use std::{env, error::Error, fmt::Write as _, fs, path::Path};
 
 /// Changes with the binary interface, and only then.
@@ -39,7 +38,6 @@ fn main() -> Result<(), Box<dyn Error>> {
                 // As in memory, so that the file can be mapped as it is. Otherwise Wine reads and copies all of it, which makes
                 // loading it 20 times as long.
                 println!("cargo:rustc-cdylib-link-arg=-Wl,--file-alignment,{PAGE}");
-                println!("cargo:rustc-cdylib-link-arg={}", version_resource(out)?);
             }
         }
         _ => {}
@@ -62,53 +60,4 @@ fn module_definition(names: &[&str]) -> Result<String, Box<dyn Error>> {
         writeln!(definition, "    {name} @{}", at + 1)?;
     }
     Ok(definition)
-}
-
-/// What Windows shows of the file under Details, as an object for the linker.
-fn version_resource(out: &Path) -> Result<String, Box<dyn Error>> {
-    let number = |part: &str| env::var(format!("CARGO_PKG_VERSION_{part}"));
-    let numbers = format!("{},{},{},0", number("MAJOR")?, number("MINOR")?, number("PATCH")?);
-    let version = env::var("CARGO_PKG_VERSION")?;
-    let description = env::var("CARGO_PKG_DESCRIPTION")?;
-    let resource = format!(
-        r#"1 VERSIONINFO
-FILEVERSION {numbers}
-PRODUCTVERSION {numbers}
-FILEOS 0x40004
-FILETYPE 2
-BEGIN
-  BLOCK "StringFileInfo"
-  BEGIN
-    BLOCK "040904B0"
-    BEGIN
-      VALUE "CompanyName", "ecmsk"
-      VALUE "FileDescription", "{description}"
-      VALUE "FileVersion", "{version}"
-      VALUE "InternalName", "NEXTWUSBLib"
-      VALUE "LegalCopyright", "MIT OR Apache-2.0"
-      VALUE "OriginalFilename", "{DLL}"
-      VALUE "ProductName", "ecmsk"
-      VALUE "ProductVersion", "{version}"
-    END
-  END
-  BLOCK "VarFileInfo"
-  BEGIN
-    VALUE "Translation", 0x0409, 0x04B0
-  END
-END
-"#
-    );
-    let (source, object) = (out.join("version.rc"), out.join("version.o"));
-    fs::write(&source, resource)?;
-    let machine = match env::var("CARGO_CFG_TARGET_ARCH")?.as_str() {
-        "x86" => "i686".to_owned(),
-        other => other.to_owned(),
-    };
-    let windres = format!("{machine}-w64-mingw32-windres");
-    let status = Command::new(&windres).arg(&source).arg(&object).status();
-    let status = status.map_err(|error| format!("cannot start {windres} ({error}); it is part of MinGW's binutils"))?;
-    if !status.success() {
-        return Err(format!("{windres} {} failed ({status})", source.display()).into());
-    }
-    Ok(object.display().to_string())
 }

@@ -132,21 +132,23 @@ crate::for_each_width! {
         assert!(places.len() > 5 && places.iter().all(|place| place % 4096 == 0), "{places:x?}");
     }
 
-    /// WIN-3 Windows shows whose it is and its version.
+    /// WIN-3 Windows shows whose the files are, and their version.
     #[test]
-    fn the_file_has_a_version(width: Width) {
-        let bytes = width.dll();
+    fn the_files_have_a_version(width: Width) {
         let wide = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>();
         let has = |bytes: &[u8], part: &[u8]| bytes.windows(part.len()).any(|window| window == part);
-        for text in ["VS_VERSION_INFO", "OriginalFilename", "NEXTWUSBLib.dll", env!("CARGO_PKG_VERSION")] {
-            assert!(has(&bytes, &wide(text)), "{text}");
-        }
-        // Signature of VS_FIXEDFILEINFO, its own version, and the file's.
         let number = |part: &str| part.parse::<u32>().expect("a number");
         let high = number(env!("CARGO_PKG_VERSION_MAJOR")) << 16 | number(env!("CARGO_PKG_VERSION_MINOR"));
         let low = number(env!("CARGO_PKG_VERSION_PATCH")) << 16;
+        // Signature of VS_FIXEDFILEINFO, its own version, and the file's.
         let fixed: Vec<u8> = [0xFEEF_04BD_u32, 0x1_0000, high, low].into_iter().flat_map(u32::to_le_bytes).collect();
-        assert!(has(&bytes, &fixed));
+        for file in ["NEXTWUSBLib.dll", "ecmsk.exe"] {
+            let bytes = std::fs::read(width.stage().join(file)).expect("a file of the stage");
+            for text in ["VS_VERSION_INFO", "OriginalFilename", file, env!("CARGO_PKG_VERSION")] {
+                assert!(has(&bytes, &wide(text)), "{file}: {text}");
+            }
+            assert!(has(&bytes, &fixed), "{file}");
+        }
     }
 
     /// WIN-4 Neither file nor import libraries name a path of the machine that built them.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
+use super::version::{self, Kind};
 use super::{Width, folder, relocations};
 use crate::command;
 use crate::error::Error;
@@ -11,6 +12,8 @@ use crate::project::Project;
 
 /// The library's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";
+const DETAILS: version::File =
+    version::File { name: DLL, description: "The ECM-SK's library, of the project ecmsk", kind: Kind::Library };
 /// Cargo's profile for it.
 pub const PROFILE: &str = "windows";
 /// Debian's programs, whatever rustup has put in front of them.
@@ -27,12 +30,18 @@ pub fn build(project: &Project, width: Width, place: &Path) -> Result<(), Error>
     // The DLL alone: not the archive, and not the crate that the bench links.
     cargo.args(["rustc", "--package=NEXTWUSBLib", "--lib", "--crate-type=cdylib", "--profile", PROFILE]);
     println!("building {DLL} for {}", width.name());
-    command::run(cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]))?;
+    cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]);
+    command::run(cargo.arg("--").arg(linked(&DETAILS.object(width, &target.join(width.name()))?)))?;
     let built = target.join(width.target()).join(PROFILE).join(DLL);
     let mut dll = fs::read(&built).map_err(Error::file("read", &built))?;
     relocations::mend(&mut dll).map_err(|what| Error::Dll { path: built, what })?;
     let to = place.join(DLL);
     fs::write(&to, dll).map_err(Error::file("write", &to))
+}
+
+/// What tells rustc to link an object.
+pub fn linked(object: &Path) -> String {
+    format!("-Clink-arg={}", object.display())
 }
 
 /// cargo, set up for a width; its verb and arguments are to follow.

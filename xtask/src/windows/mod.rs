@@ -11,6 +11,7 @@ mod implib;
 mod relocations;
 mod tool;
 pub mod usb;
+mod version;
 mod wine;
 
 use std::path::{Path, PathBuf};

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use super::dll::{self, PROFILE};
+use super::version::{self, Kind};
 use super::{Width, folder, relocations};
 use crate::command;
 use crate::error::Error;
@@ -11,6 +12,7 @@ use crate::project::Project;
 
 /// Its file.
 pub const TOOL: &str = "ecmsk.exe";
+const DETAILS: version::File = version::File { name: TOOL, description: "Tool for ECM-SK boards", kind: Kind::Program };
 
 /// Builds the tool of one width into `place`.
 pub fn build(project: &Project, width: Width, place: &Path) -> Result<(), Error> {
@@ -18,7 +20,8 @@ pub fn build(project: &Project, width: Width, place: &Path) -> Result<(), Error>
     let mut cargo = dll::cargo(project, width, &target)?;
     cargo.args(["rustc", "--package=ecmsk", "--bin=ecmsk", "--profile", PROFILE]);
     println!("building {TOOL} for {}", width.name());
-    command::run(cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]))?;
+    cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]);
+    command::run(cargo.arg("--").arg(dll::linked(&DETAILS.object(width, &target.join(width.name()))?)))?;
     let built = target.join(width.target()).join(PROFILE).join(TOOL);
     let mut tool = fs::read(&built).map_err(Error::file("read", &built))?;
     relocations::mend(&mut tool).map_err(|what| Error::Dll { path: built, what })?;

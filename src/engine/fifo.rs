@@ -1,14 +1,15 @@
 //! The command FIFO of OP (SK-5): 160 frames, a threshold, a full count.
 
+use std::collections::VecDeque;
+
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
 /// Frames waiting for their cycle.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct CommandFifo {
-    ring: Vec<Frame>,
-    head: usize,
-    len: u16,
+    /// Has room for all there can be.
+    waiting: VecDeque<Frame>,
     threshold: u16,
     full_count: u16,
     /// Nothing is taken out, whatever the threshold says.
@@ -21,18 +22,21 @@ const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 impl CommandFifo {
     pub(super) fn new() -> Self {
         Self {
-            ring: vec![Frame::new(); FIFO_ENTRIES as usize],
-            head: 0,
-            len: 0,
+            waiting: VecDeque::with_capacity(FIFO_ENTRIES.into()),
             threshold: DEFAULT_THRESHOLD,
             full_count: 0,
             held: false,
         }
     }
 
+    /// Never more than [`FIFO_ENTRIES`].
+    fn len(&self) -> u16 {
+        self.waiting.len() as u16
+    }
+
     /// Entries that could still come, when `ahead` of those taken out have not been sent yet.
-    pub(super) const fn free(&self, ahead: u16) -> u16 {
-        FIFO_ENTRIES.saturating_sub(self.len + ahead)
+    pub(super) fn free(&self, ahead: u16) -> u16 {
+        FIFO_ENTRIES.saturating_sub(self.len() + ahead)
     }
 
     /// The count of slot 0, bytes 10..11; wraps.
@@ -46,21 +50,18 @@ impl CommandFifo {
             self.full_count = self.full_count.wrapping_add(firmware.full_count_step(size));
             return false;
         }
-        let at = (self.head + self.len as usize) % self.ring.len();
-        self.ring[at].clone_from(frame);
-        self.len += 1;
+        self.waiting.push_back(frame.clone());
         true
     }
 
     /// The next entry to execute, copied to `out`; false while there is none or the threshold holds it back.
     pub(super) fn take(&mut self, ahead: u16, out: &mut Frame) -> bool {
-        if self.held || self.len == 0 || self.free(ahead) >= self.threshold {
+        if self.held || self.free(ahead) >= self.threshold {
             return false;
         }
+        let Some(next) = self.waiting.pop_front() else { return false };
         self.threshold = DEFAULT_THRESHOLD;
-        out.clone_from(&self.ring[self.head]);
-        self.head = (self.head + 1) % self.ring.len();
-        self.len -= 1;
+        *out = next;
         true
     }
 
@@ -83,6 +84,8 @@ impl CommandFifo {
     /// SET_FIFO 1: content and threshold go, the full count stays. Says how many entries went.
     pub(super) fn clear(&mut self) -> u16 {
         self.threshold = DEFAULT_THRESHOLD;
-        std::mem::take(&mut self.len)
+        let gone = self.len();
+        self.waiting.clear();
+        gone
     }
 }

@@ -68,8 +68,11 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if links.is_empty() {
         say(
             "note",
-            &"no board on USB and no SPI device; plug it in, set CONFIG0 to USB, and give it power enough, or simulate one: \
-              --link 'sim:?slaves=drive*2'",
+            &format!(
+                "{}; plug it in, set CONFIG0 to USB, and give it power enough, or simulate one: \
+                 --link 'sim:?slaves=drive*2'",
+                system::NONE
+            ),
         );
     }
     let missing = |scheme: &Scheme| !scheme.in_build() && links.iter().any(|row| row.scheme == *scheme);

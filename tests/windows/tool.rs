@@ -126,7 +126,7 @@ crate::for_each_width! {
         let folder = folder(width, "tool-doctor");
         let list = there(&folder, &["list"]);
         assert_eq!((list.status.code(), list.stdout.as_str()), (Some(1), ""));
-        assert!(list.stderr.starts_with("note: no board on USB"), "{}", list.stderr);
+        assert!(list.stderr.starts_with("note: no board on USB; plug it in"), "{}", list.stderr);
 
         let mut doctor = folder.command(TOOL, "sim:?slaves=drive*2");
         let doctor = support::run(doctor.args(["doctor", "--json"]));

@@ -60,6 +60,8 @@ pub enum Error {
         "what is shipped cannot be listed: {0}; is Cargo.lock that of this tree? `cargo metadata --locked` says more"
     )]
     Sbom(String),
+    #[error("cannot keep the bench on one processor ({0}); start it by `taskset --cpu-list 0`")]
+    Processor(rustix::io::Errno),
     #[error("no test has {names} in its name")]
     NoTest { names: String },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]

@@ -68,14 +68,12 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     WINDOWS[1],
     WINDOWS[2],
     WINDOWS[3],
+    WINDOWS[4],
     part("packages", dist::TEST_NEEDS, |site| dist::test(site.project)),
 ];
 
 /// What `--all` leaves to `cargo xtask dist --check`: everything would be compiled twice.
 const LEFT_TO_DIST: &str = "the packages made twice, to the same bytes";
-
-/// What `--all` leaves to `--windows`: its guest follows the real clock, and on a busy machine that takes its time.
-const LEFT_TO_WINDOWS: Part = WINDOWS[4];
 
 /// What `--windows` runs alone.
 const WINDOWS: [Part; 5] = [
@@ -172,10 +170,6 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 
     println!("\nall that ran passed, in {}", seconds(begin.elapsed()));
     if arguments.all {
-        println!(
-            "not in --all, for a machine that does nothing else: {}; cargo xtask test --windows",
-            LEFT_TO_WINDOWS.name
-        );
         println!("not in --all, since it compiles everything twice: {LEFT_TO_DIST}; cargo xtask dist --check");
     }
     if !skipped.is_empty() {

@@ -11,6 +11,9 @@ use serde_json::json;
 
 use super::Row;
 
+/// What there is when there is nothing.
+pub const NONE: &str = "no board on USB and no SPI device";
+
 #[derive(clap::Args)]
 pub struct SystemArgs {
     /// The folder that /sys, /proc, /dev and /etc are below

@@ -6,6 +6,9 @@ use serde_json::json;
 
 use super::Row;
 
+/// What there is when there is nothing.
+pub const NONE: &str = "no board on USB";
+
 // There is nothing to say. (A comment for rustdoc would be the verb's help.)
 #[derive(clap::Args)]
 pub struct SystemArgs {}

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 pub use device::{Device, Places};
 pub use lines::LinePlace;
+use rustix::io::Errno;
 
 /// The wires to one device. Nobody else uses them.
 pub trait Wires: Send {
@@ -63,6 +64,14 @@ pub enum WireError {
         /// What.
         what: String,
     },
+    /// It is there and something else.
+    #[error("{what} is no device of that kind; {there}")]
+    Another {
+        /// What.
+        what: String,
+        /// What there is instead, for the user.
+        there: String,
+    },
     /// Somebody else has it.
     #[error("{what} is in use{by}")]
     InUse {
@@ -87,6 +96,10 @@ impl WireError {
         use std::io::ErrorKind::{NotFound, PermissionDenied, ResourceBusy, WouldBlock};
 
         let what = what.to_owned();
+        let is_another = [Errno::NOTTY, Errno::ISDIR].map(|errno| Some(errno.raw_os_error()));
+        if is_another.contains(&error.raw_os_error()) {
+            return Self::Another { what, there: there() };
+        }
         match error.kind() {
             NotFound => Self::Missing { what, there: there() },
             PermissionDenied => Self::Denied { what },
@@ -121,6 +134,9 @@ mod tests {
         let what = || "/dev/x".to_owned();
         assert_eq!(of(ErrorKind::PermissionDenied), WireError::Denied { what: what() });
         assert_eq!(of(ErrorKind::NotFound), WireError::Missing { what: what(), there: "there is /dev/y".to_owned() });
+        let another = Error::from(Errno::NOTTY);
+        let another = WireError::of("/dev/x", &another, || "there is /dev/y".to_owned());
+        assert_eq!(another, WireError::Another { what: what(), there: "there is /dev/y".to_owned() });
         for taken in [ErrorKind::ResourceBusy, ErrorKind::WouldBlock] {
             assert!(matches!(of(taken), WireError::InUse { .. }));
         }

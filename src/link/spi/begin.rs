@@ -118,6 +118,7 @@ pub(super) fn refused(name: &str, error: WireError) -> LinkError {
         WireError::Missing { .. } => no_board(format!(
             "{error}; switch SPI on in the system (a device tree overlay, e.g. dtparam=spi=on), or correct the link"
         )),
+        WireError::Another { .. } => no_board(format!("{error}; correct the link")),
         WireError::Denied { .. } => {
             no_board(format!("{error}; add the user to the groups of the devices (spi, gpio), or be root"))
         }
@@ -147,6 +148,8 @@ mod tests {
         assert!(denied.to_string().contains("line 25 of /dev/gpiochip0 may not be used by this user; add the user to"));
         let missing = said(WireError::Missing { what: what(), there: "it has lines 0 to 7".to_owned() });
         assert!(missing.to_string().contains("is not there; it has lines 0 to 7; switch SPI on"), "{missing}");
+        let another = said(WireError::Another { what: "/dev/null".to_owned(), there: "there is y".to_owned() });
+        assert!(another.to_string().ends_with("/dev/null is no device of that kind; there is y; correct the link"));
         let used = said(WireError::InUse { what: what(), by: " by a driver".to_owned() });
         assert!(
             matches!(&used, LinkError::InUse { by, .. } if by == " by a driver (line 25 of /dev/gpiochip0)"),

@@ -2,6 +2,7 @@
 //! Wine can show it.
 
 use ecmsk::link::Dir;
+use serde_json::{Value, json};
 
 use crate::program::{Program, Width, passes};
 use crate::served::{Board, Served, recorded, until};
@@ -124,6 +125,28 @@ crate::for_each_width! {
     fn a_board_that_is_busy(width: Width) {
         let served = plugged(&format!("{BOARD}&fault.delay.write=1&fault.delay_ms=3600000"));
         passes(width, "board", "usb:?write_timeout_ms=1000", &["busy"]);
+        unplug(served);
+    }
+
+    /// WIN-64 `list` names the link of a board that is there, by which the tool opens it, and `doctor` says that it can be
+    /// opened.
+    #[test]
+    fn the_tool_finds_a_board(width: Width) {
+        let served = Served::start(&["sim:?slaves=drive*2"], &["--attach", "--serial", "A-7"]);
+        until("the kernel shows it", || Board::all().pop());
+        let tool = |link: &str, arguments: &[&str]| -> Vec<Value> {
+            let lines = Program::start(width, "ecmsk", link, arguments).all();
+            lines.iter().map(|line| serde_json::from_str(line).expect("a JSON object a line")).collect()
+        };
+        let listed = tool("", &["list", "--json"]);
+        assert_eq!(listed.len(), 1, "{listed:?}");
+        assert_eq!((&listed[0]["serial"], &listed[0]["can_open"]), (&json!("A-7"), &json!(true)));
+        let link = listed[0]["link"].as_str().expect("a link");
+        let info = tool(link, &["info", "--json"]);
+        assert_eq!((&info[0]["state"], &info[0]["slot_bytes"]), (&json!("PreOP"), &json!(12)), "{info:?}");
+        let findings = tool("usb:", &["doctor", "--quick", "--json"]);
+        let board = findings.iter().find(|finding| finding["check"] == "usb-board").expect("a finding of it");
+        assert!(board["state"] == "ok" && board["found"].as_str().is_some_and(|found| found.contains("serial A-7")));
         unplug(served);
     }
 }

@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{self, Receiver};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 
 use crate::served::PATIENCE;
@@ -65,6 +65,21 @@ impl Program {
         }
     }
 
+    /// What it says until it ends well, without a complaint.
+    #[track_caller]
+    pub fn all(mut self) -> Vec<String> {
+        let mut all = Vec::new();
+        loop {
+            match self.lines.recv_timeout(PATIENCE) {
+                Ok(line) => all.push(line),
+                Err(RecvTimeoutError::Disconnected) => break,
+                Err(why) => panic!("{}: no end ({why}): {}", self.what, complaints()),
+            }
+        }
+        self.ends_well();
+        all
+    }
+
     /// Tells it something.
     pub fn tell(&self, file: &str) {
         fs::write(self.folder.join(file), "").expect("its folder is there");
@@ -74,6 +89,11 @@ impl Program {
     #[track_caller]
     pub fn passes(mut self) {
         self.says("ok");
+        self.ends_well();
+    }
+
+    #[track_caller]
+    fn ends_well(&mut self) {
         let status = self.child.wait().expect("it ends");
         assert!(status.success(), "{}: {status}: {}", self.what, complaints());
         assert_eq!(complaints(), "", "{}", self.what);

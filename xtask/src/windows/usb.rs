@@ -106,7 +106,7 @@ fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
     Ok(wine.root())
 }
 
-/// What the guest sees at `/rig`: the tests, the tool, and of each width the programs and the DLL.
+/// What the guest sees at `/rig`: the tests, the tool, and of each width the programs, the DLL and the tool again.
 fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
     let (stage, share) = (super::folder(project).join("stage"), folder.join("share"));
     packages::empty(&share)?;
@@ -114,8 +114,10 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
         build_width(project, width, &stage)?;
         let place = share.join(width.name());
         fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
-        let dll = stage.join(width.name()).join(super::dll::DLL);
-        fs::copy(&dll, place.join(super::dll::DLL)).map_err(Error::file("copy", &dll))?;
+        for file in [super::dll::DLL, super::tool::TOOL] {
+            let built = stage.join(width.name()).join(file);
+            fs::copy(&built, place.join(file)).map_err(Error::file("copy", &built))?;
+        }
         for source in PROGRAMS.map(|source| project.root.join(source)) {
             let program = place.join(source.file_stem().unwrap_or_default()).with_extension("exe");
             let mut gcc = Command::new(format!("{}-gcc-posix", width.mingw()));

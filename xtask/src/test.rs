@@ -41,6 +41,14 @@ const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> Resu
     Part { name, needs, takes: |_| true, run }
 }
 
+impl Part {
+    /// Of `names` those of its own; `None`: there are names, and none of them is.
+    fn asked_for(&self, names: &[String]) -> Option<Vec<String>> {
+        let own: Vec<String> = names.iter().filter(|name| (self.takes)(name)).cloned().collect();
+        (names.is_empty() || !own.is_empty()).then_some(own)
+    }
+}
+
 /// What a part works with.
 struct Site<'a> {
     project: &'a Project,
@@ -140,17 +148,18 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     }
     let beyond = if arguments.all { PARTS_BEYOND_THIS_MACHINE } else { &[] };
     let (parts, gates) = if arguments.windows { (&WINDOWS[..], &[][..]) } else { (PARTS, GATES) };
-    let asked = |part: &&Part| arguments.names.is_empty() || arguments.names.iter().any(|name| (part.takes)(name));
-    let parts: Vec<&Part> = parts.iter().chain(beyond).filter(asked).collect();
+    let asked = |part: &'static Part| Some((part, part.asked_for(&arguments.names)?));
+    let parts: Vec<(&Part, Vec<String>)> = parts.iter().chain(beyond).filter_map(asked).collect();
 
-    let needed = parts.iter().flat_map(|part| part.needs).chain(gates.iter().flat_map(|gate| gate.needs));
+    let needed = parts.iter().flat_map(|(part, _)| part.needs).chain(gates.iter().flat_map(|gate| gate.needs));
     let missing = needs::set_up(project, &needed.copied().collect::<Vec<Need>>());
-    let mut site = Site { project, missing: &missing, names: Vec::new() };
 
     let begin = Instant::now();
     let mut skipped = Vec::new();
-    for (number, part) in parts.iter().enumerate() {
-        let title = format!("[{}/{}] {}", number + 1, parts.len(), part.name);
+    let count = parts.len();
+    for (number, (part, names)) in parts.into_iter().enumerate() {
+        let site = Site { project, missing: &missing, names };
+        let title = format!("[{}/{count}] {}", number + 1, part.name);
         let lacking = site.lacks(part.needs);
         if !lacking.is_empty() {
             println!("{title}: skipped");
@@ -158,13 +167,13 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
             continue;
         }
         println!("{title} ...");
-        site.names = arguments.names.iter().filter(|name| (part.takes)(name)).cloned().collect();
         let started = Instant::now();
         let result = (part.run)(&site);
         let verdict = if result.is_ok() { "passed" } else { "FAILED" };
         println!("{title}: {verdict} after {}", seconds(started.elapsed()));
         result?;
     }
+    let site = Site { project, missing: &missing, names: Vec::new() };
     let closed = gates.iter().filter(|gate| !site.lacks(gate.needs).is_empty());
     skipped.extend(closed.map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
 
@@ -254,6 +263,17 @@ mod tests {
         assert_eq!(takers("x86::a"), [false, true, false, false, false]);
         assert_eq!(takers("dotnet::a"), [false, false, true, true, false]);
         assert_eq!(takers("dotnet::x64::a"), [false, false, true, false, false]);
+    }
+
+    #[test]
+    fn a_part_gets_its_own_names() {
+        let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let both = names(&["boards::x64::a", "b"]);
+        let [x64, .., usb] = &WINDOWS;
+        assert_eq!(usb.asked_for(&both), Some(names(&["boards::x64::a"])));
+        assert_eq!(x64.asked_for(&both), Some(names(&["b"])));
+        assert_eq!(usb.asked_for(&names(&["b"])), None);
+        assert_eq!(usb.asked_for(&[]), Some(Vec::new()));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-use super::{Width, build_width, dll, folder, wine};
+use super::{DLL, Width, build_width, folder, wine};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
@@ -21,7 +21,6 @@ pub fn bench(project: &Project) -> Result<String, Error> {
     let mut said = String::new();
     let prefix = folder(project).join("stage");
     for width in Width::ALL {
-        wine::set_up(project, width)?;
         build_width(project, width, &prefix)?;
     }
     stay_on_one_processor()?;
@@ -32,13 +31,13 @@ pub fn bench(project: &Project) -> Result<String, Error> {
         for folder in [&ours, &empty] {
             fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
         }
-        let built = prefix.join(width.name()).join(dll::DLL);
-        fs::copy(&built, ours.join(dll::DLL)).map_err(Error::file("copy", &built))?;
-        compile(project, width, "empty", &["-shared", "-Wl,--kill-at"], &empty.join(dll::DLL))?;
+        let built = prefix.join(width.name()).join(DLL);
+        fs::copy(&built, ours.join(DLL)).map_err(Error::file("copy", &built))?;
+        compile(project, width, "empty", &["-shared", "-Wl,--kill-at"], &empty.join(DLL))?;
         compile(project, width, "load", &["-static"], &place.join("load.exe"))?;
         let mut script = Command::new(&wine.script);
         script.env("ECMSK_LINK", LINK).env_remove("ECMSK_LOG").arg(PLACE).arg("load.exe");
-        script.args(["ours", "empty"].map(|name| format!("{name}\\{}", dll::DLL)));
+        script.args(["ours", "empty"].map(|name| format!("{name}\\{}", DLL)));
         let measured = command::output(script.arg(format!("windows_load_{}", width.name())))?;
         said += &String::from_utf8_lossy(&measured).replace('\r', "");
     }

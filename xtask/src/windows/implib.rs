@@ -10,8 +10,8 @@ use std::process::Command;
 
 use ar_archive_writer::{COFFShortExport, MachineTypes, write_import_library};
 
+use super::DLL;
 use super::Width;
-use super::dll::DLL;
 use crate::command;
 use crate::error::Error;
 

@@ -5,11 +5,10 @@
 //! such targets ready; what is built stays in `target/xtask/windows/`.
 
 pub mod bench;
-mod dll;
 pub mod dotnet;
+mod files;
 mod implib;
 mod relocations;
-mod tool;
 pub mod usb;
 mod version;
 mod wine;
@@ -17,7 +16,7 @@ mod wine;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-pub use dll::{DLL, RUSTC};
+pub use files::{DLL, RUSTC};
 pub use implib::{MINGW, MSVC};
 
 use crate::error::Error;
@@ -137,8 +136,7 @@ pub fn build_into(project: &Project, prefix: &Path) -> Result<(), Error> {
 fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Error> {
     let place = prefix.join(width.name());
     std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
-    dll::build(project, width, &place)?;
-    tool::build(project, width, &place)?;
+    files::BUILT.iter().try_for_each(|file| file.build(project, width, &place))?;
     implib::write(width, &place)?;
     stage::install_headers(project, &prefix.join("include"))
 }

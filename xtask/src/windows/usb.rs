@@ -7,6 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use super::files::{DLL, TOOL};
 use super::{Width, build_width, folder, wine};
 use crate::command;
 use crate::error::Error;
@@ -114,7 +115,7 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
         build_width(project, width, &stage)?;
         let place = share.join(width.name());
         fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
-        for file in [super::dll::DLL, super::tool::TOOL] {
+        for file in [DLL, TOOL] {
             let built = stage.join(width.name()).join(file);
             fs::copy(&built, place.join(file)).map_err(Error::file("copy", &built))?;
         }

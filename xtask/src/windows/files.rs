@@ -1,4 +1,4 @@
-//! The DLLs.
+//! The DLL and the tool, of either width: built, linked with what Windows shows of them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -12,40 +12,63 @@ use crate::project::Project;
 
 /// The library's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";
-const DETAILS: version::File =
-    version::File { name: DLL, description: "The ECM-SK's library, of the project ecmsk", kind: Kind::Library };
-/// Cargo's profile for it.
-pub const PROFILE: &str = "windows";
+/// The tool's file.
+pub const TOOL: &str = "ecmsk.exe";
+
+/// A file that is built.
+pub struct Built {
+    details: version::File,
+    /// What cargo is told to build.
+    what: &'static [&'static str],
+}
+
+/// All that are built.
+pub const BUILT: [Built; 2] = [
+    Built {
+        details: version::File {
+            name: DLL,
+            description: "The ECM-SK's library, of the project ecmsk",
+            kind: Kind::Library,
+        },
+        // The DLL alone: not the archive, and not the crate that the bench links.
+        what: &["--package=NEXTWUSBLib", "--lib", "--crate-type=cdylib"],
+    },
+    Built {
+        details: version::File { name: TOOL, description: "Tool for ECM-SK boards", kind: Kind::Program },
+        what: &["--package=ecmsk", "--bin=ecmsk"],
+    },
+];
+
+/// Cargo's profile for them.
+const PROFILE: &str = "windows";
 /// Debian's programs, whatever rustup has put in front of them.
-pub const CARGO: &str = "/usr/bin/cargo";
+const CARGO: &str = "/usr/bin/cargo";
 pub const RUSTC: &str = "/usr/bin/rustc";
 /// Objects that MinGW's 32-bit programs and DLLs begin and end with, of the standard library's sources; building it does
 /// not make them.
 const START_AND_END: [&str; 2] = ["rsbegin", "rsend"];
 
-/// Builds the DLL of one width into `place`.
-pub fn build(project: &Project, width: Width, place: &Path) -> Result<(), Error> {
-    let target = folder(project).join("build");
-    let mut cargo = cargo(project, width, &target)?;
-    // The DLL alone: not the archive, and not the crate that the bench links.
-    cargo.args(["rustc", "--package=NEXTWUSBLib", "--lib", "--crate-type=cdylib", "--profile", PROFILE]);
-    println!("building {DLL} for {}", width.name());
-    cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]);
-    command::run(cargo.arg("--").arg(linked(&DETAILS.object(width, &target.join(width.name()))?)))?;
-    let built = target.join(width.target()).join(PROFILE).join(DLL);
-    let mut dll = fs::read(&built).map_err(Error::file("read", &built))?;
-    relocations::mend(&mut dll).map_err(|what| Error::Dll { path: built, what })?;
-    let to = place.join(DLL);
-    fs::write(&to, dll).map_err(Error::file("write", &to))
-}
-
-/// What tells rustc to link an object.
-pub fn linked(object: &Path) -> String {
-    format!("-Clink-arg={}", object.display())
+impl Built {
+    /// Builds the one of a width into `place`.
+    pub fn build(&self, project: &Project, width: Width, place: &Path) -> Result<(), Error> {
+        let Self { details, what } = self;
+        let target = folder(project).join("build");
+        let shown = details.object(width, &target.join(width.name()))?;
+        let mut cargo = cargo(project, width, &target)?;
+        cargo.arg("rustc").args(*what).args(["--profile", PROFILE]);
+        cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]);
+        println!("building {} for {}", details.name, width.name());
+        command::run(cargo.arg("--").arg(format!("-Clink-arg={}", shown.display())))?;
+        let built = target.join(width.target()).join(PROFILE).join(details.name);
+        let mut image = fs::read(&built).map_err(Error::file("read", &built))?;
+        relocations::mend(&mut image).map_err(|what| Error::Dll { path: built, what })?;
+        let to = place.join(details.name);
+        fs::write(&to, image).map_err(Error::file("write", &to))
+    }
 }
 
 /// cargo, set up for a width; its verb and arguments are to follow.
-pub fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Error> {
+fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Error> {
     let mut flags = vec![
         // Thread-local values as the loader knows them: it gives them up with the DLL. Otherwise each would take one of the
         // process's 1088 TLS indexes for good, every time that a program loads the DLL.

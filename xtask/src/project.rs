@@ -54,6 +54,12 @@ impl Project {
     }
 }
 
+/// Cargo's folder of what it has fetched.
+pub fn cargo_home() -> Option<PathBuf> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    home.or_else(|| env::var_os("HOME").map(|home| Path::new(&home).join(".cargo")))
+}
+
 /// The cargo that runs this, so that `cargo +toolchain xtask` stays with its toolchain.
 fn cargo_program() -> OsString {
     env::var_os("CARGO").unwrap_or_else(|| "cargo".into())

@@ -6,11 +6,11 @@ use std::process::Command;
 
 use super::release::Release;
 use super::tree::files;
-use super::{Made, cargo_home, folder};
+use super::{Made, folder};
 use crate::command;
 use crate::error::Error;
 use crate::needs::UNZIP;
-use crate::project::Project;
+use crate::project::{Project, cargo_home};
 
 /// Every path of every package.
 const LIST: &str = include_str!("contents.txt");

@@ -10,7 +10,7 @@ use std::{env, str};
 use super::release::Release;
 use crate::error::Error;
 use crate::needs::STRIP;
-use crate::project::Project;
+use crate::project::{Project, cargo_home};
 use crate::{command, stage};
 
 /// Cargo's profile, and its folder.
@@ -74,7 +74,7 @@ fn names(project: &Project, target: &Path) -> Result<Vec<(PathBuf, String)>, Err
     let version = ask(&["-vV"])?;
     let commit = version.lines().find_map(|line| line.strip_prefix("commit-hash: ")).unwrap_or("unknown");
     let mut names = vec![(sources, format!("/rustc/{commit}"))];
-    names.extend(super::cargo_home().map(|home| (home, "cargo".to_owned())));
+    names.extend(cargo_home().map(|home| (home, "cargo".to_owned())));
     names.push((project.root.clone(), "ecmsk".to_owned()));
     names.push((target.to_owned(), "target".to_owned()));
     Ok(names)

@@ -14,9 +14,9 @@ mod tarball;
 mod tree;
 mod windows_zip;
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::{env, fs};
 
 use crate::error::Error;
 use crate::needs::{
@@ -89,12 +89,6 @@ struct Made {
 /// Where the parts of packages lie.
 fn folder(project: &Project) -> PathBuf {
     project.target.join("xtask/dist")
-}
-
-/// Cargo's folder of what it has fetched.
-fn cargo_home() -> Option<PathBuf> {
-    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
-    home.or_else(|| env::var_os("HOME").map(|home| Path::new(&home).join(".cargo")))
 }
 
 /// Makes all packages in `out`.

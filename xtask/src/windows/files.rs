@@ -1,14 +1,14 @@
 //! The DLL and the tool, of either width: built, linked with what Windows shows of them.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::{env, fs};
 
 use super::version::{self, Kind};
 use super::{Width, folder, relocations};
 use crate::command;
 use crate::error::Error;
-use crate::project::Project;
+use crate::project::{Project, cargo_home};
 
 /// The library's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";
@@ -75,9 +75,7 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
         "-Zhas-thread-local=yes".to_owned(),
     ];
     // No path of this machine in the file.
-    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
-    let home = home.or_else(|| env::var_os("HOME").map(|home| Path::new(&home).join(".cargo")));
-    for (folder, name) in [(Some(project.root.clone()), "ecmsk"), (home, "cargo")] {
+    for (folder, name) in [(Some(project.root.clone()), "ecmsk"), (cargo_home(), "cargo")] {
         flags.extend(folder.map(|folder| format!("--remap-path-prefix={}={name}", folder.display())));
     }
     if width == Width::X86 {

@@ -15,6 +15,53 @@ pub const ERROR_CODE: u16 = 0x603F;
 /// What the second axis of a two-channel HSP adds to every index (SK-3).
 pub const SECOND_AXIS_OFFSET: u16 = 0x800;
 
+/// What an error code (0x603F) means: the meaning that CiA 402 (IEC 61800-7-201, table of error codes) gives it, else that of
+/// its class. What it means on a drive says the drive's manual: codes from 0xFF00 are its maker's own.
+pub const fn error_name(code: u16) -> &'static str {
+    match code {
+        0x0000 => "no error",
+        0x1000 => "generic error",
+        0x2110 | 0x2120 | 0x2130 => "short circuit or earth leakage at the input",
+        0x2211..=0x2214 => "overcurrent inside the device",
+        0x2220 => "continuous overcurrent inside the device",
+        0x2230 | 0x2240 | 0x2250 => "short circuit or earth leakage inside the device",
+        0x2310..=0x2313 => "continuous overcurrent at the output",
+        0x2320 | 0x2330 | 0x2340 => "short circuit or earth leakage on the motor's side",
+        0x2350 => "load too high for too long (I2t)",
+        0x3110..=0x3113 => "mains voltage too high",
+        0x3120..=0x3123 => "mains voltage too low",
+        0x3130..=0x3134 => "mains phase missing",
+        0x3210..=0x3212 => "DC link voltage too high",
+        0x3220..=0x3222 => "DC link voltage too low",
+        0x4110 | 0x4310 | 0x4210 | 0x4410 => "temperature too high",
+        0x4120 | 0x4320 | 0x4220 | 0x4420 => "temperature too low",
+        0x5530 => "non-volatile memory of the device",
+        0x6320 => "a parameter is wrong",
+        0x7110..=0x7113 => "brake chopper",
+        0x7121 => "motor blocked",
+        0x7122 => "motor or its commutation",
+        0x7300..=0x73FF => "sensor (encoder, resolver, tacho)",
+        0x7500..=0x75FF => "communication",
+        0x8311 => "torque too high",
+        0x8400 => "velocity controller",
+        0x8500 => "position controller",
+        0x8611 => "following error",
+        0x8612 => "position limit",
+        0x2000..=0x2FFF => "current",
+        0x3000..=0x3FFF => "voltage",
+        0x4000..=0x4FFF => "temperature",
+        0x5000..=0x5FFF => "hardware of the device",
+        0x6000..=0x6FFF => "software of the device",
+        0x7000..=0x7FFF => "additional modules (motor, brake, sensor)",
+        0x8000..=0x80FF => "monitoring",
+        0x8100..=0x81FF => "communication",
+        0x8200..=0x8FFF => "monitoring of the motion",
+        0x9000..=0x90FF => "external error",
+        0xFF00..=0xFFFF => "of the maker's own, see the drive's manual",
+        _ => "see the drive's manual",
+    }
+}
+
 /// State of a CiA 402 drive, decoded from its statusword.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DriveState {
@@ -83,8 +130,23 @@ impl Statusword {
     pub const BIT13: u16 = 1 << 13;
 
     /// The state the word shows, or `None` for a pattern CiA 402 does not define.
+    #[inline]
     pub const fn state(self) -> Option<DriveState> {
-        match (self.0 & 0x4F, self.0 & 0x6F) {
+        STATES[(self.0 & 0x6F) as usize]
+    }
+
+    /// Whether the drive is in Operation enabled.
+    pub const fn is_enabled(self) -> bool {
+        self.0 & 0x6F == 0x27
+    }
+}
+
+/// The states by bits 0 to 3, 5 and 6 of the statusword: a board looks one up for each axis in each cycle.
+static STATES: [Option<DriveState>; 0x70] = {
+    let mut states = [None; 0x70];
+    let mut word = 0;
+    while word < states.len() {
+        states[word] = match (word & 0x4F, word & 0x6F) {
             (0x00, _) => Some(DriveState::NotReadyToSwitchOn),
             (0x40, _) => Some(DriveState::SwitchOnDisabled),
             (_, 0x21) => Some(DriveState::ReadyToSwitchOn),
@@ -94,14 +156,11 @@ impl Statusword {
             (0x0F, _) => Some(DriveState::FaultReactionActive),
             (0x08, _) => Some(DriveState::Fault),
             _ => None,
-        }
+        };
+        word += 1;
     }
-
-    /// Whether the drive is in Operation enabled.
-    pub const fn is_enabled(self) -> bool {
-        self.0 & 0x6F == 0x27
-    }
-}
+    states
+};
 
 /// Controlword, object 0x6040: the commands of the CiA 402 state machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -29,6 +29,7 @@
 
 mod aim;
 mod board;
+mod brake;
 mod close;
 mod config;
 mod core;
@@ -37,6 +38,7 @@ mod error;
 mod failure;
 mod homing;
 mod io;
+mod leftover;
 mod marks;
 mod options;
 mod ramp;
@@ -49,6 +51,8 @@ mod snapshot;
 mod state;
 mod still;
 mod stream;
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server stops the axes of others"))]
+mod succeed;
 mod targets;
 mod watch;
 
@@ -66,6 +70,8 @@ pub use sdo::SdoValue;
 pub use session::{News, Stats};
 pub use snapshot::{SlaveView, Snapshot};
 pub use stream::{Stream, StreamStats};
+#[cfg_attr(not(feature = "serve"), allow(unused_imports, reason = "a server stops the axes of others"))]
+pub(crate) use succeed::Succeeded;
 pub use watch::Watch;
 
 use self::core::Core;
@@ -114,7 +120,7 @@ impl Ecm {
         match ecm.next_cycle(options.read_limit) {
             Ok(_) => Ok(ecm),
             Err(error) => {
-                ecm.core.shut();
+                ecm.core.shut(true);
                 Err(error)
             }
         }

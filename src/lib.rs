@@ -1,10 +1,18 @@
 //! The ECM-SK (chip EC01M), an EtherCAT master on a board: its protocol, its exact software model, links to it.
 #![cfg_attr(not(feature = "std"), no_std)]
 
+// The tool's rooms say `ecmsk` for what a program sees of the library.
+#[cfg(feature = "fuzz")]
+extern crate self as ecmsk;
+
 pub mod cia402;
 pub mod coe;
 pub mod sk;
 
+// The tool is a part of its program, and of the library where fuzz/ needs it.
+#[cfg(feature = "fuzz")]
+#[doc(hidden)]
+pub mod cli;
 #[cfg(feature = "std")]
 pub mod compare;
 #[cfg(feature = "std")]
@@ -13,6 +21,8 @@ pub mod ecm;
 pub mod engine;
 #[cfg(feature = "std")]
 pub mod fieldbus;
+#[cfg(feature = "std")]
+mod files;
 #[cfg(feature = "std")]
 pub mod io;
 #[cfg(feature = "std")]
@@ -29,6 +39,8 @@ pub mod replay;
 pub mod slave;
 #[cfg(feature = "std")]
 mod span;
+#[cfg(feature = "std")]
+pub mod summary;
 #[cfg(feature = "std")]
 mod threads;
 

@@ -240,6 +240,15 @@ mod needs_cxx {
         }
     }
 
+    /// LIB-60 LIB-41 A fork while another thread opens, uses and closes the board: the child has the library whole or none of
+    /// it, its calls do not hang, and neither does its exit.
+    #[test]
+    fn a_fork_while_a_board_is_opened_or_closed() {
+        for link in CLOCKS {
+            passes("fork_while_changing", link, &[]);
+        }
+    }
+
     /// A program of the other slot size is told so in the log, once.
     #[test]
     fn the_wrong_slot_size_is_named() {

@@ -203,4 +203,63 @@ mod needs_cxx {
             assert_eq!(program.run("sim:", [""; 0]).success(), "1 1\n");
         }
     }
+
+    /// Options by which a header with Windows' keywords compiles on Linux: README names them.
+    const FOR_A_HEADER_OF_WINDOWS: &str = "'-D__declspec(x)=' -D__stdcall=";
+
+    /// What headers for Windows have: the keywords of an import and of the calling convention.
+    const HEADER_OF_WINDOWS: &str = "
+#ifdef NEXTWUSBLIB_EXPORTS
+#define NEXTWUSBLIB_API __declspec(dllexport)
+#else
+#define NEXTWUSBLIB_API __declspec(dllimport)
+#endif
+#define DEF_MA_MAX 42
+struct transData { unsigned short CMD; unsigned short Parm; unsigned int Data1; unsigned int Data2; };
+extern \"C\" {
+NEXTWUSBLIB_API bool __stdcall OpenECMUSB(void);
+NEXTWUSBLIB_API void __stdcall CloseECMUSB(void);
+NEXTWUSBLIB_API bool __stdcall ECMUSBWrite(unsigned char *data, unsigned long dwlength);
+NEXTWUSBLIB_API bool __stdcall ECMUSBRead(unsigned char *data, unsigned long dwlength);
+}
+";
+
+    /// LIB-68 A program that keeps a header for Windows beside its source compiles with the options that README names, and
+    /// runs; they harm no program on our header.
+    #[test]
+    fn a_header_for_windows_beside_the_source() {
+        let readme = fs::read_to_string(support::root().join("README.md")).expect("README.md");
+        assert!(readme.contains(FOR_A_HEADER_OF_WINDOWS), "README names the options");
+        // As a shell takes them.
+        let options: Vec<String> =
+            FOR_A_HEADER_OF_WINDOWS.split(' ').map(|option| option.trim_matches('\'').to_owned()).collect();
+        for (name, own_header) in [("windows", true), ("ours", false)] {
+            let folder = support::out_dir().join(format!("header-of-{name}"));
+            let _ = fs::remove_dir_all(&folder);
+            fs::create_dir_all(&folder).expect("a folder in the target folder");
+            if own_header {
+                fs::write(folder.join("NEXTWUSBLib_12B.h"), HEADER_OF_WINDOWS).expect("a header");
+            }
+            let source = folder.join("program.cpp");
+            let program = "#include \"NEXTWUSBLib_12B.h\"\n#include <cstdio>\n\
+                 static transData slots[DEF_MA_MAX];\n\
+                 int main() {\n\
+                 \x20   if (!OpenECMUSB() || !ECMUSBWrite((unsigned char *)slots, sizeof slots)) return 1;\n\
+                 \x20   if (!ECMUSBRead((unsigned char *)slots, sizeof slots)) return 2;\n\
+                 \x20   std::printf(\"%u\\n\", slots[0].Parm & 0xFFu);\n\
+                 \x20   CloseECMUSB();\n\
+                 }\n";
+            fs::write(&source, program).expect("a source");
+            let exe = folder.join("program");
+            let mut compiler = Cpp("c++17").compiler();
+            compiler.args(&options).arg(&source).arg("-o").arg(&exe).arg("-L").arg(&support::library().dir);
+            support::succeed(compiler.arg("-lNEXTWUSBLib"));
+            let ended = support::Program { exe }.run("sim:?slaves=drive&clock=virtual", [""; 0]);
+            assert_eq!(ended.success(), "2\n", "PreOP, {name}");
+            if own_header {
+                let without = Cpp("c++17").compiler().arg("-fsyntax-only").arg(&source).output().expect("g++ runs");
+                assert!(!without.status.success(), "the options are what it needs");
+            }
+        }
+    }
 }

@@ -82,7 +82,7 @@ fn json_tells_the_crc() {
 #[test]
 fn json_has_typed_fields() {
     let slot = |name: &str, slot: &str, arguments: &[&str]| {
-        let arguments = [&["--json", "--slot", slot], arguments].concat();
+        let arguments = [&["--json", "--slots", slot], arguments].concat();
         json_lines(dump(&arguments, line(&vector_named(name))))[0]["slots"][0].clone()
     };
     let csp = slot("csp-index-7", "1", &[]);
@@ -136,7 +136,7 @@ fn layout_of_a_line_is_free() {
     let vector = vector_named("csp-index-7");
     let spaced: String = vector.bytes.iter().map(|byte| format!(" {byte:02X}\t")).collect();
     let input = format!("# a comment\n\n  \t\n>{spaced}# the first\r\n> {}", hex(&vector.bytes));
-    let out = dump(&["--slot", "1"], &input).quiet();
+    let out = dump(&["--slots", "1"], &input).quiet();
     let expected = "line 4    command\n  slave 1  CSP #7 target -1234567\n\
                     line 5    command\n  slave 1  CSP #7 target -1234567\n";
     assert_eq!(out, expected);
@@ -180,14 +180,14 @@ fn slot_size_that_nothing_tells() {
 #[test]
 fn set_axis_tells_the_kinds() {
     let (axes, response) = (line(&vector_named("set-axis-group0")), line(&vector_named("resp-hsp-12")));
-    let alone = dump(&["--slot", "1,3"], &response).quiet();
+    let alone = dump(&["--slots", "1,3"], &response).quiet();
     assert!(alone.contains("CSP #2 DRIVE? statusword"), "{alone}");
-    let after = dump(&["--slot", "1,3"], format!("{axes}{response}")).quiet();
+    let after = dump(&["--slots", "1,3"], format!("{axes}{response}")).quiet();
     assert!(after.contains("CSP #2 DRIVE statusword"), "{after}");
-    let given = dump(&["--slot", "1", "--kinds", "hsp"], format!("{axes}{response}")).quiet();
+    let given = dump(&["--slots", "1", "--kinds", "hsp"], format!("{axes}{response}")).quiet();
     assert!(given.contains("CSP #2 HSP statusword") && given.contains("inputs 0x00A5"), "{given}");
     let reset = line(&vector_named("sw-reset"));
-    let forgotten = dump(&["--slot", "1"], format!("{axes}{reset}{response}")).quiet();
+    let forgotten = dump(&["--slots", "1"], format!("{axes}{reset}{response}")).quiet();
     assert!(forgotten.contains("CSP #2 DRIVE? statusword"), "{forgotten}");
 }
 
@@ -213,7 +213,7 @@ fn wrong_lines() {
     dump(&[], vec![0; 1 << 20]).failed(1, &["line 1 is longer than 65536 bytes"], "one frame a line");
     dump(&["--slot-size", "16"], &digits).failed(1, &["504 bytes", "512"], "leave out --slot-size 16");
     let wide = hex(&vector_named("all-zero-16").bytes);
-    dump(&["--slot", "32"], &wide).failed(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
+    dump(&["--slots", "32"], &wide).failed(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
 }
 
 /// No input, or nothing but comments, is nothing to show and no failure.
@@ -230,7 +230,7 @@ fn wrong_command_lines() {
     run(["dump", "--hex", "file.pcapng"]).misused(&["--hex", "[FILE]"]);
     run(["dump", "f", "--command"]).misused(&["--command", "[FILE]"]);
     run(["dump", "--hex", "--command", "--response"]).misused(&["--command", "--response"]);
-    run(["dump", "--hex", "--slot", "1", "--all"]).misused(&["--slot", "--all"]);
+    run(["dump", "--hex", "--slots", "1", "--all"]).misused(&["--slots", "--all"]);
     run(["dump", "--hex", "--slot-size", "14"]).misused(&["'14'", "--slot-size", "allowed: 12, 16"]);
     run(["dump", "--hex", "--fw", "2"]).misused(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
     run(["dump", "--hex", "--kinds", "drive*2,dog"])

@@ -12,7 +12,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use cli_support::Ran;
+use cli_support::{Ran, undisturbed};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use exec_support::{OPENS, Place};
@@ -223,20 +223,6 @@ fn signals_are_inherited_as_they_were() {
     assert_eq!(mask(&ran.quiet(), "SigIgn:"), ignored | 0b11);
 }
 
-/// The same with signals as a shell at a terminal leaves them: whoever runs the tests may ignore some (`nohup`).
-fn undisturbed(inner: &Command) -> Command {
-    let mut command = Command::new("env");
-    command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());
-    for (name, value) in inner.get_envs() {
-        match value {
-            Some(value) => command.env(name, value),
-            None => command.env_remove(name),
-        };
-    }
-    command.stdin(Stdio::null());
-    command
-}
-
 /// Starts a script that says when it is ready, in a process group of its own, as a shell does.
 fn start(place: &Place, script: &str) -> Child {
     let mut command = undisturbed(&place.exec(&["--", "sh", "-c", script]));
@@ -321,8 +307,9 @@ mod needs_cxx {
         // A board that is plugged in here is none of this test's.
         support::without_libusb(&mut command);
         let ran = Ran::from(command.output().expect("the tool starts"));
-        assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
-        assert!(ran.out.contains("usb:"), "{}", ran.out);
+        assert_eq!(ran.code, Some(1));
+        assert!(ran.err.starts_with("warning: OpenECMUSB() -> link by default: no board at `usb:`"), "{}", ran.err);
+        assert!(ran.out.contains("usb:") && ran.err.lines().count() == 1, "{}{}", ran.out, ran.err);
     }
 
     /// A configuration beside the library is found, though the library is loaded from another folder.

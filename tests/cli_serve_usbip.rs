@@ -111,10 +111,24 @@ fn what_a_host_sends_is_recorded() {
     assert_eq!(frames.count(), 20);
 }
 
+/// WIRE-14 Whoever reaches it can use the boards: without a word that everybody may, such an address is refused with the next
+/// step, and nothing listens.
+#[test]
+fn listening_to_others_is_refused() {
+    for listen in ["0.0.0.0:0", "192.0.2.1:3240", "[::]:0"] {
+        let ran = run(&["--link", "sim:", "--listen", listen]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{ran:?}");
+        for part in ["no password", "127.0.0.1", "ssh -N -L", "docs/VIRTUAL-BOARD.md", "--insecure-anyone"] {
+            assert!(ran.err.contains(part), "{listen}: no {part}: {ran:?}");
+        }
+    }
+    run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).failed(1, &["in use"], "name=");
+}
+
 /// WIRE-14 Whoever reaches it can use the boards: that is said.
 #[test]
 fn listening_to_others_is_warned_of() {
-    let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0"])
+    let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -131,7 +145,7 @@ fn listening_to_others_is_warned_of() {
 fn what_cannot_be_served_is_said() {
     let listen = ["--listen", "127.0.0.1:0"];
     // An address of nobody (RFC 5737); the note before is that it is not this machine alone.
-    let elsewhere = run(&["--listen", "192.0.2.1:3240", "--link", "sim:"]);
+    let elsewhere = run(&["--listen", "192.0.2.1:3240", "--insecure-anyone", "--link", "sim:"]);
     assert_eq!((elsewhere.code, elsewhere.err.lines().count()), (Some(1), 2), "{elsewhere:?}");
     assert!(elsewhere.err.contains("cannot listen on 192.0.2.1:3240: "), "{elsewhere:?}");
     assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");

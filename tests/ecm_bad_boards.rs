@@ -10,7 +10,7 @@ use std::time::Duration;
 use ecm_support::calls::{CALLS, Call, Needs, SECOND, SLAVES, config, has_next_step};
 use ecm_support::{SIZE, in_op, script, uri};
 use ecmsk::ecm::{Ecm, EcmError, Options};
-use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
+use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 
 /// Limits of the board and, longer, of the program, so that what never comes is not waited for long.
@@ -87,9 +87,9 @@ impl Doomed {
     }
 }
 
-impl Link for Doomed {
-    fn info(&self) -> LinkInfo {
-        self.inner.info()
+impl Layer for Doomed {
+    fn inner(&self) -> &dyn Link {
+        &*self.inner
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
@@ -125,21 +125,9 @@ impl Link for Doomed {
         self.inner.pass(time)
     }
 
-    fn cancel(&self, dir: Dir) {
-        self.inner.cancel(dir);
-    }
-
-    fn close(&self) {
-        self.inner.close();
-    }
-
     fn check(&self) -> Result<(), LinkError> {
         self.is_unplugged()?;
         self.inner.check()
-    }
-
-    fn stats(&self) -> LinkStats {
-        self.inner.stats()
     }
 }
 

@@ -12,7 +12,7 @@ use ecm_support::{SIZE, Tap, enable, in_op, script};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Homing, HomingPhase, Options, Slave};
 use ecmsk::link::Link;
-use ecmsk::sk::CommandId;
+use ecmsk::sk::{CommandId, RawSlot};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -225,6 +225,32 @@ fn targets_half_the_range_apart() {
     tap.take();
     stream.finish().ok();
     assert!(count(&tap, 1, CommandId::Csp) > 100, "a ramp");
+}
+
+/// API-10 A velocity that was lost on the way has not been executed: its axis stands, and the ramp does not set it going.
+#[test]
+fn a_velocity_that_never_arrived_is_not_ramped() {
+    let tap = Tap::open("slaves=drive");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &one(Axis::CSV));
+    let stood = ecm.snapshot().unwrap().position(1).unwrap();
+    let velocities = |slots: Vec<RawSlot>| -> Vec<u32> {
+        slots.iter().filter(|slot| slot.id == CommandId::Csv.code()).map(|slot| slot.data1).collect()
+    };
+    let mut stream = ecm.stream(4).unwrap();
+    tap.lose(|frame| frame.slot(SIZE, 1).id == CommandId::Csv.code());
+    for _ in 0..20 {
+        stream.csv(1, 100_000).unwrap();
+        stream.step().unwrap();
+    }
+    // All that was on its way has passed, and the board runs dry.
+    (0..50).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
+    tap.lose(|_| false);
+    tap.take();
+    stream.finish().unwrap();
+    assert_eq!(ecm.next_cycle(SECOND).unwrap().position(1).unwrap(), stood);
+    ecm.close(Close::Hold).unwrap();
+    let sent = velocities(tap.take_slots(1));
+    assert!(!sent.is_empty() && sent.iter().all(|velocity| *velocity == 0), "{sent:?}");
 }
 
 /// API-9 API-48 An encoder that flickers is no motion: closing ends, and the axis is off.

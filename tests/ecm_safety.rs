@@ -226,18 +226,29 @@ fn leaving_op_stops_the_drives() {
 fn the_page_names_tests_that_exist() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = std::fs::read_to_string(root.join("docs/SAFETY.md")).unwrap();
-    let own = std::fs::read_to_string(root.join("tests/ecm_safety.rs")).unwrap();
-    let named: Vec<&str> =
-        page.split('`').skip(1).step_by(2).filter_map(|code| code.strip_prefix("ecm_safety::")).collect();
-    assert!(named.len() >= 9, "{named:?}");
-    for name in &named {
-        assert!(own.contains(&format!("fn {name}()")), "{name}");
+    let files = [
+        ("ecm_safety", "ecm_safety.rs"),
+        ("tcp_vanish", "tcp_vanish.rs"),
+        ("tcp_process", "tcp_process.rs"),
+        ("capi_vanish", "capi_vanish.rs"),
+        ("capi_behaviour", "capi_behaviour.rs"),
+        ("invariants", "invariants/ends.rs"),
+    ];
+    let codes: Vec<&str> = page.split('`').skip(1).step_by(2).filter(|code| code.contains("::")).collect();
+    let mut named = 0;
+    for (name, file) in files {
+        let own = std::fs::read_to_string(root.join("tests").join(file)).unwrap();
+        for test in codes.iter().filter_map(|code| code.strip_prefix(name)?.strip_prefix("::")) {
+            assert!(own.contains(&format!("fn {test}()")), "{name}::{test}");
+            named += 1;
+        }
     }
+    assert!(named >= 20, "{codes:?}");
     let rules = std::fs::read_to_string(root.join("docs/RULES.md")).unwrap();
     let words = page.split(|c: char| !c.is_ascii_alphanumeric() && c != '-' && c != '.');
     for rule in words
         .map(|word| word.trim_end_matches('.'))
-        .filter(|word| ["SK-", "API-", "LIB-"].iter().any(|prefix| word.starts_with(prefix)))
+        .filter(|word| ["SK-", "API-", "LIB-", "TCP-", "WIRE-"].iter().any(|prefix| word.starts_with(prefix)))
     {
         assert!(rules.contains(&format!("| {rule} |")), "{rule}");
     }

@@ -19,8 +19,12 @@ impl Machine {
         let root = tempfile::tempdir().expect("a folder");
         let dir = |name: &str| Some(root.path().join(name));
         let platform = Platform::Unix { xdg_config_home: dir("xdg"), home: dir("home"), etc: root.path().join("etc") };
-        let environment =
-            Environment { link: None, program_dir: dir("program"), library_dir: dir("library"), platform };
+        let environment = Environment {
+            program_dir: dir("program"),
+            library_dir: dir("library"),
+            platform,
+            ..Environment::default()
+        };
         Self { root, environment }
     }
 
@@ -198,4 +202,36 @@ fn the_process_knows_its_program_and_the_callers_library() {
     assert_eq!(environment.link, std::env::var_os("ECMSK_LINK"));
     let first = environment.files().into_iter().next();
     assert_eq!(first, program.parent().map(|dir| dir.join("ecmsk.toml")));
+}
+
+/// TOOL-173 What is no small file is refused by what it is. Opening a pipe that nobody writes to would wait for ever.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_is_no_small_file() {
+    use rustix::fs::{CWD, Mode, mkfifoat};
+
+    let machine = Machine::unix();
+    let file = machine.write("program/ecmsk.toml", "");
+    let folder = file.parent().expect("a folder");
+    let refused = |words: &str| {
+        let error = find(&machine.environment).expect_err("no configuration").to_string();
+        assert!(error.contains("ecmsk.toml: ") && error.contains(words), "{error}");
+        let script = format!("sim:?clock=virtual&script={}", file.display());
+        let error = match ecmsk::link::open(&script, ecmsk::link::Share::ByName) {
+            Ok(_) => panic!("{words}: it opened"),
+            Err(error) => error.to_string(),
+        };
+        assert!(error.contains("cannot read the script") && error.contains(words), "{error}");
+    };
+    std::fs::File::create(&file).and_then(|file| file.set_len(1 << 30)).expect("a sparse file");
+    refused("it has more than ");
+    std::fs::remove_file(&file).expect("a file");
+    mkfifoat(CWD, &file, Mode::RUSR | Mode::WUSR).expect("a pipe");
+    refused("it is a pipe (FIFO)");
+    std::fs::remove_file(&file).expect("a pipe");
+    std::os::unix::fs::symlink("/dev/zero", &file).expect("a link");
+    refused("it is a device");
+    std::fs::remove_file(&file).expect("a link");
+    std::fs::create_dir(folder.join("ecmsk.toml")).expect("a folder");
+    refused("it is a folder");
 }

@@ -63,7 +63,7 @@ fn the_normal_form_of_a_travel() {
 #[test]
 fn what_is_wrong_is_said_with_what_is_allowed() {
     const PARTS: &str = "allowed: start@N, limits@N..P|N..|..P|none, home@A..B|A..|..B|none, index@N|none, stops@A..B, \
-                         search@N";
+                         search@N, objects@FILE|any";
     const PLACES: &str = "places from -2147483647 to 2147483647, the lower one first";
     let limits =
         |value: &str| format!("`{value}` in `limits@{value}` is no value; allowed: limits@N..P|N..|..P|none, {PLACES}");

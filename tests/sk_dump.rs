@@ -399,6 +399,17 @@ fn lines_of_slots() {
     );
 }
 
+/// SK-4.17 What programs put above the slave's number of an SDO_RD is shown, and is no mistake.
+#[test]
+fn a_read_with_a_size_in_parm() {
+    let slot = RawSlot { id: 0x07, parm: 0x0201, data1: 0x6041_0000, ..RawSlot::ZERO };
+    let line = "SDO      SDO_RD slave 1 0x6041:0 (0x02 above the slave's number is not looked at)";
+    assert_eq!(command(NARROW, 41, slot), line);
+    assert_eq!(command(NARROW, 41, RawSlot { parm: 1, ..slot }), "SDO      SDO_RD slave 1 0x6041:0");
+    let more = command(NARROW, 41, RawSlot { data2: 9, ..slot });
+    assert!(more.starts_with(line) && more.contains("more bytes are set"), "{more}");
+}
+
 /// SK-3.12, SK-4.25 The same as types, for tools that write something else than text.
 #[test]
 fn lines_as_types() {

@@ -9,6 +9,7 @@ use std::thread;
 use std::time::Duration;
 
 use ecmsk::ecm::{Close, Config, Ecm};
+use ecmsk::engine::Counters;
 use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 use tcp_support::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
@@ -37,7 +38,11 @@ fn frames_move_untouched() {
         let meta = link.read(&mut report, Wait::For(LIMIT)).unwrap();
         assert_eq!((report.clone(), meta.sequence, meta.dropped), (frame(byte), number as u64, 0));
     }
-    assert_eq!(link.stats().reports_dropped, 3, "the server's link has dropped as many");
+    // TCP-29
+    assert_eq!(link.stats().reports_dropped, 0, "what the server's link has dropped before is not this client's");
+    puppet.drop_reports(2);
+    assert_eq!(link.stats().reports_dropped, 2, "the server's link has dropped as many since");
+    assert_eq!(connect(&server, "role=reader").stats().reports_dropped, 0);
     assert_eq!((link.stats().written, link.stats().read), (1, 2));
 }
 
@@ -69,11 +74,23 @@ fn virtual_time_is_the_same_over_the_network() {
     let (server, _) = serve(board);
     let (here, there) = (link::open(&own(board), Share::ByName).unwrap(), connect(&server, ""));
     assert!(there.info().virtual_time);
+    let before = here.stats().board.expect("the board's counters");
     for (there, here) in run(Arc::clone(&there)).into_iter().zip(run(Arc::clone(&here))) {
         assert_eq!(there, here);
     }
-    // TCP-19
-    assert_eq!(there.stats(), here.stats());
+    // TCP-19 TCP-29 The board here has made a report before it was opened; what the client sees counts since it came.
+    let mut expected = here.stats();
+    let counted = expected.board.as_mut().expect("the board's counters");
+    assert_eq!((before.frames, before.reports), (0, 1), "the report of the boot");
+    counted.reports -= before.reports;
+    assert_eq!(there.stats(), expected);
+    // TCP-29 Whoever comes later has counted nothing yet, of the board's counters either.
+    let later = connect(&server, "role=reader");
+    let counted = later.stats().board.expect("the board's counters");
+    assert_eq!(counted, Counters::default(), "time stands still while nobody lets it pass");
+    there.write(&Frame::new(), Wait::Forever).unwrap();
+    let (mine, all) = (later.stats().board.unwrap(), there.stats().board.unwrap());
+    assert!(mine.frames == 1 && all.frames > 1, "{mine:?} {all:?}");
 }
 
 /// TCP-7 Readers of a board on virtual time see what its writer reads, and cannot let time pass.

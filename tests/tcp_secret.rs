@@ -26,6 +26,14 @@ fn file(folder: &TempDir, name: &str, text: &str, mode: u32) -> PathBuf {
     path
 }
 
+/// A pipe that nobody writes to.
+fn fifo(folder: &TempDir) -> PathBuf {
+    let path = folder.path().join("fifo");
+    let made = std::process::Command::new("mkfifo").args(["-m", "600"]).arg(&path).status().unwrap();
+    assert!(made.success());
+    path
+}
+
 fn secret_server(puppet: &std::sync::Arc<Puppet>, secret: &Path, listen: &str) -> (Server, Told) {
     let (options, told) = options();
     let secret = Some(Secret::load(secret).unwrap());
@@ -81,10 +89,12 @@ fn without_the_secret() {
 
     let (open, _) = tcp_support::serve("sim:?slaves=drive");
     let needless = refused(&open, &key(&good));
-    assert!(
-        needless.to_string().contains("knows no secret"),
-        "a client with a secret talks to no server without: {needless}"
-    );
+    let text = needless.to_string();
+    assert!(text.contains("knows none"), "a client with a secret talks to no server without: {text}");
+    assert!(text.contains("somebody else") && text.contains("--secret-file"), "it says what that may mean: {text}");
+    for advice in ["leave", "without", "remove", "unset", "take away", "drop"] {
+        assert!(!text.contains(advice), "nobody is advised to go without the secret: {text}");
+    }
     link::open(&uri(&server, &key(&good)), Share::ByName).unwrap();
 }
 
@@ -131,7 +141,8 @@ fn nothing_to_be_seen_on_the_cable() {
     }
 }
 
-/// TCP-16 A secret that others may read, one that is too short and one that is not there: each says what to do.
+/// TCP-16 TOOL-136 A secret that others may read, one that is too short or can be guessed, what is no file and one that is not
+/// there: each says what to do.
 #[test]
 fn secrets_that_are_none() {
     let folder = tempfile::tempdir().unwrap();
@@ -140,6 +151,11 @@ fn secrets_that_are_none() {
         (file(&folder, "group", GOOD, 0o640), "chmod 600"),
         (file(&folder, "short", &GOOD[1..], 0o600), "31 bytes"),
         (file(&folder, "blank", &format!("  {}  \n", &GOOD[1..]), 0o600), "31 bytes"),
+        (file(&folder, "zeros", &"0".repeat(64), 0o600), "can be guessed"),
+        (file(&folder, "huge", &GOOD.repeat(1000), 0o600), "more than 4096 bytes"),
+        (fifo(&folder), "a pipe (FIFO)"),
+        ("/dev/zero".into(), "a device"),
+        (folder.path().to_owned(), "a folder"),
         (folder.path().join("none"), "make one"),
     ] {
         let error = link::open(&format!("tcp://127.0.0.1:1?{}", key(&path)), Share::ByName).err().unwrap();

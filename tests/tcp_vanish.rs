@@ -8,10 +8,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Homing, HomingPhase, Options, Slave, SlaveView};
 use ecmsk::link::{self, Link, LinkError, Share, Wait};
 use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
-use ecmsk::sk::{Frame, MasterState, Motion, SlaveCommand};
+use ecmsk::sk::{
+    CommandId, DriveResponse, DriveSync, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion,
+    SlaveCommand, SlaveKind, SlotSize, StateByte,
+};
 use tcp_support::proxy::Cable;
 use tcp_support::{LIMIT, SIZE, Told, connect, connect_next, options, own, serve_with, until, uri};
 
@@ -257,4 +261,157 @@ fn a_network_that_is_not_known() {
     let line = told.wait("was configured before");
     assert!(line.contains("emergency stop"), "{line}");
     connect_next(&server, "");
+}
+
+/// TCP-9 SK-4.8 SK-4.42 A program may declare all 40 slaves on a board of 16-byte slots, which has room for 30, and may say how
+/// its axes are run before it declares them: they are stopped as any others.
+#[test]
+fn axes_declared_as_programs_may() {
+    declared(false);
+    declared(true);
+}
+
+fn declared(mode_first: bool) {
+    const WIDE: SlotSize = SlotSize::Bytes16;
+    let (options, told) = options();
+    let server = serve_with("sim:?slaves=drive&slot=16&clock=virtual", options);
+    let cable = Cable::to(server.address());
+    let link = link::open(&format!("tcp://{}", cable.address), Share::ByName).unwrap();
+    let mut report = Frame::new();
+    let mut say = |build: &dyn Fn(&mut Frame), reports: u32| {
+        let mut frame = Frame::new();
+        build(&mut frame);
+        link.write(&frame, Wait::For(LIMIT)).unwrap();
+        for _ in 0..reports {
+            link.read(&mut report, Wait::For(LIMIT)).unwrap();
+        }
+    };
+    let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync };
+    if mode_first {
+        say(&|frame| frame.put_slave(WIDE, 1, &mode.into()), 2);
+    }
+    for group in 0..5 {
+        let kinds = [SlaveKind::Drive; 8];
+        say(&|frame| frame.put_master(WIDE, &MasterCommand::SetAxis { group, kinds }), 2);
+    }
+    if !mode_first {
+        say(&|frame| frame.put_slave(WIDE, 1, &mode.into()), 2);
+    }
+    say(&|frame| frame.put_master(WIDE, &MasterCommand::SetState(MasterState::Op)), 2000);
+    say(&|frame| frame.put_slave(WIDE, 1, &SlaveCommand::ServoOn.into()), 500);
+    say(&|frame| frame.put_slave(WIDE, 1, &SlaveCommand::Csv(Motion::to(100_000)).into()), 500);
+    assert_eq!(MasterResponse::decode(&report.slot(WIDE, 0)).state, StateByte::reached(MasterState::Op));
+    assert_eq!(report.slot(WIDE, 1).id, CommandId::Csv.code(), "it turns");
+    cable.cut();
+    let line = told.wait("after");
+    assert!(line.contains("stand still"), "{line}");
+    let next = connect_next(&server, "");
+    let mut positions = [0; 2].map(|_| {
+        for _ in 0..100 {
+            next.read(&mut report, Wait::For(LIMIT)).unwrap();
+        }
+        DriveResponse::decode(&report.slot(WIDE, 1)).position
+    });
+    positions.sort_unstable();
+    assert!(positions[1] - positions[0] < 20, "{positions:?}");
+}
+
+/// A frame of SET_FIFO with a threshold.
+fn threshold(free: u32) -> Frame {
+    let mut frame = Frame::new();
+    frame.put_master(SIZE, &MasterCommand::SetFifo(FifoAction::Threshold(free)));
+    frame.fill_crc(SIZE);
+    frame
+}
+
+/// The next writer looks on for so many cycles, with frames of GET_STATUS alone; how far the axes move.
+fn moved_by_status_frames(server: &Server, frames: u32) -> Vec<i32> {
+    let before = look(server);
+    let link = connect_next(server, "");
+    for _ in 0..frames {
+        link.write(&Frame::new(), Wait::For(LIMIT)).unwrap();
+        link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+    }
+    link.close();
+    let after = look(server);
+    before.iter().zip(after).map(|(before, after)| after.0 - before.0).collect()
+}
+
+/// TCP-23 SK-5.12 A threshold that the writer has left, above the depth of the ramp or below it, does not hold the ramp
+/// back: the FIFO is empty and the axis turns by its last velocity.
+#[test]
+fn a_threshold_does_not_hold_the_ramp() {
+    for free in [1, 10, 100, 159, 160] {
+        let (server, told) = served("virtual", OnVanish::Ramp);
+        let Wired { link, cable } = prepared(&server, &told);
+        drive(link.as_ref(), 150);
+        for _ in 0..200 {
+            link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+        }
+        link.write(&threshold(free), Wait::For(LIMIT)).unwrap();
+        cable.cut();
+        told.wait("stand still");
+        let moved = moved_by_status_frames(&server, 300);
+        assert!(moved[..2].iter().all(|moved| moved.abs() < 20), "threshold {free}: {moved:?} {:?}", told.lines());
+    }
+}
+
+/// TCP-23 Targets that wait behind a threshold while the axes stand begin no motion: they are dropped, which is said, and the
+/// next writer's frames do not execute them. So it is with those of a native stream and its prefill.
+#[test]
+fn what_waits_behind_a_threshold_is_dropped() {
+    for is_stream in [false, true] {
+        let (server, told) = served("virtual", OnVanish::Ramp);
+        let Wired { link, cable } = prepared(&server, &told);
+        if is_stream {
+            let ecm = Ecm::over(link, Options::default()).unwrap();
+            ecm.adopt(&config()).unwrap();
+            let mut stream = ecm.stream(150).unwrap();
+            stream.prefill(140).unwrap();
+            let start = stream.snapshot().unwrap().position(1).unwrap();
+            for n in 1..=100 {
+                stream.csp(1, start + n * 100).unwrap();
+                stream.csv(2, 100_000).unwrap();
+                stream.step().unwrap();
+            }
+            cable.cut();
+            told.wait("100 commands that waited in the FIFO were dropped");
+            std::mem::forget(stream);
+        } else {
+            link.write(&threshold(10), Wait::For(LIMIT)).unwrap();
+            drive(link.as_ref(), AHEAD);
+            cable.cut();
+            // The frame of the threshold waits, too.
+            told.wait("101 commands that waited in the FIFO were dropped");
+        }
+        let moved = moved_by_status_frames(&server, 300);
+        assert!(moved.iter().all(|moved| moved.abs() < 20), "{is_stream}: {moved:?}");
+    }
+}
+
+/// TCP-23 A writer that never reads and writes faster than the board executes: most of its frames have found the FIFO full. The
+/// ramp does not jump to where they led.
+#[test]
+fn the_ramp_begins_at_what_was_executed() {
+    let (server, told) = served("virtual&host_us=1", OnVanish::Ramp);
+    let Wired { link, cable } = prepared(&server, &told);
+    // A cycle has just passed.
+    for _ in 0..100 {
+        link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+    }
+    for n in 1..=900 {
+        let mut frame = Frame::new();
+        frame.put_slave(SIZE, 1, &SlaveCommand::Csp(Motion::to(n * 100)).into());
+        frame.put_slave(SIZE, 2, &SlaveCommand::Csv(Motion::to(n * 100)).into());
+        frame.fill_crc(SIZE);
+        link.write(&frame, Wait::For(LIMIT)).unwrap();
+    }
+    cable.cut();
+    told.wait("stand still");
+    let (first, later) = after(&server);
+    // 900 frames between two cycles: 160 were taken. The way of a ramp is not ten times as long.
+    assert!((16_000..20_000).contains(&first[0].0), "{first:?}");
+    for axis in 0..2 {
+        assert!((later[axis].0 - first[axis].0).abs() < 20, "axis {axis}: {first:?} {later:?}");
+    }
 }

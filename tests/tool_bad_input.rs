@@ -59,7 +59,11 @@ fn wrong_networks() {
         &["slave 1 is a STEP in CSV"],
         "set its mode to CSP",
     );
-    run(["state", "--slot", "16", "--link", BOARD]).failed(1, &["slots of 16 bytes"], "leave out --slot, or give 12");
+    run(["state", "--slot-size", "16", "--link", BOARD]).failed(
+        1,
+        &["slots of 16 bytes"],
+        "leave out --slot-size, or give 12",
+    );
     let ran = run(["servo", "on", "all", "--up", "--link", "sim:?slaves=io&clock=virtual"]);
     ran.failed(1, &["the network has no axis"], "correct --slaves");
 }

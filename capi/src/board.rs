@@ -9,6 +9,7 @@ use ecmsk::sk::{Frame, SlotSize};
 
 use crate::error::{CallError, lock};
 use crate::module::Stay;
+use crate::shutdown::Busy;
 
 /// A link with the limits that its URI gave it.
 pub struct OpenBoard {
@@ -29,7 +30,6 @@ pub struct OpenBoard {
 static OPEN: AtomicUsize = AtomicUsize::new(0);
 
 /// Whether any board is open.
-#[cfg(unix)]
 pub fn any_open() -> bool {
     OPEN.load(Ordering::Relaxed) > 0
 }
@@ -51,10 +51,21 @@ impl OpenBoard {
 
     /// Closes the link.
     pub fn close(&self) {
+        self.end(|link| link.close());
+    }
+
+    /// Gives the board back at the end of a program that has not closed it ([`Link::vanish`]).
+    #[cfg(unix)]
+    pub fn vanish(&self) {
+        self.end(|link| link.vanish());
+    }
+
+    fn end(&self, end: impl FnOnce(&dyn Link)) {
+        let _busy = Busy::begin();
         if !self.closed.swap(true, Ordering::Relaxed) {
             OPEN.fetch_sub(1, Ordering::Relaxed);
         }
-        self.link.close();
+        end(self.link.as_ref());
         lock(&self.stay).take();
     }
 
@@ -112,6 +123,7 @@ impl VendorBoard {
     /// # Errors
     /// What `connect` says.
     pub fn open(&self, connect: impl FnOnce() -> Result<Arc<dyn Link>, Box<CallError>>) -> Result<(), Box<CallError>> {
+        let _busy = Busy::begin();
         let _one_at_a_time = lock(&self.changing);
         if let Ok(board) = self.get() {
             match board.link.check() {
@@ -129,20 +141,29 @@ impl VendorBoard {
 
     /// Closes the board; reads and writes under way end with an error.
     pub fn close(&self) {
+        let _busy = Busy::begin();
         let _one_at_a_time = lock(&self.changing);
         self.give_back();
     }
 
-    /// [`Self::close`], without waiting for a thread that is just opening: for the end of the process.
-    pub fn give_back(&self) {
-        let board = {
-            let mut current = lock(&self.current);
-            self.number.store(0, Ordering::Release);
-            current.take()
-        };
-        if let Some(board) = board {
+    /// For the end of a process that has not closed the board; does not wait for a thread that is just opening.
+    #[cfg(unix)]
+    pub fn vanish(&self) {
+        if let Some(board) = self.take() {
+            board.vanish();
+        }
+    }
+
+    fn give_back(&self) {
+        if let Some(board) = self.take() {
             board.close();
         }
+    }
+
+    fn take(&self) -> Option<Arc<OpenBoard>> {
+        let mut current = lock(&self.current);
+        self.number.store(0, Ordering::Release);
+        current.take()
     }
 
     /// The open board.
@@ -150,6 +171,7 @@ impl VendorBoard {
     /// # Errors
     /// [`CallError::NotOpen`].
     pub fn get(&self) -> Result<Arc<OpenBoard>, Box<CallError>> {
+        let _busy = Busy::begin();
         lock(&self.current).clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
@@ -159,6 +181,7 @@ impl VendorBoard {
             let mut used = used.try_borrow_mut().ok()?;
             let number = self.number.load(Ordering::Acquire);
             if used.as_ref().is_none_or(|(kept, _)| *kept != number) {
+                let _busy = Busy::begin();
                 let current = lock(&self.current);
                 *used = current.clone().map(|board| (self.number.load(Ordering::Acquire), board));
             }

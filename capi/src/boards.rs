@@ -74,7 +74,7 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
         unsafe { board.write(std::ptr::null_mut()) };
         // SAFETY: as this function's own; the text is not kept.
         let uri = unsafe { text_from(uri, "uri") }?;
-        shutdown::close_at_exit();
+        shutdown::end_at_exit();
         let handle = HANDLES.insert(OpenBoard::new(connect::named(uri)?));
         // SAFETY: as above.
         unsafe { board.write(std::ptr::without_provenance_mut(handle)) };
@@ -175,12 +175,12 @@ pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
     }
 }
 
-/// Closes every board of this process, at its end.
+/// Gives every board back that this process has not closed, at its end.
 #[cfg(unix)]
-pub fn close_all() {
-    vendor::BOARD.give_back();
+pub fn vanish_all() {
+    vendor::BOARD.vanish();
     for board in HANDLES.drain() {
-        board.close();
+        board.vanish();
     }
 }
 
@@ -218,9 +218,11 @@ pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
 
 fn link_code(error: &LinkError) -> EcmskResult {
     match error {
-        LinkError::Uri(_) | LinkError::Script(_) | LinkError::Config(_) | LinkError::WrongSlot { .. } => {
-            ECMSK_ERROR_ARGUMENT
-        }
+        LinkError::Uri(_)
+        | LinkError::Makers(_)
+        | LinkError::Script(_)
+        | LinkError::Config(_)
+        | LinkError::WrongSlot { .. } => ECMSK_ERROR_ARGUMENT,
         LinkError::Unsupported { .. } => ECMSK_ERROR_UNSUPPORTED,
         LinkError::NoBoard { .. } => ECMSK_ERROR_NO_BOARD,
         LinkError::InUse { .. } => ECMSK_ERROR_IN_USE,

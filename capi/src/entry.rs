@@ -5,11 +5,15 @@ use std::fmt::{Arguments, Debug};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
+use ecmsk::summary::teller;
+
+use crate::board;
 use crate::cancellation::Uncancelled;
 use crate::error::{self, CallError};
 use crate::floats::FloatingPoint;
+use crate::logger;
 use crate::module::{Call, LastError};
-use crate::shutdown;
+use crate::shutdown::{self, Busy};
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
 ///
@@ -39,36 +43,45 @@ pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
+    if shutdown::is_forked() {
+        // Nothing here takes a lock: also those of the log and of memory for its lines may be the parent's.
+        let error = Box::new(CallError::Forked);
+        error::remember(&error);
+        return Err(error);
+    }
+    let _busy = (!board::any_open()).then(Busy::begin);
     // The first to begin is the last to end.
     let _whole = Uncancelled::begin();
     let _last_error = LastError::keep();
     let _ours = FloatingPoint::begin();
     set_up();
-    let body = || if shutdown::is_forked() { Err(CallError::Forked.into()) } else { body() };
     let result =
         catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(CallError::Panic(said(&*payload)).into()));
     match &result {
         Ok(value) => log::trace!("{call} -> {value:?}"),
         Err(error) => {
+            let _busy = Busy::begin();
             error::remember(error);
             match **error {
                 CallError::Panic(_) => log::error!("{call} -> {error}"),
                 _ => log::warn!("{call} -> {error}"),
+            }
+            if !board::any_open()
+                && let Some(teller) = teller::of_process()
+            {
+                // The thread that would do so runs while a board is open.
+                teller.write_all();
             }
         }
     }
     result
 }
 
-/// Once per process: the log, if `ECMSK_LOG` asks for one, and silence of panics, which are errors of calls here.
+/// Once per process: the log, and silence of panics, which are errors of calls here.
 fn set_up() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        let wanted = std::env::var("ECMSK_LOG").unwrap_or_default();
-        if !wanted.is_empty() {
-            // A program in Rust that links the static library may have a logger of its own, which then is used.
-            let _ = env_logger::Builder::new().parse_filters(&wanted).try_init();
-        }
+        logger::set_up();
         // The tests of this crate want to see theirs.
         #[cfg(not(test))]
         std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));

@@ -7,6 +7,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use ecmsk::link::LinkError;
 use ecmsk::link::config::Source;
 
+use crate::shutdown;
+
 /// Why a call of the C ABI failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CallError {
@@ -44,9 +46,10 @@ pub enum CallError {
     /// The vendor's functions, before OpenECMUSB or after CloseECMUSB.
     #[error("no board is open; call OpenECMUSB first and look whether it returns true")]
     NotOpen,
-    /// The process was forked while a board was open.
+    /// The process was forked while a board was open, or was being opened or closed.
     #[error(
-        "this process was forked while a board was open, which is its parent's; fork before OpenECMUSB, or let the child exec"
+        "this process was forked while a board was open, or was being opened or closed; the board is its parent's: fork \
+         before OpenECMUSB, or let the child exec"
     )]
     Forked,
     /// A handle that no board has, or no longer.
@@ -117,7 +120,8 @@ pub fn remember_open(error: &CallError) {
 /// call of this tells.
 pub fn last() -> *const c_char {
     THIS_THREAD.with(|text| {
-        if !OWN.get() {
+        // In a child of fork nobody may be left to release the lock.
+        if !OWN.get() && !shutdown::is_forked() {
             *text.borrow_mut() = *lock(&LAST_OPEN);
         }
         text.as_ptr().cast_const().cast()

@@ -16,6 +16,8 @@ mod error;
 mod facts;
 mod floats;
 mod handles;
+mod last_error;
+mod logger;
 mod module;
 mod shutdown;
 mod vendor;

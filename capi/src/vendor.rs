@@ -13,24 +13,28 @@ use crate::buffer::{ReportBuffer, fill_frame};
 use crate::entry::{entry, guard};
 use crate::error::{CallError, remember_open};
 use crate::module::{self, Leaving, leaving};
-use crate::{connect, shutdown};
+use crate::{connect, last_error, shutdown};
 
 /// The board of these four functions.
 pub static BOARD: VendorBoard = VendorBoard::new();
 
 /// Opens the board that `ECMSK_LINK`, an `ecmsk.toml` or the default `usb:` names. 1 if it is open, also if it was
-/// already; 0 if not (`ecmsk_last_error` says why). A board that was lost is opened anew, without CloseECMUSB.
+/// already; 0 if not (`ecmsk_last_error` says why). A board that was lost is opened anew, without CloseECMUSB. On Windows
+/// GetLastError gives 0 after success.
 ///
 /// Source: UG17 4.2.1.
 #[unsafe(no_mangle)]
 pub extern "system" fn OpenECMUSB() -> u32 {
     let result = entry!(OpenECMUSB(), {
-        shutdown::close_at_exit();
+        shutdown::end_at_exit();
         BOARD.open(connect::configured)
     });
-    if let Err(error) = &result {
+    if let Err(error) = &result
+        && !shutdown::is_forked()
+    {
         remember_open(error);
     }
+    last_error::after_open(&result);
     truth(&result)
 }
 
@@ -56,7 +60,8 @@ extern "C" fn close_board() -> Leaving {
 
 /// Writes a command frame of `dwlength` bytes: of more than 512 the first 512, fewer are filled up with 0. 1 if the
 /// board took it; 0 if `data` is NULL, `dwlength` 0, nothing is open, the board is lost, or does not take it within
-/// the link's `write_timeout_ms`.
+/// the link's `write_timeout_ms`. On Windows GetLastError then gives 6 if nothing is open, 5 if the board is lost, 31 if it
+/// did not take the frame, 87 for `data` and `dwlength`; after success it gives what it gave before.
 ///
 /// Source: UG17 4.2.3.
 ///
@@ -64,18 +69,22 @@ extern "C" fn close_board() -> Leaving {
 /// `data` is NULL or points to `dwlength` readable bytes (512 if it is more).
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulong) -> u32 {
-    truth(&entry!(ECMUSBWrite(dwlength), {
+    let result = entry!(ECMUSBWrite(dwlength), {
         with_frame(|frame| {
             // SAFETY: as this function's own.
             unsafe { fill_frame(frame, data, length(dwlength)) }?;
             BOARD.write(frame, length(dwlength))
         })
-    }))
+    });
+    last_error::after_transfer(&result);
+    truth(&result)
 }
 
 /// Waits for a report and copies its first `dwlength` bytes (at most 512) to `data`. 1 if there was one; 0, and `data`
 /// as it was, if `data` is NULL, `dwlength` 0, nothing is open, the board is lost or closed meanwhile, or the link's
-/// `read_timeout_ms` has passed (by default there is no limit).
+/// `read_timeout_ms` has passed (by default there is no limit). On Windows GetLastError then gives 6 if nothing is open, 5 if
+/// the board is lost or closed meanwhile, 31 after the limit, 87 for `data` and `dwlength`; after success it gives what it
+/// gave before.
 ///
 /// Source: UG17 4.2.4.
 ///
@@ -83,7 +92,7 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
 /// `data` is NULL or points to `dwlength` writable bytes (512 if it is more).
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) -> u32 {
-    truth(&entry!(ECMUSBRead(dwlength), {
+    let result = entry!(ECMUSBRead(dwlength), {
         // SAFETY: as this function's own.
         let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
         with_frame(|report| {
@@ -91,7 +100,9 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
             buffer.fill(report);
             Ok(())
         })
-    }))
+    });
+    last_error::after_transfer(&result);
+    truth(&result)
 }
 
 /// Works with a frame of this thread's, whatever stands in it: a new one would have to be cleared.

@@ -5,27 +5,32 @@ mod attend;
 mod bring_up;
 mod error;
 mod interrupt;
-mod network;
+pub mod network;
 mod number;
 mod session;
 mod slaves;
 mod talk;
 
+use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::ValueHint;
 use ecmsk::ecm::{Close, Config, Guard};
+use ecmsk::link::KnownNetwork;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
 pub use bring_up::Needs;
 pub use error::BoardError;
-pub use network::{describe, find_slave, list};
-pub use number::{duration, not_negative, positive, whole};
+pub use interrupt::Interrupt;
+pub use network::{find_slave, list};
+pub use number::{duration, not_negative, position, positive, whole};
 pub use session::{Board, NEAR_COUNTS, Place, Use, in_mode, named, shown};
 pub use slaves::SlaveList;
+pub use talk::Talk;
 
 use super::chosen::Chosen;
-use super::slot_size;
+use super::{recorder, slot_size};
 use network::{Network, Scales};
 
 const HEADING: &str = "Board";
@@ -53,7 +58,19 @@ pub struct Args {
 
     /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
+    slot_size: Option<SlotSize>,
+
+    /// The slot size as it was called before
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, hide = true, conflicts_with = "slot_size")]
     slot: Option<SlotSize>,
+
+    /// Write every frame to this file, for `ecmsk dump`, `ecmsk plot` and Wireshark, as record= of a link does
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, global = true, help_heading = HEADING)]
+    record: Option<PathBuf>,
+
+    /// Replace a recording that is there already; without it a file that is there stays, and nothing is done
+    #[arg(long, requires = "record", global = true, help_heading = HEADING)]
+    overwrite: bool,
 
     /// How long anything may take, e.g. 10s or 500ms [default: SDOs 3s, servo and IO 5s, states 30s, homing 60s]
     #[arg(long, value_name = "TIME", value_parser = duration, global = true, help_heading = HEADING)]
@@ -86,10 +103,58 @@ impl Args {
         Ok(Chosen::find(self.link.as_ref())?)
     }
 
-    /// What the network is, if that is said or the link knows it.
-    pub fn network(&self, uri: &LinkUri) -> Option<Config> {
-        let network = self.slaves.clone().or_else(|| Network::of_link(uri))?;
-        Some(network.config(self.cycle_us, self.guard, self.counts_per_unit.as_ref()))
+    /// Bytes of a slot, if somebody has said so.
+    pub fn slot_size(&self) -> Option<SlotSize> {
+        slot_size::given(self.slot_size, self.slot)
+    }
+
+    /// That link, with the recording if there is to be one.
+    ///
+    /// # Errors
+    /// Why nothing can be recorded.
+    pub fn with_record(&self, uri: &LinkUri) -> Result<LinkUri, BoardError> {
+        match &self.record {
+            None => Ok(uri.clone()),
+            Some(file) => {
+                let recorded = recorder::with_record(uri, file)?;
+                recorder::make_room(file, self.overwrite)?;
+                Ok(recorded)
+            }
+        }
+    }
+
+    /// What the network is, if that is said or the link knows it; `known` is what whoever serves it says.
+    pub fn network(&self, uri: &LinkUri, known: Option<&KnownNetwork>) -> Option<Config> {
+        let network = self.slaves.clone().or_else(|| Network::of_link(uri));
+        let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;
+        let scales = self.counts_per_unit.clone().or_else(|| Scales::parse(&known?.counts_per_unit).ok());
+        Some(network.config(self.cycle_us, self.guard, scales.as_ref()))
+    }
+}
+
+/// A list of slaves, as it was written.
+///
+/// # Errors
+/// What is wrong and what is allowed.
+pub fn slaves_words(text: &str) -> Result<String, String> {
+    Network::parse(text).and_then(|_| short(text))
+}
+
+/// Counts of one unit, as they were written.
+///
+/// # Errors
+/// What is allowed.
+pub fn units_words(text: &str) -> Result<String, String> {
+    Scales::parse(text).and_then(|_| short(text))
+}
+
+/// What fits into what a server says.
+fn short(text: &str) -> Result<String, String> {
+    const LONGEST: usize = 256;
+    if text.len() <= LONGEST {
+        Ok(text.to_owned())
+    } else {
+        Err(format!("at most {LONGEST} bytes; write N in a row as *N"))
     }
 }
 

@@ -1,8 +1,12 @@
 //! Which board is meant: `--link`, else the one that the library would find.
 
+use std::path::PathBuf;
+
 use ecmsk::link::LinkError;
 use ecmsk::link::config::{ConfigError, Environment, Source, VARIABLE, find};
 use ecmsk::link::uri::LinkUri;
+
+use super::error::say;
 
 /// The board that is meant.
 pub struct Chosen {
@@ -44,15 +48,49 @@ impl Chosen {
         if let Some(uri) = link {
             return Ok(Self { uri: uri.clone(), looked: None });
         }
-        let environment = Environment::from_process(None);
+        let environment = environment();
         let configured = find(&environment)?;
+        if let Source::File(_) = &configured.source {
+            say("note", &format_args!("link {}: {}", configured.source, configured.link));
+        }
         let uri = LinkUri::parse(&configured.link).map_err(LinkError::from)?;
         let files = || environment.files().iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
         Ok(Self { uri, looked: (configured.source == Source::Default).then(files) })
+    }
+
+    /// Whether somebody has named it.
+    pub const fn is_named(&self) -> bool {
+        self.looked.is_none()
     }
 
     /// Why it did not open; `None`: somebody named it, and `error` says all.
     pub fn unnamed(&self, error: &LinkError) -> Option<Unnamed> {
         self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
+}
+
+/// Where the tool looks for its link.
+pub fn environment() -> Environment {
+    Environment { working_dir: working_dir(), ..Environment::from_process(None) }
+}
+
+/// The folder that the tool was started in, if its `ecmsk.toml` is this user's or root's: a link may have files made and read,
+/// and whoever may write to a folder such as `/tmp` could name one. \[OURS]
+fn working_dir() -> Option<PathBuf> {
+    let folder = std::env::current_dir().ok()?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let file = folder.join(ecmsk::link::config::FILE);
+        let owner = std::fs::symlink_metadata(&file).map(|file| file.uid());
+        let own = rustix::process::geteuid().as_raw();
+        if owner.is_ok_and(|owner| owner != own && owner != 0) {
+            say(
+                "note",
+                &format_args!("{} is another user's and is passed over; name the link with --link", file.display()),
+            );
+            return None;
+        }
+    }
+    Some(folder)
 }

@@ -29,7 +29,8 @@ pub const TROUBLE: u8 = 2;
 /// states, statuswords, error codes, positions, inputs and SDO results of all slaves, and faults that came and went.
 #[derive(clap::Args)]
 #[command(after_help = "\
-Exit codes, as those of diff: 0 the recordings are equal, 1 they differ, 2 they could not be compared.
+Exit codes, as those of diff: 0 the recordings are equal, 1 they differ, 2 they could not be compared, or are equal only as
+far as one of them goes that is not whole.
 
 Examples:
   ecmsk compare board.pcapng model.pcapng --tolerance 3
@@ -67,35 +68,47 @@ pub struct How {
     #[arg(long)]
     ignore_repeats: bool,
 
+    /// Take a recording for the whole run that is cut off, was not ended or lacks frames: if no difference is found as far
+    /// as it goes, that is equal
+    #[arg(long)]
+    allow_incomplete: bool,
+
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
 
     /// Make a picture of the positions in both, with the first difference marked
-    #[arg(long, value_name = "SVG", value_hint = ValueHint::FilePath)]
+    #[arg(long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     pub plot: Option<PathBuf>,
 
     /// Bytes of a slot in both, 12 or 16 [default: what the recordings say, else what CRCs and slots fit, else 12]
-    #[arg(long, visible_alias = "slot", value_name = "12|16", value_parser = slot_size::parse)]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
+
+    /// The slot size as it was called before
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse, hide = true, conflicts_with = "slot_size")]
+    slot: Option<SlotSize>,
 }
 
 impl How {
     /// What counts as equal.
-    pub const fn options(&self) -> Options {
+    pub fn options(&self) -> Options {
         Options {
             tolerance_counts: self.tolerance,
             statusword_mask: self.statusword_mask,
             ignore_repeats: self.ignore_repeats,
-            slot: self.slot_size,
+            slot: slot_size::given(self.slot_size, self.slot),
+            allow_incomplete: self.allow_incomplete,
         }
     }
 }
 
-/// What the two runs are called, and where their picture goes.
+/// What the two runs are called, what they lack, and where their picture goes.
 pub struct Names {
     /// Of A and B.
     pub runs: [String; 2],
+    /// Why they are not the whole runs, if they are not.
+    pub lacks: [Option<String>; 2],
     /// The picture.
     pub plot: Option<PathBuf>,
 }
@@ -134,33 +147,49 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
     if args.device.len() > 2 {
         return Err(CompareVerbError::TooManyDevices { found: args.device.len() });
     }
+    if let Some(file) = &args.how.plot {
+        plot::check(file, "--plot", &[&args.a, &args.b])?;
+    }
     let options = args.how.options();
-    let names = Names { runs: [&args.a, &args.b].map(|file| file.display().to_string()), plot: args.how.plot.clone() };
     let mut runs = Runs::open(args, &options)?;
     let found = compare_steps(
         Steps::new(&mut runs.a, runs.size, options.ignore_repeats),
         Steps::new(&mut runs.b, runs.size, options.ignore_repeats),
         &options,
     );
-    runs.check()?;
+    let lacks = runs.check()?;
+    let files = [&args.a, &args.b].map(|file| file.display().to_string());
+    let names = Names { runs: files, lacks, plot: args.how.plot.clone() };
     if let Some(file) = &args.how.plot {
         let Runs { a, b, size } = Runs::open(args, &options)?;
         let steps = |source| Steps::new(source, size, options.ignore_repeats);
         let drawing = draw(steps(a), steps(b), &names, &found)?;
         plot::save(file, "--plot", &[&args.a, &args.b], &drawing)?;
     }
-    let text = if args.how.json { json::object(&names, &found).to_string() + "\n" } else { text(&names, &found) };
-    print(text, found.is_equal())
+    let text =
+        if args.how.json { json::object(&names, &found, &options).to_string() + "\n" } else { text(&names, &found) };
+    print(text, names.code(&found, &options))
+}
+
+impl Names {
+    /// The exit code for what was found: what is equal only as far as it goes was not compared.
+    pub fn code(&self, found: &Comparison, options: &Options) -> u8 {
+        match found.is_equal() {
+            true if self.lacks.iter().all(Option::is_none) || options.allow_incomplete => 0,
+            true => TROUBLE,
+            false => DIFFERENT,
+        }
+    }
 }
 
 /// Prints what was found, and gives the exit code.
-pub fn print(text: String, is_equal: bool) -> Result<ExitCode, CompareVerbError> {
+pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     match output::print(text) {
         // Whoever has seen enough of the words may still want the exit code.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(CompareVerbError::Output(error)),
         _ => {}
     }
-    Ok(if is_equal { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) })
+    Ok(ExitCode::from(code))
 }
 
 /// Both recordings.
@@ -179,33 +208,30 @@ impl Runs {
         Ok(Self { a, b, size })
     }
 
-    /// What is to be said of the recordings, once they were read.
-    fn check(&self) -> Result<(), CompareVerbError> {
-        for (name, source) in [("A", &self.a), ("B", &self.b)] {
-            tell(name, source)?;
-        }
-        Ok(())
+    /// Says what is to be said of the recordings, once they were read; gives what they lack.
+    fn check(&self) -> Result<[Option<String>; 2], CompareVerbError> {
+        Ok([tell("A", &self.a)?, tell("B", &self.b)?])
     }
 }
 
-/// Says on standard error what there is to say of a recording, once it was read.
+/// Says on standard error what there is to say of a recording, once it was read; gives what it lacks.
 ///
 /// # Errors
 /// Why it could not be.
-pub fn tell(name: &str, source: &Source) -> Result<(), CompareError> {
+pub fn tell(name: &str, source: &Source) -> Result<Option<String>, CompareError> {
     source.check()?;
     if source.is_size_assumed() {
         recording::note_assumed(name, source.size());
     }
-    if let Some(damage) = source.damage() {
-        say("note", &format_args!("{name}: {damage}"));
+    let lacks = source.shortcoming();
+    if let Some(lacks) = &lacks {
+        say("note", &format_args!("{name}: {lacks}"));
+    }
+    if let Some(jumps) = source.jumps() {
+        say("note", &format_args!("{name}: {jumps}"));
     }
     recording::note_left_out(name, &source.skipped());
-    if source.missing() > 0 {
-        let missing = source.missing();
-        say("note", &format_args!("{name}: {missing} frames are missing; record to a faster disk to have them all"));
-    }
-    Ok(())
+    Ok(lacks)
 }
 
 /// The picture of two runs.
@@ -214,7 +240,7 @@ pub fn draw<A, B>(
     mut b: Steps<B>,
     names: &Names,
     found: &Comparison,
-) -> Result<String, CompareVerbError>
+) -> Result<plot::Sheet, CompareVerbError>
 where
     A: Iterator<Item = Observed>,
     B: Iterator<Item = Observed>,
@@ -235,7 +261,18 @@ where
 pub fn text(names: &Names, found: &Comparison) -> String {
     let [a, b] = &names.runs;
     let picture = names.plot.as_ref().map_or_else(String::new, |file| format!("picture: {}\n", file.display()));
-    format!("A is {a}\nB is {b}\n{found}\n{picture}")
+    let whole = match &names.lacks {
+        [None, None] => String::new(),
+        [Some(_), None] => not_whole("A is"),
+        [None, Some(_)] => not_whole("B is"),
+        [Some(_), Some(_)] => not_whole("A and B are"),
+    };
+    let whole = if found.is_equal() { whole } else { String::new() };
+    format!("A is {a}\nB is {b}\n{found}\n{whole}{picture}")
+}
+
+fn not_whole(which: &str) -> String {
+    format!("as far as they go: {which} not whole (--allow-incomplete takes that for equal)\n")
 }
 
 fn parse_mask(text: &str) -> Result<u16, String> {

@@ -9,6 +9,7 @@ mod versions;
 mod windows;
 
 use std::fmt::Write as _;
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -18,6 +19,7 @@ use ecmsk::machine::findings::{Finding, State, lateness};
 use ecmsk::machine::timing::Lateness;
 use serde_json::{Map, Value, json};
 
+use super::visible::visible;
 use super::{CliError, output};
 pub use folder::FolderError;
 pub use link::not_in_build;
@@ -62,6 +64,29 @@ pub struct Args {
 const PERIOD: Duration = Duration::from_millis(1);
 const TIMES: usize = 1000;
 
+/// Whether states are coloured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Paint(bool);
+
+impl Paint {
+    /// On a terminal, unless the variable `NO_COLOR` is set and not empty (no-color.org) or the terminal has none.
+    fn of_stdout() -> Self {
+        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+        let dumb = set("TERM").is_some_and(|term| term == "dumb");
+        Self(std::io::stdout().is_terminal() && set("NO_COLOR").is_none() && !dumb)
+    }
+
+    fn state(self, state: State) -> String {
+        let text = format!("{state:<6}");
+        let colour = match state {
+            State::Fine => 32,
+            State::Advice => 33,
+            State::Wrong => 31,
+        };
+        if self.0 { format!("\x1b[{colour}m{text}\x1b[0m") } else { text }
+    }
+}
+
 /// # Errors
 /// [`CliError`]
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
@@ -72,7 +97,11 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
             None => return Ok(ExitCode::SUCCESS),
         },
     };
-    output::print(if args.json { lines(&findings) } else { text(&findings) })?;
+    if args.json {
+        output::print(lines(&findings))?;
+    } else {
+        output::print_coloured(&text(&findings, Paint::of_stdout()))?;
+    }
     let is_wrong = findings.iter().any(|finding| finding.state == State::Wrong);
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
@@ -92,18 +121,29 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     Ok(Some(findings))
 }
 
-fn text(findings: &[Finding]) -> String {
+/// What is printed of a program's folder, as text without colours and as JSON.
+///
+/// # Errors
+/// [`FolderError`]
+#[cfg(feature = "fuzz")]
+pub fn of_folder(folder: &std::path::Path) -> Result<[String; 2], FolderError> {
+    let findings = folder::findings(folder)?;
+    Ok([text(&findings, Paint(false)), lines(&findings)])
+}
+
+fn text(findings: &[Finding], paint: Paint) -> String {
     let name = |finding: &Finding| match &finding.subject {
-        Some(subject) => format!("{} {subject}", finding.check),
+        Some(subject) => visible(&format!("{} {subject}", finding.check)),
         None => finding.check.to_owned(),
     };
     let width = findings.iter().map(|finding| name(finding).chars().count()).max().unwrap_or(0);
     let mut text = String::new();
     for finding in findings {
         // Writing to a String does not fail.
-        let _ = writeln!(text, "{:<6}  {:<width$}  {}", finding.state, name(finding), finding.found);
+        let state = paint.state(finding.state);
+        let _ = writeln!(text, "{state}  {:<width$}  {}", name(finding), visible(&finding.found));
         if let Some(next) = finding.next.as_ref().filter(|_| finding.state != State::Fine) {
-            let _ = writeln!(text, "{:<6}  do: {next}", "");
+            let _ = writeln!(text, "{:<6}  do: {}", "", visible(next));
         }
     }
     let count = |state| findings.iter().filter(|finding| finding.state == state).count();

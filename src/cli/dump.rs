@@ -67,11 +67,15 @@ pub struct Args {
     json: bool,
 
     /// Show these slots alone, whatever they hold: 0 or ecm, N for slave N, sdo for the last; comma list with ranges
-    #[arg(long, visible_alias = "slot", value_name = "LIST", value_delimiter = ',', value_parser = Slots::parse)]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Slots::parse)]
     slots: Vec<Slots>,
 
+    /// The slots as that was called before
+    #[arg(long, value_name = "LIST", value_parser = OldSlots::parse, hide = true, conflicts_with = "slots")]
+    slot: Vec<OldSlots>,
+
     /// Show every slot
-    #[arg(long, conflicts_with = "slots")]
+    #[arg(long, conflicts_with_all = ["slots", "slot"])]
     all: bool,
 
     /// Show only what asks for or answers one of these commands, by their names as CSP or SET_STATE; comma list. Frames
@@ -183,7 +187,10 @@ fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(),
         printer.print(&shown, kinds)?;
     }
     frames.note_missing();
-    Ok(())
+    match frames.lacks() {
+        Some(lacks) if args.json => Ok(json::write_lacks(&mut printer.out, &lacks)?),
+        _ => Ok(()),
+    }
 }
 
 fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
@@ -235,7 +242,7 @@ struct Section {
 
 /// Where the output goes, and how.
 struct Printer {
-    out: io::BufWriter<io::StdoutLock<'static>>,
+    out: output::Out,
     json: bool,
     numbering: Numbering,
     view: View,
@@ -255,7 +262,7 @@ impl Printer {
             json: args.json,
             numbering: if args.hex { Numbering::Line } else { Numbering::Frame },
             view: View {
-                slots: args.slots.clone(),
+                slots: args.slots(),
                 all: args.all,
                 commands: args.commands.clone(),
                 firmware: args.fw.unwrap_or_default(),
@@ -311,6 +318,33 @@ impl Printer {
                 "note",
                 &format_args!("none of {frames} frames is left; change --commands, --direction, --from or --to"),
             );
+        }
+    }
+}
+
+impl Args {
+    /// The slots asked for.
+    fn slots(&self) -> Vec<Slots> {
+        if !self.slot.is_empty() {
+            slot_size::hint("--slot", "--slots");
+        }
+        let old = self.slot.iter().flat_map(|OldSlots(slots)| slots);
+        self.slots.iter().chain(old).copied().collect()
+    }
+}
+
+/// Slots by `--slot`, where that can mean nothing else: in other verbs it was the slot size.
+#[derive(Clone, Debug)]
+struct OldSlots(Vec<Slots>);
+
+impl OldSlots {
+    fn parse(text: &str) -> Result<Self, String> {
+        match text.trim() {
+            size @ ("12" | "16") => Err(format!(
+                "that may be a slot or the slot size; write --slots {size} for the slot of slave {size}, --slot-size {size} for \
+                 slots of {size} bytes"
+            )),
+            text => text.split(',').map(Slots::parse).collect::<Result<_, _>>().map(Self),
         }
     }
 }

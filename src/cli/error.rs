@@ -1,6 +1,6 @@
 //! Why a verb failed, and the exit code that says so.
 
-use std::io::{self, Write};
+use std::io;
 use std::process::ExitCode;
 
 use ecmsk::link::record::RecordError;
@@ -44,9 +44,20 @@ pub enum CliError {
     /// See [`super::doctor::FolderError`].
     #[error(transparent)]
     Folder(#[from] super::doctor::FolderError),
+    /// See [`super::objects::ObjectsError`].
+    #[error(transparent)]
+    Objects(#[from] super::objects::ObjectsError),
     /// See [`super::exec::ExecError`].
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
+    /// A server without a board.
+    #[error(
+        "no board to serve was named: no --link, {} is not set, there is no {}; give one, e.g. --link 'sim:?slaves=drive*2', see \
+         `ecmsk link help`",
+        ecmsk::link::config::VARIABLE,
+        ecmsk::link::config::FILE
+    )]
+    NothingToServe,
     /// See [`ecmsk::port::tcp::ServeError`].
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
@@ -65,17 +76,55 @@ impl CliError {
         {
             return ExitCode::SUCCESS;
         }
-        say("error", self);
+        let code = self.code();
+        if wants_json() {
+            failed_in_json(&self.to_string(), code);
+        } else {
+            say("error", self);
+        }
+        ExitCode::from(code)
+    }
+
+    fn code(&self) -> u8 {
         match self {
-            Self::Exec(error) => ExitCode::from(error.code()),
-            Self::Board(error) => ExitCode::from(error.code()),
-            Self::Compare(_) | Self::Replay(_) => ExitCode::from(super::compare::TROUBLE),
-            _ => ExitCode::FAILURE,
+            Self::Exec(error) => error.code(),
+            Self::Board(error) => error.code(),
+            // The command line asks for what is refused.
+            Self::NothingToServe | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. }) => {
+                super::WRONG_COMMAND_LINE
+            }
+            Self::Compare(_) | Self::Replay(_) => super::compare::TROUBLE,
+            _ => 1,
         }
     }
 }
 
-/// A line on standard error, `kind: what`. That nobody may be there to read it is not worth a panic.
+/// Whether the command line asks for JSON: it may be wrong, and then the error is JSON too. Behind `--`, and for `exec`
+/// behind the program, stands what is not for the tool.
+fn wants_json() -> bool {
+    let mut words = std::env::args_os().skip(1).peekable();
+    let is_exec = words.peek().is_some_and(|verb| verb == "exec");
+    !is_exec && words.take_while(|word| word != "--").any(|word| word == "--json")
+}
+
+/// The last line on standard error for a program that reads JSON: `{"error": "..", "exit_code": 1}`. \[OURS]
+fn failed_in_json(error: &str, code: u8) {
+    super::stderr::line(&serde_json::json!({"error": error, "exit_code": code}).to_string());
+}
+
+/// Ends the process because of a command line that is wrong, or that asks for help or the version.
+pub fn wrong_command_line(error: &clap::Error) -> ! {
+    if error.use_stderr() && wants_json() {
+        let text = error.render().to_string();
+        let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        failed_in_json(text.trim_start_matches("error: "), 2);
+        super::stderr::finish();
+        std::process::exit(2);
+    }
+    error.exit()
+}
+
+/// A line on standard error, `kind: what`.
 pub fn say(kind: &str, what: &dyn std::fmt::Display) {
-    let _ = writeln!(io::stderr(), "{kind}: {what}");
+    super::stderr::line(&format!("{kind}: {what}"));
 }

@@ -7,6 +7,8 @@
 mod child;
 mod library;
 mod link;
+mod recorded;
+mod told;
 
 use std::ffi::{OsStr, OsString};
 use std::io;
@@ -17,15 +19,19 @@ use clap::ValueHint;
 use ecmsk::link::config::{ConfigError, OPENED, VARIABLE};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
+use ecmsk::summary::teller::TOLD;
 
 use super::error::say;
+use super::recorder;
 use library::LibraryFolder;
 pub use library::find as find_library;
+use told::{Manner, Told};
 
 /// Run an existing program on the library of this build
 ///
 /// The program is one that links NEXTWUSBLib; it is not changed. It sees this build's library first and, with --link, the
-/// board named there. Ctrl-C reaches the program alone. On Windows a NEXTWUSBLib.dll beside the program comes before all
+/// board named there. Ctrl-C reaches the program alone. Why the board did not do what the program wanted is said on standard
+/// error, each reason once while it runs, and summed up at its end. On Windows a NEXTWUSBLib.dll beside the program comes before all
 /// others: it has to be this build's.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -33,7 +39,7 @@ Examples:
   ecmsk exec --link 'sim:?slaves=drive*2' -- ./program
   ecmsk exec --link 'sim:?slaves=drive*2' --record run.pcapng -- ./program --its-own-option
 
-Exit code: the program's, 128 + n if signal n ended it; 125 if it could not be started because of something else than
+Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
 pub struct Args {
     /// Board to give the program, see `ecmsk link help`; without it the library looks for its link as it always does
@@ -45,6 +51,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
+    /// Replace a recording that is there already; without it a file that is there stays, and the program is not started
+    #[arg(long, requires = "record")]
+    overwrite: bool,
+
     /// The library, or the folder it is in [default: beside this tool, then ../lib, then Debian's folder there]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
@@ -52,6 +62,14 @@ pub struct Args {
     /// Say on standard error what is set for the program
     #[arg(short, long)]
     verbose: bool,
+
+    /// Do not say what goes wrong, neither while the program runs nor at its end
+    #[arg(short, long, conflicts_with = "json")]
+    quiet: bool,
+
+    /// Say the summary as one JSON object on standard error, and nothing while the program runs
+    #[arg(long)]
+    json: bool,
 
     /// The program and its arguments
     #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM", value_hint = ValueHint::CommandWithArguments)]
@@ -109,15 +127,10 @@ pub enum ExecError {
         /// The link.
         link: String,
     },
-    /// The recording's file cannot stand in a link.
-    #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
-    Record {
-        /// The file.
-        file: PathBuf,
-        /// Why not.
-        reason: String,
-    },
-    /// The link does not take the recording, or the one that is configured is wrong.
+    /// See [`recorder::RecordError`].
+    #[error(transparent)]
+    Record(#[from] recorder::RecordError),
+    /// The link that is configured is wrong.
     #[error(transparent)]
     Uri(#[from] UriError),
     /// It cannot be told which link is configured.
@@ -155,8 +168,19 @@ impl ExecError {
         match self {
             Self::NotFound { .. } => 127,
             Self::NotExecutable { .. } => 126,
-            Self::Uri(_) | Self::NotInBuild { .. } => 2,
+            Self::Uri(_) | Self::Record(recorder::RecordError::Uri(_)) | Self::NotInBuild { .. } => 2,
             _ => 125,
+        }
+    }
+}
+
+impl Args {
+    fn manner(&self) -> Manner {
+        match std::env::var_os("ECMSK_LOG").filter(|wanted| !wanted.is_empty()) {
+            _ if self.quiet => Manner::Quiet,
+            _ if self.json => Manner::Json,
+            Some(_) => Manner::Summary,
+            None => Manner::Words,
         }
     }
 }
@@ -167,12 +191,18 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
     let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
+    if let Some(file) = &args.record {
+        recorder::make_room(file, args.overwrite)?;
+    }
     // Its folder stays until this goes.
     let library = LibraryFolder::make(&file)?;
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 
     let mut command = Command::new(program);
     command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED, library.opened());
+    let told = library.told()?;
+    command.env(TOLD, &told);
+    let told = Told::follow(&told, args.manner()).map_err(|source| ExecError::System { what: "read", source })?;
     if let Some(link) = &link {
         command.env(VARIABLE, link.to_string());
     }
@@ -184,6 +214,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         }
     }
     let ended = child::run(&mut command, Path::new(program))?;
+    let summary = told.end();
     if args.verbose {
         say("program", &ended);
     }
@@ -192,6 +223,13 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     }
     // Its folder goes before this process does.
     drop(library);
+    let not_whole = recorded::not_whole(link.as_ref());
+    if let Some(what) = &not_whole {
+        say("warning", what);
+    }
+    if ended.success() && (not_whole.is_some() || summary.is_some_and(|summary| summary.record_dropped() > 0)) {
+        return Ok(ExitCode::from(recorded::NOT_WHOLE));
+    }
     Ok(child::end_as(ended))
 }
 

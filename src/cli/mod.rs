@@ -9,15 +9,19 @@ mod dump;
 mod error;
 mod exec;
 mod filter;
+#[cfg(feature = "fuzz")]
+pub mod fuzzed;
 mod image;
 mod kinds;
 mod link;
 mod list;
 mod man;
 mod monitor;
+mod objects;
 mod output;
 mod plot;
 mod reading;
+mod recorder;
 mod recording;
 mod replay;
 mod script;
@@ -25,7 +29,10 @@ mod serve;
 mod shell;
 mod signals;
 mod slot_size;
+mod stderr;
 mod step;
+mod summary;
+mod visible;
 
 use std::process::ExitCode;
 
@@ -37,7 +44,7 @@ use error::CliError;
 const EXIT_CODES: &str = "\
 Exit codes:
   0    done (also when whoever read the output has closed it)
-  1    failed; the last line on standard error says why and what to do
+  1    failed; the last line on standard error says why and what to do, with --json as an object of `error` and `exit_code`
   2    the command line is wrong
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
   compare
@@ -48,7 +55,11 @@ Exit codes:
   doctor
        0 nothing is wrong, 1 something has to be put right
   exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
+       124 the program ended with 0, and its recording is not whole,
        125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
+
+/// The exit code for a command line that is wrong, as clap has it.
+const WRONG_COMMAND_LINE: u8 = 2;
 
 /// Tools for the ECM-SK, an EtherCAT master on a board, and for its software model.
 #[derive(Parser)]
@@ -63,6 +74,7 @@ enum Verb {
     Exec(exec::Args),
     Dump(dump::Args),
     Plot(plot::Args),
+    Summary(summary::Args),
     #[command(flatten)]
     Step(step::Verb),
     Run(script::Args),
@@ -71,6 +83,7 @@ enum Verb {
     Replay(replay::Args),
     Monitor(monitor::Args),
     Link(link::Args),
+    Objects(objects::Args),
     List(list::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
@@ -80,12 +93,16 @@ enum Verb {
 
 /// Runs the tool on the arguments of this process.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    env_logger::Builder::from_env(env_logger::Env::new().filter_or("ECMSK_LOG", "off")).init();
-    match cli.verb.run() {
+    let cli = Cli::try_parse().unwrap_or_else(|error| error::wrong_command_line(&error));
+    env_logger::Builder::from_env(env_logger::Env::new().filter_or("ECMSK_LOG", "off"))
+        .target(env_logger::Target::Pipe(Box::new(stderr::Log)))
+        .init();
+    let code = match cli.verb.run() {
         Ok(code) => code,
         Err(error) => error.report(),
-    }
+    };
+    stderr::finish();
+    code
 }
 
 impl Verb {
@@ -93,6 +110,7 @@ impl Verb {
         match self {
             Self::Exec(args) => Ok(exec::run(&args)?),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Summary(args) => summary::run(&args),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
@@ -101,6 +119,7 @@ impl Verb {
             Self::Replay(args) => Ok(replay::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Objects(args) => objects::run(&args).map(|()| ExitCode::SUCCESS),
             Self::List(args) => list::run(&args),
             Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),

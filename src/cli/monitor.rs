@@ -16,12 +16,12 @@ use std::time::{Duration, Instant};
 use clap::ValueHint;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::Firmware;
-use ecmsk::link::LinkError;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::record::RecordError;
 use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{KnownNetwork, LinkError};
 use ecmsk::sk::{SlaveKind, SlotSize};
 
 use super::chosen::{ChoiceError, Chosen, Unnamed};
@@ -41,7 +41,7 @@ use watched::{View, Watched};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  ecmsk monitor --link tcp://192.168.1.20:7402 --slaves drive*6,io
+  ecmsk monitor --link tcp://192.168.1.20:4711
   ecmsk monitor --once
   ecmsk monitor --recording run.pcapng
   ecmsk monitor --json --interval 1s | jq '.slots[0].fifo_free_entries'")]
@@ -55,12 +55,16 @@ pub struct Args {
     recording: Option<PathBuf>,
 
     /// The slaves in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, none [default: those of a
-    /// sim: link or as a recording tells, else guessed from what they say]
+    /// sim: link, or as a server or a recording tells, else guessed from what they say]
     #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
     slaves: Option<KindList>,
 
     /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
-    #[arg(long, visible_alias = "slot-size", value_name = "12|16", value_parser = slot_size::parse)]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// The slot size as it was called before
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse, hide = true, conflicts_with = "slot_size")]
     slot: Option<SlotSize>,
 
     /// Print the table once and end; of a recording as it is at its end
@@ -115,6 +119,13 @@ impl From<LinkError> for MonitorError {
     }
 }
 
+impl Args {
+    /// Bytes of a slot, if somebody has said so.
+    fn size(&self) -> Option<SlotSize> {
+        slot_size::given(self.slot_size, self.slot)
+    }
+}
+
 /// Shows it; gives the exit code.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if args.once || args.json {
@@ -160,7 +171,7 @@ fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
     let last_ns = args.seconds.map(|seconds| i64::try_from(seconds.as_nanos()).unwrap_or(i64::MAX));
     let mut next_ns = None;
     let mut seen = false;
-    let walked = source::walk(file, args.slot, |framed| {
+    let walked = source::walk(file, args.size(), |framed| {
         let at_ns = framed.time_ns;
         if last_ns.is_some_and(|last| at_ns > last) {
             return Ok(false);
@@ -183,6 +194,7 @@ fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
     }
     if let Some(damage) = walked {
         super::error::say("note", &damage);
+        watched.end = Some(damage);
     }
     print(args, &watched.view())?;
     Ok(ExitCode::SUCCESS)
@@ -196,15 +208,19 @@ fn print(args: &Args, view: &View) -> Result<(), CliError> {
 fn feed(args: &Args) -> Result<Feed, MonitorError> {
     if let Some(file) = &args.recording {
         let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
-        return Ok(Feed::recording(file.clone(), args.slot, watched)?);
+        return Ok(Feed::recording(file.clone(), args.size(), watched)?);
     }
     let chosen = Chosen::find(args.link.as_ref())?;
     let uri = reading(&chosen.uri);
-    let mut watched = Watched::new(uri.to_string(), kinds(args, Some(&uri)).as_deref());
-    if uri.value("fw") == Some("1.5") {
-        watched.firmware = Firmware::V15;
-    }
-    Feed::board(&uri, args.slot, watched).map_err(|error| match &error {
+    let watched = |known: Option<KnownNetwork>| {
+        let told = || Some(KindList::parse(&known?.slaves).ok()?.kinds().to_vec());
+        let mut watched = Watched::new(uri.to_string(), kinds(args, Some(&uri)).or_else(told).as_deref());
+        if uri.value("fw") == Some("1.5") {
+            watched.firmware = Firmware::V15;
+        }
+        watched
+    };
+    Feed::board(&uri, args.size(), watched).map_err(|error| match &error {
         MonitorError::Board(EcmError::Link(link)) => chosen.unnamed(link).map_or(error, MonitorError::from),
         _ => error,
     })

@@ -1,36 +1,56 @@
 //! `ecmsk plot`: a recording as a picture, what was commanded and what the drives did.
 
+pub mod axis;
 pub mod chart;
+mod chosen;
 pub mod decimate;
-mod follow;
+mod error;
+mod execution;
+mod file;
+mod lanes;
+mod layout;
 pub mod panel;
+mod path;
+mod png;
 mod series;
+mod speed;
 mod states;
 pub mod style;
 mod survey;
+mod svg;
 
-use std::fs;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-use clap::ValueHint;
+use clap::{ValueEnum, ValueHint};
+use ecmsk::ecm::Scale;
 use ecmsk::link::record::{Address, RecordError};
-use ecmsk::recording::InOrder;
+use ecmsk::recording::Jumps;
 use ecmsk::sk::{CommandId, SlotSize};
 
+use super::board::network::Scales;
 use super::error::{CliError, say};
 use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
-use super::recording::{self, Framed, Frames};
+use super::recording::{self, Framed, Frames, InTime};
 use super::{output, slot_size};
-use series::{AxisLines, Series};
+pub use chart::Sheet;
+use chosen::{Asked, Chosen, Diagram};
+pub use error::PlotError;
+use file::Format;
+pub use file::{check, save};
+use series::{Series, Subject};
 use survey::Survey;
 
 /// Axes that a plot can tell apart by their colours.
 pub const MAX_AXES: usize = 8;
+/// Columns of pixels that a line is thinned to: the width of a diagram.
+pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
-/// Plot a recording as SVG: target and actual position, states, torque and FIFO level over time
+/// Plot a recording as SVG or PNG: target and actual position, states, torque, IO and FIFO level over time
 ///
-/// The plot shows the time in OP; it is shaded where a drive is homing, has a fault or is not enabled. Targets stand where they were sent; they wait in the FIFO before they are executed.
+/// The plot shows the time in OP; it is shaded where a drive is homing, has a fault or is not enabled, and where the FIFO was
+/// empty while an axis was moving: the board repeats the last target then. Targets stand in the cycle in which the board
+/// executed them: after they were sent they waited in the FIFO.
 /// Prints where the plot lies.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -38,17 +58,25 @@ Times are seconds since the recording's first frame, as in `ecmsk dump`.
 
 Examples:
   ecmsk plot run.pcapng
-  ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg")]
+  ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg
+  ecmsk plot run.pcapng --counts-per-unit 10000 --unit mm --xy 1,2 --title 'The square' -o square.png
+  ecmsk plot run.pcapng --panels velocity,io")]
 pub struct Args {
     /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap)
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
-    /// Where the plot goes; `-` is standard output [default: FILE with the ending .svg]
-    #[arg(short, long, value_name = "SVG", value_hint = ValueHint::FilePath)]
+    /// Where the plot goes, as SVG or by the ending .png as PNG; `-` is standard output, as SVG [default: FILE with the ending
+    /// .svg]
+    #[arg(short, long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 
-    /// Slaves to show, at most 8; comma list with ranges [default: those that were moved, else all drives]
+    /// What stands above the plot [default: the link that was recorded]
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+
+    /// Slaves to show, at most 8; comma list with ranges [default: those that were moved, else all drives; and the IO slaves of
+    /// which anything was ever 1]
     #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = Slaves::parse)]
     axes: Vec<Slaves>,
 
@@ -68,6 +96,23 @@ pub struct Args {
     #[arg(long)]
     difference: bool,
 
+    /// Show the way of two axes in their plane too, the first from left to right, as 1,2
+    #[arg(long, value_name = "X,Y", value_parser = chosen::plane)]
+    xy: Option<[u8; 2]>,
+
+    /// Show these diagrams alone; comma list [default: those that the recording has something for, but for difference, xy, and
+    /// velocity of axes that go by CSP]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_enum)]
+    panels: Vec<Diagram>,
+
+    /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true)]
+    counts_per_unit: Option<Scales>,
+
+    /// The unit's name, as mm [default: units]
+    #[arg(long, value_name = "NAME", requires = "counts_per_unit")]
+    unit: Option<String>,
+
     /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
@@ -77,150 +122,69 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Why there is no plot.
-#[derive(Debug, thiserror::Error)]
-pub enum PlotError {
-    /// A plot reads its recording twice.
-    #[error("a plot cannot read standard input; name a file")]
-    Stdin,
-    /// The network never ran.
-    #[error(
-        "{} has no response in OP ({frames} frames), and a plot shows what happens in OP; record a program that goes there, or look at this one with `ecmsk dump`",
-        .file.display()
-    )]
-    NoOp {
-        /// The recording.
-        file: PathBuf,
-        /// Frames it has.
-        frames: u64,
-    },
-    /// The times asked for lie elsewhere.
-    #[error("no time in OP is left: {asked}, and the recording is in OP from {op}; change --from or --to")]
-    NothingInRange {
-        /// The times asked for.
-        asked: String,
-        /// The times there are.
-        op: String,
-    },
-    /// The axes never had one of these commands.
-    #[error(
-        "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
-    )]
-    NoSuchCommand {
-        /// Those asked for.
-        commands: String,
-        /// The axes looked at.
-        axes: Vec<u8>,
-    },
-    /// More than colours.
-    #[error("{found} axes do not fit one plot, at most {MAX_AXES} do; name fewer with --axes")]
-    TooManyAxes {
-        /// Axes asked for.
-        found: usize,
-    },
-    /// There is nothing of that axis.
-    #[error("axis {axis} has no slot in frames of {}-byte slots; name axes from 1 to {} with --axes", .size.bytes(), .size.max_slaves())]
-    NoSuchAxis {
-        /// The axis.
-        axis: u8,
-        /// The frames' slot size.
-        size: SlotSize,
-    },
-    /// An axis that the recording says nothing of.
-    #[error("axis {axis} is empty: no slave has its slot in OP, and no command is for it; {}", others(.axes))]
-    EmptyAxis {
-        /// The axis.
-        axis: u8,
-        /// Those that are not.
-        axes: Vec<u8>,
-    },
-    /// The plot would replace the recording.
-    #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
-    SameFile {
-        /// The file.
-        file: PathBuf,
-        /// What names it.
-        option: &'static str,
-    },
-    /// The plot cannot be written.
-    #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
-    Write {
-        /// The file.
-        file: PathBuf,
-        /// What names it.
-        option: &'static str,
-        /// The system's words.
-        source: io::Error,
-    },
-    /// The picture could not be made.
-    #[error("cannot draw: {reason}; try fewer axes with --axes, or a shorter time with --from and --to")]
-    Draw {
-        /// The library's words.
-        reason: String,
-    },
-}
-
 /// Makes the plot.
 pub fn run(args: &Args) -> Result<(), CliError> {
+    let output = args.output();
+    let (sheet, damage) = sheet(args)?;
+    let told = || damage.iter().for_each(|damage| say("note", damage));
+    if output == Path::new("-") {
+        let drawing = Format::Svg.write(&sheet)?;
+        told();
+        let mut stdout = io::stdout().lock();
+        return Ok(stdout.write_all(&drawing).and_then(|()| stdout.flush())?);
+    }
+    save(&output, "-o", &[&args.file], &sheet)?;
+    told();
+    Ok(output::print(format!("{}\n", output.display()))?)
+}
+
+/// The bytes of the picture, which are not written.
+///
+/// # Errors
+/// [`CliError`]
+#[cfg(feature = "fuzz")]
+pub fn picture(args: &Args) -> Result<Vec<u8>, CliError> {
+    let format = Format::of(&args.output(), "-o")?;
+    Ok(format.write(&sheet(args)?.0)?)
+}
+
+/// The picture, and why the recording ends early, if it does.
+fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
     }
-    let asked = args.axes();
-    if asked.len() > MAX_AXES {
-        return Err(PlotError::TooManyAxes { found: asked.len() }.into());
+    let asked = args.asked();
+    if asked.slaves.len() > MAX_AXES {
+        return Err(PlotError::TooManyAxes { found: asked.slaves.len() }.into());
+    }
+    let output = args.output();
+    if output != Path::new("-") {
+        // Before a long recording is read twice.
+        file::check(&output, "-o", &[&args.file])?;
     }
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
     let mut recording = Frames::open(&args.file, args.slot_size, device)?;
-    let Walked { frames, damage } = walk(&mut recording, |framed| survey.frame(framed))?;
+    let Walked { frames, damage, jumps } = walk(&mut recording, |framed| survey.frame(framed))?;
     recording.note_missing();
+    if let Some(jumps) = jumps {
+        say("note", &format_args!("{}: {jumps}", args.file.display()));
+    }
     let Some(op) = survey.op() else {
         let no_op = PlotError::NoOp { file: args.file.clone(), frames };
         return Err(damage.map_or(no_op.into(), CliError::from));
     };
-    let axes = axes(asked, &survey)?;
+    let chosen = asked.choose(&survey)?;
     let times = Times { from: args.from, to: args.to };
     let window =
         op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
-    let cycle_ns = args.difference.then(|| survey.cycle_ns());
-    let commands = args.commands.iter().map(|command| command.code()).collect();
-    let mut series = Series::new(window, &axes, survey.board(), cycle_ns).only(commands);
-    walk(&mut Frames::open(&args.file, args.slot_size, device)?.quiet(), |framed| series.frame(framed))?;
-    let lines = series.finish();
-    if !args.commands.is_empty() && lines.axes.iter().all(AxisLines::is_empty) {
-        let names = args.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());
-        let commands = names.collect::<Vec<_>>().join(", ");
-        return Err(PlotError::NoSuchCommand { commands, axes }.into());
-    }
+    let panels = args.panels(&asked, &chosen, &survey, window)?;
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
     let file = args.file.display();
-    let caption = chart::Caption {
-        title: survey.link().unwrap_or_else(|| file.to_string()),
-        about: format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0)),
-        range: window.range(),
-        axis: "time (s)",
-    };
-    let drawing = chart::draw(&panel::panels(lines), &caption)?;
-    if let Some(damage) = damage {
-        say("note", &damage);
-    }
-    let file = args.output.clone().unwrap_or_else(|| args.file.with_extension("svg"));
-    if file == Path::new("-") {
-        return Ok(output::print(drawing)?);
-    }
-    save(&file, "-o", &[&args.file], &drawing)?;
-    Ok(output::print(format!("{}\n", file.display()))?)
-}
-
-/// Writes a plot to a file, named by that option, that is none of the recordings it was made of.
-pub fn save(file: &Path, option: &'static str, recordings: &[&Path], drawing: &str) -> Result<(), PlotError> {
-    let same = |recording: &&Path| {
-        fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
-    };
-    if recordings.iter().any(same) {
-        return Err(PlotError::SameFile { file: file.to_owned(), option });
-    }
-    fs::write(file, drawing).map_err(|source| PlotError::Write { file: file.to_owned(), option, source })
+    let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
+    let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
+    let caption = chart::Caption { title, about, range: window.range(), axis: "time (s)" };
+    Ok((Sheet { panels, caption }, damage))
 }
 
 /// What a walk through the recording came by.
@@ -229,17 +193,19 @@ struct Walked {
     frames: u64,
     /// Why it ends early, if it does: a program that was killed leaves such a recording, and what came before is whole.
     damage: Option<RecordError>,
+    /// Where its times jump.
+    jumps: Option<Jumps>,
 }
 
 /// Shows every frame of the recording in the order of time.
 fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
-    let mut order = InOrder::default();
-    let mut walked = Walked { frames: 0, damage: None };
+    let mut order = InTime::default();
+    let mut walked = Walked { frames: 0, damage: None, jumps: None };
     for framed in recording {
         match framed {
             Ok(framed) => {
                 walked.frames += 1;
-                order.push(framed.time_ns, framed).iter().for_each(&mut show);
+                order.push(framed).iter().for_each(&mut show);
             }
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
             Err(error) => return Err(error.into()),
@@ -248,49 +214,63 @@ fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Re
     while let Some(framed) = order.pop() {
         show(&framed);
     }
+    walked.jumps = order.jumps();
     Ok(walked)
 }
 
 impl Args {
-    /// The axes asked for.
-    fn axes(&self) -> Vec<u8> {
-        let mut axes: Vec<u8> = self.axes.iter().flat_map(|slaves| slaves.numbers()).collect();
-        axes.sort_unstable();
-        axes.dedup();
-        axes
+    /// Where the plot goes.
+    fn output(&self) -> PathBuf {
+        self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
     }
-}
 
-/// The axes to show: as asked, else as found.
-fn axes(asked: Vec<u8>, survey: &Survey) -> Result<Vec<u8>, PlotError> {
-    let size = survey.size();
-    if let Some(axis) = asked.iter().copied().find(|axis| usize::from(*axis) > size.max_slaves()) {
-        return Err(PlotError::NoSuchAxis { axis, size });
+    fn asked(&self) -> Asked {
+        let mut slaves: Vec<u8> = self.axes.iter().flat_map(|slaves| slaves.numbers()).collect();
+        slaves.sort_unstable();
+        slaves.dedup();
+        Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane: self.xy }
     }
-    if let Some(axis) = asked.iter().copied().find(|axis| survey.is_empty(*axis)) {
-        return Err(PlotError::EmptyAxis { axis, axes: survey.known() });
-    }
-    let mut axes = if asked.is_empty() { survey.axes() } else { asked };
-    if axes.len() > MAX_AXES {
-        let (all, shown) = (axes.len(), style::list(&axes[..MAX_AXES]));
-        say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
-        axes.truncate(MAX_AXES);
-    }
-    Ok(axes)
-}
 
-/// What can be asked for instead.
-fn others(axes: &[u8]) -> String {
-    match axes {
-        [] => "leave --axes out, for the FIFO alone".to_owned(),
-        axes => format!("name some of {} with --axes", style::list(axes)),
-    }
-}
-
-fn axes_list(axes: &[u8]) -> String {
-    match axes {
-        [axis] => format!("axis {axis}"),
-        axes => format!("axes {}", style::list(axes)),
+    /// The second look at the recording.
+    fn panels(
+        &self,
+        asked: &Asked,
+        chosen: &Chosen,
+        survey: &Survey,
+        window: Window,
+    ) -> Result<Vec<panel::Panel>, CliError> {
+        let scale = |axis: u8| self.counts_per_unit.as_ref().map_or(Scale::COUNTS, |scales| scales.of(axis));
+        let axes: Vec<(u8, Scale)> = chosen.axes.iter().map(|axis| (*axis, scale(*axis))).collect();
+        let mut series = Series::new(&Subject {
+            window,
+            axes: &axes,
+            ios: &chosen.ios,
+            plane: chosen.plane,
+            board: survey.board(),
+            cycle_ns: survey.cycle_ns(),
+            commands: self.commands.iter().map(|command| command.code()).collect(),
+        });
+        let device = recording::board(&self.file, self.device)?;
+        walk(&mut Frames::open(&self.file, self.slot_size, device)?.quiet(), |framed| series.frame(framed))?;
+        let lines = series.finish();
+        if !self.commands.is_empty() && lines.is_empty() {
+            let names = self.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());
+            let commands = names.collect::<Vec<_>>().join(", ");
+            let axes = chosen.axes.iter().chain(&chosen.ios).copied().collect();
+            return Err(PlotError::NoSuchCommand { commands, axes }.into());
+        }
+        let unit = match (&self.counts_per_unit, &self.unit) {
+            (None, _) => "counts",
+            (Some(_), None) => "units",
+            (Some(_), Some(unit)) => unit,
+        };
+        let panels = layout::panels(lines, asked, chosen.plane, &style::fitting(unit, style::TEXT, 100));
+        if panels.is_empty() {
+            let names = asked.diagrams.iter().filter_map(ValueEnum::to_possible_value);
+            let asked = names.map(|name| name.get_name().to_owned()).collect::<Vec<_>>().join(", ");
+            return Err(PlotError::NoPanel { asked }.into());
+        }
+        Ok(panels)
     }
 }
 

@@ -7,9 +7,11 @@ use std::path::Path;
 use std::rc::Rc;
 
 use ecmsk::engine::Firmware;
-use ecmsk::link::record::{Address, AddressError, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
+use ecmsk::link::record::{
+    Address, AddressError, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in,
+};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::recording::{SizeFinder, SizeFrom};
+use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
 
 use super::error::say;
@@ -149,14 +151,14 @@ impl<R: Read> Frames<R> {
     /// Says on standard error what is missing and what was left out, if anything is; known at the end only.
     pub fn note_missing(&self) {
         note_left_out(&self.name, &self.recording.skipped());
-        let missing = self.recording.missing();
-        if missing > 0 {
-            let name = &self.name;
-            say(
-                "note",
-                &format_args!("{name}: {missing} frames are missing; record to a faster disk to have them all"),
-            );
+        if let Some(lacks) = self.lacks() {
+            say("note", &format_args!("{}: {lacks}", self.name));
         }
+    }
+
+    /// What the recording lacks, if anything is known to be missing; known at the end only.
+    pub fn lacks(&self) -> Option<Lacks> {
+        Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing())
     }
 }
 
@@ -174,6 +176,36 @@ impl<R: Read> Iterator for Frames<R> {
             self.number += 1;
             Framed { number: self.number, time_ns: since(first_ns, recorded.at_ns), recorded, size, meta }
         }))
+    }
+}
+
+/// Frames in the order of their times, and times that go on whatever the clock did.
+#[derive(Default)]
+pub struct InTime {
+    timeline: Timeline<Framed>,
+    order: InOrder<Framed>,
+}
+
+impl InTime {
+    /// Takes the next frame of the file; gives the earliest, once enough are held.
+    pub fn push(&mut self, framed: Framed) -> Option<Framed> {
+        let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
+        self.sort(placed)
+    }
+
+    /// The earliest of those held: there is no other one in the file.
+    pub fn pop(&mut self) -> Option<Framed> {
+        let last = self.timeline.pop();
+        last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop())
+    }
+
+    /// Where the times of the file jump.
+    pub const fn jumps(&self) -> Option<Jumps> {
+        self.timeline.jumps()
+    }
+
+    fn sort(&mut self, (time_ns, framed): (i64, Framed)) -> Option<Framed> {
+        self.order.push(time_ns, Framed { time_ns, ..framed })
     }
 }
 

@@ -7,7 +7,7 @@ use clap::ValueHint;
 use ecmsk::compare::{Steps, compare_steps};
 use ecmsk::link::record::{Address, Skipped};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::replay::{Replay, ReplayError};
+use ecmsk::replay::{Files, Replay, ReplayError};
 use serde_json::{Value, json};
 
 use super::compare::{self, CompareVerbError, How, Names};
@@ -21,7 +21,8 @@ use super::{plot, recording};
 /// replayed too. The capture has to begin with a board that was just switched on (Init or PreOP).
 #[derive(clap::Args)]
 #[command(after_help = "\
-Exit codes, as those of diff: 0 the model answers as the board did, 1 otherwise, 2 it could not be replayed.
+Exit codes, as those of diff: 0 the model answers as the board did, 1 otherwise, 2 it could not be replayed, or
+answers so only as far as a capture goes that is not whole.
 
 Examples:
   ecmsk replay board.pcapng --link 'sim:?slaves=drive*2,io'
@@ -40,6 +41,10 @@ pub struct Args {
     /// Of a capture this device alone, by its bus and address, as 1.5
     #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
     device: Option<Address>,
+
+    /// Open the files that the link in a recording names, such as its script=: only for a recording of your own
+    #[arg(long, conflicts_with = "link")]
+    allow_files: bool,
 
     #[command(flatten)]
     how: How,
@@ -68,14 +73,15 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
         return Err(ReplayVerbError::Stdin);
     }
     let options = args.how.options();
-    let replay = Replay::open(&args.capture, args.link.as_ref(), &options, args.device)?;
+    let files = if args.allow_files { Files::Allowed } else { Files::Refused };
+    let replay = Replay::open(&args.capture, args.link.as_ref(), &options, args.device, files)?;
     let (mut board, mut model) = replay.halves()?;
     let found = compare_steps(
         Steps::new(&mut board, replay.size(), options.ignore_repeats),
         Steps::new(&mut model, replay.size(), options.ignore_repeats),
         &options,
     );
-    compare::tell("A", &board).map_err(CompareVerbError::from)?;
+    let lacks = compare::tell("A", &board).map_err(CompareVerbError::from)?;
     let before = replay.start().skipped;
     if before > 0 {
         let left = "what the board was told before it is not known; begin a capture with the board just switched on";
@@ -86,7 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
         Some(_) => capture.to_string(),
         None => format!("{capture} (device {})", replay.board()),
     };
-    let names = Names { runs: [capture, replay.link().to_string()], plot: args.how.plot.clone() };
+    let names = Names { runs: [capture, replay.link().to_string()], lacks: [lacks, None], plot: args.how.plot.clone() };
     if let Some(file) = &args.how.plot {
         let (board, model) = replay.halves()?;
         let (board, model) = (
@@ -97,13 +103,13 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
         plot::save(file, "--plot", &[&args.capture], &drawing)?;
     }
     let text = if args.how.json {
-        let mut object = compare::json::object(&names, &found);
+        let mut object = compare::json::object(&names, &found, &options);
         object["left_out"] = left_out(before, &board.skipped());
         object.to_string() + "\n"
     } else {
         compare::text(&names, &found)
     };
-    Ok(compare::print(text, found.is_equal())?)
+    Ok(compare::print(text, names.code(&found, &options))?)
 }
 
 /// What of the capture was not played.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueHint;
 use ecmsk::ecm::Config;
 
-use super::board::{self, Board, BoardError, Place, Use};
+use super::board::{self, Board, BoardError, Interrupt, Place, Use};
 use super::error::say;
 use super::step::{Line, Step};
 
@@ -35,6 +35,13 @@ pub struct Args {
     board: board::Args,
 }
 
+impl Args {
+    /// What messages call the script.
+    fn name(&self) -> String {
+        if self.script == Path::new("-") { STDIN.into() } else { self.script.display().to_string() }
+    }
+}
+
 /// What messages call it.
 pub const STDIN: &str = "standard input";
 /// \[OURS] Bytes of a script at most.
@@ -43,11 +50,19 @@ const LONGEST: u64 = 1 << 20;
 /// # Errors
 /// [`BoardError`]
 pub fn run(args: &Args) -> Result<(), BoardError> {
-    let name = if args.script == Path::new("-") { STDIN.into() } else { args.script.display().to_string() };
-    let text = read(&args.script, &name)?;
+    let text = read(&args.script, &args.name())?;
+    play(&text, args, Interrupt::watch)
+}
+
+/// Does the steps of a script with that text. `watch` begins to look for what asks for the end.
+///
+/// # Errors
+/// [`BoardError`]
+pub fn play(text: &str, args: &Args, watch: fn() -> io::Result<Interrupt>) -> Result<(), BoardError> {
+    let name = args.name();
     let uri = args.board.chosen()?.uri;
-    let steps = parse(&text, &name, args.board.network(&uri).as_ref())?;
-    let board = Board::open(&args.board, Use::Moves, Place::Lines)?;
+    let steps = parse(text, &name, args.board.network(&uri, None).as_ref())?;
+    let board = Board::open(&args.board, Use::Moves, Place::Lines, watch()?)?;
     let done = steps.iter().try_for_each(|(line, step)| {
         board.talk.at_line(*line);
         step.run(&board).map_err(|error| at(&name, *line, error))

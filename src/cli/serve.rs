@@ -5,15 +5,19 @@ mod usbip;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
+use std::{io, thread};
 
 use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, LinkError, LinkInfo, Share, tcp::Secret};
+use ecmsk::link::{self, KnownNetwork, LinkError, LinkInfo, Share, tcp::Secret};
+use ecmsk::port::notes::FLUSH_LIMIT;
 use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
 
+use super::board::{BoardError, slaves_words, units_words};
+use super::chosen::Chosen;
 use super::error::say;
-use super::{CliError, output, signals};
+use super::{CliError, output, signals, stderr};
 
 /// Serve a board to other processes and machines
 #[derive(clap::Args)]
@@ -42,9 +46,9 @@ Examples:
 
 Make a secret: (umask 077; head -c 32 /dev/urandom | base64 > ecmsk.secret)")]
 struct Tcp {
-    /// Board to serve, see `ecmsk link help`
+    /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
-    link: LinkUri,
+    link: Option<LinkUri>,
 
     /// Where to listen; anything but this machine itself takes a secret
     #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:4711")]
@@ -59,7 +63,16 @@ struct Tcp {
     #[arg(long, value_enum, default_value_t = Vanish::Ramp)]
     on_vanish: Vanish,
 
-    /// Clients at the same time
+    /// The slaves in the order of the cable, e.g. drive*2,io, for clients that are told nothing of them [default: those of a
+    /// sim: link, and what a client configures]
+    #[arg(long, value_name = "LIST", value_parser = slaves_words)]
+    slaves: Option<String>,
+
+    /// Counts of one unit, for clients that are told nothing of it: one number for all axes, or e.g. 1=5000,2=131072/360
+    #[arg(long, value_name = "N", value_parser = units_words, allow_hyphen_values = true)]
+    counts_per_unit: Option<String>,
+
+    /// Clients at the same time, one of which is a place for a writer
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
 }
@@ -85,7 +98,8 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
     // Before anything moves.
     let asked = signals::Asked::watch().map_err(failed)?;
-    let uri = args.link.to_string();
+    stderr::queue().map_err(no_thread)?;
+    let uri = served(args.link.as_ref())?.to_string();
     let options = ServeOptions {
         listen: args.listen,
         secret: Secret::find(args.secret_file.as_deref()).map_err(ServeError::from)?,
@@ -95,16 +109,53 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
             Vanish::ServoOff => OnVanish::ServoOff,
         },
         max_clients: args.max_clients.into(),
+        network: KnownNetwork {
+            slaves: args.slaves.clone().unwrap_or_default(),
+            counts_per_unit: args.counts_per_unit.clone().unwrap_or_default(),
+        },
         tell: Arc::new(|line| say("serve", &line)),
         ..ServeOptions::default()
     };
     let is_secret = options.secret.is_some();
     let server = Server::start(move || open(&uri), options)?;
     let protection = if is_secret { ", for clients with the secret" } else { "" };
-    output::print(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
-    say("serve", &format_args!("stopped by {}", asked.wait()));
+    announce(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
+    let signal = asked.wait();
+    server.flush();
+    say("serve", &format_args!("stopped by {signal}"));
     server.stop();
     Ok(ExitCode::SUCCESS)
+}
+
+/// The board to serve: a named one, since nobody serves a real board by leaving something out.
+///
+/// # Errors
+/// Nobody has named one, or what is named is none.
+fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
+    let chosen = Chosen::find(link).map_err(BoardError::from)?;
+    if chosen.is_named() { Ok(chosen.uri) } else { Err(CliError::NothingToServe) }
+}
+
+fn no_thread(error: io::Error) -> ServeError {
+    ServeError::System { what: "start the thread of standard error", message: error.to_string() }
+}
+
+/// Says on standard output what is served. Nothing waits for a reader that has stalled: a server that cannot say it serves and
+/// ends all the same.
+///
+/// # Errors
+/// Standard output takes nothing.
+fn announce(text: String) -> io::Result<()> {
+    let (done, said) = mpsc::channel();
+    // Not joined: the write may never end.
+    thread::Builder::new().name("ecmsk-output".into()).spawn(move || done.send(output::print(text)))?;
+    match said.recv_timeout(FLUSH_LIMIT) {
+        Ok(printed) => printed,
+        Err(_) => {
+            say("note", &"standard output takes nothing, what is served stands there when it is read");
+            Ok(())
+        }
+    }
 }
 
 /// A board that comes back is found again.

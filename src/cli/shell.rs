@@ -6,7 +6,7 @@ mod terminal;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
-use super::board::{self, Board, BoardError, Place, Use};
+use super::board::{self, Board, BoardError, Interrupt, Place, Use};
 use super::error::say;
 use super::output;
 use super::script;
@@ -32,7 +32,7 @@ pub struct Args {
 /// # Errors
 /// [`BoardError`]
 pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
-    let board = Board::open(&args.board, Use::Moves, Place::Lines)?;
+    let board = Board::open(&args.board, Use::Moves, Place::Lines, Interrupt::watch()?)?;
     let typed = io::stdin().is_terminal();
     let input = Input::start(typed);
     let mut failed = false;
@@ -99,7 +99,7 @@ fn wrong(why: String) -> BoardError {
 }
 
 /// What a line may go on with, from where on.
-fn complete(line: &str) -> (usize, Vec<String>) {
+pub fn complete(line: &str) -> (usize, Vec<String>) {
     let start = line.rfind(char::is_whitespace).map_or(0, |blank| blank + 1);
     let (before, word) = line.split_at(start);
     let words: Vec<&str> = before.split_whitespace().collect();

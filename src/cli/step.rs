@@ -17,7 +17,7 @@ use clap::Subcommand;
 use ecmsk::ecm::Config;
 pub use line::Line;
 
-use super::board::{self, Board, BoardError, Place, Use};
+use super::board::{self, Board, BoardError, Interrupt, Place, Use};
 
 /// One verb with its options.
 #[derive(Clone, Debug, Subcommand)]
@@ -129,7 +129,7 @@ verbs! {
 /// [`BoardError`]
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
-    let board = Board::open(&args, step.uses(), Place::CommandLine)?;
+    let board = Board::open(&args, step.uses(), Place::CommandLine, Interrupt::watch()?)?;
     let done = step.run(&board);
     board.close(done)
 }

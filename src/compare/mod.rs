@@ -92,11 +92,20 @@ pub struct Options {
     pub ignore_repeats: bool,
     /// The slot size, where the recordings do not say it.
     pub slot: Option<SlotSize>,
+    /// Whether recordings that are equal as far as they go are equal, though one is cut off, was not ended or lacks frames:
+    /// no.
+    pub allow_incomplete: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tolerance_counts: 0, statusword_mask: u16::MAX, ignore_repeats: false, slot: None }
+        Self {
+            tolerance_counts: 0,
+            statusword_mask: u16::MAX,
+            ignore_repeats: false,
+            slot: None,
+            allow_incomplete: false,
+        }
     }
 }
 
@@ -113,12 +122,17 @@ impl Default for Options {
 /// ```
 ///
 /// # Errors
-/// [`CompareError`] if one cannot be read, or the two have slots of different sizes.
+/// [`CompareError`] if one cannot be read, the two have slots of different sizes, or no difference was found and one of them
+/// is not whole.
 pub fn files(a: &Path, b: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let [mut a, mut b] = [Source::open(a, options.slot, None)?, Source::open(b, options.slot, None)?];
     let size = Source::common_size(&a, &b)?;
     let found = compare(&mut a, &mut b, size, options);
-    a.check()?;
-    b.check()?;
+    for (side, source) in [(Side::A, &a), (Side::B, &b)] {
+        source.check()?;
+        if let Some(why) = source.shortcoming().filter(|_| found.is_equal() && !options.allow_incomplete) {
+            return Err(CompareError::Incomplete { side, why });
+        }
+    }
     Ok(found)
 }

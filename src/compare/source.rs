@@ -3,10 +3,10 @@
 use std::fs::File;
 use std::path::Path;
 
-use super::Observed;
+use super::{Observed, Side};
 use crate::link::Dir;
 use crate::link::record::{Address, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
-use crate::recording::{InOrder, SizeFinder, SizeFrom};
+use crate::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use crate::sk::{FRAME_LEN, SlotSize};
 
 /// Frames that are looked at, at most, to find a slot size that the recording does not tell. \[OURS]
@@ -30,6 +30,14 @@ pub enum CompareError {
         /// Of the second.
         b: SlotSize,
     },
+    /// There is no difference as far as both go, and one of them is not whole.
+    #[error("equal as far as they go, but {side} is not whole: {why}")]
+    Incomplete {
+        /// Which.
+        side: Side,
+        /// What it lacks, with the next step.
+        why: String,
+    },
     /// Nothing to compare.
     #[error("{name} holds no frame; record a program that opens the board")]
     Empty {
@@ -48,6 +56,7 @@ pub struct Source {
     meta: Option<RecordMeta>,
     size: SlotSize,
     size_from: SizeFrom,
+    timeline: Timeline<(u64, Recorded)>,
     order: InOrder<Observed>,
     number: u64,
     error: Option<RecordError>,
@@ -72,6 +81,7 @@ impl Source {
             meta,
             size,
             size_from,
+            timeline: Timeline::default(),
             order: InOrder::default(),
             number: 0,
             error: None,
@@ -111,6 +121,26 @@ impl Source {
     /// Frames that are known to be missing, as far as it was read.
     pub const fn missing(&self) -> u64 {
         self.recording.missing()
+    }
+
+    /// What it lacks, once it was read: it is cut off or damaged, was not ended, or frames are known to be missing. `None`
+    /// if nothing tells that it is not the whole run.
+    pub fn shortcoming(&self) -> Option<String> {
+        let lacks = || Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing());
+        self.error.as_ref().map(RecordError::to_string).or_else(|| lacks().map(|lacks| lacks.to_string()))
+    }
+
+    /// Where its times jump, as far as it was read.
+    pub const fn jumps(&self) -> Option<Jumps> {
+        self.timeline.jumps()
+    }
+
+    /// Takes a frame in the order of the file, with its time; gives the earliest, once enough are held.
+    fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<Observed> {
+        let Recorded { dir, frame, .. } = recorded;
+        // A command of the same moment had not reached the board when the report was made.
+        let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
+        self.order.push(key, Observed { number, at_ns, dir, frame })
     }
 
     /// Why it ended early, if it did: it was cut off or is damaged.
@@ -158,16 +188,13 @@ impl Iterator for Source {
             if recorded.address() != self.board {
                 continue;
             }
-            let Recorded { at_ns, dir, frame, .. } = recorded;
-            let at_ns = i64::try_from(i128::from(at_ns) - i128::from(self.first_ns)).unwrap_or(i64::MAX);
-            let observed = Observed { number: self.number, at_ns, dir, frame };
-            // A command of the same moment had not reached the board when the report was made.
-            let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
-            if let Some(earliest) = self.order.push(key, observed) {
+            let placed = self.timeline.push(recorded.at_ns, (self.number, recorded));
+            if let Some(earliest) = placed.and_then(|placed| self.sort(placed)) {
                 return Some(earliest);
             }
         }
-        self.order.pop()
+        let last = self.timeline.pop();
+        last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop())
     }
 }
 

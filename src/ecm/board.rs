@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::core::Task;
+use super::leftover::Left;
 use super::servo::require_op;
 use super::{Close, Ecm, EcmError, Options};
 use crate::link::uri::LinkUri;
@@ -97,7 +98,7 @@ impl Ecm {
     /// board is still there, [`EcmError::NoReport`], [`EcmError::Link`].
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.core.link.check()?;
-        let rested = self.rest(false);
+        let rested = self.rest(false, &mut Left::default());
         let task = Task {
             what: "SW_RESET",
             hint: "see whether frames get lost (Ecm::stats), or switch the board off and on",

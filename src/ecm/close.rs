@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use super::core::Task;
+use super::leftover::Left;
 use super::options::{CLOSE_LIMIT, Close};
 use super::{Ecm, EcmError, ramp};
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
@@ -31,18 +32,19 @@ impl Ecm {
         self.done = true;
         let rested = match how {
             Close::Leave => Ok(()),
-            Close::Hold | Close::ServoOff => self.rest(how == Close::ServoOff),
+            Close::Hold | Close::ServoOff => self.rest(how == Close::ServoOff, &mut Left::default()),
         };
-        self.core.shut();
+        // Whoever serves the board may still bring to rest what this could not.
+        self.core.shut(rested.is_ok());
         rested
     }
 
-    pub(super) fn rest(&self, off: bool) -> Result<(), EcmError> {
+    pub(super) fn rest(&self, off: bool, left: &mut Left) -> Result<(), EcmError> {
         self.core.link.check()?;
         let deadline = self.core.now() + CLOSE_LIMIT;
         let mut session = self.core.lock()?;
         let ramped = if off { deadline.saturating_sub(SWITCH_OFF) } else { deadline };
-        let stood = ramp::to_standstill(self, &mut session, ramped);
+        let stood = ramp::to_standstill(self, &mut session, ramped, left);
         session.targets.clear();
         if !off || !session.in_op() || matches!(stood, Err(EcmError::NoReport { .. } | EcmError::Link(_))) {
             return stood;

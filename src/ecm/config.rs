@@ -1,5 +1,7 @@
 //! What the network is, as a value: it is checked as a whole before a byte of it is sent.
 
+use std::fmt;
+
 use super::scale::Scale;
 use crate::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
@@ -98,6 +100,23 @@ impl Slave {
         match self {
             Self::Drive(axis) | Self::Step(axis) | Self::Hsp(axis) => Some(axis),
             Self::Io | Self::Unused => None,
+        }
+    }
+}
+
+/// Its word in the tool's `--slaves`: `drive`, `drive:csv`, `io`.
+impl fmt::Display for Slave {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Drive(_) => "drive",
+            Self::Step(_) => "step",
+            Self::Hsp(_) => "hsp",
+            Self::Io => "io",
+            Self::Unused => "none",
+        })?;
+        match self.axis() {
+            Some(axis) if axis.mode != Mode::Csp => write!(f, ":{}", axis.mode.name().to_ascii_lowercase()),
+            _ => Ok(()),
         }
     }
 }

@@ -401,12 +401,16 @@ impl Core {
         if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) }
     }
 
-    /// Ends every use.
-    pub(super) fn shut(&self) {
+    /// Ends every use. A program whose axes are not as it wanted them has vanished for whoever serves the board.
+    pub(super) fn shut(&self, is_at_rest: bool) {
         if let Some(mut session) = self.session.try_lock_for(self.options.read_limit) {
             session.closed = true;
         }
-        self.link.close();
+        if is_at_rest {
+            self.link.close();
+        } else {
+            self.link.vanish();
+        }
         self.news.notify_all();
     }
 }

@@ -1,23 +1,23 @@
-//! Bringing axes to a standstill from the host: a straight ramp of what was commanded last. The axes stay enabled.
+//! Bringing axes to a standstill from the host. The axes stay enabled. How one axis is braked says [`super::brake`]; what
+//! waits in the board's FIFO meanwhile, [`super::leftover`].
 //!
-//! CSP: the speed of the last targets falls to 0, the axis then holds. CSV: the velocity falls to 0. CST: a torque
-//! that holds a standing axis stays, one that moves it falls to 0: a host that gave the torque is the only one to know
-//! how to stop it better. \[OURS]
+//! Entries that are ahead of the ramp are executed first: they are the way that the axes were sent, and the ramp goes on from
+//! its end. What was commanded last is known of a program's own axes; of others it may not be, and then the ramp waits until
+//! the FIFO is empty and goes by what reports show.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::MutexGuard;
 
-use super::config::Slave;
+use super::brake::{Brake, brake, brake_chase, is_strange};
+use super::leftover::{self, Left};
 use super::session::Session;
 use super::still::{self, Since};
+use super::targets::bits;
 use super::{Ecm, EcmError};
-use crate::cia402::Mode;
-use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand, SlotSize};
+use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
-/// \[OURS] An axis that is told to go no further than that in a step is told to stand, counts.
-const STILL: f64 = 2.0;
 /// \[OURS] Frames of the ramp that are ahead of the board at most.
 const DEPTH: u16 = 64;
 /// \[OURS] What of the limit is left for standing still after the ramp.
@@ -33,67 +33,102 @@ pub(super) fn settle(cycle: Duration) -> Duration {
     SETTLE.max(cycle * SETTLE_CYCLES)
 }
 
-/// How one axis is braked.
-#[derive(Clone, Copy, Debug)]
-enum Brake {
-    /// Last targets, and how far they went in a frame.
-    Position(Motion, [f64; 2]),
-    Velocity(Motion),
-    Torque(i16),
-}
-
-impl Brake {
-    /// The command of frame `k` of `n`.
-    fn at(&self, k: u32, n: u32) -> SlaveCommand {
-        let left = f64::from(n - k) / f64::from(n);
-        let scaled = |value: i32| (f64::from(value) * left).round() as i32;
-        match self {
-            Self::Position(last, speed) => {
-                // The sum of the speeds so far, which fall in a straight line.
-                let k = f64::from(k);
-                let frames = k - k * (k + 1.0) / (2.0 * f64::from(n));
-                let to = |axis: AxisTarget, speed: f64| AxisTarget {
-                    // It wraps, as targets do.
-                    target: axis.target.wrapping_add((speed * frames).round() as i64 as i32),
-                    ..axis
-                };
-                SlaveCommand::Csp(Motion { first: to(last.first, speed[0]), second: to(last.second, speed[1]) })
-            }
-            Self::Velocity(last) => {
-                let to = |axis: AxisTarget| AxisTarget { target: scaled(axis.target), ..axis };
-                SlaveCommand::Csv(Motion { first: to(last.first), second: to(last.second) })
-            }
-            Self::Torque(torque) => SlaveCommand::Cst(scaled((*torque).into()) as i16),
-        }
-    }
-}
-
-/// Ramps what moves to a standstill, by `deadline`.
+/// Ramps what moves to a standstill, by `deadline`. Where that fails nothing is left in the FIFO that moves an axis later.
 pub(super) fn to_standstill(
     ecm: &Ecm,
     session: &mut MutexGuard<'_, Session>,
     deadline: Duration,
+    left: &mut Left,
 ) -> Result<(), EcmError> {
-    let began = ecm.core.now();
+    let stood = stop(ecm, session, deadline, left);
+    if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
+        // Why axes do not stand says the error of the stop.
+        let _ = leftover::cut_short(ecm, session, left);
+    }
+    stood
+}
+
+fn stop(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, left: &mut Left) -> Result<(), EcmError> {
     ecm.core.catch_up(session)?;
     if !session.in_op() || session.plan.count == 0 {
         return Ok(());
     }
-    let mut brakes = [None; SlotSize::Bytes12.slots()];
-    let plan = Arc::clone(&session.plan);
-    let mut since = Since::now(session);
-    // Whether one moves that this program has not set going.
-    while !since.is_over(session)
-        && session.in_op()
-        && plan.slaves().any(|(slave, config)| is_strange(session, slave, config))
-    {
-        read(ecm, session, deadline, began)?;
+    let mut stop = Stop { ecm, began: ecm.core.now(), deadline, braked: 0, unlocked: false };
+    leftover::sort_out(ecm, session, deadline, left)?;
+    stop.end_homing(session, left)?;
+    loop {
+        stop.ramp(session, left)?;
+        let may_wait = left.is_held || left.has_threshold && session.credit.ahead() > 0;
+        if session.has_posts() || may_wait && !stop.unlocked {
+            // No axis has to be ramped yet, and what waits, here or in the board, shall not wait for ever.
+            stop.write(session, left)?;
+        }
+        if stop.stands(session, left)? {
+            break;
+        }
     }
-    for (slave, config) in plan.slaves() {
-        brakes[usize::from(slave)] = brake(session, &since, slave, config);
+    if left.has_threshold && !stop.unlocked && session.in_op() {
+        // Nothing had to be done; what the next program writes shall not wait for a number that it does not know.
+        stop.write(session, left)?;
     }
-    if brakes.iter().any(Option::is_some) {
-        let frames = frames(ecm, session, deadline.saturating_sub(began));
+    Ok(())
+}
+
+/// How the axes of each slave are braked that are.
+type Brakes = [Option<Brake>; SlotSize::Bytes12.slots()];
+
+/// A stop under way.
+struct Stop<'a> {
+    ecm: &'a Ecm,
+    began: Duration,
+    deadline: Duration,
+    /// Slaves whose axes have been ramped, a bit each.
+    braked: u64,
+    /// The board takes entries out, whatever threshold was in force.
+    unlocked: bool,
+}
+
+impl Stop<'_> {
+    /// Ends the homing of slaves: in their slots of one frame.
+    fn end_homing(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left) -> Result<(), EcmError> {
+        let abort = SlotCommand::from(SlaveCommand::AbortHome).encode(session.size);
+        let commands: Vec<_> = bits(left.homing).map(|slave| (slave, abort)).collect();
+        if commands.is_empty() {
+            return Ok(());
+        }
+        // They ride in the first frame of a ramp, if there is one: other axes have no gap then.
+        if !session.post(&commands) {
+            self.write(session, left)?;
+            session.post(&commands);
+        }
+        if self.brakes(session, &Since::now(session), left).iter().any(Option::is_some) {
+            return Ok(());
+        }
+        self.write(session, left)
+    }
+
+    /// Ramps what has not been ramped yet. An axis of which only reports tell how it moves has to wait for an empty FIFO.
+    fn ramp(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left) -> Result<(), EcmError> {
+        let since = Since::now(session);
+        let plan = Arc::clone(&session.plan);
+        let waits =
+            |session: &Session, slave, config| !self.is_braked(slave) && is_strange(session, slave, config, left);
+        while !since.is_over(session)
+            && session.in_op()
+            && plan.slaves().any(|(slave, config)| waits(session, slave, config))
+        {
+            self.read(session)?;
+        }
+        let brakes = self.brakes(session, &since, left);
+        if brakes.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        self.run(session, left, &brakes)
+    }
+
+    /// Has the board execute a ramp.
+    fn run(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left, brakes: &Brakes) -> Result<(), EcmError> {
+        let frames = self.frames(session);
         for k in 1..=frames {
             for (slave, brake) in brakes.iter().enumerate() {
                 let Some(brake) = brake else { continue };
@@ -101,112 +136,127 @@ pub(super) fn to_standstill(
                 let is_on = session.is_on(slave as u8);
                 session.targets.set(slave, is_on.then(|| brake.at(k, frames)));
             }
-            room(ecm, session, deadline, began)?;
-            ecm.core.write(session, deadline)?;
+            self.write(session, left)?;
         }
+        for (slave, brake) in brakes.iter().enumerate() {
+            self.braked |= u64::from(brake.is_some()) << slave;
+        }
+        Ok(())
     }
-    // What is in the FIFO still moves the axes.
-    loop {
-        let stand = || plan.slaves().all(|(slave, config)| !still::may_move(session, slave, config));
-        let stood =
-            || since.is_over(session) && plan.slaves().all(|(slave, config)| !since.moves(session, slave, config));
-        if session.credit.ahead() == 0 && (stand() || stood()) || !session.in_op() {
+
+    const fn is_braked(&self, slave: u8) -> bool {
+        self.braked & 1 << slave != 0
+    }
+
+    fn brakes(&self, session: &Session, since: &Since, left: &Left) -> Brakes {
+        let mut brakes = [None; SlotSize::Bytes12.slots()];
+        for (slave, config) in session.plan.slaves() {
+            if !self.is_braked(slave) {
+                brakes[usize::from(slave)] = brake(session, since, slave, config, left);
+            }
+        }
+        brakes
+    }
+
+    /// Writes the next frame, as soon as it may be ahead of the board. The first one has the board take entries out, whatever
+    /// threshold somebody has set (SK-5.12): it acts on arrival, when the FIFO is full too.
+    fn write(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left) -> Result<(), EcmError> {
+        while !self.unlocked && session.in_op() {
+            if session.credit.credit() == 0 && !left.is_held {
+                self.read(session)?;
+                continue;
+            }
+            let threshold = MasterCommand::SetFifo(FifoAction::Threshold(FIFO_ENTRIES.into())).encode();
+            // Whatever another thread has in that slot goes first.
+            self.unlocked = session.post(&[(0, threshold)]);
+            if self.unlocked && session.credit.credit() > 0 {
+                return self.ecm.core.write(session, self.deadline);
+            }
+            // A full FIFO does not take what else is in the frame: it is written again, once there is room.
+            let posts = session.posts();
+            self.ecm.core.write(session, self.deadline)?;
+            if self.unlocked {
+                session.post_again(posts);
+            }
+        }
+        while session.in_op() && session.credit.ahead() >= DEPTH {
+            self.read(session)?;
+        }
+        self.ecm.core.write(session, self.deadline)
+    }
+
+    /// Waits until the FIFO is empty, and looks whether all axes stand. False: there is one to be ramped, which was set going
+    /// by what was in the FIFO.
+    fn stands(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left) -> Result<bool, EcmError> {
+        let plan = Arc::clone(&session.plan);
+        let mut since: Option<Since> = None;
+        while session.in_op() {
+            if session.credit.ahead() > 0 {
+                since = None;
+                self.read(session)?;
+                continue;
+            }
+            let began = since.get_or_insert_with(|| Since::now(session));
+            // Of its own axes a program knows what they were told: none begins to move.
+            if !left.is_foreign && plan.slaves().all(|(slave, config)| !still::may_move(session, slave, config)) {
+                return Ok(true);
+            }
+            if began.is_over(session) {
+                if self.brakes(session, began, left).iter().any(Option::is_some) {
+                    return Ok(false);
+                }
+                if plan.slaves().all(|(slave, config)| !began.moves(session, slave, config)) {
+                    return Ok(true);
+                }
+                let chases = self.chases(session, began, left);
+                since = None;
+                if chases.iter().any(Option::is_some) {
+                    self.run(session, left, &chases)?;
+                    continue;
+                }
+            }
+            self.read(session)?;
+        }
+        Ok(true)
+    }
+
+    /// Axes that will not have reached their last target by the limit.
+    fn chases(&self, session: &Session, since: &Since, of: &Left) -> Brakes {
+        let cycle = session.plan.cycle();
+        let left = self.deadline.saturating_sub(self.ecm.core.now());
+        // What a program has never told its axis to do, it knows.
+        let overdue = of.is_foreign && left < settle(cycle) + cycle * (2 * MIN_FRAMES);
+        let mut chases = [None; SlotSize::Bytes12.slots()];
+        for (slave, config) in session.plan.slaves() {
+            let cycles = left.as_secs_f64() / cycle.as_secs_f64();
+            chases[usize::from(slave)] = brake_chase(session, since, slave, config, cycles, overdue);
+        }
+        chases
+    }
+
+    fn read(&self, session: &mut MutexGuard<'_, Session>) -> Result<(), EcmError> {
+        if !self.ecm.core.read(session, self.deadline)? {
+            self.ecm.core.check_silence(session, self.began, "a standstill")?;
+        }
+        let waited = self.ecm.core.now().saturating_sub(self.began);
+        if self.ecm.core.now() < self.deadline {
             return Ok(());
         }
-        if since.is_over(session) {
-            since = Since::now(session);
-        }
-        read(ecm, session, deadline, began)?;
+        Err(EcmError::Timeout {
+            what: "a standstill",
+            waited,
+            seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+            hint: "use the emergency stop if axes move",
+        })
     }
-}
 
-fn room(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, began: Duration) -> Result<(), EcmError> {
-    while session.in_op() && session.credit.ahead() >= DEPTH {
-        read(ecm, session, deadline, began)?;
-    }
-    Ok(())
-}
-
-fn read(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, deadline: Duration, began: Duration) -> Result<(), EcmError> {
-    if !ecm.core.read(session, deadline)? {
-        ecm.core.check_silence(session, began, "a standstill")?;
-    }
-    let waited = ecm.core.now().saturating_sub(began);
-    if ecm.core.now() < deadline {
-        return Ok(());
-    }
-    Err(EcmError::Timeout {
-        what: "a standstill",
-        waited,
-        seen: format!("{} entries are ahead of the board", session.credit.ahead()),
-        hint: "use the emergency stop if axes move",
-    })
-}
-
-/// Frames of the ramp: those of its time, as many as end before the limit.
-fn frames(ecm: &Ecm, session: &Session, left: Duration) -> u32 {
-    let cycle = session.plan.cycle_ns.unwrap_or(1_000_000).max(1);
-    let of = |time: Duration| (time.as_nanos() as u64).div_ceil(cycle) as u32;
-    let left = left.saturating_sub(settle(Duration::from_nanos(cycle)));
-    let possible = (left.as_nanos() as u64 / cycle) as u32;
-    let possible = possible.saturating_sub(session.credit.ahead().into());
-    of(ecm.core.options.ramp).max(MIN_FRAMES).min(possible).max(1)
-}
-
-/// Whether only reports can tell if a slave's axis has to be braked, and one cycle does not.
-fn is_strange(session: &Session, slave: u8, config: &Slave) -> bool {
-    let by_targets = matches!(
-        (config.axis().map(|axis| axis.mode), session.targets.last(slave)),
-        (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _)
-    );
-    !by_targets && still::may_move(session, slave, config)
-}
-
-/// How an axis has to be braked; `None` if it stands, is off or is homing.
-fn brake(session: &Session, since: &Since, slave: u8, config: &Slave) -> Option<Brake> {
-    let axis = config.axis()?;
-    if !session.statusword(slave).is_enabled() || session.homing & 1 << slave != 0 {
-        return None;
-    }
-    let last = session.targets.last(slave);
-    let is_moving = since.moves(session, slave, config);
-    match (axis.mode, last) {
-        (Mode::Csv, Some(SlaveCommand::Csv(motion))) => {
-            (motion.first.target != 0 || motion.second.target != 0).then_some(Brake::Velocity(motion))
-        }
-        // Somebody else has set it going. SK-4 `[OURS]`: 0x60FF is counts a second then.
-        (Mode::Csv, _) if is_moving => {
-            let (way, seconds) = (since.way(session, slave, config), since.seconds(session));
-            let outputs = session.targets.outputs()[usize::from(slave)];
-            let [first, second] =
-                [0, 1].map(|i| AxisTarget { target: (f64::from(way[i]) / seconds) as i32, outputs: outputs[i] });
-            Some(Brake::Velocity(Motion { first, second }))
-        }
-        (Mode::Cst, Some(SlaveCommand::Cst(torque))) if is_moving => Some(Brake::Torque(torque)),
-        (Mode::Cst, None) if is_moving => {
-            Some(Brake::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
-        }
-        (Mode::Csp, Some(SlaveCommand::Csp(last))) => {
-            let commanded = session.targets.speeds(slave);
-            // A board that ran dry has stopped already: it must not move again because of a ramp.
-            let moved = still::last_cycle(session, slave, config);
-            let dry = session.credit.ahead() == 0;
-            let speed = [0, 1].map(|i| if dry { slower(commanded[i], f64::from(moved[i])) } else { commanded[i] });
-            let moves = speed.iter().any(|counts| counts.abs() > STILL);
-            moves.then_some(Brake::Position(last, speed))
-        }
-        // A position of somebody else's is held once its FIFO is empty.
-        _ => None,
-    }
-}
-
-/// The slower of two speeds; 0 if they point in opposite ways.
-fn slower(a: f64, b: f64) -> f64 {
-    if a * b <= 0.0 {
-        0.0
-    } else if a.abs() < b.abs() {
-        a
-    } else {
-        b
+    /// Frames of the ramp: those of its time, as many as end before the limit.
+    fn frames(&self, session: &Session) -> u32 {
+        let cycle = session.plan.cycle();
+        let of = |time: Duration| time.as_nanos().div_ceil(cycle.as_nanos()) as u32;
+        let left = self.deadline.saturating_sub(self.ecm.core.now()).saturating_sub(settle(cycle));
+        let possible = (left.as_nanos() / cycle.as_nanos()) as u32;
+        let possible = possible.saturating_sub(session.credit.ahead().into());
+        of(self.ecm.core.options.ramp).max(MIN_FRAMES).min(possible).max(1)
     }
 }

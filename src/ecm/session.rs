@@ -417,6 +417,16 @@ impl Session {
         self.posted != 0
     }
 
+    /// The slots that have a command, a bit each.
+    pub(super) const fn posts(&self) -> u64 {
+        self.posted
+    }
+
+    /// Puts those of the last frame but that of the board itself into the next one, too.
+    pub(super) const fn post_again(&mut self, slots: u64) {
+        self.posted |= slots & !1;
+    }
+
     /// Whether the board takes a frame now.
     pub(super) fn may_write(&self) -> bool {
         !self.in_op() || self.credit.credit() > 0

@@ -32,9 +32,9 @@ impl Plan {
         Self { hsps, count: config.slaves.len(), cycle_ns: Some(u64::from(config.cycle_us) * 1000), ..plan }
     }
 
-    /// Zero if it is not known.
+    /// The EtherCAT cycle, never zero; where it is not known that of the factory setting.
     pub(super) fn cycle(&self) -> Duration {
-        Duration::from_nanos(self.cycle_ns.unwrap_or_default())
+        Duration::from_nanos(self.cycle_ns.unwrap_or(1_000_000))
     }
 
     /// Slave 1..; `None` if it is not configured.

@@ -14,6 +14,12 @@ const STILL: u32 = 2;
 const CYCLES: u64 = 8;
 const LONGEST: Duration = Duration::from_millis(8);
 
+/// \[OURS] Cycles from the one that a report shows until a frame is executed that was written after it.
+pub(super) const LATENCY: i32 = 2;
+
+/// \[OURS] How far a drive may be behind its targets.
+const LAG: Duration = Duration::from_millis(20);
+
 /// Where all axes were a while ago.
 pub(super) struct Since {
     report: Frame,
@@ -27,10 +33,15 @@ impl Since {
         Self { report: Frame::clone(&session.report), at, reports: session.stats.reports }
     }
 
+    /// The report before the newest one.
+    pub(super) fn previous(session: &Session) -> Self {
+        Self { report: Frame::clone(&session.previous), at: session.previous_at, reports: session.stats.reports - 1 }
+    }
+
     /// Whether it is long enough ago.
     pub(super) fn is_over(&self, session: &Session) -> bool {
-        let cycle = session.plan.cycle_ns.unwrap_or(1_000_000).max(1);
-        session.stats.reports - self.reports >= (LONGEST.as_nanos() as u64 / cycle).clamp(1, CYCLES)
+        let longest = (LONGEST.as_nanos() / session.plan.cycle().as_nanos()) as u64;
+        session.stats.reports - self.reports >= longest.clamp(1, CYCLES)
     }
 
     /// Counts that a slave's axes have gone since.
@@ -50,6 +61,21 @@ impl Since {
         is_free(session, slave, config)
             && self.way(session, slave, config).iter().any(|counts| counts.unsigned_abs() > standstill)
     }
+}
+
+/// Where a slave's axes are, counts.
+pub(super) fn positions(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
+    let slot = session.slot(slave.into());
+    if !matches!(config, Slave::Hsp(_)) {
+        return [slot.data1 as i32, 0];
+    }
+    let answer = HspResponse::decode(&slot, session.size);
+    [answer.first.position, answer.second.position]
+}
+
+/// Cycles that a drive needs for no more than what it lags behind its targets. \[OURS]
+pub(super) fn lag_cycles(session: &Session) -> f64 {
+    LAG.div_duration_f64(session.plan.cycle()).max(3.0)
 }
 
 /// Counts that a slave's axes moved in the last cycle.

@@ -5,6 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::aim::Aim;
+use super::leftover::Left;
 use super::servo::{declared, require_op};
 use super::session::{Pacer, Session};
 use super::snapshot::Snapshot;
@@ -313,7 +314,8 @@ impl Stream<'_> {
         } else {
             Ok(())
         };
-        let stopped = dropped.and_then(|()| ramp::to_standstill(self.ecm, &mut session, deadline));
+        let stopped =
+            dropped.and_then(|()| ramp::to_standstill(self.ecm, &mut session, deadline, &mut Left::default()));
         session.end_stream();
         stopped.map(|()| stats)
     }

@@ -7,11 +7,11 @@ use super::config::{Axis, Config, Slave};
 use super::second::Second;
 use super::snapshot::Plan;
 use super::{Ecm, EcmError};
-use crate::cia402::Mode;
+use crate::cia402::{Mode, Statusword};
 use crate::recording::Kinds;
 use crate::sk::{
-    CycleTime, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveCommand, SlaveKind,
-    SlotCommand, SlotSize,
+    CommandId, CycleTime, DriveSync, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState,
+    RawSlot, SlaveCommand, SlaveKind, SlotCommand, SlotSize,
 };
 
 const SLAVES: usize = SlotSize::Bytes12.max_slaves();
@@ -23,8 +23,26 @@ struct Seen {
     /// The last motion command and the one before.
     last: Option<SlaveCommand>,
     before: Option<SlaveCommand>,
-    homing: bool,
+    homing: Homing,
 }
+
+/// How far a homing is that a program has asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Homing {
+    /// None is under way.
+    #[default]
+    No,
+    /// GO_HOME was written, and so many reports have come since: its entry may wait in the FIFO. If any was missed that
+    /// may have been the one that showed it.
+    Asked { reports: u16, missed: bool },
+    /// A report has shown it as executed. Until one shows a motion command after it the axis may be homing: the board
+    /// ignores those of an axis that homes, and does not show their ids (SK-3).
+    Executed,
+}
+
+/// \[OURS] After so many reports a GO_HOME that none has shown was rejected, if none was missed: every entry has been
+/// executed by then.
+const REJECTED_AFTER: u16 = 2 * FIFO_ENTRIES;
 
 /// Follows frames both ways. It holds what the board holds, as far as frames show it.
 #[derive(Clone, Debug)]
@@ -33,11 +51,22 @@ pub struct Watch {
     slaves: [Seen; SLAVES],
     cycle: CycleTime,
     state: Option<MasterState>,
+    /// The FIFO-full count of the newest report in OP.
+    full_count: u16,
+    /// SET_FIFO has set a threshold that may be in force.
+    has_threshold: bool,
 }
 
 impl Default for Watch {
     fn default() -> Self {
-        Self { kinds: Kinds::new(None), slaves: [Seen::default(); SLAVES], cycle: CycleTime::DEFAULT, state: None }
+        Self {
+            kinds: Kinds::new(None),
+            slaves: [Seen::default(); SLAVES],
+            cycle: CycleTime::DEFAULT,
+            state: None,
+            full_count: 0,
+            has_threshold: false,
+        }
     }
 }
 
@@ -53,17 +82,28 @@ impl Watch {
         self.kinds.command(frame, size);
         match MasterCommand::decode(&frame.slot(size, 0), size) {
             Ok(MasterCommand::SetAxis { group, .. }) if set_up => {
-                self.slaves.iter_mut().skip(usize::from(group) * 8).take(8).for_each(|seen| *seen = Seen::default());
+                // What DRIVE_MODE has stored stays (SK-4.42).
+                let slaves = self.slaves.iter_mut().skip(usize::from(group) * 8).take(8);
+                slaves.for_each(|seen| *seen = Seen { mode: seen.mode, ..Seen::default() });
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
             Ok(MasterCommand::SoftReset) => *self = Self::default(),
+            // What was executed last is not known any more: it was among what is dropped, or before it.
+            Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
+                self.forget_targets();
+                self.has_threshold = false;
+            }
+            Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) => {
+                self.has_threshold = free < FIFO_ENTRIES.into();
+            }
             _ => {}
         }
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
-            // IO has other commands, and what is not declared has none.
-            if matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step)) {
-                seen.command(&frame.slot(size, n), size, set_up, in_op);
+            // IO has other commands, and what is not declared has none but DRIVE_MODE, which may come first.
+            let has_axes = matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step));
+            if has_axes || set_up {
+                seen.command(&frame.slot(size, n), size, set_up, in_op && has_axes);
             }
         }
     }
@@ -71,12 +111,45 @@ impl Watch {
     /// A report goes by.
     pub fn report(&mut self, frame: &Frame, size: SlotSize) {
         self.kinds.response(frame, size);
-        self.state = MasterResponse::decode(&frame.slot(size, 0)).state.state();
+        let board = MasterResponse::decode(&frame.slot(size, 0));
+        self.state = board.state.state();
         if self.state != Some(MasterState::Op) {
             for seen in &mut self.slaves {
-                (seen.last, seen.before, seen.homing) = (None, None, false);
+                *seen = Seen { mode: seen.mode, ..Seen::default() };
+            }
+            self.has_threshold = false;
+            return;
+        }
+        // Frames have found the FIFO full, and which they were no report tells.
+        if std::mem::replace(&mut self.full_count, board.full_count) != board.full_count {
+            self.forget_targets();
+        }
+        let slots = frame.slots(size);
+        for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
+            let slot = slots.head(n);
+            seen.report(slot.id, Statusword(slot.parm.get()));
+        }
+    }
+
+    /// Reports were lost before the one that comes next.
+    pub fn missed(&mut self) {
+        for seen in &mut self.slaves {
+            if let Homing::Asked { missed, .. } = &mut seen.homing {
+                *missed = true;
             }
         }
+    }
+
+    /// What was commanded last has not been executed for sure.
+    fn forget_targets(&mut self) {
+        for seen in &mut self.slaves {
+            (seen.last, seen.before) = (None, None);
+        }
+    }
+
+    /// Whether a threshold of the FIFO may be in force.
+    pub const fn has_threshold(&self) -> bool {
+        self.has_threshold
     }
 
     /// The network as a configuration; `None` if no SET_AXIS went by.
@@ -87,9 +160,9 @@ impl Watch {
         Some(Config { slaves, cycle_us: self.cycle.us() })
     }
 
-    /// Slaves that were sent home and have not been told anything else since.
+    /// Slaves that were sent home, as long as no report has shown that they do something else.
     pub fn homing(&self) -> impl Iterator<Item = usize> {
-        (1..).zip(&self.slaves).filter(|(_, seen)| seen.homing).map(|(n, _)| n)
+        (1..).zip(&self.slaves).filter(|(_, seen)| seen.homing != Homing::No).map(|(n, _)| n)
     }
 }
 
@@ -99,15 +172,37 @@ impl Seen {
             Ok(SlaveCommand::DriveMode { mode, sync }) if set_up => self.mode = Some((mode, sync)),
             _ if !in_op => {}
             Ok(command @ (SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_))) => {
-                (self.before, self.last, self.homing) = (self.last, Some(command), false);
+                (self.before, self.last) = (self.last, Some(command));
             }
-            Ok(SlaveCommand::GoHome) => (self.before, self.last, self.homing) = (None, None, true),
-            Ok(SlaveCommand::AbortHome) => self.homing = false,
-            Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => {
-                (self.before, self.last, self.homing) = (None, None, false);
+            Ok(SlaveCommand::GoHome) => {
+                (self.before, self.last, self.homing) = (None, None, Homing::Asked { reports: 0, missed: false })
             }
+            Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => (self.before, self.last) = (None, None),
             // A frame without a target: the axis stays where the last one was.
             _ => self.before = self.last,
+        }
+    }
+
+    /// A report shows that of the slave: the command executed last, and the statusword.
+    fn report(&mut self, id: u8, statusword: Statusword) {
+        let follows = [CommandId::Csp, CommandId::Csv, CommandId::Cst].contains(&CommandId::from_code(id));
+        self.homing = match self.homing {
+            // Whoever has sent it, and whether that was seen or not.
+            _ if id == CommandId::GoHome.code() => Homing::Executed,
+            Homing::Executed if follows => Homing::No,
+            Homing::Asked { reports, missed } if reports < REJECTED_AFTER => {
+                Homing::Asked { reports: reports + 1, missed }
+            }
+            Homing::Asked { missed: true, .. } => Homing::Executed,
+            Homing::Asked { .. } => Homing::No,
+            other => other,
+        };
+        if !statusword.is_enabled() {
+            if self.homing == Homing::Executed {
+                self.homing = Homing::No;
+            }
+            // The board has discarded what it was told (SK-7.18).
+            (self.before, self.last) = (None, None);
         }
     }
 
@@ -143,5 +238,38 @@ impl Ecm {
             session.targets.told(slave, seen.last, seen.before);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sk::{MASTER_CYCLIC, StateByte};
+
+    const SIZE: SlotSize = SlotSize::Bytes12;
+
+    /// TCP-9 On virtual time a server sees no report that its writer does not read: of one that brings the network up and goes
+    /// home without a look the first report that is seen tells.
+    #[test]
+    fn a_homing_that_only_a_report_shows() {
+        let mut watch = Watch::default();
+        let mut frame = Frame::new();
+        frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
+        watch.command(&frame, SIZE);
+        frame = Frame::new();
+        frame.put_slave(SIZE, 2, &SlaveCommand::GoHome.into());
+        watch.command(&frame, SIZE);
+        assert_eq!(watch.homing().count(), 0, "as far as is known the network is not in OP");
+        let mut report = Frame::new();
+        let state = StateByte::reached(MasterState::Op);
+        report.put(SIZE, 0, &MasterResponse { id: MASTER_CYCLIC, state, ..MasterResponse::default() }.encode());
+        let enabled = RawSlot { parm: 0x0237, ..RawSlot::ZERO };
+        report.put(SIZE, 1, &enabled);
+        report.put(SIZE, 2, &RawSlot { id: CommandId::GoHome.code(), ..enabled });
+        watch.report(&report, SIZE);
+        assert_eq!(watch.homing().collect::<Vec<_>>(), [2]);
+        report.put(SIZE, 2, &RawSlot { id: CommandId::Csp.code(), ..enabled });
+        watch.report(&report, SIZE);
+        assert_eq!(watch.homing().count(), 0, "it follows again");
     }
 }

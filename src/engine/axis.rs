@@ -22,18 +22,40 @@ enum Power {
     Turning,
 }
 
+/// What commands have asked of an axis, and how far its outputs have come with it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Asked {
+    power: Power,
+    fault_reset: FaultReset,
+    /// What goes to the drive, but for the fault reset and bit 4 of homing.
+    pub(super) out: AxisOut,
+}
+
 /// Process data and walk of one axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
-    power: Power,
-    /// What goes to the drive, but for the fault reset and bit 4 of homing.
-    pub(super) out: AxisOut,
+    pub(super) asked: Asked,
     /// The statusword said Operation enabled in the last cycle.
     enabled: bool,
     /// The statusword said Fault, or Fault reaction active, in the last cycle.
     faulted: bool,
-    fault_reset: FaultReset,
     pub(super) homing: AxisHoming,
+}
+
+/// What a SET_FIFO clear goes back to when it takes back entries that a bus has taken ahead, but for the phase of homing:
+/// that is kept of the few slaves that have one. It is small because it is kept in every cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Driven {
+    asked: Asked,
+    homing_rest: u8,
+}
+
+impl Driven {
+    /// Whether these outputs ask for nothing: no motor, no output.
+    pub(super) fn is_at_rest(&self) -> bool {
+        let AxisOut { controlword, outputs, .. } = self.asked.out;
+        controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.asked.fault_reset.is_under_way()
+    }
 }
 
 impl Axis {
@@ -43,7 +65,7 @@ impl Axis {
     /// While an SV_OFF is under way it waits for its end \[OURS]: until then the statusword may still show Operation
     /// enabled of a drive that is on its way down.
     pub(super) fn switch_on(&mut self) {
-        self.power = match self.power {
+        self.asked.power = match self.asked.power {
             Power::Up => Power::Up,
             Power::Falling | Power::Turning => Power::Turning,
             Power::Down | Power::Rising => Power::Rising,
@@ -52,8 +74,8 @@ impl Axis {
 
     /// SV_OFF.
     pub(super) fn switch_off(&mut self) {
-        if self.power != Power::Down {
-            self.power = Power::Falling;
+        if self.asked.power != Power::Down {
+            self.asked.power = Power::Falling;
         }
     }
 
@@ -61,22 +83,26 @@ impl Axis {
     /// on. It starts no motor: an axis in a fault has nothing under way.
     pub(super) fn clear_alarm(&mut self) {
         if self.faulted {
-            self.fault_reset.ask();
+            self.asked.fault_reset.ask();
         }
     }
 
     /// Whether the drive is in Operation enabled by SV_ON, in whatever mode.
     pub(super) fn is_up(&self) -> bool {
-        self.power == Power::Up
+        self.asked.power == Power::Up
     }
 
     /// The next set of outputs to the drive, the one with that id.
+    #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
-        let mut out = self.out;
+        let mut out = self.asked.out;
+        if self.homing.is_at_rest() && !self.asked.fault_reset.is_under_way() {
+            return out;
+        }
         if self.homing.next_bit(id) {
             out.controlword.0 |= Controlword::HOMING_START;
         }
-        if self.fault_reset.next_bit() {
+        if self.asked.fault_reset.next_bit() {
             out.controlword.0 |= Controlword::FAULT_RESET;
         }
         out
@@ -84,18 +110,18 @@ impl Axis {
 
     /// Whether the next set of outputs has to differ from `last`, or may have to.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
-        let mut next = self.out;
+        let mut next = self.asked.out;
         if self.homing.bit() {
             next.controlword.0 |= Controlword::HOMING_START;
         }
-        self.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
+        self.asked.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
     }
 
     /// Takes a target if the axis follows targets now; false: it is not in Operation enabled by the board's own SV_ON.
     pub(super) fn aim(&mut self, target: i32) -> bool {
-        let follows = self.enabled && self.power == Power::Up;
+        let follows = self.enabled && self.asked.power == Power::Up;
         if follows {
-            self.out.target = target;
+            self.asked.out.target = target;
         }
         follows
     }
@@ -112,11 +138,11 @@ impl Axis {
         self.enabled = state == Some(DriveState::OperationEnabled) && in_mode;
         self.faulted = matches!(state, Some(DriveState::Fault | DriveState::FaultReactionActive));
         if !self.faulted {
-            self.fault_reset.end();
+            self.asked.fault_reset.end();
         }
         self.walk(state);
         if !self.enabled {
-            self.out.target = holding(input, Some(mode));
+            self.asked.out.target = holding(input, Some(mode));
         }
     }
 
@@ -124,30 +150,27 @@ impl Axis {
     /// where it was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let target = holding(input, mode);
-        *self = Self { out: AxisOut { target, ..AxisOut::default() }, ..Self::default() };
+        *self = Self::default();
+        self.asked.out.target = target;
     }
 
-    /// Whether its outputs ask for nothing: no motor, no output.
-    pub(super) fn is_at_rest(&self) -> bool {
-        let AxisOut { controlword, outputs, .. } = self.out;
-        controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.fault_reset.is_under_way()
+    /// How it is driven by the outputs made last.
+    pub(super) const fn driven(&self) -> Driven {
+        Driven { asked: self.asked, homing_rest: self.homing.rest() }
     }
 
     /// What was asked since `then` is taken back: SET_FIFO has cleared it. An axis that is off stays off: no motor starts
-    /// because of entries that went \[OURS].
-    pub(super) fn go_back_to(&mut self, then: &Self) {
-        if self.power != Power::Down {
-            self.power = then.power;
-        }
-        self.out = then.out;
-        self.fault_reset = then.fault_reset;
-        self.homing.go_back_to(&then.homing);
+    /// because of entries that went \[OURS]. `homing`: where it was on its way home; `None`: it was not.
+    pub(super) fn go_back_to(&mut self, then: &Driven, homing: Option<&AxisHoming>) {
+        let power = if self.asked.power == Power::Down { Power::Down } else { then.asked.power };
+        self.asked = Asked { power, ..then.asked };
+        self.homing.go_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_rest)));
     }
 
     fn walk(&mut self, state: Option<DriveState>) {
         use DriveState::*;
         let Some(state) = state else { return };
-        let (power, controlword) = match (self.power, state) {
+        let (power, controlword) = match (self.asked.power, state) {
             (Power::Rising, SwitchOnDisabled) => (Power::Rising, Controlword::SHUTDOWN),
             (Power::Rising, ReadyToSwitchOn) => (Power::Rising, Controlword::SWITCH_ON),
             (Power::Rising, SwitchedOn) => (Power::Rising, Controlword::ENABLE_OPERATION),
@@ -162,8 +185,8 @@ impl Axis {
             // board [OURS]: the motor starts by SV_ON alone.
             _ => (Power::Down, Controlword::DISABLE_VOLTAGE),
         };
-        self.power = power;
-        self.out.controlword = controlword;
+        self.asked.power = power;
+        self.asked.out.controlword = controlword;
     }
 }
 

@@ -4,8 +4,9 @@ use std::fmt;
 
 use super::assembler::INCOMPLETE_CYCLES;
 use super::homing::HomingEnd;
+use super::state_failure::StateFailure;
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
-use crate::coe::AbortCode;
+use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Ns;
 use crate::sk::{CommandId, Malformed};
 
@@ -135,6 +136,10 @@ pub struct Counters {
     pub executed: u64,
     /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
     pub idle_cycles: u64,
+    /// SDO requests that repeat the one under way, as programs send them that poll: they are one with it, and nothing is lost.
+    pub sdo_repeated: u64,
+    /// SDO transfers of the host that the slave has refused with an abort code, or that nobody answered in time.
+    pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
     /// not among [`Counters::frames`].
     pub while_booting: u64,
@@ -159,6 +164,15 @@ pub enum Event {
         /// Data2.
         data2: u32,
     },
+    /// DRIVE_MODE came with a Data2 that no guide prints; it was taken for DC sync (SK-4 \[OURS]).
+    OddDriveType {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+        /// Data2.
+        data2: u32,
+    },
     /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
     Incomplete {
         /// When, in board time.
@@ -179,6 +193,13 @@ pub enum Event {
         at: Ns,
         /// Slave, from 1.
         slave: u8,
+    },
+    /// A change of state has failed (SK-4), and the state is 0x10 beside the last one that all slaves reached.
+    StateFailed {
+        /// When, in board time.
+        at: Ns,
+        /// Why.
+        why: StateFailure,
     },
     /// Homing of an axis is over.
     HomingEnded {
@@ -202,6 +223,19 @@ pub enum Event {
         /// What the newest try ended with.
         code: AbortCode,
     },
+    /// An SDO transfer of the host ended in an abort code, which stands in the SDO slot (SK-6).
+    SdoAborted {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+        /// What was to be read or written.
+        object: ObjectAddress,
+        /// Whether it was to be written.
+        write: bool,
+        /// Why not.
+        code: AbortCode,
+    },
     /// A line of a script was carried out.
     Scripted {
         /// When, in board time.
@@ -215,6 +249,10 @@ pub enum Event {
     },
 }
 
+/// What to do about an object that a slave does not have.
+const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
+                              slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
+
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -224,6 +262,13 @@ impl fmt::Display for Event {
                 "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
                 at / 1000
             ),
+            Self::OddDriveType { at, slave, data2 } => write!(
+                f,
+                "DRIVE_MODE of slave {slave} at {} us has Data2 = 0x{data2:08X}: taken for 1, DC sync, though the guides print 0 \
+                 and 1 only",
+                at / 1000
+            ),
+            Self::StateFailed { at, why } => write!(f, "a change of state has failed at {} us: {why}", at / 1000),
             Self::HomingEnded { at, slave, axis, end } => {
                 write!(f, "homing of slave {slave}, axis {}, at {} us: {end}", axis + 1, at / 1000)
             }
@@ -234,6 +279,14 @@ impl fmt::Display for Event {
                 at / 1000,
                 MODES_OF_OPERATION + SECOND_AXIS_OFFSET * u16::from(*axis)
             ),
+            Self::SdoAborted { at, slave, object, write, code } => {
+                let id = if *write { CommandId::SdoWrite } else { CommandId::SdoRead };
+                write!(f, "{id} of slave {slave}, {object}, aborted at {} us: {code}", at / 1000)?;
+                match *code {
+                    AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX => f.write_str(MAKERS_OBJECTS),
+                    _ => Ok(()),
+                }
+            }
             Self::Scripted { at, line, verb, ended } => {
                 let end = if *ended { "the end of " } else { "" };
                 write!(f, "script, line {line}: {end}`{verb}` at {} us", at / 1000)

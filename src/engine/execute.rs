@@ -1,5 +1,6 @@
 //! Executing a command frame: what each command does, and why one is rejected (SK-4).
 
+use super::sdo::Taken;
 use super::{CrcSwitches, Engine, Event, Head, HomingEnd, Reason, Rejection};
 use crate::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
@@ -53,6 +54,54 @@ const fn belongs(id: CommandId, place: Place) -> bool {
     }
 }
 
+impl Place {
+    const ALL: [Self; 3] = [Self::Master, Self::Slave, Self::Sdo];
+
+    const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
+
+/// By code: the places where a command belongs, [`Place::bit`], and the states that allow it, [`state_bit`]. It is asked
+/// for every slot of every cycle.
+static ADMITTED: [u8; 256] = {
+    let mut admitted = [0; 256];
+    let mut n = 0;
+    while n < CommandId::ALL.len() {
+        let id = CommandId::ALL[n];
+        let mut bits = 0;
+        let mut place = 0;
+        while place < Place::ALL.len() {
+            if belongs(id, Place::ALL[place]) {
+                bits |= Place::ALL[place].bit();
+            }
+            place += 1;
+        }
+        let mut state = 0;
+        while state < STATES.len() {
+            if allowed_in(id, STATES[state]) {
+                bits |= state_bit(STATES[state]);
+            }
+            state += 1;
+        }
+        admitted[id.code() as usize] = bits;
+        n += 1;
+    }
+    admitted
+};
+
+/// Beside those of [`Place`].
+const fn state_bit(state: MasterState) -> u8 {
+    match state {
+        MasterState::Init => 1 << 4,
+        MasterState::PreOp => 1 << 5,
+        MasterState::SafeOp => 1 << 6,
+        MasterState::Op => 1 << 7,
+    }
+}
+
 /// What became of a command that was not rejected.
 enum Done {
     /// With the output image that the answer shows, for IO_WR.
@@ -71,6 +120,15 @@ pub(super) const fn suits(command: &SlaveCommand, role: Role) -> Result<(), Reas
         (_, Role::Io) | (IoRead | IoWrite(_) | Other(_), _) => Err(Reason::WrongSlot),
         (Csv(_), Role::Step(_)) | (Cst(_), Role::Step(_) | Role::Hsp(_)) => Err(Reason::WrongSlot),
         _ => Ok(()),
+    }
+}
+
+#[cold]
+fn why_not_admitted(id: CommandId, place: Place) -> Reason {
+    match id {
+        CommandId::Unknown(_) => Reason::UnknownId,
+        _ if !belongs(id, place) => Reason::WrongSlot,
+        _ => Reason::WrongState,
     }
 }
 
@@ -96,7 +154,7 @@ impl Engine {
         let size = self.config.slot;
         let slots = frame.slots(size);
         self.homing_before = self.homing_slaves();
-        for slave in 1..=size.max_slaves() {
+        for slave in 1..size.max_slaves() + 1 {
             self.execute_slave(slave, &slots.get(slave), at);
         }
     }
@@ -163,6 +221,7 @@ impl Engine {
         Ok(0)
     }
 
+    #[inline(always)]
     fn execute_slave(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
         if self.is_lost_in_op(slave) {
             return self.pass_over_lost(slave, slot, at);
@@ -173,11 +232,11 @@ impl Engine {
             return;
         }
         let id = CommandId::from_code(slot.id);
-        let done = self.admit(id, Place::Slave).and_then(|()| {
-            let command = SlotCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
-            self.mark_commanded(slave);
-            self.run_slave(slave, &command.command, at)
-        });
+        let done = match id {
+            // Nearly every slot of a machine that moves holds this one: the compiler makes a short way of the same code.
+            CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
+            _ => self.run_slot_of_others(slave, id, slot, at),
+        };
         match done {
             Ok(Done::Executed(output_image)) => self.v.heads[slave - 1] = Head { output_image, ..head },
             // SK-3 [OURS]: byte 0 is the id of the command executed last, and this one was not executed.
@@ -195,6 +254,25 @@ impl Engine {
         }
     }
 
+    #[inline(always)]
+    fn run_slot(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Done, Reason> {
+        self.admit(id, Place::Slave)?;
+        let SlotCommand { command, .. } =
+            SlotCommand::decode_as(id, slot, self.config.slot).map_err(Reason::BadArgument)?;
+        self.mark_commanded(slave);
+        self.run_slave(slave, &command, at)
+    }
+
+    #[inline(never)]
+    fn run_slot_of_others(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Done, Reason> {
+        let done = self.run_slot(slave, id, slot, at)?;
+        if id == CommandId::DriveMode && slot.data2 > 1 {
+            self.log.push(Event::OddDriveType { at, slave: slave as u8, data2: slot.data2 });
+        }
+        Ok(done)
+    }
+
+    #[inline(always)]
     fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Done, Reason> {
         if let SlaveCommand::DriveMode { mode, sync } = *command {
             self.v.modes[slave - 1] = (mode, sync);
@@ -207,7 +285,7 @@ impl Engine {
         match *command {
             SlaveCommand::IoWrite(bits) => {
                 self.end_walk();
-                self.v.axes[slave - 1][0].out.outputs = bits;
+                self.v.axes[slave - 1][0].asked.out.outputs = bits;
                 return Ok(Done::Executed(Some(bits)));
             }
             SlaveCommand::ServoOn => self.each_axis(slave, super::Axis::switch_on),
@@ -245,6 +323,7 @@ impl Engine {
     ///
     /// A command whose targets are discarded, one or both, counts once; its outputs are taken all the same: they have
     /// nothing to do with the power stage \[OURS].
+    #[inline]
     fn aim(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
         self.follows_in(slave, mode)?;
         let has_outputs = matches!(self.v.roles[slave - 1], Role::Hsp(_));
@@ -252,11 +331,11 @@ impl Engine {
         let [first, second] = &mut self.v.axes[slave - 1];
         let mut follows = first.aim(motion.first.target);
         if has_outputs {
-            first.out.outputs = motion.first.outputs;
+            first.asked.out.outputs = motion.first.outputs;
         }
         if two_channels {
             follows &= second.aim(motion.second.target);
-            second.out.outputs = motion.second.outputs;
+            second.asked.out.outputs = motion.second.outputs;
         }
         if !follows {
             self.counters.discarded_before_enabled += 1;
@@ -275,24 +354,18 @@ impl Engine {
             self.v.sdo.command(command)
         });
         match done {
-            Ok(()) => {
+            Ok(Taken::Repeats) => self.counters.sdo_repeated += 1,
+            Ok(Taken::New) => {
                 self.holds_mode_write(at);
             }
             Err(reason) => self.reject(self.config.slot.sdo_slot(), id, reason, at),
         }
     }
 
+    #[inline]
     pub(super) fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
-        if let CommandId::Unknown(_) = id {
-            return Err(Reason::UnknownId);
-        }
-        if !belongs(id, place) {
-            return Err(Reason::WrongSlot);
-        }
-        match self.v.network.state() {
-            Some(state) if allowed_in(id, state) => Ok(()),
-            _ => Err(Reason::WrongState),
-        }
+        let needed = place.bit() | self.v.network.state().map_or(u8::MAX, state_bit);
+        if ADMITTED[usize::from(id.code())] & needed == needed { Ok(()) } else { Err(why_not_admitted(id, place)) }
     }
 
     pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {

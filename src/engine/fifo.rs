@@ -6,10 +6,17 @@ use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
 /// Frames waiting for their cycle.
+///
+/// The place that became free last is taken first: a program that keeps three entries waiting goes over three or four
+/// places again and again, and not over the memory of all 160.
 #[derive(Debug)]
 pub(super) struct CommandFifo {
-    /// Has room for all there can be.
-    waiting: VecDeque<Frame>,
+    /// As many as were in use at once so far. It has room for all there can be, as the other two have.
+    places: Vec<Frame>,
+    /// The places of the entries, the next one first.
+    waiting: VecDeque<u8>,
+    /// The places without one.
+    vacant: Vec<u8>,
     threshold: u16,
     full_count: u16,
     /// Nothing is taken out, whatever the threshold says.
@@ -22,7 +29,9 @@ const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 impl CommandFifo {
     pub(super) fn new() -> Self {
         Self {
+            places: Vec::with_capacity(FIFO_ENTRIES.into()),
             waiting: VecDeque::with_capacity(FIFO_ENTRIES.into()),
+            vacant: Vec::with_capacity(FIFO_ENTRIES.into()),
             threshold: DEFAULT_THRESHOLD,
             full_count: 0,
             held: false,
@@ -50,19 +59,25 @@ impl CommandFifo {
             self.full_count = self.full_count.wrapping_add(firmware.full_count_step(size));
             return false;
         }
-        self.waiting.push_back(frame.clone());
+        if let Some(place) = self.vacant.pop() {
+            self.places[usize::from(place)].clone_from(frame);
+            self.waiting.push_back(place);
+        } else {
+            self.waiting.push_back(self.places.len() as u8);
+            self.places.push(frame.clone());
+        }
         true
     }
 
-    /// The next entry to execute, copied to `out`; false while there is none or the threshold holds it back.
-    pub(super) fn take(&mut self, ahead: u16, out: &mut Frame) -> bool {
+    /// The next entry to execute; `None` while there is none or the threshold holds it back.
+    pub(super) fn take(&mut self, ahead: u16) -> Option<Frame> {
         if self.held || self.free(ahead) >= self.threshold {
-            return false;
+            return None;
         }
-        let Some(next) = self.waiting.pop_front() else { return false };
+        let place = self.waiting.pop_front()?;
         self.threshold = DEFAULT_THRESHOLD;
-        *out = next;
-        true
+        self.vacant.push(place);
+        Some(self.places[usize::from(place)].clone())
     }
 
     /// Takes nothing out any more, or goes on; a fault on demand, which no command is.
@@ -85,7 +100,42 @@ impl CommandFifo {
     pub(super) fn clear(&mut self) -> u16 {
         self.threshold = DEFAULT_THRESHOLD;
         let gone = self.len();
-        self.waiting.clear();
+        self.vacant.extend(self.waiting.drain(..));
         gone
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbered(n: u8) -> Frame {
+        Frame::from_prefix(&[n])
+    }
+
+    /// Entries come out in the order in which they came, whatever places they lie in; and a program that keeps few
+    /// entries waiting goes over few places.
+    #[test]
+    fn few_entries_take_few_places() {
+        let mut fifo = CommandFifo::new();
+        let (mut next_in, mut next_out) = (0u8, 0u8);
+        for round in 0..1000 {
+            for _ in 0..1 + round % 3 {
+                assert!(fifo.push(&numbered(next_in), 0, Firmware::V17, SlotSize::Bytes12));
+                next_in = next_in.wrapping_add(1);
+            }
+            while fifo.len() > (round % 2) {
+                assert_eq!(fifo.take(0), Some(numbered(next_out)));
+                next_out = next_out.wrapping_add(1);
+            }
+        }
+        assert_eq!(fifo.places.len(), 4, "never more than 4 were there at once");
+        fifo.clear();
+        assert_eq!((fifo.free(0), fifo.vacant.len()), (FIFO_ENTRIES, 4));
+        for n in 0..FIFO_ENTRIES {
+            assert!(fifo.push(&numbered(n as u8), 0, Firmware::V17, SlotSize::Bytes12));
+        }
+        assert!(!fifo.push(&numbered(0), 0, Firmware::V17, SlotSize::Bytes12), "full");
+        assert!((0..FIFO_ENTRIES).all(|n| fifo.take(0) == Some(numbered(n as u8))));
     }
 }

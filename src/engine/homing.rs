@@ -165,6 +165,16 @@ pub(super) struct AxisHoming {
 }
 
 impl AxisHoming {
+    /// Not homing, with so many sets of outputs to come before bit 4 may rise.
+    pub(super) const fn idle(rest: u8) -> Self {
+        Self { phase: Phase::Idle, rest, quiet: 0, ended: None }
+    }
+
+    /// Sets of outputs with bit 4 clear that are still to come before it may rise.
+    pub(super) const fn rest(&self) -> u8 {
+        self.rest
+    }
+
     /// GO_HOME was executed and homing has not ended.
     pub(super) const fn is_homing(&self) -> bool {
         matches!(self.phase, Phase::Asked | Phase::Running { .. })
@@ -178,6 +188,11 @@ impl AxisHoming {
     /// There is nothing to do for it.
     pub(super) const fn is_idle(&self) -> bool {
         matches!(self.phase, Phase::Idle)
+    }
+
+    /// There is nothing to do for it, and bit 4 may rise at once.
+    pub(super) const fn is_at_rest(&self) -> bool {
+        self.is_idle() && self.rest == 0
     }
 
     /// GO_HOME.

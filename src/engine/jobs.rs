@@ -2,11 +2,11 @@
 
 use super::network::Step;
 use super::restore::Restore;
-use super::{Axis, Engine, Head};
+use super::{Axis, Engine, Event, Head, StateFailure};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
-    AlState, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Role, SlaveConfig, SlaveSet,
+    AlState, AxisOut, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role, SlaveConfig, SlaveSet,
 };
 use crate::sk::{DriveSync, MasterState, SlaveKind};
 
@@ -32,6 +32,15 @@ const fn al_state(state: MasterState) -> AlState {
         MasterState::PreOp => AlState::PreOp,
         MasterState::SafeOp => AlState::SafeOp,
         MasterState::Op => AlState::Op,
+    }
+}
+
+/// The state that a step is on the way to.
+const fn leads_to(step: Step) -> MasterState {
+    match step {
+        Step::Scan | Step::Boot | Step::Fetch => MasterState::PreOp,
+        Step::Configure | Step::Reconfigure => MasterState::SafeOp,
+        Step::Move(to) | Step::Return(to) => to,
     }
 }
 
@@ -71,7 +80,8 @@ impl Engine {
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let late = self.v.network.deadline().is_some_and(|deadline| now >= deadline);
         if late {
-            self.v.network.fail();
+            let target = self.job.map_or(MasterState::PreOp, |work| leads_to(work.step));
+            self.fail_state(StateFailure::Late { target }, now);
         }
         if let Some(Work { step, .. }) = self.job
             && (late || self.v.network.is_obsolete(step))
@@ -86,8 +96,10 @@ impl Engine {
         while self.transfer.is_none()
             && let Some(step) = self.v.network.next_step()
         {
-            if step == Step::Configure && !self.has_process_data() {
-                self.v.network.fail();
+            if step == Step::Configure
+                && let Some(why) = self.lacks_process_data()
+            {
+                self.fail_state(why, now);
                 continue;
             }
             if !self.may_begin(step, bus) {
@@ -200,8 +212,23 @@ impl Engine {
     }
 
     /// SK-7 \[OURS]: DRIVE_MODE 10 for an HSP and other than 8 for a STEP fail PreOP to SafeOP, whoever the slave is.
-    fn has_process_data(&self) -> bool {
-        (0..usize::from(self.v.network.found())).all(|n| self.declared_role(n).has_process_data())
+    fn lacks_process_data(&self) -> Option<StateFailure> {
+        let lacking = (0..usize::from(self.v.network.found())).find(|n| !self.declared_role(*n).has_process_data());
+        lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.v.kinds[n] })
+    }
+
+    /// The change under way ends where it is.
+    fn fail_state(&mut self, why: StateFailure, at: Ns) {
+        self.v.network.fail();
+        self.v.failure = Some(why);
+        self.log.push(Event::StateFailed { at, why });
+    }
+
+    /// What a slave's refusal means for a step.
+    fn failure_of(&self, step: Step, refusal: Refusal) -> StateFailure {
+        let kind = usize::from(refusal.slave).checked_sub(1).and_then(|n| self.v.kinds.get(n));
+        let configuring = matches!(step, Step::Configure | Step::Reconfigure);
+        StateFailure::of(refusal, configuring, leads_to(step), kind.copied().unwrap_or_default())
     }
 
     /// The network as programs declared it; from now on it is configured so.
@@ -242,13 +269,14 @@ impl Engine {
         match (step, done) {
             (Step::Scan, JobDone::Scan { found }) => {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
+                self.v.failure = (found == 0).then_some(StateFailure::NoSlave);
             }
             (Step::Configure | Step::Reconfigure, JobDone::Configure(Ok(second_axes))) => {
                 let others = match step {
                     Step::Reconfigure => self.v.second_axes.difference(self.v.network.returning()),
                     _ => SlaveSet::EMPTY,
                 };
-                self.v.second_axes = others.union(second_axes);
+                self.set_second_axes(others.union(second_axes));
                 self.step_done(step, now);
             }
             (_, JobDone::State(Ok(()))) => self.step_done(step, now),
@@ -258,12 +286,25 @@ impl Engine {
             ) => {
                 let silent = refusal.al_status == 0 && refusal.abort.is_none();
                 self.v.network.stays_away(refusal.slave, silent);
+                self.v.failure = Some(self.failure_of(step, refusal));
             }
             // The change has got more time since: the step begins again.
             (Step::Move(_), JobDone::State(Err(_)))
                 if now >= until && self.v.network.deadline().is_some_and(|deadline| deadline > until) => {}
+            (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
+                self.fail_state(self.failure_of(step, refusal), now);
+            }
             _ => self.v.network.fail(),
         }
+    }
+
+    /// Nothing is asked of an axis that is none any more.
+    pub(super) fn set_second_axes(&mut self, second_axes: SlaveSet) {
+        for slave in self.v.second_axes.difference(second_axes).iter().map(usize::from) {
+            self.v.axes[slave - 1][1] = Axis::default();
+            self.outputs.slaves[slave - 1][1] = AxisOut::default();
+        }
+        self.v.second_axes = second_axes;
     }
 
     fn step_done(&mut self, step: Step, now: Ns) {
@@ -274,6 +315,9 @@ impl Engine {
             _ => {}
         }
         self.v.network.done(step);
+        if !self.state().is_failed() {
+            self.v.failure = None;
+        }
         self.slaves_moved(step, now);
         if was_op != self.v.network.in_op() {
             // OP begins and ends with an empty FIFO and with axes that ask for nothing.
@@ -307,6 +351,11 @@ impl Engine {
     fn sdo_done(&mut self, result: Result<u32, AbortCode>, now: Ns) {
         let written_well = result.is_ok();
         let Some(transfer) = self.v.sdo.finish(result) else { return };
+        if let Err(code) = result {
+            self.counters.sdo_aborted += 1;
+            let (slave, object, write) = (transfer.slave, transfer.object, transfer.write.is_some());
+            self.log.push(Event::SdoAborted { at: now, slave, object, write, code });
+        }
         let Some((_, value)) = transfer.write else { return };
         if let Some(axis) = mode_object(transfer.object)
             && written_well

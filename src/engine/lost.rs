@@ -1,8 +1,10 @@
 //! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
 //! Its slot keeps its values, what comes for it is counted, and the others go on.
 
+use super::axis::Driven;
 use super::execute::{Place, suits};
 use super::network::Step;
+use super::outputs::used_axes;
 use super::{Engine, Event};
 use crate::cia402::Mode;
 use crate::fieldbus::{Fieldbus, MAX_ANSWER_DELAY, MAX_SLAVES, Ns, Pacing, SlaveSet};
@@ -69,6 +71,7 @@ impl Engine {
         }
         self.v.network.lose(news);
         for slave in news.iter() {
+            self.v.failure = Some(super::StateFailure::Lost { slave });
             self.lose_slave(slave.into(), at);
             let silent = self.inputs.lost.contains(slave);
             self.log.push(if silent { Event::SlaveLost { at, slave } } else { Event::SlaveLeft { at, slave } });
@@ -93,7 +96,8 @@ impl Engine {
         self.v.heads[slave - 1].outputs_off();
         self.shown[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
-        for (axis, input) in self.v.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]) {
+        let used = used_axes(self.v.second_axes, slave as u8);
+        for (axis, input) in self.v.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]).take(used) {
             axis.lose(input, mode);
         }
     }
@@ -175,7 +179,10 @@ impl Engine {
         let returning = self.v.network.returning();
         let at_rest = (oldest..self.next_output_id).all(|id| {
             let axes = &self.executed[(id % n) as usize].axes;
-            returning.iter().all(|slave| axes[usize::from(slave) - 1].iter().all(super::Axis::is_at_rest))
+            returning.iter().all(|slave| {
+                let used = used_axes(self.v.second_axes, slave);
+                axes[..used].iter().map(|axes| &axes[usize::from(slave) - 1]).all(Driven::is_at_rest)
+            })
         });
         // With nobody in OP a bus may send nothing, and there is nobody to take it from.
         self.discard_ahead |= alone && !at_rest;

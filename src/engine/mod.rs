@@ -26,10 +26,12 @@ mod reports;
 mod restore;
 mod sdo;
 mod snapshot;
+mod state_failure;
 mod stepped;
 mod sync;
 mod test_mode;
 mod threaded;
+mod unexecuted;
 mod volatile;
 
 use std::collections::VecDeque;
@@ -44,15 +46,18 @@ pub use profile::Firmware;
 pub use realtime::{Rate, RealTime};
 pub use reports::Report;
 pub use snapshot::{Leds, Snapshot};
+pub use state_failure::StateFailure;
 pub use stepped::{Stepped, Stop};
 pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
+pub use unexecuted::Unexecuted;
 
 use crate::fieldbus::{Fieldbus, Inputs, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
-use axis::Axis;
+use axis::{Axis, Driven};
 use counters::EventLog;
 use fifo::CommandFifo;
+use homing::AxisHoming;
 use volatile::{CrcSwitches, FACTORY_CRC, Head, Volatile};
 
 /// What a board is, apart from what programs tell it.
@@ -90,8 +95,12 @@ impl Default for EngineConfig {
 struct Executed {
     /// The heads that an answer to them shows.
     heads: [Head; MAX_SLAVES],
-    /// The axes as they were driven.
-    axes: [[Axis; MAX_AXES]; MAX_SLAVES],
+    /// The axes as they were driven, the first ones of all slaves before the second ones: most have only one.
+    axes: [[Driven; MAX_SLAVES]; MAX_AXES],
+    /// Slaves with an axis that was homing, or not done with what follows.
+    homers: SlaveSet,
+    /// Where those were on their way home. What stands here of other slaves is older.
+    homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
     /// Slaves that a command in them is for.
     commanded: SlaveSet,
     /// Where the test was.
@@ -106,7 +115,6 @@ pub struct Engine {
     remembered: CrcSwitches,
     v: Volatile,
     fifo: CommandFifo,
-    entry: Frame,
     /// What the bus does for the network; beside it a transfer may run.
     job: Option<jobs::Work>,
     transfer: Option<jobs::Transfer>,
@@ -153,7 +161,6 @@ impl Engine {
             remembered: FACTORY_CRC,
             v: Volatile::new(FACTORY_CRC),
             fifo: CommandFifo::new(),
-            entry: Frame::new(),
             job: None,
             transfer: None,
             cancel_job: false,
@@ -168,7 +175,9 @@ impl Engine {
             executed: vec![
                 Executed {
                     heads: [Head::default(); MAX_SLAVES],
-                    axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
+                    axes: [[Driven::default(); MAX_SLAVES]; MAX_AXES],
+                    homers: SlaveSet::EMPTY,
+                    homing: [[AxisHoming::default(); MAX_AXES]; MAX_SLAVES],
                     commanded: SlaveSet::EMPTY,
                     test: test_mode::Test::default(),
                 };
@@ -205,6 +214,11 @@ impl Engine {
     /// Byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
         self.v.network.state_byte()
+    }
+
+    /// Why the state has failed; `None`: it has not.
+    pub fn state_failure(&self) -> Option<StateFailure> {
+        self.v.failure.filter(|_| self.state().is_failed())
     }
 
     /// The LEDs that show the state.
@@ -386,6 +400,7 @@ impl Engine {
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.discard_ahead = true;
+        self.set_second_axes(SlaveSet::EMPTY);
         self.v = Volatile::new(self.remembered);
         (self.cancel_job, self.cancel_transfer) = (true, true);
         self.forget_commanded();

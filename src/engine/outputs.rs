@@ -1,8 +1,9 @@
 //! Outputs on their way: from the command FIFO into the process image, to the bus, and back again when SET_FIFO clears
 //! what a bus has taken ahead.
 
-use super::Engine;
-use crate::fieldbus::{Fieldbus, Ns, Pacing, SlaveSet};
+use super::volatile::Volatile;
+use super::{Engine, Executed};
+use crate::fieldbus::{Fieldbus, Ns, Outputs, Pacing, SlaveSet};
 use crate::sk::RawSlot;
 
 /// A FIFO entry on its way.
@@ -34,13 +35,12 @@ impl Engine {
             if repeats && !has_entry {
                 return;
             }
-            self.refresh_outputs();
             let id = self.next_output_id;
             self.outputs.id = id;
             let n = self.executed.len() as u64;
             let executed = &mut self.executed[(id % n) as usize];
+            refresh_outputs(&mut self.outputs, &mut self.v, executed);
             executed.heads = self.v.heads;
-            executed.axes = self.v.axes;
             executed.commanded = self.commanded;
             executed.test = self.v.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
@@ -60,20 +60,14 @@ impl Engine {
 
     /// Executes the next entry, if there is one to take; what of it does not act yet is handed back.
     fn take_entry(&mut self, now: Ns) -> (bool, Option<Held>) {
-        let mut entry = std::mem::take(&mut self.entry);
-        let taken = self.fifo.take(self.ahead.len() as u16, &mut entry);
-        let mut held = None;
-        if taken {
-            let size = self.config.slot;
-            if self.pacing == Pacing::Runner {
-                self.execute(&entry, now);
-            } else {
-                self.execute_slaves(&entry, now);
-                held = Some(Held { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) });
-            }
+        let Some(entry) = self.fifo.take(self.ahead.len() as u16) else { return (false, None) };
+        let size = self.config.slot;
+        if self.pacing == Pacing::Runner {
+            self.execute(&entry, now);
+            return (true, None);
         }
-        self.entry = entry;
-        (taken, held)
+        self.execute_slaves(&entry, now);
+        (true, Some(Held { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
     }
 
     fn act(&mut self, held: Option<Held>, at: Ns) {
@@ -102,15 +96,6 @@ impl Engine {
     fn outputs_changed(&self) -> bool {
         let axes = self.v.axes.iter().zip(&self.outputs.slaves).take(self.v.network.found().into());
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
-    }
-
-    /// Copies the axes' outputs to the process image.
-    fn refresh_outputs(&mut self) {
-        for (image, axes) in self.outputs.slaves.iter_mut().zip(&mut self.v.axes).take(self.v.network.found().into()) {
-            for (out, axis) in image.iter_mut().zip(axes) {
-                *out = axis.next_out(self.next_output_id);
-            }
-        }
     }
 
     /// A cycle has passed, and the newest `held` outputs are still to be sent.
@@ -144,16 +129,41 @@ impl Engine {
             return;
         }
         self.v.test = sent.test;
-        for (slave, (axes, then)) in (1..).zip(self.v.axes.iter_mut().zip(&sent.axes)) {
+        for (slave, (n, axes)) in (1..).zip(self.v.axes.iter_mut().enumerate()) {
             if lost.contains(slave) {
                 continue;
             }
-            for (axis, then) in axes.iter_mut().zip(then) {
-                axis.go_back_to(then);
+            let then = sent.axes.iter().map(|axes| &axes[n]).zip(&sent.homing[n]);
+            for (axis, (then, homing)) in axes.iter_mut().zip(then).take(used_axes(self.v.second_axes, slave)) {
+                axis.go_back_to(then, sent.homers.contains(slave).then_some(homing));
             }
             if axes.iter().any(|axis| !axis.homing.is_idle()) {
                 self.v.homers.insert(slave);
             }
         }
     }
+}
+
+/// Copies the axes' outputs to the process image, and what stands behind them to `executed`.
+fn refresh_outputs(outputs: &mut Outputs, v: &mut Volatile, executed: &mut Executed) {
+    let Outputs { id, slaves } = outputs;
+    let [first, second] = &mut executed.axes;
+    let found = usize::from(v.network.found());
+    for ((n, axes), image) in v.axes[..found].iter_mut().enumerate().zip(slaves) {
+        image[0] = axes[0].next_out(*id);
+        first[n] = axes[0].driven();
+        if v.second_axes.contains(n as u8 + 1) {
+            image[1] = axes[1].next_out(*id);
+            second[n] = axes[1].driven();
+        }
+    }
+    executed.homers = v.homers;
+    for n in v.homers.iter().map(|slave| usize::from(slave) - 1) {
+        executed.homing[n] = v.axes[n].each_ref().map(|axis| axis.homing);
+    }
+}
+
+/// How many axes of a slave's outputs something can be asked of; what lies behind them stays zero.
+pub(super) const fn used_axes(second_axes: SlaveSet, slave: u8) -> usize {
+    1 + second_axes.contains(slave) as usize
 }

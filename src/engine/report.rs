@@ -50,16 +50,21 @@ impl Engine {
 
     pub(super) fn answer_axes(&mut self) {
         let lost = self.v.network.lost();
-        for slave in (1..=usize::from(self.v.network.found())).filter(|slave| !lost.contains(*slave as u8)) {
-            self.answer_slave(slave);
+        for slave in 1..usize::from(self.v.network.found()) + 1 {
+            if !lost.contains(slave as u8) {
+                self.answer_slave(slave);
+            }
         }
     }
 
+    #[inline]
     pub(super) fn answer_slave(&mut self, slave: usize) {
         let Some(mode) = self.role(slave).mode() else { return };
-        for axis in 0..self.axes(slave) {
-            let written = self.v.modes_written[slave - 1][axis];
-            self.v.axes[slave - 1][axis].answer(&self.inputs.slaves[slave - 1][axis], mode, written);
+        let axes = self.axes(slave);
+        let n = slave - 1;
+        let answers = self.inputs.slaves[n].iter().zip(self.v.modes_written[n]);
+        for (axis, (input, written)) in self.v.axes[n].iter_mut().zip(answers).take(axes) {
+            axis.answer(input, mode, written);
         }
     }
 
@@ -67,9 +72,11 @@ impl Engine {
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
         let lost = self.v.network.lost();
-        for slave in (1..=size.max_slaves()).filter(|slave| !lost.contains(*slave as u8)) {
-            let slot = self.slave_slot(slave);
-            self.v.response.put(size, slave, &slot);
+        for slave in 1..size.max_slaves() + 1 {
+            if !lost.contains(slave as u8) {
+                let slot = self.slave_slot(slave);
+                self.v.response.put(size, slave, &slot);
+            }
         }
     }
 

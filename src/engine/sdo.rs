@@ -23,6 +23,14 @@ impl Transfer {
     }
 }
 
+/// What became of a request that was not rejected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Taken {
+    New,
+    /// It is the one that waits or runs already.
+    Repeats,
+}
+
 /// What stands in the slot, and what is under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoSlot {
@@ -41,18 +49,22 @@ impl SdoSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 \[OURS]: a request while a transfer is under way is rejected.
-    pub(super) fn command(&mut self, command: SdoCommand) -> Result<(), Reason> {
+    /// Takes a command of the host. SK-6 \[OURS]: a request while another one is under way is rejected; one that repeats it is
+    /// one with it: programs that poll send it in every frame.
+    pub(super) fn command(&mut self, command: SdoCommand) -> Result<Taken, Reason> {
         let transfer = match command {
             SdoCommand::Read { slave, object } => Transfer { slave, object, write: None },
             SdoCommand::Write { slave, object, size, value } => Transfer { slave, object, write: Some((size, value)) },
-            SdoCommand::GetStatus | SdoCommand::Other(_) => return Ok(()),
+            SdoCommand::GetStatus | SdoCommand::Other(_) => return Ok(Taken::New),
         };
-        if self.waiting.is_some() || self.running.is_some() {
-            return Err(Reason::SdoBusy);
+        match self.waiting.or(self.running) {
+            Some(under_way) if under_way == transfer => Ok(Taken::Repeats),
+            Some(_) => Err(Reason::SdoBusy),
+            None => {
+                self.waiting = Some(transfer);
+                Ok(Taken::New)
+            }
         }
-        self.waiting = Some(transfer);
-        Ok(())
     }
 
     /// The transfer that waits, if one does.

@@ -1,6 +1,6 @@
 //! What can be seen of a board without asking it: its LEDs, its BUSY pin, and what it knows of its network.
 
-use super::Board;
+use super::{Board, StateFailure};
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
 
@@ -33,6 +33,8 @@ pub struct Snapshot {
     pub at: Ns,
     /// Byte 2 of slot 0.
     pub state: StateByte,
+    /// Why the state has failed; `None`: it has not.
+    pub failure: Option<StateFailure>,
     /// The BUSY pin while nothing is exchanged: high until the first PreOP since the board booted. A host on SPI sees
     /// it, or, without looking at it, zeros (SK-4, SK-10).
     pub busy: bool,
@@ -64,6 +66,7 @@ impl Board {
         Snapshot {
             at: self.now(),
             state: engine.state(),
+            failure: engine.state_failure(),
             busy: self.busy(),
             leds: engine.leds(),
             power: true,

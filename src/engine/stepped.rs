@@ -14,6 +14,10 @@ use crate::sk::Frame;
 /// microframe. Else a program that polls would stop the clock.
 const LOOK_NS: Ns = 125_000;
 
+/// Time that passes until other threads' calls come in between \[OURS]: some hundred cycles, which take less than a
+/// millisecond.
+const PASS_STEP_NS: Ns = 100_000_000;
+
 /// What a call on a stepped or threaded board can end with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
@@ -108,16 +112,33 @@ impl Stepped {
         }
     }
 
-    /// Lets that much time pass and says what time it is then; reports made meanwhile are kept as if nobody had read.
+    /// Lets that much time pass and says what time it is then; reports made meanwhile are kept as if nobody had read. Other
+    /// threads' calls come in between.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
     pub fn pass(&self, time: Ns) -> Result<Ns, Stop> {
-        let State { board, reports, boots } = &mut *self.lock();
+        let mut left = time;
+        loop {
+            let step = left.min(PASS_STEP_NS);
+            let now = self.pass_step(step)?;
+            left -= step;
+            if left == 0 {
+                return Ok(now);
+            }
+        }
+    }
+
+    fn pass_step(&self, time: Ns) -> Result<Ns, Stop> {
+        let mut state = self.lock();
+        let State { board, reports, boots } = &mut *state;
         let board = alive(board, *boots)?;
         let to = board.now().saturating_add(time);
         board.advance(to, &mut |frame, at| reports.push(frame, at));
-        if board.engine().boots() == *boots { Ok(board.now()) } else { Err(Stop::Rebooted) }
+        let (now, is_same_boot) = (board.now(), board.engine().boots() == *boots);
+        // Whoever waits for the board has it next.
+        MutexGuard::unlock_fair(state);
+        if is_same_boot { Ok(now) } else { Err(Stop::Rebooted) }
     }
 
     /// Whether the interface is still there; no time passes.

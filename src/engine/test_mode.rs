@@ -79,7 +79,7 @@ impl Engine {
                 continue;
             }
             if !lost.contains(slave as u8) {
-                self.v.axes[slave - 1][0].out.outputs = image(n);
+                self.v.axes[slave - 1][0].asked.out.outputs = image(n);
             }
             n += 1;
         }

@@ -4,7 +4,7 @@ use super::axis::Axis;
 use super::network::Network;
 use super::restore::Restores;
 use super::sdo::SdoSlot;
-use super::{lost, test_mode};
+use super::{StateFailure, lost, test_mode};
 use crate::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
@@ -42,6 +42,8 @@ pub(super) struct Volatile {
     pub(super) modes: [(Mode, DriveSync); MAX_SLAVES],
     pub(super) cycle: CycleTime,
     pub(super) network: Network,
+    /// What went wrong last.
+    pub(super) failure: Option<StateFailure>,
     /// Cycle, roles and synchronisation as they were configured on the way to SafeOP.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
@@ -75,6 +77,7 @@ impl Volatile {
             modes: [(Mode::Csp, DriveSync::DcSync); MAX_SLAVES],
             cycle: CycleTime::DEFAULT,
             network: Network::default(),
+            failure: None,
             cycle_in_op: CycleTime::DEFAULT,
             roles: [Role::Unused; MAX_SLAVES],
             second_axes: SlaveSet::EMPTY,

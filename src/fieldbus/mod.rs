@@ -112,7 +112,12 @@ impl SlaveSet {
 
     /// The slaves in order.
     pub fn iter(self) -> impl Iterator<Item = u8> {
-        (1..=MAX_SLAVES as u8).filter(move |slave| self.contains(*slave))
+        let mut left = self.0 & ((1 << MAX_SLAVES) - 1);
+        std::iter::from_fn(move || {
+            let slave = (left != 0).then(|| left.trailing_zeros() as u8 + 1)?;
+            left &= left - 1;
+            Some(slave)
+        })
     }
 }
 

@@ -26,6 +26,7 @@ use super::{
     AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing, SlaveSet,
 };
 use crate::slave::Slave;
+use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
 use handle::Mishap;
 use jobs::Running;
 
@@ -87,7 +88,7 @@ impl SimBus {
 
     /// Whether a slave (from 1) is reached by frames and answers them.
     fn answers(&self, slave: u8) -> bool {
-        slave <= self.handle.reach() && !self.handle.is_silent(slave)
+        self.handle.answering().contains(slave)
     }
 
     fn is_down(&self) -> bool {
@@ -105,11 +106,11 @@ impl SimBus {
 
     /// Finds out who is lost; see the module's page.
     fn look_for_lost(&mut self) {
-        for slave in 1..=self.found {
-            let brought = self.stations[usize::from(slave) - 1].brought;
-            if !self.answers(slave) || self.state(slave) < brought {
+        let answering = self.handle.answering();
+        for (slave, Station { slave: device, brought }) in (1..).zip(&self.stations[..usize::from(self.found)]) {
+            if !answering.contains(slave) || device.state() < *brought {
                 self.lost.insert(slave);
-            } else if brought < AlState::SafeOp {
+            } else if *brought < AlState::SafeOp {
                 self.lost.remove(slave);
             }
         }
@@ -118,26 +119,29 @@ impl SimBus {
     /// The frame passes every slave.
     fn exchange(&mut self, inputs: &mut Inputs) -> CycleDone {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
-        (inputs.deaf, inputs.mute) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
-        for (n, station) in self.stations.iter_mut().enumerate().take(self.found.into()) {
-            if station.brought != AlState::Op {
-                inputs.deaf.insert(n as u8 + 1);
-            }
-            if station.brought < AlState::SafeOp {
-                inputs.mute.insert(n as u8 + 1);
-            }
+        let (mut deaf, mut mute) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
+        let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
+        let stations = &mut self.stations[..usize::from(self.found)];
+        for (slave, (station, (outputs, inputs))) in (1..).zip(stations.iter_mut().zip(images)) {
             let (outputs, count) = match station.brought {
-                AlState::Op => (Some(&self.outputs.slaves[n]), 3),
-                AlState::SafeOp => (None, 1),
-                AlState::Init | AlState::PreOp => continue,
+                AlState::Op => (Some(outputs), 3),
+                AlState::SafeOp => {
+                    deaf.insert(slave);
+                    (None, 1)
+                }
+                AlState::Init | AlState::PreOp => {
+                    deaf.insert(slave);
+                    mute.insert(slave);
+                    continue;
+                }
             };
             expected_working_counter += count;
-            if !self.lost.contains(n as u8 + 1) {
-                station.slave.exchange(outputs, &mut inputs.slaves[n]);
+            if !self.lost.contains(slave) {
+                station.slave.exchange(outputs, inputs);
                 working_counter += count;
             }
         }
-        inputs.lost = self.lost;
+        (inputs.lost, inputs.deaf, inputs.mute) = (self.lost, deaf, mute);
         let outputs = std::mem::take(&mut self.held).then_some(self.outputs.id);
         CycleDone { at: self.clock, outputs, working_counter, expected_working_counter, next_deadline: None }
     }
@@ -166,7 +170,7 @@ impl SimBus {
     }
 
     fn publish_shafts(&mut self) {
-        let shafts = self.stations.iter().map(|station| [station.slave.shaft(0), station.slave.shaft(1)]);
+        let shafts = self.stations.iter().map(|station| station.slave.shafts());
         self.handle.publish(self.clock, shafts.take(MAX_SLAVES));
     }
 }
@@ -243,8 +247,13 @@ impl Fieldbus for SimBus {
         self.look_for_lost();
         let done = (!self.is_down()).then(|| self.exchange(inputs));
         self.let_mishaps_happen();
-        for station in &mut self.stations {
-            station.slave.step(dt_ns);
+        for stations in self.stations.chunks_mut(SIDE_BY_SIDE) {
+            let mut motors = [const { None }; SIDE_BY_SIDE];
+            for (motor, station) in motors.iter_mut().zip(&mut *stations) {
+                *motor = station.slave.begin_step(dt_ns);
+            }
+            follow_side_by_side(&mut motors, dt_ns);
+            stations.iter_mut().for_each(|station| station.slave.end_step(dt_ns));
         }
         self.publish_shafts();
         done

@@ -105,10 +105,8 @@ impl EngineLink {
             read_wait: options.read_wait,
             write_wait: options.write_wait,
         };
-        let told = Told {
-            events: board.engine().events_total(),
-            rejections: RejectionLog::new(&board.engine().counters().rejected),
-        };
+        let told =
+            Told { events: board.engine().events_total(), rejections: RejectionLog::new(board.engine().counters()) };
         let runner = if options.virtual_time {
             Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
         } else {
@@ -169,21 +167,26 @@ impl EngineLink {
         if !log::log_enabled!(log::Level::Warn) {
             return;
         }
+        // Nobody who wants the board or this waits for the log.
+        let mut lines = Vec::new();
+        let mut say = |level, line| lines.push((level, line));
         let mut told = self.told();
         let Told { events: seen, rejections } = &mut *told;
         match &self.runner {
             Runner::Threaded(threaded) => {
                 let (events, counters, now) = threaded.take_events();
-                rejections.tell(events, &counters.rejected, now, &mut warn);
+                rejections.tell(events, &counters, now, &mut say);
             }
             Runner::Stepped(stepped) => {
                 stepped.look(|board, _| {
                     let engine = board.engine();
                     let from = std::mem::replace(seen, engine.events_total());
-                    rejections.tell(engine.events_since(from), &engine.counters().rejected, board.now(), &mut warn);
+                    rejections.tell(engine.events_since(from), engine.counters(), board.now(), &mut say);
                 });
             }
         }
+        drop(told);
+        write_log(lines);
     }
 
     fn told(&self) -> MutexGuard<'_, Told> {
@@ -201,8 +204,10 @@ impl EngineLink {
     }
 }
 
-fn warn(line: String) {
-    log::warn!("{line}");
+fn write_log(lines: Vec<(log::Level, String)>) {
+    for (level, line) in lines {
+        log::log!(level, "{line}");
+    }
 }
 
 fn limit(wait: Wait) -> Option<Duration> {
@@ -256,6 +261,7 @@ impl Link for EngineLink {
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
         let Runner::Stepped(stepped) = &self.runner else { return self.check().map(|()| None) };
+        super::check_pass(time)?;
         let time = Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX);
         let done = stepped.pass(time).map_err(|stop| self.error(stop, Dir::Read, Wait::Now));
         self.log_events();
@@ -287,7 +293,10 @@ impl Link for EngineLink {
         };
         if let Some(board) = &board {
             if log::log_enabled!(log::Level::Warn) {
-                self.told().rejections.end(&board.engine().counters().rejected, &mut warn);
+                let mut lines = Vec::new();
+                let (counters, now) = (board.engine().counters(), board.now());
+                self.told().rejections.end(counters, now, &mut |level, line| lines.push((level, line)));
+                write_log(lines);
             }
             // Closing happens once, so the cell is empty.
             let _ = self.last.set((*board.engine().counters(), dropped));
@@ -319,6 +328,7 @@ impl Link for EngineLink {
             record_dropped: 0,
             faults: super::fault::FaultStats::default(),
             board: board.map(|(counters, _)| counters),
+            state_failure: self.snapshot().and_then(|snapshot| snapshot.failure),
         }
     }
 }

@@ -47,7 +47,7 @@ use parking_lot::Mutex;
 pub use options::{FaultOptions, FaultRates};
 pub use stats::{FaultCounts, FaultStats};
 
-use super::{Dir, Fraction, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use super::{Dir, Fraction, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::{Frame, SlotSize};
 use clock::{Call, Clock, LOOK};
 use dice::Dice;
@@ -296,7 +296,11 @@ fn timeout(dir: Dir, wait: Wait, what: &'static str) -> LinkError {
     LinkError::Timeout { dir, waited, what }
 }
 
-impl Link for FaultLink {
+impl Layer for FaultLink {
+    fn inner(&self) -> &dyn Link {
+        &*self.inner
+    }
+
     fn info(&self) -> LinkInfo {
         self.info.clone()
     }
@@ -323,6 +327,12 @@ impl Link for FaultLink {
         self.closed.store(true, Ordering::Release);
         self.clock.end();
         self.inner.close();
+    }
+
+    fn vanish(&self) {
+        self.closed.store(true, Ordering::Release);
+        self.clock.end();
+        self.inner.vanish();
     }
 
     fn check(&self) -> Result<(), LinkError> {

@@ -271,6 +271,7 @@ pub fn help() -> String {
     }
     let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
     let _ = write!(text, "\n{}", super::travel::help());
+    let _ = write!(text, "\n{}", slaves::makers_help());
     #[cfg(feature = "sim")]
     let _ = write!(text, "\n{}", super::script::help());
     text

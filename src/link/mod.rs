@@ -4,9 +4,14 @@
 mod boards;
 pub mod config;
 pub mod engine;
+mod episodes;
 pub mod fault;
 mod fraction;
 pub mod keys;
+mod layer;
+#[cfg(feature = "sim")]
+pub mod makers;
+mod network;
 pub mod options;
 pub mod record;
 mod rejections;
@@ -31,7 +36,12 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Duration;
 
+#[cfg(feature = "sim")]
+#[doc(hidden)]
+pub use boards::forget_parked;
 pub use fraction::Fraction;
+pub use layer::Layer;
+pub use network::KnownNetwork;
 
 use crate::sk::{Frame, SlotSize};
 use crate::span::Span;
@@ -121,6 +131,9 @@ pub struct LinkStats {
     pub faults: fault::FaultStats,
     /// The board's own counters, where the link can see them (the engine's links).
     pub board: Option<crate::engine::Counters>,
+    /// Why the board's state has failed, where the link can see it (the engine's links); `None`: it has not, or nobody
+    /// knows. [`StateFailure::explain`](crate::engine::StateFailure::explain) makes the text.
+    pub state_failure: Option<crate::engine::StateFailure>,
 }
 
 /// Why a link call failed. Every variant says what happened, to what, and what to do.
@@ -132,6 +145,10 @@ pub enum LinkError {
     /// The file that names the link cannot be used.
     #[error(transparent)]
     Config(#[from] config::ConfigError),
+    /// The objects of a simulated slave's maker are wrong.
+    #[cfg(feature = "sim")]
+    #[error(transparent)]
+    Makers(#[from] makers::MakersError),
     /// The script is wrong.
     #[cfg(feature = "sim")]
     #[error(transparent)]
@@ -254,6 +271,11 @@ pub trait Link: Send + Sync {
     /// What the link is.
     fn info(&self) -> LinkInfo;
 
+    /// What whoever serves the link knows of the network; `None`: nothing is known. Nothing is asked of the board.
+    fn network(&self) -> Option<KnownNetwork> {
+        None
+    }
+
     /// Hands a command frame to the board.
     ///
     /// # Errors
@@ -269,10 +291,11 @@ pub trait Link: Send + Sync {
 
     /// Lets that much time pass on a link of virtual time ([`LinkInfo::virtual_time`]) and says what time it is then:
     /// reports made meanwhile are kept or dropped as if nobody had read. A link on the real clock does nothing, its time
-    /// passes by itself, and says `None`.
+    /// passes by itself, and says `None`. One call lets [`PASS_MAX`] pass at most, in steps, so that [`Link::close`] of another
+    /// thread ends it.
     ///
     /// # Errors
-    /// [`LinkError::Lost`], [`LinkError::Closed`].
+    /// [`LinkError::Lost`], [`LinkError::Closed`]; [`LinkError::Io`] for more than [`PASS_MAX`], nothing has passed then.
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
         let _ = time;
         Ok(None)
@@ -284,6 +307,13 @@ pub trait Link: Send + Sync {
     /// Ends every wait and gives the board back. Closing twice is harmless.
     fn close(&self);
 
+    /// As [`Link::close`], for a program that ends without having closed its link: it has vanished. The server of a board
+    /// on the network brings to a standstill what it moves (`ecmsk serve tcp`), as it does when a program is killed; a
+    /// recording is complete all the same.
+    fn vanish(&self) {
+        self.close();
+    }
+
     /// Whether the board is still there. Nothing is read, written or waited for.
     ///
     /// # Errors
@@ -292,6 +322,25 @@ pub trait Link: Send + Sync {
 
     /// Counters since the link was opened.
     fn stats(&self) -> LinkStats;
+}
+
+/// What one call of [`Link::pass`] lets pass at most: a day. \[OURS] It takes minutes of computing; 2^63 ns would take
+/// centuries, and nobody can have meant that.
+pub const PASS_MAX: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// Refuses to let more than [`PASS_MAX`] pass.
+#[cfg_attr(
+    not(any(feature = "sim", feature = "tcp")),
+    allow(dead_code, reason = "no link of virtual time is in the build")
+)]
+pub(crate) fn check_pass(time: Duration) -> Result<(), LinkError> {
+    if time <= PASS_MAX {
+        return Ok(());
+    }
+    Err(LinkError::Io {
+        what: format!("let {} of the board's time pass", Span(time)),
+        message: format!("one call lets at most {} pass; call it several times", Span(PASS_MAX)),
+    })
 }
 
 /// LIB: what a failed open costs a board on virtual time \[OURS], so that a loop that opens again after SW_RESET ends.

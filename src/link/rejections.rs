@@ -1,9 +1,14 @@
-//! What the log says of rejected commands: a program that sends a wrong one every cycle does not drown all else.
+//! What the log says of commands that were not executed: a program that sends a wrong one every cycle does not drown all
+//! else, and nothing is lost without a word.
 
-use crate::engine::{Event, Reason};
+use log::Level;
+
+use super::episodes::Episodes;
+use crate::engine::{Counters, Event, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 
 /// Rejections of one kind that are told one by one within [`WINDOW_NS`] of board time \[OURS]; the others are summed up.
+/// SDO transfers that a slave has aborted count as a kind.
 const TOLD_EACH: u32 = 5;
 /// One second of the board's time \[OURS].
 const WINDOW_NS: Ns = 1_000_000_000;
@@ -18,59 +23,86 @@ struct Kind {
     told: u64,
 }
 
+impl Kind {
+    /// Whether one more that happened at `at` is told by itself.
+    fn takes_line(&mut self, at: Ns) -> bool {
+        if at.saturating_sub(self.since) >= WINDOW_NS || self.lines == 0 {
+            (self.since, self.lines) = (at, 0);
+        }
+        let takes = self.lines < TOLD_EACH;
+        self.lines += u32::from(takes);
+        takes
+    }
+}
+
 /// What was told so far.
 pub(super) struct RejectionLog {
     kinds: [Kind; Reason::KINDS],
+    aborts: Kind,
+    episodes: Episodes,
 }
 
 impl RejectionLog {
-    /// From a board on that has rejected so many before.
-    pub(super) fn new(rejected: &[u64; Reason::KINDS]) -> Self {
-        Self { kinds: rejected.map(|told| Kind { told, ..Kind::default() }) }
+    /// From a board on that has counted so much before.
+    pub(super) fn new(counters: &Counters) -> Self {
+        let kinds = counters.rejected.map(|told| Kind { told, ..Kind::default() });
+        Self { kinds, aborts: Kind::default(), episodes: Episodes::new(counters) }
     }
 
-    /// Tells events; `rejected` are the board's counters, `now` its time.
+    /// Tells events and what the board's counters say; `now` is its time.
     pub(super) fn tell(
         &mut self,
         events: impl IntoIterator<Item = Event>,
-        rejected: &[u64; Reason::KINDS],
+        counters: &Counters,
         now: Ns,
-        say: &mut dyn FnMut(String),
+        say: &mut dyn FnMut(Level, String),
     ) {
+        let mut told = [false; Unexecuted::KINDS];
         for event in events {
-            let Event::Rejected(rejection) = event else {
-                say(event.to_string());
-                continue;
+            let is_told = match event {
+                Event::Rejected(rejection) => {
+                    let kind = &mut self.kinds[rejection.reason.kind()];
+                    let takes_line = kind.takes_line(rejection.at);
+                    kind.told += u64::from(takes_line);
+                    takes_line
+                }
+                // The line that says what came is the one that begins.
+                Event::Incomplete { .. } => {
+                    let begins = !self.episodes.is_running(Unexecuted::Incomplete);
+                    begins && !std::mem::replace(&mut told[Unexecuted::Incomplete as usize], true)
+                }
+                Event::SdoAborted { at, .. } => {
+                    told[Unexecuted::SdoAborted as usize] = true;
+                    self.aborts.takes_line(at)
+                }
+                _ => true,
             };
-            let kind = &mut self.kinds[rejection.reason.kind()];
-            if rejection.at.saturating_sub(kind.since) >= WINDOW_NS || kind.lines == 0 {
-                (kind.since, kind.lines) = (rejection.at, 0);
-            }
-            if kind.lines < TOLD_EACH {
-                kind.lines += 1;
-                kind.told += 1;
-                say(rejection.to_string());
+            if is_told {
+                say(Level::Warn, event.to_string());
             }
         }
-        self.sum_up(rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
+        self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
+        self.episodes.tell(counters, now, |what| told[what as usize], say);
     }
 
     /// Tells how many were left out, at the end.
-    pub(super) fn end(&mut self, rejected: &[u64; Reason::KINDS], say: &mut dyn FnMut(String)) {
-        self.sum_up(rejected, |_| true, say);
+    pub(super) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
+        self.sum_up(&counters.rejected, |_| true, say);
+        self.episodes.end(counters, now, say);
     }
 
     fn sum_up(
         &mut self,
         rejected: &[u64; Reason::KINDS],
         is_over: impl Fn(&Kind) -> bool,
-        say: &mut dyn FnMut(String),
+        say: &mut dyn FnMut(Level, String),
     ) {
         for ((kind, rejected), name) in self.kinds.iter_mut().zip(rejected).zip(Reason::NAMES) {
             let more = rejected.saturating_sub(kind.told);
             if more > 0 && is_over(kind) {
                 kind.told += more;
-                say(format!("{more} more rejected as {name} since {} us; look at the first ones", kind.since / 1000));
+                let since = kind.since / 1000;
+                say(Level::Warn, format!("{more} more rejected as {name} since {since} us; look at the first ones"));
             }
         }
     }
@@ -88,9 +120,9 @@ mod tests {
         Event::Rejected(Rejection { at, slot: 1, id: CommandId::Csp, reason })
     }
 
-    fn counted(kinds: &[(Reason, u64)]) -> [u64; Reason::KINDS] {
-        let mut counters = [0; Reason::KINDS];
-        kinds.iter().for_each(|(reason, count)| counters[reason.kind()] = *count);
+    fn counted(kinds: &[(Reason, u64)]) -> Counters {
+        let mut counters = Counters::default();
+        kinds.iter().for_each(|(reason, count)| counters.rejected[reason.kind()] = *count);
         counters
     }
 
@@ -106,17 +138,17 @@ mod tests {
             if n == 250 {
                 events.push(rejected(n * MS, Reason::NoSlave));
             }
-            counters[Reason::SdoBusy.kind()] = 0;
-            log.tell(events, &counters, n * MS, &mut |line| said.push(line));
+            counters.rejected[Reason::SdoBusy.kind()] = 0;
+            log.tell(events, &counters, n * MS, &mut |_, line| said.push(line));
         }
         assert_eq!(said.len(), 6, "{said:?}");
         assert!(said[5].contains("no slave at that place"), "{said:?}");
         let counters = counted(&[(Reason::WrongMode, 507), (Reason::NoSlave, 1)]);
-        log.tell([], &counters, 999 * MS, &mut |line| said.push(line));
+        log.tell([], &counters, 999 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 6, "{said:?}");
-        log.tell([], &counters, 1000 * MS, &mut |line| said.push(line));
+        log.tell([], &counters, 1000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said[6..], ["495 more rejected as wrong_mode since 0 us; look at the first ones"]);
-        log.end(&counters, &mut |line| said.push(line));
+        log.end(&counters, 2000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 7, "{said:?}");
     }
 
@@ -127,15 +159,41 @@ mod tests {
         let mut said = Vec::new();
         for n in 0..20 {
             let counters = counted(&[(Reason::NoSlave, n + 1)]);
-            log.tell([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |line| said.push(line));
+            log.tell([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |_, line| {
+                said.push(line)
+            });
         }
         assert_eq!(said.iter().filter(|line| line.contains("CSP in slot 1")).count(), 10, "{said:?}");
-        log.end(&counted(&[(Reason::NoSlave, 20)]), &mut |line| said.push(line));
+        log.end(&counted(&[(Reason::NoSlave, 20)]), 2000 * MS, &mut |_, line| said.push(line));
         let more: u64 = said
             .iter()
             .filter(|line| line.contains("more rejected as no_slave"))
             .map(|line| line.split(' ').next().and_then(|n| n.parse::<u64>().ok()).expect("a number"))
             .sum();
         assert_eq!(more, 10, "{said:?}");
+    }
+    /// SK-4.79 An SDO that a slave has aborted is told with its object and what to do, the first five of a second; when it
+    /// has ended the count of all is told. SK-4.78 Of frames that came in part the first is told with its bytes.
+    #[test]
+    fn aborts_and_incomplete_frames_are_told_with_what_they_were() {
+        let object = crate::coe::ObjectAddress::new(0x2101, 0);
+        let mut log = RejectionLog::new(&Counters::default());
+        let mut said = Vec::new();
+        for n in 0..50 {
+            let code = crate::coe::AbortCode::NO_OBJECT;
+            let aborted = Event::SdoAborted { at: n * MS, slave: 2, object, write: true, code };
+            let dropped = Event::Incomplete { at: n * MS, bytes: 100 };
+            let counters = Counters { sdo_aborted: n + 1, incomplete: n + 1, ..Counters::default() };
+            log.tell([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
+        }
+        assert_eq!(said.len(), 6, "{said:?}");
+        let aborts = said.iter().filter(|line| line.contains("SDO_WR of slave 2, 0x2101:0")).count();
+        assert_eq!((aborts, said.iter().filter(|line| line.contains("only 100 bytes")).count()), (5, 1), "{said:?}");
+        log.end(&Counters { sdo_aborted: 50, incomplete: 50, ..Counters::default() }, 60 * MS, &mut |_, line| {
+            said.push(line);
+        });
+        assert_eq!(said.len(), 8, "{said:?}");
+        assert!(said[6].contains("50 command frame(s) did not arrive completely"), "{said:?}");
+        assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
     }
 }

@@ -46,8 +46,6 @@ mod run;
 mod verbs;
 mod words;
 
-use std::fs::File;
-use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use super::keys::WHERE_TO_LOOK;
@@ -56,6 +54,7 @@ use super::uri::visible;
 use crate::engine::BoardHandle;
 use crate::fieldbus::Ns;
 use crate::fieldbus::sim::SimHandle;
+use crate::files::read_small;
 
 pub use run::Run;
 pub(super) use run::take_back;
@@ -104,16 +103,9 @@ impl Script {
     pub fn load(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let file = path.display().to_string();
         let unreadable = |message: String| ScriptError::Unreadable { file: file.clone(), message };
-        let mut text = String::new();
-        let reader = File::open(path).map_err(|error| unreadable(error.to_string()))?;
-        let read = reader.take(LONGEST_BYTES + 1).read_to_string(&mut text);
-        let read = read.map_err(|error| match error.kind() {
-            ErrorKind::InvalidData => unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()),
-            _ => unreadable(error.to_string()),
-        });
-        if read? as u64 > LONGEST_BYTES {
-            return Err(unreadable(format!("it is longer than {LONGEST_BYTES} bytes")));
-        }
+        let read = read_small(path, LONGEST_BYTES).map_err(|error| unreadable(error.to_string()))?;
+        let text = String::from_utf8(read.bytes);
+        let text = text.map_err(|_| unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()))?;
         Self::parse(&file, &text, slaves)
     }
 

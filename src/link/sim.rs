@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::boards::{self, Key};
 use super::engine::{EngineLink, Keeper, RunOptions};
+use super::makers;
 use super::options::{Clock, CommonOptions, SimOptions};
 use super::script::{self, Script};
 use super::slaves::{SlaveModel, SlaveSpec};
@@ -13,7 +14,7 @@ use super::{FAILED_OPEN, LinkError, Share};
 use crate::engine::{Board, EngineConfig, Rate, RealTime};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{MAX_AXES, Ns};
-use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
+use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, MakersObjects, Slave, Travel};
 
 /// How long a board may take to boot before it counts as one that finds no slave, in its own time.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -24,6 +25,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     let options = SimOptions::from_uri(uri)?;
     // Before anything moves.
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
+    let makers = makers::of_slaves(&options.slaves)?;
     let name = uri.to_string();
     let key = match (&options.name, share) {
         (Some(name), _) => Some(Key::Name(name.clone())),
@@ -35,7 +37,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         None => None,
     };
     let (mut board, network) = match found {
-        None => switch_on(&options),
+        None => switch_on(&options, makers),
         Some((mut board, network, since)) => {
             if script.is_some() {
                 board.set_script(None);
@@ -66,7 +68,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
 pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
-    let (mut board, network) = switch_on(&options);
+    let (mut board, network) = switch_on(&options, makers::of_slaves(&options.slaves)?);
     if let Some(script) = script {
         let run = script.start(network, board.handle(), board.now());
         board.set_script(Some(Box::new(run)));
@@ -77,7 +79,7 @@ pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     Err(LinkError::NoBoard { name: uri.to_string(), reason: "it finds no slave; give it some with `slaves=`".into() })
 }
 
-fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
+fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board, SimHandle) {
     let config = EngineConfig {
         slot: options.slot,
         firmware: options.firmware,
@@ -86,7 +88,14 @@ fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
         test: options.test,
         ..EngineConfig::default()
     };
-    let slaves = options.slaves.iter().map(build).collect();
+    let slaves = options.slaves.iter().zip(makers).map(|(spec, makers)| {
+        let mut slave = build(spec);
+        if let Some(makers) = makers {
+            slave.give_makers_objects(makers);
+        }
+        slave
+    });
+    let slaves = slaves.collect();
     let bus = SimBus::new(slaves);
     let network = bus.handle();
     let mut board = Board::new(config, Box::new(bus));
@@ -95,7 +104,7 @@ fn switch_on(options: &SimOptions) -> (Board, SimHandle) {
 }
 
 fn build(spec: &SlaveSpec) -> Box<dyn Slave> {
-    let SlaveSpec { model, travel: said } = spec;
+    let SlaveSpec { model, travel: said, .. } = spec;
     let position = said.start.unwrap_or(0);
     let drive = |config: DriveConfig| {
         let travel = travel(said, config.travel);

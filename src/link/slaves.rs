@@ -1,5 +1,8 @@
 //! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network. Behind a kind may stand what
-//! is along the way of its axes, see [`travel`](super::travel).
+//! is along the way of its axes, see [`travel`](super::travel), and the objects of its maker, see [`MakersSpec`].
+
+use std::fmt;
+use std::sync::Arc;
 
 use super::travel::TravelSpec;
 use super::uri::suggestion;
@@ -71,13 +74,48 @@ const NONE: &str = "none";
 /// Slaves that a board can have at most: those of 12-byte slots.
 const MAX: usize = SlotSize::Bytes12.max_slaves();
 
+/// What a link says of the objects of a slave's maker.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum MakersSpec {
+    /// The slave stores whatever it is told, in 0x2000..=0x9FFF.
+    Any,
+    /// It has those of this file.
+    File(Arc<str>),
+}
+
+/// As it stands behind `objects@`.
+impl fmt::Display for MakersSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Any => ANY,
+            Self::File(file) => file,
+        })
+    }
+}
+
 /// One simulated slave.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct SlaveSpec {
     /// What it is.
     pub model: SlaveModel,
     /// What is along the way of its axes; nothing is said of a model without axes.
     pub travel: TravelSpec,
+    /// The objects of its maker; `None`: it has its own alone.
+    pub makers: Option<MakersSpec>,
+}
+
+/// The word of the part that names the objects of the maker.
+const OBJECTS: &str = "objects";
+/// The word for [`MakersSpec::Any`].
+const ANY: &str = "any";
+
+/// What stands behind a kind for the objects of its maker, for the help.
+pub(super) fn makers_help() -> String {
+    "Behind any kind may stand the objects of its maker, which programs write before they go on, e.g. drive:objects@sv2.objects*2:\n  \
+     :objects@FILE\n      the objects of that file (a path without `,` `*` and `:`), one a line: INDEX:SUB TYPE ACCESS VALUE \
+     NAME;\n      `ecmsk objects from-esi` and `from-drive` make one\n  \
+     :objects@any\n      whatever is written to 0x2000..0x9FFF is stored and read back, where a real drive may refuse it\n"
+        .to_owned()
 }
 
 /// What a list looks like.
@@ -110,8 +148,8 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             Some((kind, count)) => (kind, parse_count(item, count)?),
             None => (item, 1),
         };
-        let (kind, travel) = match kind.split_once(':') {
-            Some((kind, travel)) => (kind, Some(travel)),
+        let (kind, parts) = match kind.split_once(':') {
+            Some((kind, parts)) => (kind, Some(parts)),
             None => (kind, None),
         };
         let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
@@ -122,11 +160,13 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             };
             format!("kind `{kind}` is {state};{near} allowed: {}", kinds())
         })?;
+        let in_item = |why| format!("in `{item}`, {why}");
+        let (travel, makers) = parts.map_or(Ok((None, None)), makers_of).map_err(in_item)?;
         let travel = match travel {
-            Some(travel) => travel_of(model, travel).map_err(|why| format!("in `{item}`, {why}"))?,
+            Some(travel) => travel_of(model, &travel).map_err(in_item)?,
             None => TravelSpec::default(),
         };
-        slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel }, count));
+        slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel, makers }, count));
         if slaves.len() > MAX {
             return Err(too_many(SlotSize::Bytes12));
         }
@@ -140,7 +180,10 @@ pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
         return NONE.to_owned();
     }
     // What says nothing more than the default does is not written, so it must not keep neighbours apart.
-    let names: Vec<String> = slaves.iter().map(|slave| format!("{}{}", slave.model.name(), slave.travel)).collect();
+    let makers =
+        |slave: &SlaveSpec| slave.makers.as_ref().map(|makers| format!(":{OBJECTS}@{makers}")).unwrap_or_default();
+    let name = |slave: &SlaveSpec| format!("{}{}{}", slave.model.name(), slave.travel, makers(slave));
+    let names: Vec<String> = slaves.iter().map(name).collect();
     let runs = names.chunk_by(|a, b| a == b).map(|run| match run.len() {
         1 => run[0].clone(),
         n => format!("{}*{n}", run[0]),
@@ -151,6 +194,32 @@ pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
 /// Why a list is too long for a board of that slot size.
 pub(super) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
+}
+
+/// Parts the objects of the maker from the parts of the travel.
+fn makers_of(parts: &str) -> Result<(Option<String>, Option<MakersSpec>), String> {
+    let mut travel: Vec<String> = Vec::new();
+    let mut makers = None;
+    let mut parts = parts.split(':').peekable();
+    while let Some(part) = parts.next() {
+        let Some(value) = part.strip_prefix(OBJECTS).and_then(|rest| rest.strip_prefix('@')) else {
+            travel.push(part.to_owned());
+            continue;
+        };
+        // A drive of Windows: `C:` and then the path.
+        let is_letter = value.len() == 1 && value.bytes().all(|byte| byte.is_ascii_alphabetic());
+        let path = parts.next_if(|next| is_letter && next.starts_with(['/', '\\']));
+        let value = path.map_or_else(|| value.to_owned(), |path| format!("{value}:{path}"));
+        let spec = match value.as_str() {
+            "" => return Err(format!("`{part}` names no file; allowed: {OBJECTS}@FILE, {OBJECTS}@{ANY}")),
+            ANY => MakersSpec::Any,
+            file => MakersSpec::File(file.into()),
+        };
+        if makers.replace(spec).is_some() {
+            return Err(format!("`{OBJECTS}` is given twice; allowed: once"));
+        }
+    }
+    Ok(((!travel.is_empty()).then(|| travel.join(":")), makers))
 }
 
 fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {

@@ -206,7 +206,7 @@ fn allowed() -> String {
     format!(
         "allowed: {}",
         PARTS.iter().map(|part| format!("{}@{}", part.word, part.form)).collect::<Vec<_>>().join(", ")
-    )
+    ) + ", objects@FILE|any"
 }
 
 /// A whole number with or without a minus.

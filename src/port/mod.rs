@@ -2,6 +2,7 @@
 //! [`Link`](crate::link::Link) and knows nothing of it.
 
 mod listen;
+pub mod notes;
 pub mod spi;
 pub mod tcp;
 pub mod usbip;

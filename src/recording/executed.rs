@@ -44,6 +44,11 @@ impl Executed {
         self.count
     }
 
+    /// The first command that may have been executed, of those sent since a loss or a clear: of earlier ones it is not known.
+    pub const fn known_from(&self) -> u64 {
+        self.known_from
+    }
+
     /// A command frame is sent in OP; gives its number. `clears`: whether it clears the FIFO; it is the first entry itself
     /// then, and those before it are gone (SK-5).
     pub const fn command(&mut self, clears: bool) -> u64 {

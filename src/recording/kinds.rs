@@ -36,7 +36,8 @@ impl Kinds {
             Ok(MasterCommand::SetAxis { group, kinds })
                 if !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) =>
             {
-                let slaves = self.kinds.iter_mut().skip(usize::from(group) * 8);
+                // The groups name more slaves than a board of wide slots has.
+                let slaves = self.kinds.iter_mut().take(size.max_slaves()).skip(usize::from(group) * 8);
                 slaves.zip(kinds).for_each(|(slave, kind)| *slave = Some(kind));
             }
             Ok(MasterCommand::SoftReset) => self.kinds = [None; MAX_SLAVES],

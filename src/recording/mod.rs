@@ -6,8 +6,10 @@ mod executed;
 mod kinds;
 mod order;
 mod size;
+mod timeline;
 
 pub use executed::{Executed, LastExecuted};
 pub use kinds::Kinds;
 pub use order::InOrder;
 pub use size::{SizeFinder, SizeFrom};
+pub use timeline::{Jumps, LONGEST_SILENCE_NS, Timeline};

@@ -8,10 +8,11 @@
 //!
 //! use ecmsk::compare::{Options, Steps, compare_steps};
 //! use ecmsk::link::uri::LinkUri;
-//! use ecmsk::replay::Replay;
+//! use ecmsk::replay::{Files, Replay};
 //!
 //! let options = Options::default();
-//! let replay = Replay::open(Path::new("board.pcapng"), Some(&LinkUri::parse("sim:?slaves=drive*2")?), &options, None)?;
+//! let model = LinkUri::parse("sim:?slaves=drive*2")?;
+//! let replay = Replay::open(Path::new("board.pcapng"), Some(&model), &options, None, Files::Refused)?;
 //! let (mut board, mut model) = replay.halves()?;
 //! let found = compare_steps(
 //!     Steps::new(&mut board, replay.size(), options.ignore_repeats),
@@ -31,7 +32,7 @@ pub use model::Model;
 pub use start::Start;
 
 use crate::compare::{CompareError, Options, Source};
-use crate::link::keys::Scheme;
+use crate::link::keys::{Key, Scheme, Syntax};
 use crate::link::record::{Address, RecordError, RecordMeta};
 use crate::link::uri::{LinkUri, UriError};
 use crate::link::{self, LinkError};
@@ -59,6 +60,19 @@ pub enum ReplayError {
     NoModel {
         /// The recording.
         name: String,
+    },
+    /// The model that the recording names has a file, and that was not allowed.
+    #[error(
+        "the link in {name} names a file ({key}={file}); a recording may come from anybody, and what it names is opened only \
+         with --allow-files; or name the model yourself with --link"
+    )]
+    NamesFile {
+        /// The recording.
+        name: String,
+        /// The link's key.
+        key: String,
+        /// The value.
+        file: String,
     },
     /// The link is no model.
     #[error(
@@ -104,6 +118,15 @@ pub enum ReplayError {
     },
 }
 
+/// Whether files are opened that the link in a recording names. A link that the caller names may have any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Files {
+    /// None is: a recording may come from anybody, and may name any file of this machine.
+    Refused,
+    /// They are.
+    Allowed,
+}
+
 /// A recording and the model that its host's half is played to.
 #[derive(Clone, Debug)]
 pub struct Replay {
@@ -117,7 +140,8 @@ pub struct Replay {
 
 impl Replay {
     /// Looks at a recording. `link`: the model; without it that of the recording itself, if it is of one. Of `options`
-    /// the slot size counts. `device`: the board of a capture, if it is not to be looked for.
+    /// the slot size counts. `device`: the board of a capture, if it is not to be looked for. `files`: those that the
+    /// recording's own link names.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -126,12 +150,18 @@ impl Replay {
         link: Option<&LinkUri>,
         options: &Options,
         device: Option<Address>,
+        files: Files,
     ) -> Result<Self, ReplayError> {
         let name = path.display().to_string();
         let mut source = Source::open(path, options.slot, device)?;
         let link = match (link, source.meta().and_then(own_link)) {
             (Some(link), _) => link.clone(),
-            (None, Some(own)) => own,
+            (None, Some(own)) => {
+                if let (Files::Refused, Some((key, file))) = (files, named_file(&own)) {
+                    return Err(ReplayError::NamesFile { name, key, file });
+                }
+                own
+            }
             (None, None) => return Err(ReplayError::NoModel { name }),
         };
         if link.scheme() != Scheme::Sim {
@@ -207,6 +237,21 @@ fn own_link(meta: &RecordMeta) -> Option<LinkUri> {
     let encode = |text| percent_encoding::utf8_percent_encode(text, percent_encoding::NON_ALPHANUMERIC).to_string();
     let keys: Vec<String> = kept.map(|(key, value)| format!("{key}={}", encode(value))).collect();
     LinkUri::parse(format!("sim:?{}", keys.join("&")).trim_end_matches('?')).ok()
+}
+
+/// The first file that a link names, with its key. \[OURS] Of a list of slaves everything that stands behind `objects@`
+/// and is not the word `any` counts as one.
+fn named_file(link: &LinkUri) -> Option<(String, String)> {
+    let names = |(key, value): &(&str, &str)| match *key {
+        "slaves" => value.split("objects@").skip(1).any(|rest| !is_any(rest)),
+        key => Key::find(link.scheme(), key).is_none_or(|row| row.syntax == Syntax::File),
+    };
+    link.keys().find(names).map(|(key, value)| (key.to_owned(), value.to_owned()))
+}
+
+/// Whether what follows is the word `any`, at the end of a slave's traits.
+fn is_any(rest: &str) -> bool {
+    rest.strip_prefix("any").is_some_and(|rest| rest.is_empty() || rest.starts_with([',', ':', '*']))
 }
 
 /// When the first frame passed on the clock of a model that was recorded, nanoseconds since it was switched on.

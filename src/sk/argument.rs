@@ -113,7 +113,8 @@ pub enum FifoAction {
     Threshold(u32),
 }
 
-/// DRIVE_TYPE of DRIVE_MODE (UG17 2.1.7).
+/// DRIVE_TYPE of DRIVE_MODE (UG17 2.1.7). `[OURS]` Anything else than 0 is DC sync, the default: programs leave in Data2 what a
+/// command before has put there, such as SET_DC's 0xFFFF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum DriveSync {
@@ -146,8 +147,6 @@ pub enum Malformed {
     ZeroThreshold,
     /// DRIVE_MODE: Data1 is none of 8, 9, 10.
     DriveMode(u32),
-    /// DRIVE_MODE: Data2 is neither 0 nor 1.
-    DriveType(u32),
     /// SDO_RD, SDO_WR: the slave number is 0 or above 40 (30).
     SdoSlave(u16),
     /// SDO_RD, SDO_WR: the low half of Data1 is above 255.
@@ -168,7 +167,6 @@ impl fmt::Display for Malformed {
             Self::FifoAction(v) => write!(f, "FIFO action {v} is neither 1 clear nor 2 threshold"),
             Self::ZeroThreshold => write!(f, "FIFO threshold 0 could never be reached"),
             Self::DriveMode(v) => write!(f, "mode {v} is none of 8 CSP, 9 CSV, 10 CST"),
-            Self::DriveType(v) => write!(f, "drive type {v} is neither 0 free run nor 1 DC sync"),
             Self::SdoSlave(v) => write!(f, "the board has no slave {v}"),
             Self::SubIndex(v) => write!(f, "sub-index {v} is above 255"),
             Self::SdoSize(v) => write!(f, "object size {v} is none of 1, 2, 4 bytes"),

@@ -74,6 +74,7 @@ impl Frame {
     ///
     /// # Panics
     /// If a frame of this size has no slot `i`.
+    #[inline]
     pub fn put(&mut self, size: SlotSize, i: usize, slot: &RawSlot) {
         assert!(i < size.slots(), "slot {i} of {}", size.slots());
         let at = i * size.bytes();

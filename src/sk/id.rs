@@ -17,14 +17,13 @@ macro_rules! command_ids {
             pub const ALL: [Self; 22] = [$(Self::$name,)*];
 
             /// The id with that code.
+            #[inline]
             pub const fn from_code(code: u8) -> Self {
-                match code {
-                    $($code => Self::$name,)*
-                    other => Self::Unknown(other),
-                }
+                BY_CODE[code as usize]
             }
 
             /// The code on the wire.
+            #[inline]
             pub const fn code(self) -> u8 {
                 match self {
                     $(Self::$name => $code,)*
@@ -42,6 +41,22 @@ macro_rules! command_ids {
         }
     };
 }
+
+/// Every code's id. A board looks one up for each slot of each cycle.
+static BY_CODE: [CommandId; 256] = {
+    let mut ids = [CommandId::Unknown(0); 256];
+    let mut code = 0;
+    while code < ids.len() {
+        ids[code] = CommandId::Unknown(code as u8);
+        code += 1;
+    }
+    let mut n = 0;
+    while n < CommandId::ALL.len() {
+        ids[CommandId::ALL[n].code() as usize] = CommandId::ALL[n];
+        n += 1;
+    }
+    ids
+};
 
 command_ids! {
     GetStatus = 0x00, "GET_STATUS";

@@ -109,6 +109,32 @@ impl StateByte {
         self.0 != Self::NETWORK_INIT.0 && MasterState::from_request(self.0 as u32).is_none()
     }
 
+    /// What a state that has failed usually means and what to do, for wherever it is shown; `None`: it has not failed. The
+    /// wire does not say which slave it was; a board in this process does
+    /// ([`StateFailure`](crate::engine::StateFailure)).
+    pub const fn explanation(self) -> Option<&'static str> {
+        if !self.is_failed() {
+            return None;
+        }
+        Some(match (self.0, self.state()) {
+            (Self::FAILED, _) | (_, None) => {
+                "the board finds no slave, or a slave failed; look at the network cable and at the slaves' power"
+            }
+            (_, Some(MasterState::Init)) => {
+                "a slave did not go to PreOP; look at the slaves' power and at the cable, then SET_STATE again"
+            }
+            (_, Some(MasterState::PreOp)) => {
+                "a slave did not go on from PreOP; most often it is declared as something else than it is, or not at all, \
+                 which counts as IO: declare every slave in PreOP with SET_AXIS (0 drive, 1 IO, 2 HSP, 3 STEP, F none) and \
+                 its mode with DRIVE_MODE, then SET_STATE again"
+            }
+            (_, Some(MasterState::SafeOp | MasterState::Op)) => {
+                "a slave fell out of the network or refused the next state; look at its power, its cable and its own \
+                 display, then send SET_STATE to bring it back"
+            }
+        })
+    }
+
     /// The state by which commands are allowed: the low nibble's, `None` for "network initialising" and unknown values.
     pub const fn state(self) -> Option<MasterState> {
         if self.0 & !(Self::FAILED | 0x0F) != 0 {

@@ -11,7 +11,7 @@ mod follow;
 mod homing;
 
 use super::homing::{Homing, HomingSettings};
-use super::plant::{Effort, Motor, Plant, PulseTrain, Pulses, SUBSTEP_MAX_NS, Servo};
+use super::plant::{Effort, Following, Motor, Plant, PulseTrain, Pulses, SUBSTEP_MAX_NS, Servo, Shown};
 use super::state_machine::{OptionCodes, Power, StateMachine, TransitionTimes};
 use super::switches::{Switches, Travel};
 use crate::cia402::{DriveState, Mode, Statusword};
@@ -88,32 +88,53 @@ struct Reached {
 }
 
 /// The axis.
+///
+/// A cycle of 40 drives goes through all of them, and the processor fetches memory in lines of 64 bytes: what a cycle in CSP
+/// uses lies side by side, first in the axis, and the rest after it.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Axis {
-    machine: StateMachine,
-    plant: Plant,
-    settings: Settings,
-    limits: Option<(i64, i64)>,
-    switches: Switches,
-    homing: Homing,
-    /// What positions of objects and process data have on top of the shaft's counts.
-    origin: i64,
+    measured: AxisIn,
+    targets: Targets,
+    mode: Mode,
+    motion: Motion,
     /// The next target position in process data was made before the master could see where the axis is.
     stale: bool,
-    /// How long shaft and demand have been still, in mode 6 and while the axis brakes after it.
-    still_ns: Ns,
-    mode: Mode,
-    targets: Targets,
-    motion: Motion,
-    demand: Demand,
-    /// How long the following error has been outside its window.
-    outside_ns: Ns,
     /// A software position limit holds the target back.
     held_back: bool,
     reached: bool,
+    /// Between the halves of a step.
+    stepping: bool,
+    demand: Demand,
+    /// How long the following error has been outside its window.
+    outside_ns: Ns,
+    /// 0x6065 and 0x6066 of the settings.
+    following: FollowingWindow,
+    /// What positions of objects and process data have on top of the shaft's counts.
+    origin: i64,
     position_reached: i64,
+    limits: Option<(i64, i64)>,
+    machine: StateMachine,
+    plant: Plant,
     velocity_reached: f64,
-    measured: AxisIn,
+    /// How long shaft and demand have been still, in mode 6 and while the axis brakes after it.
+    still_ns: Ns,
+    settings: Settings,
+    homing: Homing,
+    switches: Switches,
+}
+
+/// How far an axis may lag behind its demand, and for how long.
+#[derive(Clone, Copy, Debug)]
+struct FollowingWindow {
+    counts: u32,
+    timeout_ms: u16,
+}
+
+impl FollowingWindow {
+    const fn of(settings: &Settings) -> Self {
+        Self { counts: settings.following_window, timeout_ms: settings.following_timeout_ms }
+    }
 }
 
 impl Axis {
@@ -138,6 +159,7 @@ impl Axis {
             machine: StateMachine::new(times, settings.options),
             plant,
             settings,
+            following: FollowingWindow::of(&settings),
             limits: None,
             switches: Switches::new(&Travel::NONE, 1),
             homing: Homing::new(settings.homing),
@@ -154,6 +176,7 @@ impl Axis {
             position_reached: i64::from(reached.counts),
             velocity_reached: reached.velocity,
             measured: AxisIn::default(),
+            stepping: false,
         };
         axis.set(settings);
         axis.measure();
@@ -166,6 +189,7 @@ impl Axis {
         self.limits = (low < high && (low, high) != (i32::MIN, i32::MAX)).then_some((low.into(), high.into()));
         self.plant.set_limits(settings.max_velocity, settings.max_torque);
         self.machine.set_options(settings.options);
+        self.following = FollowingWindow::of(&settings);
         self.settings = settings;
     }
 
@@ -248,8 +272,8 @@ impl Axis {
     /// `dt_ns` pass, in which the targets are reached.
     pub fn step(&mut self, dt_ns: Ns) {
         let usual = if self.mode == Mode::Homing { HOMING_SLICE_NS } else { SLICE_NS };
-        let slices = ((dt_ns + usual / 2) / usual).max(1);
-        let slice = dt_ns / slices;
+        // Most cycles are one slice, and two divisions are a good part of the time that one takes.
+        let slice = if dt_ns < usual + usual / 2 { dt_ns } else { dt_ns / ((dt_ns + usual / 2) / usual) };
         let mut left = dt_ns;
         while left > 0 {
             let ns = if left < 2 * slice { left } else { slice };
@@ -257,6 +281,40 @@ impl Axis {
             left -= ns;
         }
         self.measure();
+    }
+
+    /// The first half of [`Axis::step`]. What is handed out is to be run for that time before the second half; that way
+    /// the motors of several axes run side by side. `None`: all of the time has passed.
+    pub fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        self.stepping = false;
+        let one_slice = dt_ns > 0 && dt_ns < SLICE_NS + SLICE_NS / 2;
+        let follows = self.motion == Motion::Follow && matches!(self.mode, Mode::Csp);
+        if !one_slice || !follows || matches!(self.plant, Plant::Pulses(_)) {
+            self.step(dt_ns);
+            return None;
+        }
+        self.machine.step(dt_ns, self.has_stopped());
+        if self.machine.power() != Power::Follow {
+            self.pass(dt_ns, dt_ns);
+            self.measure();
+            return None;
+        }
+        self.stepping = true;
+        let effort = self.demand_position(dt_ns, dt_ns);
+        match (&mut self.plant, effort) {
+            (Plant::Servo(servo), Effort::Position { from, fraction, by }) => {
+                Some(Following { servo, from, fraction, by })
+            }
+            _ => None,
+        }
+    }
+
+    /// The second half, in any case.
+    pub fn end_step(&mut self, dt_ns: Ns) {
+        if std::mem::take(&mut self.stepping) {
+            self.followed_position(dt_ns);
+            self.measure();
+        }
     }
 
     /// `ns` pass out of `left` until the targets are due.
@@ -318,21 +376,23 @@ impl Axis {
     }
 
     fn measure(&mut self) {
-        let torque = rounded(self.plant.torque() * 1000.0);
+        let Shown { position, torque, limited } = self.plant.shown();
+        let torque = rounded(torque * 1000.0);
         self.measured = AxisIn {
-            statusword: self.statusword(),
+            statusword: self.statusword(limited),
             torque: torque.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
-            position: self.position() as i32,
+            position: position.wrapping_add(self.origin) as i32,
             error_code: self.machine.fault().map_or(0, |fault| fault.code),
             inputs: 0,
         };
     }
 
-    /// Bits 10 to 13 on top of the state's. But for homing, off or braking: bits 10 to 12 are 0 \[OURS].
-    fn statusword(&self) -> Statusword {
+    /// Bits 10 to 13 on top of the state's. But for homing, off or braking: bits 10 to 12 are 0 \[OURS]. `limited`: a limit
+    /// of the plant was in force.
+    fn statusword(&self, limited: bool) -> Statusword {
         let mut word = self.machine.status_bits();
         if self.mode == Mode::Homing {
-            let limited = self.motion == Motion::Follow && self.plant.is_limited();
+            let limited = self.motion == Motion::Follow && limited;
             let limit = if limited { Statusword::INTERNAL_LIMIT } else { 0 };
             return Statusword(word | limit | self.homing.status_bits(self.stands()));
         }
@@ -341,7 +401,7 @@ impl Axis {
             if self.reached {
                 word |= Statusword::TARGET_REACHED;
             }
-            if self.held_back || self.plant.is_limited() {
+            if self.held_back || limited {
                 word |= Statusword::INTERNAL_LIMIT;
             }
         }

@@ -8,12 +8,14 @@ use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::dictionary::{self, Object, Values};
 use super::lines::{InputPattern, Lines};
+use super::makers::MakersObjects;
+use super::plant::Following;
 use super::state_machine::DeviceFault;
 use super::switches::Input;
 use super::{AlStatus, SdoValue, Slave};
 use crate::cia402::MODES_OF_OPERATION;
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{AlState, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use crate::fieldbus::{AlState, MAX_AXES, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
 use crate::sk::DriveSync;
 
 /// 0x1018:1 of the devices that are no vendor's. \[OURS] "ECMS": no vendor's number.
@@ -36,15 +38,18 @@ pub struct Identity {
 
 /// What every device keeps.
 #[derive(Clone, Debug)]
+#[repr(C)] // What a cycle uses lies at the end.
 pub struct Base {
     name: String,
     serial: u32,
+    sync: DriveSync,
     identity: &'static Identity,
-    al: ApplicationLayer,
     /// The stored values of its objects.
     pub values: Values,
+    /// Objects besides those of its table; apart from what a cycle uses.
+    makers: Option<Box<MakersObjects>>,
     mapped: Option<Role>,
-    sync: DriveSync,
+    al: ApplicationLayer,
 }
 
 impl Base {
@@ -52,7 +57,7 @@ impl Base {
     /// its stored values.
     pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values) -> Self {
         let (al, sync) = (ApplicationLayer::default(), DriveSync::default());
-        Self { name, serial, identity, al, values, mapped: None, sync }
+        Self { name, serial, identity, al, values, makers: None, mapped: None, sync }
     }
 
     /// Its AL state.
@@ -140,6 +145,11 @@ fn lose_outputs<M: Model>(device: &mut M) {
     device.lose_outputs();
 }
 
+/// Whether the device has no object at an address, so that its maker's are looked at.
+const fn is_absent(code: AbortCode) -> bool {
+    matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
+}
+
 /// Without a mailbox nothing answers, and the master's transfer times out.
 fn mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
     if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
@@ -186,12 +196,23 @@ impl<M: Model> Slave for M {
 
     fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
         mailbox(self)?;
-        dictionary::upload(self, object)
+        match dictionary::upload(self, object) {
+            Err(code) if is_absent(code) => {
+                self.base().makers.as_ref().map_or(Err(code), |makers| makers.upload(object, code))
+            }
+            answer => answer,
+        }
     }
 
     fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
         mailbox(self)?;
-        dictionary::download(self, object, size, value)
+        match dictionary::download(self, object, size, value) {
+            Err(code) if is_absent(code) => {
+                let makers = self.base_mut().makers.as_mut();
+                makers.map_or(Err(code), |makers| makers.download(object, size, value, code))
+            }
+            answer => answer,
+        }
     }
 
     fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
@@ -218,6 +239,26 @@ impl<M: Model> Slave for M {
         self.pass(dt_ns);
     }
 
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        if self.base_mut().al.step(dt_ns) {
+            lose_outputs(self);
+        }
+        match self.axes_mut() {
+            [axis] => axis.begin_step(dt_ns),
+            axes => {
+                axes.iter_mut().for_each(|axis| axis.step(dt_ns));
+                None
+            }
+        }
+    }
+
+    fn end_step(&mut self, dt_ns: Ns) {
+        if let [axis] = self.axes_mut() {
+            axis.end_step(dt_ns);
+        }
+        self.pass(dt_ns);
+    }
+
     fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
         let found = self.axes_mut().get_mut(axis);
         found.map(|axis| axis.machine_mut().raise(fault)).is_some()
@@ -238,12 +279,24 @@ impl<M: Model> Slave for M {
         found.map(|lines| lines.force(pattern)).is_some()
     }
 
+    fn give_makers_objects(&mut self, makers: MakersObjects) {
+        self.base_mut().makers = Some(Box::new(makers));
+    }
+
     fn has_dc(&self) -> bool {
         Model::has_dc(self)
     }
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.axes().get(axis).map(|axis| axis.plant().position())
+    }
+
+    fn shafts(&self) -> [Option<i64>; MAX_AXES] {
+        let mut shafts = [None; MAX_AXES];
+        for (shaft, axis) in shafts.iter_mut().zip(self.axes()) {
+            *shaft = Some(axis.plant().position());
+        }
+        shafts
     }
 }
 

@@ -77,11 +77,12 @@ impl DriveConfig {
 /// SDO too, and the next cycle writes over it. When it leaves OP while it moves (a change of state, or the watchdog of
 /// its outputs, 100 ms) it brakes on the quick-stop ramp and ends in Switch on disabled; this is no fault.
 #[derive(Clone, Debug)]
+#[repr(C)] // What a cycle uses lies side by side: the end of `base` and the beginning of `axis`.
 pub struct Drive {
     base: Base,
+    axis: Axis,
     kind: DriveKind,
     motor: Motor,
-    axis: Axis,
 }
 
 impl Drive {

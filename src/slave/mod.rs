@@ -14,6 +14,7 @@ pub mod homing;
 pub mod hsp;
 pub mod io;
 pub mod lines;
+mod makers;
 pub mod plant;
 pub mod state_machine;
 pub mod switches;
@@ -22,11 +23,14 @@ pub use drive::{Drive, DriveConfig, DriveKind};
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use lines::InputPattern;
+pub use makers::{FormatError, MAKERS_BYTES_MAX, MakersObject, MakersObjects, MakersType};
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
 
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
+use plant::Following;
+
+use crate::fieldbus::{AlState, MAX_AXES, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
 
 /// A value read from an object dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,6 +99,18 @@ pub trait Slave: Send {
     /// `dt_ns` pass.
     fn step(&mut self, dt_ns: Ns);
 
+    /// The first half of [`Slave::step`]: `dt_ns` begin to pass. A motor that only has to follow a position is handed out,
+    /// to be run for that time side by side with those of other slaves before [`Slave::end_step`] is called.
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        self.step(dt_ns);
+        None
+    }
+
+    /// The second half.
+    fn end_step(&mut self, dt_ns: Ns) {
+        let _ = dt_ns;
+    }
+
     /// A fault happens in the device, on an axis (from 0). False: it has no such axis.
     fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
         let _ = (axis, fault);
@@ -120,6 +136,11 @@ pub trait Slave: Send {
         false
     }
 
+    /// Gives it objects of its maker besides its own. They have no effect.
+    fn give_makers_objects(&mut self, makers: MakersObjects) {
+        let _ = makers;
+    }
+
     /// Whether it has distributed clocks.
     fn has_dc(&self) -> bool {
         true
@@ -129,5 +150,10 @@ pub trait Slave: Send {
     fn shaft(&self, axis: usize) -> Option<i64> {
         let _ = axis;
         None
+    }
+
+    /// Where the shafts of all its axes are.
+    fn shafts(&self) -> [Option<i64>; MAX_AXES] {
+        std::array::from_fn(|axis| self.shaft(axis))
     }
 }

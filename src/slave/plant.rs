@@ -4,7 +4,7 @@ mod pulses;
 mod servo;
 
 pub use pulses::{PulseTrain, Pulses};
-pub use servo::{Motor, SUBSTEP_MAX_NS, Servo};
+pub use servo::{Following, Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_side_by_side};
 
 use crate::fieldbus::Ns;
 
@@ -40,6 +40,13 @@ pub enum Plant {
     Servo(Servo),
     /// A train of pulses.
     Pulses(Pulses),
+}
+
+/// What a plant shows of itself after each cycle; see the methods of [`Plant`].
+pub(super) struct Shown {
+    pub(super) position: i64,
+    pub(super) torque: f64,
+    pub(super) limited: bool,
 }
 
 /// The same question or order to whichever it is.
@@ -78,6 +85,16 @@ impl Plant {
     /// What the position is more than its whole counts, -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         either!(self, it => it.fraction())
+    }
+
+    /// Position, torque and limits at once: a cycle asks for all of them.
+    pub(super) const fn shown(&self) -> Shown {
+        match self {
+            Self::Servo(servo) => {
+                Shown { position: servo.position(), torque: servo.torque(), limited: servo.is_limited() }
+            }
+            Self::Pulses(pulses) => Shown { position: pulses.position(), torque: 0.0, limited: pulses.is_limited() },
+        }
     }
 
     /// Position, counts.

@@ -114,19 +114,20 @@ impl Command {
 
 /// The state machine.
 #[derive(Clone, Debug)]
+#[repr(C)] // What each cycle uses lies side by side, last.
 pub struct StateMachine {
     times: TransitionTimes,
     options: OptionCodes,
+    /// A transition that takes time: where to, and how much of it is left.
+    waiting: Option<(DriveState, Ns)>,
     state: DriveState,
     controlword: Controlword,
     /// Bit 7 has risen since the last step.
     reset_requested: bool,
-    /// A transition that takes time: where to, and how much of it is left.
-    waiting: Option<(DriveState, Ns)>,
-    /// In Operation enabled: the motor brakes before the state changes to the one named.
-    braking: Option<(Ramp, DriveState)>,
     /// In Quick stop active: the way leads down whatever the option code says.
     gives_up: bool,
+    /// In Operation enabled: the motor brakes before the state changes to the one named.
+    braking: Option<(Ramp, DriveState)>,
     /// In Fault reaction active: how the motor brakes.
     reaction: Option<Ramp>,
     fault: Option<DeviceFault>,

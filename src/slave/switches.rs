@@ -209,6 +209,16 @@ impl Switches {
         Inputs(bits)
     }
 
+    /// Whether [`Switches::next`] finds a switch that changes on the way from one count to another. It costs less, and on
+    /// most ways there is none.
+    pub fn change_between(&self, from: i64, to: i64) -> bool {
+        let (low, high) = if from < to { (from, to) } else { (to, from) };
+        self.ranges.iter().any(|(input, range)| {
+            let crossed = |(first, last)| (low < first && first <= high) || (low <= last && last < high);
+            range.is_some_and(crossed) && self.stuck[*input as usize].is_none()
+        })
+    }
+
     /// Whether the index pulse comes at that count.
     pub fn has_index(&self, position: i64) -> bool {
         self.next_index(position.wrapping_sub(1), true) == Some(position)

@@ -6,7 +6,7 @@ use ecmsk::compare::{Comparison, Observed, Options, Steps, What, compare_steps};
 use ecmsk::link::Dir;
 use ecmsk::link::record::{RecordError, Recorded, Recording};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::replay::{Replay, ReplayError};
+use ecmsk::replay::{Files, Replay, ReplayError};
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 use tempfile::TempDir;
 
@@ -21,7 +21,7 @@ fn link(text: &str) -> LinkUri {
 }
 
 fn open(file: &Path, model: Option<&str>) -> Result<Replay, ReplayError> {
-    Replay::open(file, model.map(link).as_ref(), &Options::default(), None)
+    Replay::open(file, model.map(link).as_ref(), &Options::default(), None, Files::Allowed)
 }
 
 fn compare(replay: &Replay) -> Comparison {

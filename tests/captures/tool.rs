@@ -215,8 +215,9 @@ fn a_board_that_does_otherwise() {
         &["would replace"],
         "with --plot",
     );
-    // A recording brings its model, script and all.
-    let found = tool("replay", &run.file, &[]).quiet();
+    // A recording brings its model, and what that has of files if they may be opened.
+    tool("replay", &run.file, &[]).failed(2, &["names a file (script=", "--allow-files"], "with --link");
+    let found = tool("replay", &run.file, &["--allow-files"]).quiet();
     assert!(found.contains("\nequal: 304 commands"), "{found}");
 }
 
@@ -239,6 +240,9 @@ fn what_cannot_be_replayed() {
     let whole_packets = pcap(&all[..=commands[3]], USB_LINUX, Parts::Two, 65_535);
     let cut = files.keep("cut.pcap", &whole_packets[..whole_packets.len() - 100]);
     let ran = tool("replay", &cut, &["--link", MODEL]);
+    // Equal as far as it goes is not that the model answers as the board did.
+    assert!(ran.code == Some(2) && ran.err.starts_with("note: A: ") && ran.err.contains("in the middle"), "{ran:?}");
+    let ran = tool("replay", &cut, &["--link", MODEL, "--allow-incomplete"]);
     assert!(ran.code == Some(0) && ran.err.starts_with("note: A: ") && ran.err.contains("in the middle"), "{ran:?}");
 
     let snapped = files.keep("snap.pcap", &pcap(&events(&captured), USBPCAP, Parts::Two, 96));

@@ -20,6 +20,20 @@ pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command 
     command
 }
 
+/// The same with signals as a shell at a terminal leaves them: whoever runs the tests may ignore some (`nohup`).
+pub fn undisturbed(inner: &Command) -> Command {
+    let mut command = Command::new("env");
+    command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());
+    for (name, value) in inner.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    command.stdin(Stdio::null());
+    command
+}
+
 /// How a run of the tool ended.
 #[derive(Debug)]
 pub struct Ran {
@@ -47,21 +61,34 @@ impl Ran {
     #[track_caller]
     pub fn failed(&self, code: i32, words: &[&str], next_step: &str) {
         assert_eq!(self.code, Some(code), "{self:?}");
-        assert!(self.err.starts_with("error: ") && self.err.lines().count() == 1, "{}", self.err);
+        assert_eq!(self.err.lines().count(), 1, "{}", self.err);
+        let error = self.error(code);
         for word in words {
-            assert!(self.err.contains(word), "`{word}` is missing in: {}", self.err);
+            assert!(error.contains(word), "`{word}` is missing in: {error}");
         }
-        let last = self.err.trim_end().rsplit("; ").next().unwrap_or_default();
+        let last = error.trim_end().rsplit("; ").next().unwrap_or_default();
         assert!(last.contains(next_step), "the next step is `{last}`, not `{next_step}`");
+    }
+
+    /// What is said of the error, which stands behind `error: ` or, of `--json`, in an object with the exit code.
+    #[track_caller]
+    fn error(&self, code: i32) -> String {
+        if let Some(error) = self.err.strip_prefix("error: ") {
+            return error.to_owned();
+        }
+        let object: serde_json::Value = serde_json::from_str(&self.err).expect("an error, in words or as JSON");
+        assert_eq!(object["exit_code"], code, "{}", self.err);
+        object["error"].as_str().expect("words").to_owned()
     }
 
     /// The command line was wrong: these words are said of it, and where to read more.
     #[track_caller]
     pub fn misused(&self, words: &[&str]) {
         assert_eq!(self.code, Some(2), "{self:?}");
-        assert!(self.err.starts_with("error: ") && self.out.is_empty(), "{self:?}");
+        assert!(self.out.is_empty(), "{self:?}");
+        let error = self.error(2);
         for word in words {
-            assert!(self.err.contains(word), "`{word}` is missing in: {}", self.err);
+            assert!(error.contains(word), "`{word}` is missing in: {error}");
         }
         assert!(self.err.contains("--help") || self.err.contains("ecmsk link help"), "{}", self.err);
     }

@@ -1,11 +1,11 @@
 //! A run of a board in OP, made up for the tests: the host sends targets, they wait in a queue, the drives follow.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use ecmsk::cia402::Statusword;
 use ecmsk::sk::{
-    DriveResponse, FifoAction, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand,
-    SlaveCommand, SlaveKind, SlaveResponse, SlotSize, StateByte,
+    DriveResponse, FifoAction, Frame, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, Motion, RawSlot,
+    SdoCommand, SlaveCommand, SlaveKind, SlaveResponse, SlotSize, StateByte,
 };
 
 use super::recordings::Script;
@@ -31,6 +31,8 @@ pub struct Run {
     pub positions: Vec<i32>,
     /// What the slot of each drive says.
     pub drives: Vec<Says>,
+    /// Slots of slaves that are no drives, by their numbers.
+    pub slots: BTreeMap<usize, RawSlot>,
 }
 
 /// What the slot of a drive says beside position and torque.
@@ -58,6 +60,19 @@ impl Run {
 
     /// A board with that many slaves that has been asked to go to OP.
     pub fn starting(size: SlotSize, axes: usize, kind: SlaveKind) -> Self {
+        Self::starting_with(size, &vec![kind; axes])
+    }
+
+    /// A board with slaves of these kinds that is taken to OP.
+    pub fn of_kinds(size: SlotSize, kinds: &[SlaveKind]) -> Self {
+        let mut run = Self::starting_with(size, kinds);
+        run.report(MasterState::SafeOp);
+        run.report(MasterState::Op);
+        run
+    }
+
+    fn starting_with(size: SlotSize, kinds: &[SlaveKind]) -> Self {
+        let axes = kinds.len();
         let zeros = vec![0; axes];
         let now_ns = 5 * MS;
         let mut run = Self {
@@ -71,9 +86,10 @@ impl Run {
             targets: zeros.clone(),
             positions: zeros,
             drives: vec![Says { id: 0x15, statusword: ENABLED, error_code: 0 }; axes],
+            slots: BTreeMap::new(),
         };
         for group in 0..axes.div_ceil(8) {
-            let kind = |k| if group * 8 + k < axes { kind } else { SlaveKind::None };
+            let kind = |k| kinds.get(group * 8 + k).copied().unwrap_or(SlaveKind::None);
             run.master(&MasterCommand::SetAxis { group: group as u8, kinds: std::array::from_fn(kind) });
         }
         run.master(&MasterCommand::SetState(MasterState::Op));
@@ -179,6 +195,9 @@ impl Run {
                 let (head, statusword) = (SlaveResponse { id, index: 0 }, Statusword(statusword));
                 let drive = DriveResponse { head, statusword, position: *position, torque, error_code };
                 frame.put(self.size, i + 1, &drive.encode());
+            }
+            for (slave, slot) in &self.slots {
+                frame.put(self.size, *slave, slot);
             }
         }
         frame.fill_crc(self.size);

@@ -31,6 +31,14 @@ impl Recorded {
         run([&["plot", self.file.to_str().expect("UTF-8")], options].concat())
     }
 
+    /// The file of a picture with that ending.
+    pub fn picture(&self, ending: &str, options: &[&str]) -> Vec<u8> {
+        let file = self.file.with_extension(ending);
+        let name = file.to_str().expect("UTF-8");
+        assert_eq!(self.try_plot(&[options, &["-o", name]].concat()).quiet(), format!("{name}\n"));
+        std::fs::read(&file).expect("a picture")
+    }
+
     pub fn plot(&self, options: &[&str]) -> Plot {
         Plot::parse(&self.try_plot(&[options, &["-o", "-"]].concat()).quiet())
     }

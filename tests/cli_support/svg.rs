@@ -4,8 +4,14 @@
 pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
 /// Colour of losses.
 pub const ALARM: &str = "#D01020";
+/// Behind the lines: the FIFO is empty on the way.
+pub const GAP: &str = "#E39BF5";
+/// Lines of inputs and outputs.
+pub const IN_OUT: [&str; 2] = ["#0B6E8A", "#B84A00"];
 /// Behind the lines: with a fault, homing, not enabled.
 pub const STATES: [&str; 3] = ["#F9CFD0", "#FFEEB8", "#E9ECEF"];
+/// Colour of numbers at the axes.
+const SOFT_INK: &str = "#586068";
 /// Colour of the FIFO's level.
 pub const FIFO: &str = "#405060";
 
@@ -157,7 +163,8 @@ impl Plot {
 }
 
 /// How names of panels begin.
-const PANELS: [&str; 6] = ["Axis ", "Torque ", "FIFO:", "Following ", "Difference:", "Target velocity"];
+const PANELS: [&str; 9] =
+    ["Axis ", "Torque ", "FIFO:", "Following ", "Difference:", "Target velocity", "Velocity ", "IO ", "Plane "];
 
 /// One of the diagrams.
 pub struct Panel<'a> {
@@ -227,11 +234,41 @@ impl Panel<'_> {
         scale(numbers.map(|label| (label.y, number(&label.text))).collect())
     }
 
-    /// What a place from left to right stands for.
+    /// What a place from left to right stands for: by the numbers in this panel if it has some, else by those of the next one.
     fn seconds(&self) -> impl Fn(f64) -> f64 + use<> {
-        let numbers = self.plot.labels.iter().filter(|label| label.anchor == "middle");
-        let numbers = numbers.filter(|label| !["time (s)", "command"].contains(&label.text.as_str()));
+        let numbers = self.plot.labels.iter().filter(|label| label.anchor == "middle" && label.colour == SOFT_INK);
+        let below: Vec<&Label> = numbers.filter(|label| label.y > self.top).collect();
+        let row = below.iter().map(|label| label.y).fold(f64::MAX, f64::min);
+        let numbers = below.iter().filter(|label| label.y == row);
         scale(numbers.map(|label| (label.x, number(&label.text))).collect())
+    }
+
+    /// The texts at its left in the place of numbers, from top to bottom, and what their height is.
+    pub fn lanes(&self) -> Vec<(&str, f64)> {
+        let ours = |label: &&Label| label.anchor == "end" && (self.top..self.bottom).contains(&label.y);
+        self.plot.labels.iter().filter(ours).map(|label| (label.text.as_str(), label.y)).collect()
+    }
+
+    /// When the line of a lane goes up and down, seconds and whether it is up then; from its first sample on.
+    pub fn edges(&self, lane: &str, colour: &str) -> Vec<(f64, bool)> {
+        let lanes = self.lanes();
+        let (_, middle) = lanes.iter().find(|(text, _)| *text == lane).unwrap_or_else(|| panic!("{lane} in {lanes:?}"));
+        let room = lanes.windows(2).map(|two| two[1].1 - two[0].1).fold(72.0, f64::min) / 2.0;
+        let seconds = self.seconds();
+        let ours = |piece: &Vec<(f64, f64)>| piece.iter().all(|(_, y)| (y - middle).abs() < room);
+        let points = self.lines(colour, false).into_iter().filter(ours).flatten();
+        let mut edges: Vec<(f64, bool)> = Vec::new();
+        for (x, y) in points {
+            let up = y < *middle;
+            // Up and down in one column of pixels: what it ends with counts.
+            if edges.last().is_some_and(|(before, _)| (seconds(x) - before).abs() < 1e-4) {
+                edges.pop();
+            }
+            if edges.last().is_none_or(|(_, before)| *before != up) {
+                edges.push((seconds(x), up));
+            }
+        }
+        edges
     }
 }
 

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use ecmsk::ecm::{Config, Ecm, EcmError, Options};
-use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
+use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkInfo, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterState, RawSlot, SlotSize};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
@@ -120,7 +120,11 @@ impl Tap {
     }
 }
 
-impl Link for Tap {
+impl Layer for Tap {
+    fn inner(&self) -> &dyn Link {
+        &*self.inner
+    }
+
     fn info(&self) -> LinkInfo {
         let info = self.inner.info();
         LinkInfo { slot: info.slot.filter(|_| !self.hide_slot), ..info }
@@ -150,25 +154,5 @@ impl Link for Tap {
             *count += 1;
         }
         Ok(meta)
-    }
-
-    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
-        self.inner.pass(time)
-    }
-
-    fn cancel(&self, dir: Dir) {
-        self.inner.cancel(dir);
-    }
-
-    fn close(&self) {
-        self.inner.close();
-    }
-
-    fn check(&self) -> Result<(), LinkError> {
-        self.inner.check()
-    }
-
-    fn stats(&self) -> LinkStats {
-        self.inner.stats()
     }
 }

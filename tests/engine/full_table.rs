@@ -194,7 +194,7 @@ pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
     for data1 in [0, 6, 7, 11, 0x108] {
         put(0x06, 0, data1, 1, Some(Malformed::DriveMode(data1)));
     }
-    put(0x06, 0, 8, 2, Some(Malformed::DriveType(2)));
+    put(0x06, 0, 8, 2, None);
     put(0x07, 1, 0x1018_0001, 0, None);
     put(0x08, 0x0401, 0x6065_0000, 30_000, None);
     let beyond = size.max_slaves() as u16 + 1;

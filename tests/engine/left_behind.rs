@@ -2,7 +2,7 @@
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::coe::{AbortCode, SdoSize};
-use ecmsk::engine::{EngineConfig, Event};
+use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{AlState, Busy, Fieldbus, Job, JobDone, Ns};
 use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, StateByte};
@@ -184,8 +184,10 @@ fn it_is_logged() {
     let mark = net.host.mark();
     net.ask(PreOp, StateByte(0x18)).host.cycles(30);
     let events: Vec<Event> = net.host.board.engine().events_since(mark).collect();
-    assert!(matches!(events[..], [Event::SlaveLeft { slave: 1, .. }, Event::SlaveLeft { slave: 3, .. }]), "{events:?}");
-    assert!(events[0].to_string().contains("SET_STATE"), "{}", events[0]);
+    let [Event::StateFailed { why, .. }, left @ ..] = &events[..] else { panic!("{events:?}") };
+    assert!(matches!(why, StateFailure::Refused { slave: 2, target: PreOp, .. }), "{events:?}");
+    assert!(matches!(left, [Event::SlaveLeft { slave: 1, .. }, Event::SlaveLeft { slave: 3, .. }]), "{events:?}");
+    assert!(left[0].to_string().contains("SET_STATE"), "{}", left[0]);
     assert_eq!(net.host.write_object(1, 0x6060, 0, SdoSize::One, 8), Err(AbortCode::TIMEOUT));
 }
 

@@ -142,7 +142,7 @@ fn set_fifo() {
     }
 }
 
-/// SK-4.16 DRIVE_MODE: Data1 is 8, 9 or 10, Data2 0 or 1.
+/// SK-4.16 DRIVE_MODE: Data1 is 8, 9 or 10, Data2 0 or 1, or what a command before has left there.
 /// SK-4.41 In the slot of any slave, present or not.
 #[test]
 fn drive_mode() {
@@ -159,15 +159,20 @@ fn drive_mode() {
                 for data1 in [0, 1, 3, 6, 7, 11, 0x108, 0x0008_0000, u32::MAX] {
                     assert_bad(&mut host, slave, mode(data1, 1), Malformed::DriveMode(data1));
                 }
-                for data2 in [2, 0xFF, 0x1_0000, u32::MAX] {
-                    assert_bad(&mut host, slave, mode(8, data2), Malformed::DriveType(data2));
+                // SK-4.81 What a command before has left there is no reason to lose the mode; it is logged.
+                for data2 in [2, 0xFFFF, 0x1_0000, u32::MAX] {
+                    let mark = host.board.engine().events_total();
+                    assert_eq!(reject(&mut host, slave, mode(8, data2)), None);
+                    let told: Vec<_> = host.board.engine().events_since(mark).map(|event| event.to_string()).collect();
+                    let words = [format!("slave {slave}"), format!("0x{data2:08X}"), "DC sync".to_owned()];
+                    assert!(told.len() == 1 && words.iter().all(|word| told[0].contains(word)), "{told:?}");
                 }
             }
         }
     }
 }
 
-/// SK-4.17 SDO_RD: Parm is a slave, 1..=40 (30). SK-4.18 SDO_WR: the high byte of Parm is a size, 1, 2 or 4.
+/// SK-4.17 SDO_RD: Parm low is a slave, 1..=40 (30). SK-4.18 SDO_WR: the high byte of Parm is a size, 1, 2 or 4.
 /// SK-6.6 Slave 0 and one above 40 (30) are rejected.
 /// SK-4.38 The slot keeps its answer.
 #[test]
@@ -180,8 +185,8 @@ fn sdo() {
         for state in [MasterState::PreOp, MasterState::SafeOp, MasterState::Op] {
             host.go(state);
             let command = |id, parm| RawSlot { id, parm, data1: 0x1018_0001, ..RawSlot::ZERO };
-            for parm in [0, last + 1, 0xFF, 0x100, 0x101, 0x8001] {
-                assert_bad(&mut host, place, command(0x07, parm), Malformed::SdoSlave(parm));
+            for parm in [0, last + 1, 0xFF, 0x100, 0x200 | (last + 1), 0x8000] {
+                assert_bad(&mut host, place, command(0x07, parm), Malformed::SdoSlave(parm & 0xFF));
             }
             for slave in [0, last + 1, 0xFF] {
                 assert_bad(&mut host, place, command(0x08, 0x0400 | slave), Malformed::SdoSlave(slave));
@@ -224,7 +229,8 @@ fn the_log_speaks() {
         }
     }
     let mark = host.mark();
-    host.raw(41, busy).raw(41, busy);
+    let other = RawSlot { data1: 0x1018_0001, ..busy };
+    host.raw(41, busy).raw(41, other);
     assert_eq!(host.rejections(mark), [(41, CommandId::SdoRead, Reason::SdoBusy)]);
 }
 

@@ -100,6 +100,27 @@ fn an_answer_stays_until_the_next_transfer_ends() {
     }
 }
 
+/// SK-6.16 A program that polls sends its request in every frame until the answer is there: it is one request, and nothing of
+/// it is rejected. Another one in between is.
+#[test]
+fn a_request_that_repeats_the_one_under_way_is_one_with_it() {
+    for state in [MasterState::PreOp, MasterState::Op] {
+        let Bench { mut host, puppet, network, .. } = bench();
+        host.go(state).drained_in(state);
+        network.delay_sdo(1, 50 * MS);
+        for n in 0..=20 {
+            host.sdo(read(1, 0x2000, 4)).cycle();
+            assert_eq!((host.counters().sdo_repeated, host.counters().rejected_total()), (n, 0), "{state}");
+        }
+        host.sdo(write(1, 0x2000, 4, SdoSize::Four, 1)).cycle();
+        assert_eq!(rejected(&host, Reason::SdoBusy), 1, "{state}");
+        host.until("the answer", |host| !slot(host).is_zero());
+        assert_eq!(slot(&host).data2, 0xFEDC_BA98, "{state}");
+        host.cycles(200);
+        assert_eq!(puppet.strings().uploads, [ObjectAddress::new(0x2000, 4)], "asked once");
+    }
+}
+
 /// SK-6.3 A new request while a transfer of the host is under way is rejected, and disturbs nothing.
 /// SK-4.38 The slot keeps its answer then.
 #[test]
@@ -124,6 +145,27 @@ fn a_request_during_a_transfer_is_rejected() {
     }
 }
 
+/// SK-4.17 Programs put the object's size above the slave's number of a read, too, 0x0201, and poll for Parm = slave: the
+/// read runs in every state that has it, nothing is rejected, and the answer has the slave alone.
+#[test]
+fn a_read_with_a_size_in_parm_is_a_read() {
+    for size in SlotSize::ALL {
+        let Bench { mut host, .. } = bench_of(EngineConfig { slot: size, ..EngineConfig::default() });
+        for state in [MasterState::PreOp, MasterState::SafeOp, MasterState::Op] {
+            host.go(state);
+            for (high, sub, value) in
+                [(0x01u16, 1u32, 0xFE), (0x02, 2, 0xFEDC), (0x04, 4, 0xFEDC_BA98), (0xFF, 2, 0xFEDC)]
+            {
+                let data1 = 0x2000_0000 | sub;
+                let asked = RawSlot { id: 0x07, parm: high << 8 | 1, data1, ..RawSlot::ZERO };
+                let answer = RawSlot { id: 0x07, parm: 1, data1, data2: value, ..RawSlot::ZERO };
+                host.raw(size.sdo_slot(), asked).until("the answer", |host| slot(host) == answer);
+            }
+        }
+        assert_eq!(host.counters().rejected_total(), 0);
+    }
+}
+
 /// SK-6.6 A slave number 0 or above 40 (30) is rejected: nothing is started and the slot keeps its answer.
 #[test]
 fn slave_numbers_the_board_does_not_have_are_rejected() {
@@ -132,7 +174,7 @@ fn slave_numbers_the_board_does_not_have_are_rejected() {
         host.read_object(1, 0x2000, 1).unwrap();
         let before = slot(&host);
         let mut count = 0;
-        for slave in [0, most + 1, 255, 0x101, 0x8001] {
+        for slave in [0, most + 1, 255, 0x100, 0x8000] {
             let read = RawSlot { id: 0x07, parm: slave, data1: 0x2000_0001, ..RawSlot::ZERO };
             host.raw(size.sdo_slot(), read).cycles(20);
             count += 1;

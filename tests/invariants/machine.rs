@@ -4,8 +4,8 @@ use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{
-    CycleTime, DcShift, DriveSync, Frame, HspResponse, MasterCommand, MasterState, SlaveCommand, SlaveKind, SlotSize,
-    StateByte,
+    AxisTarget, CycleTime, DcShift, DriveSync, Frame, HspResponse, MasterCommand, MasterState, Motion, SlaveCommand,
+    SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
 
@@ -81,6 +81,21 @@ impl Unit {
         // Statusword and first position stand at the same place for every kind.
         let answer = HspResponse::decode(&slot, size);
         (answer.statusword, [answer.first.position, answer.second.position])
+    }
+
+    /// The motion command of the unit's mode.
+    pub fn motion(&self, at: [i32; 2], speed: [i32; 2]) -> SlaveCommand {
+        let both = |values: [i32; 2]| {
+            let [first, second] = values.map(|target| AxisTarget { target, outputs: 0 });
+            Motion { first, second: if self.axes == 2 { second } else { AxisTarget::default() } }
+        };
+        match self.mode {
+            Mode::Csp => SlaveCommand::Csp(both(at)),
+            Mode::Csv => SlaveCommand::Csv(both(speed)),
+            // Less than friction holds: how fast a torque makes an axis is the program's affair.
+            Mode::Cst => SlaveCommand::Cst((speed[0] % 25) as i16),
+            Mode::Homing => unreachable!("no DRIVE_MODE"),
+        }
     }
 }
 

@@ -1,5 +1,5 @@
 //! What must hold whatever a program does and whatever goes wrong: random programs on random machines with random faults,
-//! and a long day.
+//! writers of a served board that die, and a long day.
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
@@ -7,6 +7,8 @@ mod books;
 mod day;
 #[path = "../dice/mod.rs"]
 mod dice;
+#[cfg(feature = "serve")]
+mod ends;
 mod machine;
 mod path;
 mod program;

@@ -3,7 +3,7 @@
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::HomingPhase;
-use ecmsk::sk::{AxisTarget, Frame, Motion, SdoCommand, SlaveCommand};
+use ecmsk::sk::{Frame, SdoCommand, SlaveCommand};
 
 use crate::dice::Dice;
 use crate::machine::{Machine, SPEED, Unit};
@@ -158,20 +158,5 @@ impl Unit {
     fn can_home(&self) -> bool {
         // A pulse module has no switches here.
         self.kind != ecmsk::sk::SlaveKind::Hsp
-    }
-
-    /// The motion command of the unit's mode.
-    fn motion(&self, at: [i32; 2], speed: [i32; 2]) -> SlaveCommand {
-        let both = |values: [i32; 2]| {
-            let [first, second] = values.map(|target| AxisTarget { target, outputs: 0 });
-            Motion { first, second: if self.axes == 2 { second } else { AxisTarget::default() } }
-        };
-        match self.mode {
-            Mode::Csp => SlaveCommand::Csp(both(at)),
-            Mode::Csv => SlaveCommand::Csv(both(speed)),
-            // Less than friction holds: how fast a torque makes an axis is the program's affair.
-            Mode::Cst => SlaveCommand::Cst((speed[0] % 25) as i16),
-            Mode::Homing => unreachable!("no DRIVE_MODE"),
-        }
     }
 }

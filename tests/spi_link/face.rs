@@ -1,12 +1,14 @@
 //! The board's side of the wires.
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use ecmsk::link::{self, Share, Wait};
+use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::port::spi::Face;
-use ecmsk::sk::{CrcPolicy, Frame, MasterCommand, MasterState, SlotSize};
+use ecmsk::sk::{CrcPolicy, FIFO_ENTRIES, Frame, MasterCommand, MasterState, RawSlot, SlotSize};
+use parking_lot::Mutex;
 
-use super::frames::{SIZE, board, master, state};
+use super::frames::{SIZE, board, master, state, target};
 
 fn face(keys: &str) -> Face {
     Face::new(link::open(&format!("sim:?queue=1&clock=virtual&{keys}"), Share::ByName).unwrap())
@@ -31,6 +33,166 @@ fn an_answer_belongs_to_an_earlier_exchange() {
     assert_eq!(master(&second).id, 0x21, "that to the command before, however soon");
     assert_eq!(master(&exchange(&mut face, &Frame::new())).id, 0);
     assert_eq!(face.counters().frames, 3);
+}
+
+/// A board in OP whose cycles are the test's: a frame is an entry of its FIFO until a cycle executes it.
+#[derive(Default)]
+struct Cycles(Mutex<Inside>);
+
+#[derive(Default)]
+struct Inside {
+    now: u64,
+    cycles: u64,
+    /// Frames that were written and come after the next report, though their time is before it.
+    late: u16,
+    entries: u16,
+    full: u16,
+    report: Option<(Stamp, Frame)>,
+}
+
+impl Cycles {
+    /// One cycle: an entry is executed, and there is a report of what is left.
+    fn pass(&self, fills_crc: bool) {
+        let mut inside = self.0.lock();
+        inside.now += 1;
+        inside.cycles += 1;
+        inside.entries = inside.entries.saturating_sub(1);
+        let free = FIFO_ENTRIES - inside.entries;
+        let in_op = RawSlot { parm: 8, data2: u32::from(free) | u32::from(inside.full) << 16, ..RawSlot::ZERO };
+        let mut report = Frame::new();
+        report.put(SIZE, 0, &in_op);
+        if fills_crc {
+            report.fill_crc(SIZE);
+        }
+        inside.report = Some((Stamp(inside.now), report));
+        inside.entries += std::mem::take(&mut inside.late);
+    }
+
+    /// The frame that was written last comes after the next report.
+    fn hold_one(&self) {
+        let mut inside = self.0.lock();
+        inside.entries -= 1;
+        inside.late += 1;
+    }
+
+    fn entries(&self) -> u16 {
+        self.0.lock().entries
+    }
+}
+
+impl Link for Cycles {
+    fn info(&self) -> LinkInfo {
+        let wait = Wait::For(Duration::ZERO);
+        LinkInfo {
+            name: "cycles".to_owned(),
+            slot: Some(SIZE),
+            virtual_time: false,
+            opened_at: Stamp(0),
+            read_wait: wait,
+            write_wait: wait,
+        }
+    }
+
+    fn write(&self, _: &Frame, _: Wait) -> Result<Stamp, LinkError> {
+        let mut inside = self.0.lock();
+        inside.now += 1;
+        if inside.entries == FIFO_ENTRIES {
+            inside.full += 1;
+        } else {
+            inside.entries += 1;
+        }
+        Ok(Stamp(inside.now))
+    }
+
+    fn read(&self, out: &mut Frame, _: Wait) -> Result<ReadMeta, LinkError> {
+        let newest = self.0.lock().report.take();
+        let timeout = LinkError::Timeout { dir: Dir::Read, waited: Duration::ZERO, what: "no cycle" };
+        let (at, report) = newest.ok_or(timeout)?;
+        *out = report;
+        Ok(ReadMeta { at, sequence: self.0.lock().cycles, dropped: 0 })
+    }
+
+    fn cancel(&self, _: Dir) {}
+
+    fn close(&self) {}
+
+    fn check(&self) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn stats(&self) -> LinkStats {
+        LinkStats::default()
+    }
+}
+
+/// WIRE-124 The free count in OP is that after the exchange before, whether a cycle has passed or not: who writes as much as it
+/// allows loses no frame, however many exchanges a cycle has.
+#[test]
+fn the_free_count_is_that_after_the_exchange_before() {
+    for fills_crc in [true, false] {
+        let board = Arc::new(Cycles::default());
+        board.pass(fills_crc);
+        let mut face = Face::new(board.clone());
+        for exchanges_a_cycle in [1, 2, 7, 200] {
+            for _ in 0..200 {
+                for _ in 0..exchanges_a_cycle {
+                    let before = FIFO_ENTRIES - board.entries();
+                    if before == 0 {
+                        break;
+                    }
+                    let answer = exchange(&mut face, &target(1, 1));
+                    assert_eq!((master(&answer).fifo_free, master(&answer).full_count), (before, 0));
+                    if fills_crc {
+                        assert_eq!(answer.check_crc(SIZE, CrcPolicy::Strict), Ok(()));
+                    } else {
+                        assert_eq!(answer.crc_byte(), 0);
+                    }
+                }
+                board.pass(fills_crc);
+            }
+        }
+        // A host that does not look at the count is told of the frames that the board did not keep, and two cycles later the
+        // count is the board's again.
+        (0..200).for_each(|_| {
+            exchange(&mut face, &target(1, 1));
+        });
+        assert_eq!(master(&exchange(&mut face, &target(1, 1))).fifo_free, 0);
+        let look = |face: &mut Face| {
+            // A chip select of no frame.
+            let mut answer = Frame::new();
+            face.exchange(&[], &mut answer.bytes_mut()[..504]);
+            master(&answer)
+        };
+        board.pass(fills_crc);
+        let told = look(&mut face);
+        assert!(told.fifo_free <= 1 && told.full_count > 100, "{told:?}");
+        board.pass(fills_crc);
+        assert_eq!(look(&mut face).fifo_free, 2);
+    }
+}
+
+/// WIRE-124 A frame that is on its way in the machine while a report is made is counted all the same: the count that the host is
+/// told never leaves room for more than there is.
+#[test]
+fn a_frame_that_comes_late_is_counted() {
+    let board = Arc::new(Cycles::default());
+    board.pass(true);
+    let mut face = Face::new(board.clone());
+    let mut free = 0;
+    for cycle in 0..2000 {
+        for _ in 0..3 {
+            free = master(&exchange(&mut face, &target(1, 1))).fifo_free;
+            if free <= 1 {
+                break;
+            }
+        }
+        if cycle % 3 == 0 {
+            board.hold_one();
+        }
+        board.pass(true);
+    }
+    let told = master(&exchange(&mut face, &target(1, 1)));
+    assert!(free < 5 && told.full_count == 0, "{told:?}");
 }
 
 /// WIRE-40, SK-10.3 Fewer bytes than a frame are none; more are answered by zeros.

@@ -5,6 +5,7 @@
 mod answers;
 mod bench;
 mod drift;
+mod example;
 mod face;
 mod frames;
 mod lies;

@@ -112,6 +112,7 @@ struct Played {
     lost: Option<&'static str>,
     cancels: u64,
     closed: bool,
+    dropped: u64,
 }
 
 impl Puppet {
@@ -146,6 +147,11 @@ impl Puppet {
     pub fn lose(&self, reason: &'static str) {
         self.state.lock().unwrap().lost = Some(reason);
         self.changed.notify_all();
+    }
+
+    /// The link behind drops so many more reports than the 3 before.
+    pub fn drop_reports(&self, count: u64) {
+        self.state.lock().unwrap().dropped += count;
     }
 
     pub fn is_closed(&self) -> bool {
@@ -219,7 +225,8 @@ impl Link for Puppet {
     }
 
     fn stats(&self) -> LinkStats {
-        LinkStats { reports_dropped: 3, ..LinkStats::default() }
+        let dropped = self.state.lock().unwrap().dropped;
+        LinkStats { reports_dropped: 3 + dropped, ..LinkStats::default() }
     }
 }
 
@@ -232,7 +239,7 @@ pub fn frame(byte: u8) -> Frame {
 pub struct Raw(pub TcpStream);
 
 /// What a server says first: nine bytes that name it and its version, whether TLS follows, whether there is room.
-pub const GREETING: &[u8; 16] = b"ecmsktcp\x01\x00\x00\x01\x00\x00\x00\x00";
+pub const GREETING: &[u8; 16] = b"ecmsktcp\x02\x00\x00\x01\x00\x00\x00\x00";
 
 impl Raw {
     /// Connects, and takes the greeting.
@@ -244,7 +251,11 @@ impl Raw {
     }
 
     pub fn dial(server: &Server) -> Self {
-        let socket = TcpStream::connect(server.address()).unwrap();
+        Self::dial_to(server.address())
+    }
+
+    pub fn dial_to(server: SocketAddr) -> Self {
+        let socket = TcpStream::connect(server).unwrap();
         socket.set_read_timeout(Some(LIMIT)).unwrap();
         Self(socket)
     }

@@ -60,6 +60,34 @@ fn without_a_serial_number_a_board_has_its_bus_id() {
     assert_eq!((status, &serial[..]), (0, &[8, 3, b'1', 0, b'-', 0, b'1', 0][..]));
 }
 
+/// WIRE-123 A listener that never returns is called by a thread of its own: hosts get their board and move frames, a lost board
+/// leaves its host and comes back, and the server stops.
+#[test]
+fn a_stuck_listener_stops_nothing() {
+    let (goes_on, stuck) = std::sync::mpsc::channel::<()>();
+    let stuck = std::sync::Mutex::new(stuck);
+    let puppet = Puppet::default();
+    let listener = Arc::new(move |_: &Event| assert!(stuck.lock().unwrap().recv().is_err(), "nobody sends"));
+    let server = Server::start(options(), vec![spec(&puppet)], listener).unwrap();
+    for fill in 1..=2 {
+        let mut client = Client::attached_in_time(server.address());
+        let given = client.give(&[fill; 512]);
+        assert_eq!(client.reply(), Reply::done(given, 512));
+        puppet.lose();
+        assert!(client.is_cut());
+        puppet.until_closed();
+        puppet.come_back();
+    }
+    assert_eq!(puppet.written(), [1, 2]);
+    let (done, stopped) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        server.stop();
+        done.send(()).unwrap();
+    });
+    stopped.recv_timeout(Duration::from_secs(60)).expect("it stops while the listener does not return");
+    drop(goes_on);
+}
+
 /// WIRE-2
 #[test]
 fn frames_and_reports_move_in_order() {

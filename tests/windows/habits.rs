@@ -49,6 +49,17 @@ crate::for_each_width! {
         passes(width, "reset", &CLOCKS);
     }
 
+    /// LIB-40, LIB-64 What GetLastError gives after each call.
+    #[test]
+    fn windows_last_error(width: Width) {
+        let folder = Folder::with_dll(width, "habit-last-error");
+        folder.build(Toolchain::MinGw, &source("last_error.c"), "last_error.exe");
+        for link in CLOCKS {
+            folder.passes("last_error.exe", link, &["reset"]);
+        }
+        folder.passes("last_error.exe", "sim:?slaves=io&fault.drop.read=1", &["closed"]);
+    }
+
     /// LIB-36, LIB-54 A read with a limit ends.
     #[test]
     fn a_read_with_a_limit(width: Width) {

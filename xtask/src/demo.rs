@@ -2,17 +2,24 @@
 
 use std::env;
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 use crate::error::Error;
 use crate::needs::CXX;
 use crate::project::Project;
+use crate::spend::Spend;
 use crate::{command, needs, stage};
 
 const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
 
+/// The library and the tool, optimised.
+const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or two minutes" };
+
 pub fn run(project: &Project) -> Result<(), Error> {
+    println!("builds the library and the tool, compiles {SOURCE}, runs it on a simulated board and draws what it did");
+    SPEND.announce(project);
     needs::require(project, &[CXX])?;
     // The commands are shown, so they are written as one would type them at the root.
     env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
@@ -38,12 +45,46 @@ pub fn run(project: &Project) -> Result<(), Error> {
 
     show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
 
-    println!("\nthe recording: {}", recording.display());
-    println!("the plot:      {}", plot.display());
+    println!("{}", end(&folder));
     Ok(())
+}
+
+/// What was made, and what to do with it.
+fn end(folder: &Path) -> String {
+    let folder = folder.display();
+    format!(
+        "
+the recording: {folder}/two_axes.pcapng
+the plot:      {folder}/two_axes.svg (a browser shows it)
+
+next, in this folder:
+  export PATH=$PWD/{folder}/stage/bin:$PATH PKG_CONFIG_PATH=$PWD/{folder}/stage/lib/pkgconfig
+  ecmsk dump {folder}/two_axes.pcapng --slots 2 --from 2.749s --to 2.752s   # the alarm, cycle by cycle
+  ecmsk home 1 --up --link 'sim:?slaves=drive*2'                            # an axis without a program
+  g++ YOURS.cpp -o yours $(pkg-config --cflags --libs nextwusblib)          # your program, unchanged
+  ecmsk exec --link 'sim:?slaves=drive*2' -- ./yours
+docs/GUIDE-CPP.md goes on from there in C++, docs/GUIDE.md in Rust, docs/DOTNET.md in C#, docs/TOOL.md with the tool alone"
+    )
 }
 
 fn show_and_run(step: &mut Command) -> Result<(), Error> {
     println!("$ {}", command::shown(step));
     command::run(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// DIST-8 The demo ends with what it made and with commands to go on, and the pages that it names are there.
+    #[test]
+    fn a_next_step() {
+        let text = end(Path::new("target/demo"));
+        assert!(text.contains("target/demo/two_axes.svg"), "{text}");
+        assert!(text.contains("export PATH=$PWD/target/demo/stage/bin:$PATH"), "{text}");
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let pages: Vec<&str> = text.split([' ', ',', '\n']).filter(|word| word.starts_with("docs/")).collect();
+        assert_eq!(pages.len(), 4, "{text}");
+        assert!(pages.iter().all(|page| root.join(page).is_file()), "{pages:?}");
+    }
 }

@@ -104,7 +104,8 @@ fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<Str
 
     let mut run = Command::new(program);
     run.arg(format!("-max_total_time={seconds}")).arg(format!("-artifact_prefix={}/", artifacts.display()));
-    run.args(["-print_final_stats=1", "-timeout=10"]).arg(&corpus).stderr(said);
+    // Standard output is closed: what the tool prints is nobody's.
+    run.args(["-print_final_stats=1", "-timeout=10", "-close_fd_mask=1"]).arg(&corpus).stderr(said);
     // What is found goes to the corpus; seeds, if there are, are only read.
     let seeds = folder.join("seeds").join(target);
     run.args(seeds.is_dir().then_some(seeds));

@@ -16,6 +16,7 @@ mod npm;
 mod project;
 mod rig;
 mod soak;
+mod spend;
 mod stage;
 mod test;
 mod wheel;

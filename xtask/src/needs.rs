@@ -76,6 +76,8 @@ pub const UNZIP: Need = Need { program: "/usr/bin/unzip", source: Source::Debian
 pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
 /// To make a system in a folder, and to run programs in it.
 pub const ROOT: Need = Need { program: "right to make a system in a folder", source: Source::Rights };
+/// For tests of programs that have more rights than the user who starts them.
+pub const SET_USER_ID: Need = Need { program: "right to make a set-user-ID program of root's", source: Source::Rights };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };

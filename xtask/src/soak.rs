@@ -1,4 +1,4 @@
-//! `cargo xtask soak`: the random schedules and the long day of tests/invariants, and the random frames against every
+//! `cargo xtask soak`: the random schedules, the writers that die and the long day of tests/invariants, and the random frames against every
 //! network of tests/engine, many more than the test runs.
 
 use std::process::Command;

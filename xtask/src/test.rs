@@ -4,8 +4,11 @@
 use std::time::{Duration, Instant};
 
 use crate::error::Error;
-use crate::needs::{CLIPPY, CXX, DOTNET_CORE, MAKE, MCS, MONO, Need, PIP, PKG_CONFIG, PYTHON, RUSTFMT, VALGRIND};
+use crate::needs::{
+    CLIPPY, CXX, DOTNET_CORE, MAKE, MCS, MONO, Need, PIP, PKG_CONFIG, PYTHON, RUSTFMT, SET_USER_ID, VALGRIND,
+};
 use crate::project::Project;
+use crate::spend::Spend;
 use crate::windows::{self, Width};
 use crate::{command, dist, features, needs, rig, stage};
 
@@ -80,6 +83,9 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     part("packages", dist::TEST_NEEDS, |site| dist::test(site.project)),
 ];
 
+/// What `--all` takes.
+const ALL: Spend = Spend { disk_mb: 14_000, time: "much time: each part says how long it took" };
+
 /// What `--all` leaves to `cargo xtask dist --check`: everything would be compiled twice.
 const LEFT_TO_DIST: &str = "the packages made twice, to the same bytes";
 
@@ -128,6 +134,7 @@ const GATES: &[Gate] = &[
     Gate { module: "needs_mono", needs: &[MCS, MONO] },
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
+    Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
@@ -154,6 +161,9 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let needed = parts.iter().flat_map(|(part, _)| part.needs).chain(gates.iter().flat_map(|gate| gate.needs));
     let missing = needs::set_up(project, &needed.copied().collect::<Vec<Need>>());
 
+    if arguments.all {
+        ALL.announce(project);
+    }
     let begin = Instant::now();
     let mut skipped = Vec::new();
     let count = parts.len();
@@ -286,7 +296,8 @@ mod tests {
         assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_python"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);
-        assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_valgrind"]);
+        assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_root", "needs_valgrind"]);
+        assert_eq!(closed(&[SET_USER_ID]), ["needs_root"]);
         assert!(closed(&[CLIPPY]).is_empty());
     }
 }

@@ -30,6 +30,9 @@ impl LastError {
     }
 }
 
+/// The code of an error that the caller may ask the system for: there is none here.
+pub const fn set_last_error(_code: u32) {}
+
 /// What an exported function that closes a board leaves with: a code of the C ABI.
 pub type Leaving = i32;
 

@@ -12,7 +12,7 @@ use forever as stay;
 #[cfg(windows)]
 pub use stay::UNLOAD;
 pub(crate) use stay::leaving;
-pub use stay::{Call, LastError, Leaving, Stay, close};
+pub use stay::{Call, LastError, Leaving, Stay, close, set_last_error};
 
 /// The folder that this library was loaded from, as the loader names it; for the static library the program's.
 #[cfg(unix)]

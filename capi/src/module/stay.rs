@@ -101,7 +101,8 @@ impl Drop for Call {
     }
 }
 
-/// Windows' last error as the caller has it; it is put back when this is dropped.
+/// Windows' last error as the caller has it; it is put back when this is dropped. What a call of the vendor's functions leaves
+/// there instead is set after that ([`last_error`](crate::last_error)).
 pub struct LastError(u32);
 
 impl LastError {
@@ -117,6 +118,12 @@ impl Drop for LastError {
         // SAFETY: as above.
         unsafe { SetLastError(self.0) };
     }
+}
+
+/// What the caller's GetLastError is to give, set as the last thing of a call.
+pub fn set_last_error(code: u32) {
+    // SAFETY: it has no conditions.
+    unsafe { SetLastError(code) };
 }
 
 /// Runs `close` as a call. Gives its code, or instead of `ECMSK_OK` the module if the caller is to give back a reference

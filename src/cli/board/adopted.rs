@@ -61,7 +61,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::board::{Args, Place, Use};
+    use crate::cli::board::{Args, Interrupt, Place, Use};
     use crate::cli::step::{Line, OnBoard};
 
     #[derive(Parser)]
@@ -77,7 +77,7 @@ mod tests {
     fn lines(options: &[&str], lines: &[&str]) -> Result<(), BoardError> {
         let link = ["ecmsk", "--link", "sim:?slaves=drive*2&clock=virtual&name=adopted", "--close", "leave"];
         let args: Args = Words::parse_from(link.iter().chain(options)).words.board;
-        let board = Board::open(&args, Use::Moves, Place::Lines)?;
+        let board = Board::open(&args, Use::Moves, Place::Lines, Interrupt::default())?;
         let done = lines.iter().try_for_each(|line| match Line::parse(line) {
             Ok(Line::Step(step)) => step.run(&board),
             other => panic!("{line}: {other:?}"),

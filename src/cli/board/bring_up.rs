@@ -65,7 +65,13 @@ impl Board {
     /// # Errors
     /// [`BoardError::UnknownNetwork`], and what the board says.
     pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
-        let change = |to: MasterState| self.attend(&format!("going to {to}"), |ecm| ecm.set_state(to));
+        let change = |to: MasterState| {
+            let done = self.attend(&format!("going to {to}"), |ecm| ecm.set_state(to));
+            done.map_err(|error| match error {
+                BoardError::Ecm(error) => self.told(error),
+                other => other,
+            })
+        };
         let from = self.ecm.state()?;
         let settled = from.state().filter(|_| !from.is_failed());
         self.forget_targets();

@@ -3,14 +3,18 @@
 use std::io;
 
 use ecmsk::ecm::EcmError;
+use ecmsk::engine::StateFailure;
 use ecmsk::link::LinkError;
-use ecmsk::sk::StateByte;
+use ecmsk::sk::{MasterState, StateByte};
 
 use crate::cli::chosen::{ChoiceError, Unnamed};
 
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
+    /// See [`super::super::recorder::RecordError`].
+    #[error(transparent)]
+    Record(#[from] crate::cli::recorder::RecordError),
     /// Standard output took no more, see [`crate::cli::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
@@ -46,6 +50,16 @@ pub enum BoardError {
         found: StateByte,
         /// What to do.
         next: String,
+    },
+    /// A change of state ended somewhere else, and the board in this process knows why.
+    #[error("{wanted} was not reached, the board is in {found}: {why}")]
+    StateStuck {
+        /// What was asked for.
+        wanted: MasterState,
+        /// Where it ended.
+        found: StateByte,
+        /// Why.
+        why: StateFailure,
     },
     /// An axis that has to be on is off.
     #[error("{what} needs axis {slave} on, it is in {state}; {next}")]
@@ -99,7 +113,7 @@ pub enum BoardError {
     },
     /// Reports of another slot size.
     #[error(
-        "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot, or give {other}"
+        "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot-size, or give {other}"
     )]
     WrongSlot {
         /// What was given.

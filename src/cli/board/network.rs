@@ -96,21 +96,6 @@ fn count_of(item: &str, word: &str) -> Result<usize, String> {
     count.ok_or_else(|| format!("in `{item}` a number from 1 to {MAX} belongs after the *"))
 }
 
-/// What a slave is, for messages.
-pub fn describe(slave: &Slave) -> String {
-    let kind = match slave {
-        Slave::Drive(_) => "drive",
-        Slave::Step(_) => "step",
-        Slave::Hsp(_) => "hsp",
-        Slave::Io => "io",
-        Slave::Unused => "none",
-    };
-    match slave.axis() {
-        Some(axis) if axis.mode != Mode::Csp => format!("{kind}:{}", axis.mode.name().to_ascii_lowercase()),
-        _ => kind.to_owned(),
-    }
-}
-
 /// The slave of that number.
 pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Slave, BoardError> {
     let found = usize::from(slave).checked_sub(1).and_then(|index| config.slaves.get(index));
@@ -122,7 +107,7 @@ pub fn list(config: &Config) -> String {
     if config.slaves.is_empty() {
         return "empty".into();
     }
-    let slaves = (1..).zip(&config.slaves).map(|(number, slave): (u8, _)| format!("{number} {}", describe(slave)));
+    let slaves = (1..).zip(&config.slaves).map(|(number, slave): (u8, _)| format!("{number} {slave}"));
     slaves.collect::<Vec<_>>().join(", ")
 }
 
@@ -164,7 +149,8 @@ impl Scales {
         })
     }
 
-    fn of(&self, axis: u8) -> Scale {
+    /// Of an axis; counts, if none is said.
+    pub fn of(&self, axis: u8) -> Scale {
         let own = self.0.iter().rev().find(|(of, _)| *of == Some(axis));
         own.or_else(|| self.0.iter().rev().find(|(of, _)| of.is_none())).map_or(Scale::COUNTS, |(_, scale)| *scale)
     }

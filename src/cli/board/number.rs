@@ -25,6 +25,16 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "allowed: a number above 0".into())
 }
 
+/// A number that a position can be.
+///
+/// # Errors
+/// What is allowed.
+pub fn position(text: &str) -> Result<f64, String> {
+    let range = f64::from(i32::MIN)..=f64::from(i32::MAX);
+    let number = text.parse::<f64>().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("{text} is not in -2147483648..=2147483647"))
+}
+
 /// A number from 0.
 ///
 /// # Errors

@@ -7,16 +7,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::cia402::{Mode, Statusword};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, SlaveView, Snapshot};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Scale, SlaveView, Snapshot, Suspect};
+use ecmsk::engine::StateFailure;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
-use ecmsk::sk::{MasterState, SlotSize};
+use ecmsk::sk::{MasterState, SlotSize, StateByte};
 
 use super::super::reading::reading;
 use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
-use super::network::{describe, find_slave};
+use super::network::find_slave;
 use super::talk::Talk;
 
 /// \[OURS] An axis no further from its last target stands at it, as a drive is a few counts off: the next move begins at
@@ -66,18 +67,18 @@ pub struct Board {
 }
 
 impl Board {
-    /// Opens the board that the options name. Nothing is sent.
+    /// Opens the board that the options name. Nothing is sent. `interrupt` ends what takes long.
     ///
     /// # Errors
     /// [`BoardError`]
-    pub fn open(args: &Args, used: Use, place: Place) -> Result<Self, BoardError> {
+    pub fn open(args: &Args, used: Use, place: Place, interrupt: Interrupt) -> Result<Self, BoardError> {
         let chosen = args.chosen()?;
-        let uri = chosen.uri.clone();
-        let config = args.network(&uri);
+        let uri = args.with_record(&chosen.uri)?;
+        let slot = args.slot_size();
         let default = Options::default();
         let limit = |default| args.timeout.unwrap_or(default);
         let options = Options {
-            slot: args.slot,
+            slot,
             guard: args.guard != Some(ecmsk::ecm::Guard::Off),
             state_limit: limit(default.state_limit),
             sdo_limit: limit(default.sdo_limit),
@@ -89,7 +90,6 @@ impl Board {
             Use::Moves => Close::Hold,
         });
         let options = Options { close, ..options };
-        let interrupt = Interrupt::watch()?;
         let link = match link::open(&uri.to_string(), Share::ByName) {
             // Somebody else writes: that is no reason not to look.
             Err(LinkError::InUse { .. }) if used == Use::Reads => {
@@ -98,7 +98,8 @@ impl Board {
             Err(error) => return Err(chosen.unnamed(&error).map_or(error.into(), BoardError::from)),
             Ok(link) => link,
         };
-        let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, args.slot))?;
+        let config = args.network(&uri, link.network().as_ref());
+        let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, slot))?;
         let mut adopted = false;
         if let Some(config) = &config {
             let size = ecm.slot_size()?;
@@ -111,7 +112,7 @@ impl Board {
         }
         Ok(Self {
             ecm,
-            talk: Talk::new(args.json),
+            talk: Talk::new(args.json, link.info().virtual_time),
             interrupt,
             config,
             uri,
@@ -126,9 +127,24 @@ impl Board {
         })
     }
 
+    /// A position of an axis as people read it, and in units if it has any.
+    pub fn in_units(&self, slave: u8, counts: i32) -> (String, Option<f64>) {
+        let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(slave).checked_sub(1)?));
+        let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
+        match scale.map(|scale| scale.to_units(counts)) {
+            Some(units) => (format!("{units} ({counts} counts)"), Some(units)),
+            None => (counts.to_string(), None),
+        }
+    }
+
     /// What the link has counted.
     pub fn link_stats(&self) -> link::LinkStats {
         self.link.stats()
+    }
+
+    /// Why a state has failed, as far as anybody knows, and what to do; `None`: it has not failed.
+    pub fn why_failed(&self, state: StateByte) -> Option<String> {
+        StateFailure::explain(state, self.link_stats().state_failure.as_ref())
     }
 
     /// Leaves the axes as wanted. What a stopped step left is said here.
@@ -169,7 +185,7 @@ impl Board {
         found.axis().copied().ok_or_else(|| BoardError::WrongKind {
             what: what.to_owned(),
             slave,
-            found: describe(found),
+            found: found.to_string(),
             wanted: "a drive, step or hsp",
         })
     }
@@ -184,6 +200,13 @@ impl Board {
     pub fn told(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
+            // The wire does not say which slave it was; the link may know.
+            EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
+                match self.link_stats().state_failure {
+                    Some(why) => BoardError::StateStuck { wanted, found, why },
+                    None => error.into(),
+                }
+            }
             error => error.into(),
         }
     }

@@ -3,7 +3,7 @@
 use ecmsk::ecm::Config;
 
 use super::error::BoardError;
-use super::network::{describe, find_slave};
+use super::network::find_slave;
 
 /// Slaves by their numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl SlaveList {
             for slave in named {
                 let found = find_slave(network, what, slave)?;
                 if found.axis().is_none() {
-                    let (what, found) = (what.to_owned(), describe(found));
+                    let (what, found) = (what.to_owned(), found.to_string());
                     return Err(BoardError::WrongKind { what, slave, found, wanted: "a drive, step or hsp" });
                 }
                 if !axes.contains(&slave) {

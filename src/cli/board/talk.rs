@@ -9,6 +9,11 @@ use std::time::Duration;
 use serde_json::Value;
 
 use crate::cli::error::say;
+use crate::cli::output;
+use crate::cli::visible::visible;
+
+/// How long progress is told once a second where it is told less and less often.
+const OFTEN: Duration = Duration::from_secs(10);
 
 /// Characters of a bar.
 const BAR: u32 = 20;
@@ -19,6 +24,8 @@ pub struct Talk {
     json: bool,
     /// Standard error is a terminal: progress is one line that changes.
     terminal: bool,
+    /// The board's time passes as fast as it can.
+    virtual_time: bool,
     /// Such a line stands there.
     shown: AtomicBool,
     /// The line of the script that runs, from 1; 0: none.
@@ -26,8 +33,14 @@ pub struct Talk {
 }
 
 impl Talk {
-    pub fn new(json: bool) -> Self {
-        Self { json, terminal: io::stderr().is_terminal(), shown: AtomicBool::new(false), line: AtomicU32::new(0) }
+    pub fn new(json: bool, virtual_time: bool) -> Self {
+        Self {
+            json,
+            terminal: io::stderr().is_terminal(),
+            virtual_time,
+            shown: AtomicBool::new(false),
+            line: AtomicU32::new(0),
+        }
     }
 
     /// A result: lines of text without the last line feed, or an object.
@@ -36,9 +49,7 @@ impl Talk {
         if self.json {
             return self.object(json.clone());
         }
-        let mut out = io::stdout().lock();
-        writeln!(out, "{text}")?;
-        out.flush()
+        output::print(format!("{text}\n"))
     }
 
     /// Objects from now on say that they are of this line of a script.
@@ -51,9 +62,7 @@ impl Talk {
         if line > 0 {
             json["line"] = line.into();
         }
-        let mut out = io::stdout().lock();
-        writeln!(out, "{json}")?;
-        out.flush()
+        output::print(format!("{json}\n"))
     }
 
     /// What somebody in front of it may want to know.
@@ -68,7 +77,7 @@ impl Talk {
             return self.object(json());
         }
         if self.terminal {
-            let _ = write!(io::stderr(), "\r\x1b[K{text}");
+            let _ = write!(io::stderr(), "\r\x1b[K{}", visible(&text.to_string()));
             let _ = io::stderr().flush();
             self.shown.store(true, Ordering::Relaxed);
         } else {
@@ -93,10 +102,13 @@ impl Talk {
         }
     }
 
-    /// When to tell how far it is: not within the first second, then once a second, in a terminal ten times.
+    /// When to tell how far it is: not within the first second, then once a second, in a terminal ten times. Where nobody looks
+    /// on and the board's time passes faster than anybody reads, once a second for ten seconds, then after 20, 40, 80 and so on
+    /// \[OURS]: the lines say the same at every run, and an hour has less than twenty of them.
     pub const fn pace(&self) -> Pace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };
-        Pace { every, next: Duration::from_secs(1) }
+        let slows = self.virtual_time && !self.terminal && !self.json;
+        Pace { every, slows, next: Duration::from_secs(1) }
     }
 }
 
@@ -104,6 +116,8 @@ impl Talk {
 #[derive(Debug)]
 pub struct Pace {
     every: Duration,
+    /// After some time, each takes as long as all before it.
+    slows: bool,
     next: Duration,
 }
 
@@ -112,6 +126,9 @@ impl Pace {
     pub fn due(&mut self, elapsed: Duration) -> bool {
         let due = elapsed >= self.next;
         while self.next <= elapsed {
+            if self.slows && self.next >= OFTEN {
+                self.every = self.next;
+            }
             self.next += self.every;
         }
         due

@@ -1,6 +1,6 @@
 //! What was found as one JSON object.
 
-use ecmsk::compare::{Comparison, Context, Counts, Difference, Side, What};
+use ecmsk::compare::{Comparison, Context, Counts, Difference, Options, Side, What};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -31,6 +31,10 @@ struct Run {
     reports: u64,
     /// Time of the last frame since the first one.
     last_ns: i64,
+    /// Whether nothing is known to be missing, and what is.
+    whole: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lacks: Option<String>,
 }
 
 /// Pairs are of A and B; null where a run has ended.
@@ -65,17 +69,18 @@ impl<'a> First<'a> {
 }
 
 /// The object.
-pub fn object(names: &Names, found: &Comparison) -> Value {
-    let run = |file: &str, counts: &Counts| {
-        let Counts { commands, polls, repeats, reports, last_ns } = *counts;
-        Run { file: file.to_owned(), commands, polls, repeats, reports, last_ns }
+pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
+    let run = |i: usize| {
+        let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());
+        let Counts { commands, polls, repeats, reports, last_ns } = found.counts[i];
+        Run { file, commands, polls, repeats, reports, last_ns, whole: lacks.is_none(), lacks }
     };
     let context =
         found.context.iter().map(|Context { command, at_ns, text }| Before { command: *command, at_ns: *at_ns, text });
     let json = Found {
-        equal: found.is_equal(),
-        a: run(&names.runs[0], &found.counts[0]),
-        b: run(&names.runs[1], &found.counts[1]),
+        equal: names.code(found, options) == 0,
+        a: run(0),
+        b: run(1),
         answers: found.answers,
         differing_answers: found.differing_answers,
         ends_early: found.ends_early.map(side),

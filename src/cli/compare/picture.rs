@@ -6,13 +6,10 @@ use ecmsk::compare::{Answer, Comparison, Step, What};
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::{CompareVerbError, Names};
-use crate::cli::plot::chart::{self, Caption};
+use crate::cli::plot::chart::{Caption, Sheet};
 use crate::cli::plot::decimate::Line;
 use crate::cli::plot::panel::{Look, Panel, Stroke};
-use crate::cli::plot::{MAX_AXES, Window, command_place, style};
-
-/// Columns of pixels that a line is thinned to: the width of a diagram.
-const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
+use crate::cli::plot::{COLUMNS, MAX_AXES, Window, command_place, style};
 
 /// The lines under construction.
 pub struct Picture {
@@ -58,8 +55,8 @@ impl Picture {
         }
     }
 
-    /// The picture as SVG: of the axes that move, that with the first difference among them.
-    pub fn draw(mut self, names: &Names, found: &Comparison) -> Result<String, CompareVerbError> {
+    /// The picture: of the axes that move, that with the first difference among them.
+    pub fn draw(mut self, names: &Names, found: &Comparison) -> Result<Sheet, CompareVerbError> {
         let differing = found.first.as_ref().and_then(|first| first.what.iter().find_map(What::slave));
         let mut chosen: Vec<u8> = self.axes.keys().copied().collect();
         chosen.sort_by_key(|slave| (Some(*slave) != differing, *slave));
@@ -99,7 +96,7 @@ impl Picture {
             range: self.window.range(),
             axis: "command",
         };
-        Ok(chart::draw(&panels, &caption)?)
+        Ok(Sheet { panels, caption })
     }
 }
 

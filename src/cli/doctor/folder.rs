@@ -75,9 +75,11 @@ fn configuration(folder: &Path, inside: &str) -> Finding {
     const CHECK: &str = "config";
     let environment = Environment {
         link: None,
+        working_dir: None,
         program_dir: Some(folder.join(inside)),
         library_dir: None,
         platform: Platform::Windows { app_data: None, program_data: None },
+        privileged: false,
     };
     let name = if inside.is_empty() { FILE.to_owned() } else { format!("{inside}\\{FILE}") };
     let wrong = |error: String| {

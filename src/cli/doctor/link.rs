@@ -2,16 +2,18 @@
 
 use std::path::Path;
 
-use ecmsk::link::config::{self, Environment, FILE, Platform, Source, VARIABLE};
+use ecmsk::link::config::{self, FILE, Platform, Source, VARIABLE};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::Finding;
+
+use crate::cli::chosen::environment;
 
 const CHECK: &str = "link";
 
 /// What is there, and the link if it is one. `root`: where `/etc` is.
 pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
-    let mut environment = Environment::from_process(None);
+    let mut environment = environment();
     if let Platform::Unix { etc, .. } = &mut environment.platform {
         *etc = root.join("etc");
     }

@@ -2,9 +2,11 @@
 
 use std::io::{self, Write};
 
+use ecmsk::link::record::Lacks;
 use ecmsk::sk::dump::SlotLine;
 use ecmsk::sk::{CrcError, CrcStatus, SlotSize};
 use serde::Serialize;
+use serde_json::json;
 
 use super::frames::Shown;
 use super::slot_json::SlotJson;
@@ -58,4 +60,16 @@ pub fn write(out: &mut dyn Write, shown: &Shown, lines: &[(usize, SlotLine)]) ->
     };
     serde_json::to_writer(&mut *out, &frame)?;
     writeln!(out)
+}
+
+/// Writes what a recording lacks, behind its last frame; nothing is written of one that is whole.
+pub fn write_lacks(out: &mut dyn Write, lacks: &Lacks) -> io::Result<()> {
+    let object = json!({ "recording": {
+        "whole": false,
+        "openings_not_ended": lacks.not_ended,
+        "frames_missing": lacks.missing,
+        "why": lacks.why,
+        "message": lacks.to_string(),
+    }});
+    writeln!(out, "{object}")
 }

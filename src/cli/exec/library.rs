@@ -68,6 +68,15 @@ impl LibraryFolder {
         self.folder.path().join(".opened")
     }
 
+    /// Makes the file in which the library tells what goes wrong.
+    pub fn told(&self) -> Result<PathBuf, ExecError> {
+        let file = self.folder.path().join(".told");
+        match std::fs::File::create_new(&file) {
+            Ok(_) => Ok(file),
+            Err(source) => Err(ExecError::Folder { place: self.folder.path().to_owned(), source }),
+        }
+    }
+
     /// The search path with the library's folder in front of what is there.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();

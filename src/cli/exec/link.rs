@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::link::config::{self, Environment};
 use ecmsk::link::uri::LinkUri;
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::ExecError;
+use crate::cli::recorder;
 
 /// The link to set for `program`: that of the user, with the recording; `None` leaves the choice to the library.
 ///
@@ -27,7 +27,7 @@ pub fn for_program(
     if !link.scheme().in_build() {
         return Err(ExecError::NotInBuild { link: link.to_string() });
     }
-    record.map_or(Ok(link.clone()), |file| with_record(&link, file)).map(Some)
+    record.map_or(Ok(link.clone()), |file| Ok(recorder::with_record(&link, file)?)).map(Some)
 }
 
 /// What the library would find, were it asked by the program.
@@ -56,18 +56,4 @@ fn as_started(file: PathBuf) -> Option<PathBuf> {
     let mut whole = file.clone().into_os_string();
     whole.push(env::consts::EXE_SUFFIX);
     [file, whole.into()].into_iter().find(|file| file.is_file())
-}
-
-fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, ExecError> {
-    let refuse = |reason: String| ExecError::Record { file: file.to_owned(), reason };
-    // The program may change its folder before it opens the board.
-    let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
-    let folder = absolute.parent().filter(|_| !absolute.is_dir());
-    if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
-        return Err(refuse("its folder does not exist".into()));
-    }
-    let text = absolute.to_str().ok_or_else(|| refuse("its name is not UTF-8".into()))?;
-    let (uri, value) = (link.to_string(), utf8_percent_encode(text, NON_ALPHANUMERIC));
-    let joint = if uri.contains('?') { '&' } else { '?' };
-    Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
 }

@@ -12,6 +12,7 @@ use ratatui::{Frame, Terminal};
 
 use super::rows::{Mood, Row, rows};
 use super::watched::View;
+use crate::cli::visible::visible;
 
 /// Lines above the rows: name, board, FIFO, SDO, counters, a blank one, the columns' names.
 const HEAD: u16 = 7;
@@ -88,9 +89,9 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
 /// What is to be said of the board.
 fn head(view: &View) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
-    let name = Line::styled(view.name.clone(), bold);
+    let name = Line::styled(visible(&view.name), bold);
     let Some(board) = &view.board else {
-        let trouble = view.trouble.clone().unwrap_or_else(|| "no report yet".to_owned());
+        let trouble = view.trouble.as_deref().map_or_else(|| "no report yet".to_owned(), visible);
         return vec![name, Line::styled(trouble, Style::new().fg(Color::Red))];
     };
     let state = if board.state.is_failed() { bold.fg(Color::Red) } else { bold };
@@ -126,7 +127,7 @@ fn head(view: &View) -> Vec<Line<'static>> {
         )
     });
     let last = match &view.trouble {
-        Some(trouble) => Line::styled(trouble.clone(), Style::new().fg(Color::Red).add_modifier(Modifier::BOLD)),
+        Some(trouble) => Line::styled(visible(trouble), Style::new().fg(Color::Red).add_modifier(Modifier::BOLD)),
         None => Line::raw(counters),
     };
     let sdo = view.lines.iter().find(|(_, line)| line.role == SlotRole::Sdo);

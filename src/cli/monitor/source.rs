@@ -9,13 +9,12 @@ use std::time::{Duration, Instant};
 use ecmsk::ecm::{Close, Ecm, EcmError, Options};
 use ecmsk::link::record::RecordError;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share};
-use ecmsk::recording::InOrder;
+use ecmsk::link::{self, Dir, KnownNetwork, Link, LinkError, ReadMeta, Share};
 use ecmsk::sk::SlotSize;
 
 use super::watched::{View, Watched};
 use super::{CliError, MonitorError};
-use crate::cli::recording::{self, Framed, Frames};
+use crate::cli::recording::{self, Framed, Frames, InTime};
 
 /// A wait for a report ends after that long, to look whether the monitor has ended. \[OURS]
 const PATIENCE: Duration = Duration::from_millis(200);
@@ -32,8 +31,13 @@ pub struct Feed {
 
 impl Feed {
     /// A board: it is opened as it is, and left as it is.
-    pub fn board(uri: &LinkUri, slot: Option<SlotSize>, mut watched: Watched) -> Result<Self, MonitorError> {
+    pub fn board(
+        uri: &LinkUri,
+        slot: Option<SlotSize>,
+        watched: impl FnOnce(Option<KnownNetwork>) -> Watched,
+    ) -> Result<Self, MonitorError> {
         let link = link::open(&uri.to_string(), Share::ByName)?;
+        let mut watched = watched(link.network());
         let options = Options { slot, close: Close::Leave, ..Options::default() };
         let ecm = Ecm::over(Arc::clone(&link), options)?;
         let size = ecm.slot_size()?;
@@ -67,7 +71,7 @@ impl Feed {
             });
             lock(watched).end = Some(match played {
                 Ok(None) => "the recording ends here".to_owned(),
-                Ok(Some(damage)) => damage.to_string(),
+                Ok(Some(damage)) => damage,
                 Err(error) => error.to_string(),
             });
         }))
@@ -147,24 +151,28 @@ pub fn take(watched: &mut Watched, framed: &Framed) {
     }
 }
 
-/// Shows the frames of a recording in the order of time until one says no; gives what is wrong with its end.
+/// Shows the frames of a recording in the order of time until one says no; gives what is wrong with its end, or what it
+/// lacks.
 pub fn walk(
     file: &Path,
     slot: Option<SlotSize>,
     mut show: impl FnMut(Framed) -> Result<bool, CliError>,
-) -> Result<Option<RecordError>, CliError> {
-    let mut order = InOrder::default();
+) -> Result<Option<String>, CliError> {
+    let mut order = InTime::default();
     let mut damage = None;
-    for framed in Frames::open(file, slot, None)? {
+    let mut frames = Frames::open(file, slot, None)?;
+    for framed in &mut frames {
         match framed {
             Ok(framed) => {
-                if let Some(framed) = order.push(framed.time_ns, framed)
+                if let Some(framed) = order.push(framed)
                     && !show(framed)?
                 {
                     return Ok(None);
                 }
             }
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => damage = Some(error),
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
+                damage = Some(error.to_string())
+            }
             Err(error) => return Err(error.into()),
         }
     }
@@ -173,7 +181,7 @@ pub fn walk(
             return Ok(None);
         }
     }
-    Ok(damage)
+    Ok(damage.or_else(|| frames.lacks().map(|lacks| format!("{}: {lacks}", file.display()))))
 }
 
 /// When a report was made.

@@ -1,4 +1,4 @@
-//! Draws the panels.
+//! Draws the panels, on whatever takes lines, areas and text.
 
 use std::fmt::Display;
 use std::ops::Range;
@@ -9,6 +9,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::PlotError;
 use super::panel::{Look, Panel};
+use super::states::State;
 use super::style::{self, at, px};
 
 /// What stands above the panels.
@@ -23,40 +24,49 @@ pub struct Caption {
     pub axis: &'static str,
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+/// A picture: panels under each other, those of the time first.
+pub struct Sheet {
+    /// The panels.
+    pub panels: Vec<Panel>,
+    /// What stands above them.
+    pub caption: Caption,
+}
 
-/// The plot as SVG.
-pub fn draw(panels: &[Panel], caption: &Caption) -> Result<String, PlotError> {
-    let heights: u32 = panels.iter().map(|panel| style::PANEL_HEAD + panel.height).sum();
-    let height = style::HEAD + heights + style::TIME_AXIS;
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (px(style::WIDTH), px(height))).into_drawing_area();
+type Area<B> = DrawingArea<B, Shift>;
+
+impl Sheet {
+    /// Its height, pixels; its width is [`style::WIDTH`].
+    pub fn height(&self) -> u32 {
+        let heights = self.panels.iter().enumerate().map(|(i, panel)| style::PANEL_HEAD + panel.height + self.below(i));
+        style::HEAD + heights.sum::<u32>()
+    }
+
+    /// Room for the axis below a panel: below the last one of the time, and below each that has an axis of its own.
+    fn below(&self, i: usize) -> u32 {
+        let of_time = |panel: &Panel| panel.across.is_none();
+        let last = !self.panels[i + 1..].iter().any(of_time);
+        if last || !of_time(&self.panels[i]) { style::TIME_AXIS } else { 0 }
+    }
+
+    /// Draws it.
+    pub fn draw<B: DrawingBackend>(&self, backend: B) -> Result<(), PlotError> {
+        let root = backend.into_drawing_area();
         root.fill(&WHITE).map_err(failed)?;
         let (head, mut rest) = root.split_vertically(at(style::HEAD));
-        draw_caption(&head, caption)?;
-        let last = panels.len().saturating_sub(1);
-        for (i, panel) in panels.iter().enumerate() {
+        draw_caption(&head, &self.caption)?;
+        for (i, panel) in self.panels.iter().enumerate() {
             let (head, below) = rest.split_vertically(at(style::PANEL_HEAD));
             draw_head(&head, panel)?;
-            let time_axis = if i == last { style::TIME_AXIS } else { 0 };
-            let (area, below) = below.split_vertically(at(panel.height + time_axis));
-            draw_panel(&area, panel, caption, time_axis)?;
+            let axis = self.below(i);
+            let (area, below) = below.split_vertically(at(panel.height + axis));
+            draw_panel(&area, panel, &self.caption, axis)?;
             rest = below;
         }
-        root.present().map_err(failed)?;
+        root.present().map_err(failed)
     }
-    Ok(in_pixels(&svg, height))
 }
 
-/// The drawing is made on a finer grid: its size on the page is told in pixels.
-fn in_pixels(svg: &str, height: u32) -> String {
-    let fine = format!("width=\"{}\" height=\"{}\"", px(style::WIDTH), px(height));
-    let pixels = format!("width=\"{}\" height=\"{height}\"", style::WIDTH);
-    svg.replacen(&fine, &pixels, 1)
-}
-
-fn draw_caption(area: &Area<'_>, caption: &Caption) -> Result<(), PlotError> {
+fn draw_caption<B: DrawingBackend>(area: &Area<B>, caption: &Caption) -> Result<(), PlotError> {
     let width = style::WIDTH - style::RIGHT - 20;
     let title = style::fitting(&caption.title, style::TITLE, width);
     let about = style::fitting(&caption.about, style::TEXT, width);
@@ -70,7 +80,7 @@ const GAP: u32 = 6;
 const BETWEEN: u32 = 16;
 
 /// The name at the left, the legend at the right.
-fn draw_head(area: &Area<'_>, panel: &Panel) -> Result<(), PlotError> {
+fn draw_head<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), PlotError> {
     let middle = style::PANEL_HEAD / 2 + 2;
     write(area, &panel.name, (style::LEFT, middle), style::TEXT, style::INK, HPos::Left)?;
     let item = |text: &str| SAMPLE + GAP + style::text_width(text, style::TEXT) + BETWEEN;
@@ -93,19 +103,23 @@ fn draw_head(area: &Area<'_>, panel: &Panel) -> Result<(), PlotError> {
     Ok(())
 }
 
-fn draw_panel(area: &Area<'_>, panel: &Panel, caption: &Caption, time_axis: u32) -> Result<(), PlotError> {
-    let times = caption.range.clone();
+fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Caption, axis: u32) -> Result<(), PlotError> {
+    let across = panel.across.as_ref();
+    let times = across.map_or(&caption.range, |across| &across.range).clone();
+    let name = across.map_or(caption.axis, |across| &across.name);
+    let width = across.map_or(style::WIDTH - style::LEFT - style::RIGHT, |across| across.width);
     let mut chart = ChartBuilder::on(area)
         .set_label_area_size(LabelAreaPosition::Left, px(style::LEFT))
-        .set_label_area_size(LabelAreaPosition::Bottom, px(time_axis))
-        .margin_right(px(style::RIGHT))
+        .set_label_area_size(LabelAreaPosition::Bottom, px(axis))
+        .margin_right(px(style::WIDTH - style::LEFT - width))
         .build_cartesian_2d(times.clone(), panel.range.clone())
         .map_err(failed)?;
     let (bottom, top) = (panel.range.start, panel.range.end);
     // Behind the grid, and a pixel wide at least.
-    let pixel = (times.end - times.start) / f64::from(style::WIDTH - style::LEFT - style::RIGHT);
+    let pixel = (times.end - times.start) / f64::from(width);
     let areas = panel.spans.iter().map(|span| {
-        let corners = [(span.from, bottom), (span.to.max(span.from + pixel).min(times.end), top)];
+        let least = pixel * if span.state == State::Gap { 2.0 } else { 1.0 };
+        let corners = [(span.from, bottom), (span.to.max(span.from + least).min(times.end), top)];
         Rectangle::new(corners, stroke(span.state.look()))
     });
     chart.draw_series(areas).map_err(failed)?;
@@ -114,9 +128,10 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, caption: &Caption, time_axis: u32)
     let time_digits = style::digits(times.end - times.start);
     let values = |value: &f64| style::number(*value, value_digits);
     let seconds = |value: &f64| style::number(*value, time_digits);
+    let lanes = !panel.lanes.is_empty();
     let mut mesh = chart.configure_mesh();
-    mesh.x_labels(12)
-        .y_labels((panel.height / 24) as usize)
+    mesh.x_labels(if across.is_some() { 6 } else { 12 })
+        .y_labels(if lanes { 0 } else { (panel.height / if across.is_some() { 48 } else { 24 }) as usize })
         .max_light_lines(0)
         .bold_line_style(style::GRID.stroke_width(px(1)))
         .axis_style(style::FRAME.stroke_width(px(1)))
@@ -124,9 +139,12 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, caption: &Caption, time_axis: u32)
         .x_label_formatter(&seconds)
         .y_label_formatter(&values)
         .set_tick_mark_size(LabelAreaPosition::Left, px(4))
-        .set_tick_mark_size(LabelAreaPosition::Bottom, px(if time_axis == 0 { 0 } else { 4 }));
-    if time_axis > 0 {
-        mesh.x_desc(caption.axis).axis_desc_style(numbers.color(&style::INK));
+        .set_tick_mark_size(LabelAreaPosition::Bottom, px(if axis == 0 { 0 } else { 4 }));
+    if lanes {
+        mesh.disable_y_mesh();
+    }
+    if axis > 0 {
+        mesh.x_desc(name).axis_desc_style(numbers.color(&style::INK));
     }
     mesh.draw().map_err(failed)?;
     let marks = panel
@@ -142,11 +160,15 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, caption: &Caption, time_axis: u32)
         let dots = alone.into_iter().flatten().map(|sample| Circle::new(*sample, px(2), style.filled()));
         chart.draw_series(dots).map_err(failed)?;
     }
+    for (i, lane) in (0..).zip(&panel.lanes) {
+        let y = i * style::LANE + style::LANE / 2;
+        write(area, lane, (style::LEFT - 8, y), style::SMALL, style::SOFT_INK, HPos::Right)?;
+    }
     draw_notes(area, panel, &times)
 }
 
 /// What is to be said of states, at the top of the panel where they begin; what would lie on another note is left out.
-fn draw_notes(area: &Area<'_>, panel: &Panel, times: &Range<f64>) -> Result<(), PlotError> {
+fn draw_notes<B: DrawingBackend>(area: &Area<B>, panel: &Panel, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);
     let mut free_from = style::LEFT;
@@ -163,8 +185,8 @@ fn draw_notes(area: &Area<'_>, panel: &Panel, times: &Range<f64>) -> Result<(), 
     Ok(())
 }
 
-fn write(
-    area: &Area<'_>,
+fn write<B: DrawingBackend>(
+    area: &Area<B>,
     text: &str,
     (x, y): (u32, u32),
     size: u32,

@@ -17,6 +17,8 @@ pub struct Line {
     column: Option<Column>,
     /// The value that stays, and since when.
     held: Option<Sample>,
+    /// The time of the last sample or interruption.
+    latest_ns: i64,
     broken: bool,
 }
 
@@ -34,7 +36,16 @@ impl Line {
     /// A line across `window`, drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let columns = i64::from(columns.max(1));
-        Self { window, columns, hold: false, segments: Vec::new(), column: None, held: None, broken: true }
+        Self {
+            window,
+            columns,
+            hold: false,
+            segments: Vec::new(),
+            column: None,
+            held: None,
+            latest_ns: i64::MIN,
+            broken: true,
+        }
     }
 
     /// A line whose value stays until the next sample.
@@ -42,8 +53,11 @@ impl Line {
         Self { hold: true, ..Self::new(window, columns) }
     }
 
-    /// The next sample; times do not fall. What is outside the window is not drawn.
+    /// The next sample; one from before the last sample or interruption counts at that time. What is outside the window is
+    /// not drawn.
     pub fn push(&mut self, at_ns: i64, value: f64) {
+        let at_ns = at_ns.max(self.latest_ns);
+        self.latest_ns = at_ns;
         if self.hold {
             self.hold_until(at_ns);
             self.held = Some((at_ns, value));
@@ -53,6 +67,7 @@ impl Line {
 
     /// Nothing is known from here to the next sample.
     pub fn interrupt(&mut self, at_ns: i64) {
+        self.latest_ns = self.latest_ns.max(at_ns);
         self.hold_until(at_ns);
         self.held = None;
         self.broken = true;

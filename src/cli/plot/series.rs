@@ -1,64 +1,61 @@
 //! The second look at a recording: the lines of the plot.
 
+use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
 use ecmsk::recording::Kinds;
 use ecmsk::sk::{
-    CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, SlaveCommand, SlaveKind,
+    CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, IoResponse, MasterCommand, MasterResponse, SlaveKind,
     SlotCommand, SlotSize,
 };
 
+use super::axis::Axis;
 use super::decimate::Line;
-use super::follow::{Follow, InForce, Targets};
+use super::execution::{Execution, Orders, Told};
+use super::lanes::{Lane, Lanes};
+use super::path::Path;
 use super::states::{Span, States};
-use super::{Window, style, survey};
+use super::{COLUMNS, Window, survey};
 use crate::cli::recording::Framed;
 
-/// Columns of pixels that a line is thinned to: the width of a diagram.
-const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
+pub use super::axis::AxisLines;
 
 /// A line in pieces, seconds and values.
 pub type Pieces = Vec<Vec<(f64, f64)>>;
+
+/// What is looked at.
+pub struct Subject<'a> {
+    /// The time shown.
+    pub window: Window,
+    /// Slaves that are axes, and the units of each.
+    pub axes: &'a [(u8, Scale)],
+    /// Slaves that are IO.
+    pub ios: &'a [u8],
+    /// Two of the axes whose way in the plane is drawn, if they are.
+    pub plane: Option<[u8; 2]>,
+    /// The board, in a capture of several.
+    pub board: Option<(u16, u8)>,
+    /// Its cycle.
+    pub cycle_ns: i64,
+    /// Ids of the commands shown; empty: all.
+    pub commands: Vec<u8>,
+}
 
 /// What there is to draw.
 pub struct Lines {
     /// One for each axis.
     pub axes: Vec<AxisLines>,
+    /// One for each IO slave.
+    pub ios: Vec<(u8, Vec<Lane>)>,
+    /// The way in the plane as it was commanded, and as it was gone.
+    pub plane: Option<[Pieces; 2]>,
     /// Free entries of the FIFO.
     pub fifo_free: Pieces,
     /// When the full count went up, seconds; near ones are one.
     pub full: Vec<f64>,
     /// Reports with a higher full count than the one before.
     pub full_reports: u64,
-    /// Whether the differences were asked for.
-    pub with_difference: bool,
-}
-
-/// The lines of one axis.
-pub struct AxisLines {
-    /// Slave.
-    pub axis: u8,
-    /// Counts, as sent.
-    pub target: Pieces,
-    /// Counts.
-    pub position: Pieces,
-    /// Counts: the target executed minus the position, while the drive follows it.
-    pub difference: Pieces,
-    /// As the drive scales it.
-    pub target_velocity: Pieces,
-    /// Percent of rated, as sent.
-    pub target_torque: Pieces,
-    /// Percent of rated.
-    pub torque: Pieces,
-    /// When the drive was not just enabled.
-    pub states: Vec<Span>,
-}
-
-impl AxisLines {
-    /// Whether nothing of the axis is drawn.
-    pub fn is_empty(&self) -> bool {
-        let lines = [&self.target, &self.position, &self.target_velocity, &self.target_torque, &self.torque];
-        lines.iter().all(|line| line.is_empty())
-    }
+    /// When the FIFO was empty while an axis was moving.
+    pub gaps: Vec<Span>,
 }
 
 /// The lines under construction.
@@ -66,61 +63,47 @@ pub struct Series {
     window: Window,
     board: Option<(u16, u8)>,
     axes: Vec<Axis>,
-    /// Ids of the commands shown; empty: all.
-    commands: Vec<u8>,
+    ios: Vec<(u8, Lanes)>,
+    plane: Option<Plane>,
     fifo_free: Line,
     full: Line,
     full_reports: u64,
     full_count: Option<u16>,
+    gaps: States,
     in_op: bool,
     kinds: Kinds,
-    follow: Option<Follow>,
+    execution: Execution,
 }
 
-struct Axis {
-    number: u8,
-    target: Line,
-    position: Line,
-    difference: Line,
-    target_velocity: Line,
-    target_torque: Line,
-    torque: Line,
-    states: States,
+struct Plane {
+    /// Places of the axes in their list.
+    of: [usize; 2],
+    /// Commanded and gone.
+    paths: [Path; 2],
 }
 
 impl Series {
-    /// Lines across `window` of these slaves of that board. `cycle_ns`: its cycle, for the differences, if they are wanted.
-    pub fn new(window: Window, axes: &[u8], board: Option<(u16, u8)>, cycle_ns: Option<i64>) -> Self {
-        let line = || Line::new(window, COLUMNS);
-        let held = || Line::holding(window, COLUMNS);
-        let axis = |number: &u8| Axis {
-            number: *number,
-            target: held(),
-            position: line(),
-            difference: line(),
-            target_velocity: held(),
-            target_torque: held(),
-            torque: line(),
-            states: States::new(window, COLUMNS),
-        };
+    /// Lines of that.
+    pub fn new(subject: &Subject<'_>) -> Self {
+        let window = subject.window;
+        let axes = subject.axes.iter();
+        let place = |axis: u8| subject.axes.iter().position(|(number, _)| *number == axis);
+        let plane = subject.plane.and_then(|[x, y]| Some([place(x)?, place(y)?]));
         Self {
             window,
-            board,
-            axes: axes.iter().map(axis).collect(),
-            commands: Vec::new(),
-            fifo_free: line(),
-            full: line(),
+            board: subject.board,
+            axes: axes.map(|(number, scale)| Axis::new(*number, *scale, window, subject.commands.clone())).collect(),
+            ios: subject.ios.iter().map(|number| (*number, Lanes::new(window))).collect(),
+            plane: plane.map(|of| Plane { of, paths: Default::default() }),
+            fifo_free: Line::new(window, COLUMNS),
+            full: Line::new(window, COLUMNS),
             full_reports: 0,
             full_count: None,
+            gaps: States::new(window, COLUMNS),
             in_op: false,
             kinds: Kinds::new(None),
-            follow: cycle_ns.map(Follow::new),
+            execution: Execution::new(subject.cycle_ns),
         }
-    }
-
-    /// Shows an axis only where its slot asks for or answers a command with one of these ids; none: always.
-    pub fn only(self, commands: Vec<u8>) -> Self {
-        Self { commands, ..self }
     }
 
     /// The next frame, in the order of time.
@@ -137,22 +120,14 @@ impl Series {
 
     /// The lines.
     pub fn finish(self) -> Lines {
-        let axis = |axis: Axis| AxisLines {
-            axis: axis.number,
-            target: axis.target.finish(),
-            position: axis.position.finish(),
-            difference: axis.difference.finish(),
-            target_velocity: axis.target_velocity.finish(),
-            target_torque: axis.target_torque.finish(),
-            torque: axis.torque.finish(),
-            states: axis.states.finish(),
-        };
         Lines {
-            axes: self.axes.into_iter().map(axis).collect(),
+            axes: self.axes.into_iter().map(Axis::finish).collect(),
+            ios: self.ios.into_iter().map(|(number, lanes)| (number, lanes.finish())).collect(),
+            plane: self.plane.map(|plane| plane.paths.map(Path::finish)),
             fifo_free: self.fifo_free.finish(),
             full: self.full.finish().into_iter().flatten().map(|(seconds, _)| seconds).collect(),
             full_reports: self.full_reports,
-            with_difference: self.follow.is_some(),
+            gaps: self.gaps.finish(),
         }
     }
 
@@ -162,28 +137,16 @@ impl Series {
         if !self.in_op {
             return;
         }
-        let mut targets = Targets::default();
-        for (axis, target) in self.axes.iter_mut().zip(&mut targets) {
-            let slot = frame.slot(size, axis.number.into());
-            let shown = self.commands.is_empty() || self.commands.contains(&slot.id);
-            match SlotCommand::decode(&slot, size).map(|slot| slot.command) {
-                Ok(SlaveCommand::Csp(motion)) => {
-                    *target = Some(motion.first.target);
-                    if shown {
-                        axis.target.push(at_ns, motion.first.target.into());
-                    }
-                }
-                Ok(SlaveCommand::GoHome) => axis.states.go_home(),
-                Ok(_) if !shown => {}
-                Ok(SlaveCommand::Csv(motion)) => axis.target_velocity.push(at_ns, motion.first.target.into()),
-                Ok(SlaveCommand::Cst(torque)) => axis.target_torque.push(at_ns, percent(torque)),
-                _ => {}
-            }
+        let mut orders = Orders::default();
+        let slaves = self.axes.iter().map(|axis| axis.number).chain(self.ios.iter().map(|(number, _)| *number));
+        for (order, number) in orders.iter_mut().zip(slaves) {
+            *order = SlotCommand::decode(&frame.slot(size, number.into()), size).ok().map(|slot| slot.command);
         }
-        if let Some(follow) = &mut self.follow {
-            let master = MasterCommand::decode(&frame.slot(size, 0), size);
-            follow.command(&targets, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
+        for (axis, order) in self.axes.iter_mut().zip(&orders) {
+            axis.sent(order.as_ref());
         }
+        let master = MasterCommand::decode(&frame.slot(size, 0), size);
+        self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
     }
 
     fn report(&mut self, framed: &Framed) {
@@ -196,43 +159,57 @@ impl Series {
             self.full_reports += u64::from(self.window.contains(at_ns));
             self.full.push(at_ns, 0.0);
         }
-        let follow = self.follow.as_mut();
-        let in_force = follow.map_or(InForce::Unknown, |follow| follow.report(at_ns, &master));
+        let certain = self.execute(at_ns, &master);
         let aborted = answers_abort_home(frame, size);
-        for (i, axis) in self.axes.iter_mut().enumerate() {
+        for axis in &mut self.axes {
             let number = usize::from(axis.number);
             let drive = DriveResponse::decode(&frame.slot(size, number));
-            let shown = self.commands.is_empty() || self.commands.contains(&drive.head.id);
-            if shown {
-                axis.position.push(at_ns, drive.position.into());
-            } else {
-                // Not a line from before to after.
-                let lines = [&mut axis.position, &mut axis.torque, &mut axis.difference];
-                lines.into_iter().for_each(|line| line.interrupt(at_ns));
-            }
             // An HSP has its inputs in the place of torque, and no error code.
             let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
-            if axis.states.report(at_ns, &drive, aborted, is_drive) {
-                // What was sent before is not in force any more.
-                let targets = [&mut axis.target, &mut axis.target_velocity, &mut axis.target_torque];
-                targets.into_iter().for_each(|line| line.interrupt(at_ns));
-            }
-            if is_drive && shown {
-                axis.torque.push(at_ns, percent(drive.torque));
-            }
-            if !shown {
-                continue;
-            }
-            let target = match in_force {
-                InForce::Known(targets) => targets[i].filter(|_| drive.statusword.is_enabled()),
-                InForce::Doubtful => continue,
-                InForce::Unknown => None,
-            };
-            match target {
-                Some(target) => axis.difference.push(at_ns, f64::from(target) - f64::from(drive.position)),
-                None => axis.difference.interrupt(at_ns),
+            axis.report(at_ns, &drive, aborted, is_drive, certain);
+        }
+        for (number, lanes) in &mut self.ios {
+            lanes.report(at_ns, &IoResponse::decode(&frame.slot(size, usize::from(*number))));
+        }
+        if let Some(Plane { of, paths }) = self.plane.as_mut().filter(|_| self.window.contains(at_ns)) {
+            let [x, y] = of.map(|place| &self.axes[place]);
+            for (path, point) in paths.iter_mut().zip([x.commanded().zip(y.commanded()), x.stands().zip(y.stands())]) {
+                match point {
+                    Some(point) => path.push(point),
+                    None => path.interrupt(),
+                }
             }
         }
+    }
+
+    /// Draws what was executed until this report. Gives whether it is known.
+    fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
+        let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
+            Told::Executed { entries, idle_since_ns } => (entries, idle_since_ns),
+            Told::Later => return false,
+            Told::Unknown => {
+                self.axes.iter_mut().for_each(|axis| axis.forget_target(at_ns));
+                return true;
+            }
+        };
+        if let Some(idle_since_ns) = idle_since_ns {
+            self.axes.iter_mut().for_each(|axis| axis.idle(idle_since_ns));
+        }
+        for entry in entries {
+            let mut orders = entry.orders.iter();
+            for (axis, order) in self.axes.iter_mut().zip(&mut orders) {
+                let Some(since_ns) = order.as_ref().and_then(|order| axis.executed(entry.at_ns, order)) else {
+                    continue;
+                };
+                self.gaps.gap(since_ns, entry.at_ns);
+            }
+            for ((_, lanes), order) in self.ios.iter_mut().zip(orders) {
+                if let Some(order) = order {
+                    lanes.executed(entry.at_ns, order);
+                }
+            }
+        }
+        true
     }
 
     fn outside_op(&mut self, framed: &Framed) {
@@ -242,24 +219,23 @@ impl Series {
         }
         let at_ns = framed.time_ns;
         self.fifo_free.interrupt(at_ns);
-        if let Some(follow) = &mut self.follow {
-            follow.reset();
+        self.execution.reset();
+        self.axes.iter_mut().for_each(|axis| axis.interrupt(at_ns));
+        self.ios.iter_mut().for_each(|(_, lanes)| lanes.interrupt(at_ns));
+        if let Some(plane) = &mut self.plane {
+            plane.paths.iter_mut().for_each(Path::interrupt);
         }
-        for axis in &mut self.axes {
-            let lines = [&mut axis.target, &mut axis.position, &mut axis.difference];
-            let more = [&mut axis.target_velocity, &mut axis.target_torque, &mut axis.torque];
-            lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
-            axis.states.interrupt(at_ns);
-        }
+    }
+}
+
+impl Lines {
+    /// Whether nothing of any slave is drawn.
+    pub fn is_empty(&self) -> bool {
+        self.axes.iter().all(AxisLines::is_empty) && self.ios.iter().all(|(_, lanes)| lanes.is_empty())
     }
 }
 
 /// Whether a report answers ABORT_HOME, which ends homing of all slaves in whatever slot it was.
 fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
     (1..=size.max_slaves()).any(|n| CommandId::from_code(frame.slot(size, n).id) == CommandId::AbortHome)
-}
-
-/// From 0.1 % of rated.
-fn percent(torque: i16) -> f64 {
-    f64::from(torque) / 10.0
 }

@@ -1,4 +1,4 @@
-//! What state a drive was in, as reports tell it: not enabled, homing, or with a fault.
+//! What state a drive was in, as reports tell it: not enabled, homing, or with a fault; and gaps in its motion.
 //!
 //! That a drive is homing no field of a report says. It is, from the report that answers GO_HOME until bits 10 and 12 of
 //! the statusword say that home is attained, bit 13 that it is not, or the drive leaves Operation enabled, or ABORT_HOME
@@ -8,7 +8,7 @@
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::sk::{CommandId, DriveResponse};
 
-use super::{Window, seconds};
+use super::{Window, seconds, style};
 
 /// So long a result must stand that was there from the first report on. As the board's. \[OURS]
 const SETTLE_NS: i64 = 20_000_000;
@@ -22,6 +22,8 @@ pub enum State {
     Homing,
     /// Fault, or Fault reaction active.
     Fault,
+    /// The FIFO was empty on the way.
+    Gap,
 }
 
 /// A state from one moment to another, in seconds.
@@ -35,6 +37,17 @@ pub struct Span {
     pub to: f64,
     /// What is to be said of it.
     pub note: Option<String>,
+}
+
+/// What a report changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// Nothing.
+    None,
+    /// The drive follows targets from here on. After homing its position has another zero.
+    Follows,
+    /// It follows no target from here on, and those before are void.
+    FollowsNot,
 }
 
 /// The states of one drive under construction.
@@ -69,8 +82,8 @@ impl States {
     }
 
     /// The next report in OP. `aborted`: it answers ABORT_HOME, in whatever slot. `has_code`: the drive's kind has an
-    /// error code in its slot. Gives whether a state begins in which the drive follows no target.
-    pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> bool {
+    /// error code in its slot.
+    pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> Change {
         let was_homing = self.homing.since_ns.is_some();
         let failed = self.homing.report(at_ns, drive, aborted);
         if failed && let Some(now) = self.now.as_mut().filter(|_| was_homing) {
@@ -94,7 +107,23 @@ impl States {
                 code => Some(format!("alarm 0x{code:04X}")),
             };
         }
-        begins && state.is_some()
+        match (begins, state) {
+            (false, _) => Change::None,
+            (true, None) => Change::Follows,
+            (true, Some(_)) => Change::FollowsNot,
+        }
+    }
+
+    /// Whether the drive is on the way home.
+    pub const fn is_homing(&self) -> bool {
+        self.homing.since_ns.is_some()
+    }
+
+    /// The FIFO was empty on the way.
+    pub fn gap(&mut self, from_ns: i64, to_ns: i64) {
+        let milliseconds = (to_ns.saturating_sub(from_ns)) as f64 / 1e6;
+        let note = Some(format!("gap {} ms", style::number(milliseconds, style::digits(milliseconds).min(3))));
+        self.put(Piece { state: State::Gap, from_ns, to_ns, note });
     }
 
     /// Nothing is known from here to the next report.
@@ -113,15 +142,26 @@ impl States {
     }
 
     fn close(&mut self, at_ns: i64) {
-        let Some(mut piece) = self.now.take() else { return };
+        if let Some(piece) = self.now.take() {
+            self.put(Piece { to_ns: at_ns, ..piece });
+        }
+    }
+
+    /// Keeps what of it is in the window.
+    fn put(&mut self, mut piece: Piece) {
         let Window { from_ns, to_ns } = self.window;
-        if piece.from_ns > to_ns || at_ns < from_ns {
+        if piece.from_ns > to_ns || piece.to_ns < from_ns {
             return;
         }
-        (piece.from_ns, piece.to_ns) = (piece.from_ns.max(from_ns), at_ns.min(to_ns));
+        (piece.from_ns, piece.to_ns) = (piece.from_ns.max(from_ns), piece.to_ns.min(to_ns));
         let before = self.done.iter_mut().rev().find(|before| before.state == piece.state);
         match before {
-            Some(before) if piece.from_ns.saturating_sub(before.to_ns) < self.apart_ns => before.to_ns = piece.to_ns,
+            Some(before) if piece.from_ns.saturating_sub(before.to_ns) < self.apart_ns => {
+                before.to_ns = piece.to_ns;
+                if piece.state == State::Gap {
+                    before.note = Some("gaps".to_owned());
+                }
+            }
             _ => self.done.push(piece),
         }
     }

@@ -2,6 +2,8 @@
 
 use plotters::style::RGBColor;
 
+use crate::cli::visible::is_plain;
+
 /// Coordinates of the drawing library are whole numbers: lines are drawn on a grid so many times finer than a pixel.
 pub const FINE: u32 = 4;
 
@@ -18,8 +20,15 @@ pub const LEFT: u32 = 116;
 /// Room at the right.
 pub const RIGHT: u32 = 28;
 
+/// Width and height of the plane of two axes.
+pub const PLANE: (u32, u32) = (560, 520);
+/// Height of the line of one input or output.
+pub const LANE: u32 = 18;
+
 /// Size of the text, in pixels.
 pub const TEXT: u32 = 13;
+/// Size of names that stand close together.
+pub const SMALL: u32 = 12;
 /// Size of the title.
 pub const TITLE: u32 = 17;
 /// The drawing library divides sizes of text by this.
@@ -61,6 +70,12 @@ pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
 pub const HOMING: RGBColor = RGBColor(0xFF, 0xEE, 0xB8);
 /// Behind the lines of a drive that is not enabled.
 pub const NOT_ENABLED: RGBColor = RGBColor(0xE9, 0xEC, 0xEF);
+/// Behind the lines where the FIFO was empty on the way.
+pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
+/// Inputs of the machine.
+pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
+/// Outputs to the machine.
+pub const OUTPUT: RGBColor = RGBColor(0xB8, 0x4A, 0x00);
 /// Titles and names.
 pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);
 /// Numbers and captions.
@@ -93,7 +108,7 @@ pub fn text_width(text: &str, size: u32) -> u32 {
 /// Text that may stand in a drawing of that width: without control characters, cut if it is too long.
 pub fn fitting(text: &str, size: u32, width: u32) -> String {
     let letters = (f64::from(width) / (f64::from(size) * LETTER)) as usize;
-    let clean: Vec<char> = text.chars().map(|c| if c.is_control() { '\u{FFFD}' } else { c }).collect();
+    let clean: Vec<char> = text.chars().map(|c| if c.is_control() || !is_plain(c) { '\u{FFFD}' } else { c }).collect();
     if clean.len() <= letters {
         return clean.into_iter().collect();
     }

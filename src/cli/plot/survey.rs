@@ -3,7 +3,7 @@
 use ecmsk::link::Dir;
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotMeaning};
-use ecmsk::sk::{CommandId, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize};
+use ecmsk::sk::{CommandId, IoResponse, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize};
 
 use super::Window;
 use crate::cli::recording::{self, Framed};
@@ -20,6 +20,9 @@ pub struct Survey {
     moved: [bool; MAX_SLAVES],
     /// Slaves whose slot is a drive's in OP.
     drives: [bool; MAX_SLAVES],
+    /// Slaves that are IO in OP, and those of them that said or were told more than zeros.
+    ios: [bool; MAX_SLAVES],
+    lively_ios: [bool; MAX_SLAVES],
     /// Slaves that anything is known of: their slot of a frame in OP held something.
     seen: [bool; MAX_SLAVES],
     /// Times between the first reports in OP.
@@ -40,6 +43,8 @@ impl Default for Survey {
             kinds: Kinds::new(None),
             moved: [false; MAX_SLAVES],
             drives: [false; MAX_SLAVES],
+            ios: [false; MAX_SLAVES],
+            lively_ios: [false; MAX_SLAVES],
             seen: [false; MAX_SLAVES],
             intervals_ns: Vec::new(),
         }
@@ -88,13 +93,24 @@ impl Survey {
     /// The slaves that were moved; if none was, those that are drives.
     pub fn axes(&self) -> Vec<u8> {
         let chosen = if self.moved.contains(&true) { &self.moved } else { &self.drives };
-        (1..).zip(chosen).filter(|(_, chosen)| **chosen).map(|(n, _)| n).collect()
+        (1..).zip(chosen).filter(|(n, chosen)| **chosen && !self.is_io(*n)).map(|(n, _)| n).collect()
     }
 
-    /// The slaves that can be asked for: drives, and what was moved.
+    /// The slaves that can be asked for: drives, what was moved, and IO.
     pub fn known(&self) -> Vec<u8> {
-        let known = (1..).zip(self.moved.iter().zip(&self.drives));
-        known.filter(|(_, (moved, drive))| **moved || **drive).map(|(n, _)| n).collect()
+        let known = |n: &usize| self.moved[*n] || self.drives[*n] || self.ios[*n];
+        (0..MAX_SLAVES).filter(known).map(|n| n as u8 + 1).collect()
+    }
+
+    /// Whether that slave (from 1) is IO, which has no position.
+    pub fn is_io(&self, slave: u8) -> bool {
+        let io = usize::from(slave).checked_sub(1).and_then(|n| self.ios.get(n));
+        io.copied().unwrap_or_default()
+    }
+
+    /// The IO slaves of which an input or an output was ever 1.
+    pub fn lively_ios(&self) -> Vec<u8> {
+        (1..).zip(&self.lively_ios).filter(|(_, lively)| **lively).map(|(n, _)| n).collect()
     }
 
     /// Whether a plot of that slave (from 1) would show nothing.
@@ -119,7 +135,9 @@ impl Survey {
         }
         self.see(framed);
         for (n, moved) in (1..=size.max_slaves()).zip(&mut self.moved) {
-            let id = CommandId::from_code(frame.slot(size, n).id);
+            let slot = frame.slot(size, n);
+            let id = CommandId::from_code(slot.id);
+            self.lively_ios[n - 1] |= id == CommandId::IoWrite && slot.data1 != 0;
             *moved |=
                 matches!(id, CommandId::ServoOn | CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::GoHome);
         }
@@ -145,13 +163,15 @@ impl Survey {
         }
         op.to_ns = at_ns;
         let dump = ResponseDump::new(frame, size);
-        for (n, drive) in (1..=size.max_slaves()).zip(&mut self.drives) {
+        for n in 1..=size.max_slaves() {
             let guessed = || match dump.line(n)?.meaning {
                 SlotMeaning::SlaveResponse(reading) => reading.kind.kind(),
                 _ => None,
             };
             let kind = self.kinds.of(n).or_else(guessed);
-            *drive |= matches!(kind, Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp));
+            self.drives[n - 1] |= matches!(kind, Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp));
+            self.ios[n - 1] |= kind == Some(SlaveKind::Io);
+            self.lively_ios[n - 1] |= kind == Some(SlaveKind::Io) && IoResponse::decode(&frame.slot(size, n)).bits != 0;
         }
     }
 }

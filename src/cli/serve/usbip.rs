@@ -11,28 +11,36 @@ use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
 use crate::cli::error::say;
-use crate::cli::{CliError, output, signals};
+use crate::cli::{CliError, signals, stderr};
 
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, programs need no change
 ///
-/// Standard output says where it listens and what it serves, standard error who comes and goes. Whoever reaches the
-/// address can use the boards: USB/IP knows no password. A board that is lost is detached; when it is back it can be
+/// Standard output says where it listens and what it serves, standard error who comes and goes. USB/IP knows no
+/// password, so it listens on this machine alone; other machines come through a tunnel (docs/VIRTUAL-BOARD.md). A board that is lost is detached; when it is back it can be
 /// attached again, and with --attach it is. Ctrl-C and SIGTERM detach the boards and end it.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   ecmsk serve usbip --link 'sim:?slaves=drive*2'
-      then, there:  sudo modprobe vhci-hcd; sudo usbip attach -r HOST -b 1-1
+      then, there:  sudo modprobe vhci-hcd; sudo usbip attach -r 127.0.0.1 -b 1-1
   sudo ecmsk serve usbip --link 'sim:?slaves=drive*2' --attach
-  ecmsk serve usbip --link 'sim:?name=left' --link 'sim:?name=right' --listen 0.0.0.0:3240")]
+  ecmsk serve usbip --link 'sim:?name=left' --link 'sim:?name=right' --listen 127.0.0.1:3241
+
+From another machine, through a tunnel: ssh -N -L 3240:127.0.0.1:3240 HOST, then usbip attach -r 127.0.0.1 -b 1-1")]
 pub struct Args {
-    /// Board to serve, see `ecmsk link help`; once for each board. They get the bus ids 1-1, 1-2 and so on
-    #[arg(long = "link", value_name = "URI", value_parser = given_link, required = true, action = ArgAction::Append)]
+    /// Board to serve, see `ecmsk link help`; once for each board. They get the bus ids 1-1, 1-2 and so on [default: ECMSK_LINK,
+    /// else the one of ecmsk.toml]
+    #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
     links: Vec<LinkUri>,
 
     /// Where to listen
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)))]
     listen: SocketAddr,
+
+    /// Listen where other machines reach it, too: whoever reaches it moves the axes, USB/IP knows no password and no encryption. A
+    /// tunnel is better: docs/VIRTUAL-BOARD.md
+    #[arg(long)]
+    insecure_anyone: bool,
 
     /// Attach the boards to this machine at once (needs root and the kernel module vhci-hcd)
     #[arg(long)]
@@ -72,22 +80,39 @@ const IDENTITY: &str = "How the boards show themselves";
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Before anything is attached.
     let asked = signals::Asked::watch().map_err(ServeError::Signals)?;
-    let boards = args.links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
-    let options =
-        Options { listen: args.listen, attach: args.attach.then(|| PathBuf::from(VHCI)), ..Options::default() };
-    if !args.listen.ip().is_loopback() {
+    stderr::queue().map_err(ServeError::Thread)?;
+    let links = links(args)?;
+    let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
+    let options = Options {
+        listen: args.listen,
+        insecure_anyone: args.insecure_anyone,
+        attach: args.attach.then(|| PathBuf::from(VHCI)),
+        ..Options::default()
+    };
+    if !args.listen.ip().is_loopback() && args.insecure_anyone {
         say("note", &format_args!("whoever reaches {} can use the boards: USB/IP knows no password", args.listen));
     }
     let server = Server::start(options, boards, Arc::new(|event| say("serve", event)))?;
 
     let mut text = format!("listening on {}\n", server.address());
-    for (bus_id, link) in server.bus_ids().zip(&args.links) {
+    for (bus_id, link) in server.bus_ids().zip(&links) {
         text.push_str(&format!("{bus_id} {link}\n"));
     }
-    output::print(text)?;
-    say("serve", &format_args!("stopped by {}", asked.wait()));
+    super::announce(text)?;
+    let signal = asked.wait();
+    server.flush();
+    say("serve", &format_args!("stopped by {signal}"));
     server.stop();
     Ok(ExitCode::SUCCESS)
+}
+
+/// The links, or the one that the library would find.
+fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
+    if !args.links.is_empty() {
+        return Ok(args.links.clone());
+    }
+    let link = super::served(None)?;
+    Ok(vec![given_link(&link.to_string()).unwrap_or(link)])
 }
 
 fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {

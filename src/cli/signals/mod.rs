@@ -8,6 +8,6 @@ mod unix;
 mod windows;
 
 #[cfg(unix)]
-pub use unix::{Asked, name, note, note_once};
+pub use unix::{Asked, HANG_UP, has_hung_up, name, not_ignored, note, note_once};
 #[cfg(windows)]
-pub use windows::{Asked, leave_to_program, name, note, note_once};
+pub use windows::{Asked, HANG_UP, has_hung_up, leave_to_program, name, note, note_once};

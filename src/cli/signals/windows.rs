@@ -14,6 +14,14 @@ const INTERRUPT: u8 = 2;
 /// machine goes down. Ctrl-Break is what another program can send to a group of processes.
 const TERMINATE: u8 = 15;
 
+/// The number that stands for the end of the console.
+pub const HANG_UP: usize = TERMINATE as usize;
+
+/// Whether what that file leads to is gone: Windows says so by ending the process, see `came`.
+pub const fn has_hung_up<T>(_file: &T) -> bool {
+    false
+}
+
 /// Who wants to know.
 enum Watcher {
     Note { signal: Arc<AtomicUsize>, armed: Option<Arc<AtomicBool>> },

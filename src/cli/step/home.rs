@@ -7,7 +7,8 @@ use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Config, Homing, HomingPhase, HomingProgress};
 use serde_json::json;
 
-use crate::cli::board::{Board, BoardError, Needs, SlaveList};
+use super::motion::{Target, counts};
+use crate::cli::board::{Board, BoardError, Needs, SlaveList, find_slave, position};
 
 const WHAT: &str = "home";
 /// 0x6098.
@@ -44,16 +45,22 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     acceleration: Option<u32>,
 
-    /// Home offset, 0x607C, counts
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i32>::new().range(-(1 << 31)..1 << 31))]
-    offset: Option<i32>,
+    /// Home offset, 0x607C: whole counts, or units if --counts-per-unit says so, to the nearest count
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = position)]
+    offset: Option<f64>,
 }
 
 impl Args {
     /// # Errors
-    /// A slave that is none or no axis.
+    /// A slave that is none or no axis, an offset that is no position of it.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
-        SlaveList::axes(&self.axes, network, WHAT).map(|_| ())
+        for slave in SlaveList::axes(&self.axes, network, WHAT)? {
+            let axis = find_slave(network, WHAT, slave)?.axis();
+            if let (Some(value), Some(axis)) = (self.offset, axis) {
+                counts(WHAT, &Target { slave, value }, axis.scale)?;
+            }
+        }
+        Ok(())
     }
 
     /// # Errors
@@ -69,11 +76,13 @@ impl Args {
             Some(method) => method,
             None => board.attend("reading the homing method", |ecm| ecm.sdo_read(slave, METHOD))?,
         };
+        let offset = self.offset.map(|value| counts(WHAT, &Target { slave, value }, board.axis(WHAT, slave)?.scale));
+        let offset = offset.transpose()?;
         let homing = Homing {
             switch_speed: self.speed_switch,
             zero_speed: self.speed_zero,
             acceleration: self.acceleration,
-            offset: self.offset,
+            offset,
             limit: board.limit.unwrap_or(LIMIT),
             ..Homing::method(method)
         };
@@ -99,9 +108,13 @@ impl Args {
         };
         board.attend_with("", |ecm| ecm.home(slave, &homing, progress), Some(&abort))?;
         let position = board.ecm.snapshot()?.position(slave).unwrap_or_default();
-        let json =
+        let (text, units) = board.in_units(slave, position);
+        let mut json =
             json!({"verb": WHAT, "axis": slave, "method": method, "position_counts": position, "seconds": seconds});
-        Ok(board.talk.result(format_args!("axis {slave}: home found (method {method}), at {position}"), &json)?)
+        if let Some(units) = units {
+            json["position"] = units.into();
+        }
+        Ok(board.talk.result(format_args!("axis {slave}: home found (method {method}), at {text}"), &json)?)
     }
 }
 

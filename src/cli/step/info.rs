@@ -2,13 +2,15 @@
 
 use std::fmt::Write;
 
+use ecmsk::cia402::error_name;
 use ecmsk::coe::{AbortCode, ObjectAddress};
-use ecmsk::ecm::{EcmError, SlaveView, Snapshot};
+use ecmsk::ecm::{EcmError, Slave, SlaveView, Snapshot};
 use ecmsk::link::keys::Scheme;
 use ecmsk::sk::{FIFO_ENTRIES, MasterState};
 use serde_json::{Value, json};
 
 use crate::cli::board::{Board, BoardError, Needs, list, shown};
+use crate::cli::kinds;
 
 /// Show what is known of the board, the link and the network; nothing is sent
 #[derive(Clone, Debug, clap::Args)]
@@ -65,6 +67,10 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
         None => line(&mut text, "firmware", format_args!("not known: the wire does not say")),
     }
     line(&mut text, "state", format_args!("{state}"));
+    let why = board.why_failed(state);
+    if let Some(why) = &why {
+        line(&mut text, "", format_args!("{why}"));
+    }
     match &board.config {
         Some(config) => line(&mut text, "network", format_args!("{}", list(config))),
         None => line(&mut text, "network", format_args!("not known: say it with --slaves, or ask with --scan")),
@@ -88,36 +94,66 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
     if fifo.is_some() {
         for number in 1..=snapshot.slaves() as u8 {
             let Some(slave) = snapshot.slave(number) else { continue };
-            let (said, json) = said(&slave);
+            let (said, mut json) = said(board, number, &slave);
+            json["slave"] = number.into();
+            if let Some(slave) = config_of(board, number) {
+                json["kind"] = kinds::word(slave.kind()).into();
+            }
             line(&mut text, &format!("slave {number}"), format_args!("{said}"));
             slaves.push(json);
         }
     }
+    if fifo.is_none() {
+        // They say nothing yet; what they are is known.
+        for (number, slave) in (1_u8..).zip(board.config.iter().flat_map(|config| &config.slaves)) {
+            slaves.push(json!({"slave": number, "kind": kinds::word(slave.kind())}));
+        }
+    }
     let network = board.config.as_ref().map(list);
-    let json = json!({
+    let mut json = json!({
         "verb": "info", "link": board.uri.to_string(), "slot_bytes": slot.bytes(), "max_slaves": slot.max_slaves(),
         "firmware": firmware, "state": state.state().map(MasterState::name), "failed": state.is_failed(),
         "network": network, "fifo_free_entries": fifo.map(|(free, _)| free), "fifo_full_count": fifo.map(|(_, full)| full),
         "error_byte": snapshot.board.error, "reports": stats.reports, "reports_bad_crc": stats.bad_crc,
         "reports_lost": lost, "reports_dropped": dropped, "slaves": slaves,
     });
+    if let Some(why) = why {
+        json["why"] = why.into();
+    }
     Ok((text, json))
 }
 
+fn config_of(board: &Board, number: u8) -> Option<&Slave> {
+    board.config.as_ref()?.slaves.get(usize::from(number).checked_sub(1)?)
+}
+
 /// What a slave says in OP.
-fn said(slave: &SlaveView) -> (String, Value) {
+fn said(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
     match slave {
         SlaveView::Drive(drive) => {
             let word = drive.statusword;
-            let alarm =
-                if drive.error_code == 0 { String::new() } else { format!(", error code 0x{:04X}", drive.error_code) };
-            let text = format!("{}, at {}{alarm}", shown(word), drive.position);
-            (text, json!({"statusword": word.0, "position_counts": drive.position, "error_code": drive.error_code}))
+            let alarm = match drive.error_code {
+                0 => String::new(),
+                code => format!(", error code 0x{code:04X}: {}", error_name(code)),
+            };
+            let (position, units) = board.in_units(number, drive.position);
+            let text = format!("{}, at {position}{alarm}", shown(word));
+            let mut json =
+                json!({"statusword": word.0, "position_counts": drive.position, "error_code": drive.error_code});
+            if let Some(units) = units {
+                json["position"] = units.into();
+            }
+            (text, json)
         }
         SlaveView::Hsp(hsp) => {
-            let text = format!("{}, at {} and {}", shown(hsp.statusword), hsp.first.position, hsp.second.position);
             let positions = [hsp.first.position, hsp.second.position];
-            (text, json!({"statusword": hsp.statusword.0, "position_counts": positions}))
+            let [first, second] = positions.map(|position| board.in_units(number, position));
+            let text = format!("{}, at {} and {}", shown(hsp.statusword), first.0, second.0);
+            let mut json = json!({"statusword": hsp.statusword.0, "position_counts": positions});
+            if let (Some(first), Some(second)) = (first.1, second.1) {
+                json["position"] = json!([first, second]);
+            }
+            (text, json)
         }
         SlaveView::Io(_) => ("io, see `io`".to_owned(), json!({})),
     }

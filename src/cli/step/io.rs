@@ -3,7 +3,7 @@
 use ecmsk::ecm::{Config, Slave};
 use serde_json::json;
 
-use crate::cli::board::{Board, BoardError, Needs, describe, find_slave, whole};
+use crate::cli::board::{Board, BoardError, Needs, find_slave, whole};
 
 const WHAT: &str = "io";
 
@@ -100,7 +100,7 @@ pub fn io_slave(network: &Config, what: &str, slave: u8) -> Result<(), BoardErro
     match find_slave(network, what, slave)? {
         Slave::Io => Ok(()),
         other => {
-            Err(BoardError::WrongKind { what: what.to_owned(), slave, found: describe(other), wanted: "an io slave" })
+            Err(BoardError::WrongKind { what: what.to_owned(), slave, found: other.to_string(), wanted: "an io slave" })
         }
     }
 }

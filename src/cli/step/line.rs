@@ -92,6 +92,14 @@ fn why(error: &clap::Error, words: &[&str]) -> String {
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::DisplayHelp => "a word is missing",
         _ => first.trim_start_matches("error: "),
     };
+    // A verb of verbs: their names say more than that there are some.
+    let (at, _) = command(words);
+    let verbs: Vec<_> = at.get_subcommands().map(clap::Command::get_name).collect();
+    if !verbs.is_empty() {
+        let wrong = if words.len() > 1 { format!("`{}` is unknown", words[1..].join(" ")) } else { first.to_owned() };
+        let verbs = verbs.join(", ");
+        return format!("{wrong}; allowed behind `{}`: {verbs}; `help {}` says more", words[0], words[0]);
+    }
     let usage = match error.get(ContextKind::Usage) {
         Some(ContextValue::StyledStr(usage)) => usage.to_string(),
         _ => command(words).0.render_usage().to_string(),

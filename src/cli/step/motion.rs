@@ -13,8 +13,8 @@ use serde_json::json;
 use super::profile::{Along, Profile};
 use crate::cli::board::{Board, BoardError, NEAR_COUNTS, Needs, find_slave, in_mode, positive};
 use path::{AxisPath, Path, Speeds};
-use target::Jerk;
-pub use target::Target;
+use target::{Jerk, outside};
+pub use target::{Target, counts};
 
 const WHAT: &str = "move";
 /// \[OURS] How far ahead of the board the motion is: a program that is late by less leaves no gap.
@@ -37,7 +37,8 @@ Examples:
   ecmsk move 1=10000 2=-5000 --velocity 20000 --link 'sim:?slaves=drive*2' --up
   ecmsk move 1=12.5 --velocity 5 --counts-per-unit 10000 --link 'sim:?slaves=drive' --up")]
 pub struct Args {
-    /// The axes, by the numbers of their slaves, and where to: counts, or units if --counts-per-unit says so
+    /// The axes, by the numbers of their slaves, and where to: whole counts, or units if --counts-per-unit says so, to the
+    /// nearest count
     #[arg(value_name = "AXIS=TARGET", required = true, value_parser = Target::parse)]
     targets: Vec<Target>,
 
@@ -72,12 +73,12 @@ impl Args {
                 return Err(BoardError::WrongKind {
                     what: WHAT.into(),
                     slave,
-                    found: crate::cli::board::describe(found),
+                    found: found.to_string(),
                     wanted: "a drive, step or hsp",
                 });
             };
             in_mode(slave, WHAT, axis, Mode::Csp)?;
-            counts(target, axis.scale)?;
+            counts(WHAT, target, axis.scale)?;
             let (velocity, ahead) = (self.speeds(axis.scale).velocity, f64::from(depth(network)));
             let behind = velocity * ahead * f64::from(network.cycle_us) * 1e-6;
             if let Guard::Within(limit) = axis.guard
@@ -138,18 +139,15 @@ impl Args {
         for axis in &path.axes {
             board.told_to(axis.slave, axis.end);
             let position = after.position(axis.slave).unwrap_or_default();
-            let scale = board.axis(WHAT, axis.slave)?.scale;
+            let (text, units) = board.in_units(axis.slave, position);
             let mut json = json!({
                 "verb": WHAT, "axis": axis.slave, "target_counts": axis.end, "position_counts": position,
                 "seconds": seconds, "underruns": stats.underruns,
             });
-            let mut text = format!("axis {}: at {position}", axis.slave);
-            if scale != Scale::COUNTS {
-                let units = scale.to_units(position);
+            if let Some(units) = units {
                 json["position"] = units.into();
-                text = format!("axis {}: at {units} ({position} counts)", axis.slave);
             }
-            board.talk.result(text, &json)?;
+            board.talk.result(format_args!("axis {}: at {text}", axis.slave), &json)?;
         }
         for axis in &path.axes {
             let off = axis.off(&after);
@@ -166,9 +164,9 @@ impl Args {
         let axis = |target: &Target| {
             let scale = board.axis(WHAT, target.slave)?.scale;
             let start = board.rests_at(snapshot, target.slave);
-            let end = counts(target, scale)?;
+            let end = counts(WHAT, target, scale)?;
             let end = if self.relative { start.checked_add(end) } else { Some(end) };
-            let end = end.ok_or_else(|| outside(target))?;
+            let end = end.ok_or_else(|| outside(WHAT, target))?;
             Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(scale) })
         };
         let axes: Vec<AxisPath> = self.targets.iter().map(axis).collect::<Result<_, BoardError>>()?;
@@ -284,15 +282,6 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
 fn depth(network: &Config) -> u16 {
     let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
     frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16
-}
-
-fn counts(target: &Target, scale: Scale) -> Result<i32, BoardError> {
-    scale.to_counts(target.value).ok_or_else(|| outside(target))
-}
-
-fn outside(target: &Target) -> BoardError {
-    let why = format!("target {} of axis {} is outside the 32 bits of a position", target.value, target.slave);
-    refused(why, "name one from -2147483648 to 2147483647 counts")
 }
 
 fn refused(why: String, next: &str) -> BoardError {

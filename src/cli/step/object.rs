@@ -147,6 +147,15 @@ impl Object {
             return Ok(Self { address: ObjectAddress::new(index, sub), known: Some((name, of)) });
         }
         let (index, sub) = text.split_once(':').unwrap_or((text, "0"));
+        // Indices are written in hexadecimal everywhere, with 0x or without: read as decimal, 6041 would be 0x1799. What has too
+        // many digits for that, such as 24641, is decimal.
+        let is_bare = index.contains(|digit: char| digit.is_ascii_digit()) && !index.starts_with('+');
+        if is_bare && u16::from_str_radix(index, 16).is_ok_and(|index| index > 0) {
+            let sub = text.strip_prefix(index).unwrap_or_default();
+            return Err(format!(
+                "did you mean `0x{index}{sub}`? allowed: an index with 0x, such as 0x6064 or 0x6099:1"
+            ));
+        }
         let index = whole(index).and_then(|index| u16::try_from(index).ok()).filter(|index| *index > 0);
         let sub = whole(sub).and_then(|sub| u8::try_from(sub).ok());
         let Some((index, sub)) = index.zip(sub) else {

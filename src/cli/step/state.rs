@@ -43,7 +43,13 @@ impl Args {
         let state = board.ecm.state()?;
         let failed = state.is_failed();
         let name = state.state().map(MasterState::name);
-        Ok(board.talk.result(state, &json!({"verb": "state", "state": name, "failed": failed}))?)
+        let why = board.why_failed(state);
+        let text = why.as_ref().map_or_else(|| state.to_string(), |why| format!("{state}: {why}"));
+        let mut json = json!({"verb": "state", "state": name, "failed": failed});
+        if let Some(why) = why {
+            json["why"] = why.into();
+        }
+        Ok(board.talk.result(text, &json)?)
     }
 }
 

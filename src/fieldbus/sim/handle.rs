@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::coe::{AbortCode, ObjectAddress};
-use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
+use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 use crate::slave::{AlStatus, DeviceFault, Input, InputPattern};
 
 /// Where the shafts really are.
@@ -165,8 +165,10 @@ impl SimHandle {
         self.0.reach.load(Ordering::Relaxed)
     }
 
-    pub(super) fn is_silent(&self, slave: u8) -> bool {
-        self.0.silent.load(Ordering::Relaxed) & bit_of(slave) != 0
+    /// Slaves that frames reach and that answer them.
+    pub(super) fn answering(&self) -> SlaveSet {
+        let silent = SlaveSet(self.0.silent.load(Ordering::Relaxed));
+        SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
     }
 
     /// Slaves whose power goes now.

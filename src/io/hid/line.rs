@@ -27,6 +27,9 @@ pub(super) trait Ended: Send + Sync {
     fn input(&self, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>);
     /// The transfer to the device has ended; so many bytes were moved.
     fn output(&self, outcome: Outcome, moved: usize);
+    /// It has panicked while it was told something: whether that transfer counts as ended is not known.
+    #[cfg_attr(windows, allow(dead_code, reason = "there it is told by a thread of ours"))]
+    fn defective(&self);
 }
 
 /// What moves the reports of an open device. Every transfer that is handed over ends, which the listener is told by the

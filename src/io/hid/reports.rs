@@ -19,6 +19,8 @@ const PREPARED: usize = 1024;
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
+const DEFECT: &str = "a defect of this library has ended its transfers; open it again, and please report it with the \
+                      output of ECMSK_LOG=trace";
 /// See [`State::deaf`].
 pub(super) const DEAF: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
                                again, and look at the system's log";
@@ -88,9 +90,12 @@ impl Shared {
         Self { queue, state: Mutex::new(state), readable, writable, look_around }
     }
 
-    /// Ends every wait: the device is gone.
+    /// Ends every wait: the device is gone. Reports that nobody has read are gone with it, and counted: a program that
+    /// looks at a machine's state must not be told an old one as if the board were still there.
     pub fn lose(&self, state: &mut State, why: &'static str) {
         state.lost.get_or_insert(why);
+        state.stats.dropped += state.reports.len() as u64;
+        state.reports.clear();
         self.readable.notify_all();
         self.writable.notify_all();
     }
@@ -101,13 +106,18 @@ impl Shared {
             state.stats.short += 1;
             return;
         };
+        let number = state.stats.reports;
+        state.stats.reports += 1;
+        if state.lost.is_some() {
+            // It came before the device went, and is looked at afterwards.
+            state.stats.dropped += 1;
+            return;
+        }
         if state.reports.len() >= self.queue {
             state.reports.pop_front();
             state.stats.dropped += 1;
         }
-        let number = state.stats.reports;
         state.reports.push_back(Report { bytes, at: Instant::now(), number });
-        state.stats.reports += 1;
         self.readable.notify_one();
     }
 }
@@ -152,5 +162,12 @@ impl Ended for Shared {
             self.lose(&mut state, GONE);
         }
         self.writable.notify_all();
+    }
+
+    fn defective(&self) {
+        let mut state = self.state.lock();
+        // Nobody waits for the end of a transfer that may have been counted already, or may not.
+        state.deaf = true;
+        self.lose(&mut state, DEFECT);
     }
 }

@@ -35,7 +35,7 @@ pub const KEYS: &[Key] = &[
         meaning: "the slaves on the network, in order, e.g. drive*2,io: drive, a servo drive; io, 16 outputs and \
                   inputs; step, a stepper; hsp and hsp2, a pulse module of one and of two channels (outputs of io and \
                   hsp are wired to their inputs); none: a board that finds no slave; a kind may have its travel behind it, \
-                  e.g. drive:limits@-200000..300000 (see below)",
+                  e.g. drive:limits@-200000..300000, and the objects of its maker, drive:objects@FILE (see below)",
     },
     Key {
         name: "slot",
@@ -184,6 +184,16 @@ pub const KEYS: &[Key] = &[
         example: "2000",
         meaning: "each end says at least this often that it is there, in ms; the connection is lost after four times \
                   that without a word",
+    },
+    Key {
+        name: "hang_ms",
+        schemes: TCP,
+        syntax: Syntax::Number(0, HOUR_MS),
+        default: Some("0"),
+        example: "5000",
+        meaning: "a writer whose program makes no call for that long, in ms, while a velocity or a torque that it has \
+                  commanded is in force counts as dead: its axes are braked; 0: however long, for a program may set a \
+                  velocity and sleep",
     },
     Key {
         name: "connect_timeout_ms",

@@ -16,6 +16,7 @@ use pcap_file::pcapng::blocks::{
 use pcap_file::pcapng::{Block, PcapNgParser};
 use pcap_file::{DataLink, Endianness, PcapError, TsResolution};
 
+use super::file::APPLICATION;
 use super::meta::RecordMeta;
 use super::reader::RecordError;
 
@@ -28,14 +29,14 @@ const NS_PER_S: u128 = 1_000_000_000;
 
 /// What stands in a file, as far as it matters here.
 pub(super) enum Item<'a> {
-    /// A section begins; what it says of itself, if it is a recording.
-    Section(Option<RecordMeta>),
+    /// A section begins; what it says of itself, if it is a recording, and whether our recorder wrote the file.
+    Section(Option<RecordMeta>, bool),
     /// Packets of that link type may follow.
     Interface(DataLink),
     /// One packet.
     Packet(Packet<'a>),
-    /// So many packets are missing.
-    Missing(u64),
+    /// The counts of an interface, which stand at the end of a section: so many packets are missing, and why.
+    Counts { missing: u64, why: Option<String> },
     /// Something else.
     Other,
 }
@@ -178,10 +179,15 @@ fn malformed(name: &str, offset: u64, reason: &PcapError) -> RecordError {
 }
 
 fn section(header: &SectionHeaderBlock<'_>) -> Item<'static> {
-    Item::Section(header.options.iter().find_map(|option| match option {
+    let meta = header.options.iter().find_map(|option| match option {
         SectionHeaderOption::Comment(comment) => RecordMeta::from_comment(comment),
         _ => None,
-    }))
+    });
+    let ours = |option: &SectionHeaderOption<'_>| match option {
+        SectionHeaderOption::UserApplication(name) => name.starts_with(APPLICATION),
+        _ => false,
+    };
+    Item::Section(meta, header.options.iter().any(ours))
 }
 
 fn pcap_item<'a>(parser: &PcapParser, block: &'a [u8], offset: u64) -> Result<Item<'a>, PcapError> {
@@ -219,14 +225,20 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
             let Cow::Borrowed(data) = packet.data else { return Ok(Item::Other) };
             Ok(Item::Packet(Packet { link_type: interface.linktype, order, at_ns, offset, data }))
         }
-        Block::InterfaceStatistics(statistics) => Ok(statistics
-            .options
-            .iter()
-            .find_map(|option| match option {
-                InterfaceStatisticsOption::IsbIfDrop(n) => Some(Item::Missing(*n)),
-                _ => None,
-            })
-            .unwrap_or(Item::Other)),
+        Block::InterfaceStatistics(statistics) => {
+            let (mut missing, mut why) = (0, None);
+            for option in &statistics.options {
+                match option {
+                    InterfaceStatisticsOption::IsbIfDrop(n) => missing = *n,
+                    // `570 frames are missing: why`
+                    InterfaceStatisticsOption::Comment(words) => {
+                        why = words.split_once(": ").map(|(_, why)| why.to_owned());
+                    }
+                    _ => {}
+                }
+            }
+            Ok(Item::Counts { missing, why: why.filter(|_| missing > 0) })
+        }
         _ => Ok(Item::Other),
     }
 }

@@ -23,7 +23,8 @@ pub struct RecordMeta {
     /// Whether times are those of a clock on the wall.
     pub clock: Clock,
     /// Nanoseconds that were added to the link's time to make the times in the file. On the real clock these are
-    /// nanoseconds since 1970-01-01; on a virtual clock nothing is added.
+    /// nanoseconds since 1970-01-01; on a virtual clock nothing is added, unless a process records to the same file again
+    /// and the clock began anew: then, on either clock, the times go on where those before have ended.
     pub base_ns: u64,
     /// The link's URI in normal form.
     pub link: String,
@@ -40,6 +41,11 @@ impl RecordMeta {
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };
         Self { slot: info.slot, clock, base_ns, link: info.name.clone() }
+    }
+
+    /// Whether times are the board's own.
+    pub(super) fn is_virtual(&self) -> bool {
+        self.clock == Clock::Virtual
     }
 
     /// Reads the comment back; `None` if it is somebody else's. Fields that are not known are passed over.

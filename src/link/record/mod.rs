@@ -7,10 +7,13 @@
 
 mod boards;
 mod container;
+mod ending;
 mod file;
 mod held;
 mod meta;
 mod reader;
+mod sync;
+mod tell;
 mod transfer;
 mod usbmon;
 mod usbpcap;
@@ -25,14 +28,17 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 pub use boards::{BOARD_IDS, Seen, Skipped};
+pub use ending::{Lacks, lacks_at_end};
+pub use file::make_room;
 pub use meta::RecordMeta;
 pub use reader::{RecordError, Recorded, Recording, board_in};
 pub use transfer::{Address, AddressError};
 
 use super::options::Clock;
-use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use super::{Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::threads;
+use file::Sink;
 use writer::{Capture, Entry};
 
 /// Frames that may wait for a slow disk, in memory that is taken at the start: both directions of a 250 us cycle for a
@@ -42,6 +48,10 @@ pub const QUEUE: usize = 8192;
 /// The same on a virtual clock, where a caller may wait: a program that crashes loses no more than these \[OURS].
 pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
 
+/// How often the system is asked to bring what was recorded to the disk. \[OURS] It has it from the moment on that the
+/// recorder writes it: a program that is killed loses nothing of that, a machine without power no more than this.
+pub const SYNC_EVERY: Duration = Duration::from_secs(1);
+
 /// How long a pipe's reader may take nothing before it is given up. \[OURS]
 const PIPE_PATIENCE: Duration = Duration::from_secs(2);
 
@@ -50,10 +60,11 @@ const PIPE_PATIENCE: Duration = Duration::from_secs(2);
 /// A frame is in the recording once the call that moved it has succeeded. On the real clock the caller never waits for
 /// the disk: a frame for which there is no room is counted in [`LinkStats::record_dropped`]. On a virtual clock it
 /// waits, as no time passes meanwhile, and nothing is lost. When the disk is full the recording ends, whole, and all
-/// further frames are counted. So they are when the reader of a pipe takes nothing for 2 s.
+/// further frames are counted. So they are when the reader of a pipe takes nothing for 2 s. Whoever runs the program is
+/// told of it on standard error, once when it begins and once at the end, and so is the reader of the file ([`Lacks`]).
 ///
 /// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by what the disk has
-/// not taken yet.
+/// not taken yet. What the system has of it goes to the disk every [`SYNC_EVERY`].
 pub struct RecordLink {
     inner: Arc<dyn Link>,
     base_ns: u64,
@@ -67,7 +78,8 @@ pub struct RecordLink {
 }
 
 impl RecordLink {
-    /// Records `inner` to the file at `path`. The process's first recording to a file replaces it; later ones append.
+    /// Records `inner` to the file at `path`. The process's first recording to a file begins it, and a recording that is
+    /// there is kept as `FILE.1`; later ones append.
     ///
     /// # Errors
     /// [`LinkError::Io`] naming the file if it cannot be written or another recording is writing to it.
@@ -79,7 +91,8 @@ impl RecordLink {
             Clock::Virtual => QUEUE_IN_VIRTUAL_TIME,
         };
         let patience = (!file.is_on_disk()).then_some(PIPE_PATIENCE);
-        Self::begin(inner, &name, Box::new(file), meta, queue, patience)
+        let meta = file.continued(meta, inner.info().opened_at);
+        Self::begin(inner, &name, Sink::File(file), &meta, queue, patience)
     }
 
     /// Records `inner` to anything that takes bytes; up to `queue` frames wait for it. `name` is for messages.
@@ -93,13 +106,13 @@ impl RecordLink {
         meta: &RecordMeta,
         queue: usize,
     ) -> Result<Self, LinkError> {
-        Self::begin(inner, name, sink, meta, queue, None)
+        Self::begin(inner, name, Sink::Other(sink), meta, queue, None)
     }
 
     fn begin(
         inner: Arc<dyn Link>,
         name: &str,
-        sink: Box<dyn Write + Send>,
+        sink: Sink,
         meta: &RecordMeta,
         queue: usize,
         patience: Option<Duration>,
@@ -184,9 +197,9 @@ struct Writer {
     end: Receiver<()>,
 }
 
-impl Link for RecordLink {
-    fn info(&self) -> LinkInfo {
-        self.inner.info()
+impl Layer for RecordLink {
+    fn inner(&self) -> &dyn Link {
+        &*self.inner
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
@@ -203,22 +216,15 @@ impl Link for RecordLink {
         Ok(meta)
     }
 
-    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
-        self.inner.pass(time)
-    }
-
-    fn cancel(&self, dir: Dir) {
-        self.inner.cancel(dir);
-    }
-
     fn close(&self) {
         // First, so that the calls under way end: the recording waits for them.
         self.inner.close();
         self.finish();
     }
 
-    fn check(&self) -> Result<(), LinkError> {
-        self.inner.check()
+    fn vanish(&self) {
+        self.inner.vanish();
+        self.finish();
     }
 
     fn stats(&self) -> LinkStats {
@@ -230,6 +236,10 @@ impl Link for RecordLink {
 
 impl Drop for RecordLink {
     fn drop(&mut self) {
+        // What stops axes comes before what has to be written to a disk.
+        if Arc::strong_count(&self.inner) == 1 {
+            self.inner.vanish();
+        }
         self.finish();
     }
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use super::boards::{self, Boards, Cut, Seen, Skipped};
 use super::container::{Blocks, Item, Packet};
+use super::ending::Lacks;
 use super::held::Held;
 use super::meta::RecordMeta;
 use super::transfer::Address;
@@ -142,7 +143,9 @@ pub struct Recording<R> {
     meta: Option<RecordMeta>,
     /// That of the section that was begun, while frames of the one before are held.
     next_meta: Option<Option<RecordMeta>>,
-    missing: u64,
+    lacks: Lacks,
+    /// The section that is read was written by our recorder, and its end has not come.
+    unended: bool,
     /// Link types of interfaces that are no USB, for an error; `None` once there was one that is.
     others: Option<Vec<String>>,
     boards: Boards,
@@ -182,7 +185,8 @@ impl<R: Read> Recording<R> {
             name: name.to_owned(),
             meta: None,
             next_meta: None,
-            missing: 0,
+            lacks: Lacks::default(),
+            unended: false,
             others: Some(Vec::new()),
             boards: Boards::default(),
             held: Held::default(),
@@ -214,7 +218,12 @@ impl<R: Read> Recording<R> {
 
     /// Frames that are known to be missing, as far as it was read: a recording tells at its end.
     pub const fn missing(&self) -> u64 {
-        self.missing
+        self.lacks.missing
+    }
+
+    /// What the recording lacks, as far as it was read: all of it is known when the last frame has been read.
+    pub fn lacks(&self) -> Lacks {
+        self.lacks.clone()
     }
 
     /// What was left out, as far as it was read.
@@ -229,10 +238,14 @@ impl<R: Read> Recording<R> {
 
     /// One block on; says whether there was one.
     fn step(&mut self) -> Result<bool, RecordError> {
-        let Some(item) = self.blocks.next()? else { return Ok(false) };
+        let Some(item) = self.blocks.next()? else {
+            self.lacks.not_ended += u64::from(std::mem::take(&mut self.unended));
+            return Ok(false);
+        };
         match item {
-            Item::Section(meta) => {
+            Item::Section(meta, ours) => {
                 self.held.settle();
+                self.lacks.not_ended += u64::from(std::mem::replace(&mut self.unended, ours && meta.is_some()));
                 self.is_recording |= meta.is_some();
                 self.next_meta = Some(meta);
             }
@@ -257,7 +270,11 @@ impl<R: Read> Recording<R> {
                     return Err(RecordError::Cut { name: self.name.clone(), offset, captured, length });
                 }
             }
-            Item::Missing(frames) => self.missing = self.missing.saturating_add(frames),
+            Item::Counts { missing, why } => {
+                self.unended = false;
+                self.lacks.missing = self.lacks.missing.saturating_add(missing);
+                self.lacks.why = why.or_else(|| self.lacks.why.take());
+            }
             Item::Other => {}
         }
         Ok(true)

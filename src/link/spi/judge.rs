@@ -72,12 +72,18 @@ pub enum Lie {
 /// Answers kept that were none: a lie has to explain them all. \[OURS]
 const KEPT: usize = 4;
 
+/// Answers with CRCs that are right, each another one than the one before, after which the board counts as one that fills it:
+/// what is none has a right one once in 256 times. \[OURS]
+const FILLED: u8 = 2;
+
 /// What is known of the board's answers.
 #[derive(Clone, Debug)]
 pub struct Judge {
     size: SlotSize,
-    /// Whether it fills the CRC.
-    fills_crc: bool,
+    /// Answers with CRCs that are right, each another one, since one without; at most [`FILLED`], from where on it stays.
+    filled: u8,
+    /// The newest of these CRCs.
+    crc: u8,
     /// The newest that were none, since one that was, no two the same in a row.
     bad: VecDeque<Frame>,
 }
@@ -85,12 +91,12 @@ pub struct Judge {
 impl Judge {
     /// Of a board of that slot size.
     pub fn new(size: SlotSize) -> Self {
-        Self { size, fills_crc: false, bad: VecDeque::with_capacity(KEPT) }
+        Self { size, filled: 0, crc: 0, bad: VecDeque::with_capacity(KEPT) }
     }
 
     /// Whether the answer carries a CRC, as far as is known.
     pub const fn fills_crc(&self) -> bool {
-        self.fills_crc
+        self.filled >= FILLED
     }
 
     /// Looks at what came in.
@@ -108,8 +114,17 @@ impl Judge {
             return Err(NoAnswer);
         }
         self.bad.clear();
-        self.fills_crc |= answer.crc_byte() != 0;
+        self.note_crc(answer.crc_byte());
         Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
+    }
+
+    /// An answer has that CRC; 0: none, as far as is known.
+    const fn note_crc(&mut self, crc: u8) {
+        if self.fills_crc() || crc == self.crc {
+            return;
+        }
+        self.crc = crc;
+        self.filled = if crc == 0 { 0 } else { self.filled + 1 };
     }
 
     fn fits(&self, answer: &Frame) -> bool {
@@ -117,7 +132,7 @@ impl Judge {
         if same(bytes, 0xFF) {
             return false;
         }
-        if answer.crc_byte() != 0 || self.fills_crc {
+        if answer.crc_byte() != 0 || self.fills_crc() {
             return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
         }
         !same(bytes, 0) && has_form(answer, self.size)

@@ -26,12 +26,13 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 
 pub use self::judge::Lie;
+#[doc(hidden)]
+pub use self::judge::{Judge, NoAnswer};
 pub use self::options::SpiOptions;
 pub use self::pacer::{Carry, Held, Pacer, PacerCounts, PacerOptions, Plan};
 
 use self::begin::{begin, refused};
 use self::desk::{Desk, Refused};
-use self::judge::Judge;
 use self::options::PERIOD_WITHOUT_BUSY;
 use self::runner::{Runner, Shared};
 use super::options::CommonOptions;

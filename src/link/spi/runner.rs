@@ -196,7 +196,8 @@ impl Runner {
         *bad = 0;
         self.doubt = self.doubt.saturating_sub(1);
         self.pacer.answered(&response, extra, self.shared.desk.held());
-        if self.pacer.show(answer, self.shared.desk.held()) && self.judge.fills_crc() {
+        let has_crc = answer.crc_byte() != 0 || self.judge.fills_crc();
+        if self.pacer.show(answer, self.shared.desk.held()) && has_crc {
             answer.fill_crc(self.options.slot);
         }
         self.shared.desk.report(answer, at, self.pacer.op());

@@ -23,7 +23,8 @@ const SYSTEM_BUFFER: usize = 64 * 1024;
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    waker: Waker,
+    /// `None`: no other thread ends its waits.
+    waker: Option<Waker>,
 }
 
 /// Bytes that were not sent yet, and room for a message.
@@ -81,10 +82,34 @@ impl Channel {
     /// # Errors
     /// The system's.
     pub fn new(socket: TcpStream) -> io::Result<Self> {
+        let mut channel = Self::without_waker(socket)?;
+        channel.make_wakeable()?;
+        Ok(channel)
+    }
+
+    /// As [`new`](Self::new), for a thread that waits for many: [`wake`](Self::wake) does nothing.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn without_waker(socket: TcpStream) -> io::Result<Self> {
         socket.set_nodelay(true)?;
         socket.set_nonblocking(true)?;
         rustix::net::sockopt::set_socket_send_buffer_size(&socket, SYSTEM_BUFFER)?;
-        Ok(Self { socket, tls: None, waker: Waker::new()? })
+        Ok(Self { socket, tls: None, waker: None })
+    }
+
+    /// Lets [`wake`](Self::wake) end its waits.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn make_wakeable(&mut self) -> io::Result<()> {
+        self.waker = Some(Waker::new()?);
+        Ok(())
+    }
+
+    /// What another thread waits for, with `to_send` until something can be sent, too.
+    pub fn waits_for(&self, to_send: bool) -> PollFd<'_> {
+        PollFd::new(&self.socket, if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN })
     }
 
     /// Puts a TLS session into it, by `deadline`; gives its keying material.
@@ -93,13 +118,26 @@ impl Channel {
     /// The system's, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end speaks no TLS.
     pub fn secure(&mut self, mut session: Connection, deadline: Instant) -> io::Result<Material> {
         let mut out = Out::default();
+        while !self.shake_hands(&mut session, &mut out)? {
+            self.wait_until(!out.is_empty(), deadline)?;
+        }
+        self.secured(session)
+    }
+
+    /// Goes on with the handshake of a TLS session as far as that goes without waiting; says whether it is done.
+    ///
+    /// # Errors
+    /// As [`secure`](Self::secure).
+    pub fn shake_hands(&self, session: &mut Connection, out: &mut Out) -> io::Result<bool> {
         loop {
             while session.wants_write() {
                 session.write_tls(&mut out.bytes)?;
             }
-            self.flush(&mut out, deadline)?;
+            if !self.push(out)? {
+                return Ok(false);
+            }
             if !session.is_handshaking() {
-                break;
+                return Ok(true);
             }
             match session.read_tls(&mut &self.socket) {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
@@ -110,10 +148,18 @@ impl Channel {
                         return Err(io::Error::new(ErrorKind::InvalidData, error));
                     }
                 }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => self.wait_until(false, deadline)?,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
         }
+    }
+
+    /// Puts a TLS session into it whose handshake is done; gives its keying material.
+    ///
+    /// # Errors
+    /// As [`secure`](Self::secure).
+    pub fn secured(&mut self, session: Connection) -> io::Result<Material> {
         let material = tls::material(&session)?;
         self.tls = Some(Mutex::new(session));
         Ok(material)
@@ -134,7 +180,9 @@ impl Channel {
 
     /// Ends the wait of the thread that waits, or that of the next one.
     pub fn wake(&self) {
-        self.waker.wake();
+        if let Some(waker) = &self.waker {
+            waker.wake();
+        }
     }
 
     /// Waits until there is something to receive, with `to_send` until something can be sent, until [`wake`](Self::wake)
@@ -143,15 +191,13 @@ impl Channel {
     /// # Errors
     /// The system's.
     pub fn wait(&self, to_send: bool, limit: Option<Duration>) -> io::Result<()> {
-        let events = if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
-        let mut ready = [PollFd::new(&self.socket, events), PollFd::new(self.waker.waited(), PollFlags::IN)];
         let limit = limit.and_then(|limit| Timespec::try_from(limit).ok());
-        match poll(&mut ready, limit.as_ref()) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => {}
-            Err(error) => return Err(error.into()),
-        }
+        let socket = self.waits_for(to_send);
+        let Some(waker) = &self.waker else { return waited(poll(&mut [socket], limit.as_ref())) };
+        let mut ready = [socket, PollFd::new(waker.waited(), PollFlags::IN)];
+        waited(poll(&mut ready, limit.as_ref()))?;
         if !ready[1].revents().is_empty() {
-            self.waker.seen();
+            waker.seen();
         }
         Ok(())
     }
@@ -272,6 +318,14 @@ impl Channel {
     pub fn end(&self, both: bool) {
         // It may be gone already.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
+    }
+}
+
+/// A wait that a signal has cut short is a short one.
+fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
+    match done {
+        Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+        Err(error) => Err(error.into()),
     }
 }
 

@@ -9,12 +9,13 @@ use parking_lot::{Condvar, Mutex};
 
 use super::connect::{Connected, connect, until_closed};
 use super::exchange::{Answer, Ended, Exchange};
+use super::hang::InForce;
 use super::options::TcpOptions;
 use super::traffic::{Calls, Sender, Shared, State};
 use super::wire::{Counts, End, Message, Role};
 use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
-use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait, check_pass};
 use crate::sk::Frame;
 use crate::threads;
 
@@ -35,7 +36,8 @@ impl TcpLink {
     /// the writer, and who; [`LinkError::Io`].
     pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
         let name = uri.to_string();
-        let Connected { channel, mut inbox, out, slot, virtual_time, now, sequence, board } = connect(&name, options)?;
+        let Connected { channel, mut inbox, out, slot, virtual_time, now, sequence, board, network } =
+            connect(&name, options)?;
         // For a reader time passes by itself: the writer lets it.
         let virtual_time = virtual_time && options.role == Role::Writer;
         let info = LinkInfo {
@@ -46,14 +48,22 @@ impl TcpLink {
             read_wait: common.read_wait(),
             write_wait: common.write_wait(),
         };
+        // On virtual time nothing moves while no call comes.
+        let watches = !options.hang.is_zero() && options.role == Role::Writer && !virtual_time;
+        if watches && info.slot.is_none() {
+            log::warn!("`{name}`: hang_ms= has no effect while it is not known how wide slots are; give it slot= too");
+        }
+        let in_force = info.slot.filter(|_| watches).map(|size| InForce::new(options.hang, size));
         let mut exchange = Exchange::new(name, sequence, common.queue, virtual_time.then_some(now));
         // What came with the welcome.
         exchange.take_all(&mut inbox);
         let shared = Arc::new(Shared {
             info,
             board,
+            network,
             role: options.role,
             keepalive: options.keepalive,
+            in_force,
             channel,
             out: Mutex::new(Sender { out, last: Instant::now() }),
             inbox: Mutex::new(inbox),
@@ -73,6 +83,42 @@ impl TcpLink {
         Ok(Self { shared, keeper: Mutex::new(Some(keeper)) })
     }
 
+    /// Ends the link once. With a good-bye the server trusts this client to have done with its axes what it wanted;
+    /// without it they are brought to a standstill.
+    fn end(&self, says_bye: bool) {
+        let shared = &self.shared;
+        let first = {
+            let mut state = shared.state.lock();
+            let was_open = state.exchange.ended.is_none();
+            let closed = matches!(&state.exchange.ended, Some(ended) if ended.error == LinkError::Closed);
+            state.exchange.ended = Some(Ended { error: LinkError::Closed, unsure: false });
+            was_open.then_some(()).or((!closed).then_some(())).map(|()| was_open)
+        };
+        let Some(was_open) = first else { return };
+        shared.over.notify_all();
+        shared.changed.notify_all();
+        shared.channel.wake();
+        if was_open && says_bye {
+            let mut sender = shared.out.lock();
+            let bye = Message::Bye { end: End::Closed, text: "" };
+            let deadline = Instant::now() + CLOSE_LIMIT;
+            let said = shared
+                .channel
+                .stage(&bye, &mut sender.out)
+                .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
+            shared.channel.end(false);
+            if said.is_ok() {
+                // Once it has closed its end, the next client may be the writer.
+                until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
+            }
+        }
+        shared.channel.end(true);
+        if let Some(keeper) = self.keeper.lock().take() {
+            // It ends at its next look.
+            let _ = keeper.join();
+        }
+    }
+
     /// The server's own link, as it calls it.
     pub fn board(&self) -> &str {
         &self.shared.board
@@ -88,6 +134,10 @@ fn counted<T>(done: &AtomicU64, failed: &AtomicU64, result: Result<T, LinkError>
 impl Link for TcpLink {
     fn info(&self) -> LinkInfo {
         self.shared.info.clone()
+    }
+
+    fn network(&self) -> Option<KnownNetwork> {
+        Some(self.shared.network.clone()).filter(|network| !network.is_empty())
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
@@ -111,9 +161,10 @@ impl Link for TcpLink {
         {
             return Ok(Some(now));
         }
+        check_pass(time)?;
         let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-        let wait = Wait::For(self.shared.patience());
-        match self.shared.request(Dir::Read, wait, |request| Message::Pass { request, ns }).1? {
+        // A long time takes the server long; it says meanwhile that it is there.
+        match self.shared.request(Dir::Read, Wait::Forever, |request| Message::Pass { request, ns }).1? {
             Answer::Passed(now) => Ok(now),
             Answer::Failed(error) => Err(error),
             _ => Err(self.shared.nonsense()),
@@ -127,37 +178,12 @@ impl Link for TcpLink {
     }
 
     fn close(&self) {
-        let shared = &self.shared;
-        let first = {
-            let mut state = shared.state.lock();
-            let was_open = state.exchange.ended.is_none();
-            let closed = matches!(&state.exchange.ended, Some(ended) if ended.error == LinkError::Closed);
-            state.exchange.ended = Some(Ended { error: LinkError::Closed, unsure: false });
-            was_open.then_some(()).or((!closed).then_some(())).map(|()| was_open)
-        };
-        let Some(was_open) = first else { return };
-        shared.over.notify_all();
-        shared.changed.notify_all();
-        shared.channel.wake();
-        if was_open {
-            let mut sender = shared.out.lock();
-            let bye = Message::Bye { end: End::Closed, text: "" };
-            let deadline = Instant::now() + CLOSE_LIMIT;
-            let said = shared
-                .channel
-                .stage(&bye, &mut sender.out)
-                .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
-            shared.channel.end(false);
-            if said.is_ok() {
-                // Once it has closed its end, the next client may be the writer.
-                until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
-            }
-        }
-        shared.channel.end(true);
-        if let Some(keeper) = self.keeper.lock().take() {
-            // It ends at its next look.
-            let _ = keeper.join();
-        }
+        self.end(true);
+    }
+
+    fn vanish(&self) {
+        // A reader moves nothing.
+        self.end(self.shared.role == Role::Reader);
     }
 
     fn check(&self) -> Result<(), LinkError> {
@@ -182,7 +208,7 @@ impl Link for TcpLink {
         LinkStats {
             written: count(&shared.counts.written),
             read: count(&shared.counts.read),
-            reports_dropped: counts.reports_dropped + here,
+            reports_dropped: counts.reports_dropped.saturating_add(here),
             write_errors: count(&shared.counts.write_errors),
             read_errors: count(&shared.counts.read_errors),
             reports_short: 0,
@@ -190,12 +216,15 @@ impl Link for TcpLink {
             record_dropped: 0,
             faults: Default::default(),
             board: counts.board,
+            // The protocol does not carry it.
+            state_failure: None,
         }
     }
 }
 
+/// A link that is dropped without having been closed has vanished: its program has not said that its axes may go on.
 impl Drop for TcpLink {
     fn drop(&mut self) {
-        self.close();
+        self.vanish();
     }
 }

@@ -2,6 +2,7 @@
 
 use std::io::{self, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs as _};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use super::channel::{Came, Channel, Out, first_message};
@@ -9,8 +10,8 @@ use super::inbox::Inbox;
 use super::options::TcpOptions;
 use super::proof::{PROOF_LEN, Secret, Side, how_to_give};
 use super::tls;
-use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, WireError};
-use crate::link::{LinkError, Stamp};
+use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, Welcome, WireError};
+use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
@@ -25,6 +26,8 @@ pub(super) struct Connected {
     pub(super) sequence: u64,
     /// The server's link.
     pub(super) board: String,
+    /// What the server knows of the network.
+    pub(super) network: KnownNetwork,
 }
 
 /// Why there is none, without the link's name.
@@ -32,7 +35,12 @@ enum Failed {
     Link(LinkError),
     NoBoard(String),
     InUse(String),
+    /// The server has closed the connection after its greeting: it makes room where too many come at once.
+    Crowded(String),
 }
+
+/// After the server has made room for others. \[OURS]
+const AGAIN: Duration = Duration::from_millis(20);
 
 impl From<LinkError> for Failed {
     fn from(error: LinkError) -> Self {
@@ -43,9 +51,15 @@ impl From<LinkError> for Failed {
 /// Connects to the server of that link, which messages call `name`.
 pub(super) fn connect(name: &str, options: &TcpOptions) -> Result<Connected, LinkError> {
     let deadline = Instant::now() + options.connect_limit;
-    try_connect(options, deadline).map_err(|failed| match failed {
+    let connected = loop {
+        match try_connect(options, deadline) {
+            Err(Failed::Crowded(_)) if Instant::now() + AGAIN < deadline => thread::sleep(AGAIN),
+            done => break done,
+        }
+    };
+    connected.map_err(|failed| match failed {
         Failed::Link(error) => error,
-        Failed::NoBoard(reason) => LinkError::NoBoard { name: name.to_owned(), reason },
+        Failed::NoBoard(reason) | Failed::Crowded(reason) => LinkError::NoBoard { name: name.to_owned(), reason },
         Failed::InUse(by) => {
             LinkError::InUse { name: name.to_owned(), by: format!(" by {by}"), instead: "look on with `role=reader`" }
         }
@@ -57,6 +71,12 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Fai
     let told = |error: io::Error| Failed::NoBoard(words(&error, options));
     let mut channel = Channel::new(dial(options, deadline).map_err(told)?).map_err(told)?;
     let greeting = greeting(&channel, deadline, options)?;
+    let told = |error: io::Error| match error.kind() {
+        ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => {
+            Failed::Crowded(words(&error, options))
+        }
+        _ => told(error),
+    };
     if !greeting.has_room {
         let reason = "its server takes no more clients; close one, or give it more (`--max-clients`)";
         return Err(Failed::NoBoard(reason.to_owned()));
@@ -71,10 +91,13 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Fai
             let reason = "its server wants a secret; give the file it is in with `secret_file=`";
             return Err(Failed::NoBoard(reason.to_owned()));
         }
+        // Never advise to leave the secret out: this is what somebody sees who was led to another server than the one that
+        // knows it.
         (Some(_), false) => {
             let how = how_to_give(options.secret_file.as_ref());
             return Err(Failed::NoBoard(format!(
-                "its server knows no secret, and one is given by {how}; leave that out, or start the server with --secret-file"
+                "a secret is given by {how}, and whoever answers there knows none: it may be somebody else in the server's \
+                 place, so nothing was said to it; check host and port, and start the right server with --secret-file"
             )));
         }
     };
@@ -98,13 +121,16 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Fai
                 let reason = "whoever answers there does not know the secret; somebody may be in between";
                 return Err(Failed::NoBoard(reason.to_owned()));
             }
-            Ok((welcome.slot, welcome.virtual_time, welcome.now, welcome.sequence, welcome.board.to_owned()))
+            let network =
+                KnownNetwork { slaves: welcome.slaves.to_owned(), counts_per_unit: welcome.counts_per_unit.to_owned() };
+            let Welcome { slot, virtual_time, now, sequence, board, .. } = welcome;
+            Ok((slot, virtual_time, now, sequence, board.to_owned(), network))
         }
         Message::Refused { why, text } => Err(refused(why, text, options)),
         other => Err(Failed::NoBoard(WireError::OutOfTurn { kind: other.kind() }.to_string())),
     });
-    let (slot, virtual_time, now, sequence, board) = answer.map_err(told)??;
-    Ok(Connected { channel, inbox, out, slot, virtual_time, now, sequence, board })
+    let (slot, virtual_time, now, sequence, board, network) = answer.map_err(told)??;
+    Ok(Connected { channel, inbox, out, slot, virtual_time, now, sequence, board, network })
 }
 
 fn dial(options: &TcpOptions, deadline: Instant) -> io::Result<TcpStream> {
@@ -132,7 +158,11 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) if error.kind() == ErrorKind::WouldBlock => channel.wait_until(false, deadline),
             Err(error) => Err(error),
         };
-        came.map_err(|error| Failed::NoBoard(words(&error, options)))?;
+        came.map_err(|error| match error.kind() {
+            // What the server sent before may be lost with it.
+            ErrorKind::ConnectionReset => Failed::Crowded(words(&error, options)),
+            _ => Failed::NoBoard(words(&error, options)),
+        })?;
     }
     Greeting::decode(&bytes).map_err(|error| Failed::NoBoard(error.to_string()))
 }

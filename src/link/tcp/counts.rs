@@ -1,11 +1,11 @@
 //! A board's counters as they travel.
 
 use super::fields::Get;
-use super::wire::WireError;
+use super::wire::{Counts, WireError};
 use crate::engine::{Counters, Reason};
 
 /// Numbers of [`Counters`] besides the rejections.
-const PLAIN: usize = 13;
+const PLAIN: usize = 14;
 
 /// Every number of a board's counters, in the order of the wire.
 pub(super) fn counters(counters: &Counters) -> [u64; PLAIN + Reason::KINDS] {
@@ -24,29 +24,53 @@ pub(super) fn counters(counters: &Counters) -> [u64; PLAIN + Reason::KINDS] {
         c.executed,
         c.idle_cycles,
         c.while_booting,
+        c.sdo_aborted,
     ];
     std::array::from_fn(|i| plain.get(i).copied().unwrap_or_else(|| c.rejected[i - PLAIN]))
 }
 
 pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
-    let mut counters = Counters {
-        frames: get.u64()?,
-        reports: get.u64()?,
-        ignored_homing: get.u64()?,
-        modes_not_restored: get.u64()?,
-        discarded_before_enabled: get.u64()?,
-        for_lost: get.u64()?,
-        cleared: get.u64()?,
-        full: get.u64()?,
-        crc: get.u64()?,
-        incomplete: get.u64()?,
-        executed: get.u64()?,
-        idle_cycles: get.u64()?,
-        while_booting: get.u64()?,
-        ..Counters::default()
-    };
-    for count in &mut counters.rejected {
-        *count = get.u64()?;
+    let mut numbers = [0; PLAIN + Reason::KINDS];
+    for number in &mut numbers {
+        *number = get.u64()?;
     }
-    Ok(counters)
+    Ok(from_numbers(&numbers))
+}
+
+/// The counters of which [`counters`] gives these numbers.
+fn from_numbers(numbers: &[u64; PLAIN + Reason::KINDS]) -> Counters {
+    let mut of = Counters::default();
+    let plain: [&mut u64; PLAIN] = [
+        &mut of.frames,
+        &mut of.reports,
+        &mut of.ignored_homing,
+        &mut of.modes_not_restored,
+        &mut of.discarded_before_enabled,
+        &mut of.for_lost,
+        &mut of.cleared,
+        &mut of.full,
+        &mut of.crc,
+        &mut of.incomplete,
+        &mut of.executed,
+        &mut of.idle_cycles,
+        &mut of.while_booting,
+        &mut of.sdo_aborted,
+    ];
+    plain.into_iter().chain(&mut of.rejected).zip(numbers).for_each(|(count, number)| *count = *number);
+    of
+}
+
+impl Counts {
+    /// What was counted since these were `before`.
+    #[must_use]
+    pub fn since(&self, before: &Self) -> Self {
+        let board = self.board.zip(before.board).map(|(now, before)| {
+            let (now, before) = (counters(&now), counters(&before));
+            from_numbers(&std::array::from_fn(|i| now[i].saturating_sub(before[i])))
+        });
+        Self {
+            reports_dropped: self.reports_dropped.saturating_sub(before.reports_dropped),
+            board: board.or(self.board),
+        }
+    }
 }

@@ -82,11 +82,16 @@ impl Exchange {
         number
     }
 
+    /// Requests that were begun so far.
+    pub(super) const fn requests(&self) -> u64 {
+        self.next_request
+    }
+
     /// The oldest report.
     pub(super) fn pop(&mut self, out: &mut Frame) -> Option<ReadMeta> {
         let (frame, meta) = self.reports.pop_front()?;
         out.clone_from(&frame);
-        Some(ReadMeta { dropped: meta.dropped + self.dropped, ..meta })
+        Some(ReadMeta { dropped: meta.dropped.saturating_add(self.dropped), ..meta })
     }
 
     /// Reports dropped here.
@@ -216,11 +221,19 @@ pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
 #[doc(hidden)]
 pub fn messages(bytes: &[u8]) -> Result<usize, WireError> {
     let mut count = 0;
+    each_message(bytes, |_| count += 1).map(|()| count)
+}
+
+/// Gives `take` the messages that these bytes are, half a one at the end aside.
+///
+/// # Errors
+/// The first that is none.
+pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> Result<(), WireError> {
     let mut wrong = None;
     feed(bytes, |inbox| {
         loop {
             match inbox.next() {
-                Ok(Some(_)) => count += 1,
+                Ok(Some(message)) => take(&message),
                 Ok(None) => return true,
                 Err(error) => {
                     wrong = Some(error);
@@ -229,7 +242,7 @@ pub fn messages(bytes: &[u8]) -> Result<usize, WireError> {
             }
         }
     });
-    wrong.map_or(Ok(count), Err)
+    wrong.map_or(Ok(()), Err)
 }
 
 /// Puts bytes into an inbox as they fit, until `take` has enough.

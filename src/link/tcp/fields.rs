@@ -7,9 +7,9 @@ use crate::sk::FRAME_LEN;
 /// No limit, no value: all bits set.
 const NONE: u64 = u64::MAX;
 /// Bytes of a text at most; a longer one is cut. \[OURS]
-pub(super) const TEXT_MAX: usize = 256;
+pub const TEXT_MAX: usize = 256;
 
-/// Writes fields. What a message holds fits its buffer: a frame, some numbers and at most two texts.
+/// Writes fields. What a message holds fits its buffer: a frame, some numbers and at most three texts.
 pub(super) struct Put<'a> {
     bytes: &'a mut [u8],
     pub(super) at: usize,
@@ -141,5 +141,5 @@ impl<'a> Get<'a> {
     }
 }
 
-// A frame, some numbers and two texts.
-const _: () = assert!(FRAME_LEN + 128 <= PAYLOAD_MAX && 2 * (2 + TEXT_MAX) + 128 <= PAYLOAD_MAX);
+// A frame, some numbers and three texts.
+const _: () = assert!(FRAME_LEN + 128 <= PAYLOAD_MAX && 3 * (2 + TEXT_MAX) + 128 <= PAYLOAD_MAX);

@@ -28,6 +28,11 @@ impl Inbox {
         &mut self.bytes[self.end..]
     }
 
+    /// Throws away what came.
+    pub const fn clear(&mut self) {
+        (self.start, self.end) = (0, 0);
+    }
+
     /// So many bytes of the room came.
     pub const fn came(&mut self, count: usize) {
         self.end += count;

@@ -45,6 +45,10 @@ pub struct Welcome<'a> {
     pub sequence: u64,
     /// The server's link.
     pub board: &'a str,
+    /// The slaves, as [`KnownNetwork::slaves`](crate::link::KnownNetwork::slaves).
+    pub slaves: &'a str,
+    /// Units of the axes, as [`KnownNetwork::counts_per_unit`](crate::link::KnownNetwork::counts_per_unit).
+    pub counts_per_unit: &'a str,
 }
 
 /// Why a server does not take a client.

@@ -16,6 +16,7 @@ mod counts;
 mod exchange;
 mod failure;
 mod fields;
+mod hang;
 mod inbox;
 mod message;
 mod options;
@@ -30,13 +31,16 @@ pub(crate) mod wire;
 
 use std::sync::Arc;
 
-pub(crate) use channel::{Came, Channel, Out, first_message};
+#[cfg(all(test, feature = "sim"))]
+pub(crate) use channel::first_message;
+pub(crate) use channel::{Came, Channel, Out};
 pub use client::TcpLink;
+pub(crate) use exchange::each_message;
 #[doc(hidden)]
 pub use exchange::{messages, replay};
 pub(crate) use inbox::Inbox;
-pub use options::TcpOptions;
-pub(crate) use proof::{PROOF_LEN, Side};
+pub use options::{DEFAULT_PORT, TcpOptions};
+pub(crate) use proof::{Material, PROOF_LEN, Side};
 pub use proof::{SECRET, Secret};
 pub(crate) use tls::ServerTls;
 #[cfg(all(test, feature = "sim"))]

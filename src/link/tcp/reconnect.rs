@@ -10,7 +10,7 @@ use parking_lot::{Condvar, Mutex};
 use super::{TcpLink, TcpOptions};
 use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
-use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
 
@@ -106,6 +106,10 @@ impl Link for Reconnecting {
         self.info.clone()
     }
 
+    fn network(&self) -> Option<KnownNetwork> {
+        self.current().network()
+    }
+
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         self.current().write(frame, wait)
     }
@@ -121,8 +125,8 @@ impl Link for Reconnecting {
             let link = self.current();
             match link.read(out, wait) {
                 Ok(meta) => {
-                    let sequence = meta.sequence + self.first.load(Ordering::Relaxed);
-                    self.next.store(sequence + 1, Ordering::Relaxed);
+                    let sequence = meta.sequence.saturating_add(self.first.load(Ordering::Relaxed));
+                    self.next.store(sequence.saturating_add(1), Ordering::Relaxed);
                     return Ok(ReadMeta { sequence, ..meta });
                 }
                 Err(error @ LinkError::Lost { .. }) => self.again(&link, error, until)?,

@@ -1,6 +1,6 @@
 //! The client's end while it is open: whose call receives, who may send, what a wait ends with.
 
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
@@ -9,9 +9,10 @@ use super::DEAD_AFTER;
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
 use super::failure::timeout;
+use super::hang::{Idle, InForce};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};
-use crate::link::{Dir, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
+use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
 
@@ -21,8 +22,12 @@ const LOOK: Duration = Duration::from_millis(20);
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
     pub(super) board: String,
+    /// What the server knows of the network.
+    pub(super) network: KnownNetwork,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
+    /// Where a program that hangs shall be noticed: what it has left in force.
+    pub(super) in_force: Option<InForce>,
     pub(super) channel: Channel,
     pub(super) out: Mutex<Sender>,
     pub(super) inbox: Mutex<Inbox>,
@@ -64,6 +69,7 @@ impl Shared {
     /// is not.
     pub(super) fn keep(&self) {
         let look = LOOK.min(self.keepalive / 4);
+        let mut idle = Idle::new(Instant::now());
         let mut state = self.state.lock();
         while state.exchange.ended.is_none() {
             self.over.wait_for(&mut state, look);
@@ -74,6 +80,18 @@ impl Shared {
             if silent > self.patience() {
                 state.exchange.lose(format!("no word of its server for {}", Span(silent)));
             }
+            if let Some(in_force) = &self.in_force
+                && let Some(silent) = idle.look(self.calls(&state), is_called(&state), Instant::now(), in_force)
+            {
+                let reason = format!(
+                    "the program made no call for {} while axes move by its velocity or torque (hang_ms=); open it again",
+                    Span(silent)
+                );
+                state.exchange.lose(reason.clone());
+                // Axes first: the server sees this end at once.
+                self.channel.end(true);
+                log::warn!("`{}`: {reason}", self.info.name);
+            }
             if state.exchange.ended.is_none() {
                 MutexGuard::unlocked(&mut state, || self.ping());
             }
@@ -81,6 +99,14 @@ impl Shared {
         drop(state);
         self.changed.notify_all();
         self.channel.wake();
+    }
+
+    /// Calls that were made so far.
+    fn calls(&self, state: &State) -> u64 {
+        let Calls { written, read, write_errors, read_errors } = &self.counts;
+        let ended: u64 =
+            [written, read, write_errors, read_errors].map(|count| count.load(Ordering::Relaxed)).iter().sum();
+        ended + state.exchange.requests()
     }
 
     fn ping(&self) {
@@ -272,9 +298,14 @@ impl Shared {
                 message: "it is a reader's link; open it with role=writer".to_owned(),
             });
         }
-        let frame = frame.bytes();
-        match self.request(Dir::Write, wait, |request| Message::Write { request, wait, frame }).1? {
-            Answer::Written(at) => Ok(at),
+        let bytes = frame.bytes();
+        match self.request(Dir::Write, wait, |request| Message::Write { request, wait, frame: bytes }).1? {
+            Answer::Written(at) => {
+                if let Some(in_force) = &self.in_force {
+                    in_force.wrote(frame);
+                }
+                Ok(at)
+            }
             Answer::Failed(error) => Err(error),
             _ => Err(self.nonsense()),
         }
@@ -309,6 +340,11 @@ impl Shared {
     pub(super) fn nonsense(&self) -> LinkError {
         LinkError::Lost { name: self.info.name.clone(), reason: "its server answers something else".into() }
     }
+}
+
+/// Whether a call is under way; the caller is in none.
+const fn is_called(state: &State) -> bool {
+    state.receiving || state.followers > 0 || state.exchange.request.is_some()
 }
 
 /// When a wait ends that begins now; `None`: never.

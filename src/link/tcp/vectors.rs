@@ -42,8 +42,10 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
                 now: Stamp(9),
                 sequence: 8,
                 board: "sim:",
+                slaves: "drive",
+                counts_per_unit: "5",
             }),
-            "38008100 [07;32] 10 01 0900000000000000 0800000000000000 0400 73696d3a",
+            "42008100 [07;32] 10 01 0900000000000000 0800000000000000 0400 73696d3a 0500 6472697665 0100 35",
         ),
         (Message::Refused { why: Refusal::HasWriter, text: "x" }, "04008200 01 0100 78"),
         (
@@ -65,8 +67,8 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
         ),
         (
             Message::Counted { request: 6, counts: Counts { reports_dropped: 5, board: Some(board) } },
-            "c9008700 0600000000000000 0500000000000000 01 0100000000000000 [00;88] 0d00000000000000 \
-             0e00000000000000 0f00000000000000 1000000000000000 1100000000000000 1200000000000000 \
+            "d1008700 0600000000000000 0500000000000000 01 0100000000000000 [00;88] 0d00000000000000 \
+             0000000000000000 0e00000000000000 0f00000000000000 1000000000000000 1100000000000000 1200000000000000 \
              1300000000000000 1400000000000000 1500000000000000 1600000000000000 1700000000000000",
         ),
         (
@@ -100,7 +102,7 @@ fn every_message_has_its_bytes() {
         assert_eq!(Message::decode(out[2], &out[4..length]), Ok(message));
     }
     let greeting = Greeting { tls: true, has_room: false };
-    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0100 01 00 00000000"));
+    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0200 01 00 00000000"));
     assert_eq!(Greeting::decode(&greeting.encode()), Ok(greeting));
 }
 

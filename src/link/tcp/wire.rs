@@ -14,13 +14,15 @@ use crate::sk::SlotSize;
 /// What a server's first bytes are.
 const MAGIC: [u8; 8] = *b"ecmsktcp";
 /// The version of the protocol: both ends have to have the same.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Bytes of a greeting.
 pub const GREETING_LEN: usize = 16;
 /// Bytes before a payload.
 pub const HEADER_LEN: usize = 4;
 /// The longest payload. \[OURS]
 pub const PAYLOAD_MAX: usize = 1024;
+/// Bytes of a text at most; a longer one is cut.
+pub use super::fields::TEXT_MAX;
 /// The longest message.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
 
@@ -214,6 +216,8 @@ impl<'a> Message<'a> {
                 put.u64(welcome.now.0);
                 put.u64(welcome.sequence);
                 put.text(welcome.board);
+                put.text(welcome.slaves);
+                put.text(welcome.counts_per_unit);
             }
             Self::Refused { why, text } => {
                 put.u8(why as u8);
@@ -302,6 +306,8 @@ impl<'a> Message<'a> {
                 now: Stamp(get.u64()?),
                 sequence: get.u64()?,
                 board: get.text()?,
+                slaves: get.text()?,
+                counts_per_unit: get.text()?,
             }),
             REFUSED => {
                 let why = match get.u8()? {

@@ -1,10 +1,11 @@
 //! One board on SPI: exchanges in, answers out.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::link::{Link, LinkError, Stamp, Wait};
-use crate::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
+use crate::link::{Link, LinkError, ReadMeta, Stamp, Wait};
+use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 
 /// How long a board that was just given to a [`Face`] may take for its first report. \[OURS]
 const FIRST_REPORT: Duration = Duration::from_secs(1);
@@ -26,19 +27,42 @@ pub struct FaceCounters {
     pub refused: u64,
 }
 
+/// What counts of a report in OP.
+#[derive(Clone, Copy)]
+struct Seen {
+    at: Stamp,
+    sequence: u64,
+    free: u16,
+}
+
 /// A board as a host on SPI sees it (SK-10).
 ///
 /// One exchange is one chip select. What is answered is the newest report before it: outside OP, where a board executes a
 /// frame on arrival, that is the answer to the frame before, for which the exchange waits if it has to; in OP the frame
 /// before may still be in the FIFO. The frame goes to the link as it is.
+///
+/// \[OURS] The free count of an answer in OP is that after the exchange before, however many there are in a cycle: what the
+/// newest report says, less the frames that were exchanged since. A host that writes as much as the count allows never
+/// overfills the FIFO.
+///
+/// `examples/rust/spi_face.rs` feeds one from another program.
 pub struct Face {
     link: Arc<dyn Link>,
     size: SlotSize,
     write_wait: Wait,
+    /// The newest report, as the link gave it.
+    report: Frame,
+    /// What is answered.
     answer: Frame,
     command: Frame,
     /// When the newest frame was written, if no report has answered it yet.
     unanswered: Option<Stamp>,
+    /// When each frame was written that the newest report does not count yet: no more than the FIFO has entries.
+    uncounted: VecDeque<Stamp>,
+    /// The report before the newest one that was read.
+    before: Option<Seen>,
+    /// The board fills the CRC of its reports.
+    fills_crc: bool,
     lost: Option<LinkError>,
     counters: FaceCounters,
 }
@@ -51,9 +75,13 @@ impl Face {
             size: SlotSize::default(),
             write_wait: Wait::Forever,
             link,
+            report: Frame::new(),
             answer: Frame::new(),
             command: Frame::new(),
             unanswered: None,
+            uncounted: VecDeque::with_capacity(FIFO_ENTRIES.into()),
+            before: None,
+            fills_crc: false,
             lost: None,
             counters: FaceCounters::default(),
         };
@@ -61,7 +89,8 @@ impl Face {
         face
     }
 
-    /// The same wires with the board opened again, after SW_RESET or a loss.
+    /// The same wires with the board opened again, after SW_RESET or a loss and after [`Self::close`]: no board is opened
+    /// twice.
     pub fn replace(&mut self, link: Arc<dyn Link>) {
         self.link = link;
         self.lost = None;
@@ -72,8 +101,11 @@ impl Face {
         let info = self.link.info();
         self.size = info.slot.unwrap_or_default();
         self.write_wait = info.write_wait;
-        self.answer = Frame::new();
+        self.report = Frame::new();
         self.unanswered = None;
+        self.uncounted.clear();
+        self.before = None;
+        self.fills_crc = false;
         self.look(Wait::For(FIRST_REPORT));
     }
 
@@ -88,6 +120,7 @@ impl Face {
             return;
         }
         self.hear();
+        self.count_frames();
         let wire = self.answer.wire(self.size);
         let count = wire.len().min(rx.len());
         rx[..count].copy_from_slice(&wire[..count]);
@@ -100,6 +133,9 @@ impl Face {
             Ok(at) => {
                 self.counters.frames += 1;
                 self.unanswered = Some(at);
+                if self.uncounted.len() < FIFO_ENTRIES.into() {
+                    self.uncounted.push_back(at);
+                }
             }
             Err(error) => {
                 self.counters.refused += 1;
@@ -153,15 +189,60 @@ impl Face {
         self.unanswered = None;
     }
 
+    /// Which frames the newest report counts: those written before it, so far as they can have been in the FIFO. A frame that is
+    /// on its way in the machine while the board makes a report is in the next one. In each cycle the board takes at most one
+    /// out, so that the two newest reports show how many have come between them.
+    fn count_by_report(&mut self, report: ReadMeta) {
+        let master = MasterResponse::decode(&self.report.slot(self.size, 0));
+        let seen = (master.state.state() == Some(MasterState::Op)).then_some(Seen {
+            at: report.at,
+            sequence: report.sequence,
+            free: master.fifo_free,
+        });
+        let (mut came, mut before_that) = (usize::MAX, Stamp(0));
+        if let (Some(now), Some(before)) = (seen, self.before) {
+            let cycles = now.sequence.saturating_sub(before.sequence);
+            came = usize::try_from((u64::from(before.free) + cycles).saturating_sub(now.free.into()))
+                .unwrap_or(usize::MAX);
+            before_that = before.at;
+        }
+        self.before = seen;
+        while let Some(written) = self.uncounted.front()
+            && *written <= report.at
+            // One cycle is time enough: a frame that the board did not keep is not waited for.
+            && (came > 0 || *written <= before_that)
+        {
+            came = came.saturating_sub(1);
+            self.uncounted.pop_front();
+        }
+    }
+
+    /// Makes the answer of the newest report, with the frames counted that were exchanged since.
+    fn count_frames(&mut self) {
+        self.answer.clone_from(&self.report);
+        if self.uncounted.is_empty() || !self.in_op() {
+            return;
+        }
+        let mut master = self.answer.slot(self.size, 0);
+        let free = MasterResponse::decode(&master).fifo_free.saturating_sub(self.uncounted.len() as u16);
+        master.data2 = master.data2 & 0xFFFF_0000 | u32::from(free);
+        self.answer.put(self.size, 0, &master);
+        if self.fills_crc {
+            self.answer.fill_crc(self.size);
+        }
+    }
+
     fn in_op(&self) -> bool {
-        MasterResponse::decode(&self.answer.slot(self.size, 0)).state.state() == Some(MasterState::Op)
+        MasterResponse::decode(&self.report.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
 
     /// Takes the newest report, if there is one since the last look.
     fn look(&mut self, wait: Wait) -> bool {
-        match self.link.read(&mut self.answer, wait) {
+        match self.link.read(&mut self.report, wait) {
             Ok(report) => {
                 self.unanswered = self.unanswered.filter(|written| report.at < *written);
+                self.count_by_report(report);
+                self.fills_crc |= self.report.crc_byte() != 0;
                 true
             }
             Err(error) => {

@@ -156,7 +156,7 @@ impl Client {
                 break true;
             }
             let Some((frame, meta)) = outgoing.reports.pop_front() else { break true };
-            let dropped = self.count(meta).dropped + outgoing.dropped;
+            let dropped = self.count(meta).dropped.saturating_add(outgoing.dropped);
             let meta = ReadMeta { dropped, ..meta };
             self.stage(outgoing, &Message::Report { meta, frame: frame.bytes() });
         };

@@ -10,21 +10,26 @@ use super::ServeOptions;
 use super::client::Client;
 use super::seat::Queue;
 use crate::ecm::Watch;
-use crate::link::tcp::wire::{Counts, End, Message, Refusal, Role, Welcome};
+use crate::link::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::link::tcp::{Channel, PROOF_LEN};
-use crate::link::{Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
+use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
+use crate::port::notes::Notes;
 use crate::sk::Frame;
 
 /// The board while it is there.
 pub(super) struct Board {
     pub(super) link: Arc<dyn Link>,
     pub(super) info: LinkInfo,
+    /// What the link knows of the network.
+    known: KnownNetwork,
     /// What passing frames say; nothing if the link does not know how wide slots are.
     watch: Mutex<Watch>,
     /// Time and number of the newest report, and reports dropped before the server.
     newest: AtomicU64,
     next: AtomicU64,
     dropped: AtomicU64,
+    /// Time of the board on virtual time, as it was known last.
+    clock: AtomicU64,
 }
 
 impl Board {
@@ -37,13 +42,36 @@ impl Board {
         Ok(at)
     }
 
-    /// Time of the board on virtual time; `None` on the real clock, and if it cannot be told.
+    /// Time of the board on virtual time; `None` on the real clock, and if it cannot be told. It asks the link, so no lock is held
+    /// meanwhile that others need.
     pub(super) fn now(&self) -> Option<Stamp> {
-        if self.info.virtual_time { self.link.pass(Duration::ZERO).ok().flatten() } else { None }
+        if !self.info.virtual_time {
+            return None;
+        }
+        let now = self.link.pass(Duration::ZERO).ok().flatten();
+        if let Some(now) = now {
+            self.clock.store(now.0, Ordering::Relaxed);
+        }
+        now
+    }
+
+    /// As [`now`](Self::now), as it was known last, without asking the link; on the real clock the time of the newest report.
+    fn known_now(&self) -> Stamp {
+        let known = if self.info.virtual_time { &self.clock } else { &self.newest };
+        Stamp(known.load(Ordering::Relaxed))
     }
 
     pub(super) fn watch(&self) -> Watch {
         self.watch.lock().clone()
+    }
+
+    /// What clients are told of the network: what `said` says, what frames have shown, what the link knows, what its name says.
+    fn network(&self, said: &KnownNetwork) -> KnownNetwork {
+        let shown = self.watch.lock().config().map(|config| KnownNetwork::of_config(&config));
+        let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
+        // Half a list would be another one.
+        let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };
+        KnownNetwork { slaves: whole(known.slaves), counts_per_unit: whole(known.counts_per_unit) }
     }
 
     pub(super) fn counts(&self) -> Counts {
@@ -53,10 +81,14 @@ impl Board {
 
     fn saw(&self, frame: &Frame, meta: ReadMeta) {
         if let Some(size) = self.info.slot {
-            self.watch.lock().report(frame, size);
+            let mut watch = self.watch.lock();
+            if meta.sequence > self.next.load(Ordering::Relaxed) {
+                watch.missed();
+            }
+            watch.report(frame, size);
         }
         self.newest.store(meta.at.0, Ordering::Relaxed);
-        self.next.store(meta.sequence + 1, Ordering::Relaxed);
+        self.next.store(meta.sequence.saturating_add(1), Ordering::Relaxed);
         self.dropped.store(meta.dropped, Ordering::Relaxed);
     }
 }
@@ -77,8 +109,12 @@ struct State {
     is_over: bool,
 }
 
+/// What the threads of a server share. Its lock is held for moments: no call into a link, into a function of the program's or into
+/// a file is made under it.
 pub(super) struct Hub {
     pub(super) options: ServeOptions,
+    /// What people are told. No thread that has to do with the board or a client calls [`ServeOptions::tell`] itself.
+    pub(super) notes: Notes<String>,
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -101,21 +137,25 @@ impl Hub {
         let place = Place::Away("it is being opened".to_owned());
         let (clients, writer, seat) = (Vec::with_capacity(options.max_clients), None, None);
         let state = State { place, clients, writer, seat, is_stopping: false, is_over: false };
-        Self { options, state: Mutex::new(state), changed: Condvar::new() }
+        Self { options, notes: Notes::default(), state: Mutex::new(state), changed: Condvar::new() }
     }
 
+    /// Notes a line for a person; never waits for one.
     pub(super) fn tell(&self, line: &str) {
-        (self.options.tell)(line);
+        self.notes.tell(line.to_owned());
     }
 
     /// The board is there.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
         let info = link.info();
+        let known = link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name));
         let board = Arc::new(Board {
             newest: AtomicU64::new(info.opened_at.0),
+            clock: AtomicU64::new(info.opened_at.0),
             next: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
             watch: Mutex::default(),
+            known,
             info,
             link,
         });
@@ -159,7 +199,9 @@ impl Hub {
             }
             Place::Here(board) => Arc::clone(board),
         };
-        if state.clients.len() >= self.options.max_clients {
+        // Readers leave a place to the one who writes.
+        let kept = guest.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
+        if state.clients.len() + usize::from(kept) >= self.options.max_clients {
             return Err((Refusal::Full, String::new()));
         }
         if let (Role::Writer, Some(who)) = (guest.role, &state.writer) {
@@ -172,13 +214,16 @@ impl Hub {
             state.writer = Some(who.clone());
         }
         let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped.load(Ordering::Relaxed)));
+        let network = board.network(&self.options.network);
         client.reply(&Message::Welcome(Welcome {
             proof,
             slot: board.info.slot,
             virtual_time: board.info.virtual_time,
-            now: board.now().unwrap_or(Stamp(board.newest.load(Ordering::Relaxed))),
+            now: board.known_now(),
             sequence: board.next.load(Ordering::Relaxed),
             board: &board.info.name,
+            slaves: &network.slaves,
+            counts_per_unit: &network.counts_per_unit,
         }));
         state.clients.push(Arc::clone(&client));
         Ok((client, board))
@@ -237,13 +282,18 @@ impl Hub {
 
     /// Nobody needs the board any more.
     pub(super) fn end(&self) {
-        let mut state = self.state.lock();
-        state.is_over = true;
-        if let Place::Here(board) = &state.place {
+        let board = {
+            let mut state = self.state.lock();
+            state.is_over = true;
+            match &state.place {
+                Place::Here(board) => Some(Arc::clone(board)),
+                Place::Away(_) => None,
+            }
+        };
+        self.changed.notify_all();
+        if let Some(board) = board {
             board.link.cancel(crate::link::Dir::Read);
         }
-        drop(state);
-        self.changed.notify_all();
     }
 
     pub(super) fn is_over(&self) -> bool {

@@ -91,7 +91,9 @@ fn somebody_who_pretends_gets_no_client() {
             let proof = if sends_back { proof.unwrap() } else { [0; 32] };
             let board = "sim:";
             let (now, sequence) = (crate::link::Stamp(0), 0);
-            let welcome = Welcome { proof: &proof, slot: None, virtual_time: false, now, sequence, board };
+            let (slaves, counts_per_unit) = ("", "");
+            let (slot, virtual_time) = (None, false);
+            let welcome = Welcome { proof: &proof, slot, virtual_time, now, sequence, board, slaves, counts_per_unit };
             victim.stage(&Message::Welcome(welcome), &mut out).unwrap();
             victim.flush(&mut out, deadline).unwrap();
             victim

@@ -29,9 +29,14 @@ mod client;
 mod hub;
 #[cfg(all(test, feature = "sim"))]
 mod middle;
+mod pool;
+mod repeats;
 mod seat;
 mod session;
+mod stranger;
 mod supervise;
+#[doc(hidden)]
+pub mod unwired;
 mod vanish;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
@@ -40,7 +45,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crate::link::tcp::Secret;
-use crate::link::{Link, LinkError, LinkInfo};
+use crate::link::{KnownNetwork, Link, LinkError, LinkInfo};
+use crate::port::notes::{Note, Teller};
 use crate::threads;
 
 use accept::Acceptor;
@@ -48,8 +54,7 @@ use hub::Hub;
 #[doc(hidden)]
 pub use session::answer;
 
-/// The port where nothing else is said. \[OURS]
-pub const DEFAULT_PORT: u16 = 4711;
+pub use crate::link::tcp::DEFAULT_PORT;
 
 /// What happens to moving axes when the writer is gone without having closed its link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,11 +77,14 @@ pub struct ServeOptions {
     pub secret: Option<Secret>,
     /// What happens to moving axes when the writer is gone.
     pub on_vanish: OnVanish,
-    /// Clients at the same time: 16.
+    /// Clients at the same time: 16, one of which is always a place for a writer.
     pub max_clients: usize,
+    /// What clients are told of the network, where it is known better than by the link and the frames that pass.
+    pub network: KnownNetwork,
     /// How long a client may take to say what it wants: 2 s.
     pub hello_limit: Duration,
-    /// Gets a line for each thing that a person may want to know.
+    /// Gets a line for each thing that a person may want to know, in a thread of its own: nothing else waits while it does. What
+    /// it does not take in time is dropped, and it is told how many lines those were.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
 }
 
@@ -87,6 +95,7 @@ impl Default for ServeOptions {
             secret: None,
             on_vanish: OnVanish::default(),
             max_clients: 16,
+            network: KnownNetwork::default(),
             hello_limit: Duration::from_secs(2),
             tell: Arc::new(|line| log::info!("{line}")),
         }
@@ -131,6 +140,7 @@ pub enum ServeError {
 /// A board that is served, until it is stopped or dropped.
 pub struct Server {
     hub: Arc<Hub>,
+    teller: Teller<String>,
     acceptor: Acceptor,
     supervisor: Option<JoinHandle<()>>,
     address: SocketAddr,
@@ -161,13 +171,19 @@ impl Server {
         let info = link.info();
         let system = |what| move |error: std::io::Error| ServeError::System { what, message: error.to_string() };
         let hub = Arc::new(Hub::new(options));
+        let tell = Arc::clone(&hub.options.tell);
+        let teller = Teller::start(&hub.notes, move |note| match note {
+            Note::Told(line) => tell(&line),
+            Note::Dropped(count) => tell(&format!("{count} lines were dropped, those before were not taken in time")),
+        });
+        let teller = teller.map_err(system("start the thread of the log"))?;
         let supervisor = threads::spawn("ecmsk-serve", {
             let (hub, board) = (Arc::clone(&hub), hub.attach(link));
             move || supervise::run(&hub, board, &mut open)
         });
         let supervisor = supervisor.map_err(system("start the thread of the board"))?;
         match Acceptor::start(listener, &hub) {
-            Ok(acceptor) => Ok(Self { hub, acceptor, supervisor: Some(supervisor), address, info }),
+            Ok(acceptor) => Ok(Self { hub, teller, acceptor, supervisor: Some(supervisor), address, info }),
             Err(error) => {
                 hub.end();
                 let _ = supervisor.join();
@@ -186,6 +202,11 @@ impl Server {
         &self.info
     }
 
+    /// Waits until [`ServeOptions::tell`] has got what there was to tell so far, at most 1 s.
+    pub fn flush(&self) {
+        self.teller.flush();
+    }
+
     /// Tells every client, brings axes to a standstill if there is a writer ([`OnVanish`]), and gives the board back.
     pub fn stop(mut self) {
         self.end();
@@ -199,6 +220,7 @@ impl Server {
             // A panic there was printed there.
             let _ = supervisor.join();
         }
+        self.teller.end();
     }
 }
 

@@ -68,13 +68,17 @@ impl Link for Seat {
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         self.check()?;
         let wait = if wait == Wait::Forever { Wait::For(LONGEST) } else { wait };
-        self.board.write(frame, wait)
+        let done = self.board.write(frame, wait);
+        self.board.now();
+        done
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         self.check()?;
         if self.board.info.virtual_time {
-            let meta = self.board.link.read(out, wait)?;
+            let read = self.board.link.read(out, wait);
+            self.board.now();
+            let meta = read?;
             self.hub.publish(&self.board, out, meta);
             return Ok(meta);
         }
@@ -88,7 +92,9 @@ impl Link for Seat {
     }
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
-        self.board.link.pass(time)
+        let done = self.board.link.pass(time);
+        self.board.now();
+        done
     }
 
     fn cancel(&self, _: Dir) {}

@@ -8,11 +8,13 @@ use super::client::Client;
 use super::hub::{Board, Guest, Hub};
 use crate::link::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
 use crate::link::tcp::{Inbox, PROOF_LEN};
-use crate::link::{Dir, Link, LinkError, Wait};
+use crate::link::{Dir, Link, LinkError, Wait, check_pass};
 use crate::sk::Frame;
 
 /// A write that waits for the board looks this often whether its client has cancelled it. \[OURS]
 const SLICE: Duration = Duration::from_millis(10);
+/// The board's time that passes in one step of a request on virtual time. \[OURS]
+const STEP_NS: u64 = 100_000_000;
 /// The longest keep-alive time a client may have: an hour, as its key allows.
 const KEEPALIVE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
 
@@ -40,17 +42,27 @@ pub(super) struct Session<'a> {
     hub: &'a Hub,
     board: Arc<Board>,
     client: Arc<Client>,
+    /// What was counted before it came.
+    before: Counts,
     pending: Option<Pending>,
+    /// The frame of the request under way.
     frame: Frame,
     text: String,
 }
 
-/// A write that the board has not taken yet.
+/// A request that is under way: it is done in steps, between which the client's other messages and its end are seen.
 struct Pending {
     request: u64,
-    frame: Frame,
-    /// `None`: without limit.
-    until: Option<Instant>,
+    what: What,
+}
+
+enum What {
+    /// A write of the session's frame, which the board has not taken yet, and its limit; `None`: without.
+    Write { until: Option<Instant> },
+    /// Virtual time: a read, and how much time may pass; `None`: until there is a report.
+    Read { left_ns: Option<u64> },
+    /// Virtual time: how much of it has to pass.
+    Pass { left_ns: u64 },
 }
 
 /// What a hello says.
@@ -78,11 +90,12 @@ impl Introduction {
 }
 
 impl<'a> Session<'a> {
-    pub(super) const fn new(hub: &'a Hub, board: Arc<Board>, client: Arc<Client>) -> Self {
-        Self { hub, board, client, pending: None, frame: Frame::new(), text: String::new() }
+    pub(super) fn new(hub: &'a Hub, board: Arc<Board>, client: Arc<Client>) -> Self {
+        let before = board.counts();
+        Self { hub, board, client, before, pending: None, frame: Frame::new(), text: String::new() }
     }
 
-    /// Whether a write waits for the board.
+    /// Whether a request is under way: it goes on with [`work`](Self::work).
     pub(super) const fn is_busy(&self) -> bool {
         self.pending.is_some()
     }
@@ -104,7 +117,7 @@ impl<'a> Session<'a> {
             // One at a time.
             _ if self.is_busy() => return Err(out_of_turn),
             Message::Count { request } => {
-                let counts = self.board.counts();
+                let counts = self.board.counts().since(&self.before);
                 let reports_dropped = counts.reports_dropped + self.client.dropped();
                 self.client.reply(&Message::Counted { request, counts: Counts { reports_dropped, ..counts } });
                 return Ok(());
@@ -113,60 +126,94 @@ impl<'a> Session<'a> {
             _ => {}
         }
         match *message {
-            Message::Write { request, wait, frame } => self.write(request, wait, frame),
-            Message::Read { request, wait } if self.board.info.virtual_time => self.read(request, wait),
-            Message::Pass { request, ns } if self.board.info.virtual_time => self.pass(request, ns),
+            Message::Write { request, wait, frame } => {
+                let until = match wait {
+                    Wait::Forever => None,
+                    Wait::Now => Some(Instant::now()),
+                    Wait::For(limit) => Instant::now().checked_add(limit),
+                };
+                self.frame = Frame::from_bytes(*frame);
+                self.begin(request, What::Write { until });
+            }
+            Message::Read { request, wait } if self.board.info.virtual_time => {
+                let left_ns = match wait {
+                    Wait::Forever => None,
+                    Wait::Now => Some(0),
+                    Wait::For(limit) => Some(u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX)),
+                };
+                self.begin(request, What::Read { left_ns });
+            }
+            Message::Pass { request, ns } if self.board.info.virtual_time => match check_pass(Duration::from_nanos(ns))
+            {
+                Ok(()) => self.begin(request, What::Pass { left_ns: ns }),
+                Err(error) => self.fail(request, &error),
+            },
             _ => return Err(out_of_turn),
         }
         Ok(())
     }
 
-    fn write(&mut self, request: u64, wait: Wait, frame: &[u8; crate::sk::FRAME_LEN]) {
-        let frame = Frame::from_bytes(*frame);
-        let until = match wait {
-            Wait::Forever => None,
-            Wait::Now => Some(Instant::now()),
-            Wait::For(limit) => Instant::now().checked_add(limit),
-        };
-        self.pending = Some(Pending { request, frame, until });
+    fn begin(&mut self, request: u64, what: What) {
+        self.pending = Some(Pending { request, what });
         self.work();
     }
 
-    /// Tries to hand over the frame that waits, for a short while.
+    /// Goes on with the request that is under way, for a short while.
     pub(super) fn work(&mut self) {
-        let Some(pending) = &self.pending else { return };
+        let Some(pending) = self.pending.take() else { return };
         let request = pending.request;
-        let left = pending.until.map_or(SLICE, |until| until.saturating_duration_since(Instant::now()).min(SLICE));
-        let wait = if left.is_zero() { Wait::Now } else { Wait::For(left) };
-        match self.board.write(&pending.frame, wait) {
-            Ok(at) => {
-                self.pending = None;
-                self.client.reply(&Message::Written { request, at, now: self.board.now() });
-            }
-            Err(LinkError::Timeout { .. }) if pending.until.is_none_or(|until| Instant::now() < until) => {}
-            Err(error) => {
-                self.pending = None;
-                self.fail(request, &error);
-            }
-        }
+        let left = match pending.what {
+            What::Write { until } => self.write(request, until),
+            What::Read { left_ns } => self.read(request, left_ns),
+            What::Pass { left_ns } => self.pass(request, left_ns),
+        };
+        self.pending = left.map(|what| Pending { request, what });
     }
 
-    fn read(&mut self, request: u64, wait: Wait) {
+    /// Tries to hand over the frame; gives what is left to do, as the others below.
+    fn write(&mut self, request: u64, until: Option<Instant>) -> Option<What> {
+        let left = until.map_or(SLICE, |until| until.saturating_duration_since(Instant::now()).min(SLICE));
+        let wait = if left.is_zero() { Wait::Now } else { Wait::For(left) };
+        match self.board.write(&self.frame, wait) {
+            Ok(at) => self.client.reply(&Message::Written { request, at, now: self.board.now() }),
+            Err(LinkError::Timeout { .. }) if until.is_none_or(|until| Instant::now() < until) => {
+                return Some(What::Write { until });
+            }
+            Err(error) => self.fail(request, &error),
+        }
+        None
+    }
+
+    fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<What> {
+        // The last step is a long one: a short read costs more time than its limit.
+        let step_ns = left_ns.map(|left| if left > 2 * STEP_NS { STEP_NS } else { left });
+        let wait = match step_ns {
+            None => Wait::Forever,
+            Some(0) => Wait::Now,
+            Some(step) => Wait::For(Duration::from_nanos(step)),
+        };
         match self.board.link.read(&mut self.frame, wait) {
             Ok(meta) => {
                 self.hub.publish(&self.board, &self.frame, meta);
                 let (now, meta) = (self.board.now(), self.client.count(meta));
                 self.client.reply(&Message::Got { request, now, meta, frame: self.frame.bytes() });
             }
+            Err(LinkError::Timeout { .. }) if left_ns > step_ns => {
+                return Some(What::Read { left_ns: left_ns.zip(step_ns).map(|(left, step)| left - step) });
+            }
             Err(error) => self.fail(request, &error),
         }
+        None
     }
 
-    fn pass(&mut self, request: u64, ns: u64) {
-        match self.board.link.pass(Duration::from_nanos(ns)) {
-            Ok(now) => self.client.reply(&Message::Passed { request, now }),
+    fn pass(&mut self, request: u64, left_ns: u64) -> Option<What> {
+        let step_ns = left_ns.min(STEP_NS);
+        match self.board.link.pass(Duration::from_nanos(step_ns)) {
+            Ok(_) if left_ns > step_ns => return Some(What::Pass { left_ns: left_ns - step_ns }),
+            Ok(_) => self.client.reply(&Message::Passed { request, now: self.board.now() }),
             Err(error) => self.fail(request, &error),
         }
+        None
     }
 
     fn fail(&mut self, request: u64, error: &LinkError) {

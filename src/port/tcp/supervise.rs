@@ -44,13 +44,21 @@ fn serve(hub: &Hub, board: &Arc<Board>) {
 
 /// Opens the board until that succeeds; `None`: the server ends.
 fn again(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
+    let mut told = String::new();
     loop {
         if hub.is_over() {
             return None;
         }
         match open() {
             Ok(link) => return Some(hub.attach(link)),
-            Err(error) => log::debug!("{error}"),
+            Err(error) => {
+                // Each reason once, however often it is tried.
+                let line = format!("the board cannot be opened yet: {error}");
+                if line != told {
+                    hub.tell(&line);
+                    told = line;
+                }
+            }
         }
         hub.rest(AGAIN);
     }

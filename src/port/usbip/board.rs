@@ -12,6 +12,7 @@ use super::session::{End, Session};
 use super::stream::Stream;
 use super::wire::{Refusal, Shown, device_id};
 use crate::link::{Link, LinkError};
+use crate::port::notes::Notes;
 
 /// The one bus of the server.
 const BUS: u16 = 1;
@@ -67,6 +68,23 @@ pub enum Event {
         /// Why.
         why: String,
     },
+    /// A lost board cannot be opened again yet; each reason once.
+    StillAway {
+        /// The board's bus id.
+        bus_id: String,
+        /// Why.
+        why: String,
+    },
+    /// The system gives no connection or nothing to look after one.
+    Trouble {
+        /// What does not work.
+        what: String,
+    },
+    /// The listener did not take events in time: so many before this one are missing.
+    Dropped {
+        /// How many.
+        count: u64,
+    },
 }
 
 impl fmt::Display for Event {
@@ -84,11 +102,16 @@ impl fmt::Display for Event {
             Self::Back { bus_id } => write!(f, "{bus_id}: back, to be attached again"),
             Self::SentAway { host, why } => write!(f, "{host} sent away: {why}"),
             Self::NotAttached { bus_id, why } => write!(f, "{bus_id}: not attached here: {why}"),
+            Self::StillAway { bus_id, why } => write!(f, "{bus_id}: cannot be opened yet: {why}"),
+            Self::Trouble { what } => f.write_str(what),
+            Self::Dropped { count } => {
+                write!(f, "{count} lines were dropped, those before were not taken in time")
+            }
         }
     }
 }
 
-/// Who is told.
+/// Who is told, by a thread of its own.
 pub type Listener = Arc<dyn Fn(&Event) + Send + Sync>;
 
 /// What hosts call board `index`, from 0.
@@ -105,7 +128,7 @@ pub(super) struct Board {
     descriptors: Descriptors,
     opener: Opener,
     never_reads: Duration,
-    tell: Listener,
+    notes: Notes<Event>,
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -125,7 +148,7 @@ impl Board {
         link: Arc<dyn Link>,
         opener: Opener,
         never_reads: Duration,
-        tell: Listener,
+        notes: Notes<Event>,
     ) -> Result<Self, IdentityError> {
         let (number, bus_id) = (index + 1, bus_id(index));
         let path = format!("/sys/devices/pci0000:00/0000:00:01.0/usb{BUS}/{bus_id}");
@@ -139,7 +162,7 @@ impl Board {
             descriptors,
             opener,
             never_reads,
-            tell,
+            notes,
             state,
             changed: Condvar::new(),
         })
@@ -193,66 +216,94 @@ impl Board {
 
     /// Lets the host have the board until it is over, then takes it back.
     pub fn serve(&self, session: &Session, host: &str) {
-        self.tell(&Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
+        self.tell(Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
         let why = session.run();
         let lost = matches!(why, End::LinkLost(_));
-        self.tell(&Event::Ended { bus_id: self.bus_id.clone(), why: why.clone(), counters: session.counters() });
-        let mut state = self.state.lock();
-        state.session = None;
-        if lost && let Some(link) = state.link.take() {
+        let link = if lost { self.state.lock().link.take() } else { None };
+        // The session stays until the link is closed: only then it can be opened again.
+        if let Some(link) = &link {
             link.close();
-            self.tell(&Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
         }
+        self.state.lock().session = None;
         self.changed.notify_all();
+        self.tell(Event::Ended { bus_id: self.bus_id.clone(), why: why.clone(), counters: session.counters() });
+        if link.is_some() {
+            self.tell(Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
+        }
     }
 
     /// Looks after the link until [`Self::stop`]; `back` is called each time that it was opened again.
     pub fn keep(&self, retry: Duration, back: &mut dyn FnMut()) {
+        let mut told = String::new();
         loop {
             let mut state = self.state.lock();
             if state.stopping {
                 return;
             }
-            let pause = if state.link.is_some() { LOOK_EVERY } else { retry };
-            let loss = state.link.as_ref().and_then(|link| link.check().err());
-            if let Some(why) = loss {
-                self.lose(&mut state, why);
-                continue;
+            if let Some(link) = state.link.clone() {
+                // No call into a link with the lock held: it may take as long as the link likes.
+                drop(state);
+                if let Err(why) = link.check() {
+                    self.lose(&link, why);
+                    continue;
+                }
+                state = self.state.lock();
+                if !state.stopping && state.link.is_some() {
+                    self.changed.wait_for(&mut state, LOOK_EVERY);
+                }
+            } else {
+                self.changed.wait_for(&mut state, retry);
             }
-            self.changed.wait_for(&mut state, pause);
             // One that was lost is opened when its host has let go of it, and not by the call that lost it.
             let wanted = state.link.is_none() && state.session.is_none() && !state.stopping;
             drop(state);
-            if wanted && self.open_again() {
+            if wanted && self.open_again(&mut told) {
                 back();
             }
         }
     }
 
-    fn lose(&self, state: &mut State, why: LinkError) {
-        let Some(link) = state.link.take() else { return };
-        link.close();
-        self.tell(&Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
-        if let Some(session) = &state.session {
-            session.end(End::LinkLost(why));
+    fn lose(&self, link: &Arc<dyn Link>, why: LinkError) {
+        let session = {
+            let mut state = self.state.lock();
+            if !state.link.as_ref().is_some_and(|here| Arc::ptr_eq(here, link)) {
+                return;
+            }
+            state.link = None;
+            state.session.clone()
+        };
+        if let Some(session) = session {
+            session.end(End::LinkLost(why.clone()));
         }
+        link.close();
+        self.tell(Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
     }
 
-    fn open_again(&self) -> bool {
+    /// Tries to open the link; `told` is the last reason why it could not be.
+    fn open_again(&self, told: &mut String) -> bool {
         match (self.opener)() {
             Ok(link) => {
-                let mut state = self.state.lock();
-                if state.stopping {
+                let stopping = {
+                    let mut state = self.state.lock();
+                    if !state.stopping {
+                        state.link = Some(Arc::clone(&link));
+                    }
+                    state.stopping
+                };
+                if stopping {
                     link.close();
                     return false;
                 }
-                state.link = Some(link);
-                drop(state);
-                self.tell(&Event::Back { bus_id: self.bus_id.clone() });
+                told.clear();
+                self.tell(Event::Back { bus_id: self.bus_id.clone() });
                 true
             }
             Err(error) => {
-                log::debug!("{}: {error}", self.bus_id);
+                let why = error.to_string();
+                if why != *told {
+                    told.clone_from(&why);
+                    self.tell(Event::StillAway { bus_id: self.bus_id.clone(), why });
+                }
                 false
             }
         }
@@ -274,7 +325,7 @@ impl Board {
         }
     }
 
-    pub fn tell(&self, event: &Event) {
-        (self.tell)(event);
+    pub fn tell(&self, event: Event) {
+        self.notes.tell(event);
     }
 }

@@ -30,7 +30,7 @@ pub(super) fn keep(shared: &Arc<Shared>, index: usize, vhci: Option<&Path>, atta
         match attach(shared, index, vhci) {
             Ok(thread) => threads.push(thread),
             Err(error) => {
-                board.tell(&Event::NotAttached { bus_id: board.bus_id().to_owned(), why: error.to_string() });
+                board.tell(Event::NotAttached { bus_id: board.bus_id().to_owned(), why: error.to_string() });
             }
         }
     });

@@ -20,6 +20,7 @@ use super::stream::{NEVER_READS, Stream};
 use super::wire::{self, BUS_ID_LEN, OP_LEN, Op, PORT, Refusal, Shown, WireError};
 use crate::link::LinkError;
 use crate::port::listen::advice;
+use crate::port::notes::{Note, Notes, Teller};
 use crate::threads;
 
 /// How long a client may take for its request. \[OURS]
@@ -36,6 +37,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 pub struct Options {
     /// Where it listens.
     pub listen: SocketAddr,
+    /// Whether it may listen where other machines reach it: whoever reaches it moves the axes, USB/IP knows no password and no
+    /// encryption.
+    pub insecure_anyone: bool,
     /// How long a client may take for its request.
     pub patience: Duration,
     /// Clients at a time that have no board yet; one more, and the oldest is sent away.
@@ -52,6 +56,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], PORT)),
+            insecure_anyone: false,
             patience: PATIENCE,
             clients: CLIENTS,
             retry: RETRY,
@@ -72,6 +77,17 @@ pub struct BoardSpec {
 /// Why boards are not served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
+    /// Others than this machine could connect, and USB/IP asks nobody who they are.
+    #[error(
+        "{listen} can be reached from other machines, and USB/IP knows no password and no encryption: whoever reaches it moves \
+         the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L {}:127.0.0.1:{} HOST` on the other machine \
+         (docs/VIRTUAL-BOARD.md), or say --insecure-anyone if everybody there may do that",
+        listen.port(), listen.port()
+    )]
+    NeedsTunnel {
+        /// Where.
+        listen: SocketAddr,
+    },
     /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -120,6 +136,7 @@ pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
     threads: Mutex<Vec<JoinHandle<()>>>,
+    teller: Teller<Event>,
 }
 
 pub(super) struct Shared {
@@ -128,11 +145,12 @@ pub(super) struct Shared {
     stopping: AtomicBool,
     /// Clients without a board, oldest first.
     clients: Mutex<VecDeque<(u64, TcpStream)>>,
-    tell: Listener,
+    notes: Notes<Event>,
 }
 
 impl Server {
-    /// Opens the boards' links and listens. `tell` hears what happens; it must not block.
+    /// Opens the boards' links and listens. `tell` hears what happens, in a thread of its own: nothing else waits while it
+    /// does. Events that it does not take in time are dropped, and it is told how many ([`Event::Dropped`]).
     ///
     /// # Errors
     /// [`ServeError`].
@@ -140,23 +158,32 @@ impl Server {
         if boards.len() > MOST {
             return Err(ServeError::TooMany { found: boards.len() });
         }
+        if !options.listen.ip().is_loopback() && !options.insecure_anyone {
+            return Err(ServeError::NeedsTunnel { listen: options.listen });
+        }
         let listener = TcpListener::bind(options.listen)
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(|source| ServeError::Listen { address: options.listen, source })?;
         let address = listener.local_addr().map_err(|source| ServeError::Listen { address: options.listen, source })?;
 
+        let notes = Notes::default();
+        let teller = Teller::start(&notes, move |note| match note {
+            Note::Told(event) => tell(&event),
+            Note::Dropped(count) => tell(&Event::Dropped { count }),
+        });
+        let teller = teller.map_err(ServeError::Thread)?;
         let mut opened = Vec::new();
         for (index, spec) in boards.into_iter().enumerate() {
-            opened.push(open(index as u16, spec, &options, &tell)?);
+            opened.push(open(index as u16, spec, &options, &notes)?);
         }
         let shared = Arc::new(Shared {
             boards: opened,
             options,
             stopping: AtomicBool::new(false),
             clients: Mutex::default(),
-            tell,
+            notes,
         });
-        let server = Self { address, shared, threads: Mutex::default() };
+        let server = Self { address, shared, threads: Mutex::default(), teller };
         for index in 0..server.shared.boards.len() {
             let vhci = server.shared.options.attach.clone();
             let attached = vhci.as_deref().map(|vhci| here::attach(&server.shared, index, vhci)).transpose()?;
@@ -176,6 +203,11 @@ impl Server {
         self.shared.boards.iter().map(Board::bus_id)
     }
 
+    /// Waits until the listener has heard of what happened so far, at most 1 s.
+    pub fn flush(&self) {
+        self.teller.flush();
+    }
+
     /// Takes the boards from their hosts, closes the links and ends all threads.
     pub fn stop(&self) {
         self.shared.stopping.store(true, Ordering::Release);
@@ -190,6 +222,7 @@ impl Server {
         while let Some(thread) = self.threads.lock().pop() {
             let _ = thread.join();
         }
+        self.teller.end();
     }
 
     fn spawn(&self, name: &str, work: impl FnOnce(&Arc<Shared>) + Send + 'static) -> Result<(), ServeError> {
@@ -213,7 +246,7 @@ impl Drop for Server {
     }
 }
 
-fn open(index: u16, spec: BoardSpec, options: &Options, tell: &Listener) -> Result<Board, ServeError> {
+fn open(index: u16, spec: BoardSpec, options: &Options, notes: &Notes<Event>) -> Result<Board, ServeError> {
     let BoardSpec { mut identity, opener } = spec;
     let link = opener()?;
     let info = link.info();
@@ -223,7 +256,7 @@ fn open(index: u16, spec: BoardSpec, options: &Options, tell: &Listener) -> Resu
     if identity.serial.is_empty() {
         identity.serial = super::board::bus_id(index);
     }
-    Ok(Board::new(index, identity, link, opener, options.never_reads, tell.clone())?)
+    Ok(Board::new(index, identity, link, opener, options.never_reads, notes.clone())?)
 }
 
 impl Shared {
@@ -274,7 +307,7 @@ impl Shared {
                 }
                 // No file left, or a client that was gone too soon: it may be better in a moment.
                 Err(error) => {
-                    log::warn!("cannot take a client of USB/IP: {error}");
+                    self.notes.tell(Event::Trouble { what: format!("cannot take a client of USB/IP: {error}") });
                     thread::sleep(LOOK_EVERY);
                 }
             }
@@ -292,7 +325,9 @@ impl Shared {
         match stream.try_clone() {
             Ok(stream) => clients.push_back((number, stream)),
             // Its patience ends it all the same.
-            Err(error) => log::warn!("cannot watch a client of USB/IP: {error}"),
+            Err(error) => {
+                self.notes.tell(Event::Trouble { what: format!("cannot watch a client of USB/IP: {error}") });
+            }
         }
         // One that came while `stop` went through the others.
         if self.is_stopping() {
@@ -367,7 +402,7 @@ impl Shared {
     }
 
     fn send_away(&self, from: SocketAddr, why: &str) {
-        (self.tell)(&Event::SentAway { host: from.to_string(), why: why.to_owned() });
+        self.notes.tell(Event::SentAway { host: from.to_string(), why: why.to_owned() });
     }
 }
 

@@ -104,8 +104,7 @@ impl Session {
 
     /// Moves frames until the host or the board goes, or [`Self::end`] is called.
     pub fn run(&self) -> End {
-        if let Err(error) = self.stream.for_traffic(self.never_reads) {
-            log::debug!("the connection cannot be set up: {error}");
+        if self.stream.for_traffic(self.never_reads).is_err() {
             self.end(End::Detached);
         }
         thread::scope(|scope| {

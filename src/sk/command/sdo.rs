@@ -35,27 +35,27 @@ pub enum SdoCommand {
 impl SdoCommand {
     /// The meaning of the SDO slot of a command frame.
     ///
+    /// The slave is the low byte of Parm, of a read and of a write. The high byte of a read is not looked at: programs put
+    /// the object's size there, as a write has it (OBS).
+    ///
     /// # Errors
     /// [`Malformed`] if the id is an SDO command and an argument is not.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
-        let target = |slave: u16| {
+        let [slave, high] = slot.parm.to_le_bytes();
+        let target = || {
             if slave == 0 || usize::from(slave) > size.max_slaves() {
-                return Err(Malformed::SdoSlave(slave));
+                return Err(Malformed::SdoSlave(slave.into()));
             }
             let sub = slot.data1 as u16;
             let sub = u8::try_from(sub).map_err(|_| Malformed::SubIndex(sub))?;
-            Ok((slave as u8, ObjectAddress::new((slot.data1 >> 16) as u16, sub)))
+            Ok(ObjectAddress::new((slot.data1 >> 16) as u16, sub))
         };
         Ok(match CommandId::from_code(slot.id) {
             CommandId::GetStatus => Self::GetStatus,
-            CommandId::SdoRead => {
-                let (slave, object) = target(slot.parm)?;
-                Self::Read { slave, object }
-            }
+            CommandId::SdoRead => Self::Read { slave, object: target()? },
             CommandId::SdoWrite => {
-                let (slave, object) = target(slot.parm & 0xFF)?;
-                let bytes = (slot.parm >> 8) as u8;
-                let size = SdoSize::from_bytes(bytes).ok_or(Malformed::SdoSize(bytes))?;
+                let object = target()?;
+                let size = SdoSize::from_bytes(high).ok_or(Malformed::SdoSize(high))?;
                 Self::Write { slave, object, size, value: slot.data2 }
             }
             _ => Self::Other(*slot),

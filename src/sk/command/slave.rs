@@ -30,12 +30,14 @@ impl Motion {
     }
 
     fn decode(slot: &RawSlot, size: SlotSize) -> Self {
-        let wide = slot.two_channel();
         Self {
-            first: AxisTarget { target: wide.counts1.get(), outputs: wide.bits1.get() },
+            first: AxisTarget { target: slot.data1 as i32, outputs: slot.data2_low() },
             second: match size {
                 SlotSize::Bytes12 => AxisTarget::default(),
-                SlotSize::Bytes16 => AxisTarget { target: wide.counts2.get(), outputs: wide.bits2.get() },
+                SlotSize::Bytes16 => {
+                    let wide = slot.two_channel();
+                    AxisTarget { target: wide.counts2.get(), outputs: wide.bits2.get() }
+                }
             },
         }
     }
@@ -140,7 +142,13 @@ impl SlotCommand {
     /// # Errors
     /// [`Malformed`] if the id is a slave's command and an argument is not.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
-        let command = match CommandId::from_code(slot.id) {
+        Self::decode_as(CommandId::from_code(slot.id), slot, size)
+    }
+
+    /// The same, where the slot's id is known already.
+    #[inline(always)]
+    pub(crate) fn decode_as(id: CommandId, slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
+        let command = match id {
             CommandId::GetStatus => SlaveCommand::GetStatus,
             CommandId::DriveMode => SlaveCommand::DriveMode {
                 mode: u8::try_from(slot.data1)
@@ -148,11 +156,7 @@ impl SlotCommand {
                     .and_then(Mode::from_code)
                     .filter(|mode| *mode != Mode::Homing)
                     .ok_or(Malformed::DriveMode(slot.data1))?,
-                sync: match slot.data2 {
-                    0 => DriveSync::FreeRun,
-                    1 => DriveSync::DcSync,
-                    other => return Err(Malformed::DriveType(other)),
-                },
+                sync: if slot.data2 == 0 { DriveSync::FreeRun } else { DriveSync::DcSync },
             },
             CommandId::AlarmClear => SlaveCommand::AlarmClear,
             CommandId::ServoOn => SlaveCommand::ServoOn,

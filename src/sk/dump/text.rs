@@ -59,7 +59,7 @@ impl Display for SlotLine {
             SlotMeaning::SlaveResponse(reading) => self.slave_response(f, reading)?,
             SlotMeaning::SdoResponse(response) => self.sdo_response(f, response)?,
         }
-        if self.meaning.encode(self.size).is_some_and(|used| used != self.fields()) {
+        if self.told().is_some_and(|told| told != self.fields()) {
             write!(f, " (more bytes are set: {})", self.raw_fields())?;
         }
         match &self.crc {
@@ -70,6 +70,15 @@ impl Display for SlotLine {
 }
 
 impl SlotLine {
+    /// The fields that the words of the line carry; `None`: they are the raw ones.
+    fn told(&self) -> Option<RawSlot> {
+        let used = self.meaning.encode(self.size)?;
+        Some(match self.meaning {
+            SlotMeaning::SdoCommand(SdoCommand::Read { .. }) => RawSlot { parm: self.raw.parm, ..used },
+            _ => used,
+        })
+    }
+
     fn raw_fields(&self) -> RawFields {
         RawFields { slot: self.fields(), size: self.size, role: self.role }
     }
@@ -125,7 +134,13 @@ impl SlotLine {
         command.id().fmt(f)?;
         match *command {
             SdoCommand::GetStatus => Ok(()),
-            SdoCommand::Read { slave, object } => write!(f, " slave {slave} {object}"),
+            SdoCommand::Read { slave, object } => {
+                write!(f, " slave {slave} {object}")?;
+                match self.raw.parm >> 8 {
+                    0 => Ok(()),
+                    high => write!(f, " (0x{high:02X} above the slave's number is not looked at)"),
+                }
+            }
             SdoCommand::Write { slave, object, size, value } => {
                 let bits = match size {
                     SdoSize::One => "u8",

@@ -1,6 +1,6 @@
 //! How an axis moves its plant: after the targets of CSP, CSV and CST, and to a stop on a ramp.
 
-use super::{Axis, Demand, FOLLOWING_ERROR, Motion, NO_FOLLOWING_WINDOW, Settings};
+use super::{Axis, Demand, FOLLOWING_ERROR, FollowingWindow, Motion, NO_FOLLOWING_WINDOW};
 use crate::fieldbus::Ns;
 use crate::slave::plant::Effort;
 use crate::slave::state_machine::{DeviceFault, Ramp};
@@ -10,6 +10,13 @@ const TORQUE_REACHED: f64 = 0.01;
 
 impl Axis {
     pub(super) fn follow_position(&mut self, ns: Ns, left: Ns) {
+        let effort = self.demand_position(ns, left);
+        self.plant.run(effort, ns);
+        self.followed_position(ns);
+    }
+
+    /// The demand moves to the target, or as far as it comes in `ns` out of `left`. What the plant has to do for it.
+    pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Effort {
         let demand = self.demand.whole.wrapping_add(self.origin);
         let way = self.targets.position.wrapping_sub(demand as i32);
         let wanted = demand.wrapping_add(way.into());
@@ -19,14 +26,18 @@ impl Axis {
         let Demand { whole, fraction, .. } = self.demand;
         let remaining = target.wrapping_sub(whole) as f64 - fraction;
         let by = if ns == left { remaining } else { remaining * (ns as f64 / left as f64) };
-        self.plant.run(Effort::Position { from: whole, fraction, by }, ns);
         if ns == left {
             (self.demand.whole, self.demand.fraction) = (target, 0.0);
         } else {
             self.move_demand(by);
         }
-        self.reached =
-            remaining == 0.0 && self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
+        self.reached = remaining == 0.0;
+        Effort::Position { from: whole, fraction, by }
+    }
+
+    /// The plant has done that.
+    pub(super) fn followed_position(&mut self, ns: Ns) {
+        self.reached &= self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
         self.watch_following_error(ns);
     }
 
@@ -38,14 +49,14 @@ impl Axis {
 
     /// CiA 402-2: outside the window for longer than the timeout is a fault. 0x6066 = 0: at once.
     pub(super) fn watch_following_error(&mut self, ns: Ns) {
-        let Settings { following_window, following_timeout_ms, .. } = self.settings;
-        let outside = self.following_error().unsigned_abs() > following_window.into();
-        if !outside || following_window == NO_FOLLOWING_WINDOW {
+        let FollowingWindow { counts, timeout_ms } = self.following;
+        let outside = self.following_error().unsigned_abs() > counts.into();
+        if !outside || counts == NO_FOLLOWING_WINDOW {
             self.outside_ns = 0;
             return;
         }
         self.outside_ns += ns;
-        if self.outside_ns > Ns::from(following_timeout_ms) * 1_000_000 {
+        if self.outside_ns > Ns::from(timeout_ms) * 1_000_000 {
             self.machine.raise(DeviceFault { code: FOLLOWING_ERROR, resettable: true });
         }
     }

@@ -1,6 +1,6 @@
 //! Homing of an axis: the mode's wishes become a position demand, and home becomes the origin of its positions.
 //!
-//! **No jump.** The plant's counts never change; what changes at home is [`Axis::origin`], which object 0x6064 and its
+//! **No jump.** The plant's counts never change; what changes when home is attained is [`Axis::origin`], which object 0x6064 and its
 //! kin have on top. A target in process data that the master had made before it could see the new positions would be a
 //! jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it still brakes
 //! after the mode was left, nor from the first exchange after a home event or after the end of such braking; it holds
@@ -69,11 +69,14 @@ impl Axis {
         let moves = self.demand.velocity != 0.0 || self.plant.velocity().abs() > self.velocity_reached;
         let shaft = Shaft { position: from, moves };
         let word = self.machine.controlword();
-        if let Some(homed) = self.homing.command(word, shaft, &self.settings.homing, &self.switches) {
-            self.come_home(homed);
-        }
-        let way = self.glide(self.homing.velocity(), self.homing_ramp(), ns);
-        if let Some(homed) = self.homing.pass(from, self.plant.position(), way, &self.switches) {
+        self.homing.command(word, shaft, &self.settings.homing, &self.switches);
+        let Some((at, speed)) = self.homing.destination() else {
+            let way = self.glide(self.homing.velocity(), self.homing_ramp(), ns);
+            return self.homing.pass(from, self.plant.position(), way, &self.switches);
+        };
+        self.approach(at, speed, ns);
+        let is_there = self.demand.whole == at && self.plant.position() == at && self.stands();
+        if is_there && let Some(homed) = self.homing.arrive() {
             self.come_home(homed);
         }
     }
@@ -130,6 +133,30 @@ impl Axis {
         }
     }
 
+    /// The demand comes nearer to a count, at most so fast, counts/s, and with the ramp of homing. It ends there to the
+    /// count, with nothing left.
+    fn approach(&mut self, at: i64, speed: f64, ns: Ns) {
+        let seconds = ns as f64 / 1e9;
+        let ramp = self.homing.acceleration();
+        let speed = speed.min(self.settings.max_velocity.into());
+        let Demand { whole, fraction, velocity: from } = self.demand;
+        let left = at.wrapping_sub(whole) as f64 - fraction;
+        let most = ramp * seconds;
+        // What the ramp would stop within, and the speed would go, in this time.
+        if left.abs() <= (most * seconds).min(speed * seconds) && from.abs() <= most {
+            self.plant.run(Effort::Position { from: whole, fraction, by: left }, ns);
+            self.demand = Demand { whole: at, fraction: 0.0, velocity: 0.0 };
+            return self.watch_following_error(ns);
+        }
+        // The greatest velocity at the end of this time from which the ramp still stops at the count: it solves
+        // to^2 / 2a + (from + to) t / 2 = left.
+        let towards = if left < 0.0 { -1.0 } else { 1.0 };
+        let (way, now) = (left * towards, from * towards);
+        let root = seconds * seconds * 0.25 + 2.0 / ramp * (way - now * seconds * 0.5);
+        let wanted = if root > 0.0 { ramp * (root.sqrt() - seconds * 0.5) } else { 0.0 };
+        self.glide(wanted.clamp(0.0, speed) * towards, ramp, ns);
+    }
+
     /// The demand's velocity comes nearer to `wanted`, counts/s, by `ramp` counts/s² at most. The way it goes, counts.
     fn glide(&mut self, wanted: f64, ramp: f64, ns: Ns) -> f64 {
         let seconds = ns as f64 / 1e9;
@@ -149,7 +176,7 @@ impl Axis {
         by
     }
 
-    /// Home is found: from now on positions are counted from there.
+    /// The axis stands at home: from now on positions are counted from there.
     fn come_home(&mut self, Homed { at, offset }: Homed) {
         self.origin = i64::from(offset).wrapping_sub(at);
         self.stale = true;

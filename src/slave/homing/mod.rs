@@ -4,12 +4,15 @@
 //! interruption, and bits 10, 12 and 13 of the statusword. Nothing here moves anything: an axis asks for the velocity
 //! that is wanted, moves its shaft, and tells how far it went.
 //!
-//! **What home is.** The count where the edge was seen, or the index pulse after it, to the count. From then on the
-//! position actual value is such that it is 0x607C there; the axis slows down past it and is not driven back.
+//! **What home is.** The count where the edge was seen, or the index pulse after it, to the count. The axis slows down
+//! past it and runs back to it, at 0x6099:2 and with 0x609A. When it stands there home is attained: from then on the
+//! position actual value is such that it is 0x607C there, and the statusword says so (OBS).
 //!
 //! **Decisions** \[OURS].
 //! - Bits 10, 12 and 13 stand as in the table of CiA 402-2 whenever the mode is 6, in every state of the drive.
 //! - 0x6098 to 0x609A and 0x607C are read when a run starts; a change meanwhile acts in the next run.
+//! - On the way back no switch is looked at: the run has been there before. A run that ends on the way back, however it
+//!   does, has changed no position.
 //! - Bit 4 falling ends a run (interrupted), and the next run begins anew. Halt (bit 8) brakes by 0x605D, and the run
 //!   goes on where it was when halt is taken back with bit 4 still set.
 //! - A run during which the power stage is taken away (fault, quick stop, disabled, no master) ends in a homing error.
@@ -98,6 +101,8 @@ enum Phase {
     /// Not started, or interrupted.
     Idle,
     Searching(Run),
+    /// Home was seen at this count of the shaft, which runs back to it.
+    Returning(i64),
     Attained,
     Failed(HomingError),
 }
@@ -128,19 +133,13 @@ impl Homing {
     /// The power stage follows no targets.
     pub fn lose_power(&mut self, word: Controlword) {
         self.start_bit = starts(word);
-        if let Phase::Searching(_) = self.phase {
+        if let Phase::Searching(_) | Phase::Returning(_) = self.phase {
             self.phase = Phase::Failed(HomingError::PowerLost);
         }
     }
 
-    /// Takes the controlword of a drive in Operation enabled. `Some`: home is here.
-    pub fn command(
-        &mut self,
-        word: Controlword,
-        shaft: Shaft,
-        settings: &HomingSettings,
-        switches: &Switches,
-    ) -> Option<Homed> {
+    /// Takes the controlword of a drive in Operation enabled.
+    pub fn command(&mut self, word: Controlword, shaft: Shaft, settings: &HomingSettings, switches: &Switches) {
         let was_set = std::mem::replace(&mut self.start_bit, starts(word));
         self.halted = word.0 & Controlword::HALT != 0;
         match (was_set, self.start_bit, &self.phase) {
@@ -148,17 +147,31 @@ impl Homing {
                 self.settings = *settings;
                 match Run::start(settings, shaft, switches) {
                     Ok(Some(run)) => self.phase = Phase::Searching(run),
-                    Ok(None) => return Some(self.found(shaft.position)),
+                    Ok(None) => self.phase = Phase::Returning(shaft.position),
                     Err(error) => self.phase = Phase::Failed(error),
                 }
             }
-            (_, false, Phase::Searching(_)) => self.phase = Phase::Idle,
+            (_, false, Phase::Searching(_) | Phase::Returning(_)) => self.phase = Phase::Idle,
             _ => {}
         }
-        None
     }
 
-    /// The velocity that is wanted, counts/s.
+    /// The count that the shaft runs back to, and how fast at most, counts/s.
+    pub fn destination(&self) -> Option<(i64, f64)> {
+        match self.phase {
+            Phase::Returning(at) if !self.halted => Some((at, self.settings.zero_speed.into())),
+            _ => None,
+        }
+    }
+
+    /// The shaft stands where it was to run back to: home is attained.
+    pub fn arrive(&mut self) -> Option<Homed> {
+        let (at, _) = self.destination()?;
+        self.phase = Phase::Attained;
+        Some(Homed { at, offset: self.settings.offset })
+    }
+
+    /// The velocity that is wanted in the search, counts/s.
     pub fn velocity(&self) -> f64 {
         match &self.phase {
             Phase::Searching(run) if !self.halted => run.velocity(&self.settings),
@@ -176,16 +189,13 @@ impl Homing {
         self.halted.then_some(self.settings.halt_option)
     }
 
-    /// The shaft went from one count to another, with `way` counts asked for. `Some`: home was on the way.
-    pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Option<Homed> {
-        let Phase::Searching(run) = &mut self.phase else { return None };
+    /// The shaft went from one count to another, with `way` counts asked for. What was on the way is seen.
+    pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) {
+        let Phase::Searching(run) = &mut self.phase else { return };
         match run.pass(from, to, way, switches) {
-            Ok(None) => None,
-            Ok(Some(at)) => Some(self.found(at)),
-            Err(error) => {
-                self.phase = Phase::Failed(error);
-                None
-            }
+            Ok(None) => {}
+            Ok(Some(at)) => self.phase = Phase::Returning(at),
+            Err(error) => self.phase = Phase::Failed(error),
         }
     }
 
@@ -193,7 +203,7 @@ impl Homing {
     pub fn status_bits(&self, stands: bool) -> u16 {
         let (bits, ended) = match self.phase {
             Phase::Idle => (0, true),
-            Phase::Searching(_) => (0, self.halted),
+            Phase::Searching(_) | Phase::Returning(_) => (0, self.halted),
             Phase::Attained => (Statusword::BIT12, true),
             Phase::Failed(_) => (Statusword::BIT13, true),
         };
@@ -206,11 +216,6 @@ impl Homing {
             Phase::Failed(error) => Some(error),
             _ => None,
         }
-    }
-
-    fn found(&mut self, at: i64) -> Homed {
-        self.phase = Phase::Attained;
-        Homed { at, offset: self.settings.offset }
     }
 }
 

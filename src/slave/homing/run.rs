@@ -99,6 +99,20 @@ impl Run {
     /// # Errors
     /// Why the search is over.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Result<Option<i64>, HomingError> {
+        let is_new = seen_by(self.method, switches.read(from)) != self.inputs;
+        let is_met = is_new || matches!(self.sought, Sought::Index) || switches.change_between(from, to);
+        if is_met && let Some(home) = self.look_along(from, to, switches)? {
+            return Ok(Some(home));
+        }
+        self.way += way.abs();
+        if self.way > switches.search_limit() {
+            return Err(HomingError::TooFar(switches.search_limit() as u64));
+        }
+        Ok(None)
+    }
+
+    /// What was on the way is seen, one thing after the other. `Some`: home was there.
+    fn look_along(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
         // Inputs may change while the shaft stands: as if it were on its way already.
         let moving = match to.cmp(&from) {
@@ -113,15 +127,10 @@ impl Run {
                 return Ok(Some(at));
             }
             let seeks_index = matches!(self.sought, Sought::Index);
-            let Some(next) = switches.next(at, to, seeks_index) else { break };
+            let Some(next) = switches.next(at, to, seeks_index) else { return Ok(None) };
             at = next;
             index = seeks_index && switches.has_index(at);
         }
-        self.way += way.abs();
-        if self.way > switches.search_limit() {
-            return Err(HomingError::TooFar(switches.search_limit() as u64));
-        }
-        Ok(None)
     }
 
     /// The shaft is where a switch changes or the index pulse comes. True: home is here.

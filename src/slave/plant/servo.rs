@@ -9,6 +9,10 @@
 //! is as fine far away as it is near 0; [`Servo::position`] is the whole part, rounded. All arithmetic is `+ - * /` of
 //! `f64` and conversions between `f64` and integers, which every target computes to the same bits.
 
+mod side_by_side;
+
+pub use side_by_side::{Following, SIDE_BY_SIDE, follow_side_by_side};
+
 use super::{Effort, at_least, at_most, carry, within};
 use crate::fieldbus::Ns;
 
@@ -113,25 +117,26 @@ struct Span {
 
 /// The plant.
 #[derive(Clone, Debug)]
+#[repr(C)] // What each cycle uses lies side by side, first.
 pub struct Servo {
-    acceleration: f64,
-    peak_torque: f64,
-    max_velocity: f64,
-    dry_friction: f64,
-    viscous_rate: f64,
-    position_gain: f64,
-    velocity_gain: f64,
-    velocity_limit: f64,
-    torque_limit: f64,
-    span: Span,
     whole: i64,
     fraction: f64,
     velocity: f64,
     torque: f64,
     limited: bool,
+    jammed: bool,
+    position_gain: f64,
+    velocity_limit: f64,
     /// Lowest and highest count that can be reached.
     stops: (i64, i64),
-    jammed: bool,
+    span: Span,
+    acceleration: f64,
+    peak_torque: f64,
+    max_velocity: f64,
+    dry_friction: f64,
+    viscous_rate: f64,
+    velocity_gain: f64,
+    torque_limit: f64,
 }
 
 impl Servo {
@@ -219,10 +224,7 @@ impl Servo {
         if ns == 0 {
             return;
         }
-        if self.span.ns != ns {
-            self.span = self.span_of(ns);
-        }
-        let span = self.span;
+        let span = self.span(ns);
         match effort {
             Effort::Coast => self.coast(&span),
             Effort::Position { from, fraction, by } => {
@@ -232,6 +234,20 @@ impl Servo {
             Effort::Velocity { from, to } => self.follow_velocity(&span, from, to),
             Effort::Torque(torque) => self.give_torque(&span, torque),
         }
+        self.settle();
+    }
+
+    /// The constants of a span of that length.
+    fn span(&mut self, ns: Ns) -> Span {
+        if self.span.ns != ns {
+            self.span = self.span_of(ns);
+        }
+        self.span
+    }
+
+    /// A span has passed: whole counts are counted, and end stops stop the shaft.
+    #[inline]
+    fn settle(&mut self) {
         carry(&mut self.whole, &mut self.fraction);
         if self.whole < self.stops.0 || self.whole > self.stops.1 {
             self.hit_stop();

@@ -81,6 +81,29 @@ fn next_on_the_way() {
     assert_eq!(switches.next(i64::MIN, i64::MAX, false), Some(NEGATIVE_LIMIT + 1), "at the ends of counting");
 }
 
+/// Whether a switch changes on the way says the same as looking for the first one that does, from and to every place around an
+/// edge and at the ends of counting, also when one sticks.
+#[test]
+fn changes_on_the_way() {
+    for home in [CAM, HomeSwitch::Cam { first: FIRST, last: FIRST }, HomeSwitch::From(FIRST), HomeSwitch::UpTo(LAST)] {
+        let mut switches = Switches::new(&travel(home), TURN as u32);
+        let edges = [NEGATIVE_LIMIT, FIRST, LAST, POSITIVE_LIMIT];
+        let places = edges.iter().flat_map(|edge| edge - 2..=edge + 2).chain([i64::MIN, i64::MAX]);
+        for stuck in [None, Some(Input::Home), Some(Input::PositiveLimit)] {
+            if let Some(input) = stuck {
+                switches.stick(input, Some(true));
+            }
+            let mut changes = 0;
+            for (from, to) in places.clone().flat_map(|from| places.clone().map(move |to| (from, to))) {
+                let change = switches.change_between(from, to);
+                assert_eq!(change, switches.next(from, to, false).is_some(), "{home:?} {stuck:?} {from} {to}");
+                changes += usize::from(change);
+            }
+            assert!(changes > 50, "{home:?} {stuck:?}");
+        }
+    }
+}
+
 /// An input that sticks reads so everywhere, until it works again.
 #[test]
 fn stuck_inputs_in_0x60fd() {

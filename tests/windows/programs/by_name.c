@@ -37,13 +37,19 @@ int main(int count, char **arguments)
     }
     CHECK(GetProcAddress(dll, "_OpenECMUSB@0") == NULL);
     CHECK(read_board(frame, 512) == 0);
+    CHECK(GetLastError() == 6);
+    SetLastError(12345);
     CHECK(write_board(frame, 512) == 0);
+    CHECK(GetLastError() == 6);
+    CHECK(open_board() == 1);
+    CHECK(GetLastError() == 0);
     SetLastError(12345);
     CHECK(open_board() == 1);
-    CHECK(open_board() == 1);
+    CHECK(GetLastError() == 0);
+    SetLastError(12345);
     CHECK(write_board(frame, 512) == 1);
     CHECK(read_board(frame, 512) == 1);
-    /* Success leaves Windows' last error as it was. */
+    /* Success of a write and a read leaves Windows' last error as it was. */
     CHECK(GetLastError() == 12345);
     CHECK(write_board(NULL, 512) == 0);
     CHECK(read_board(NULL, 512) == 0);

@@ -45,12 +45,14 @@ static void open_board(void)
     }
 }
 
-/* A read before any write; then frames with their numbers, each followed by a read. Success leaves Windows' last error as
- * it was. */
+/* A read before any write; then frames with their numbers, each followed by a read. Success of Open sets Windows' last error
+ * to 0, that of all others leaves it as it was. */
 static void moves(unsigned frames)
 {
     unsigned number;
+    SetLastError(12345);
     open_board();
+    CHECK(GetLastError() == 0);
     SetLastError(12345);
     CHECK(read_report() && buffer[2] == STATE_PRE_OP);
     for (number = 1; number <= frames; number++) {
@@ -62,6 +64,29 @@ static void moves(unsigned frames)
     }
     CHECK(GetLastError() == 12345);
     CloseECMUSB();
+    CHECK(GetLastError() == 12345);
+}
+
+/* Nobody reads while the board sends and goes: once a write has said so, none of the reports that came before is read any
+ * more. Windows' last error says that the board is gone. */
+static void lost_with_reports(void)
+{
+    int tries;
+    open_board();
+    CHECK(read_report());
+    say("open");
+    wait_for("back");
+    for (tries = 0; write_command(); tries++) {
+        CHECK(tries < 2000);
+        Sleep(10);
+    }
+    CHECK(GetLastError() == ERROR_ACCESS_DENIED);
+    SetLastError(12345);
+    CHECK(!read_report() && untouched());
+    CHECK(GetLastError() == ERROR_ACCESS_DENIED);
+    CloseECMUSB();
+    CHECK(!read_report());
+    CHECK(GetLastError() == ERROR_INVALID_HANDLE);
 }
 
 /* No board: false, and a text that has these parts. */
@@ -83,9 +108,11 @@ static void lost(void)
     say("open");
     while (read_report()) {
     }
+    CHECK(GetLastError() == ERROR_ACCESS_DENIED);
     CHECK(untouched());
     CHECK(last_error_has("open it again"));
     CHECK(!write_command());
+    CHECK(GetLastError() == ERROR_ACCESS_DENIED);
     say("lost");
     wait_for("back");
     CHECK(!read_report() && untouched());
@@ -101,7 +128,9 @@ static DWORD WINAPI reader(LPVOID unused)
 {
     (void)unused;
     InterlockedIncrement(&reads);
-    CHECK(!read_report() && untouched());
+    CHECK(!read_report());
+    CHECK(GetLastError() == ERROR_ACCESS_DENIED);
+    CHECK(untouched());
     CHECK(last_error_has("closed"));
     return 0;
 }
@@ -173,6 +202,7 @@ static void busy(void)
     open_board();
     CHECK(read_report());
     CHECK(!write_command());
+    CHECK(GetLastError() == ERROR_GEN_FAILURE);
     /* The limit of the link; or the kernel's own, where Wine does not come back from the call before that. */
     CHECK(last_error_has("took no byte") || last_error_has("input/output error"));
     CHECK(read_report());
@@ -187,6 +217,8 @@ int main(int count, char **arguments)
         none(count - 2, arguments + 2);
     } else if (strcmp(what, "lost") == 0) {
         lost();
+    } else if (strcmp(what, "lost_with_reports") == 0) {
+        lost_with_reports();
     } else if (strcmp(what, "close") == 0) {
         close_ends();
     } else if (strcmp(what, "limits") == 0) {

@@ -28,7 +28,7 @@ fn unplug(served: Served) {
 
 crate::for_each_width! {
     /// LIB-20, LIB-39, LIB-40, WIN-41, WIN-46 A read before any write; frames arrive once, whole and in order, 512 bytes each, and
-    /// success leaves Windows' last error alone.
+    /// success of all but Open leaves Windows' last error alone.
     #[test]
     fn frames_go_to_the_board_and_reports_come(width: Width) {
         let file = "/tmp/moved.pcapng";
@@ -50,7 +50,7 @@ crate::for_each_width! {
         passes(width, "board", "usb:", &["none", "set CONFIG0 to USB"]);
     }
 
-    /// LIB-35, LIB-49, LIB-54, WIN-43, WIN-46 A board that is unplugged ends a read that waits; the handle stays dead when the board
+    /// LIB-35, LIB-49, LIB-54, LIB-64, WIN-43, WIN-46 A board that is unplugged ends a read that waits; the handle stays dead when the board
     /// is back, until Open, which needs no Close.
     #[test]
     fn a_board_that_goes_and_comes_back(width: Width) {
@@ -65,7 +65,18 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-35, LIB-47, LIB-48, LIB-54, WIN-44, WIN-46 Close ends a read that waits.
+    /// LIB-65, LIB-64, LIB-49 Once it was noticed that the board is gone, no report that was kept is read any more.
+    #[test]
+    fn reports_go_with_the_board(width: Width) {
+        let served = plugged(BOARD);
+        let mut program = Program::start(width, "board", "usb:", &["lost_with_reports"]);
+        program.says("open");
+        unplug(served);
+        program.tell("back");
+        program.passes();
+    }
+
+    /// LIB-35, LIB-47, LIB-48, LIB-54, LIB-64, WIN-44, WIN-46 Close ends a read that waits.
     #[test]
     fn close_ends_a_read(width: Width) {
         let served = plugged(SILENT);
@@ -120,7 +131,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-38 A board that does not take a frame: the write is false, and reads go on.
+    /// LIB-38, LIB-64 A board that does not take a frame: the write is false, and reads go on.
     #[test]
     fn a_board_that_is_busy(width: Width) {
         let served = plugged(&format!("{BOARD}&fault.delay.write=1&fault.delay_ms=3600000"));

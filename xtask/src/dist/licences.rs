@@ -16,6 +16,9 @@ const STANDARD_LIBRARY: &str = "The Rust standard library: MIT OR Apache-2.0, Co
     DLLs and programs for Windows: start-up code and import libraries of mingw-w64, mostly in the public domain, and libgcc, \
     GPL-3.0-or-later WITH GCC-exception-3.1, which lets programs of any licence use it.\n";
 
+/// The letters in the tool that are drawn in pictures.
+const FONT: &str = include_str!("../../../share/font/LICENSE.txt");
+
 /// The text: each crate with its licence, then all texts, each once, with the crates that it came with.
 pub fn text(crates: &[Crate]) -> Result<String, Error> {
     let foreign: Vec<&Crate> = crates.iter().filter(|known| known.checksum.is_some()).collect();
@@ -25,6 +28,7 @@ pub fn text(crates: &[Crate]) -> Result<String, Error> {
         let _ = writeln!(text, "{} {}: {}", part.name, part.version, part.licence);
     }
     let _ = write!(text, "\n{STANDARD_LIBRARY}");
+    let _ = write!(text, "\n{}\n{FONT}", "=".repeat(80));
 
     let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for part in &foreign {
@@ -98,6 +102,7 @@ mod tests {
         assert!(text.contains("\na 1.0.0 (LICENSE-MIT)\nb 1.0.0 (license.txt)\n\nPermission\nis granted\n"), "{text}");
         assert!(text.contains("\nb 1.0.0 (ring)\n\nAnother text\n"), "{text}");
         assert_eq!(text.matches("is granted").count(), 1, "{text}");
+        assert!(text.contains("DejaVu Sans Condensed") && text.contains("Bitstream"), "{text}");
         assert!(!text.contains("none") && !text.contains("Mine") && !text.contains("own 1.0.0"), "{text}");
     }
 }

@@ -58,7 +58,12 @@ impl Built {
         cargo.arg("rustc").args(*what).args(["--profile", PROFILE]);
         cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]);
         println!("building {} for {}", details.name, width.name());
-        command::run(cargo.arg("--").arg(format!("-Clink-arg={}", shown.display())))?;
+        cargo.arg("--").arg(format!("-Clink-arg={}", shown.display()));
+        if width == Width::X86 && matches!(details.kind, Kind::Library) {
+            let object = unwinding(&target)?;
+            cargo.arg(format!("-Zpre-link-arg={}", object.display()));
+        }
+        command::run(&mut cargo)?;
         let built = target.join(width.target()).join(PROFILE).join(details.name);
         let mut image = fs::read(&built).map_err(Error::file("read", &built))?;
         relocations::mend(&mut image).map_err(|what| Error::Dll { path: built, what })?;
@@ -94,6 +99,21 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
     cargo.env(format!("CC_{variable}"), format!("{}-gcc", width.mingw()));
     cargo.env(format!("AR_{variable}"), format!("{}-ar", width.mingw()));
     Ok(cargo)
+}
+
+/// What the unwinder of 32-bit DLLs needs of threads.
+fn unwinding(target: &Path) -> Result<PathBuf, Error> {
+    let (source, object) = (target.join("unwinding.c"), target.join("unwinding.o"));
+    fs::write(&source, include_str!("unwinding.c")).map_err(Error::file("write", &source))?;
+    let mut compiler = Command::new(format!("{}-gcc", Width::X86.mingw()));
+    // SRW locks are there from Windows 7 on.
+    compiler
+        .args(["-O2", "-Wall", "-Wextra", "-Werror", "-D_WIN32_WINNT=0x0601", "-c"])
+        .arg(source)
+        .arg("-o")
+        .arg(&object);
+    command::run(&mut compiler)?;
+    Ok(object)
 }
 
 fn start_and_end(target: &Path) -> Result<PathBuf, Error> {

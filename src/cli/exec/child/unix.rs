@@ -9,6 +9,7 @@ use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use super::{ExecError, failed, not_started};
+use crate::cli::signals;
 
 /// What to do about a program that may not be executed.
 pub const MAKE_EXECUTABLE: &str = "make it executable with `chmod +x`";
@@ -20,7 +21,7 @@ pub const MAKE_EXECUTABLE: &str = "make it executable with `chmod +x`";
 pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecError> {
     // Caught, not ignored: a program inherits what is ignored, but not what is caught. What this tool was told to ignore
     // (`nohup`) stays so for both. And caught before the start, so that no signal falls between.
-    let ours = [SIGINT, SIGQUIT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal));
+    let ours = signals::not_ignored(&[SIGINT, SIGQUIT, SIGTERM, SIGHUP]);
     let mut signals = Signals::new(ours.chain([SIGCHLD])).map_err(failed("catch signals"))?;
     let mut child = command.spawn().map_err(|source| not_started(program, source))?;
     loop {
@@ -48,12 +49,4 @@ pub fn end_as(ended: ExitStatus) -> ExitCode {
 fn hand_on(child: &Child, signal: Signal) {
     // It may have ended a moment ago; then there is nobody to tell.
     let _ = kill_process(Pid::from_child(child), signal);
-}
-
-fn is_ignored(signal: i32) -> bool {
-    let mut action = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: without a new action this only asks, and `action` has room for the answer.
-    let asked = unsafe { libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()) } == 0;
-    // SAFETY: zeroed is a valid `sigaction`, and the call leaves a valid one.
-    asked && unsafe { action.assume_init() }.sa_sigaction == libc::SIG_IGN
 }

@@ -1,6 +1,8 @@
 //! What is written behind `move`.
 
-use crate::cli::board::positive;
+use ecmsk::ecm::Scale;
+
+use crate::cli::board::{BoardError, positive};
 
 /// `1=10000`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +26,26 @@ impl Target {
         };
         read(text).ok_or_else(|| "allowed: AXIS=TARGET, e.g. 1=10000, with an axis from 1 to 40 and a number".into())
     }
+}
+
+/// A target in counts: of units the nearest, but without units half a count is nobody's wish.
+///
+/// # Errors
+/// What is no position.
+pub fn counts(what: &str, target: &Target, scale: Scale) -> Result<i32, BoardError> {
+    if scale == Scale::COUNTS && target.value.fract() != 0.0 {
+        let why = format!("{} of axis {} is no whole number of counts", target.value, target.slave);
+        let next = "name a whole number, or say with --counts-per-unit what a unit is".into();
+        return Err(BoardError::Refused { what: what.into(), why, next });
+    }
+    scale.to_counts(target.value).ok_or_else(|| outside(what, target))
+}
+
+/// A target that the wire cannot carry.
+pub fn outside(what: &str, target: &Target) -> BoardError {
+    let why = format!("target {} of axis {} is outside the 32 bits of a position", target.value, target.slave);
+    let next = "name one from -2147483648 to 2147483647 counts".into();
+    BoardError::Refused { what: what.into(), why, next }
 }
 
 /// `--jerk`.

@@ -2,6 +2,7 @@
 
 use std::cell::UnsafeCell;
 use std::ffi::{c_int, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::NonNull;
 use std::sync::Arc;
 
@@ -113,8 +114,20 @@ impl Inner {
     }
 }
 
-/// libusb's call when a transfer has ended.
+/// libusb's call when a transfer has ended. A panic that left it would end the program, whose axes may be moving.
 extern "C" fn ended(raw: *mut RawTransfer) {
+    if catch_unwind(|| tell(raw)).is_ok() {
+        return;
+    }
+    // SAFETY: as in `tell`.
+    let transfer = unsafe { &*(*raw).user_data.cast::<Inner>() };
+    let lost = catch_unwind(AssertUnwindSafe(|| transfer.listener.defective()));
+    let also = if lost.is_err() { ", and so has what was to end the link" } else { "" };
+    log::error!("a defect of this library: what takes reports from libusb has panicked{also}; open the board again");
+}
+
+/// Tells the listener how the transfer ended.
+fn tell(raw: *mut RawTransfer) {
     // SAFETY: libusb gives the transfer back, with the user data of `Transfer::new`, which live until after this call.
     let (transfer, status, moved) = unsafe { (&*(*raw).user_data.cast::<Inner>(), (*raw).status, (*raw).moved) };
     let outcome = Outcome::of(status);

@@ -21,6 +21,42 @@ fn open(world: &'static World) -> Pipe {
     Pipe::open(&found, SHAPE, LIMITS).expect("it opens")
 }
 
+/// A listener with a defect.
+#[derive(Default)]
+struct Panics {
+    lost: Mutex<bool>,
+}
+
+impl crate::io::hid::line::Ended for Panics {
+    fn input(&self, _: Outcome, _: &[u8], _: &dyn Fn() -> Result<(), UsbError>) {
+        panic!("this panic is part of the test");
+    }
+
+    fn output(&self, _: Outcome, _: usize) {}
+
+    fn defective(&self) {
+        *self.lost.lock() = true;
+        panic!("so is this one");
+    }
+}
+
+/// WIRE-122 A panic in what libusb calls does not leave it: the program goes on, and the board is lost.
+#[test]
+fn a_panic_in_the_callback_does_not_end_the_program() {
+    let world = World::new();
+    let listener = Arc::new(Panics::default());
+    let line = world.found().device.line(SHAPE, 1, &listener).expect("it opens");
+    line.begin_input(0).expect("it is handed over");
+    world.send(status::COMPLETED, &[1; 512]);
+    while !*listener.lost.lock() {
+        line.handle_events(PATIENCE).expect("events are handled");
+    }
+    let shared = Shared::new(4);
+    crate::io::hid::line::Ended::defective(&shared);
+    let why = shared.state.lock().fit().unwrap_err().to_string();
+    assert!(why.contains("defect") && why.contains("open it again"), "{why}");
+}
+
 /// WIRE-19, WIRE-82 Reports come in their order with their numbers; what is no whole one is skipped and counted.
 #[test]
 fn empty_and_short_reports_are_skipped_and_counted() {
@@ -118,6 +154,21 @@ fn a_write_that_finds_the_board_gone_ends_a_read() {
     world.answer("submit", -4);
     assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
     assert_eq!(in_time(|| reader.join().unwrap()), Err(PipeError::Lost(GONE)));
+}
+
+/// LIB-65 A write that finds the board gone: of the reports that were kept none is read any more, they count as dropped.
+#[test]
+fn kept_reports_go_with_the_board() {
+    let world = World::new();
+    let pipe = open(world);
+    (0..4).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
+    assert_eq!(read(&pipe, Some(PATIENCE)), Ok((0, 0)));
+    world.answer("submit", -4);
+    assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
+    assert_eq!(read(&pipe, Some(PATIENCE)), Err(PipeError::Lost(GONE)));
+    pipe.close();
+    let stats = pipe.stats();
+    assert_eq!(stats.dropped, stats.reports - 1, "each is counted once");
 }
 
 /// WIRE-95 Where the system says for good no more what becomes of transfers, every call ends with that reason, and so does

@@ -113,6 +113,20 @@ fn every_call_ends_when_the_board_goes() {
     }
 }
 
+/// LIB-65 Reports that were kept go with the board, and are counted: whoever finds it gone is told none of them.
+#[test]
+fn kept_reports_go_with_the_board() {
+    let (world, pipe) = open();
+    (0..4).for_each(|fill| world.send(0, &[fill; REPORT_LEN]));
+    assert_eq!(read(&pipe, Some(PATIENCE)), Ok((0, 0)));
+    world.pull(1167);
+    assert!(matches!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(_))));
+    assert!(matches!(read(&pipe, Some(PATIENCE)), Err(PipeError::Lost(_))));
+    pipe.close();
+    let stats = pipe.stats();
+    assert_eq!((stats.reports - 1, stats.dropped), (stats.dropped, stats.dropped), "each is counted once");
+}
+
 /// WIN-43 A wire that fails without a word about the device is asked again, and counts as gone after 9 failures in a row.
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {

@@ -1,0 +1,163 @@
+//! `ecmsk objects`: the objects of a drive's maker for a simulated drive, `slaves=drive:objects@FILE`.
+
+mod drive;
+mod esi;
+
+use std::fmt::Write as _;
+use std::io::{self, IsTerminal as _, Write as _};
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use clap::Subcommand;
+use ecmsk::ecm::EcmError;
+use ecmsk::link::makers;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::slave::{MakersObject, MakersObjects};
+use serde_json::json;
+
+use super::CliError;
+use super::board::Talk;
+
+/// Make a file of the objects of a drive's maker, for simulated drives: slaves=drive:objects@FILE
+///
+/// Programs write 0x2000, 0x2101 and others of their drives before they go on. A simulated drive does not have them; with
+/// such a file it has them, and stores what is written. A line of it is INDEX:SUB TYPE ACCESS VALUE NAME.
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk objects from-esi ACME_SV2.xml --device SV2-750 > sv2.objects
+  ecmsk objects from-drive usb: 1 > axis1.objects
+  ecmsk exec --link 'sim:?slaves=drive:objects@sv2.objects*2' -- ./program"
+)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Print the objects that an ESI file (.xml, of the drive's maker) lists, with their types and defaults
+    FromEsi {
+        /// The ESI file
+        file: PathBuf,
+        /// Which device of it: its type, its name or its product code, e.g. SV2-750 or 0x1234 [default: the only one]
+        #[arg(long, value_name = "DEVICE")]
+        device: Option<String>,
+    },
+    /// Print what can be read of a real drive's objects, by SDO; nothing is written to it
+    ///
+    /// The wire says no types: a write of 1, 2 and 4 bytes is taken by what comes of it. An ESI file says more.
+    FromDrive {
+        /// The board, see `ecmsk link help`
+        #[arg(value_parser = LinkUri::parse)]
+        link: LinkUri,
+        /// The slave, from 1
+        #[arg(value_parser = clap::value_parser!(u8).range(1..=40))]
+        slave: u8,
+        /// Indexes to read, e.g. 0x2000..0x2FFF; may be given several times [default: 0x2000..0x5FFF 0x6000..0x67FF]
+        #[arg(long, value_name = "FIRST..LAST", value_parser = indexes)]
+        range: Vec<RangeInclusive<u16>>,
+    },
+}
+
+/// What is read if nothing is said: the maker's objects and those of the profile of one axis.
+const USUAL: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
+
+/// Why there are no objects.
+#[derive(Debug, thiserror::Error)]
+pub enum ObjectsError {
+    /// The ESI file cannot be read.
+    #[error(transparent)]
+    File(#[from] makers::MakersError),
+    /// It says nothing.
+    #[error("{}: {error}", .file.display())]
+    Esi {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        error: esi::EsiError,
+    },
+    /// The board or the slave does not answer.
+    #[error(transparent)]
+    Ecm(#[from] EcmError),
+    /// Standard output took no more.
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(#[from] io::Error),
+}
+
+fn indexes(text: &str) -> Result<RangeInclusive<u16>, String> {
+    let index = |text: &str| {
+        let hex = text.strip_prefix("0x").or(text.strip_prefix("0X"));
+        hex.map_or_else(|| text.parse().ok(), |digits| u16::from_str_radix(digits, 16).ok())
+    };
+    let range = match text.split_once("..") {
+        Some((first, last)) => index(first).zip(index(last.trim_start_matches('='))),
+        None => index(text).map(|only| (only, only)),
+    };
+    let range = range.filter(|(first, last)| first <= last);
+    range.map(|(first, last)| first..=last).ok_or_else(|| "allowed: e.g. 0x2000..0x2FFF, the lower one first".into())
+}
+
+/// # Errors
+/// [`CliError`]
+pub fn run(args: &Args) -> Result<(), CliError> {
+    match &args.verb {
+        Verb::FromEsi { file, device } => from_esi(file, device.as_deref())?,
+        Verb::FromDrive { link, slave, range } => from_drive(link, *slave, range)?,
+    }
+    Ok(())
+}
+
+fn from_esi(file: &Path, device: Option<&str>) -> Result<(), ObjectsError> {
+    let text = makers::read_text(file, ESI_BYTES_MAX)?;
+    let mut out = io::stdout().lock();
+    out.write_all(converted(&text, file, device)?.as_bytes())?;
+    Ok(out.flush()?)
+}
+
+/// The text of an ESI file as a text of objects. `file`: what it is called.
+///
+/// # Errors
+/// [`ObjectsError::Esi`]
+pub fn converted(text: &str, file: &Path, device: Option<&str>) -> Result<String, ObjectsError> {
+    let wrong = |error| ObjectsError::Esi { file: file.to_path_buf(), error };
+    let esi = esi::read(text, device).map_err(wrong)?;
+    let mut lines = head(&format!("{} of {}", esi.device, file.display()));
+    for object in MakersObjects::of(esi.objects).objects() {
+        // Writing to a String does not fail.
+        let _ = writeln!(lines, "{object}");
+    }
+    Ok(lines)
+}
+
+/// Longest ESI file that is read, bytes \[OURS]: makers put all their devices into one.
+const ESI_BYTES_MAX: u64 = 64 << 20;
+
+fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Result<(), ObjectsError> {
+    let range = if range.is_empty() { &USUAL } else { range };
+    let all: usize = range.iter().map(|range| range.len()).sum();
+    let talk = Talk::new(false, false);
+    // Without a terminal nobody waits in front of it.
+    let is_watched = io::stderr().is_terminal();
+    let mut out = io::stdout().lock();
+    out.write_all(head(&format!("slave {slave} of {link}")).as_bytes())?;
+    let mut read = 0;
+    let found = |object: MakersObject| Ok::<_, ObjectsError>(writeln!(out, "{object}")?);
+    drive::read(&link.to_string(), slave, range, found, |index| {
+        read += 1;
+        if is_watched && read % 64 == 1 {
+            // A terminal that is gone is nobody's loss.
+            let _ = talk.progress(format_args!("0x{index:04X}, {} of {all} indexes read", read - 1), || json!({}));
+        }
+    })?;
+    talk.clear();
+    Ok(out.flush()?)
+}
+
+fn head(what: &str) -> String {
+    let what = what.replace(|c: char| c.is_control(), " ");
+    format!("# objects of {what}; for slaves=drive:objects@THIS_FILE; a line is INDEX:SUB TYPE ACCESS VALUE NAME\n")
+}

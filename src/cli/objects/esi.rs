@@ -1,0 +1,265 @@
+//! The objects of a device in an ESI file (EtherCAT Slave Information, ETG.2000), as a drive's maker ships it.
+
+use std::collections::HashMap;
+
+use ecmsk::coe::ObjectAddress;
+use ecmsk::slave::dictionary::Access;
+use ecmsk::slave::{MakersObject, MakersType};
+use roxmltree::{Document, Node};
+
+/// Data types that stand for others are followed so far \[OURS].
+const DEPTH_MAX: usize = 8;
+/// The indexes below are data types and no objects (ETG.1000.6 table 63).
+const FIRST_INDEX: u16 = 0x1000;
+
+/// Why a file gives no objects.
+#[derive(Debug, thiserror::Error)]
+pub enum EsiError {
+    /// It is no XML.
+    #[error("it is no XML: {0}; name the ESI file (.xml) of the drive's maker")]
+    Xml(#[from] roxmltree::Error),
+    /// There is no device in it.
+    #[error(
+        "there is no device with a dictionary of objects in it; some makers ship that as a file of its own beside the ESI"
+    )]
+    NoDictionary,
+    /// There are several.
+    #[error("there are several devices in it; choose one with --device: {}", .0.join(", "))]
+    Several(Vec<String>),
+    /// The one that was named is not there.
+    #[error("there is no device `{wanted}` in it; allowed: {}", .devices.join(", "))]
+    NoDevice {
+        /// What was named.
+        wanted: String,
+        /// Those that are there.
+        devices: Vec<String>,
+    },
+    /// Something in it is not as ETG.2000 has it.
+    #[error("line {line}: {message}; is it an ESI file (ETG.2000)?")]
+    Content {
+        /// Where, from 1.
+        line: u32,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// What an ESI file says of a device.
+pub struct Esi {
+    /// The device's type.
+    pub device: String,
+    /// Its objects.
+    pub objects: Vec<MakersObject>,
+}
+
+/// Reads the objects of a device; `wanted` is its type, its name or its product code.
+///
+/// # Errors
+/// [`EsiError`]
+pub fn read(text: &str, wanted: Option<&str>) -> Result<Esi, EsiError> {
+    let document = Document::parse(text)?;
+    let devices: Vec<Node<'_, '_>> = document.descendants().filter(|node| node.has_tag_name("Device")).collect();
+    let with_objects: Vec<_> = devices.into_iter().filter(|device| dictionary(*device).is_some()).collect();
+    let chosen: Vec<_> = match wanted {
+        None => with_objects.clone(),
+        Some(wanted) => with_objects.iter().copied().filter(|device| is_called(*device, wanted)).collect(),
+    };
+    let mut names: Vec<String> = with_objects.iter().map(|device| name_of(*device)).collect();
+    names.dedup();
+    let device = match (chosen.as_slice(), wanted) {
+        _ if with_objects.is_empty() => return Err(EsiError::NoDictionary),
+        // Revisions of one device stand one after the other, the newest at the end [OURS].
+        ([.., last], _) if chosen.iter().all(|device| name_of(*device) == name_of(*last)) => *last,
+        ([], Some(wanted)) => return Err(EsiError::NoDevice { wanted: wanted.to_owned(), devices: names }),
+        _ => return Err(EsiError::Several(names)),
+    };
+    let dictionary = dictionary(device).ok_or(EsiError::NoDictionary)?;
+    let types = types(dictionary);
+    let mut objects = Vec::new();
+    for node in children(child(dictionary, "Objects"), "Object") {
+        put_object(node, &types, &mut objects)?;
+    }
+    Ok(Esi { device: name_of(device), objects })
+}
+
+fn dictionary<'a, 'i>(device: Node<'a, 'i>) -> Option<Node<'a, 'i>> {
+    let found = device.descendants().find(|node| node.has_tag_name("Dictionary"))?;
+    child(found, "Objects").map(|_| found)
+}
+
+fn name_of(device: Node<'_, '_>) -> String {
+    let named = child(device, "Type").and_then(|node| node.text()).or_else(|| text(device, "Name"));
+    named.unwrap_or("a device without a type").trim().to_owned()
+}
+
+fn is_called(device: Node<'_, '_>, wanted: &str) -> bool {
+    let code = child(device, "Type").and_then(|node| node.attribute("ProductCode")).and_then(whole);
+    let names = children(Some(device), "Name").filter_map(|node| node.text());
+    name_of(device).eq_ignore_ascii_case(wanted)
+        || names.into_iter().any(|name| name.trim().eq_ignore_ascii_case(wanted))
+        || code.is_some() && code == whole(wanted)
+}
+
+/// The data types of a dictionary by their names; of two with one name the first. Files have thousands.
+type Types<'a, 'i> = HashMap<&'a str, Node<'a, 'i>>;
+
+fn types<'a, 'i>(dictionary: Node<'a, 'i>) -> Types<'a, 'i> {
+    let mut types = Types::new();
+    for node in children(child(dictionary, "DataTypes"), "DataType") {
+        if let Some(name) = text(node, "Name") {
+            types.entry(name.trim()).or_insert(node);
+        }
+    }
+    types
+}
+
+/// A sub-index as data types describe it.
+struct Part {
+    sub: u8,
+    name: String,
+    kind: String,
+    access: Option<Access>,
+}
+
+fn put_object(node: Node<'_, '_>, types: &Types<'_, '_>, objects: &mut Vec<MakersObject>) -> Result<(), EsiError> {
+    let index = text(node, "Index").and_then(whole).and_then(|index| u16::try_from(index).ok());
+    let index = index.ok_or_else(|| content(node, "an Object without an Index such as #x2000".into()))?;
+    if index < FIRST_INDEX {
+        return Ok(());
+    }
+    let kind = text(node, "Type").unwrap_or_default();
+    let name = text(node, "Name").unwrap_or_default();
+    let access = access_of(node).unwrap_or(Access::ReadOnly);
+    let info = child(node, "Info");
+    let parts = parts_of(kind, types);
+    if parts.is_empty() {
+        let (data, bits) = (makers_type(kind, types, 0), info.map_or(0, value_of));
+        objects.push(object(ObjectAddress::new(index, 0), data, access, bits, name.trim().to_owned()));
+        return Ok(());
+    }
+    let items: Vec<_> = children(info, "SubItem").collect();
+    for (place, part) in parts.iter().enumerate() {
+        let named = items.iter().find(|item| text(**item, "Name").map(str::trim) == Some(part.name.as_str()));
+        let info = named.or(items.get(place)).and_then(|item| child(*item, "Info"));
+        let data = makers_type(&part.kind, types, 0);
+        let name = format!("{}: {}", name.trim(), part.name);
+        let bits = info.map_or(0, value_of);
+        objects.push(object(ObjectAddress::new(index, part.sub), data, part.access.unwrap_or(access), bits, name));
+    }
+    Ok(())
+}
+
+/// A value that does not fit its type is cut to it.
+fn object(address: ObjectAddress, data: MakersType, access: Access, bits: u64, name: String) -> MakersObject {
+    let width = u32::from(data.bytes().unwrap_or(8)) * 8;
+    MakersObject { address, data, access, bits: bits & (u64::MAX >> (64 - width)), name }
+}
+
+/// The sub-indices of a record or an array, each once; none of a plain type.
+fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
+    let mut parts = Vec::new();
+    let mut is_there = [false; 256];
+    for item in children(types.get(kind.trim()).copied(), "SubItem") {
+        let kind = text(item, "Type").unwrap_or_default().trim();
+        let name = text(item, "Name").unwrap_or_default().trim();
+        let access = access_of(item);
+        let mut put = |sub: u8, name: String, kind: &str| {
+            if !std::mem::replace(&mut is_there[usize::from(sub)], true) {
+                parts.push(Part { sub, name, kind: kind.to_owned(), access });
+            }
+        };
+        match text(item, "SubIdx").and_then(whole).and_then(|sub| u8::try_from(sub).ok()) {
+            Some(sub) => put(sub, name.to_owned(), kind),
+            // The elements of an array are one item without a sub-index of its own.
+            None => {
+                let Some(array) = types.get(kind).copied() else { continue };
+                let of = text(array, "BaseType").unwrap_or_default().trim();
+                let bounds = child(array, "ArrayInfo");
+                let number = |name| bounds.and_then(|bounds| text(bounds, name)).and_then(whole);
+                let first = number("LBound").unwrap_or(1);
+                let count = number("Elements").unwrap_or(0).min(255);
+                for sub in (first..first.saturating_add(count)).filter_map(|sub| u8::try_from(sub).ok()) {
+                    put(sub, format!("{name} {sub}"), of);
+                }
+            }
+        }
+    }
+    parts
+}
+
+/// Basic data types of ETG.2000 and IEC 61131-3; others by what they stand for, or by their length.
+fn makers_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> MakersType {
+    match kind.trim() {
+        "BOOL" | "BIT" => MakersType::Bool,
+        "SINT" | "INTEGER8" => MakersType::I8,
+        "USINT" | "BYTE" | "UNSIGNED8" => MakersType::U8,
+        "INT" | "INTEGER16" => MakersType::I16,
+        "UINT" | "WORD" | "UNSIGNED16" => MakersType::U16,
+        "DINT" | "INTEGER32" => MakersType::I32,
+        "UDINT" | "DWORD" | "UNSIGNED32" => MakersType::U32,
+        "REAL" => MakersType::F32,
+        "LINT" | "INTEGER64" => MakersType::I64,
+        "ULINT" | "LWORD" | "UNSIGNED64" => MakersType::U64,
+        "LREAL" => MakersType::F64,
+        text if text.starts_with("STRING") || text.contains("OF BYTE") => MakersType::Text,
+        bits if bits.starts_with("BIT") => MakersType::U8,
+        other => {
+            let definition = types.get(other).copied();
+            match definition.and_then(|definition| text(definition, "BaseType")) {
+                Some(base) if depth < DEPTH_MAX => makers_type(base, types, depth + 1),
+                _ => match definition.and_then(|definition| text(definition, "BitSize")).and_then(whole) {
+                    Some(1..=8) => MakersType::U8,
+                    Some(9..=16) => MakersType::U16,
+                    Some(17..=32) => MakersType::U32,
+                    _ => MakersType::Any,
+                },
+            }
+        }
+    }
+}
+
+fn access_of(node: Node<'_, '_>) -> Option<Access> {
+    let flags = child(node, "Flags")?;
+    match text(flags, "Access")?.trim() {
+        "rw" => Some(Access::ReadWrite),
+        "wo" => Some(Access::WriteOnly),
+        _ => Some(Access::ReadOnly),
+    }
+}
+
+/// The default of an object: `DefaultData`, the bytes in hexadecimal, the lowest first; or `DefaultValue`, a number.
+fn value_of(info: Node<'_, '_>) -> u64 {
+    if let Some(data) = text(info, "DefaultData") {
+        let digits: Vec<u64> = data.chars().filter_map(|digit| digit.to_digit(16)).map(u64::from).collect();
+        let bytes = digits.chunks_exact(2).take(8).map(|pair| pair[0] << 4 | pair[1]);
+        return bytes.enumerate().fold(0, |bits, (place, byte)| bits | byte << (8 * place));
+    }
+    if let Some(data) = text(info, "DefaultString") {
+        return data.bytes().take(8).enumerate().fold(0, |bits, (place, byte)| bits | u64::from(byte) << (8 * place));
+    }
+    let value = text(info, "DefaultValue").unwrap_or_default().trim();
+    whole(value).unwrap_or_else(|| value.parse::<i64>().map_or(0, |number| number as u64))
+}
+
+/// A number of an ESI: decimal, or hexadecimal behind `#x` (or 0x).
+fn whole(text: &str) -> Option<u64> {
+    let text = text.trim();
+    let hex = ["#x", "#X", "0x", "0X"].into_iter().find_map(|mark| text.strip_prefix(mark));
+    hex.map_or_else(|| text.parse().ok(), |digits| u64::from_str_radix(digits, 16).ok())
+}
+
+fn children<'a, 'i: 'a>(parent: Option<Node<'a, 'i>>, name: &'static str) -> impl Iterator<Item = Node<'a, 'i>> {
+    parent.into_iter().flat_map(|parent| parent.children()).filter(move |node| node.has_tag_name(name))
+}
+
+fn child<'a, 'i>(parent: Node<'a, 'i>, name: &'static str) -> Option<Node<'a, 'i>> {
+    parent.children().find(|node| node.has_tag_name(name))
+}
+
+fn text<'a>(parent: Node<'a, '_>, name: &'static str) -> Option<&'a str> {
+    child(parent, name).and_then(|node| node.text())
+}
+
+fn content(node: Node<'_, '_>, message: String) -> EsiError {
+    EsiError::Content { line: node.document().text_pos_at(node.range().start).row, message }
+}

@@ -1,0 +1,240 @@
+//! The lines of one axis.
+
+use ecmsk::ecm::Scale;
+use ecmsk::sk::{DriveResponse, SlaveCommand};
+use ecmsk::summary::Gaps;
+
+use super::decimate::Line;
+use super::series::Pieces;
+use super::speed::Speed;
+use super::states::{Change, Span, States};
+use super::{COLUMNS, Window};
+
+/// What there is to draw of an axis. Targets stand at the cycle in which they were executed.
+pub struct AxisLines {
+    /// Slave.
+    pub axis: u8,
+    /// Counts of one of its units.
+    pub scale: Scale,
+    /// Units.
+    pub target: Pieces,
+    /// Units.
+    pub position: Pieces,
+    /// Units: the target executed minus the position, while the drive follows it.
+    pub difference: Pieces,
+    /// Units a second, of the positions.
+    pub velocity: Pieces,
+    /// Units a second, of the target positions.
+    pub commanded_velocity: Pieces,
+    /// Of CSV, as the drive scales it.
+    pub target_velocity: Pieces,
+    /// Percent of rated.
+    pub target_torque: Pieces,
+    /// Percent of rated.
+    pub torque: Pieces,
+    /// When the drive was not just enabled, and gaps.
+    pub states: Vec<Span>,
+}
+
+impl AxisLines {
+    /// Whether nothing of the axis is drawn.
+    pub fn is_empty(&self) -> bool {
+        let lines = [&self.target, &self.position, &self.target_velocity, &self.target_torque, &self.torque];
+        lines.iter().all(|line| line.is_empty())
+    }
+}
+
+/// An axis under construction.
+pub struct Axis {
+    /// Slave.
+    pub number: u8,
+    scale: Scale,
+    /// Ids of the commands shown; empty: all.
+    commands: Vec<u8>,
+    target: Line,
+    position: Line,
+    difference: Line,
+    velocity: Line,
+    commanded_velocity: Line,
+    target_velocity: Line,
+    target_torque: Line,
+    torque: Line,
+    states: States,
+    gaps: Gaps,
+    speeds: [Speed; 2],
+    /// The target executed last, counts.
+    in_force: Option<i32>,
+    /// The position reported last and whether the drive follows a target, if they are shown.
+    stands: Option<(i32, bool)>,
+}
+
+impl Axis {
+    /// The axis of that slave.
+    pub fn new(number: u8, scale: Scale, window: Window, commands: Vec<u8>) -> Self {
+        let line = || Line::new(window, COLUMNS);
+        let held = || Line::holding(window, COLUMNS);
+        Self {
+            number,
+            scale,
+            commands,
+            target: held(),
+            position: line(),
+            difference: line(),
+            velocity: line(),
+            commanded_velocity: line(),
+            target_velocity: held(),
+            target_torque: held(),
+            torque: line(),
+            states: States::new(window, COLUMNS),
+            gaps: Gaps::default(),
+            speeds: Default::default(),
+            in_force: None,
+            stands: None,
+        }
+    }
+
+    /// The host sends a command for it.
+    pub fn sent(&mut self, order: Option<&SlaveCommand>) {
+        if order == Some(&SlaveCommand::GoHome) {
+            self.states.go_home();
+        }
+    }
+
+    /// A cycle finds the FIFO empty.
+    pub const fn idle(&mut self, at_ns: i64) {
+        self.gaps.idle(at_ns);
+    }
+
+    /// The board executes a command for it. Gives when the gap began that ends with it, if there is one.
+    pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> Option<i64> {
+        let shown = self.shows(order.id().code());
+        match order {
+            SlaveCommand::Csp(motion) => {
+                let target = motion.first.target;
+                self.in_force = Some(target);
+                let gap = self.gaps.target(at_ns, target);
+                if let Some(since_ns) = gap {
+                    self.states.gap(since_ns, at_ns);
+                }
+                if shown {
+                    self.target.push(at_ns, self.scale.to_units(target));
+                }
+                gap
+            }
+            SlaveCommand::Csv(motion) if shown => {
+                self.target_velocity.push(at_ns, motion.first.target.into());
+                None
+            }
+            SlaveCommand::Cst(torque) if shown => {
+                self.target_torque.push(at_ns, percent(*torque));
+                None
+            }
+            _ => None,
+        }
+    }
+
+    /// The slot of a report in OP. `aborted`: it answers ABORT_HOME. `is_drive`: the slot has a torque and an error code.
+    /// `certain`: it is known which target is in force.
+    pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
+        let change = self.states.report(at_ns, drive, aborted, is_drive);
+        if change == Change::FollowsNot {
+            self.forget_target(at_ns);
+        }
+        if change != Change::None {
+            self.velocity.interrupt(at_ns);
+            self.speeds[0].reset();
+        }
+        if !self.shows(drive.head.id) {
+            // Not a line from before to after.
+            let lines = [&mut self.position, &mut self.torque, &mut self.difference];
+            let more = [&mut self.velocity, &mut self.commanded_velocity];
+            lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
+            self.speeds.iter_mut().for_each(Speed::reset);
+            self.stands = None;
+            return;
+        }
+        let follows = drive.statusword.is_enabled();
+        self.stands = Some((drive.position, follows));
+        let position = self.scale.to_units(drive.position);
+        self.position.push(at_ns, position);
+        if is_drive {
+            self.torque.push(at_ns, percent(drive.torque));
+        }
+        if let Some((at_ns, velocity)) = self.speeds[0].position(at_ns, position) {
+            self.velocity.push(at_ns, velocity);
+        }
+        if !certain {
+            return;
+        }
+        match self.in_force.filter(|_| follows) {
+            Some(target) => {
+                let target = self.scale.to_units(target);
+                self.difference.push(at_ns, target - position);
+                if let Some((at_ns, velocity)) = self.speeds[1].position(at_ns, target) {
+                    self.commanded_velocity.push(at_ns, velocity);
+                }
+            }
+            None => {
+                self.difference.interrupt(at_ns);
+                self.commanded_velocity.interrupt(at_ns);
+                self.speeds[1].reset();
+            }
+        }
+    }
+
+    /// Targets of before are not in force any more, or it is not known which ones are.
+    pub fn forget_target(&mut self, at_ns: i64) {
+        self.in_force = None;
+        self.gaps.reset();
+        self.speeds[1].reset();
+        let targets = [&mut self.target, &mut self.target_velocity, &mut self.target_torque];
+        targets.into_iter().for_each(|line| line.interrupt(at_ns));
+    }
+
+    /// Nothing is known from here.
+    pub fn interrupt(&mut self, at_ns: i64) {
+        self.forget_target(at_ns);
+        self.speeds[0].reset();
+        self.stands = None;
+        let lines = [&mut self.position, &mut self.difference, &mut self.torque];
+        let more = [&mut self.velocity, &mut self.commanded_velocity];
+        lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
+        self.states.interrupt(at_ns);
+    }
+
+    /// The target in force, in units, while the drive follows it.
+    pub fn commanded(&self) -> Option<f64> {
+        self.stands.filter(|(_, follows)| *follows).and(self.in_force).map(|target| self.scale.to_units(target))
+    }
+
+    /// Where it is, in units; nothing on the way home, which changes what is 0.
+    pub fn stands(&self) -> Option<f64> {
+        self.stands.filter(|_| !self.states.is_homing()).map(|(position, _)| self.scale.to_units(position))
+    }
+
+    /// The lines.
+    pub fn finish(self) -> AxisLines {
+        AxisLines {
+            axis: self.number,
+            scale: self.scale,
+            target: self.target.finish(),
+            position: self.position.finish(),
+            difference: self.difference.finish(),
+            velocity: self.velocity.finish(),
+            commanded_velocity: self.commanded_velocity.finish(),
+            target_velocity: self.target_velocity.finish(),
+            target_torque: self.target_torque.finish(),
+            torque: self.torque.finish(),
+            states: self.states.finish(),
+        }
+    }
+
+    fn shows(&self, id: u8) -> bool {
+        self.commands.is_empty() || self.commands.contains(&id)
+    }
+}
+
+/// From 0.1 % of rated.
+fn percent(torque: i16) -> f64 {
+    f64::from(torque) / 10.0
+}

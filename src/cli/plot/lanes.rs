@@ -1,0 +1,94 @@
+//! Inputs and outputs of an IO slave: a line for each bit that tells something.
+
+use ecmsk::sk::{CommandId, IoResponse, SlaveCommand};
+
+use super::decimate::Line;
+use super::series::Pieces;
+use super::{COLUMNS, Window};
+
+/// Bits each way.
+const BITS: usize = 16;
+
+/// Whether a bit comes from the machine or goes there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// An input.
+    In,
+    /// An output.
+    Out,
+}
+
+/// One bit over time.
+pub struct Lane {
+    /// Where it goes.
+    pub way: Way,
+    /// Its number, from 0.
+    pub bit: usize,
+    /// 0 or 1.
+    pub values: Pieces,
+}
+
+/// The bits of one slave under construction.
+pub struct Lanes {
+    ways: [Bits; 2],
+}
+
+struct Bits {
+    lines: [Line; BITS],
+    /// Bits that were 1.
+    used: u16,
+    /// What is drawn last.
+    now: Option<u16>,
+}
+
+impl Lanes {
+    /// Across `window`.
+    pub fn new(window: Window) -> Self {
+        let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, COLUMNS)), used: 0, now: None };
+        Self { ways: [bits(), bits()] }
+    }
+
+    /// A command for the slave is executed.
+    pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) {
+        if let SlaveCommand::IoWrite(outputs) = order {
+            self.ways[Way::Out as usize].push(at_ns, *outputs);
+        }
+    }
+
+    /// The slave's slot of a report in OP. The answer to IO_WR has the outputs in it, and no inputs (SK-3.17).
+    pub fn report(&mut self, at_ns: i64, slot: &IoResponse) {
+        let id = CommandId::from_code(slot.head.id);
+        if matches!(id, CommandId::GetStatus | CommandId::IoRead) {
+            self.ways[Way::In as usize].push(at_ns, slot.bits);
+        }
+    }
+
+    /// Nothing is known from here.
+    pub fn interrupt(&mut self, at_ns: i64) {
+        for bits in &mut self.ways {
+            bits.now = None;
+            bits.lines.iter_mut().for_each(|line| line.interrupt(at_ns));
+        }
+    }
+
+    /// The bits that were 1 at any time, inputs first; the others were 0, or nothing is known of them.
+    pub fn finish(self) -> Vec<Lane> {
+        let lanes = [Way::In, Way::Out].into_iter().zip(self.ways).flat_map(|(way, bits)| {
+            let used = bits.used;
+            let lines = bits.lines.into_iter().enumerate().filter(move |(bit, _)| used >> bit & 1 != 0);
+            lines.map(move |(bit, line)| Lane { way, bit, values: line.finish() })
+        });
+        lanes.collect()
+    }
+}
+
+impl Bits {
+    fn push(&mut self, at_ns: i64, value: u16) {
+        let changed = self.now.map_or(u16::MAX, |before| before ^ value);
+        self.now = Some(value);
+        self.used |= value;
+        for (bit, line) in self.lines.iter_mut().enumerate().filter(|(bit, _)| changed >> bit & 1 != 0) {
+            line.push(at_ns, f64::from(value >> bit & 1));
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! Which panels a plot has, from top to bottom, and what their legends say.
+
+use ecmsk::sk::FIFO_ENTRIES;
+
+use super::chosen::{Asked, Diagram};
+use super::lanes::{Lane, Way};
+use super::panel::{self, Across, Look, Panel, Stroke};
+use super::series::{Lines, Pieces};
+use super::states::{Span, State};
+use super::style;
+
+/// Height of a diagram that all axes share.
+const SHARED: u32 = 130;
+
+/// The panels. A kind of line that there is none of has no panel. `plane`: the axes of the plane. `unit`: what positions are
+/// in.
+pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str) -> Vec<Panel> {
+    let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
+    // Many axes get less room each, so that a plot stays on a screen.
+    let height = match axes.len() {
+        ..=2 => 190,
+        3..=4 => 140,
+        _ => 100,
+    };
+    let by_velocity = axes.iter().any(|axis| !axis.target_velocity.is_empty() || !axis.target_torque.is_empty());
+    let colours = style::colours(axes.iter().map(|axis| axis.axis));
+    let mut all = Vec::new();
+    let mut shared = Shared { least: f64::MAX, ..Shared::default() };
+    for (axis, colour) in axes.into_iter().zip(colours) {
+        let (pale, solid) = (Look::Pale(colour), Look::Solid(colour));
+        let least = axis.scale.to_units(1).abs();
+        shared.least = shared.least.min(least);
+        shared.legend.push((solid, format!("axis {}", axis.axis)));
+        shared.commanded.push(Stroke { pieces: axis.commanded_velocity, look: pale });
+        shared.velocity.push(Stroke { pieces: axis.velocity, look: solid });
+        shared.target_velocity.push(Stroke { pieces: axis.target_velocity, look: pale });
+        shared.difference.push(Stroke { pieces: axis.difference, look: solid });
+        shared.target_torque.push(Stroke { pieces: axis.target_torque, look: pale });
+        shared.torque.push(Stroke { pieces: axis.torque, look: solid });
+        if !asked.shows(Diagram::Position, true) {
+            continue;
+        }
+        let mut legend = vec![(solid, "actual".to_owned())];
+        if !axis.target.is_empty() {
+            legend.insert(0, (pale, "target, when executed".to_owned()));
+        }
+        for state in [State::NotEnabled, State::Homing, State::Fault, State::Gap] {
+            if axis.states.iter().any(|span| span.state == state) {
+                legend.push((state.look(), state.name().to_owned()));
+            }
+        }
+        let strokes = vec![Stroke { pieces: axis.target, look: pale }, Stroke { pieces: axis.position, look: solid }];
+        let name = format!("Axis {}: position ({unit})", axis.axis);
+        let panel = Panel::of(name, height, least, strokes, legend);
+        all.extend(panel.map(|panel| Panel { spans: axis.states, ..panel }));
+    }
+    let least = shared.least;
+    all.extend(shared.panels(asked, unit, by_velocity));
+    if asked.shows(Diagram::Io, true) {
+        all.extend(ios.into_iter().filter_map(|(slave, lanes)| io(slave, lanes)));
+    }
+    if asked.shows(Diagram::Fifo, true) {
+        all.push(fifo(fifo_free, full, full_reports, gaps));
+    }
+    all.extend(paths.zip(plane).and_then(|(paths, axes)| in_the_plane(paths, axes, unit, least)));
+    all
+}
+
+/// Lines of all axes that share panels.
+#[derive(Default)]
+struct Shared {
+    /// The smallest step of a position, in its unit.
+    least: f64,
+    legend: Vec<(Look, String)>,
+    commanded: Vec<Stroke>,
+    velocity: Vec<Stroke>,
+    target_velocity: Vec<Stroke>,
+    difference: Vec<Stroke>,
+    target_torque: Vec<Stroke>,
+    torque: Vec<Stroke>,
+}
+
+impl Shared {
+    fn panels(self, asked: &Asked, unit: &str, by_velocity: bool) -> impl Iterator<Item = Panel> {
+        let panel = |name: &str, least: f64, behind: Vec<Stroke>, before: Vec<Stroke>| {
+            let strokes = behind.into_iter().chain(before).collect();
+            Panel::of(name.to_owned(), SHARED, least, strokes, self.legend.clone())
+        };
+        let commanded = |strokes: &[Stroke]| strokes.iter().any(|stroke| !stroke.pieces.is_empty());
+        let velocity = format!("Velocity ({unit}/s; pale: of the targets)");
+        let torque = match commanded(&self.target_torque) {
+            true => "Torque (% of rated; pale: target, when executed)",
+            false => "Torque (% of rated)",
+        };
+        [
+            // What CSV asks for has the drive's own scale, so it stands apart.
+            asked.shows(Diagram::Velocity, true).then(|| {
+                panel("Target velocity (as the drive scales it, when executed)", 1.0, self.target_velocity, vec![])
+            }),
+            asked
+                .shows(Diagram::Velocity, by_velocity)
+                .then(|| panel(&velocity, 100.0 * self.least, self.commanded, self.velocity)),
+            asked
+                .shows(Diagram::Difference, false)
+                .then(|| panel(&format!("Following difference ({unit})"), self.least, self.difference, vec![])),
+            asked.shows(Diagram::Torque, true).then(|| panel(torque, 0.1, self.target_torque, self.torque)),
+        ]
+        .into_iter()
+        .flatten()
+        .flatten()
+    }
+}
+
+/// Inputs and outputs of a slave, one line each; those that are always 0 are left out.
+fn io(slave: u8, lanes: Vec<Lane>) -> Option<Panel> {
+    let count = lanes.len();
+    let way = |way: Way| match way {
+        Way::In => (style::INPUT, "in"),
+        Way::Out => (style::OUTPUT, "out"),
+    };
+    let mut legend = Vec::new();
+    for (kind, name) in [(Way::In, "input, as last read"), (Way::Out, "output, when executed")] {
+        if lanes.iter().any(|lane| lane.way == kind) {
+            legend.push((Look::Solid(way(kind).0), name.to_owned()));
+        }
+    }
+    let names = lanes.iter().map(|lane| format!("{} {}", way(lane.way).1, lane.bit)).collect();
+    let strokes = lanes.into_iter().enumerate().map(|(i, lane)| {
+        let base = (count - 1 - i) as f64 + 0.2;
+        let lift = |(seconds, value): (f64, f64)| (seconds, base + 0.6 * value);
+        let pieces = lane.values.into_iter().map(|piece| piece.into_iter().map(lift).collect()).collect();
+        Stroke { pieces, look: Look::Solid(way(lane.way).0) }
+    });
+    let strokes: Vec<Stroke> = strokes.collect();
+    (count > 0).then(|| Panel {
+        name: format!("IO {slave}: inputs and outputs (those that are always 0 are left out)"),
+        height: count as u32 * style::LANE,
+        range: 0.0..count as f64,
+        strokes,
+        legend,
+        lanes: names,
+        ..Panel::default()
+    })
+}
+
+fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Panel {
+    let mut legend = vec![(Look::Solid(style::FIFO), "free entries".to_owned())];
+    if !gaps.is_empty() {
+        legend.push((State::Gap.look(), State::Gap.name().to_owned()));
+    }
+    if full_reports > 0 {
+        let plural = if full_reports == 1 { "" } else { "s" };
+        let text = format!("commands lost: the full count went up in {full_reports} report{plural}");
+        legend.push((Look::Solid(style::ALARM), text));
+    }
+    let strokes = vec![Stroke { pieces: free, look: Look::Solid(style::FIFO) }];
+    let range = -4.0..f64::from(FIFO_ENTRIES) + 8.0;
+    let name = format!("FIFO: free entries of {FIFO_ENTRIES}");
+    // How long each gap was stands at the axes.
+    let spans = gaps.into_iter().map(|span| Span { note: None, ..span }).collect();
+    Panel { name, height: 110, range, strokes, spans, marks: full, legend, ..Panel::default() }
+}
+
+/// The way of two axes, both to the same scale.
+fn in_the_plane([target, gone]: [Pieces; 2], [x, y]: [u8; 2], unit: &str, least: f64) -> Option<Panel> {
+    let (width, height) = style::PLANE;
+    let colour = style::colours([x])[0];
+    let strokes =
+        vec![Stroke { pieces: target, look: Look::Pale(colour) }, Stroke { pieces: gone, look: Look::Solid(colour) }];
+    let ranges = [panel::range(&strokes, |point| point.0, least)?, panel::range(&strokes, |point| point.1, least)?];
+    let spans = [&ranges[0], &ranges[1]].map(|range| range.end - range.start);
+    let per_pixel = (spans[0] / f64::from(width)).max(spans[1] / f64::from(height));
+    let [across, range] = [(&ranges[0], width), (&ranges[1], height)].map(|(range, pixels)| {
+        let (middle, half) = ((range.start + range.end) / 2.0, per_pixel * f64::from(pixels) / 2.0);
+        middle - half..middle + half
+    });
+    let name = format!("Plane of axes {x} and {y}: position of axis {y} ({unit})");
+    let legend =
+        vec![(Look::Pale(colour), "targets, when executed".to_owned()), (Look::Solid(colour), "actual".to_owned())];
+    let across = Across { range: across, name: format!("position of axis {x} ({unit})"), width };
+    Some(Panel { name, height, range, strokes, legend, across: Some(across), ..Panel::default() })
+}

@@ -1,0 +1,114 @@
+//! The way of two axes in their plane, thinned to what a picture can show.
+
+/// Points kept; past twice as many every one that is nearer to the one before than a part of the whole way goes.
+const KEPT: usize = 20_000;
+/// \[OURS] Points nearer than this part of the picture are one: a pixel has about a thousandth of it.
+const PART: f64 = 4000.0;
+
+/// A way under construction.
+#[derive(Debug, Default)]
+pub struct Path {
+    pieces: Vec<Vec<(f64, f64)>>,
+    /// The last point, if it is not in the pieces.
+    last: Option<(f64, f64)>,
+    count: usize,
+    /// Points nearer than this to the one before are left out.
+    near: f64,
+    broken: bool,
+}
+
+impl Path {
+    /// The next point.
+    pub fn push(&mut self, point: (f64, f64)) {
+        if self.pieces.is_empty() || self.broken {
+            self.end_piece();
+            self.pieces.push(Vec::new());
+            self.broken = false;
+        }
+        let Some(piece) = self.pieces.last_mut() else { return };
+        if piece.last().is_some_and(|before| distance(*before, point) <= self.near) {
+            self.last = Some(point);
+            return;
+        }
+        piece.push(point);
+        self.last = None;
+        self.count += 1;
+        if self.count > 2 * KEPT {
+            self.thin();
+        }
+    }
+
+    /// The next point is not joined to the one before.
+    pub const fn interrupt(&mut self) {
+        self.broken = true;
+    }
+
+    /// The pieces.
+    pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
+        self.end_piece();
+        self.pieces
+    }
+
+    fn end_piece(&mut self) {
+        if let (Some(last), Some(piece)) = (self.last.take(), self.pieces.last_mut())
+            && piece.last() != Some(&last)
+        {
+            piece.push(last);
+        }
+    }
+
+    fn thin(&mut self) {
+        let points = || self.pieces.iter().flatten();
+        let span = |of: fn(&(f64, f64)) -> f64| {
+            let all = || points().map(of);
+            all().fold(f64::MIN, f64::max) - all().fold(f64::MAX, f64::min)
+        };
+        self.near = (2.0 * self.near).max(span(|point| point.0).max(span(|point| point.1)) / PART);
+        for piece in &mut self.pieces {
+            let (near, end) = (self.near, piece.last().copied());
+            piece.dedup_by(|point, before| distance(*before, *point) <= near);
+            if piece.last().copied() != end {
+                piece.extend(end);
+            }
+        }
+        self.count = self.pieces.iter().map(Vec::len).sum();
+    }
+}
+
+fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
+    (a.0 - b.0).abs().max((a.1 - b.1).abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A circle gone a thousand times keeps its shape in few points, and its ends.
+    #[test]
+    fn long_ways() {
+        let mut path = Path::default();
+        let at = |i: u32| {
+            let angle = f64::from(i) * 0.002;
+            (100_000.0 * angle.cos(), 100_000.0 * angle.sin())
+        };
+        (0..1_000_000).for_each(|i| path.push(at(i)));
+        let pieces = path.finish();
+        assert_eq!(pieces.len(), 1);
+        assert!(pieces[0].len() <= 2 * KEPT + 1, "{}", pieces[0].len());
+        assert_eq!((pieces[0][0], pieces[0].last()), (at(0), Some(&at(999_999))));
+        for (x, y) in &pieces[0] {
+            assert!((x.hypot(*y) - 100_000.0).abs() < 1.0);
+        }
+        assert!(pieces[0].iter().any(|(x, y)| *x < -99_900.0 && y.abs() < 1000.0));
+    }
+
+    /// A break is no line.
+    #[test]
+    fn breaks() {
+        let mut path = Path::default();
+        [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0)].into_iter().for_each(|point| path.push(point));
+        path.interrupt();
+        path.push((5.0, 5.0));
+        assert_eq!(path.finish(), [vec![(0.0, 0.0), (1.0, 0.0)], vec![(5.0, 5.0)]]);
+    }
+}

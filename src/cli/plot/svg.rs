@@ -1,0 +1,22 @@
+//! A picture as SVG.
+
+use plotters::prelude::SVGBackend;
+
+use super::PlotError;
+use super::chart::Sheet;
+use super::style::{self, px};
+
+/// The text of the file.
+pub fn write(sheet: &Sheet) -> Result<String, PlotError> {
+    let height = sheet.height();
+    let mut svg = String::new();
+    sheet.draw(SVGBackend::with_string(&mut svg, (px(style::WIDTH), px(height))))?;
+    Ok(in_pixels(&svg, height))
+}
+
+/// The drawing is made on a finer grid: its size on the page is told in pixels.
+fn in_pixels(svg: &str, height: u32) -> String {
+    let fine = format!("width=\"{}\" height=\"{}\"", px(style::WIDTH), px(height));
+    let pixels = format!("width=\"{}\" height=\"{height}\"", style::WIDTH);
+    svg.replacen(&fine, &pixels, 1)
+}

@@ -1,0 +1,52 @@
+//! `--record`: where a verb's recording goes.
+
+use std::path::{Path, PathBuf};
+
+use ecmsk::link::record;
+use ecmsk::link::uri::{LinkUri, UriError};
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+/// Why a verb cannot record.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file cannot be the recording.
+    #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// The link does not take the recording.
+    #[error(transparent)]
+    Uri(#[from] UriError),
+}
+
+/// The link with the recording.
+///
+/// # Errors
+/// The file has no folder, or no name that can stand in a link; the link has a recording already.
+pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> {
+    let refuse = |reason: String| RecordError::File { file: file.to_owned(), reason };
+    // A program may change its folder before it opens the board.
+    let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
+    let folder = absolute.parent().filter(|_| !absolute.is_dir());
+    if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
+        return Err(refuse("its folder does not exist".into()));
+    }
+    let text = absolute.to_str().ok_or_else(|| refuse("its name is not UTF-8".into()))?;
+    let (uri, value) = (link.to_string(), utf8_percent_encode(text, NON_ALPHANUMERIC));
+    let joint = if uri.contains('?') { '&' } else { '?' };
+    Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
+}
+
+/// Makes sure that the recording may begin: a file that is there is replaced if that is wanted, and if it is a recording.
+///
+/// # Errors
+/// The file stays as it is.
+pub fn make_room(file: &Path, overwrite: bool) -> Result<(), RecordError> {
+    record::make_room(file, overwrite).map_err(|error| {
+        let hint = if overwrite { "" } else { ", and --overwrite is not given" };
+        RecordError::File { file: file.to_owned(), reason: format!("{error}{hint}") }
+    })
+}

@@ -1,0 +1,107 @@
+//! `ecmsk summary`: what went wrong in a recorded run.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::ValueHint;
+use ecmsk::link::record::{Address, RecordError};
+use ecmsk::recording::InOrder;
+use ecmsk::sk::SlotSize;
+use ecmsk::summary::{FrameWatch, Summary};
+use serde_json::{Value, json as object};
+
+use super::error::{CliError, say};
+use super::recording::{Framed, Frames, board, parse_device};
+use super::{output, slot_size};
+
+/// Say what went wrong in a recorded run: alarms, changes of state that failed, gaps, a full FIFO, wrong CRCs
+///
+/// The same as `ecmsk exec` says at the end of a program, as far as frames show it. Which commands the board has rejected
+/// they do not: a simulated board counts them, and `ecmsk exec` tells. Nothing is said of a run in which nothing went wrong.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk summary run.pcapng
+  ecmsk summary --json run.pcapng | jq .alarms
+
+Exit code: 0, whatever went wrong; 1 if the recording cannot be read.")]
+pub struct Args {
+    /// The recording or capture; - for standard input
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+
+    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit]
+    #[arg(long, visible_alias = "slot", value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// Of a capture with several boards the one at BUS.DEVICE
+    #[arg(long, value_name = "BUS.DEVICE", value_parser = parse_device)]
+    device: Option<Address>,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// # Errors
+/// [`CliError`]
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let is_file = args.file.as_os_str() != "-";
+    let device = if is_file { board(&args.file, args.device)? } else { args.device };
+    let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let mut watch = None;
+    let mut summary = Summary::default();
+    let mut order = InOrder::default();
+    let mut take = |framed: Framed| {
+        let watch = watch.get_or_insert_with(|| FrameWatch::new(framed.size));
+        match framed.recorded.dir {
+            ecmsk::link::Dir::Write => watch.command(framed.time_ns, &framed.recorded.frame),
+            ecmsk::link::Dir::Read => {
+                watch.report(framed.time_ns, &framed.recorded.frame, &mut |sight| summary.see(sight));
+            }
+        }
+    };
+    for framed in &mut frames {
+        match framed {
+            Ok(framed) => {
+                if let Some(framed) = order.push(framed.time_ns, framed) {
+                    take(framed);
+                }
+            }
+            // What was read before is told.
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => say("note", &error),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    while let Some(framed) = order.pop() {
+        take(framed);
+    }
+    let counts = watch.map(|watch| watch.counts()).unwrap_or_default();
+    summary.count_frames(&counts);
+    frames.note_missing();
+    if args.json {
+        output::print(format!("{}\n", json(&summary)))?;
+    } else {
+        output::print(summary.to_string())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A summary as JSON.
+pub fn json(summary: &Summary) -> Value {
+    let alarms: Vec<_> = summary
+        .alarms()
+        .map(|(alarm, times)| {
+            let meaning = ecmsk::cia402::error_name(alarm.code);
+            object!({"slave": alarm.slave, "error_code": alarm.code, "meaning": meaning, "times": times})
+        })
+        .collect();
+    let states: Vec<_> = summary
+        .states_failed()
+        .map(|(failed, times)| object!({"state": failed.state, "text": failed.to_string(), "times": times}))
+        .collect();
+    let said: Vec<_> = summary.said().map(|(text, times)| object!({"text": text, "times": times})).collect();
+    let counts: serde_json::Map<String, Value> =
+        summary.counts().map(|(name, value)| (name.to_owned(), value.into())).collect();
+    object!({"counts": counts, "alarms": alarms, "states_failed": states, "said": said})
+}

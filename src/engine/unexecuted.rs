@@ -1,0 +1,113 @@
+//! Commands that were not executed and were not rejected either: what happened to them, by the counter that counts them.
+
+use super::Counters;
+
+/// Why commands were not executed, apart from a [`Reason`](super::Reason): each is a number of [`Counters`] (SK-4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Unexecuted {
+    /// [`Counters::full`]: the command FIFO had no room for the frame.
+    Full,
+    /// [`Counters::crc`]: the frame's CRC was wrong, and the board checks it.
+    Crc,
+    /// [`Counters::incomplete`]: the frame did not arrive completely.
+    Incomplete,
+    /// [`Counters::while_booting`]: the board was booting after SW_RESET.
+    WhileBooting,
+    /// [`Counters::ignored_homing`]: the slave was homing, or its mode was being restored.
+    IgnoredHoming,
+    /// [`Counters::discarded_before_enabled`]: a target came before Operation enabled.
+    BeforeEnabled,
+    /// [`Counters::for_lost`]: the slave was lost.
+    ForLost,
+    /// [`Counters::cleared`]: the entry was in the FIFO when it was cleared, or when OP was left.
+    Cleared,
+    /// [`Counters::sdo_aborted`]: an SDO transfer was carried out, and the slave refused it.
+    SdoAborted,
+}
+
+impl Unexecuted {
+    /// How many there are.
+    pub const KINDS: usize = 9;
+
+    /// All of them.
+    pub const ALL: [Self; Self::KINDS] = [
+        Self::Full,
+        Self::Crc,
+        Self::Incomplete,
+        Self::WhileBooting,
+        Self::IgnoredHoming,
+        Self::BeforeEnabled,
+        Self::ForLost,
+        Self::Cleared,
+        Self::SdoAborted,
+    ];
+
+    /// Its count.
+    pub const fn of(self, counters: &Counters) -> u64 {
+        match self {
+            Self::Full => counters.full,
+            Self::Crc => counters.crc,
+            Self::Incomplete => counters.incomplete,
+            Self::WhileBooting => counters.while_booting,
+            Self::IgnoredHoming => counters.ignored_homing,
+            Self::BeforeEnabled => counters.discarded_before_enabled,
+            Self::ForLost => counters.for_lost,
+            Self::Cleared => counters.cleared,
+            Self::SdoAborted => counters.sdo_aborted,
+        }
+    }
+
+    /// The name of its counter, for JSON and tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Full => "full",
+            Self::Crc => "crc",
+            Self::Incomplete => "incomplete",
+            Self::WhileBooting => "while_booting",
+            Self::IgnoredHoming => "ignored_homing",
+            Self::BeforeEnabled => "discarded_before_enabled",
+            Self::ForLost => "for_lost",
+            Self::Cleared => "cleared",
+            Self::SdoAborted => "sdo_aborted",
+        }
+    }
+
+    /// What is counted, to be put behind the number: `3 command frames found the FIFO full and were lost`.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::Full => "command frame(s) found the FIFO full and were lost",
+            Self::Crc => "command frame(s) with a wrong CRC were not executed",
+            Self::Incomplete => "command frame(s) did not arrive completely and were dropped",
+            Self::WhileBooting => "command frame(s) came while the board was booting and were lost",
+            Self::IgnoredHoming => "command(s) for a slave that was homing were ignored",
+            Self::BeforeEnabled => "target(s) for a drive that was not on were discarded",
+            Self::ForLost => "command(s) for a lost slave did not reach it",
+            Self::Cleared => "queued command frame(s) were cleared unexecuted",
+            Self::SdoAborted => "SDO transfer(s) were aborted by the slave",
+        }
+    }
+
+    /// What to do about it.
+    pub const fn advice(self) -> &'static str {
+        match self {
+            Self::Full => {
+                "send one command frame for each report, or pause while bytes 8..9 of slot 0 show few free entries"
+            }
+            Self::Crc => "fill byte 3 of slot 0 with the CRC, last, or switch the check off (SET_EX, then SW_RESET)",
+            Self::Incomplete => "send whole frames, or pull CONFIG3 low",
+            Self::WhileBooting => "open the board again after SW_RESET",
+            Self::IgnoredHoming => {
+                "wait for statusword bits 10 and 12, and until the drive's mode is back, before the next command"
+            }
+            Self::BeforeEnabled => "send SV_ON and wait until the statusword shows Operation enabled (...37h)",
+            Self::ForLost => "look at the slave's power and its cable, then send SET_STATE to bring it back",
+            Self::Cleared => "wait until the FIFO is empty (160 free) before SET_FIFO 1 and before leaving OP",
+            Self::SdoAborted => "look at bit 15 of the answer's Parm: Data2 is then the abort code",
+        }
+    }
+
+    /// Whether the program itself has asked for the loss: by SET_FIFO 1, or by leaving OP.
+    pub const fn is_asked_for(self) -> bool {
+        matches!(self, Self::Cleared)
+    }
+}

@@ -1,0 +1,150 @@
+//! Small files that a person names: configuration, scripts, secrets. What is no regular file is refused before it is opened,
+//! since opening a FIFO waits for its writer and opening a device may do something to it; so is what is far too long.
+
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, Read as _};
+use std::path::Path;
+
+/// What a small file holds.
+#[derive(Debug)]
+pub(crate) struct SmallFile {
+    /// All of its bytes.
+    pub(crate) bytes: Vec<u8>,
+    /// Owner, mode and size of the very file that the bytes were read from, whatever the path names by now.
+    #[cfg_attr(
+        not(all(unix, feature = "tcp")),
+        allow(dead_code, reason = "owner and mode of a secret are looked at, on Unix alone")
+    )]
+    pub(crate) metadata: Metadata,
+}
+
+/// Why a small file was not read. The texts name no path: the caller's do.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum FileError {
+    /// The system's words: it is not there ([`io::ErrorKind::NotFound`]), or this user may not read it.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// It is no regular file.
+    #[error("it is {kind}, and only regular files are read; copy what it holds into one")]
+    Kind {
+        /// What it is, with its article.
+        kind: &'static str,
+    },
+    /// It is longer than such a file may be.
+    #[error("it has more than {size_max} bytes; is it the right file?")]
+    Size {
+        /// Bytes that it may have.
+        size_max: u64,
+    },
+}
+
+/// Reads the regular file at `path`, of at most `size_max` bytes. Never waits for another program: a FIFO, a socket, a device
+/// and a folder are refused, and a link to one of them too.
+///
+/// # Errors
+/// [`FileError`].
+pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileError> {
+    // Opening a device may rewind a tape or arm a watchdog, so it is looked at before; and once more when it is open, since
+    // the path may name something else by then.
+    check_kind(&fs::metadata(path)?)?;
+    let file = open(path)?;
+    let metadata = file.metadata()?;
+    check_kind(&metadata)?;
+    if metadata.len() > size_max {
+        return Err(FileError::Size { size_max });
+    }
+    let mut bytes = Vec::new();
+    // A file may grow meanwhile, and those of /proc say that they are empty.
+    (&file).take(size_max.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > size_max {
+        return Err(FileError::Size { size_max });
+    }
+    Ok(SmallFile { bytes, metadata })
+}
+
+/// Opens a file so that neither this nor a read waits, should it have become a FIFO meanwhile.
+fn open(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt as _;
+        options.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
+    }
+    options.open(path)
+}
+
+fn check_kind(metadata: &Metadata) -> Result<(), FileError> {
+    if metadata.is_file() {
+        return Ok(());
+    }
+    let kind = if metadata.is_dir() { "a folder" } else { special_kind(metadata) };
+    Err(FileError::Kind { kind })
+}
+
+#[cfg(unix)]
+fn special_kind(metadata: &Metadata) -> &'static str {
+    use std::os::unix::fs::FileTypeExt as _;
+    let kind = metadata.file_type();
+    if kind.is_fifo() {
+        "a pipe (FIFO)"
+    } else if kind.is_socket() {
+        "a socket"
+    } else {
+        "a device"
+    }
+}
+
+#[cfg(not(unix))]
+fn special_kind(_: &Metadata) -> &'static str {
+    "a pipe or a device"
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    /// TOOL-136 Pipes, sockets, devices, folders and links to them are refused by what they are, without opening them: a FIFO
+    /// that nobody writes to would keep whoever opens it for ever.
+    #[test]
+    fn what_is_no_regular_file_is_refused_by_its_kind() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        rustix::fs::mkfifoat(rustix::fs::CWD, at("fifo"), rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+        let _socket = std::os::unix::net::UnixListener::bind(at("socket")).unwrap();
+        std::os::unix::fs::symlink(at("fifo"), at("link")).unwrap();
+        for (path, kind) in [
+            (at("fifo"), "a pipe (FIFO)"),
+            (at("link"), "a pipe (FIFO)"),
+            (at("socket"), "a socket"),
+            ("/dev/zero".into(), "a device"),
+            (folder.path().into(), "a folder"),
+        ] {
+            let error = read_small(&path, 100).unwrap_err();
+            assert!(matches!(error, FileError::Kind { kind: found } if found == kind), "{}: {error:?}", path.display());
+            assert!(error.to_string().contains(kind), "{error}");
+        }
+        let missing = read_small(&at("missing"), 100).unwrap_err();
+        assert!(matches!(missing, FileError::Io(error) if error.kind() == io::ErrorKind::NotFound));
+    }
+
+    /// TOOL-136 A file of the greatest size is read whole, a longer one not at all, however long it says that it is.
+    #[test]
+    fn what_is_too_long_is_refused_by_its_size() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        fs::write(&path, [7; 100]).unwrap();
+        let read = read_small(&path, 100).unwrap();
+        assert_eq!((read.bytes, read.metadata.len()), (vec![7; 100], 100));
+        let error = read_small(&path, 99).unwrap_err();
+        assert!(
+            matches!(error, FileError::Size { size_max: 99 }) && error.to_string().contains("99 bytes"),
+            "{error:?}"
+        );
+        // Sparse: it takes no place on the disk.
+        File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        assert!(matches!(read_small(&path, 100), Err(FileError::Size { .. })));
+        // This one says that it is empty.
+        assert!(matches!(read_small(Path::new("/proc/self/maps"), 100), Err(FileError::Size { .. })));
+    }
+}

@@ -1,0 +1,179 @@
+//! What the log says of commands that were not executed without being rejected: one line when it begins, one with the
+//! count when it has ended.
+
+use log::Level;
+
+use crate::engine::{Counters, Unexecuted};
+use crate::fieldbus::Ns;
+
+/// Nothing more was lost for so long of the board's time: it has ended \[OURS].
+const QUIET_NS: Ns = 1_000_000_000;
+
+/// A run of losses of one kind.
+#[derive(Clone, Copy)]
+struct Episode {
+    /// When the first and the newest were seen.
+    from: Ns,
+    to: Ns,
+    /// The counter before the first.
+    before: u64,
+}
+
+#[derive(Clone, Copy)]
+struct Kind {
+    /// The counter when it was looked at last.
+    seen: u64,
+    episode: Option<Episode>,
+}
+
+/// What was told so far.
+pub(super) struct Episodes {
+    kinds: [Kind; Unexecuted::KINDS],
+}
+
+impl Episodes {
+    /// From a board on that has counted so much before.
+    pub(super) fn new(counters: &Counters) -> Self {
+        Self { kinds: Unexecuted::ALL.map(|what| Kind { seen: what.of(counters), episode: None }) }
+    }
+
+    /// Whether a run of that kind is under way.
+    pub(super) fn is_running(&self, what: Unexecuted) -> bool {
+        let kinds = self.kinds.iter().zip(Unexecuted::ALL);
+        kinds.filter(|(_, of)| *of == what).any(|(kind, _)| kind.episode.is_some())
+    }
+
+    /// Tells what has begun, but for what was `told` already, and what has ended; `now` is the board's time.
+    pub(super) fn tell(
+        &mut self,
+        counters: &Counters,
+        now: Ns,
+        told: impl Fn(Unexecuted) -> bool,
+        say: &mut dyn FnMut(Level, String),
+    ) {
+        for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
+            let count = what.of(counters);
+            let before = std::mem::replace(&mut kind.seen, count);
+            match &mut kind.episode {
+                Some(episode) if count > before => episode.to = now,
+                Some(episode) if now.saturating_sub(episode.to) >= QUIET_NS => {
+                    say(level(what), ended(what, episode, count));
+                    kind.episode = None;
+                }
+                Some(_) => {}
+                None if count > before => {
+                    kind.episode = Some(Episode { from: now, to: now, before });
+                    if !told(what) {
+                        say(level(what), begun(what, count - before, now));
+                    }
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// Tells the counts of what has not ended: the link is closed.
+    pub(super) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
+        self.tell(counters, now, |_| false, say);
+        for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
+            if let Some(episode) = kind.episode.take() {
+                say(level(what), ended(what, &episode, kind.seen));
+            }
+        }
+    }
+}
+
+/// What a program has asked for is no warning.
+const fn level(what: Unexecuted) -> Level {
+    if what.is_asked_for() { Level::Info } else { Level::Warn }
+}
+
+fn begun(what: Unexecuted, count: u64, at: Ns) -> String {
+    format!("since {} us: {count} {}; {}", at / 1000, what.meaning(), what.advice())
+}
+
+fn ended(what: Unexecuted, episode: &Episode, count: u64) -> String {
+    let (from, to) = (episode.from / 1000, episode.to / 1000);
+    format!("from {from} us to {to} us: {} {} in all", count - episode.before, what.meaning())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Ns = 1_000_000;
+
+    struct Log {
+        episodes: Episodes,
+        lines: Vec<(Level, String)>,
+    }
+
+    impl Log {
+        fn of(counters: &Counters) -> Self {
+            Self { episodes: Episodes::new(counters), lines: Vec::new() }
+        }
+
+        fn look(&mut self, counters: &Counters, at: Ns) {
+            self.episodes.tell(counters, at, |_| false, &mut |level, line| self.lines.push((level, line)));
+        }
+
+        fn end(&mut self, counters: &Counters, at: Ns) {
+            self.episodes.end(counters, at, &mut |level, line| self.lines.push((level, line)));
+        }
+    }
+
+    /// SK-4.78 A FIFO that is full for a while is one line when it begins, with what to do, and one with the count when
+    /// nothing was lost for a second. What was lost before the link was opened is not this program's.
+    #[test]
+    fn a_full_fifo_begins_and_ends() {
+        let mut log = Log::of(&Counters { full: 1000, ..Counters::default() });
+        for n in 0..400 {
+            log.look(&Counters { full: 1000 + n, ..Counters::default() }, n * MS);
+        }
+        assert_eq!(log.lines.len(), 1, "{:?}", log.lines);
+        let (level, line) = &log.lines[0];
+        assert_eq!(*level, Level::Warn);
+        let begins = "since 1000 us: 1 command frame(s) found the FIFO full and were lost; ";
+        assert!(line.starts_with(begins), "{line}");
+        let last = Counters { full: 1399, ..Counters::default() };
+        log.look(&last, 1398 * MS);
+        assert_eq!(log.lines.len(), 1, "it has not ended: {:?}", log.lines);
+        log.look(&last, 1399 * MS);
+        let ends = "from 1000 us to 399000 us: 399 command frame(s) found the FIFO full and were lost in all";
+        assert_eq!(log.lines[1..], [(Level::Warn, ends.to_owned())]);
+        log.end(&last, 5000 * MS);
+        assert_eq!(log.lines.len(), 2, "told twice: {:?}", log.lines);
+        log.look(&Counters { full: 1400, ..Counters::default() }, 6000 * MS);
+        assert!(log.lines[2].1.starts_with("since 6000000 us: 1 "), "{:?}", log.lines);
+    }
+
+    /// SK-4.78 Every counter that means that a command was not executed has its lines; a link that is closed while it goes
+    /// on tells the count. What a program has cleared itself is told at a lower level.
+    #[test]
+    fn every_counter_has_its_lines() {
+        let lost = Counters {
+            ignored_homing: 1,
+            discarded_before_enabled: 2,
+            for_lost: 3,
+            cleared: 4,
+            full: 5,
+            crc: 6,
+            incomplete: 7,
+            while_booting: 8,
+            sdo_aborted: 9,
+            ..Counters::default()
+        };
+        let mut log = Log::of(&Counters::default());
+        log.end(&lost, MS);
+        assert_eq!(log.lines.len(), 2 * Unexecuted::KINDS, "{:?}", log.lines);
+        let (begun, ended) = log.lines.split_at(Unexecuted::KINDS);
+        for ((what, begun), ended) in Unexecuted::ALL.into_iter().zip(begun).zip(ended) {
+            let count = what.of(&lost);
+            assert!(count > 0 && begun.1.contains(&format!(" {count} {}", what.meaning())), "{begun:?}");
+            assert!(begun.1.ends_with(what.advice()), "{begun:?}");
+            assert!(ended.1.contains(&format!(" {count} {} in all", what.meaning())), "{ended:?}");
+            let level = if what == Unexecuted::Cleared { Level::Info } else { Level::Warn };
+            assert_eq!((begun.0, ended.0), (level, level), "{what:?}");
+        }
+    }
+}

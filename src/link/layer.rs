@@ -1,0 +1,117 @@
+//! A link that stands before another one.
+
+use std::time::Duration;
+
+use super::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::sk::Frame;
+
+/// A link before another one. It says itself only what it does otherwise; everything else the inner link does, so that none
+/// forgets [`Link::vanish`], for which [`Link`] has a default that no layer may have. Every layer is a [`Link`].
+pub trait Layer: Send + Sync {
+    /// The link behind this one.
+    fn inner(&self) -> &dyn Link;
+
+    /// [`Link::info`].
+    fn info(&self) -> LinkInfo {
+        self.inner().info()
+    }
+
+    /// [`Link::network`].
+    fn network(&self) -> Option<KnownNetwork> {
+        self.inner().network()
+    }
+
+    /// [`Link::write`].
+    ///
+    /// # Errors
+    /// Those of [`Link::write`].
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.inner().write(frame, wait)
+    }
+
+    /// [`Link::read`].
+    ///
+    /// # Errors
+    /// Those of [`Link::read`].
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        self.inner().read(out, wait)
+    }
+
+    /// [`Link::pass`].
+    ///
+    /// # Errors
+    /// Those of [`Link::pass`].
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        self.inner().pass(time)
+    }
+
+    /// [`Link::cancel`].
+    fn cancel(&self, dir: Dir) {
+        self.inner().cancel(dir);
+    }
+
+    /// [`Link::close`].
+    fn close(&self) {
+        self.inner().close();
+    }
+
+    /// [`Link::vanish`].
+    fn vanish(&self) {
+        self.inner().vanish();
+    }
+
+    /// [`Link::check`].
+    ///
+    /// # Errors
+    /// Those of [`Link::check`].
+    fn check(&self) -> Result<(), LinkError> {
+        self.inner().check()
+    }
+
+    /// [`Link::stats`].
+    fn stats(&self) -> LinkStats {
+        self.inner().stats()
+    }
+}
+
+impl<T: Layer> Link for T {
+    fn info(&self) -> LinkInfo {
+        Layer::info(self)
+    }
+
+    fn network(&self) -> Option<KnownNetwork> {
+        Layer::network(self)
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        Layer::write(self, frame, wait)
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        Layer::read(self, out, wait)
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        Layer::pass(self, time)
+    }
+
+    fn cancel(&self, dir: Dir) {
+        Layer::cancel(self, dir);
+    }
+
+    fn close(&self) {
+        Layer::close(self);
+    }
+
+    fn vanish(&self) {
+        Layer::vanish(self);
+    }
+
+    fn check(&self) -> Result<(), LinkError> {
+        Layer::check(self)
+    }
+
+    fn stats(&self) -> LinkStats {
+        Layer::stats(self)
+    }
+}

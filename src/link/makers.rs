@@ -1,0 +1,77 @@
+//! The objects of makers that a link gives its simulated slaves: `slaves=drive:objects@FILE`.
+
+use std::path::Path;
+
+use super::keys::WHERE_TO_LOOK;
+use super::slaves::{MakersSpec, SlaveSpec};
+use crate::files::read_small;
+use crate::slave::{MAKERS_BYTES_MAX, MakersObjects};
+
+/// Why there are no objects of a file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cannot take the objects of {file}: {message}; name another file or mend it, {WHERE_TO_LOOK}")]
+pub struct MakersError {
+    /// The file.
+    pub file: String,
+    /// Why, with the line.
+    pub message: String,
+}
+
+/// Reads a file of objects.
+///
+/// # Errors
+/// [`MakersError`]
+pub fn load(file: &Path) -> Result<MakersObjects, MakersError> {
+    let text = read_text(file, MAKERS_BYTES_MAX)?;
+    MakersObjects::parse(&text).map_err(|error| wrong(file, error))
+}
+
+/// Reads a regular file of text, of at most so many bytes.
+///
+/// # Errors
+/// [`MakersError`]
+pub fn read_text(file: &Path, size_max: u64) -> Result<String, MakersError> {
+    let read = read_small(file, size_max).map_err(|error| wrong(file, error))?;
+    String::from_utf8(read.bytes).map_err(|_| wrong(file, "it is no text in UTF-8; save it as UTF-8"))
+}
+
+fn wrong(file: &Path, message: impl ToString) -> MakersError {
+    MakersError { file: file.display().to_string(), message: message.to_string() }
+}
+
+/// The objects of each slave's maker, in the order of the slaves, `None` where nothing is said of them; each file is read once. Says in the log what a simulated
+/// slave has that it would not have by itself.
+///
+/// # Errors
+/// [`MakersError`]
+pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<MakersObjects>>, MakersError> {
+    let mut read: Vec<(&str, MakersObjects)> = Vec::new();
+    let mut objects = Vec::with_capacity(slaves.len());
+    for (slave, spec) in (1..).zip(slaves) {
+        objects.push(match &spec.makers {
+            None => None,
+            Some(MakersSpec::Any) => {
+                log::info!(
+                    "slave {slave} has objects@any: it stores what it is told in 0x2000..0x5FFF and 0x6000..0x9FFF, \
+                     where a real drive may answer with an abort code"
+                );
+                Some(MakersObjects::any())
+            }
+            Some(MakersSpec::File(file)) => {
+                let known = read.iter().find(|(name, _)| *name == &**file).map(|(_, objects)| objects.clone());
+                let makers = match known {
+                    Some(makers) => makers,
+                    None => {
+                        let makers = load(Path::new(&**file))?;
+                        read.push((file, makers.clone()));
+                        makers
+                    }
+                };
+                let count = makers.objects().len();
+                log::info!("slave {slave} has {count} objects of {file}: they store values and have no effect");
+                Some(makers)
+            }
+        });
+    }
+    Ok(objects)
+}

@@ -1,0 +1,73 @@
+//! What somebody who serves a link knows of its network, in the words of the tool's options.
+
+use super::options::SimOptions;
+use super::uri::LinkUri;
+use crate::ecm::{Config, Slave};
+
+/// Slaves and units, as `--slaves` and `--counts-per-unit` of the tool take them. A text that is empty is not known.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct KnownNetwork {
+    /// The slaves in the order of the cable: `drive*2,io`.
+    pub slaves: String,
+    /// Counts of one unit, of all axes or of some: `1=5000,2=131072/360`.
+    pub counts_per_unit: String,
+}
+
+impl KnownNetwork {
+    /// What is said here, and what `other` says where nothing is.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        let or = |this: String, other: String| if this.is_empty() { other } else { this };
+        Self { slaves: or(self.slaves, other.slaves), counts_per_unit: or(self.counts_per_unit, other.counts_per_unit) }
+    }
+
+    /// Whether nothing is known.
+    pub fn is_empty(&self) -> bool {
+        self.slaves.is_empty() && self.counts_per_unit.is_empty()
+    }
+
+    /// What the name of a `sim:` link says; nothing for any other.
+    #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
+    pub(crate) fn of_sim(name: &str) -> Self {
+        let options = LinkUri::parse(name).ok().and_then(|uri| SimOptions::from_uri(&uri).ok());
+        let slaves = options.iter().flat_map(|options| &options.slaves).map(|slave| slave.model.name().to_owned());
+        Self { slaves: list(slaves), ..Self::default() }
+    }
+
+    /// What a configuration says.
+    #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
+    pub(crate) fn of_config(config: &Config) -> Self {
+        Self { slaves: list(config.slaves.iter().map(Slave::to_string)), ..Self::default() }
+    }
+}
+
+/// Words, those that repeat with their number: `drive*2,io`.
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
+fn list(words: impl Iterator<Item = String>) -> String {
+    let mut runs: Vec<(String, usize)> = Vec::new();
+    for word in words {
+        match runs.last_mut() {
+            Some((last, count)) if *last == word => *count += 1,
+            _ => runs.push((word, 1)),
+        }
+    }
+    let runs = runs.into_iter().map(|(word, count)| if count > 1 { format!("{word}*{count}") } else { word });
+    runs.collect::<Vec<_>>().join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ecm::Axis;
+
+    /// TCP-27 The words are those of `--slaves`.
+    #[test]
+    fn words_of_networks() {
+        let of_sim = |name| KnownNetwork::of_sim(name).slaves;
+        assert_eq!(of_sim("sim:?slaves=drive*2,drive:start@5,io,hsp2,step&clock=virtual"), "drive*3,io,hsp2,step");
+        assert_eq!((of_sim("usb:"), of_sim("puppet:")), (String::new(), String::new()));
+        let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CSV), Slave::Unused];
+        let config = Config { slaves, ..Config::default() };
+        assert_eq!(KnownNetwork::of_config(&config).slaves, "drive,drive:csv*2,none");
+    }
+}

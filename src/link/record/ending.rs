@@ -1,0 +1,100 @@
+//! How recordings end, and what they lack.
+//!
+//! A recording of ours ends each of its sections with the block that pcapng has for the counts of an interface. Where it is
+//! missing the recording was not ended: its program was killed, still runs, or had no room to write. Captures that others
+//! made, and recordings that another program has written anew, need not have such a block: of them nothing is concluded
+//! \[OURS].
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use super::reader::Recording;
+
+/// What a recording is known to lack, as far as it was read; all of it is known at the end only.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Lacks {
+    /// Openings of a board, one section of the file each, that were not ended.
+    pub not_ended: u64,
+    /// Frames that passed and are not in it.
+    pub missing: u64,
+    /// Why frames are missing, in the words of the recorder that could not take them.
+    pub why: Option<String>,
+}
+
+impl Lacks {
+    /// Whether nothing is known to be missing.
+    pub const fn is_nothing(&self) -> bool {
+        self.not_ended == 0 && self.missing == 0
+    }
+}
+
+/// One line, without the name of the file.
+impl fmt::Display for Lacks {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.missing > 0 {
+            match &self.why {
+                Some(why) => write!(f, "{} frames are missing: {why}", self.missing)?,
+                None => write!(f, "{} frames are missing", self.missing)?,
+            }
+            if self.not_ended > 0 {
+                f.write_str("; ")?;
+            }
+        }
+        match self.not_ended {
+            0 if self.missing == 0 => f.write_str("nothing is known to be missing"),
+            0 => f.write_str("; record again, to a disk that is fast and has room, to have them all"),
+            _ => f.write_str(
+                "the recording was not ended, what came after its last frame is not in it; its program was killed, still \
+                 runs, or could not write: let it end by itself, on a disk with room, to have all",
+            ),
+        }
+    }
+}
+
+/// Longest block at the end of a file that is looked at: that of a recording is a few hundred bytes. \[OURS]
+const LONGEST_END: u64 = 64 * 1024;
+/// More than the blocks that stand in front of a recording's first frame have. \[OURS]
+const LONGEST_BEGIN: u64 = 1 << 20;
+
+/// What a recording of ours lacks, by its first and its last block alone: quick, however long it is. Of a file that was
+/// recorded to more than once it tells of the last time.
+///
+/// # Errors
+/// The system's, if it cannot be read. A file that is no recording is one that was not ended.
+pub fn lacks_at_end(path: &Path) -> io::Result<Lacks> {
+    let not_ended = Lacks { not_ended: 1, ..Lacks::default() };
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::new();
+    (&mut file).take(LONGEST_BEGIN).read_to_end(&mut bytes)?;
+    // The headers of the section and of its interface.
+    let Some(headers) = (0..2).try_fold(0_usize, |at, _| at.checked_add(block_len(bytes.get(at..)?)?)) else {
+        return Ok(not_ended);
+    };
+    if headers as u64 > length || headers > bytes.len() {
+        return Ok(not_ended);
+    }
+    bytes.truncate(headers);
+    if length > headers as u64 {
+        let mut tail = [0; 4];
+        file.seek(SeekFrom::End(-4))?;
+        file.read_exact(&mut tail)?;
+        let last = u64::from(u32::from_le_bytes(tail));
+        if !(12..=LONGEST_END).contains(&last) || last > length - headers as u64 {
+            return Ok(not_ended);
+        }
+        file.seek(SeekFrom::Start(length - last))?;
+        file.take(last).read_to_end(&mut bytes)?;
+    }
+    let Ok(mut recording) = Recording::new(&bytes[..], "") else { return Ok(not_ended) };
+    let whole = recording.by_ref().all(|frame| frame.is_ok());
+    Ok(if whole { recording.lacks() } else { not_ended })
+}
+
+/// The length of the block that begins there.
+fn block_len(bytes: &[u8]) -> Option<usize> {
+    let length = bytes.get(4..)?.first_chunk()?;
+    usize::try_from(u32::from_le_bytes(*length)).ok().filter(|length| *length >= 12)
+}

@@ -1,0 +1,140 @@
+//! A writer whose program makes no call any more while it has left a velocity or a torque in force (`hang_ms=`). The
+//! library's own thread goes on saying that the client is there, so the server alone cannot notice.
+//!
+//! What is looked at is what was commanded, not what reports show: a position in CSP ends with the board's FIFO and a homing
+//! at its home, both by themselves; a velocity and a torque have no end.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::sk::{Frame, MasterCommand, MasterState, SlaveCommand, SlotCommand, SlotSize};
+
+/// What a writer has left in force.
+pub(super) struct InForce {
+    limit: Duration,
+    size: SlotSize,
+    /// Slaves whose last motion command was a velocity or a torque other than 0, a bit each.
+    slaves: AtomicU64,
+}
+
+impl InForce {
+    pub(super) const fn new(limit: Duration, size: SlotSize) -> Self {
+        Self { limit, size, slaves: AtomicU64::new(0) }
+    }
+
+    /// The board has taken a frame.
+    pub(super) fn wrote(&self, frame: &Frame) {
+        let mut slaves = self.slaves.load(Ordering::Relaxed);
+        for slave in 1..=self.size.max_slaves() {
+            let slot = frame.slot(self.size, slave);
+            let goes_on = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
+                Ok(SlaveCommand::Csv(motion)) => motion.first.target != 0 || motion.second.target != 0,
+                Ok(SlaveCommand::Cst(torque)) => torque != 0,
+                Ok(SlaveCommand::Csp(_) | SlaveCommand::GoHome | SlaveCommand::ServoOff) => false,
+                _ => continue,
+            };
+            slaves = if goes_on { slaves | 1 << slave } else { slaves & !(1 << slave) };
+        }
+        match MasterCommand::decode(&frame.slot(self.size, 0), self.size) {
+            // Drives stop when they leave OP.
+            Ok(MasterCommand::SetState(state)) if state != MasterState::Op => slaves = 0,
+            Ok(MasterCommand::SoftReset) => slaves = 0,
+            _ => {}
+        }
+        self.slaves.store(slaves, Ordering::Relaxed);
+    }
+}
+
+/// For how long no call was made.
+pub(super) struct Idle {
+    calls: u64,
+    since: Instant,
+}
+
+impl Idle {
+    pub(super) const fn new(now: Instant) -> Self {
+        Self { calls: 0, since: now }
+    }
+
+    /// Looks at the number of calls so far, and whether one is under way; gives the time without one if it is longer than
+    /// the limit while something is in force.
+    pub(super) fn look(
+        &mut self,
+        calls: u64,
+        is_under_way: bool,
+        now: Instant,
+        in_force: &InForce,
+    ) -> Option<Duration> {
+        if is_under_way || calls != self.calls || in_force.slaves.load(Ordering::Relaxed) == 0 {
+            (self.calls, self.since) = (calls, now);
+            return None;
+        }
+        let idle = now.saturating_duration_since(self.since);
+        (idle >= in_force.limit).then_some(idle)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sk::Motion;
+
+    const SIZE: SlotSize = SlotSize::Bytes12;
+
+    fn frame(command: SlaveCommand) -> Frame {
+        let mut frame = Frame::new();
+        frame.put_slave(SIZE, 3, &command.into());
+        frame
+    }
+
+    /// TCP-22 Only a velocity or a torque other than 0 is in force when a program is silent; a call, or one under way, begins
+    /// the time anew.
+    #[test]
+    fn a_program_is_given_up_while_something_has_no_end() {
+        let began = Instant::now();
+        let at = |seconds| began + Duration::from_secs(seconds);
+        let looks = |command: Option<SlaveCommand>| {
+            let in_force = InForce::new(Duration::from_secs(10), SIZE);
+            command.into_iter().for_each(|command| in_force.wrote(&frame(command)));
+            // A frame of GET_STATUS changes nothing.
+            in_force.wrote(&Frame::new());
+            let mut idle = Idle::new(began);
+            assert_eq!(idle.look(5, false, at(20), &in_force), None, "calls were made meanwhile");
+            assert_eq!(idle.look(5, false, at(29), &in_force), None);
+            let given_up = idle.look(5, false, at(30), &in_force);
+            assert_eq!(idle.look(6, false, at(31), &in_force), None);
+            assert_eq!(idle.look(6, true, at(99), &in_force), None, "a call is under way");
+            assert_eq!(idle.look(6, false, at(100), &in_force), None);
+            given_up
+        };
+        for command in [SlaveCommand::Csv(Motion::to(-1)), SlaveCommand::Cst(5)] {
+            assert_eq!(looks(Some(command)), Some(Duration::from_secs(10)));
+        }
+        for command in [
+            SlaveCommand::Csv(Motion::to(0)),
+            SlaveCommand::Cst(0),
+            SlaveCommand::Csp(Motion::to(100)),
+            SlaveCommand::GoHome,
+            SlaveCommand::ServoOn,
+        ] {
+            assert_eq!(looks(Some(command)), None);
+        }
+        assert_eq!(looks(None), None);
+    }
+
+    /// TCP-22 What ends a motion ends what is in force: leaving OP, a reset, switching off.
+    #[test]
+    fn what_ends_a_motion_is_seen() {
+        let mut out_of_op = Frame::new();
+        out_of_op.put_master(SIZE, &MasterCommand::SetState(MasterState::PreOp));
+        let mut reset = Frame::new();
+        reset.put_master(SIZE, &MasterCommand::SoftReset);
+        for end in [out_of_op, reset, frame(SlaveCommand::ServoOff)] {
+            let in_force = InForce::new(Duration::from_secs(10), SIZE);
+            in_force.wrote(&frame(SlaveCommand::Csv(Motion::to(7))));
+            assert_ne!(in_force.slaves.load(Ordering::Relaxed), 0);
+            in_force.wrote(&end);
+            assert_eq!(in_force.slaves.load(Ordering::Relaxed), 0);
+        }
+    }
+}

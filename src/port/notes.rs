@@ -1,0 +1,218 @@
+//! What a server tells a person: a bounded queue, and a thread of its own that hands on what is in it.
+//!
+//! Whoever notes something never waits, however slow or stuck the reader of a log is: what moves or stops axes, takes
+//! clients in or ends a server notes and goes on. What is not taken in time is dropped, the oldest first, and counted.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
+
+use crate::threads;
+
+/// Notes kept while nobody takes them, the newest. \[OURS]
+const KEPT_MAX: usize = 1024;
+/// How long the end of a server waits for what is not told yet: a reader that is there takes it in a moment, one that has
+/// stalled never does. \[OURS]
+pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
+
+/// What a queue hands on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Note<T> {
+    /// A note.
+    Told(T),
+    /// So many notes were dropped here, because those before them were not taken in time.
+    Dropped(u64),
+}
+
+/// A queue of notes. Clones are the same queue.
+pub struct Notes<T>(Arc<Queue<T>>);
+
+struct Queue<T> {
+    state: Mutex<State<T>>,
+    changed: Condvar,
+}
+
+struct State<T> {
+    kept: VecDeque<T>,
+    dropped: u64,
+    /// The thread is handing one on.
+    is_telling: bool,
+    is_over: bool,
+}
+
+impl<T> Clone for Notes<T> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<T> Default for Notes<T> {
+    fn default() -> Self {
+        let state = State { kept: VecDeque::new(), dropped: 0, is_telling: false, is_over: false };
+        Self(Arc::new(Queue { state: Mutex::new(state), changed: Condvar::new() }))
+    }
+}
+
+impl<T> Notes<T> {
+    /// Puts a note into the queue; never waits.
+    pub fn tell(&self, note: T) {
+        let mut state = self.0.state.lock();
+        if state.is_over {
+            return;
+        }
+        if state.kept.len() >= KEPT_MAX {
+            state.kept.pop_front();
+            state.dropped += 1;
+        }
+        state.kept.push_back(note);
+        drop(state);
+        self.0.changed.notify_all();
+    }
+
+    /// The oldest note, for who has no thread that is told.
+    pub fn take(&self) -> Option<Note<T>> {
+        self.0.state.lock().next()
+    }
+}
+
+impl<T> State<T> {
+    fn next(&mut self) -> Option<Note<T>> {
+        match std::mem::take(&mut self.dropped) {
+            0 => self.kept.pop_front().map(Note::Told),
+            count => Some(Note::Dropped(count)),
+        }
+    }
+
+    fn is_told(&self) -> bool {
+        !self.is_telling && self.kept.is_empty() && self.dropped == 0
+    }
+}
+
+/// The thread that hands notes on, until this is dropped.
+pub struct Teller<T> {
+    notes: Notes<T>,
+}
+
+impl<T: Send + 'static> Teller<T> {
+    /// Starts the thread: it calls `tell` for each note, one after the other. While `tell` waits nobody else does.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub fn start(notes: &Notes<T>, tell: impl FnMut(Note<T>) + Send + 'static) -> io::Result<Self> {
+        let queue = Arc::clone(&notes.0);
+        // It is never joined: `tell` may be stuck for good.
+        threads::spawn("ecmsk-notes", move || run(&queue, tell))?;
+        Ok(Self { notes: notes.clone() })
+    }
+}
+
+impl<T> Teller<T> {
+    /// Waits until what was noted so far has been told, at most [`FLUSH_LIMIT`].
+    pub fn flush(&self) {
+        let until = Instant::now() + FLUSH_LIMIT;
+        let mut state = self.notes.0.state.lock();
+        while !state.is_over && !state.is_told() {
+            if self.notes.0.changed.wait_until(&mut state, until).timed_out() {
+                return;
+            }
+        }
+    }
+
+    /// Flushes and ends the thread: nothing that is noted later is told. A thread that is stuck in `tell` is left to itself, and
+    /// ends when that returns.
+    pub fn end(&self) {
+        self.flush();
+        let mut state = self.notes.0.state.lock();
+        state.is_over = true;
+        state.kept = VecDeque::new();
+        state.dropped = 0;
+        drop(state);
+        self.notes.0.changed.notify_all();
+    }
+}
+
+impl<T> Drop for Teller<T> {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+fn run<T>(queue: &Queue<T>, mut tell: impl FnMut(Note<T>)) {
+    loop {
+        let note = {
+            let mut state = queue.state.lock();
+            loop {
+                if let Some(note) = state.next() {
+                    state.is_telling = true;
+                    break note;
+                }
+                if state.is_over {
+                    return;
+                }
+                queue.changed.wait(&mut state);
+            }
+        };
+        tell(note);
+        queue.state.lock().is_telling = false;
+        queue.changed.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::*;
+
+    /// TCP-25 Who notes something waits for nobody: while the reader is stuck the newest notes are kept, the others counted, and
+    /// the reader gets the number where they are missing.
+    #[test]
+    fn a_stuck_reader_costs_notes_and_nothing_else() {
+        let notes = Notes::default();
+        let (goes_on, stuck) = mpsc::channel::<()>();
+        let (told, heard) = mpsc::channel();
+        let teller = Teller::start(&notes, move |note| {
+            told.send(note).unwrap();
+            let _ = stuck.recv();
+        });
+        let teller = teller.unwrap();
+        notes.tell(0);
+        assert_eq!(heard.recv(), Ok(Note::Told(0)));
+        // The reader is stuck with it.
+        let all = 3 * KEPT_MAX as u64;
+        (1..=all).for_each(|number| notes.tell(number));
+        drop(goes_on);
+        let dropped = all - KEPT_MAX as u64;
+        assert_eq!(heard.recv(), Ok(Note::Dropped(dropped)));
+        for number in dropped + 1..=all {
+            assert_eq!(heard.recv(), Ok(Note::Told(number)));
+        }
+        drop(teller);
+        assert!(heard.recv().is_err(), "the thread has ended");
+    }
+
+    /// TCP-25 Ending tells what is left, and does not wait for a reader that never takes it.
+    #[test]
+    fn ending_is_bounded() {
+        let (told, heard) = mpsc::channel();
+        let notes = Notes::default();
+        let teller = Teller::start(&notes, move |note| told.send(note).unwrap()).unwrap();
+        (0..100).for_each(|number| notes.tell(number));
+        drop(teller);
+        assert_eq!(heard.iter().collect::<Vec<_>>(), (0..100).map(Note::Told).collect::<Vec<_>>());
+        notes.tell(100);
+        assert_eq!(notes.take(), None, "nobody is told any more");
+
+        let (goes_on, stuck) = mpsc::channel::<()>();
+        let notes = Notes::default();
+        let teller = Teller::start(&notes, move |_| assert!(stuck.recv().is_err())).unwrap();
+        notes.tell(0);
+        notes.tell(1);
+        // Comes back although nobody takes anything.
+        drop(teller);
+        drop(goes_on);
+    }
+}

@@ -1,0 +1,212 @@
+//! Times that go on, whatever the clock did that stamped the frames.
+//!
+//! A clock on the wall is set, by NTP or by a person, while it stamps a capture; a bit of a file flips. Neither says that
+//! years have passed, and what follows the times of a recording, such as a model that lives through them, must end.
+
+/// Longest time without a frame that counts as such. \[OURS] On a board that hears nothing for so long, what was going on
+/// has ended.
+pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
+/// All silences of more than [`SHORT_SILENCE_NS`] together. \[OURS] A day, and some.
+const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
+/// Times between frames that need not be counted.
+const SHORT_SILENCE_NS: i64 = 1_000_000_000;
+/// How far a frame's time may lie before that of one which stands before it: a report may be read late by as many cycles
+/// as are kept. \[OURS]
+const LATE_MAX_NS: i64 = 5_000_000_000;
+
+/// Where the times of a recording are not those of a clock that goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Jumps {
+    /// How often.
+    pub count: u64,
+    /// When the first one was, nanoseconds since the first frame.
+    pub first_at_ns: i64,
+    /// By how much the clock was ahead then of what counts, nanoseconds; less than 0: behind.
+    pub first_by_ns: i64,
+}
+
+impl std::fmt::Display for Jumps {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let seconds = |ns: i64| ns as f64 / 1e9;
+        let (at, by) = (seconds(self.first_at_ns), seconds(self.first_by_ns));
+        match self.count {
+            1 => write!(f, "its times jump once, at {at:.3} s by {by:.3} s")?,
+            count => write!(f, "its times jump {count} times, first at {at:.3} s by {by:.3} s")?,
+        }
+        f.write_str(": that counts as no time, and a silence as an hour at most; see them by `ecmsk dump`")
+    }
+}
+
+/// Gives frames, in the order of the file, times since the first one of them that a clock can have.
+///
+/// A frame whose time is far from that of its neighbours gets theirs; where the clock was set back, no time has passed; a
+/// silence counts as an hour at most, and all silences as 25 hours.
+#[derive(Debug)]
+pub struct Timeline<T> {
+    /// The next frame; the one behind it tells whether its time is odd.
+    held: Option<(u64, T)>,
+    /// The latest time of the clock, and what makes times since the first frame of it.
+    clock: Option<(i128, i128)>,
+    latest_ns: i64,
+    silence_left_ns: i64,
+    jumps: Jumps,
+}
+
+impl<T> Default for Timeline<T> {
+    fn default() -> Self {
+        Self { held: None, clock: None, latest_ns: 0, silence_left_ns: SILENCE_IN_ALL_NS, jumps: Jumps::default() }
+    }
+}
+
+impl<T> Timeline<T> {
+    /// Takes the next frame of the file and its time in nanoseconds; gives the one before it, with nanoseconds since the
+    /// first frame.
+    pub fn push(&mut self, at_ns: u64, frame: T) -> Option<(i64, T)> {
+        let (before_ns, before) = self.held.replace((at_ns, frame))?;
+        Some((self.place(before_ns, Some(at_ns)), before))
+    }
+
+    /// The last frame.
+    pub fn pop(&mut self) -> Option<(i64, T)> {
+        let (at_ns, frame) = self.held.take()?;
+        Some((self.place(at_ns, None), frame))
+    }
+
+    /// The jumps so far.
+    pub const fn jumps(&self) -> Option<Jumps> {
+        if self.jumps.count > 0 { Some(self.jumps) } else { None }
+    }
+
+    /// The time of a frame; `next` is the one of the frame behind it.
+    fn place(&mut self, at_ns: u64, next: Option<u64>) -> i64 {
+        const LATE: i128 = LATE_MAX_NS as i128;
+        let at = i128::from(at_ns);
+        let Some((clock, offset)) = self.clock else {
+            self.clock = Some((at, -at));
+            return 0;
+        };
+        let passed = at - clock;
+        // Far from the frame before it, and the frame behind it is not.
+        let is_odd = |next: u64| {
+            let next = i128::from(next) - clock;
+            passed.abs() > LATE
+                && (next - passed).abs() > LATE
+                && (-LATE..i128::from(LONGEST_SILENCE_NS)).contains(&next)
+                && next < passed.max(LATE)
+        };
+        if next.map_or(passed.abs() > i128::from(LONGEST_SILENCE_NS), is_odd) {
+            self.jumped(passed);
+            return self.latest_ns;
+        }
+        let silence =
+            passed.min(i128::from(self.silence_left_ns.min(LONGEST_SILENCE_NS)).max(i128::from(SHORT_SILENCE_NS)));
+        if passed < -LATE || silence < passed {
+            // The clock was set, or a silence was longer than counts.
+            let counts = if passed < 0 { 0 } else { silence as i64 };
+            self.jumped(passed - i128::from(counts));
+            self.latest_ns = self.latest_ns.saturating_add(counts);
+            self.clock = Some((at, i128::from(self.latest_ns) - at));
+        } else {
+            self.clock = Some((clock.max(at), offset));
+            self.latest_ns = self.latest_ns.max(clamped(at + offset));
+        }
+        if silence > i128::from(SHORT_SILENCE_NS) {
+            self.silence_left_ns = self.silence_left_ns.saturating_sub(clamped(silence)).max(0);
+        }
+        let (_, offset) = self.clock.unwrap_or_default();
+        clamped(at + offset)
+    }
+
+    fn jumped(&mut self, by: i128) {
+        if self.jumps.count == 0 {
+            (self.jumps.first_at_ns, self.jumps.first_by_ns) = (self.latest_ns, clamped(by));
+        }
+        self.jumps.count += 1;
+    }
+}
+
+fn clamped(ns: i128) -> i64 {
+    i64::try_from(ns).unwrap_or(if ns < 0 { i64::MIN } else { i64::MAX })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000_000;
+    const HOUR: u64 = 3600 * S;
+
+    /// The times that frames get, in seconds, and the jumps.
+    fn placed(times: &[u64]) -> (Vec<i64>, Option<Jumps>) {
+        let mut timeline = Timeline::default();
+        let mut found: Vec<i64> = times.iter().filter_map(|at| timeline.push(*at, ())).map(|(at, ())| at).collect();
+        found.extend(timeline.pop().map(|(at, ())| at));
+        (found.iter().map(|at| at / S as i64).collect(), timeline.jumps())
+    }
+
+    /// TOOL-145 Times of a clock that goes are kept: late frames, silences of up to an hour.
+    #[test]
+    fn a_clock_that_goes() {
+        let calendar = 1_700_000_000 * S;
+        for zero in [0, calendar] {
+            let times = [10 * S, 11 * S, 8 * S, 12 * S, HOUR, 2 * HOUR - S, 2 * HOUR].map(|at| zero + at);
+            let (found, jumps) = placed(&times);
+            assert_eq!((found, jumps), (vec![0, 1, -2, 2, 3590, 7189, 7190], None));
+        }
+        assert_eq!(placed(&[]), (vec![], None));
+        assert_eq!(placed(&[7]), (vec![0], None));
+    }
+
+    /// TOOL-145 One frame with another time, whatever it is, has that of its neighbours.
+    #[test]
+    fn a_flipped_bit() {
+        let times: Vec<u64> = (0..10).map(|n| 1_700_000_000 * S + n * S).collect();
+        for frame in 1..10 {
+            for bit in 33..64 {
+                let mut times = times.clone();
+                times[frame] ^= 1 << bit;
+                let (found, jumps) = placed(&times);
+                let expected: Vec<i64> = (0..10).collect();
+                for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                    let apart = (found - expected).abs();
+                    // The last frame has no neighbour behind it, and an hour is none too long.
+                    assert!(
+                        apart <= if n == frame { if frame == 9 { 3600 } else { 9 } } else { 0 },
+                        "{frame} {bit}: {n}"
+                    );
+                }
+                let far = (times[frame] as i128 - (1_700_000_000 + frame as i128) * S as i128).abs() > 6 * S as i128;
+                assert!(!far || jumps.is_some() || frame == 9, "{frame} {bit}");
+            }
+        }
+    }
+
+    /// TOOL-145 A clock that is set ahead or back, by seconds or years: no time passes, or an hour at most.
+    #[test]
+    fn a_clock_that_is_set() {
+        for (by, hours) in [(3 * HOUR as i128, 1), (-3 * HOUR as i128, 0), (-7 * S as i128, 0), (1 << 62, 1)] {
+            let zero = 1_700_000_000 * i128::from(S);
+            let times: Vec<u64> =
+                (0..10).map(|n| (zero + n * i128::from(S) + if n > 4 { by } else { 0 }) as u64).collect();
+            let (found, jumps) = placed(&times);
+            let passed = hours * 3600;
+            let expected = [0, 1, 2, 3, 4, passed + 4, passed + 5, passed + 6, passed + 7, passed + 8];
+            assert_eq!(found, expected, "{by}");
+            let jumps = jumps.expect("it jumped");
+            assert_eq!((jumps.count, jumps.first_at_ns), (1, 4 * S as i64));
+            assert_eq!(jumps.first_by_ns.signum(), by.signum() as i64);
+        }
+    }
+
+    /// TOOL-145 Silences end after 25 hours in all, however many there are.
+    #[test]
+    fn silences_in_all() {
+        let (found, jumps) = placed(&(0..200).map(|n| n * HOUR).collect::<Vec<_>>());
+        let last = *found.last().expect("a time");
+        assert!((25 * 3600..26 * 3600 + 200).contains(&last), "{last}");
+        assert!(jumps.expect("silences that count less").count > 150);
+        // Short ones are let be.
+        let (found, jumps) = placed(&(0..200_000).map(|n| n * S).collect::<Vec<_>>());
+        assert_eq!((found.last(), jumps), (Some(&199_999), None));
+    }
+}

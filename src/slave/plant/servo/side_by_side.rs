@@ -1,0 +1,170 @@
+//! Motors that follow positions, several at a time.
+//!
+//! Each sub-step of a motor waits for the one before, so that a processor is idle for most of the time that one motor
+//! takes; several side by side take little more time than one. Each gets the bits that [`Servo::run`] gives it: the same
+//! operations in the same order.
+
+use super::super::within;
+use super::Servo;
+use crate::fieldbus::Ns;
+
+/// Motors that are computed side by side: as many as a processor with two numbers in a register has work for while it
+/// waits for the results of the first.
+pub const SIDE_BY_SIDE: usize = 8;
+
+/// A motor, and the position that it is to follow; see [`Effort::Position`](super::super::Effort::Position).
+#[derive(Debug)]
+pub struct Following<'a> {
+    pub(in crate::slave) servo: &'a mut Servo,
+    pub(in crate::slave) from: i64,
+    pub(in crate::slave) fraction: f64,
+    pub(in crate::slave) by: f64,
+}
+
+/// One number of each motor.
+type Each = [f64; SIDE_BY_SIDE];
+
+/// Numbers of the motors, kept number by number, so that one instruction works on those of several motors.
+#[derive(Default)]
+struct Motors {
+    feed_forward: Each,
+    position_gain: Each,
+    velocity_limit: Each,
+    gain: Each,
+    gain_wanted: Each,
+    torque: Each,
+    friction: Each,
+    friction_wanted: Each,
+    decay: Each,
+    h: Each,
+    step: Each,
+    demand: Each,
+    velocity: Each,
+    fraction: Each,
+    wanted: Each,
+    asked: Each,
+}
+
+/// `ns` pass for these motors.
+pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], ns: Ns) {
+    if ns == 0 {
+        return;
+    }
+    // A place without a motor computes zeros.
+    let mut of = Motors::default();
+    let mut substeps = 0;
+    for (n, motor) in motors.iter_mut().enumerate() {
+        let Some(Following { servo, from, fraction, by }) = motor else { continue };
+        let span = servo.span(ns);
+        substeps = span.substeps;
+        of.feed_forward[n] = *by * span.rate;
+        of.position_gain[n] = servo.position_gain;
+        of.velocity_limit[n] = servo.velocity_limit;
+        of.gain[n] = span.gain;
+        of.gain_wanted[n] = span.gain_wanted;
+        of.torque[n] = span.torque;
+        of.friction[n] = span.friction;
+        of.friction_wanted[n] = span.friction_wanted;
+        of.decay[n] = span.decay;
+        of.h[n] = span.h;
+        of.step[n] = *by * span.share;
+        of.demand[n] = from.wrapping_sub(servo.whole) as f64 + *fraction;
+        of.velocity[n] = servo.velocity;
+        of.fraction[n] = servo.fraction;
+    }
+    for _ in 0..substeps {
+        of.substep();
+    }
+    for (n, motor) in motors.iter_mut().enumerate() {
+        let Some(Following { servo, .. }) = motor else { continue };
+        (servo.velocity, servo.fraction) = (of.velocity[n], of.fraction[n]);
+        let wanted = of.wanted[n];
+        let span = servo.span;
+        servo.ran(&span, of.asked[n], within(wanted, of.velocity_limit[n]) != wanted);
+        servo.settle();
+    }
+}
+
+impl Motors {
+    /// See `follow_position`, `change_for` and `push` of [`Servo`]. A shaft that friction holds is computed on: it gets
+    /// the same zeros again.
+    #[inline(always)]
+    fn substep(&mut self) {
+        for n in 0..SIDE_BY_SIDE {
+            let wanted = self.feed_forward[n] + self.position_gain[n] * (self.demand[n] - self.fraction[n]);
+            let limited = within(wanted, self.velocity_limit[n]);
+            let dry = within(self.friction_wanted[n] * limited, self.friction[n]);
+            let asked = (self.gain_wanted[n] * limited - self.gain[n] * self.velocity[n]) + dry;
+            let driven = self.velocity[n] + within(asked, self.torque[n]);
+            self.velocity[n] = (driven - within(driven, self.friction[n])) * self.decay[n];
+            self.fraction[n] += self.velocity[n] * self.h[n];
+            self.demand[n] += self.step[n];
+            (self.wanted[n], self.asked[n]) = (wanted, asked);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::Effort;
+    use super::super::Motor;
+    use super::*;
+
+    /// Everything that a motor shows, floating-point numbers as their bits.
+    fn shown(servo: &Servo) -> (i64, [u64; 3], bool) {
+        // 0 and -0 are the same speed.
+        let numbers = [servo.fraction() + 0.0, servo.velocity() + 0.0, servo.torque() + 0.0];
+        (servo.position(), numbers.map(f64::to_bits), servo.is_limited())
+    }
+
+    /// Motors side by side get the bits that each gets alone: different ones, at rest, following, behind their
+    /// targets, jammed and at end stops, with places that have no motor, and cycles of any length.
+    #[test]
+    fn side_by_side_is_as_one_by_one() {
+        let mut dice = oorandom::Rand64::new(7);
+        for _ in 0..200 {
+            let mut alone: Vec<Servo> = (0..SIDE_BY_SIDE)
+                .map(|n| {
+                    let mut servo =
+                        Servo::new(&if n == 1 { Motor::stepper() } else { Motor::default() }, n as i64 * 1000);
+                    if dice.rand_range(0..4) == 0 {
+                        servo.set_limits(dice.rand_range(0..1_000_000) as u32, dice.rand_range(0..4000) as u16);
+                    }
+                    if dice.rand_range(0..4) == 0 {
+                        servo.set_stops(Some((n as i64 * 1000 - 50, n as i64 * 1000 + 50)));
+                    }
+                    servo
+                })
+                .collect();
+            let mut together = alone.clone();
+            let mut demand: [i64; SIDE_BY_SIDE] = std::array::from_fn(|n| n as i64 * 1000);
+            for _ in 0..60 {
+                let ns = [125_000, 250_000, 1_000_000, 1_300_000][dice.rand_range(0..4) as usize];
+                let jam = dice.rand_range(0..40);
+                if let (Some(a), Some(b)) = (alone.get_mut(jam as usize), together.get_mut(jam as usize)) {
+                    a.jam(dice.rand_range(0..2) == 0);
+                    b.jammed = a.jammed;
+                    b.span.ns = 0;
+                }
+                let by: Each = std::array::from_fn(|_| match dice.rand_range(0..3) {
+                    0 => 0.0,
+                    1 => dice.rand_range(0..40) as f64 - 20.0,
+                    _ => dice.rand_float() * 20_000.0 - 10_000.0,
+                });
+                let has_motor: [bool; SIDE_BY_SIDE] = std::array::from_fn(|_| dice.rand_range(0..5) > 0);
+                for n in (0..SIDE_BY_SIDE).filter(|n| has_motor[*n]) {
+                    alone[n].run(Effort::Position { from: demand[n], fraction: 0.25, by: by[n] }, ns);
+                }
+                let mut motors = [const { None }; SIDE_BY_SIDE];
+                for (n, servo) in together.iter_mut().enumerate().filter(|(n, _)| has_motor[*n]) {
+                    motors[n] = Some(Following { servo, from: demand[n], fraction: 0.25, by: by[n] });
+                }
+                follow_side_by_side(&mut motors, ns);
+                for n in 0..SIDE_BY_SIDE {
+                    assert_eq!(shown(&alone[n]), shown(&together[n]), "motor {n}");
+                    demand[n] += by[n] as i64 * i64::from(has_motor[n]);
+                }
+            }
+        }
+    }
+}

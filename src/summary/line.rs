@@ -1,0 +1,155 @@
+//! What the library tells `ecmsk exec` of a program: lines of a file that the tool has made. One line is one fact, and what
+//! is not understood is passed over, so that a tool and a library of two builds get along.
+
+use std::fmt;
+
+use crate::sk::StateByte;
+
+/// A fact.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// The log has said this, for the first time.
+    Said {
+        /// A number for [`Line::Again`].
+        id: u32,
+        /// In words.
+        text: String,
+    },
+    /// The log has said that so often, all in all, but for figures in it.
+    Again {
+        /// As of [`Line::Said`].
+        id: u32,
+        /// How often.
+        times: u64,
+    },
+    /// A drive has an alarm.
+    Alarm(Alarm),
+    /// A change of state has failed.
+    StateFailed(StateFailed),
+    /// A count of a board, as it is now.
+    Count {
+        /// Which of the boards that the process has opened, from 0.
+        board: u32,
+        /// Name of the count.
+        name: String,
+        /// Its value.
+        value: u64,
+    },
+    /// Lines that the library could not write.
+    Dropped(u64),
+}
+
+/// An alarm that a drive shows: a fault in its statusword.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Alarm {
+    /// Slave, from 1.
+    pub slave: u8,
+    /// 0x603F; 0 of a slave that shows none.
+    pub code: u16,
+}
+
+/// A change of state that failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct StateFailed {
+    /// Byte 2 of slot 0.
+    pub state: u8,
+    /// Whether SET_AXIS has declared a slave before that is no IO slave.
+    pub declared: bool,
+}
+
+/// Longest text of a line in bytes. \[OURS]
+const TEXT_MAX: usize = 1000;
+
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Said { id, text } => {
+                let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+                write!(f, "said {id} {}", &text[..text.floor_char_boundary(TEXT_MAX)])
+            }
+            Self::Again { id, times } => write!(f, "again {id} {times}"),
+            Self::Alarm(Alarm { slave, code }) => write!(f, "alarm {slave} {code}"),
+            Self::StateFailed(StateFailed { state, declared }) => write!(f, "state {state} {}", u8::from(*declared)),
+            Self::Count { board, name, value } => write!(f, "count {board} {name} {value}"),
+            Self::Dropped(lines) => write!(f, "dropped {lines}"),
+        }
+    }
+}
+
+impl Line {
+    /// Reads one, without its line feed; `None` if it is none.
+    pub fn parse(line: &str) -> Option<Self> {
+        let (kind, rest) = line.split_once(' ')?;
+        let mut words = rest.split(' ');
+        Some(match kind {
+            "said" => {
+                let (id, text) = rest.split_once(' ')?;
+                Self::Said { id: id.parse().ok()?, text: text.to_owned() }
+            }
+            "again" => Self::Again { id: words.next()?.parse().ok()?, times: words.next()?.parse().ok()? },
+            "alarm" => Self::Alarm(Alarm { slave: words.next()?.parse().ok()?, code: words.next()?.parse().ok()? }),
+            "state" => {
+                Self::StateFailed(StateFailed { state: words.next()?.parse().ok()?, declared: words.next()? == "1" })
+            }
+            "count" => Self::Count {
+                board: words.next()?.parse().ok()?,
+                name: words.next()?.to_owned(),
+                value: words.next()?.parse().ok()?,
+            },
+            "dropped" => Self::Dropped(words.next()?.parse().ok()?),
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for Alarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "slave {} has an alarm", self.slave)?;
+        match self.code {
+            0 => f.write_str(", and shows no error code"),
+            code => write!(f, ", 0x{code:04X}: {}", crate::cia402::error_name(code)),
+        }
+    }
+}
+
+impl fmt::Display for StateFailed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let state = StateByte(self.state);
+        write!(f, "a change of state failed, byte 2 of slot 0 is 0x{:02X}: {state}", self.state)?;
+        f.write_str(match (self.declared, state.state()) {
+            _ if self.state == StateByte::FAILED => "; look at the cable to the first slave and at its power",
+            (false, _) => {
+                "; the program has declared no drive by SET_AXIS: the board takes what is not declared for IO slaves, and a \
+                 drive refuses to be one. Send SET_AXIS in PreOP first"
+            }
+            (true, _) => {
+                "; see whether SET_AXIS declares each slave as what it is, and look at the slaves' error LEDs and cables"
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every line is read back as it was written; a text stays on its line and keeps to its length.
+    #[test]
+    fn lines_are_read_back() {
+        for line in [
+            Line::Said { id: 7, text: "a text: of 3 words".to_owned() },
+            Line::Again { id: 7, times: 3000 },
+            Line::Alarm(Alarm { slave: 40, code: 0x7500 }),
+            Line::StateFailed(StateFailed { state: 0x12, declared: true }),
+            Line::Count { board: 1, name: "rejected.wrong_state".to_owned(), value: u64::MAX },
+            Line::Dropped(5),
+        ] {
+            assert_eq!(Line::parse(&line.to_string()), Some(line));
+        }
+        let long = Line::Said { id: 0, text: "\u{20AC}\n\x1b[2J".repeat(1000) }.to_string();
+        assert!(long.len() <= TEXT_MAX + 10 && !long.chars().any(char::is_control), "{long}");
+        for none in ["", "said", "said x y", "alarm 300 0", "count 0 full", "new 1 2"] {
+            assert_eq!(Line::parse(none), None, "{none}");
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! A link around a link: what goes by is looked at for the summary that `ecmsk exec` ends with.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::teller::Teller;
+use super::watch::{FrameWatch, Sight};
+use super::{Line, of_frames, of_link};
+use crate::engine::Counters;
+use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
+use crate::sk::Frame;
+
+/// A link whose troubles are told.
+pub struct WatchLink {
+    inner: Arc<dyn Link>,
+    teller: &'static Teller,
+    watch: Mutex<FrameWatch>,
+    /// Counters of the board when the link was opened: they are not this program's.
+    before: Counters,
+    closed: AtomicBool,
+}
+
+impl WatchLink {
+    /// Around `inner`, which was just opened.
+    pub fn new(inner: Arc<dyn Link>, teller: &'static Teller) -> Self {
+        let size = inner.info().slot.unwrap_or_default();
+        let before = inner.stats().board.unwrap_or_default();
+        Self { inner, teller, watch: Mutex::new(FrameWatch::new(size)), before, closed: AtomicBool::new(false) }
+    }
+
+    /// Names and values of what was counted so far.
+    pub fn counts(&self) -> Vec<(String, u64)> {
+        let mut counts = of_link(&self.inner.stats(), &self.before);
+        let frames = self.watch().counts();
+        counts.extend(of_frames(&frames).map(|(name, value)| (name.to_owned(), value)));
+        counts
+    }
+
+    /// Whether it was closed: its counts are the last ones.
+    pub fn is_closed(&self) -> bool {
+        self.closed.load(Ordering::Acquire)
+    }
+
+    fn tell_end(&self) {
+        if !self.closed.swap(true, Ordering::AcqRel) {
+            self.teller.closed();
+        }
+    }
+
+    /// Held for as long as a frame takes to be looked at, and by the thread that tells for less.
+    fn watch(&self) -> MutexGuard<'_, FrameWatch> {
+        self.watch.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn nanoseconds(at: Stamp) -> i64 {
+    i64::try_from(at.0).unwrap_or(i64::MAX)
+}
+
+impl Layer for WatchLink {
+    fn inner(&self) -> &dyn Link {
+        &*self.inner
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let at = self.inner.write(frame, wait)?;
+        self.watch().command(nanoseconds(at), frame);
+        Ok(at)
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let meta = self.inner.read(out, wait)?;
+        self.watch().report(nanoseconds(meta.at), out, &mut |sight| {
+            self.teller.tell(match sight {
+                Sight::Alarm(alarm) => Line::Alarm(alarm),
+                Sight::StateFailed(failed) => Line::StateFailed(failed),
+            });
+        });
+        Ok(meta)
+    }
+
+    fn close(&self) {
+        // What stops axes comes first.
+        self.inner.close();
+        self.tell_end();
+    }
+
+    fn vanish(&self) {
+        self.inner.vanish();
+        self.tell_end();
+    }
+}

@@ -1,0 +1,215 @@
+//! What went wrong in a run of a program, and how often: commands that the board did not execute, alarms, changes of state
+//! that failed, gaps, losses, and what the library has said of it.
+//!
+//! `ecmsk exec` ends with such a summary of its program, which the library tells it ([`teller`]); `ecmsk summary` makes one
+//! of the frames of a recording ([`FrameWatch`]). What is asked for, such as targets cleared by SET_FIFO 1, is not in it.
+
+mod gaps;
+mod line;
+mod link;
+pub mod teller;
+mod watch;
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+pub use gaps::Gaps;
+pub use line::{Alarm, Line, StateFailed};
+pub use watch::{FrameCounts, FrameWatch, Sight};
+
+use crate::engine::{Counters, Reason, Unexecuted};
+use crate::link::LinkStats;
+
+/// Texts of the log that are kept. \[OURS]
+const TEXTS_MAX: usize = 200;
+/// What stands before the name of a reason for rejection.
+const REJECTED: &str = "rejected.";
+/// Names of the counts that are not the board's own.
+const FULL_SEEN: &str = "full_seen";
+const CRC_SEEN: &str = "crc_seen";
+const GAPS: &str = "gaps";
+const REPORTS_LOST: &str = "reports_lost";
+const RECORD_DROPPED: &str = "record_dropped";
+
+/// What went wrong.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Summary {
+    alarms: BTreeMap<Alarm, u64>,
+    failed: BTreeMap<StateFailed, u64>,
+    counts: BTreeMap<String, u64>,
+    /// What the log has said: the text when it was said first, and how often.
+    said: Vec<(String, u64)>,
+    /// Facts that the library could not tell.
+    dropped: u64,
+}
+
+impl Summary {
+    /// Takes something that frames showed.
+    pub fn see(&mut self, sight: Sight) {
+        match sight {
+            Sight::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
+            Sight::StateFailed(failed) => *self.failed.entry(failed).or_default() += 1,
+        }
+    }
+
+    /// Takes what was counted in frames: nothing was before.
+    pub fn count_frames(&mut self, counts: &FrameCounts) {
+        of_frames(counts).into_iter().for_each(|(name, value)| self.set(name, value));
+    }
+
+    /// Takes what one process has told in lines.
+    pub fn tell<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
+        // Of a count the newest, and of several boards all.
+        let mut newest: BTreeMap<(u32, &str), u64> = BTreeMap::new();
+        let mut places = BTreeMap::new();
+        let mut dropped = 0;
+        for line in lines {
+            match line {
+                Line::Said { id, text } if self.said.len() < TEXTS_MAX => {
+                    places.insert(*id, self.said.len());
+                    self.said.push((text.clone(), 1));
+                }
+                Line::Said { .. } => {}
+                Line::Again { id, times } => {
+                    if let Some((_, said)) = places.get(id).and_then(|place| self.said.get_mut(*place)) {
+                        *said = *times;
+                    }
+                }
+                Line::Alarm(alarm) => self.see(Sight::Alarm(*alarm)),
+                Line::StateFailed(failed) => self.see(Sight::StateFailed(*failed)),
+                Line::Count { board, name, value } => {
+                    newest.insert((*board, name), *value);
+                }
+                Line::Dropped(lines) => dropped = *lines,
+            }
+        }
+        self.dropped = self.dropped.saturating_add(dropped);
+        for ((_, name), value) in newest {
+            let sum = self.count(name).saturating_add(value);
+            self.set(name, sum);
+        }
+    }
+
+    fn set(&mut self, name: &str, value: u64) {
+        self.counts.insert(name.to_owned(), value);
+    }
+
+    fn count(&self, name: &str) -> u64 {
+        self.counts.get(name).copied().unwrap_or_default()
+    }
+
+    /// Whether nothing went wrong that is known of.
+    pub fn is_empty(&self) -> bool {
+        self.lines(false).is_empty()
+    }
+
+    /// Frames that a recording could not take.
+    pub fn record_dropped(&self) -> u64 {
+        self.count(RECORD_DROPPED)
+    }
+
+    /// Counts by their names, those of 0 left out: the reasons for rejection as `rejected.NAME`.
+    pub fn counts(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.counts.iter().filter(|(_, value)| **value > 0).map(|(name, value)| (name.as_str(), *value))
+    }
+
+    /// Alarms, and how often each began.
+    pub fn alarms(&self) -> impl Iterator<Item = (Alarm, u64)> {
+        self.alarms.iter().map(|(alarm, times)| (*alarm, *times))
+    }
+
+    /// Changes of state that failed, and how often.
+    pub fn states_failed(&self) -> impl Iterator<Item = (StateFailed, u64)> {
+        self.failed.iter().map(|(failed, times)| (*failed, *times))
+    }
+
+    /// What the log has said, as it was said first, and how often.
+    pub fn said(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.said.iter().map(|(text, times)| (text.as_str(), *times))
+    }
+
+    /// In words: a line for each thing that went wrong, what was not executed first. `told`: what happened once was told
+    /// when it happened, and is left out.
+    pub fn lines(&self, told: bool) -> Vec<String> {
+        let mut lines = Vec::new();
+        let rejected: Vec<(&str, u64)> = Reason::NAMES
+            .iter()
+            .map(|name| (*name, self.count(&format!("{REJECTED}{name}"))))
+            .filter(|(_, count)| *count > 0)
+            .collect();
+        if !rejected.is_empty() {
+            let total: u64 = rejected.iter().map(|(_, count)| count).sum();
+            let each = rejected.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ");
+            lines.push(format!("{total} command(s) were rejected and not executed: {each}"));
+        }
+        for what in Unexecuted::ALL.into_iter().filter(|what| !what.is_asked_for()) {
+            // The board's own counter, where it is seen, else what slot 0 shows of it.
+            let seen = match what {
+                Unexecuted::Full => self.count(FULL_SEEN),
+                Unexecuted::Crc => self.count(CRC_SEEN),
+                _ => 0,
+            };
+            match self.count(what.name()).max(seen) {
+                0 => {}
+                count => lines.push(format!("{count} {}; {}", what.meaning(), what.advice())),
+            }
+        }
+        for (name, what) in [
+            (GAPS, "gap(s) in a motion: the FIFO ran empty on the way of an axis; send targets ahead (prefill)"),
+            (REPORTS_LOST, "report(s) were lost, since the program had not read them; read one in each cycle"),
+            (RECORD_DROPPED, "frame(s) are missing in the recording; record to a disk that is fast and has room"),
+        ] {
+            match self.count(name) {
+                0 => {}
+                count => lines.push(format!("{count} {what}")),
+            }
+        }
+        let failed = self.failed.iter().map(|(failed, count)| (failed.to_string(), *count));
+        let alarms = self.alarms.iter().map(|(alarm, count)| (alarm.to_string(), *count));
+        let said = self.said.iter().filter(|(text, _)| !is_counted(text)).cloned();
+        let others = failed.chain(alarms).chain(said).filter(|(_, count)| !told || *count > 1);
+        lines.extend(others.map(|(text, count)| format!("{text}{}", times(count))));
+        if self.dropped > 0 {
+            lines.push(format!("{} more word(s) of the library are not known: they came too fast", self.dropped));
+        }
+        lines
+    }
+}
+
+/// One line each.
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.lines(false).iter().try_for_each(|line| writeln!(f, "{line}"))
+    }
+}
+
+/// Whether that text of the log is a sum of what was counted: nothing new to who is told of the first.
+pub fn is_sum(text: &str) -> bool {
+    text.contains(" more rejected as ") || text.ends_with(" in all")
+}
+
+/// Whether that text of the log tells of what a count has: the rejection of one command, or the begin of a loss.
+fn is_counted(text: &str) -> bool {
+    is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
+}
+
+fn times(count: u64) -> String {
+    if count > 1 { format!(" ({count} times)") } else { String::new() }
+}
+
+fn of_frames(counts: &FrameCounts) -> [(&'static str, u64); 3] {
+    [(FULL_SEEN, counts.full), (CRC_SEEN, counts.crc), (GAPS, counts.gaps)]
+}
+
+/// The counts of a link, but for those of `before`, which were there when it was opened.
+fn of_link(stats: &LinkStats, before: &Counters) -> Vec<(String, u64)> {
+    let mut counts =
+        vec![(REPORTS_LOST.to_owned(), stats.reports_dropped), (RECORD_DROPPED.to_owned(), stats.record_dropped)];
+    if let Some(board) = &stats.board {
+        let rejected = Reason::NAMES.iter().zip(board.rejected.iter().zip(before.rejected));
+        counts.extend(rejected.map(|(name, (now, then))| (format!("{REJECTED}{name}"), now.saturating_sub(then))));
+        let count = |what: Unexecuted| what.of(board).saturating_sub(what.of(before));
+        counts.extend(Unexecuted::ALL.into_iter().map(|what| (what.name().to_owned(), count(what))));
+    }
+    counts
+}

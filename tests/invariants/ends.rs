@@ -1,0 +1,159 @@
+//! A writer's end at a server: whatever ends it, at whatever message, every axis that it moved stands within the documented
+//! time, and nothing that it left in the FIFO moves an axis later. The server has no sockets and nobody who takes what it
+//! tells people, as one whose log stalls; time is the board's.
+//!
+//! `cargo xtask soak` runs 10,000 of them. One again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
+
+mod eyes;
+mod standstill;
+mod writer;
+
+use std::env;
+use std::ops::AddAssign;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::link::Link;
+use ecmsk::link::engine::{EngineLink, RunOptions};
+use ecmsk::port::tcp::ServeOptions;
+use ecmsk::port::tcp::unwired::{Caller, Unwired};
+use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
+
+use crate::asked;
+use crate::dice::Dice;
+use crate::machine::Machine;
+use eyes::Eyes;
+use standstill::{End, assert_lasting};
+use writer::{Bounds, Writer};
+
+/// Schedules of the test; `cargo xtask soak` asks for more.
+const SCHEDULES: u64 = 150;
+/// A drive that was just told to stand comes to rest, and no longer than that.
+const COMES_TO_REST: Duration = Duration::from_millis(50);
+
+/// What schedules did, so that none passes for lack of it.
+#[derive(Debug, Default)]
+struct Done {
+    moving: u64,
+    full: u64,
+    thresholds: u64,
+    held: u64,
+    homing: u64,
+    torn: u64,
+    failed: u64,
+    slow: u64,
+    longest: Duration,
+}
+
+impl AddAssign for Done {
+    fn add_assign(&mut self, other: Self) {
+        self.moving += other.moving;
+        self.full += other.full;
+        self.thresholds += other.thresholds;
+        self.held += other.held;
+        self.homing += other.homing;
+        self.torn += other.torn;
+        self.failed += other.failed;
+        self.slow += other.slow;
+        self.longest = self.longest.max(other.longest);
+    }
+}
+
+/// One schedule: a writer lives, dies, and another one comes.
+fn schedule(seed: u64) -> Done {
+    let mut dice = Dice(seed ^ 0x656E_6473_2121);
+    let mut machine = Machine::new(seed);
+    let cycle = dice.pick(&[250, 500, 1000, 1000, 1000, 2000, 4000, 8000, 16_000, 64_000]);
+    machine.cycle = CycleTime::from_us(cycle).expect("a cycle of the guide's");
+    let host_us = dice.pick(&[0, 1, 10, 125, 125]);
+    let set_up = machine.set_up();
+    let Machine { board, network, size, units, .. } = machine;
+    let run = RunOptions { host_ns: host_us * 1000, queue: dice.pick(&[1, 4, 32]), ..RunOptions::default() };
+    let link = EngineLink::open("sim:", board, run, None).expect("it talks");
+    let eyes = Arc::new(Eyes::new(link, network, &units));
+    let here = thread::current().id();
+    let options = ServeOptions {
+        tell: Arc::new(move |line| assert_ne!(thread::current().id(), here, "the server waits for its log: {line}")),
+        ..ServeOptions::default()
+    };
+    let server = Unwired::new(Arc::clone(&eyes) as Arc<dyn Link>, options);
+    let readers: Vec<Caller<'_>> = (0..dice.below(3)).map(|_| server.join(false).expect("a reader")).collect();
+    let caller = server.join(true).expect("the writer");
+    let mut writer = Writer::new(caller, Arc::clone(&eyes), &units, size, cycle, Dice(dice.next()));
+    writer.live(&set_up);
+    let (caller, bounds, life) = writer.dies();
+
+    // What the server does must be no more than what the writer did.
+    let moving = eyes.is_moving();
+    let waiting = FIFO_ENTRIES - eyes.newest_free();
+    let end = End::of(caller, &server, &eyes, cycle);
+    check_bounds(&bounds, &eyes);
+    // With a cycle of 64 ms there are 31 in the time, and a homing that is aborted takes its own.
+    let failed = end.has_failed();
+    assert!(!failed || cycle > 16_000, "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}", end.told);
+    assert_lasting(&server, &eyes, &readers, COMES_TO_REST, cycle);
+    Done {
+        moving: moving.into(),
+        full: u64::from(life.lost > 0),
+        thresholds: life.has_threshold.into(),
+        held: u64::from(life.has_threshold && waiting > 1),
+        homing: life.has_homed.into(),
+        torn: life.torn.into(),
+        failed: failed.into(),
+        slow: u64::from(cycle > 8000),
+        longest: end.took,
+    }
+}
+
+/// A ramp commands no step in CSP and no velocity in CSV that is greater than those of the writer.
+fn check_bounds(bounds: &Bounds, eyes: &Eyes) {
+    for ((slave, axis, mode), (writer, server)) in bounds.compare(eyes) {
+        assert!(server <= writer, "slave {slave}, axis {axis}, {mode:?}: {server} after {writer} of the writer");
+    }
+}
+
+/// TCP-24: schedules that once found an axis that moves, or the server waiting in vain. A threshold in the very moment of the
+/// newest report; a target in CSP that is seconds away; axes that fail on their way; a homing whose begin was in a lost report.
+#[test]
+fn writers_that_died_badly() {
+    for seed in [2555, 6392, 6876, 8525, 3028, 4626, 7907, 4275, 3158, 4537, 7226, 8327, 3500] {
+        println!("writer {seed}");
+        schedule(seed);
+    }
+}
+
+/// TCP-24 TCP-9 TCP-23: writers that die at any message or in the middle of one, with any threshold and level of the FIFO, in
+/// CSP, CSV, CST and homing, one channel and two, slots of both sizes, with readers.
+#[test]
+fn writers_that_die() {
+    let first = asked("ECMSK_SOAK_FIRST").unwrap_or(0);
+    let wanted = asked("ECMSK_SOAK_SCHEDULES");
+    let schedules = wanted.unwrap_or(SCHEDULES);
+    let mut all = Done::default();
+    for seed in first..first + schedules {
+        match catch_unwind(AssertUnwindSafe(|| schedule(seed))) {
+            Ok(done) => all += done,
+            Err(_) => panic!(
+                "writer {seed} leaves an axis that moves (above); again: ECMSK_SOAK_FIRST={seed} ECMSK_SOAK_SCHEDULES=1 \
+                 cargo test --test invariants writers_that_die"
+            ),
+        }
+    }
+    println!("{schedules} writers: {all:?}");
+    if schedules >= SCHEDULES && env::var_os("ECMSK_SOAK_FIRST").is_none() {
+        let Done { moving, full, thresholds, held, homing, torn, slow, .. } = all;
+        for (what, n, of) in [
+            ("moving", moving, 3),
+            ("full", full, 12),
+            ("thresholds", thresholds, 8),
+            ("held", held, 40),
+            ("homing", homing, 12),
+            ("torn", torn, 12),
+            ("slow", slow, 12),
+        ] {
+            assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
+        }
+    }
+}

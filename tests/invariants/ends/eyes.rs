@@ -1,0 +1,193 @@
+//! A link that looks at the shafts with each call, and at what the drives are told.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use ecmsk::cia402::{Controlword, Mode};
+use ecmsk::fieldbus::sim::{Shafts, SimHandle};
+use ecmsk::link::engine::EngineLink;
+use ecmsk::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
+use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
+
+use crate::machine::Unit;
+use crate::tap::Seen as Taken;
+
+/// The link.
+pub struct Eyes {
+    inner: EngineLink,
+    network: SimHandle,
+    /// Slaves with axes, how many, how they run and what goes into them.
+    axes: Vec<(u8, usize, Mode, Taken)>,
+    seen: Mutex<Seen>,
+    size: SlotSize,
+}
+
+struct Seen {
+    report: Frame,
+    at: Stamp,
+    moving: bool,
+    last: Shafts,
+    /// What the drives were told since the writer's end: the last target of each axis, and the greatest step or velocity.
+    told: Option<BTreeMap<(u8, usize), Told>>,
+}
+
+#[derive(Clone, Copy)]
+struct Told {
+    last: i32,
+    greatest: i64,
+}
+
+impl Eyes {
+    pub fn new(inner: EngineLink, network: SimHandle, units: &[Unit]) -> Self {
+        let size = inner.info().slot.expect("it knows");
+        let axes = units.iter().map(|unit| (unit.slave as u8, unit.axes, unit.mode, unit.seen.clone())).collect();
+        let last = network.shafts();
+        let seen = Seen { report: Frame::new(), at: Stamp(0), moving: false, last, told: None };
+        Self { inner, network, axes, seen: Mutex::new(seen), size }
+    }
+
+    fn seen(&self) -> std::sync::MutexGuard<'_, Seen> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Looks where the shafts are after a call.
+    fn look(&self) {
+        let shafts = self.network.shafts();
+        let mut seen = self.seen();
+        if shafts.at > seen.last.at {
+            seen.moving = self.axes().any(|(slave, axis)| {
+                let place = usize::from(slave) - 1;
+                let way = shafts.positions[place][axis].unwrap_or(0) - seen.last.positions[place][axis].unwrap_or(0);
+                way.abs() > 20
+            });
+            seen.last = shafts;
+        }
+        if let Some(told) = &mut seen.told {
+            for (slave, axes, mode, taken) in &self.axes {
+                let taken = *taken.lock().unwrap_or_else(PoisonError::into_inner);
+                let Some(outputs) = taken else { continue };
+                for (axis, output) in outputs.iter().enumerate().take(*axes) {
+                    let entry = told.entry((*slave, axis)).or_insert(Told { last: output.target, greatest: 0 });
+                    // The drive of an axis that went off is told where the axis is, by the board itself: it has failed
+                    // on the writer's own way, as by a following error, and that is no step of the ramp.
+                    let is_on = output.controlword == Controlword::ENABLE_OPERATION;
+                    let size = match mode {
+                        _ if !is_on => 0,
+                        Mode::Csp => i64::from(output.target.wrapping_sub(entry.last)).abs(),
+                        _ => i64::from(output.target).abs(),
+                    };
+                    *entry = Told { last: output.target, greatest: size.max(entry.greatest) };
+                }
+            }
+        }
+    }
+
+    /// From now on what the drives are told is the server's.
+    pub fn begin_to_compare(&self) {
+        self.seen().told = Some(BTreeMap::new());
+    }
+
+    /// The greatest steps and velocities that axes were told since, of those in CSP and CSV.
+    pub fn greatest(&self) -> Vec<(u8, usize, &'static str, i64)> {
+        let told = self.seen().told.clone().unwrap_or_default();
+        let name = |slave: u8| match self.axes.iter().find(|axis| axis.0 == slave)?.2 {
+            Mode::Csp => Some("CSP"),
+            Mode::Csv => Some("CSV"),
+            _ => None,
+        };
+        let all = told.into_iter();
+        all.filter_map(|((slave, axis), told)| Some((slave, axis, name(slave)?, told.greatest))).collect()
+    }
+
+    fn axes(&self) -> impl Iterator<Item = (u8, usize)> {
+        self.axes.iter().flat_map(|(slave, axes, ..)| (0..*axes).map(|axis| (*slave, axis)))
+    }
+
+    /// The board's time.
+    pub fn now(&self) -> Duration {
+        let now = self.inner.pass(Duration::ZERO).expect("it is there").expect("virtual time");
+        Duration::from_nanos(now.0)
+    }
+
+    /// Whether a shaft has moved lately.
+    pub fn is_moving(&self) -> bool {
+        self.seen().moving
+    }
+
+    /// Free entries by the newest report that was read.
+    pub fn newest_free(&self) -> u16 {
+        let board = MasterResponse::decode(&self.report().slot(self.size, 0));
+        if board.state.state() == Some(MasterState::Op) { board.fifo_free } else { FIFO_ENTRIES }
+    }
+
+    /// The newest report that was read.
+    pub fn report(&self) -> Frame {
+        self.seen().report.clone()
+    }
+
+    /// Frames that found the FIFO full.
+    pub fn full(&self) -> u64 {
+        self.inner.stats().board.expect("a model").full
+    }
+
+    /// Reads until a report comes that is made from now on.
+    pub fn drain(&self) {
+        let now = self.now();
+        let mut report = Frame::new();
+        while Link::read(self, &mut report, Wait::For(Duration::from_secs(1)))
+            .is_ok_and(|meta| u128::from(meta.at.0) < now.as_nanos())
+        {}
+    }
+
+    pub fn shafts(&self) -> Shafts {
+        self.network.shafts()
+    }
+
+    /// No shaft is further than that from where it was.
+    pub fn assert_still(&self, from: &Shafts, counts: i64, when: &str) {
+        let now = self.network.shafts();
+        for (slave, axis) in self.axes() {
+            let place = usize::from(slave) - 1;
+            let (was, is) = (from.positions[place][axis], now.positions[place][axis]);
+            let way = is.unwrap_or(0) - was.unwrap_or(0);
+            let time = Duration::from_nanos(now.at - from.at);
+            assert!(
+                way.abs() <= counts,
+                "slave {slave}, axis {axis}, moved {way} counts in {time:?} {when}; {:?}",
+                self.axes.iter().map(|axis| axis.2).collect::<Vec<_>>()
+            );
+        }
+    }
+}
+
+impl Layer for Eyes {
+    fn inner(&self) -> &dyn Link {
+        &self.inner
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let done = self.inner.write(frame, wait);
+        self.look();
+        done
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let done = self.inner.read(out, wait);
+        self.look();
+        if let Ok(meta) = &done {
+            let mut seen = self.seen();
+            if meta.at >= seen.at {
+                seen.at = meta.at;
+                seen.report.clone_from(out);
+            }
+        }
+        done
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        let done = self.inner.pass(time);
+        self.look();
+        done
+    }
+}

@@ -1,0 +1,65 @@
+//! What must hold once a writer has ended: its axes stand within the documented time, and nothing that it left in the FIFO moves
+//! one of them later. The fuzz target `settle` looks at the same.
+
+use std::time::Duration;
+
+use ecmsk::link::{Link, Wait};
+use ecmsk::port::tcp::unwired::{Caller, Says, Unwired};
+use ecmsk::sk::{FIFO_ENTRIES, Frame};
+
+use super::eyes::Eyes;
+
+/// docs/SAFETY.md: axes stand 2 s after the server has noticed the end, and some cycles.
+pub const DOCUMENTED: Duration = Duration::from_secs(2);
+const CYCLES: u32 = 8;
+/// How far a shaft that stands may be moved by noise and friction, counts: a two-hundredth of a degree and less.
+const STANDS: i64 = 60;
+/// How long is looked whether axes stand.
+const LOOK: Duration = Duration::from_millis(60);
+
+/// What the server did about a writer's end.
+pub struct End {
+    pub took: Duration,
+    pub told: Vec<String>,
+}
+
+impl End {
+    /// The writer ends without a good-bye. What the server does takes no longer than documented.
+    pub fn of(writer: Caller<'_>, server: &Unwired, eyes: &Eyes, cycle_us: u32) -> Self {
+        let began = eyes.now();
+        writer.end(false);
+        let took = eyes.now() - began;
+        let limit = DOCUMENTED + CYCLES * Duration::from_micros(cycle_us.into());
+        assert!(took <= limit, "it took {took:?} with a cycle of {cycle_us} us");
+        Self { took, told: server.told() }
+    }
+
+    /// Whether the server says that axes may go on.
+    pub fn has_failed(&self) -> bool {
+        self.told.iter().any(|line| line.contains("may still move"))
+    }
+}
+
+/// After `rest` axes stand, the FIFO is empty, and so it stays while another writer asks for nothing, long enough to let
+/// everything out that still waits.
+pub fn assert_lasting(server: &Unwired, eyes: &Eyes, readers: &[Caller<'_>], rest: Duration, cycle_us: u32) {
+    let mut report = Frame::new();
+    eyes.pass(rest).expect("it is there");
+    let cycles = (LOOK.as_micros() as u64).div_ceil(cycle_us.into()).max(3);
+    eyes.drain();
+    let stood = eyes.shafts();
+    for _ in 0..cycles {
+        eyes.read(&mut report, Wait::For(Duration::from_secs(1))).expect("a report");
+    }
+    eyes.assert_still(&stood, STANDS, "after the stop");
+    assert_eq!(eyes.newest_free(), FIFO_ENTRIES, "the FIFO is empty");
+
+    let mut next = server.join(true).expect("the place is free");
+    for _ in 0..2 * u64::from(FIFO_ENTRIES) {
+        assert!(next.say(Says::Write(&Frame::new()), usize::MAX) && next.say(Says::Read, usize::MAX));
+        drop(next.take_sent());
+        readers.iter().for_each(|reader| drop(reader.take_sent()));
+    }
+    next.end(true);
+    eyes.assert_still(&stood, STANDS, "under the next writer");
+}

@@ -1,0 +1,315 @@
+//! A random writer: it brings the network up, homes, sets thresholds, moves its axes at any pace, and dies at a message that
+//! it does not choose.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ecmsk::cia402::Mode;
+use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::port::tcp::unwired::{Caller, Says};
+use ecmsk::sk::{
+    FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SdoCommand, SlaveCommand, SlaveKind,
+    SlotCommand, SlotSize,
+};
+
+use super::eyes::Eyes;
+use crate::dice::Dice;
+use crate::machine::{SPEED, Unit};
+
+/// No writer says more.
+const MESSAGES: u64 = 2500;
+/// What a target in CSP may differ by from one frame to the next beyond the path: where the axis was when it began, counts.
+const BEGIN: i64 = 300;
+
+/// It is dead.
+struct Dead;
+
+/// What a writer did.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Life {
+    pub lost: u64,
+    pub has_threshold: bool,
+    pub has_homed: bool,
+    pub torn: bool,
+    /// Its targets were cleared, or began where nobody knows: it jumps by itself.
+    jumps: bool,
+}
+
+#[derive(Debug)]
+/// The greatest steps and velocities that the board has taken from it.
+pub struct Bounds {
+    greatest: BTreeMap<(u8, usize, &'static str), i64>,
+    jumps: bool,
+}
+
+impl Bounds {
+    /// Of each axis the greatest of the writer and that of the server.
+    pub fn compare<'a>(&'a self, eyes: &'a Eyes) -> impl Iterator<Item = ((u8, usize, &'static str), (i64, i64))> + 'a {
+        eyes.greatest().into_iter().filter(|_| !self.jumps).map(|(slave, axis, mode, server)| {
+            let key = (slave, axis, mode);
+            (key, (self.greatest.get(&key).copied().unwrap_or_default() + BEGIN, server))
+        })
+    }
+}
+
+pub struct Writer<'a> {
+    caller: Caller<'a>,
+    eyes: Arc<Eyes>,
+    units: &'a [Unit],
+    size: SlotSize,
+    cycle_us: u32,
+    dice: Dice,
+    /// Messages until it dies.
+    left: u64,
+    life: Life,
+    /// The last targets that the board has taken, by slave.
+    taken: BTreeMap<u8, [i32; 2]>,
+    greatest: BTreeMap<(u8, usize, &'static str), i64>,
+    full: u64,
+}
+
+impl<'a> Writer<'a> {
+    pub fn new(
+        caller: Caller<'a>,
+        eyes: Arc<Eyes>,
+        units: &'a [Unit],
+        size: SlotSize,
+        cycle_us: u32,
+        mut dice: Dice,
+    ) -> Self {
+        let left = if dice.one_in(5) { dice.below(300) } else { 200 + dice.below(MESSAGES) };
+        let (life, full) = (Life::default(), eyes.full());
+        let (taken, greatest) = (BTreeMap::new(), BTreeMap::new());
+        Self { caller, eyes, units, size, cycle_us, dice, left, life, taken, greatest, full }
+    }
+
+    /// Lives until it dies, or has nothing left to do.
+    pub fn live(&mut self, set_up: &[Frame]) {
+        let _: Result<(), Dead> = self.run(set_up);
+    }
+
+    pub fn dies(self) -> (Caller<'a>, Bounds, Life) {
+        let bounds = Bounds { greatest: self.greatest, jumps: self.life.jumps || self.life.has_homed };
+        self.eyes.begin_to_compare();
+        (self.caller, bounds, self.life)
+    }
+
+    fn run(&mut self, set_up: &[Frame]) -> Result<(), Dead> {
+        for frame in set_up {
+            self.write(frame)?;
+        }
+        // Some never look.
+        let is_blind = self.dice.one_in(8);
+        self.life.jumps |= is_blind;
+        for _ in 0..1500 {
+            if is_blind {
+                self.say(Says::Pass(Duration::from_millis(300)))?;
+                break;
+            }
+            if self.state() == Some(MasterState::Op) {
+                break;
+            }
+            self.read()?;
+        }
+        let mut on = Frame::new();
+        self.units.iter().for_each(|unit| on.put_slave(self.size, unit.slave, &SlaveCommand::ServoOn.into()));
+        self.write(&on)?;
+        // Some do not wait for it.
+        let patience = if self.dice.one_in(6) { self.dice.below(10) } else { 600 };
+        if is_blind {
+            self.say(Says::Pass(Duration::from_millis(100)))?;
+        }
+        for _ in 0..if is_blind { 0 } else { patience } {
+            if self.all_on() {
+                break;
+            }
+            self.read()?;
+        }
+        self.life.jumps |= !self.all_on();
+        if !is_blind && self.dice.one_in(3) {
+            self.home()?;
+        }
+        if self.dice.one_in(2) {
+            self.threshold()?;
+        }
+        self.drive(is_blind)
+    }
+
+    /// Says something; half of it if that is its last.
+    fn say(&mut self, what: Says<'_>) -> Result<(), Dead> {
+        if self.left == 0 {
+            if self.dice.one_in(2) {
+                self.life.torn = true;
+                self.caller.say(what, self.dice.below(Caller::length(what) as u64) as usize);
+            } else if self.dice.one_in(2) {
+                // It waits for an answer, and so does the board for time.
+                self.caller.begin(Says::Pass(Duration::from_millis(self.dice.below(500))), usize::MAX);
+            }
+            return Err(Dead);
+        }
+        self.left -= 1;
+        assert!(self.caller.say(what, usize::MAX), "the server keeps it");
+        drop(self.caller.take_sent());
+        Ok(())
+    }
+
+    fn write(&mut self, frame: &Frame) -> Result<(), Dead> {
+        self.say(Says::Write(frame))?;
+        let full = self.eyes.full();
+        if std::mem::replace(&mut self.full, full) != full {
+            self.life.lost += 1;
+            return Ok(());
+        }
+        for unit in self.units {
+            self.note(unit, frame);
+        }
+        Ok(())
+    }
+
+    /// The board has taken the frame.
+    fn note(&mut self, unit: &Unit, frame: &Frame) {
+        let slot = frame.slot(self.size, unit.slave);
+        let (targets, mode) = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
+            Ok(SlaveCommand::Csp(motion)) => ([motion.first.target, motion.second.target], "CSP"),
+            Ok(SlaveCommand::Csv(motion)) => ([motion.first.target, motion.second.target], "CSV"),
+            _ => return,
+        };
+        let slave = unit.slave as u8;
+        let before = self.taken.insert(slave, targets);
+        for axis in 0..unit.axes {
+            let size = match (mode, before) {
+                ("CSP", Some(before)) => i64::from(targets[axis].wrapping_sub(before[axis])).abs(),
+                ("CSP", None) => 0,
+                // What reports show of a velocity is not quite what was commanded.
+                _ => i64::from(targets[axis]).abs() * 5 / 4 + 5000,
+            };
+            let greatest = self.greatest.entry((slave, axis, mode)).or_default();
+            *greatest = size.max(*greatest);
+        }
+    }
+
+    fn read(&mut self) -> Result<(), Dead> {
+        self.say(Says::Read)
+    }
+
+    fn report(&self) -> Frame {
+        self.eyes.report()
+    }
+
+    fn state(&self) -> Option<MasterState> {
+        MasterResponse::decode(&self.report().slot(self.size, 0)).state.state()
+    }
+
+    fn all_on(&self) -> bool {
+        let report = self.report();
+        self.units.iter().all(|unit| unit.answer(&report, self.size).0.is_enabled())
+    }
+
+    fn master(&mut self, command: &MasterCommand) -> Result<(), Dead> {
+        let mut frame = Frame::new();
+        frame.put_master(self.size, command);
+        self.write(&frame)
+    }
+
+    /// A threshold: any, often one that is never reached.
+    fn threshold(&mut self) -> Result<(), Dead> {
+        self.life.has_threshold = true;
+        let free = match self.dice.below(4) {
+            0 => 1,
+            1 => 1 + self.dice.below(20),
+            _ => 1 + self.dice.below(u64::from(FIFO_ENTRIES)),
+        };
+        self.master(&MasterCommand::SetFifo(FifoAction::Threshold(free as u32)))
+    }
+
+    /// Sends a drive home, waits for a while, and may go on before it is there.
+    fn home(&mut self) -> Result<(), Dead> {
+        let Some(unit) = self.units.iter().find(|unit| unit.kind != SlaveKind::Hsp) else { return Ok(()) };
+        let write = |index, value: u8| SdoCommand::Write {
+            slave: unit.slave as u8,
+            object: ObjectAddress::new(index, 0),
+            size: SdoSize::One,
+            value: value.into(),
+        };
+        self.life.has_homed = true;
+        let method = self.dice.pick(&[17, 18, 19, 21, 24, 33, 35]);
+        for sdo in [write(0x6060, 6), write(0x6098, method)] {
+            let mut frame = Frame::new();
+            frame.put(self.size, self.size.sdo_slot(), &sdo.encode());
+            self.write(&frame)?;
+            for _ in 0..40 {
+                self.read()?;
+            }
+        }
+        let mut frame = Frame::new();
+        frame.put_slave(self.size, unit.slave, &SlaveCommand::GoHome.into());
+        self.write(&frame)?;
+        for _ in 0..self.dice.pick(&[0, 5, 50, 300]) {
+            self.read()?;
+            if self.dice.one_in(4) {
+                self.write(&Frame::new())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves its axes: paths that begin where they are, in frames at a pace of its own.
+    fn drive(&mut self, is_blind: bool) -> Result<(), Dead> {
+        for _ in 0..if is_blind { 0 } else { 40 } {
+            self.read()?;
+        }
+        let report = self.report();
+        let mut at: Vec<[i32; 2]> = self.units.iter().map(|unit| unit.answer(&report, self.size).1).collect();
+        let mut speed = vec![[0_i32; 2]; self.units.len()];
+        // In CSP counts a frame.
+        let a_frame = (i64::from(SPEED) * i64::from(self.cycle_us) / 1_000_000) as i32;
+        let goal: Vec<[i32; 2]> = self
+            .units
+            .iter()
+            .map(|unit| {
+                let fastest = if unit.mode == Mode::Csp { a_frame } else { SPEED };
+                [0, 1].map(|_| self.dice.below(2 * fastest as u64 + 1) as i32 - fastest)
+            })
+            .collect();
+        let reads_every = if is_blind { u64::MAX } else { self.dice.pick(&[1, 1, 1, 2, 8, u64::MAX]) };
+        let ahead = self.dice.pick(&[0, 5, 50, 100, 150]);
+        for n in 0..3000_u64 {
+            if self.dice.one_in(40) {
+                // A frame that asks for nothing.
+                self.write(&Frame::new())?;
+            } else {
+                let mut frame = Frame::new();
+                for (i, unit) in self.units.iter().enumerate() {
+                    for axis in 0..unit.axes {
+                        let change = (goal[i][axis].abs() / 50).max(1);
+                        speed[i][axis] += (goal[i][axis] - speed[i][axis]).clamp(-change, change);
+                        at[i][axis] = at[i][axis].wrapping_add(speed[i][axis]);
+                    }
+                    frame.put_slave(self.size, unit.slave, &unit.motion(at[i], speed[i]).into());
+                }
+                self.write(&frame)?;
+            }
+            if n >= ahead && !is_blind && n.is_multiple_of(reads_every) {
+                self.read()?;
+            }
+            match self.dice.below(400) {
+                0 => {
+                    self.life.jumps = true;
+                    self.master(&MasterCommand::SetFifo(FifoAction::Clear))?;
+                }
+                1 | 2 => self.threshold()?,
+                3 => {
+                    let cycles = self.dice.below(200);
+                    self.say(Says::Pass(Duration::from_micros(cycles * u64::from(self.cycle_us))))?;
+                }
+                4 if self.dice.one_in(10) => {
+                    // It would take until the end of all days: the server does a part of it, or nothing, and goes on.
+                    self.say(Says::Pass(Duration::from_nanos(1 << 63)))?;
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}

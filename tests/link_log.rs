@@ -1,0 +1,154 @@
+//! What the log says of commands that a board in this process has not executed.
+#![cfg(feature = "sim")]
+
+mod script_client;
+mod support;
+
+use std::sync::{Mutex, MutexGuard};
+
+use ecmsk::cia402::Mode;
+use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::engine::StateFailure;
+use ecmsk::sk::{DriveSync, Frame, MasterState, Motion, SdoCommand, SlaveCommand, SlaveKind, StateByte};
+use script_client::{Client, SIZE};
+
+/// Lines of this process, warnings and worse, and the test that listens.
+static HEARD: Mutex<Vec<String>> = Mutex::new(Vec::new());
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+struct Listener;
+
+impl log::Log for Listener {
+    fn enabled(&self, _: &log::Metadata) -> bool {
+        true
+    }
+    fn log(&self, record: &log::Record) {
+        HEARD.lock().unwrap().push(record.args().to_string());
+    }
+    fn flush(&self) {}
+}
+
+/// Lines are heard from now on, by this test alone.
+fn listen() -> MutexGuard<'static, ()> {
+    let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let _ = log::set_logger(&Listener);
+    log::set_max_level(log::LevelFilter::Warn);
+    HEARD.lock().unwrap().clear();
+    turn
+}
+
+fn lines_with(word: &str) -> Vec<String> {
+    HEARD.lock().unwrap().iter().filter(|line| line.contains(word)).cloned().collect()
+}
+
+/// SK-4.78 A program that writes faster than the board takes commands out is told so once, when the first frame is lost, and
+/// once how many were lost, when it has ended.
+#[test]
+fn a_full_fifo_is_told_when_it_begins_and_when_it_ends() {
+    let _turn = listen();
+    let mut client = Client::stepped("log_full", "");
+    client.op();
+    let frame = Frame::new();
+    // 160 entries have room, and each write takes an eighth of a cycle.
+    for _ in 0..1000 {
+        client.link.write(&frame, ecmsk::link::Wait::Forever).unwrap();
+    }
+    let lost = client.link.stats().board.expect("a board of this process").full;
+    assert!(lost > 500, "{lost}");
+    let told = lines_with("FIFO full");
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("1 command frame(s)") && told[0].contains("slot 0"), "{told:?}");
+    for _ in 0..1200 {
+        client.read();
+    }
+    let told = lines_with("FIFO full");
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(told[1].contains(&format!("{lost} command frame(s)")), "{told:?}");
+    client.link.close();
+    assert_eq!(lines_with("FIFO full").len(), 2);
+}
+
+/// SK-4.78 Targets before SV_ON are told with what to do; a link that is closed first tells the count.
+#[test]
+fn targets_for_a_drive_that_is_off() {
+    let _turn = listen();
+    let mut client = Client::stepped("log_targets", "");
+    client.op();
+    for n in 0..50 {
+        client.write(|f| f.put_slave(SIZE, 1, &SlaveCommand::Csp(Motion::to(n)).into()));
+        client.read();
+    }
+    client.link.close();
+    let told = lines_with("for a drive that was not on");
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(told[0].contains("SV_ON") && told[1].contains("50 target(s)"), "{told:?}");
+}
+
+/// SK-4.79 A write of an object that the simulated drive does not have says which, and how the drive gets it.
+#[test]
+fn an_aborted_write_is_told() {
+    let _turn = listen();
+    let mut client = Client::stepped("log_abort", "");
+    let object = ObjectAddress::new(0x2101, 3);
+    let command = SdoCommand::Write { slave: 2, object, size: SdoSize::Two, value: 7 };
+    client.write(|f| f.put_sdo(SIZE, &command));
+    client.until("the abort", |c| c.slot(SIZE.sdo_slot()).parm == 0x8002);
+    client.read();
+    let told = lines_with("SDO_WR of slave 2, 0x2101:3");
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("0x06020000") && told[0].contains("objects@any"), "{told:?}");
+    assert_eq!(client.link.stats().board.expect("a board of this process").sdo_aborted, 1);
+}
+
+/// SK-4.80 A change of state that fails says in the log which slave refused and why, and the link says it to who asks; it is
+/// forgotten when the state is reached.
+#[test]
+fn a_state_that_failed_is_explained() {
+    let _turn = listen();
+    let mut client = Client::with("drive,io", "log_state", "clock=virtual", "");
+    // Nothing is declared: both are IO.
+    client.request(MasterState::Op);
+    client.until("0x12", |c| c.answer().state == StateByte::failed(Some(MasterState::PreOp)));
+    let why = client.link.stats().state_failure.expect("a board of this process knows");
+    assert!(matches!(why, StateFailure::Declared { slave: 1, kind: SlaveKind::Io, al_status: 0x001D, abort: None }));
+    let told = lines_with("a change of state has failed");
+    assert!(told.len() == 1 && told[0].contains("slave 1") && told[0].contains("SET_AXIS"), "{told:?}");
+    assert_eq!(StateFailure::explain(client.answer().state, Some(&why)), Some(why.to_string()));
+    client.op();
+    assert_eq!(client.link.stats().state_failure, None);
+    assert_eq!(StateFailure::explain(client.answer().state, None), None);
+}
+
+/// SK-4.80 A mode that a kind does not have, a slave that refuses a state and one that says nothing are told apart.
+#[test]
+fn what_else_fails() {
+    let _turn = listen();
+    let fails = |list: &str, name: &str, script: &str, mode: Mode| {
+        let mut client = Client::with(list, name, "clock=virtual&state_timeout_ms=500", script);
+        client.declare();
+        let sync = DriveSync::DcSync;
+        client.write(|f| f.put_slave(SIZE, 1, &SlaveCommand::DriveMode { mode, sync }.into()));
+        client.request(MasterState::Op);
+        client.until("a failure", |c| c.answer().state.is_failed());
+        client.link.stats().state_failure
+    };
+    let mode = StateFailure::Mode { slave: 1, kind: SlaveKind::Step };
+    assert_eq!(fails("step", "log_mode", "", Mode::Csv), Some(mode));
+    let refused = StateFailure::Refused { slave: 2, target: MasterState::Op, al_status: 0x001B };
+    assert_eq!(fails("drive*2", "log_refused", "refuse 2 op 0x001B\n", Mode::Csp), Some(refused));
+    let silent = StateFailure::Silent { slave: 1 };
+    assert_eq!(fails("drive*2", "log_silent", "mute 1\n", Mode::Csp), Some(silent));
+}
+
+/// SK-4.80 Without a board of this process there is a text for every byte that says that a state has failed, and for no
+/// other; the one for 0x12 names what is usually the cause.
+#[test]
+fn every_failed_state_has_an_explanation() {
+    for byte in 0..=u8::MAX {
+        let state = StateByte(byte);
+        assert_eq!(state.explanation().is_some(), state.is_failed(), "0x{byte:02X}");
+        assert_eq!(StateFailure::explain(state, None).as_deref(), state.explanation());
+    }
+    let usual = StateByte(0x12).explanation().expect("it has failed");
+    assert!(usual.contains("SET_AXIS") && usual.contains("not at all"), "{usual}");
+}

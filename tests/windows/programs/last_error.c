@@ -1,0 +1,83 @@
+/* What GetLastError gives after each call, as the vendor's library leaves it. The argument says which end of a board is
+ * tried: `reset` (the board goes), `closed` (it is silent, and Close ends a read that waits). */
+#include "../../c/check.h"
+
+#include <windows.h>
+
+/* The call leaves 12345, which stood there before, or sets another one. */
+#define LEAVES(call, expected)                                                                                    \
+    do {                                                                                                          \
+        DWORD left;                                                                                               \
+        SetLastError(12345);                                                                                      \
+        CHECK(call);                                                                                              \
+        left = GetLastError();                                                                                    \
+        if (left != (expected)) {                                                                                 \
+            fprintf(stderr, "%s:%d: after %s Windows' last error is %lu\n", __FILE__, __LINE__, #call, left);     \
+            exit(1);                                                                                              \
+        }                                                                                                         \
+    } while (0)
+
+static bool closes(void)
+{
+    CloseECMUSB();
+    return true;
+}
+
+static void not_open(void)
+{
+    LEAVES(!read_response(), ERROR_INVALID_HANDLE);
+    LEAVES(!write_command(), ERROR_INVALID_HANDLE);
+    LEAVES(closes(), 12345);
+}
+
+static void lengths(void)
+{
+    LEAVES(!ECMUSBWrite(NULL, 504), ERROR_INVALID_PARAMETER);
+    LEAVES(!ECMUSBRead((unsigned char *)response, 0), ERROR_INVALID_PARAMETER);
+}
+
+static void reset(void)
+{
+    int tries;
+    LEAVES(read_response(), 12345);
+    LEAVES(write_command(), 12345);
+    LEAVES(OpenECMUSB(), 0);
+    CHECK(master(SW_RESET, 0, 0, 0));
+    for (tries = 0; tries < 2000 && read_response(); tries++) {
+    }
+    LEAVES(!read_response(), ERROR_ACCESS_DENIED);
+    LEAVES(!write_command(), ERROR_ACCESS_DENIED);
+}
+
+static DWORD WINAPI reader(LPVOID unused)
+{
+    (void)unused;
+    LEAVES(!read_response(), ERROR_ACCESS_DENIED);
+    return 0;
+}
+
+static void closed(void)
+{
+    HANDLE thread = CreateThread(NULL, 0, reader, NULL, 0, NULL);
+    CHECK(thread != NULL);
+    /* Until it waits in the call; should it come later it finds nothing open, and the program says so. */
+    Sleep(1000);
+    LEAVES(closes(), 12345);
+    CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
+}
+
+int main(int count, char **arguments)
+{
+    not_open();
+    LEAVES(OpenECMUSB(), 0);
+    lengths();
+    if (count > 1 && strcmp(arguments[1], "closed") == 0) {
+        closed();
+    } else {
+        reset();
+        LEAVES(closes(), 12345);
+    }
+    not_open();
+    puts("ok");
+    return 0;
+}

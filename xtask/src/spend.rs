@@ -1,0 +1,77 @@
+//! What a chore takes of disk and time, said before it is taken.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::project::Project;
+
+/// What a chore takes the first time. What was built before is used again.
+pub struct Spend {
+    /// Of the disk that the target folder is on, MB.
+    pub disk_mb: u64,
+    /// Of time, as a person says it.
+    pub time: &'static str,
+}
+
+impl Spend {
+    /// Says so.
+    pub fn announce(&self, project: &Project) {
+        println!("{}", self.text(project.relative(&project.target), free_mb(&project.target)));
+    }
+
+    fn text(&self, target: &Path, free_mb: Option<u64>) -> String {
+        let free =
+            free_mb.map_or_else(|| "how much is free is not known".into(), |free| format!("{} are free", size(free)));
+        let mut text = format!(
+            "takes up to {} in {} ({free}) and {}; what was built before is used again",
+            size(self.disk_mb),
+            target.display(),
+            self.time
+        );
+        if free_mb.is_some_and(|free| free < self.disk_mb) {
+            text += "\nnote: that may not be enough: make room, or set CARGO_TARGET_DIR to a folder on another disk";
+        }
+        text
+    }
+}
+
+fn size(mb: u64) -> String {
+    if mb < 1000 { format!("{mb} MB") } else { format!("{:.1} GB", mb as f64 / 1000.0) }
+}
+
+/// What is free on the disk of a folder, or of the nearest one above that is there, in MB.
+fn free_mb(folder: &Path) -> Option<u64> {
+    let there = folder.ancestors().find(|folder| folder.exists())?;
+    let output = Command::new("df").arg("-Pk").arg(there).output().ok()?;
+    free_in(&String::from_utf8(output.stdout).ok()?)
+}
+
+/// The fourth column of the second line, in blocks of 1024 bytes (POSIX, df -P).
+fn free_in(df: &str) -> Option<u64> {
+    let blocks: u64 = df.lines().nth(1)?.split_whitespace().nth(3)?.parse().ok()?;
+    Some(blocks * 1024 / 1_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DF: &str =
+        "Filesystem 1024-blocks Used Available Capacity Mounted on\n/dev/vda 263174212 46913904 48232584 50% /\n";
+
+    /// DIST-8 Disk and time are named with what is free, and a disk that is too small is told with what to do.
+    #[test]
+    fn what_it_takes_is_named() {
+        let spend = Spend { disk_mb: 1400, time: "two minutes" };
+        let text = spend.text(Path::new("target"), free_in(DF));
+        assert_eq!(
+            text,
+            "takes up to 1.4 GB in target (49.4 GB are free) and two minutes; what was built before is used again"
+        );
+        let text = spend.text(Path::new("target"), Some(900));
+        assert!(text.contains("(900 MB are free)") && text.contains("\nnote: that may not be enough"), "{text}");
+        assert!(text.ends_with("on another disk"), "{text}");
+        assert!(spend.text(Path::new("target"), free_in("nonsense")).contains("not known"));
+        assert!(free_mb(Path::new("/no/such/folder")).is_some_and(|free| free > 0), "that of the nearest folder");
+    }
+}

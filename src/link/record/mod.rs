@@ -22,7 +22,7 @@ mod writer;
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError, channel, sync_channel};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -74,7 +74,7 @@ pub struct RecordLink {
     dropped: Arc<AtomicU64>,
     /// Taken away by [`Link::close`]. A call takes a clone before it begins: the recording ends when the last is gone.
     entries: RwLock<Option<SyncSender<Entry>>>,
-    writer: Mutex<Option<Writer>>,
+    writer: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl RecordLink {
@@ -121,12 +121,7 @@ impl RecordLink {
         let dropped = Arc::new(AtomicU64::new(0));
         let capture = Capture::begin(name.to_owned(), sink, meta, Arc::clone(&dropped)).map_err(failed)?;
         let (sender, receiver) = sync_channel(queue.max(1));
-        let (ended, end) = channel();
-        let write = move || {
-            let _ended: Sender<()> = ended;
-            writer::run(&receiver, capture);
-        };
-        let writer = threads::spawn("ecmsk-record", write).map_err(failed)?;
+        let writer = threads::spawn("ecmsk-record", move || writer::run(&receiver, capture)).map_err(failed)?;
         Ok(Self {
             inner,
             base_ns: meta.base_ns,
@@ -135,7 +130,7 @@ impl RecordLink {
             given_up: AtomicBool::new(false),
             dropped,
             entries: RwLock::new(Some(sender)),
-            writer: Mutex::new(Some(Writer { thread: writer, end })),
+            writer: Mutex::new(Some(writer)),
         })
     }
 
@@ -178,23 +173,16 @@ impl RecordLink {
         drop(self.entries.write().unwrap_or_else(PoisonError::into_inner).take());
         // A second closer waits here until the first one's file is complete.
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(Writer { thread, end }) = writer.take() else { return };
-        if let Some(patience) = self.patience
-            && end.recv_timeout(patience) == Err(RecvTimeoutError::Timeout)
-        {
-            log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {patience:?}");
+        let Some(thread) = writer.take() else { return };
+        let Some(patience) = self.patience else {
+            // That it panicked cannot be told to anybody here.
+            let _ = thread.join();
             return;
+        };
+        if !threads::end_within(thread, patience) {
+            log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {patience:?}");
         }
-        // That it panicked cannot be told to anybody here.
-        let _ = thread.join();
     }
-}
-
-/// The thread that writes.
-struct Writer {
-    thread: JoinHandle<()>,
-    /// Nothing comes; its other half goes with the thread.
-    end: Receiver<()>,
 }
 
 impl Layer for RecordLink {

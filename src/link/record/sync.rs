@@ -5,15 +5,21 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 use super::SYNC_EVERY;
 use crate::threads;
+
+/// How long the end of a recording waits for a disk that is asked to take it. \[OURS]
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A thread of its own asks the system for it: a disk may take seconds, and frames wait for nothing but their write.
 pub(super) struct Syncing {
     shared: Arc<Shared>,
     /// Nothing is sent; the thread ends when it is gone.
-    _going: Sender<()>,
+    going: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
@@ -40,8 +46,8 @@ impl Syncing {
                 }
             }
         };
-        threads::spawn("ecmsk-sync", work).ok()?;
-        Some(Self { shared, _going: going })
+        let thread = threads::spawn("ecmsk-sync", work).ok()?;
+        Some(Self { shared, going: Some(going), thread: Some(thread) })
     }
 
     /// There is something new in the file.
@@ -53,5 +59,17 @@ impl Syncing {
     /// What the disk said of what was written before.
     pub(super) fn check(&self) -> io::Result<()> {
         self.shared.failed.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
+    }
+}
+
+/// The thread has the file and this library's code until it has ended.
+impl Drop for Syncing {
+    fn drop(&mut self) {
+        drop(self.going.take());
+        if let Some(thread) = self.thread.take()
+            && !threads::end_within(thread, PATIENCE)
+        {
+            log::warn!("the disk has not taken the end of the recording for {PATIENCE:?}");
+        }
     }
 }

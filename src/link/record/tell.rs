@@ -1,7 +1,6 @@
 //! What a recorder says to whoever runs the program: a recording that is not what it should be is no matter of a log level.
 
 use std::io::{self, Write};
-use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use crate::threads;
@@ -11,7 +10,6 @@ const PATIENCE: Duration = Duration::from_millis(200);
 
 /// Says a line on standard error, or in the program's log where that shows warnings.
 pub(super) fn tell(line: String) {
-    let (said, done) = channel::<()>();
     // A thread of its own: a write to a pipe that nobody reads never ends.
     let told = threads::spawn("ecmsk-tell", move || {
         if log::log_enabled!(log::Level::Warn) {
@@ -20,9 +18,8 @@ pub(super) fn tell(line: String) {
             // In one piece: others write there too.
             let _ = io::stderr().write_all(format!("ecmsk: {line}\n").as_bytes());
         }
-        drop(said);
     });
-    if told.is_ok() {
-        let _ = done.recv_timeout(PATIENCE);
+    if let Ok(told) = told {
+        threads::end_within(told, PATIENCE);
     }
 }

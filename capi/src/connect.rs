@@ -21,7 +21,9 @@ pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     say_opened();
     let configured = config::find(&Environment::from_process(module::folder())).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
-    link::open(&configured.link, Share::ByUri)
+    // Who is to be told how many reports were lost is told all of them.
+    let open = if teller::of_process().is_some() { link::open } else { link::open_uncounted };
+    open(&configured.link, Share::ByUri)
         .map(watched)
         .map_err(|error| CallError::Configured { from: configured.source, error: error.into() }.into())
 }

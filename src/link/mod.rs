@@ -373,9 +373,23 @@ pub enum Share {
 /// # Errors
 /// [`LinkError::Uri`], [`LinkError::Unsupported`], [`LinkError::NoBoard`], [`LinkError::InUse`], [`LinkError::Io`].
 pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+    open_with(uri, share, false)
+}
+
+/// As [`open`], for a caller to whom it does not matter how many reports nobody has read: on Windows a board on USB takes
+/// frames faster while none is read, and [`LinkStats::reports_dropped`] then says less than were dropped. A link that
+/// records does as ever.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+    open_with(uri, share, true)
+}
+
+fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
     let options = options::CommonOptions::from_uri(&uri)?;
-    let mut link = connect(&uri, &options, share)?;
+    let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
     if options.fault.any() {
         link = Arc::new(fault::FaultLink::new(link, options.fault));
     }
@@ -397,7 +411,12 @@ pub fn model(uri: &uri::LinkUri) -> Result<crate::engine::Board, LinkError> {
 }
 
 #[cfg_attr(not(feature = "sim"), allow(unused_variables, reason = "a build without links uses none of them"))]
-fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+fn connect(
+    uri: &uri::LinkUri,
+    options: &options::CommonOptions,
+    share: Share,
+    uncounted: bool,
+) -> Result<Arc<dyn Link>, LinkError> {
     match uri.scheme() {
         #[cfg(feature = "sim")]
         keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
@@ -406,7 +425,7 @@ fn connect(uri: &uri::LinkUri, options: &options::CommonOptions, share: Share) -
         #[cfg(all(feature = "tcp", any(unix, windows)))]
         keys::Scheme::Tcp => tcp::open(uri, options),
         #[cfg(all(feature = "usb", any(unix, windows)))]
-        keys::Scheme::Usb => usb::open(uri, options),
+        keys::Scheme::Usb => usb::open(uri, options, uncounted),
         #[cfg(not(target_os = "linux"))]
         keys::Scheme::Spi => Err(LinkError::Unsupported {
             scheme: keys::Scheme::Spi.name().into(),

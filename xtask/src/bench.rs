@@ -25,8 +25,8 @@ pub struct Arguments {
     /// system (QEMU); figures go to target/bench-rig.json
     #[arg(long, conflicts_with = "bench")]
     rig: bool,
-    /// Measure the DLLs for Windows alone: from LoadLibrary to an open board, against an empty DLL, under Wine; figures go to
-    /// target/bench-windows.json
+    /// Measure the DLLs for Windows alone: from LoadLibrary to an open board, against an empty DLL, under Wine, and on a board
+    /// on USB, in a guest system; figures go to target/bench-windows.json
     #[arg(long, conflicts_with_all = ["bench", "rig"])]
     windows: bool,
 }

@@ -138,6 +138,30 @@ const GATES: &[Gate] = &[
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
+/// Parts that were asked for tests by name and have none: that is an error if no part has any.
+#[derive(Default)]
+struct Without {
+    error: Option<Error>,
+    others: bool,
+}
+
+impl Without {
+    fn hear(&mut self, result: Result<(), Error>) -> Result<(), Error> {
+        match result {
+            Err(error @ Error::NoTest { .. }) => self.error = Some(error),
+            other => {
+                other?;
+                self.others = true;
+            }
+        }
+        Ok(())
+    }
+
+    fn all(self) -> Result<(), Error> {
+        self.error.filter(|_| !self.others).map_or(Ok(()), Err)
+    }
+}
+
 impl Site<'_> {
     fn lacks(&self, needs: &[Need]) -> Vec<Need> {
         needs.iter().copied().filter(|need| self.missing.contains(need)).collect()
@@ -166,6 +190,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     }
     let begin = Instant::now();
     let mut skipped = Vec::new();
+    let mut without = Without::default();
     let count = parts.len();
     for (number, (part, names)) in parts.into_iter().enumerate() {
         let site = Site { project, missing: &missing, names };
@@ -179,10 +204,15 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         println!("{title} ...");
         let started = Instant::now();
         let result = (part.run)(&site);
-        let verdict = if result.is_ok() { "passed" } else { "FAILED" };
+        let verdict = match &result {
+            Ok(()) => "passed",
+            Err(Error::NoTest { .. }) => "has no such test",
+            Err(_) => "FAILED",
+        };
         println!("{title}: {verdict} after {}", seconds(started.elapsed()));
-        result?;
+        without.hear(result)?;
     }
+    without.all()?;
     let site = Site { project, missing: &missing, names: Vec::new() };
     let closed = gates.iter().filter(|gate| !site.lacks(gate.needs).is_empty());
     skipped.extend(closed.map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
@@ -212,7 +242,8 @@ fn format(site: &Site) -> Result<(), Error> {
 fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
     // What `--all-targets` leaves out: the tests that run in the guest.
-    let beyond = ["clippy", "--package=ecmsk", "--test=rig", "--test=windows", "--", "-Dwarnings"];
+    let beyond =
+        ["clippy", "--package=ecmsk", "--test=rig", "--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
     command::run(site.project.cargo().args(beyond))
 }
 
@@ -284,6 +315,19 @@ mod tests {
         assert_eq!(x64.asked_for(&both), Some(names(&["b"])));
         assert_eq!(usb.asked_for(&names(&["b"])), None);
         assert_eq!(usb.asked_for(&[]), Some(Vec::new()));
+    }
+
+    #[test]
+    fn a_name_that_one_part_has_is_enough() {
+        let none = || Err(Error::NoTest { names: "a".into() });
+        let hear = |results: Vec<Result<(), Error>>| {
+            let mut without = Without::default();
+            results.into_iter().try_for_each(|result| without.hear(result))?;
+            without.all()
+        };
+        assert!(hear(vec![]).is_ok() && hear(vec![none(), Ok(()), none()]).is_ok());
+        assert!(matches!(hear(vec![none(), none()]), Err(Error::NoTest { .. })));
+        assert!(matches!(hear(vec![none(), Err(Error::NoFigures), Ok(())]), Err(Error::NoFigures)));
     }
 
     #[test]

@@ -12,6 +12,7 @@ use parking_lot::{Condvar, MutexGuard};
 
 use super::line::Line;
 use super::reports::{DEAF, Shared, State};
+use super::rest::UNWRITTEN_FOR;
 
 /// For how long a thread handles events before it looks around, should nothing wake it. \[OURS]
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -41,6 +42,7 @@ impl Shared {
         while !state.deaf && (!state.closing || state.pending > 0) {
             let calls_come = state.turns != seen;
             seen = state.turns;
+            self.look_at_rest(&mut state, line);
             if state.handled {
                 if calls_come || state.closing {
                     self.look_around.wait_for(&mut state, look_after);
@@ -49,6 +51,9 @@ impl Shared {
                     self.look_around.wait(&mut state);
                     state.asleep = false;
                 }
+            } else if !state.closing && state.rest.is_whole(line.inputs()) {
+                // Nothing comes but the ends of writes, and who writes waits for them.
+                self.look_around.wait_for(&mut state, UNWRITTEN_FOR);
             } else if calls_come && !state.closing {
                 self.handle(&mut state, line, Duration::ZERO);
                 self.look_around.wait_for(&mut state, look_after);

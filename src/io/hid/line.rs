@@ -23,8 +23,8 @@ pub(super) enum Outcome {
 
 /// Who is told when a transfer has ended.
 pub(super) trait Ended: Send + Sync {
-    /// A transfer to the host has ended; `again` hands it over once more, within this call or not at all.
-    fn input(&self, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>);
+    /// The transfer to the host of that number has ended; `again` hands it over once more, within this call or not at all.
+    fn input(&self, number: usize, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>);
     /// The transfer to the device has ended; so many bytes were moved.
     fn output(&self, outcome: Outcome, moved: usize);
     /// It has panicked while it was told something: whether that transfer counts as ended is not known.
@@ -40,6 +40,10 @@ pub(super) trait Line: Send + Sync {
 
     /// Hands over the transfer to the host of that number.
     fn begin_input(&self, number: usize) -> Result<(), UsbError>;
+
+    /// Says how many reports the system is to keep itself, the newest, while no transfer to the host is handed over; `None`:
+    /// as many as it can. False: it keeps none, or not so many. No report lies with it meanwhile.
+    fn keep(&self, reports: Option<usize>) -> bool;
 
     /// Hands over a report to the device.
     ///

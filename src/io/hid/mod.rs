@@ -14,6 +14,7 @@ mod libusb;
 mod line;
 mod pipe;
 mod reports;
+mod rest;
 mod system;
 // Its functions are a table; the tests have one on every system.
 #[cfg(any(windows, test))]

@@ -20,6 +20,9 @@ pub struct Limits {
     pub transfers: usize,
     /// Reports kept while nobody reads, the newest ones: 1 or more.
     pub queue: usize,
+    /// While a program only writes, reports may be left to a system that keeps the newest itself. Those that it drops are
+    /// not counted.
+    pub rests: bool,
 }
 
 /// Why a call failed.
@@ -82,7 +85,7 @@ impl Pipe {
     /// [`PipeError::Usb`]: [`UsbError::Access`] if this user may not, [`UsbError::Busy`] if another program has it.
     /// [`PipeError::Lost`] if it goes meanwhile.
     pub fn open(found: &Found, shape: Shape, limits: Limits) -> Result<Self, PipeError> {
-        let shared = Arc::new(Shared::new(limits.queue));
+        let shared = Arc::new(Shared::new(limits));
         let line = found.device.line(shape, limits.transfers, &shared)?;
         Self::over(line, shared)
     }
@@ -110,12 +113,26 @@ impl Pipe {
     /// # Errors
     /// [`PipeError`]; `report` is left alone then.
     pub fn read(&self, report: &mut [u8; REPORT_LEN], limit: Option<Duration>) -> Result<(Instant, u64), PipeError> {
-        let began = Instant::now();
         let mut state = self.shared.state.lock();
+        state.rest.begin_read();
+        let done = self.read_with(&mut state, report, limit);
+        state.rest.end_read();
+        done
+    }
+
+    fn read_with(
+        &self,
+        state: &mut MutexGuard<'_, State>,
+        report: &mut [u8; REPORT_LEN],
+        limit: Option<Duration>,
+    ) -> Result<(Instant, u64), PipeError> {
+        let began = Instant::now();
         let cancelled = state.cancelled_reads;
+        self.shared.end_rest(state, &*self.line);
+        self.shared.catch_up(state, &*self.line, limit);
         if self.shared.queue == 1 && !state.closing {
             // Who keeps one report wants the newest.
-            self.shared.take_what_came(&mut state, &*self.line);
+            self.shared.take_what_came(state, &*self.line);
         }
         let mut looked = false;
         loop {
@@ -130,11 +147,11 @@ impl Pipe {
             if state.cancelled_reads != cancelled {
                 return Err(PipeError::Cancelled);
             }
-            match self.wait(&self.shared.readable, &mut state, began, limit) {
+            match self.wait(&self.shared.readable, state, began, limit) {
                 // What came is not late because nobody has looked.
                 Err(_) if !looked => {
                     looked = true;
-                    self.shared.take_what_came(&mut state, &*self.line);
+                    self.shared.take_what_came(state, &*self.line);
                 }
                 done => done?,
             }
@@ -154,6 +171,7 @@ impl Pipe {
         };
         let mut state = self.shared.state.lock();
         state.fit()?;
+        state.rest.wrote();
         state.written = None;
         state.pending += 1;
         drop(state);

@@ -8,7 +8,8 @@ use parking_lot::{Condvar, Mutex};
 use super::REPORT_LEN;
 use super::error::UsbError;
 use super::line::{Ended, Outcome};
-use super::pipe::{PipeError, PipeStats};
+use super::pipe::{Limits, PipeError, PipeStats};
+use super::rest::Rest;
 
 /// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
 const FAILURES: u32 = 8;
@@ -32,7 +33,6 @@ pub(super) struct Report {
     pub number: u64,
 }
 
-#[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
     /// Transfers that the system has.
@@ -59,10 +59,33 @@ pub(super) struct State {
     /// is lost.
     pub deaf: bool,
     failures: u32,
+    pub rest: Rest,
     pub stats: PipeStats,
 }
 
 impl State {
+    fn new(limits: Limits) -> Self {
+        Self {
+            reports: VecDeque::with_capacity(limits.queue.min(PREPARED)),
+            pending: 0,
+            written: None,
+            lost: None,
+            stalled: false,
+            closing: false,
+            cancelled_reads: 0,
+            cancelled_writes: 0,
+            handled: false,
+            turns: 0,
+            waiting: 0,
+            asleep: false,
+            event_errors: 0,
+            deaf: false,
+            failures: 0,
+            rest: Rest::new(limits.rests),
+            stats: PipeStats::default(),
+        }
+    }
+
     /// Whether the device is there.
     pub fn fit(&self) -> Result<(), PipeError> {
         if self.closing {
@@ -83,11 +106,10 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// Keeps the newest `queue` reports.
-    pub fn new(queue: usize) -> Self {
-        let state = State { reports: VecDeque::with_capacity(queue.min(PREPARED)), ..State::default() };
+    /// Keeps the newest reports, as many as `limits` say.
+    pub fn new(limits: Limits) -> Self {
         let [readable, writable, look_around] = [const { Condvar::new() }; 3];
-        Self { queue, state: Mutex::new(state), readable, writable, look_around }
+        Self { queue: limits.queue, state: Mutex::new(State::new(limits)), readable, writable, look_around }
     }
 
     /// Ends every wait: the device is gone. Reports that nobody has read are gone with it, and counted: a program that
@@ -108,6 +130,7 @@ impl Shared {
         };
         let number = state.stats.reports;
         state.stats.reports += 1;
+        state.rest.took_one();
         if state.lost.is_some() {
             // It came before the device went, and is looked at afterwards.
             state.stats.dropped += 1;
@@ -123,7 +146,7 @@ impl Shared {
 }
 
 impl Ended for Shared {
-    fn input(&self, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>) {
+    fn input(&self, number: usize, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>) {
         let mut state = self.state.lock();
         match outcome {
             Outcome::Done => {
@@ -145,11 +168,12 @@ impl Ended for Shared {
         }
         // With the lock still: whoever closes the pipe cancels what was handed over before, and nothing is afterwards.
         let wanted = !state.closing && state.lost.is_none();
-        if wanted && again().is_ok() {
+        let parked = wanted && state.rest.parks(number);
+        if wanted && !parked && again().is_ok() {
             return;
         }
         state.pending -= 1;
-        if wanted {
+        if wanted && !parked {
             self.lose(&mut state, GONE);
         }
     }

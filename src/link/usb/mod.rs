@@ -52,8 +52,8 @@ struct Counts {
     read_errors: AtomicU64,
 }
 
-/// Opens the board that the URI chooses.
-pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
+/// Opens the board that the URI chooses. `uncounted`: reports that nobody reads need not be counted.
+pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
     let unusable = |error: NoBus| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
@@ -64,7 +64,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link
     for remark in system.remarks(&board.path, board.high_speed) {
         log::warn!("the board at {}: {remark}", board.path);
     }
-    let limits = Limits { transfers: options.transfers, queue: common.queue };
+    let limits = Limits { transfers: options.transfers, queue: common.queue, rests: uncounted };
     let pipe = Pipe::open(board, shape, limits).map_err(|error| refused(&name, board, error, &system))?;
     let over_currents = system.over_currents(&board.path);
     let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };

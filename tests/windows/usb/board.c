@@ -180,6 +180,28 @@ static void unread(void)
     }
 }
 
+/* Writes alone for a while, so that reports are left to the driver; the newest of them are read then, in their order. */
+static void rests(void)
+{
+    DWORD begun;
+    int round, i;
+    open_board();
+    for (round = 0; round < 3; round++) {
+        memset(command, 0, sizeof command);
+        for (begun = GetTickCount(); GetTickCount() - begun < 600;) {
+            CHECK(write_command());
+        }
+        declare_drives();
+        /* More reports than are kept. */
+        Sleep(200);
+        for (i = 0; i < 100; i++) {
+            CHECK(read_response() && state() == STATE_PRE_OP);
+            CHECK(response[0].CMD == SET_AXIS);
+        }
+    }
+    CloseECMUSB();
+}
+
 /* Has the board open, with reports, until it is told to end. */
 static void shares(const char *end)
 {
@@ -225,6 +247,8 @@ int main(int count, char **arguments)
         limits();
     } else if (strcmp(what, "unread") == 0) {
         unread();
+    } else if (strcmp(what, "rests") == 0) {
+        rests();
     } else if (strcmp(what, "shares") == 0) {
         shares(arguments[2]);
     } else if (strcmp(what, "busy") == 0) {

@@ -8,12 +8,12 @@ use crate::program::{Program, Width, passes};
 use crate::served::{Board, Served, recorded, until};
 
 /// A board that sends a report each millisecond; one that sends none.
-const BOARD: &str = "sim:?slaves=io";
+pub const BOARD: &str = "sim:?slaves=io";
 const SILENT: &str = "sim:?slaves=io&fault.drop.read=1";
 
 /// A board that is plugged in, and shown by the kernel.
 #[track_caller]
-fn plugged(link: &str) -> Served {
+pub fn plugged(link: &str) -> Served {
     let served = Served::start(&[link], &["--attach"]);
     until("the kernel shows it", || Board::all().pop());
     served
@@ -21,7 +21,7 @@ fn plugged(link: &str) -> Served {
 
 /// It is unplugged, and the kernel shows it no more.
 #[track_caller]
-fn unplug(served: Served) {
+pub fn unplug(served: Served) {
     served.kill();
     until("it is gone", || Board::all().is_empty().then_some(()));
 }
@@ -97,6 +97,14 @@ crate::for_each_width! {
     fn unread_reports(width: Width) {
         let served = plugged(BOARD);
         passes(width, "board", "usb:", &["unread"]);
+        unplug(served);
+    }
+
+    /// WIN-67 A program that writes alone for a while reads the newest reports then, and goes on as before.
+    #[test]
+    fn reports_rest_while_a_program_only_writes(width: Width) {
+        let served = plugged(BOARD);
+        passes(width, "board", "usb:", &["rests"]);
         unplug(served);
     }
 

@@ -8,17 +8,18 @@ mod program;
 #[path = "../../rig/served.rs"]
 #[allow(dead_code, reason = "the wire tests use the rest")]
 mod served;
+mod speed;
 
 /// Makes a test of each function for each width.
 macro_rules! for_each_width {
-    ($($(#[doc = $doc:literal])* #[test] fn $name:ident($width:ident: Width) $body:block)*) => {
+    ($($(#[doc = $doc:literal])* #[test] $(#[ignore = $why:literal])? fn $name:ident($width:ident: Width) $body:block)*) => {
         $(fn $name($width: Width) $body)*
 
         mod x64 {
-            $($(#[doc = $doc])* #[test] fn $name() { super::$name(super::Width::X64) })*
+            $($(#[doc = $doc])* #[test] $(#[ignore = $why])? fn $name() { super::$name(super::Width::X64) })*
         }
         mod x86 {
-            $($(#[doc = $doc])* #[test] fn $name() { super::$name(super::Width::X86) })*
+            $($(#[doc = $doc])* #[test] $(#[ignore = $why])? fn $name() { super::$name(super::Width::X86) })*
         }
     };
 }

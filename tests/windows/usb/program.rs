@@ -22,7 +22,7 @@ pub enum Width {
 }
 
 impl Width {
-    const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::X64 => "x64",
             Self::X86 => "x86",

@@ -1,4 +1,5 @@
-//! How long the DLLs take from LoadLibrary to an open board, against an empty one, under Wine.
+//! How long the DLLs take from LoadLibrary to an open board, against an empty one, under Wine; and on a board on USB, in the
+//! guest.
 
 use std::fs;
 use std::path::Path;
@@ -23,6 +24,7 @@ pub fn bench(project: &Project) -> Result<String, Error> {
     for width in Width::ALL {
         build_width(project, width, &prefix)?;
     }
+    said += &(super::usb::bench(project)? + "\n");
     stay_on_one_processor()?;
     for width in Width::ALL {
         let wine = wine::set_up(project, width)?;

@@ -58,8 +58,9 @@ pub const NEEDS_DOTNET_X86: &[Need] =
 pub const NEEDS_USB: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
-/// What the bench needs: both widths.
-pub const NEEDS_BENCH: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, WINE_X64, DEBOOTSTRAP, ROOT];
+/// What the benches need: both widths, and the guest system.
+pub const NEEDS_BENCH: &[Need] =
+    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, WINE_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
 /// The test of the root package that needs the DLLs and Wine.
 const TESTS: &str = "windows";

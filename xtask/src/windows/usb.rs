@@ -20,8 +20,10 @@ use crate::rig::{kernel, modules, packages};
 
 /// The test of the root package that runs in the guest.
 const TESTS: &str = "windows_usb";
-/// Its programs: one of its own, and one that runs on any link.
-const PROGRAMS: [&str; 2] = ["tests/windows/usb/board.c", "tests/c/reset.c"];
+/// Its programs: one of its own, one that runs on any link, and a bench.
+const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
+/// The test that is the bench.
+const BENCH: [&str; 3] = ["speed::", "--ignored", "--nocapture"];
 /// USB and HID, the virtual host controller, and what shows folders of this machine to the guest.
 const MODULES: [&str; 7] = ["vhci-hcd", "usbhid", "hid-generic", "virtio_pci", "9pnet_virtio", "9p", "overlay"];
 const MEMORY_MB: u32 = 2048;
@@ -75,6 +77,22 @@ pub fn takes(name: &str) -> bool {
 
 /// Runs the tests in the guest: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
+    println!("running Windows programs in a guest system, a minute on two free cores");
+    let said = in_guest(project, names, qemu::is_result)?;
+    if said.iter().any(|line| line == "running 0 tests") {
+        return Err(Error::NoTest { names: names.join(" ") });
+    }
+    Ok(())
+}
+
+/// Measures the DLLs on a board on USB, in the guest; gives what the bench says.
+pub fn bench(project: &Project) -> Result<String, Error> {
+    let said = in_guest(project, &BENCH.map(str::to_owned), |line| line.starts_with('{'))?;
+    Ok(said.join("\n"))
+}
+
+/// What is said in a guest that runs the tests with these words.
+fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
     let folder = folder(project).join("usb");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
     let packages = packages::fetch(&project.target.join("xtask/rig"))?;
@@ -82,14 +100,9 @@ pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
     let root = set_up_root(project)?;
     let share = share(project, &folder)?;
     let initrd = pack(&packages, &folder)?;
-    println!("running Windows programs in a guest system, a minute on two free cores");
     let folders = [("root", root.as_path()), ("rig", share.as_path())];
     let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders };
-    let said = qemu::boot(&machine, names, &folder.join("console.log"), qemu::is_result)?;
-    if said.iter().any(|line| line == "running 0 tests") {
-        return Err(Error::NoTest { names: names.join(" ") });
-    }
-    Ok(())
+    qemu::boot(&machine, words, &folder.join("console.log"), is_shown)
 }
 
 /// The Debian with Wine of both widths, which is told where to look for devices.
@@ -126,7 +139,11 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
             for include in [stage.join("include"), project.root.join("tests/c")] {
                 gcc.arg("-I").arg(include);
             }
-            gcc.arg(source).arg("-o").arg(program).arg("-L").arg(stage.join(width.name())).arg("-lNEXTWUSBLib");
+            gcc.arg(source).arg("-o").arg(program).arg("-L").arg(stage.join(width.name())).args([
+                "-lNEXTWUSBLib",
+                "-lhid",
+                "-lsetupapi",
+            ]);
             command::run(&mut gcc)?;
         }
     }

@@ -33,9 +33,10 @@ impl Device {
             Err(error) => return Err(error),
         }
         let claim = Mutex::new(Some(Claim::new(&handle, shape.interface)?));
-        let transfer = |endpoint| Transfer::new(&handle, endpoint, listener.clone()).ok_or(UsbError::NoMemory);
-        let inputs = (0..transfers).map(|_| transfer(shape.input)).collect::<Result<Vec<_>, _>>()?;
-        let output = transfer(shape.output)?;
+        let transfer =
+            |endpoint, number| Transfer::new(&handle, endpoint, number, listener.clone()).ok_or(UsbError::NoMemory);
+        let inputs = (0..transfers).map(|number| transfer(shape.input, number)).collect::<Result<Vec<_>, _>>()?;
+        let output = transfer(shape.output, 0)?;
         Ok(Arc::new(Claimed { inputs, output, claim, handle, shape }))
     }
 }
@@ -47,6 +48,11 @@ impl Line for Claimed {
 
     fn begin_input(&self, number: usize) -> Result<(), UsbError> {
         self.inputs.get(number).ok_or(UsbError::Invalid)?.hand_over()
+    }
+
+    // What is on the wire while no transfer waits for it is lost.
+    fn keep(&self, _reports: Option<usize>) -> bool {
+        false
     }
 
     unsafe fn begin_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError> {

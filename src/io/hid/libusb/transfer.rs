@@ -32,6 +32,8 @@ struct Inner {
     raw: NonNull<RawTransfer>,
     buffer: UnsafeCell<[u8; REPORT_LEN]>,
     to_host: bool,
+    /// Its number, to the host.
+    number: usize,
     listener: Arc<dyn Ended>,
     /// The transfer names the handle.
     handle: Arc<Handle>,
@@ -45,13 +47,14 @@ unsafe impl Sync for Transfer {}
 
 impl Transfer {
     /// A transfer for the endpoint of that address; `None`: there is no memory.
-    pub fn new(handle: &Arc<Handle>, endpoint: u8, listener: Arc<dyn Ended>) -> Option<Self> {
+    pub fn new(handle: &Arc<Handle>, endpoint: u8, number: usize, listener: Arc<dyn Ended>) -> Option<Self> {
         // SAFETY: a transfer without isochronous packets.
         let raw = NonNull::new(unsafe { (handle.bus().api().new_transfer)(0) })?;
         let inner = NonNull::from(Box::leak(Box::new(Inner {
             raw,
             buffer: UnsafeCell::new([0; REPORT_LEN]),
             to_host: endpoint & 0x80 != 0,
+            number,
             listener,
             handle: handle.clone(),
         })));
@@ -138,5 +141,5 @@ fn tell(raw: *mut RawTransfer) {
     // SAFETY: libusb does not have the transfer now, and nobody else touches the buffer of one to the host. It is copied,
     // since the listener may hand the transfer over again while it has the bytes.
     let bytes = unsafe { *transfer.buffer.get() };
-    transfer.listener.input(outcome, &bytes[..moved], &|| transfer.hand_over());
+    transfer.listener.input(transfer.number, outcome, &bytes[..moved], &|| transfer.hand_over());
 }

@@ -10,7 +10,7 @@ use super::super::reports::DEAF;
 use super::*;
 
 const SHAPE: Shape = Shape { interface: 0, input: 0x81, output: 0x02 };
-const LIMITS: Limits = Limits { transfers: 3, queue: 4 };
+const LIMITS: Limits = Limits { transfers: 3, queue: 4, rests: false };
 const NOTHING_LEFT: [isize; 5] = [0; 5];
 const SOON: Option<Duration> = Some(Duration::from_millis(20));
 
@@ -28,7 +28,7 @@ struct Panics {
 }
 
 impl crate::io::hid::line::Ended for Panics {
-    fn input(&self, _: Outcome, _: &[u8], _: &dyn Fn() -> Result<(), UsbError>) {
+    fn input(&self, _: usize, _: Outcome, _: &[u8], _: &dyn Fn() -> Result<(), UsbError>) {
         panic!("this panic is part of the test");
     }
 
@@ -51,7 +51,7 @@ fn a_panic_in_the_callback_does_not_end_the_program() {
     while !*listener.lost.lock() {
         line.handle_events(PATIENCE).expect("events are handled");
     }
-    let shared = Shared::new(4);
+    let shared = Shared::new(LIMITS);
     crate::io::hid::line::Ended::defective(&shared);
     let why = shared.state.lock().fit().unwrap_err().to_string();
     assert!(why.contains("defect") && why.contains("open it again"), "{why}");

@@ -1,5 +1,5 @@
-//! The functions of Windows that are used, found by their names when the first link `usb:` is opened: a program on another
-//! link loads neither `hid.dll` nor `setupapi.dll`. Every one is there since Windows Vista.
+//! The functions of Windows that are used, imported as the vendor's library imports them: to load `setupapi.dll` takes longer
+//! than to open a board. Every one is there since Windows Vista.
 //!
 //! Names and layouts: `fileapi.h`, `ioapiset.h`, `minwinbase.h`, `hidsdi.h`, `hidpi.h`, `setupapi.h`, `cfgmgr32.h`.
 
@@ -94,7 +94,7 @@ pub type Preparsed = *mut c_void;
 pub type DeviceList = *mut c_void;
 
 macro_rules! functions {
-    ($($library:ident: { $($field:ident = $name:ident ($($argument:ty),*) $(-> $result:ty)?;)* })*) => {
+    ($($library:literal: { $($field:ident = $name:ident ($($argument:ty),*) $(-> $result:ty)?;)* })*) => {
         /// The functions.
         #[derive(Clone, Copy)]
         pub struct Api {
@@ -102,21 +102,25 @@ macro_rules! functions {
         }
 
         #[cfg(windows)]
+        mod imported {
+            use super::*;
+
+            $(#[link(name = $library)]
+            unsafe extern "system" {
+                $(pub fn $name($(_: $argument),*) $(-> $result)?;)*
+            })*
+        }
+
+        #[cfg(windows)]
         impl Api {
-            /// Looks them up.
-            ///
-            /// # Safety
-            /// The libraries are those of Windows, and stay loaded as long as one of the functions may be called.
-            unsafe fn of(libraries: &Libraries) -> Result<Self, libloading::Error> {
-                // SAFETY: by the caller's promise the functions are those that Windows' headers declare.
-                Ok(unsafe { Self { $($($field: *libraries.$library.get(concat!(stringify!($name), "\0"))?,)*)* } })
-            }
+            /// Windows' own.
+            pub const WINDOWS: Self = Self { $($($field: imported::$name,)*)* };
         }
     };
 }
 
 functions! {
-    kernel32: {
+    "kernel32": {
         create_file = CreateFileW(*const u16, u32, u32, *const c_void, u32, u32, Handle) -> Handle;
         close_handle = CloseHandle(Handle) -> Bool;
         read_file = ReadFile(Handle, *mut u8, u32, *mut u32, *mut Overlapped) -> Bool;
@@ -127,7 +131,7 @@ functions! {
         post_completion = PostQueuedCompletionStatus(Handle, u32, usize, *mut Overlapped) -> Bool;
         last_error = GetLastError() -> u32;
     }
-    hid: {
+    "hid": {
         hid_class = HidD_GetHidGuid(*mut Guid);
         preparsed = HidD_GetPreparsedData(Handle, *mut Preparsed) -> u8;
         free_preparsed = HidD_FreePreparsedData(Preparsed) -> u8;
@@ -136,7 +140,7 @@ functions! {
         product_text = HidD_GetProductString(Handle, *mut c_void, u32) -> u8;
         serial_text = HidD_GetSerialNumberString(Handle, *mut c_void, u32) -> u8;
     }
-    setupapi: {
+    "setupapi": {
         list = SetupDiGetClassDevsW(*const Guid, *const u16, Handle, u32) -> DeviceList;
         free_list = SetupDiDestroyDeviceInfoList(DeviceList) -> Bool;
         interface = SetupDiEnumDeviceInterfaces(DeviceList, *const c_void, *const Guid, u32, *mut InterfaceData) -> Bool;
@@ -145,48 +149,6 @@ functions! {
         parent = CM_Get_Parent(*mut u32, u32, u32) -> u32;
         device_id = CM_Get_Device_IDW(u32, *mut u16, u32, u32) -> u32;
     }
-}
-
-/// The DLLs of Windows, loaded until this is dropped.
-#[cfg(windows)]
-pub struct Libraries {
-    kernel32: libloading::os::windows::Library,
-    hid: libloading::os::windows::Library,
-    setupapi: libloading::os::windows::Library,
-}
-
-#[cfg(windows)]
-impl Libraries {
-    /// Loads them.
-    pub fn load() -> Result<(Self, Api), libloading::Error> {
-        use libloading::os::windows::Library;
-
-        let kernel32 = Library::open_already_loaded("kernel32.dll")?;
-        let folder = system_folder(&kernel32)?;
-        // By their whole paths: a file of that name beside the program is none of Windows'.
-        // SAFETY: what Windows' own DLLs do when they are loaded is harmless.
-        let load = |name: &str| unsafe { Library::new(folder.join(name)) };
-        let libraries = Self { hid: load("hid.dll")?, setupapi: load("setupapi.dll")?, kernel32 };
-        // SAFETY: they are Windows' own; whoever has the functions keeps them.
-        let api = unsafe { Api::of(&libraries) }?;
-        Ok((libraries, api))
-    }
-}
-
-/// Where Windows' own DLLs of this width lie.
-#[cfg(windows)]
-fn system_folder(kernel32: &libloading::os::windows::Library) -> Result<std::path::PathBuf, libloading::Error> {
-    use std::ffi::OsString;
-    use std::os::windows::ffi::OsStringExt;
-
-    let mut path = [0_u16; LONGEST_PATH];
-    // SAFETY: the function is the one that `sysinfoapi.h` declares, and the buffer has room for as much as is said.
-    let length = unsafe {
-        let name = "GetSystemDirectoryW\0";
-        let function = kernel32.get::<unsafe extern "system" fn(*mut u16, u32) -> u32>(name)?;
-        function(path.as_mut_ptr(), LONGEST_PATH as u32)
-    };
-    Ok(OsString::from_wide(path.get(..length as usize).unwrap_or_default()).into())
 }
 
 #[cfg(test)]

@@ -8,9 +8,6 @@ use super::api::Api;
 #[cfg(windows)]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoBus {
-    /// A DLL of Windows is not there.
-    #[error("Windows' hid.dll or setupapi.dll cannot be loaded ({0}); repair Windows: `sfc /scannow`")]
-    NoLibrary(String),
     /// Windows lists no devices.
     #[error("Windows does not list its HID devices ({0}); start it anew")]
     Usb(#[from] super::UsbError),
@@ -19,31 +16,22 @@ pub enum NoBus {
 /// Windows' HID driver.
 pub struct Bus {
     api: Api,
-    /// What the functions lie in.
-    #[cfg(windows)]
-    _libraries: Option<super::api::Libraries>,
 }
 
 impl Bus {
-    /// Looks for Windows' HID driver.
+    /// Windows' HID driver, which is always there.
     ///
     /// # Errors
-    /// [`NoBus`].
+    /// None; [`NoBus`] is why its devices cannot be listed.
     #[cfg(windows)]
     pub fn open() -> Result<Arc<Self>, NoBus> {
-        let loaded = super::api::Libraries::load();
-        let (libraries, api) = loaded.map_err(|error| NoBus::NoLibrary(error.to_string()))?;
-        Ok(Arc::new(Self { api, _libraries: Some(libraries) }))
+        Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 
     /// The driver behind these functions.
     #[cfg(test)]
     pub(super) fn over(api: Api) -> Arc<Self> {
-        Arc::new(Self {
-            api,
-            #[cfg(windows)]
-            _libraries: None,
-        })
+        Arc::new(Self { api })
     }
 
     pub(super) const fn api(&self) -> &Api {

@@ -182,6 +182,11 @@ impl World {
         self.with(|inside| inside.asked)
     }
 
+    /// Reads that Windows has.
+    pub fn reads(&self) -> usize {
+        self.with(|inside| inside.pending.iter().filter(|pending| pending.to_host).count())
+    }
+
     pub fn keeps(&self) -> Option<u32> {
         self.with(|inside| inside.keeps)
     }
@@ -196,13 +201,15 @@ impl Inside {
     /// Moves what is to be sent into reads, the oldest first.
     fn deliver(&mut self) {
         while !self.to_send.is_empty() {
-            let Some(at) = self.pending.iter().position(|pending| pending.to_host) else { return };
+            let Some(at) = self.pending.iter().position(|pending| pending.to_host) else { break };
             let (Pending { overlapped, buffer, .. }, bytes) = (self.pending.remove(at), self.to_send.pop_front());
             let bytes = bytes.unwrap_or_default();
             // SAFETY: Windows has the transfer, whose buffer has room for a report.
             unsafe { buffer.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len().min(NUMBERED_LEN)) };
             self.ended.push_back((overlapped, 0, bytes.len()));
         }
+        let keeps = self.keeps.map_or(0, |keeps| keeps as usize);
+        self.to_send.drain(..self.to_send.len().saturating_sub(keeps));
     }
 
     /// A write of that report; the code that the function for it fails by.

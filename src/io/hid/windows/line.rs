@@ -13,7 +13,9 @@ use super::{Ended, Line, NUMBERED_LEN, Outcome, REPORT_LEN, UsbError, codes};
 
 /// The most reports that the driver keeps for a handle that has no read under way (HidD_SetNumInputBuffers); its default
 /// is 32. What it drops nobody counts, so it is to keep as much as it can. \[OURS]
-const DRIVER_KEEPS: u32 = 512;
+const DRIVER_KEEPS: usize = 512;
+/// The fewest that it may be told to keep.
+const DRIVER_KEEPS_AT_LEAST: usize = 2;
 
 /// A line by Windows' HID driver.
 struct Overlapping {
@@ -34,11 +36,12 @@ impl Device {
         listener: &Arc<impl Ended + 'static>,
     ) -> Result<Arc<dyn Line>, UsbError> {
         let handle = Arc::new(Owned::open(&self.bus, &self.path, true)?);
-        // SAFETY: the handle is open. A driver that keeps fewer is no reason not to open it.
-        unsafe { (self.bus.api().set_input_buffers)(handle.raw(), DRIVER_KEEPS) };
         let port = handle.port()?;
         let inputs = (0..transfers).map(|_| Transfer::new()).collect();
-        Ok(Arc::new(Overlapping { inputs, output: Transfer::new(), port, handle, listener: listener.clone() }))
+        let line = Overlapping { inputs, output: Transfer::new(), port, handle, listener: listener.clone() };
+        // A driver that keeps fewer is no reason not to open it.
+        line.keep(None);
+        Ok(Arc::new(line))
     }
 }
 
@@ -138,13 +141,14 @@ impl Overlapping {
             // The number is no part of the report.
             return self.listener.output(outcome, moved.saturating_sub(1));
         }
-        let Some(input) = self.inputs.iter().find(|input| input.overlapped() == overlapped) else { return };
+        let Some(number) = self.inputs.iter().position(|input| input.overlapped() == overlapped) else { return };
+        let input = &self.inputs[number];
         // SAFETY: Windows has given the transfer back, and no other thread takes one meanwhile. It is copied, since the
         // listener may hand the transfer over again while it has the bytes.
         let bytes = unsafe { *input.inner().buffer.get() };
         // A report of another number is none of the board's.
         let report = if bytes[0] == 0 { bytes.get(1..moved).unwrap_or_default() } else { &[] };
-        self.listener.input(outcome, report, &|| self.read(input));
+        self.listener.input(number, outcome, report, &|| self.read(input));
     }
 }
 
@@ -155,6 +159,14 @@ impl Line for Overlapping {
 
     fn begin_input(&self, number: usize) -> Result<(), UsbError> {
         self.read(self.inputs.get(number).ok_or(UsbError::Invalid)?)
+    }
+
+    fn keep(&self, reports: Option<usize>) -> bool {
+        let reports = reports.unwrap_or(DRIVER_KEEPS);
+        let set = self.handle.bus().api().set_input_buffers;
+        // SAFETY: the handle is open until `drop`.
+        (DRIVER_KEEPS_AT_LEAST..=DRIVER_KEEPS).contains(&reports)
+            && unsafe { set(self.handle.raw(), reports as u32) } != 0
     }
 
     unsafe fn begin_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError> {

@@ -8,15 +8,21 @@ use super::fake::{BOARD, Listed, Takes, World};
 use super::*;
 use crate::io::hid::calls::{PATIENCE, in_time, read};
 use crate::io::hid::reports::Shared;
-use crate::io::hid::{NotOne, Pipe, PipeError, PipeStats};
+use crate::io::hid::{Limits, NotOne, Pipe, PipeError, PipeStats};
 
 const TRANSFERS: usize = 3;
 const QUEUE: usize = 4;
 const SOON: Duration = Duration::from_millis(20);
 
+const LIMITS: Limits = Limits { transfers: TRANSFERS, queue: QUEUE, rests: false };
+
 fn try_open(world: &'static World) -> Result<Pipe, PipeError> {
+    open_with(world, LIMITS)
+}
+
+fn open_with(world: &'static World, limits: Limits) -> Result<Pipe, PipeError> {
     let candidate = world.candidates().expect("it lists").pop().expect("it is there");
-    let shared = Arc::new(Shared::new(QUEUE));
+    let shared = Arc::new(Shared::new(limits));
     let shape = candidate.shape.expect("a board");
     let line = candidate.device.line(shape, TRANSFERS, &shared)?;
     Pipe::over(line, shared)
@@ -211,10 +217,108 @@ fn an_open_that_fails_leaves_nothing() {
     let world = World::new(vec![BOARD]);
     let found = world.candidates().expect("it lists");
     world.pull(1167);
-    let shared = Arc::new(Shared::new(QUEUE));
+    let shared = Arc::new(Shared::new(LIMITS));
     let device = &found[0].device;
     let refused = device.line(found[0].shape.expect("a board"), TRANSFERS, &shared).map(drop);
     assert_eq!(refused, Err(UsbError::NoDevice));
     drop(found);
     assert_eq!(world.left(), 0);
+}
+
+/// A board whose program has only written for a while, so that its reports rest with Windows.
+fn at_rest() -> (&'static World, Pipe) {
+    let world = World::new(vec![BOARD]);
+    let pipe = open_with(world, Limits { rests: true, ..LIMITS }).expect("it opens");
+    assert_eq!(pipe.write(&[1; REPORT_LEN], None), Ok(()));
+    assert_eq!(world.reads(), TRANSFERS);
+    in_time(move || {
+        while world.reads() > 0 {
+            pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
+            world.send(0, &[99; REPORT_LEN]);
+            thread::sleep(Duration::from_millis(1));
+        }
+        (world, pipe)
+    })
+}
+
+/// WIN-67 Reports are left to the driver while a program only writes, which keeps the newest; a read takes them first, and
+/// from then on none is lost again.
+#[test]
+fn while_a_program_only_writes_its_reports_rest() {
+    let (world, pipe) = at_rest();
+    assert_eq!(world.keeps(), Some(QUEUE as u32));
+    let before = pipe.stats().reports;
+    for fill in 0..10 {
+        world.send(0, &[fill; REPORT_LEN]);
+        pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
+    }
+    assert_eq!((world.reads(), pipe.stats().reports), (0, before), "nobody asks for them");
+    let first = read(&pipe, Some(PATIENCE)).expect("it reads");
+    assert_eq!(first.0, 6, "the newest {QUEUE} are kept");
+    assert_eq!(world.keeps(), Some(512));
+    for fill in 7..10 {
+        assert_eq!(read(&pipe, Some(PATIENCE)).map(|(fill, _)| fill), Ok(fill));
+    }
+    world.until_pending(TRANSFERS);
+    (0..10).for_each(|fill| world.send(0, &[fill; REPORT_LEN]));
+    world.until_pending(TRANSFERS);
+    assert_eq!(read(&pipe, Some(PATIENCE)).map(|(fill, number)| (fill, number > first.1)), Ok((6, true)));
+}
+
+/// WIN-67 A board that says nothing more keeps no read waiting for what it does not send, and what was kept is read.
+#[test]
+fn a_silent_board_ends_a_rest() {
+    let (_, pipe) = at_rest();
+    assert_eq!(read(&pipe, Some(Duration::ZERO)).map(|(fill, _)| fill), Ok(99));
+    let pipe = Arc::new(pipe);
+    let reads = pipe.clone();
+    assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(99));
+}
+
+/// WIN-67 A board that goes while its reports rest: the next write says so, or the next read, or, if there is none, it is
+/// seen after a second.
+#[test]
+fn a_board_that_goes_while_its_reports_rest() {
+    let (world, pipe) = at_rest();
+    world.pull(1167);
+    assert!(matches!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(_))));
+    assert!(matches!(read(&pipe, None), Err(PipeError::Lost(_))));
+
+    let (world, pipe) = at_rest();
+    world.pull(1167);
+    assert!(matches!(read(&pipe, None), Err(PipeError::Lost(_))), "no kept report is given as true");
+
+    let (world, pipe) = at_rest();
+    world.until_pending(TRANSFERS);
+    world.pull(1167);
+    in_time(move || {
+        while pipe.check().is_ok() {
+            thread::sleep(Duration::from_millis(1));
+        }
+    });
+}
+
+/// WIN-67 A program that writes now and then, one that reads now and then and one that may not leave its reports unread:
+/// reads are under way at all times.
+#[test]
+fn others_never_rest() {
+    let world = World::new(vec![BOARD]);
+    let counts = open_with(world, LIMITS).expect("it opens");
+    let reader = World::new(vec![BOARD]);
+    let reads = open_with(reader, Limits { rests: true, ..LIMITS }).expect("it opens");
+    let seldom = World::new(vec![BOARD]);
+    let writes_seldom = open_with(seldom, Limits { rests: true, ..LIMITS }).expect("it opens");
+    for round in 0..500 {
+        for pipe in [&counts, &reads] {
+            pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
+        }
+        if round % 10 == 0 {
+            assert_eq!(writes_seldom.write(&[1; REPORT_LEN], None), Ok(()));
+            let _ = read(&reads, Some(Duration::ZERO));
+        }
+        [world, reader, seldom].iter().for_each(|world| world.send(0, &[round as u8; REPORT_LEN]));
+        thread::sleep(Duration::from_millis(1));
+    }
+    in_time(move || [world, reader, seldom].iter().for_each(|world| world.until_pending(TRANSFERS)));
+    assert_eq!(counts.stats().dropped, 500 - QUEUE as u64);
 }

@@ -1,0 +1,19 @@
+//! The bench of the library on a board on USB, `cargo xtask bench --windows`: a kernel's USB is there in the guest alone.
+
+use crate::boards::{BOARD, plugged, unplug};
+use crate::program::{Program, Width};
+
+crate::for_each_width! {
+    /// Its figures are lines of the output.
+    #[test]
+    #[ignore = "a bench: cargo xtask bench --windows"]
+    fn figures(width: Width) {
+        let served = plugged(BOARD);
+        let name = format!("windows_usb_{}", width.name());
+        let figures = Program::start(width, "usb", "usb:", &[&name]).all();
+        assert_eq!(figures.len(), 3, "{figures:?}");
+        // The name of the test stands at the begin of the line.
+        println!("\n{}", figures.join("\n"));
+        unplug(served);
+    }
+}

@@ -81,7 +81,7 @@ impl State {
             event_errors: 0,
             deaf: false,
             failures: 0,
-            rest: Rest::new(limits.rests),
+            rest: Rest::new(limits),
             stats: PipeStats::default(),
         }
     }

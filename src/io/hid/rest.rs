@@ -3,12 +3,12 @@
 //!
 //! What the system drops meanwhile nobody counts, so that a pipe rests only if its owner lets it.
 
-use std::mem;
 use std::time::{Duration, Instant};
 
 use parking_lot::MutexGuard;
 
 use super::line::Line;
+use super::pipe::Limits;
 use super::reports::{GONE, Shared, State};
 
 /// So long no call has read .. \[OURS]
@@ -49,9 +49,9 @@ enum Phase {
 }
 
 impl Rest {
-    pub fn new(allowed: bool) -> Self {
-        let (now, parked) = (Instant::now(), Vec::new());
-        Self { allowed, read_at: now, wrote_at: now, reads: 0, writes: 0, phase: Phase::Taking, parked }
+    pub fn new(limits: Limits) -> Self {
+        let (now, parked) = (Instant::now(), Vec::with_capacity(limits.transfers));
+        Self { allowed: limits.rests, read_at: now, wrote_at: now, reads: 0, writes: 0, phase: Phase::Taking, parked }
     }
 
     /// Whether a transfer that has ended is left with the pipe.
@@ -136,12 +136,12 @@ impl Shared {
 
     /// Reports are taken again.
     pub fn end_rest(&self, state: &mut State, line: &dyn Line) {
-        if state.rest.phase != Phase::Resting {
+        if state.rest.phase != Phase::Resting || state.closing || state.lost.is_some() {
             return;
         }
         state.rest.phase = Phase::CatchingUp { missing: self.queue, until: Instant::now() + TAKEN_WITHIN };
         state.rest.writes = 0;
-        for number in mem::take(&mut state.rest.parked) {
+        while let Some(number) = state.rest.parked.pop() {
             if line.begin_input(number).is_err() {
                 return self.lose(state, GONE);
             }

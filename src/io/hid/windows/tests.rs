@@ -275,10 +275,17 @@ fn a_silent_board_ends_a_rest() {
     assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(99));
 }
 
-/// WIN-67 A board that goes while its reports rest: the next write says so, or the next read, or, if there is none, it is
+/// WIN-67 A board that is closed or goes while its reports rest: closing ends all; the next write says so, or the next read, or, if there is none, it is
 /// seen after a second.
 #[test]
 fn a_board_that_goes_while_its_reports_rest() {
+    let (world, pipe) = at_rest();
+    pipe.close();
+    assert_eq!(read(&pipe, None), Err(PipeError::Closed));
+    assert_eq!(world.reads(), 0, "nothing is begun any more");
+    drop(pipe);
+    assert_eq!(world.left(), 0);
+
     let (world, pipe) = at_rest();
     world.pull(1167);
     assert!(matches!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(_))));

@@ -102,7 +102,7 @@ crate::for_each_width! {
     #[test]
     fn only_system_dlls_are_imported(width: Width) {
         let system = [
-            "advapi32.dll", "bcrypt.dll", "gdi32.dll", "hid.dll", "kernel32.dll", "setupapi.dll", "shell32.dll", "msvcrt.dll", "ntdll.dll", "user32.dll", "userenv.dll", "ws2_32.dll"];
+            "advapi32.dll", "bcrypt.dll", "cfgmgr32.dll", "gdi32.dll", "hid.dll", "kernel32.dll", "setupapi.dll", "shell32.dll", "msvcrt.dll", "ntdll.dll", "user32.dll", "userenv.dll", "ws2_32.dll"];
         for file in ["NEXTWUSBLib.dll", "ecmsk.exe"] {
             let bytes = std::fs::read(width.stage().join(file)).expect("a file of the stage");
             let imports = of_dll!(width, &*bytes, imports_of);

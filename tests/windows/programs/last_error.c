@@ -52,18 +52,30 @@ static void reset(void)
 static DWORD WINAPI reader(LPVOID unused)
 {
     (void)unused;
-    LEAVES(!read_response(), ERROR_ACCESS_DENIED);
-    return 0;
+    SetLastError(12345);
+    CHECK(!read_response());
+    return GetLastError();
 }
 
 static void closed(void)
 {
-    HANDLE thread = CreateThread(NULL, 0, reader, NULL, 0, NULL);
-    CHECK(thread != NULL);
-    /* Until it waits in the call; should it come later it finds nothing open, and the program says so. */
-    Sleep(1000);
-    LEAVES(closes(), 12345);
-    CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
+    DWORD wait, left;
+    for (wait = 100;; wait *= 4) {
+        HANDLE thread = CreateThread(NULL, 0, reader, NULL, 0, NULL);
+        CHECK(thread != NULL);
+        /* Until it waits in the call. */
+        Sleep(wait);
+        LEAVES(closes(), 12345);
+        CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
+        CHECK(GetExitCodeThread(thread, &left));
+        CloseHandle(thread);
+        if (left == ERROR_ACCESS_DENIED) {
+            return;
+        }
+        /* It came later, when nothing was open any more. */
+        CHECK(left == ERROR_INVALID_HANDLE && wait < 60000);
+        LEAVES(OpenECMUSB(), 0);
+    }
 }
 
 int main(int count, char **arguments)

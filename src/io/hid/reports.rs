@@ -33,6 +33,7 @@ pub(super) struct Report {
     pub number: u64,
 }
 
+#[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
     /// Transfers that the system has.
@@ -65,25 +66,8 @@ pub(super) struct State {
 
 impl State {
     fn new(limits: Limits) -> Self {
-        Self {
-            reports: VecDeque::with_capacity(limits.queue.min(PREPARED)),
-            pending: 0,
-            written: None,
-            lost: None,
-            stalled: false,
-            closing: false,
-            cancelled_reads: 0,
-            cancelled_writes: 0,
-            handled: false,
-            turns: 0,
-            waiting: 0,
-            asleep: false,
-            event_errors: 0,
-            deaf: false,
-            failures: 0,
-            rest: Rest::new(limits),
-            stats: PipeStats::default(),
-        }
+        let reports = VecDeque::with_capacity(limits.queue.min(PREPARED));
+        Self { reports, rest: Rest::new(limits), ..Self::default() }
     }
 
     /// Whether the device is there.

@@ -29,7 +29,7 @@ pub(super) struct Rest {
     wrote_at: Instant,
     /// Reads under way.
     reads: usize,
-    /// Writes since then.
+    /// Writes since the last read.
     writes: u32,
     phase: Phase,
     /// Transfers to the host that are not handed over.
@@ -48,10 +48,25 @@ enum Phase {
     },
 }
 
+/// A pipe that may not rest.
+impl Default for Rest {
+    fn default() -> Self {
+        let now = Instant::now();
+        Self {
+            allowed: false,
+            read_at: now,
+            wrote_at: now,
+            reads: 0,
+            writes: 0,
+            phase: Phase::Taking,
+            parked: Vec::new(),
+        }
+    }
+}
+
 impl Rest {
     pub fn new(limits: Limits) -> Self {
-        let (now, parked) = (Instant::now(), Vec::with_capacity(limits.transfers));
-        Self { allowed: limits.rests, read_at: now, wrote_at: now, reads: 0, writes: 0, phase: Phase::Taking, parked }
+        Self { allowed: limits.rests, parked: Vec::with_capacity(limits.transfers), ..Self::default() }
     }
 
     /// Whether a transfer that has ended is left with the pipe.

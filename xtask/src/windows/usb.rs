@@ -77,7 +77,6 @@ pub fn takes(name: &str) -> bool {
 
 /// Runs the tests in the guest: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
-    println!("running Windows programs in a guest system, a minute on two free cores");
     let said = in_guest(project, names, qemu::is_result)?;
     if said.iter().any(|line| line == "running 0 tests") {
         return Err(Error::NoTest { names: names.join(" ") });
@@ -102,6 +101,7 @@ fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> 
     let initrd = pack(&packages, &folder)?;
     let folders = [("root", root.as_path()), ("rig", share.as_path())];
     let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders };
+    println!("running Windows programs in a guest system, some minutes on two free cores");
     qemu::boot(&machine, words, &folder.join("console.log"), is_shown)
 }
 

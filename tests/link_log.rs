@@ -1,45 +1,16 @@
 //! What the log says of commands that a board in this process has not executed.
 #![cfg(feature = "sim")]
 
+mod heard;
 mod script_client;
 mod support;
-
-use std::sync::{Mutex, MutexGuard};
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::StateFailure;
 use ecmsk::sk::{DriveSync, Frame, MasterState, Motion, SdoCommand, SlaveCommand, SlaveKind, StateByte};
+use heard::{lines_with, listen};
 use script_client::{Client, SIZE};
-
-/// Lines of this process, warnings and worse, and the test that listens.
-static HEARD: Mutex<Vec<String>> = Mutex::new(Vec::new());
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-struct Listener;
-
-impl log::Log for Listener {
-    fn enabled(&self, _: &log::Metadata) -> bool {
-        true
-    }
-    fn log(&self, record: &log::Record) {
-        HEARD.lock().unwrap().push(record.args().to_string());
-    }
-    fn flush(&self) {}
-}
-
-/// Lines are heard from now on, by this test alone.
-fn listen() -> MutexGuard<'static, ()> {
-    let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let _ = log::set_logger(&Listener);
-    log::set_max_level(log::LevelFilter::Warn);
-    HEARD.lock().unwrap().clear();
-    turn
-}
-
-fn lines_with(word: &str) -> Vec<String> {
-    HEARD.lock().unwrap().iter().filter(|line| line.contains(word)).cloned().collect()
-}
 
 /// SK-4.78 A program that writes faster than the board takes commands out is told so once, when the first frame is lost, and
 /// once how many were lost, when it has ended.
@@ -55,17 +26,17 @@ fn a_full_fifo_is_told_when_it_begins_and_when_it_ends() {
     }
     let lost = client.link.stats().board.expect("a board of this process").full;
     assert!(lost > 500, "{lost}");
-    let told = lines_with("FIFO full");
+    let told = lines_with(&["FIFO full"]);
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("1 command frame(s)") && told[0].contains("slot 0"), "{told:?}");
     for _ in 0..1200 {
         client.read();
     }
-    let told = lines_with("FIFO full");
+    let told = lines_with(&["FIFO full"]);
     assert_eq!(told.len(), 2, "{told:?}");
     assert!(told[1].contains(&format!("{lost} command frame(s)")), "{told:?}");
     client.link.close();
-    assert_eq!(lines_with("FIFO full").len(), 2);
+    assert_eq!(lines_with(&["FIFO full"]).len(), 2);
 }
 
 /// SK-4.78 Targets before SV_ON are told with what to do; a link that is closed first tells the count.
@@ -79,7 +50,7 @@ fn targets_for_a_drive_that_is_off() {
         client.read();
     }
     client.link.close();
-    let told = lines_with("for a drive that was not on");
+    let told = lines_with(&["for a drive that was not on"]);
     assert_eq!(told.len(), 2, "{told:?}");
     assert!(told[0].contains("SV_ON") && told[1].contains("50 target(s)"), "{told:?}");
 }
@@ -94,7 +65,7 @@ fn an_aborted_write_is_told() {
     client.write(|f| f.put_sdo(SIZE, &command));
     client.until("the abort", |c| c.slot(SIZE.sdo_slot()).parm == 0x8002);
     client.read();
-    let told = lines_with("SDO_WR of slave 2, 0x2101:3");
+    let told = lines_with(&["SDO_WR of slave 2, 0x2101:3"]);
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("0x06020000") && told[0].contains("objects@any"), "{told:?}");
     assert_eq!(client.link.stats().board.expect("a board of this process").sdo_aborted, 1);
@@ -111,7 +82,7 @@ fn a_state_that_failed_is_explained() {
     client.until("0x12", |c| c.answer().state == StateByte::failed(Some(MasterState::PreOp)));
     let why = client.link.stats().state_failure.expect("a board of this process knows");
     assert!(matches!(why, StateFailure::Declared { slave: 1, kind: SlaveKind::Io, al_status: 0x001D, abort: None }));
-    let told = lines_with("a change of state has failed");
+    let told = lines_with(&["a change of state has failed"]);
     assert!(told.len() == 1 && told[0].contains("slave 1") && told[0].contains("SET_AXIS"), "{told:?}");
     assert_eq!(StateFailure::explain(client.answer().state, Some(&why)), Some(why.to_string()));
     client.op();

@@ -7,6 +7,8 @@ mod bus_wrapper;
 mod client;
 mod early;
 mod habits;
+#[path = "../heard/mod.rs"]
+mod heard;
 mod slow;
 mod stepped;
 mod stress;

@@ -13,6 +13,7 @@ use ecmsk::sk::{CrcPolicy, CycleTime, DcShift, FIFO_ENTRIES, Frame, MasterComman
 use ecmsk::slave::{Drive, DriveConfig};
 
 use crate::client::{Client, MS, SIZE, board, open, open_kept, soft_reset, target};
+use crate::heard::{lines_with, listen};
 use crate::slow::Hooked;
 
 fn options() -> RunOptions {
@@ -282,7 +283,7 @@ fn a_dead_runner_ends_the_waits() {
 /// Wishes that the system refuses are warnings: the board runs all the same.
 #[test]
 fn refused_wishes_are_warnings() {
-    listen();
+    let _turn = listen();
     // No system has priority 200.
     let real_time = RealTime { priority: Some(200), lock_memory: false };
     let (board, _) = board(1);
@@ -294,50 +295,24 @@ fn refused_wishes_are_warnings() {
     link.close();
     let late = link.lateness().expect("on the real clock");
     assert!(late.cycles >= 20, "{late:?}");
-    assert!(heard(&["priority=200", "refused", "ulimit -r 200"]), "{:?}", HEARD.lock());
+    let told = lines_with(&["priority=200", "refused", "ulimit -r 200"]);
+    assert!(!told.is_empty(), "{:?}", lines_with(&[]));
 }
 
 /// SK-4.39 A rejection is logged with its reason, from the host's calls, on either clock.
 #[test]
 fn rejections_are_logged() {
-    listen();
+    let _turn = listen();
     for (id, virtual_time) in [(0x71, true), (0x72, false)] {
         let (mut client, _) = open(1, RunOptions { virtual_time, ..options() });
         let mut frame = Frame::new();
         frame.put(SIZE, 3, &RawSlot { id, ..RawSlot::ZERO });
         client.write(&frame);
-        let words = [format!("0x{id:02X}"), "slot 3".to_owned(), "no such command".to_owned()];
+        let id = format!("0x{id:02X}");
         let reads = (0..2000).find(|_| {
             client.read();
-            heard(&words)
+            !lines_with(&[&id, "slot 3", "no such command"]).is_empty()
         });
-        assert!(reads.is_some(), "{words:?}: {:?}", HEARD.lock());
+        assert!(reads.is_some(), "{id}: {:?}", lines_with(&[]));
     }
-}
-
-/// Warnings of this process.
-static HEARD: Mutex<Vec<String>> = Mutex::new(Vec::new());
-
-struct Listener;
-
-impl log::Log for Listener {
-    fn enabled(&self, _: &log::Metadata) -> bool {
-        true
-    }
-    fn log(&self, record: &log::Record) {
-        HEARD.lock().unwrap().push(record.args().to_string());
-    }
-    fn flush(&self) {}
-}
-
-/// Warnings are heard from now on.
-fn listen() {
-    // The first test that listens installs it.
-    let _ = log::set_logger(&Listener);
-    log::set_max_level(log::LevelFilter::Warn);
-}
-
-/// Whether there was a warning with all of these words.
-fn heard(words: &[impl AsRef<str>]) -> bool {
-    HEARD.lock().unwrap().iter().any(|warning| words.iter().all(|word| warning.contains(word.as_ref())))
 }

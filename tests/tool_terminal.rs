@@ -139,6 +139,15 @@ impl Terminal {
         self.keys.write_all(keys.as_bytes()).expect("it reads");
     }
 
+    /// Brings the shell's network to OP and its drive on.
+    fn servo_on(&mut self) {
+        for (line, answer) in [("state op\r", "OP\r\n"), ("servo on 1\r", "Operation enabled")] {
+            self.keys(line);
+            self.until(answer);
+            self.until("ecmsk> ");
+        }
+    }
+
     fn signal(&self, signal: Signal) {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
     }
@@ -188,12 +197,7 @@ fn a_session() {
 fn signals_in_the_shell() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive"]);
     terminal.until("ecmsk> ");
-    terminal.keys("state op\r");
-    terminal.until("OP\r\n");
-    terminal.until("ecmsk> ");
-    terminal.keys("servo on 1\r");
-    terminal.until("Operation enabled");
-    terminal.until("ecmsk> ");
+    terminal.servo_on();
     terminal.keys("move 1=900000 --velocity 100000\r");
     terminal.until("\r\x1b[K[##");
     terminal.until("-] moving, ");
@@ -220,12 +224,7 @@ fn a_closed_terminal_ends_the_shell() {
             let mut terminal = Terminal::start_as(&["shell", "--link", "sim:?slaves=drive"], owner);
             terminal.until("ecmsk> ");
             if moving {
-                terminal.keys("state op\r");
-                terminal.until("OP\r\n");
-                terminal.until("ecmsk> ");
-                terminal.keys("servo on 1\r");
-                terminal.until("Operation enabled");
-                terminal.until("ecmsk> ");
+                terminal.servo_on();
                 terminal.keys("move 1=90000 --velocity 100000\r");
                 terminal.until("moving, ");
             }

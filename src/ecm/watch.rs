@@ -53,6 +53,10 @@ pub struct Watch {
     state: Option<MasterState>,
     /// The FIFO-full count of the newest report in OP.
     full_count: u16,
+    /// The error count of the newest report.
+    error_count: u8,
+    /// SW_RESET went by. The board may have refused it (SK-1.18), and then all is as it was.
+    resets: bool,
     /// SET_FIFO has set a threshold that may be in force.
     has_threshold: bool,
 }
@@ -65,6 +69,8 @@ impl Default for Watch {
             cycle: CycleTime::DEFAULT,
             state: None,
             full_count: 0,
+            error_count: 0,
+            resets: false,
             has_threshold: false,
         }
     }
@@ -78,16 +84,24 @@ impl Watch {
 
     /// A command frame goes by that the board has taken.
     pub fn command(&mut self, frame: &Frame, size: SlotSize) {
+        let command = MasterCommand::decode(&frame.slot(size, 0), size);
+        if let Ok(MasterCommand::SoftReset) = command {
+            self.resets = true;
+            return;
+        }
+        // Whoever declares slaves after it has seen it, or has waited.
+        if self.resets && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
+            self.forget_all(None);
+        }
         let set_up = !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op));
         self.kinds.command(frame, size);
-        match MasterCommand::decode(&frame.slot(size, 0), size) {
+        match command {
             Ok(MasterCommand::SetAxis { group, .. }) if set_up => {
                 // What DRIVE_MODE has stored stays (SK-4.42).
                 let slaves = self.slaves.iter_mut().skip(usize::from(group) * 8).take(8);
                 slaves.for_each(|seen| *seen = Seen { mode: seen.mode, ..Seen::default() });
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
-            Ok(MasterCommand::SoftReset) => *self = Self::default(),
             // What was executed last is not known any more: it was among what is dropped, or before it.
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
                 self.forget_targets();
@@ -110,20 +124,30 @@ impl Watch {
 
     /// A report goes by.
     pub fn report(&mut self, frame: &Frame, size: SlotSize) {
-        self.kinds.response(frame, size);
         let board = MasterResponse::decode(&frame.slot(size, 0));
+        self.kinds.response(frame, size);
         self.state = board.state.state();
-        if self.state != Some(MasterState::Op) {
+        let in_op = self.state == Some(MasterState::Op);
+        // A board that resets itself begins to count anew.
+        let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
+        self.resets &= !refused;
+        if self.resets && !in_op {
+            self.forget_all(board.state.state());
+        }
+        if !in_op {
             for seen in &mut self.slaves {
                 *seen = Seen { mode: seen.mode, ..Seen::default() };
             }
             self.has_threshold = false;
             return;
         }
-        // Frames have found the FIFO full, and which they were no report tells.
-        if std::mem::replace(&mut self.full_count, board.full_count) != board.full_count {
+        // Frames had a wrong CRC, or have found the FIFO full, and which they were no report tells.
+        let full = std::mem::replace(&mut self.full_count, board.full_count) != board.full_count;
+        if refused || full {
             self.forget_targets();
         }
+        // What took a threshold back may be among them.
+        self.has_threshold |= refused;
         let slots = frame.slots(size);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
             let slot = slots.head(n);
@@ -138,6 +162,11 @@ impl Watch {
                 *missed = true;
             }
         }
+    }
+
+    /// The board has reset itself, and is in this state now.
+    fn forget_all(&mut self, state: Option<MasterState>) {
+        *self = Self { error_count: self.error_count, state, ..Self::default() };
     }
 
     /// What was commanded last has not been executed for sure.
@@ -244,7 +273,7 @@ impl Ecm {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sk::{MASTER_CYCLIC, StateByte};
+    use crate::sk::{MASTER_CYCLIC, Motion, StateByte};
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
@@ -271,5 +300,97 @@ mod tests {
         report.put(SIZE, 2, &RawSlot { id: CommandId::Csp.code(), ..enabled });
         watch.report(&report, SIZE);
         assert_eq!(watch.homing().count(), 0, "it follows again");
+    }
+
+    fn report(watch: &mut Watch, state: MasterState, error: u8) {
+        let state = StateByte::reached(state);
+        let answer = MasterResponse { id: MASTER_CYCLIC, state, error, fifo_free: 160, ..MasterResponse::default() };
+        let mut report = Frame::new();
+        report.put(SIZE, 0, &answer.encode());
+        report.put(SIZE, 1, &RawSlot { parm: 0x0237, ..RawSlot::ZERO });
+        watch.report(&report, SIZE);
+    }
+
+    fn master(watch: &mut Watch, command: &MasterCommand) {
+        let mut frame = Frame::new();
+        frame.put_master(SIZE, command);
+        watch.command(&frame, SIZE);
+    }
+
+    /// A network in OP whose drive runs in CSV.
+    fn running() -> Watch {
+        let mut watch = Watch::default();
+        report(&mut watch, MasterState::PreOp, 3);
+        master(&mut watch, &MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
+        let mut frame = Frame::new();
+        let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync };
+        frame.put_slave(SIZE, 1, &mode.into());
+        watch.command(&frame, SIZE);
+        report(&mut watch, MasterState::Op, 3);
+        frame = Frame::new();
+        frame.put_slave(SIZE, 1, &SlaveCommand::Csv(Motion::to(1000)).into());
+        watch.command(&frame, SIZE);
+        report(&mut watch, MasterState::Op, 3);
+        assert!(watch.slaves[0].last.is_some());
+        watch
+    }
+
+    fn mode(watch: &Watch) -> Option<Mode> {
+        match watch.config()?.slaves[0] {
+            Slave::Drive(axis) => Some(axis.mode),
+            _ => None,
+        }
+    }
+
+    /// TCP-24, SK-1.24, SK-1.25 A SW_RESET that the board has refused for its CRC takes nothing away: the axes go on, and are
+    /// to be stopped.
+    #[test]
+    fn a_reset_that_the_board_has_refused() {
+        let mut watch = running();
+        master(&mut watch, &MasterCommand::SoftReset);
+        assert_eq!(mode(&watch), Some(Mode::Csv), "no report has shown yet that it has reset itself");
+        // One that was under way.
+        report(&mut watch, MasterState::Op, 3);
+        report(&mut watch, MasterState::Op, 4);
+        assert_eq!((mode(&watch), watch.state()), (Some(Mode::Csv), Some(MasterState::Op)));
+        // The way out of OP and back is no reset any more.
+        report(&mut watch, MasterState::SafeOp, 4);
+        report(&mut watch, MasterState::Op, 4);
+        assert_eq!(mode(&watch), Some(Mode::Csv));
+    }
+
+    /// SK-4.33 A SW_RESET that the board has executed takes all away, and so does who declares slaves after it, without a look.
+    #[test]
+    fn a_reset_that_the_board_has_executed() {
+        let mut watch = running();
+        master(&mut watch, &MasterCommand::SoftReset);
+        report(&mut watch, MasterState::Init, 0);
+        assert!(watch.config().is_none());
+
+        let mut watch = running();
+        master(&mut watch, &MasterCommand::SoftReset);
+        let mut kinds = [SlaveKind::None; 8];
+        kinds[0] = SlaveKind::Drive;
+        master(&mut watch, &MasterCommand::SetAxis { group: 0, kinds });
+        for state in [MasterState::PreOp, MasterState::Op] {
+            report(&mut watch, state, 0);
+            let declared = watch.config().expect("it is declared");
+            assert_eq!((declared.slaves.len(), mode(&watch)), (1, Some(Mode::Csp)), "{state:?}");
+        }
+    }
+
+    /// TCP-24, SK-1.24 After a frame with a wrong CRC no target is taken for executed, nor a threshold for taken back.
+    #[test]
+    fn frames_that_the_board_has_refused() {
+        let mut watch = running();
+        master(&mut watch, &MasterCommand::SetFifo(FifoAction::Threshold(10)));
+        master(&mut watch, &MasterCommand::SetFifo(FifoAction::Clear));
+        assert!(!watch.has_threshold());
+        let mut frame = Frame::new();
+        frame.put_slave(SIZE, 1, &SlaveCommand::Csv(Motion::to(0)).into());
+        watch.command(&frame, SIZE);
+        report(&mut watch, MasterState::Op, 4);
+        assert!(watch.slaves[0].last.is_none() && watch.has_threshold());
+        assert_eq!(mode(&watch), Some(Mode::Csv));
     }
 }

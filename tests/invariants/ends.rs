@@ -8,9 +8,7 @@ mod eyes;
 mod standstill;
 mod writer;
 
-use std::env;
 use std::ops::AddAssign;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -21,9 +19,9 @@ use ecmsk::port::tcp::ServeOptions;
 use ecmsk::port::tcp::unwired::{Caller, Unwired};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
 
-use crate::asked;
 use crate::dice::Dice;
 use crate::machine::Machine;
+use crate::run_all;
 use eyes::Eyes;
 use standstill::{End, assert_lasting};
 use writer::{Bounds, Writer};
@@ -44,6 +42,7 @@ struct Done {
     torn: u64,
     failed: u64,
     slow: u64,
+    spoiled: u64,
     longest: Duration,
 }
 
@@ -57,18 +56,24 @@ impl AddAssign for Done {
         self.torn += other.torn;
         self.failed += other.failed;
         self.slow += other.slow;
+        self.spoiled += other.spoiled;
         self.longest = self.longest.max(other.longest);
     }
 }
 
-/// One schedule: a writer lives, dies, and another one comes.
-fn schedule(seed: u64) -> Done {
+/// One schedule: a writer lives, dies, and another one comes. Some boards check CRCs, if they may.
+fn schedule(seed: u64, may_check: bool) -> Done {
     let mut dice = Dice(seed ^ 0x656E_6473_2121);
     let mut machine = Machine::new(seed);
     let cycle = dice.pick(&[250, 500, 1000, 1000, 1000, 2000, 4000, 8000, 16_000, 64_000]);
     machine.cycle = CycleTime::from_us(cycle).expect("a cycle of the guide's");
     let host_us = dice.pick(&[0, 1, 10, 125, 125]);
     let set_up = machine.set_up();
+    let mut spoils = Dice(seed ^ 0x4352_4321);
+    let checks = may_check && spoils.one_in(4);
+    if checks {
+        machine.check_commands();
+    }
     let Machine { board, network, size, units, .. } = machine;
     let run = RunOptions { host_ns: host_us * 1000, queue: dice.pick(&[1, 4, 32]), ..RunOptions::default() };
     let link = EngineLink::open("sim:", board, run, None).expect("it talks");
@@ -82,6 +87,9 @@ fn schedule(seed: u64) -> Done {
     let readers: Vec<Caller<'_>> = (0..dice.below(3)).map(|_| server.join(false).expect("a reader")).collect();
     let caller = server.join(true).expect("the writer");
     let mut writer = Writer::new(caller, Arc::clone(&eyes), &units, size, cycle, Dice(dice.next()));
+    if checks {
+        writer = writer.spoiling(spoils);
+    }
     writer.live(&set_up);
     let (caller, bounds, life) = writer.dies();
 
@@ -103,6 +111,7 @@ fn schedule(seed: u64) -> Done {
         torn: life.torn.into(),
         failed: failed.into(),
         slow: u64::from(cycle > 8000),
+        spoiled: u64::from(life.spoiled > 0),
         longest: end.took,
     }
 }
@@ -120,7 +129,7 @@ fn check_bounds(bounds: &Bounds, eyes: &Eyes) {
 fn writers_that_died_badly() {
     for seed in [2555, 6392, 6876, 8525, 3028, 4626, 7907, 4275, 3158, 4537, 7226, 8327, 3500] {
         println!("writer {seed}");
-        schedule(seed);
+        schedule(seed, false);
     }
 }
 
@@ -128,22 +137,9 @@ fn writers_that_died_badly() {
 /// CSP, CSV, CST and homing, one channel and two, slots of both sizes, with readers.
 #[test]
 fn writers_that_die() {
-    let first = asked("ECMSK_SOAK_FIRST").unwrap_or(0);
-    let wanted = asked("ECMSK_SOAK_SCHEDULES");
-    let schedules = wanted.unwrap_or(SCHEDULES);
-    let mut all = Done::default();
-    for seed in first..first + schedules {
-        match catch_unwind(AssertUnwindSafe(|| schedule(seed))) {
-            Ok(done) => all += done,
-            Err(_) => panic!(
-                "writer {seed} leaves an axis that moves (above); again: ECMSK_SOAK_FIRST={seed} ECMSK_SOAK_SCHEDULES=1 \
-                 cargo test --test invariants writers_that_die"
-            ),
-        }
-    }
-    println!("{schedules} writers: {all:?}");
-    if schedules >= SCHEDULES && env::var_os("ECMSK_SOAK_FIRST").is_none() {
-        let Done { moving, full, thresholds, held, homing, torn, slow, .. } = all;
+    let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
+    if schedules >= SCHEDULES {
+        let Done { moving, full, thresholds, held, homing, torn, slow, spoiled, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -152,6 +148,7 @@ fn writers_that_die() {
             ("homing", homing, 12),
             ("torn", torn, 12),
             ("slow", slow, 12),
+            ("spoiled", spoiled, 10),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

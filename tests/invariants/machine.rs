@@ -132,6 +132,16 @@ impl Machine {
         Self { board, network, size, cycle, units, marker }
     }
 
+    /// The board checks the CRC of command frames from now on.
+    pub fn check_commands(&mut self) {
+        for command in [MasterCommand::SetEx { check_commands: true, fill_responses: true }, MasterCommand::SoftReset] {
+            let mut frame = Frame::new();
+            frame.put_master(self.size, &command);
+            self.board.host(&frame, self.board.now(), &mut |_, _| {});
+        }
+        assert!(self.board.boot(1_000_000_000));
+    }
+
     /// The frames that a program sends in PreOP: axes, cycle, modes.
     pub fn set_up(&self) -> Vec<Frame> {
         let mut kinds = [SlaveKind::None; 8];

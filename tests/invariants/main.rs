@@ -18,6 +18,8 @@ mod tap;
 mod watch;
 
 use std::env;
+use std::fmt::Debug;
+use std::ops::AddAssign;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
@@ -40,29 +42,36 @@ fn schedule(seed: u64) -> Done {
     program.done()
 }
 
-/// SK-4.44 SK-5.4 SK-5.7 SK-7.16 SK-7.17 SK-7.18: every CSP, CSV and CST accepted is executed once and in order or
-/// stands in a counter; no shaft jumps; states change by legal ways; free and held entries are 160.
-#[test]
-fn random_schedules() {
+/// Runs as many schedules of a test as are asked for, or `usual`, and gives how many that were and what they did. The seed
+/// of one that fails is told.
+fn run_all<D: AddAssign + Debug + Default>(test: &str, usual: u64, schedule: impl Fn(u64) -> D) -> (u64, D) {
     let first = asked("ECMSK_SOAK_FIRST").unwrap_or(0);
     let wanted = asked("ECMSK_SOAK_SCHEDULES");
-    let schedules = wanted.unwrap_or(SCHEDULES);
-    let mut all = Done::default();
+    let schedules = wanted.unwrap_or(usual);
+    let mut all = D::default();
     let mut told = Instant::now();
     for seed in first..first + schedules {
         match catch_unwind(AssertUnwindSafe(|| schedule(seed))) {
             Ok(done) => all += done,
             Err(_) => panic!(
-                "schedule {seed} breaks an invariant (above); again: ECMSK_SOAK_FIRST={seed} ECMSK_SOAK_SCHEDULES=1 \
-                 cargo test --test invariants random_schedules"
+                "schedule {seed} breaks what must hold (above); again: ECMSK_SOAK_FIRST={seed} ECMSK_SOAK_SCHEDULES=1 \
+                 cargo test --test invariants {test}"
             ),
         }
         if wanted.is_some() && told.elapsed() > Duration::from_secs(5) {
             told = Instant::now();
-            println!("{} of {schedules} schedules, {} cycles", seed + 1 - first, all.cycles);
+            println!("{} of {schedules} schedules of {test}", seed + 1 - first);
         }
     }
-    println!("{schedules} schedules: {all:?}");
+    println!("{schedules} schedules of {test}: {all:?}");
+    (schedules, all)
+}
+
+/// SK-4.44 SK-5.4 SK-5.7 SK-7.16 SK-7.17 SK-7.18: every CSP, CSV and CST accepted is executed once and in order or
+/// stands in a counter; no shaft jumps; states change by legal ways; free and held entries are 160.
+#[test]
+fn random_schedules() {
+    let (schedules, all) = run_all("random_schedules", SCHEDULES, schedule);
     if schedules >= SCHEDULES {
         all.assert_enough(schedules);
     }

@@ -32,6 +32,8 @@ pub struct Life {
     pub has_threshold: bool,
     pub has_homed: bool,
     pub torn: bool,
+    /// Frames that the board has refused for their CRC.
+    pub spoiled: u64,
     /// Its targets were cleared, or began where nobody knows: it jumps by itself.
     jumps: bool,
 }
@@ -67,6 +69,10 @@ pub struct Writer<'a> {
     taken: BTreeMap<u8, [i32; 2]>,
     greatest: BTreeMap<(u8, usize, &'static str), i64>,
     full: u64,
+    /// The board checks CRCs, and this says which frames have a wrong one.
+    spoils: Option<Dice>,
+    /// It has begun to spoil frames.
+    is_spoiling: bool,
 }
 
 impl<'a> Writer<'a> {
@@ -81,7 +87,13 @@ impl<'a> Writer<'a> {
         let left = if dice.one_in(5) { dice.below(300) } else { 200 + dice.below(MESSAGES) };
         let (life, full) = (Life::default(), eyes.full());
         let (taken, greatest) = (BTreeMap::new(), BTreeMap::new());
-        Self { caller, eyes, units, size, cycle_us, dice, left, life, taken, greatest, full }
+        let (spoils, is_spoiling) = (None, false);
+        Self { caller, eyes, units, size, cycle_us, dice, left, life, taken, greatest, full, spoils, is_spoiling }
+    }
+
+    /// As a writer of a board that checks CRCs. Once it moves its axes, some of its frames have a wrong one.
+    pub fn spoiling(self, dice: Dice) -> Self {
+        Self { spoils: Some(dice), ..self }
     }
 
     /// Lives until it dies, or has nothing left to do.
@@ -155,6 +167,29 @@ impl<'a> Writer<'a> {
     }
 
     fn write(&mut self, frame: &Frame) -> Result<(), Dead> {
+        let Some(spoils) = &mut self.spoils else { return self.write_as_it_is(frame) };
+        let mut frame = frame.clone();
+        if self.is_spoiling && spoils.one_in(100) {
+            // The board would reset itself, and nothing would be known of it any more.
+            frame.put_master(self.size, &MasterCommand::SoftReset);
+            return self.write_spoiled(frame);
+        }
+        if self.is_spoiling && spoils.one_in(30) {
+            return self.write_spoiled(frame);
+        }
+        frame.fill_crc(self.size);
+        self.write_as_it_is(&frame)
+    }
+
+    /// Writes a frame that the board refuses.
+    fn write_spoiled(&mut self, mut frame: Frame) -> Result<(), Dead> {
+        frame.fill_crc(self.size);
+        frame.bytes_mut()[3] ^= 0x55;
+        self.life.spoiled += 1;
+        self.say(Says::Write(&frame))
+    }
+
+    fn write_as_it_is(&mut self, frame: &Frame) -> Result<(), Dead> {
         self.say(Says::Write(frame))?;
         let full = self.eyes.full();
         if std::mem::replace(&mut self.full, full) != full {
@@ -256,6 +291,7 @@ impl<'a> Writer<'a> {
 
     /// Moves its axes: paths that begin where they are, in frames at a pace of its own.
     fn drive(&mut self, is_blind: bool) -> Result<(), Dead> {
+        self.is_spoiling = self.spoils.is_some();
         for _ in 0..if is_blind { 0 } else { 40 } {
             self.read()?;
         }

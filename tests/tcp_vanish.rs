@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Homing, HomingPhase, Options, Slave, SlaveView};
-use ecmsk::link::{self, Link, LinkError, Share, Wait};
+use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
 use ecmsk::sk::{
     CommandId, DriveResponse, DriveSync, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion,
@@ -137,6 +137,49 @@ fn a_writer_that_closes() {
     let (first, later) = after(&server);
     assert!(later[1].0 - first[1].0 > 1000, "{first:?} {later:?}");
     assert!(!told.lines().iter().any(|line| line.contains("stand still")), "{:?}", told.lines());
+}
+
+/// A link that gives no report any more once it is deaf.
+struct Deaf {
+    inner: Arc<dyn Link>,
+    is_deaf: AtomicBool,
+}
+
+impl Layer for Deaf {
+    fn inner(&self) -> &dyn Link {
+        self.inner.as_ref()
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        if self.is_deaf.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(5));
+            return Err(LinkError::Timeout { dir: Dir::Read, waited: Duration::from_millis(5), what: "deaf" });
+        }
+        self.inner.read(out, wait)
+    }
+}
+
+/// TCP-21 A native program that closes its board and could not bring its axes to rest says no good-bye for them: the server
+/// does it.
+#[test]
+fn a_close_that_could_not_stop_its_axes() {
+    let (server, told) = served("real", OnVanish::Ramp);
+    let Wired { link, .. } = prepared(&server, &told);
+    let deaf = Arc::new(Deaf { inner: link, is_deaf: AtomicBool::new(false) });
+    let ecm = Ecm::over(Arc::clone(&deaf) as Arc<dyn Link>, Options::default()).unwrap();
+    ecm.adopt(&config()).unwrap();
+    drive(deaf.as_ref(), 200);
+    // It sees that they move.
+    for _ in 0..2 {
+        ecm.next_cycle(LIMIT).unwrap();
+    }
+    deaf.is_deaf.store(true, Ordering::Relaxed);
+    let ended = ecm.close(Close::Hold).unwrap_err();
+    assert!(matches!(ended, EcmError::NoReport { .. }), "{ended:?}");
+    told.wait("is gone");
+    told.wait("stand still");
+    let (first, later) = after(&server);
+    assert!((later[1].0 - first[1].0).abs() < 20, "the velocity has ended: {first:?} {later:?}");
 }
 
 /// TCP-9 While the server brings axes to a standstill it is the writer, and readers see how.

@@ -8,6 +8,7 @@ use super::second::Second;
 use super::snapshot::Plan;
 use super::{Ecm, EcmError};
 use crate::cia402::{Mode, Statusword};
+use crate::link::Stamp;
 use crate::recording::Kinds;
 use crate::sk::{
     CommandId, CycleTime, DriveSync, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState,
@@ -55,8 +56,8 @@ pub struct Watch {
     full_count: u16,
     /// The error count of the newest report.
     error_count: u8,
-    /// SW_RESET went by. The board may have refused it (SK-1.18), and then all is as it was.
-    resets: bool,
+    /// When SW_RESET went by. The board may have refused it (SK-1.24), and then all is as it was.
+    resets: Option<Stamp>,
     /// SET_FIFO has set a threshold that may be in force.
     has_threshold: bool,
 }
@@ -70,7 +71,7 @@ impl Default for Watch {
             state: None,
             full_count: 0,
             error_count: 0,
-            resets: false,
+            resets: None,
             has_threshold: false,
         }
     }
@@ -82,15 +83,15 @@ impl Watch {
         self.state
     }
 
-    /// A command frame goes by that the board has taken.
-    pub fn command(&mut self, frame: &Frame, size: SlotSize) {
+    /// A command frame goes by that was handed over at `at`.
+    pub fn command(&mut self, frame: &Frame, size: SlotSize, at: Stamp) {
         let command = MasterCommand::decode(&frame.slot(size, 0), size);
         if let Ok(MasterCommand::SoftReset) = command {
-            self.resets = true;
+            self.resets = Some(at);
             return;
         }
         // Whoever declares slaves after it has seen it, or has waited.
-        if self.resets && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
+        if self.resets.is_some() && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
         let set_up = !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op));
@@ -122,16 +123,19 @@ impl Watch {
         }
     }
 
-    /// A report goes by.
-    pub fn report(&mut self, frame: &Frame, size: SlotSize) {
+    /// A report goes by that came at `at`.
+    pub fn report(&mut self, frame: &Frame, size: SlotSize, at: Stamp) {
         let board = MasterResponse::decode(&frame.slot(size, 0));
         self.kinds.response(frame, size);
         self.state = board.state.state();
         let in_op = self.state == Some(MasterState::Op);
         // A board that resets itself begins to count anew.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
-        self.resets &= !refused;
-        if self.resets && !in_op {
+        // A report of before says nothing of it: whoever never looks finds those of the way to OP afterwards.
+        let shows = self.resets.is_some_and(|reset| at > reset);
+        if shows && refused {
+            self.resets = None;
+        } else if shows && !in_op {
             self.forget_all(board.state.state());
         }
         if !in_op {
@@ -284,10 +288,10 @@ mod tests {
         let mut watch = Watch::default();
         let mut frame = Frame::new();
         frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
-        watch.command(&frame, SIZE);
+        watch.command(&frame, SIZE, Stamp(0));
         frame = Frame::new();
         frame.put_slave(SIZE, 2, &SlaveCommand::GoHome.into());
-        watch.command(&frame, SIZE);
+        watch.command(&frame, SIZE, Stamp(0));
         assert_eq!(watch.homing().count(), 0, "as far as is known the network is not in OP");
         let mut report = Frame::new();
         let state = StateByte::reached(MasterState::Op);
@@ -295,10 +299,10 @@ mod tests {
         let enabled = RawSlot { parm: 0x0237, ..RawSlot::ZERO };
         report.put(SIZE, 1, &enabled);
         report.put(SIZE, 2, &RawSlot { id: CommandId::GoHome.code(), ..enabled });
-        watch.report(&report, SIZE);
+        watch.report(&report, SIZE, Stamp(1));
         assert_eq!(watch.homing().collect::<Vec<_>>(), [2]);
         report.put(SIZE, 2, &RawSlot { id: CommandId::Csp.code(), ..enabled });
-        watch.report(&report, SIZE);
+        watch.report(&report, SIZE, Stamp(1));
         assert_eq!(watch.homing().count(), 0, "it follows again");
     }
 
@@ -308,13 +312,13 @@ mod tests {
         let mut report = Frame::new();
         report.put(SIZE, 0, &answer.encode());
         report.put(SIZE, 1, &RawSlot { parm: 0x0237, ..RawSlot::ZERO });
-        watch.report(&report, SIZE);
+        watch.report(&report, SIZE, Stamp(1));
     }
 
     fn master(watch: &mut Watch, command: &MasterCommand) {
         let mut frame = Frame::new();
         frame.put_master(SIZE, command);
-        watch.command(&frame, SIZE);
+        watch.command(&frame, SIZE, Stamp(0));
     }
 
     /// A network in OP whose drive runs in CSV.
@@ -325,11 +329,11 @@ mod tests {
         let mut frame = Frame::new();
         let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync };
         frame.put_slave(SIZE, 1, &mode.into());
-        watch.command(&frame, SIZE);
+        watch.command(&frame, SIZE, Stamp(0));
         report(&mut watch, MasterState::Op, 3);
         frame = Frame::new();
         frame.put_slave(SIZE, 1, &SlaveCommand::Csv(Motion::to(1000)).into());
-        watch.command(&frame, SIZE);
+        watch.command(&frame, SIZE, Stamp(0));
         report(&mut watch, MasterState::Op, 3);
         assert!(watch.slaves[0].last.is_some());
         watch
@@ -349,7 +353,12 @@ mod tests {
         let mut watch = running();
         master(&mut watch, &MasterCommand::SoftReset);
         assert_eq!(mode(&watch), Some(Mode::Csv), "no report has shown yet that it has reset itself");
-        // One that was under way.
+        // A writer that has never looked finds reports of the way to OP.
+        let mut way = Frame::new();
+        let state = StateByte::reached(MasterState::PreOp);
+        way.put(SIZE, 0, &MasterResponse { state, ..MasterResponse::default() }.encode());
+        watch.report(&way, SIZE, Stamp(0));
+        assert_eq!(mode(&watch), Some(Mode::Csv), "that one was made before");
         report(&mut watch, MasterState::Op, 3);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!((mode(&watch), watch.state()), (Some(Mode::Csv), Some(MasterState::Op)));
@@ -388,7 +397,7 @@ mod tests {
         assert!(!watch.has_threshold());
         let mut frame = Frame::new();
         frame.put_slave(SIZE, 1, &SlaveCommand::Csv(Motion::to(0)).into());
-        watch.command(&frame, SIZE);
+        watch.command(&frame, SIZE, Stamp(0));
         report(&mut watch, MasterState::Op, 4);
         assert!(watch.slaves[0].last.is_none() && watch.has_threshold());
         assert_eq!(mode(&watch), Some(Mode::Csv));

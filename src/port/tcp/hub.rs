@@ -37,7 +37,7 @@ impl Board {
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
         if let Some(size) = self.info.slot {
-            self.watch.lock().command(frame, size);
+            self.watch.lock().command(frame, size, at);
         }
         Ok(at)
     }
@@ -85,7 +85,7 @@ impl Board {
             if meta.sequence > self.next.load(Ordering::Relaxed) {
                 watch.missed();
             }
-            watch.report(frame, size);
+            watch.report(frame, size, meta.at);
         }
         self.newest.store(meta.at.0, Ordering::Relaxed);
         self.next.store(meta.sequence.saturating_add(1), Ordering::Relaxed);

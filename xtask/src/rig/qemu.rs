@@ -12,7 +12,7 @@ use crate::command;
 use crate::error::Error;
 
 /// No run of the tests takes longer, on a machine that is busy with other things too.
-const LIMIT: Duration = Duration::from_secs(1500);
+const LIMIT: Duration = Duration::from_secs(2400);
 /// QEMU's own exit code when the guest said 0: twice that and one more.
 const GUEST_SUCCEEDED: i32 = 1;
 /// What the guest's first program says last.

@@ -12,7 +12,7 @@ use crate::sk::{Frame, HspResponse};
 const STILL: u32 = 2;
 /// \[OURS] How long an axis is looked at that does not: cycles, but no longer than that and at least one.
 const CYCLES: u64 = 8;
-const LONGEST: Duration = Duration::from_millis(8);
+const LONGEST: Duration = Duration::from_millis(16);
 
 /// \[OURS] Cycles from the one that a report shows until a frame is executed that was written after it.
 pub(super) const LATENCY: i32 = 2;

@@ -124,13 +124,16 @@ fn check_bounds(bounds: &Bounds, eyes: &Eyes) {
 }
 
 /// TCP-24: schedules that once found an axis that moves, or the server waiting in vain. A threshold in the very moment of the
-/// newest report; a target in CSP that is seconds away; axes that fail on their way; a homing whose begin was in a lost report.
+/// newest report; a target in CSP that is seconds away; axes that fail on their way; a homing whose begin was in a lost report; an
+/// axis that begins to move a cycle of 8 ms after the last entry; a reset that was refused, of a writer that never looks.
 #[test]
 fn writers_that_died_badly() {
-    for seed in [2555, 6392, 6876, 8525, 3028, 4626, 7907, 4275, 3158, 4537, 7226, 8327, 3500] {
+    for seed in [2555, 6392, 6876, 8525, 3028, 4626, 7907, 4275, 3158, 4537, 7226, 8327, 3500, 47306] {
         println!("writer {seed}");
         schedule(seed, false);
     }
+    println!("a writer of a board that checks CRCs");
+    schedule(4378, true);
 }
 
 /// TCP-24 TCP-9 TCP-23: writers that die at any message or in the middle of one, with any threshold and level of the FIFO, in

@@ -38,7 +38,7 @@ pub struct Axis {
     pub guard: Guard,
     /// Counts of one unit of yours.
     pub scale: Scale,
-    /// An axis that moves no further than that within 8 cycles (8 ms at most, at least one cycle) stands, counts: more
+    /// An axis that moves no further than that within 8 cycles (16 ms at most, at least one cycle) stands, counts: more
     /// than the noise of its encoder.
     pub standstill: u32,
 }

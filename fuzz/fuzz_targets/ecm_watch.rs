@@ -14,7 +14,7 @@ use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::ecm::Watch;
 use ecmsk::engine::{Board, Firmware, HomingPhase};
 use ecmsk::fieldbus::sim::SimHandle;
-use ecmsk::link::Dir;
+use ecmsk::link::{Dir, Stamp};
 use ecmsk::sk::{
     CommandId, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand,
     SlaveCommand, SlotSize, StateByte,
@@ -36,14 +36,15 @@ fuzz_target!(|bytes: &[u8]| {
 fn any_frames(bytes: &[u8], size: SlotSize) {
     let mut watch = Watch::default();
     let mut misses = watch.clone();
-    for observed in frames::frames(bytes, size) {
+    for (observed, n) in frames::frames(bytes, size).into_iter().zip(0..) {
+        let at = Stamp(n);
         if observed.dir == Dir::Write {
-            watch.command(&observed.frame, size);
-            misses.command(&observed.frame, size);
+            watch.command(&observed.frame, size, at);
+            misses.command(&observed.frame, size, at);
         } else {
-            watch.report(&observed.frame, size);
+            watch.report(&observed.frame, size, at);
             misses.missed();
-            misses.report(&observed.frame, size);
+            misses.report(&observed.frame, size, at);
             let shown = MasterResponse::decode(&observed.frame.slot(size, 0)).state.state();
             assert_eq!(watch.state(), shown);
             assert!(shown == Some(MasterState::Op) || watch.homing().count() == 0 && !watch.has_threshold());
@@ -170,7 +171,7 @@ impl Watched {
             self.watch = Watch::default();
         }
         self.board.host(&frame, self.board.now(), &mut |_, _| unreachable!("no time passes"));
-        self.watch.command(&frame, self.size);
+        self.watch.command(&frame, self.size, Stamp(self.board.now()));
     }
 
     fn cycle(&mut self) {
@@ -184,14 +185,14 @@ impl Watched {
         let is_free = waits && watch.state() == Some(MasterState::Op) && !watch.has_threshold() && !*missed && !*blind;
         let before = *board.engine().counters();
         let mut reported = false;
-        board.cycle(&mut |report, _| {
+        board.cycle(&mut |report, at| {
             reported = true;
             *missed |= *blind;
             if !*blind {
                 if std::mem::take(missed) {
                     watch.missed();
                 }
-                watch.report(report, *size);
+                watch.report(report, *size, Stamp(at));
                 shown.clone_from(report);
                 assert_eq!(watch.state(), MasterResponse::decode(&report.slot(*size, 0)).state.state());
             }

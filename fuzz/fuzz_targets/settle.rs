@@ -85,7 +85,7 @@ fuzz_target!(|bytes: &[u8]| {
         _ => {}
     }
     let end = End::of(caller, &server, &eyes, cycle_us);
-    assert!(!end.has_failed() || cycle_us > CYCLE_MAX_US, "{:?}", end.told);
+    assert!(!end.has_failed() || cycle_us > CYCLE_MAX_US, "{:?}, entries held: {}", end.told, end.was_held);
     // Drives that were on their way out of OP, or have failed, brake by themselves, as long as it takes.
     let report = eyes.report();
     let is_on = |unit: &Unit| unit.answer(&report, size).0.is_enabled();

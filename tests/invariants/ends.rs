@@ -38,6 +38,7 @@ struct Done {
     full: u64,
     thresholds: u64,
     held: u64,
+    still: u64,
     homing: u64,
     torn: u64,
     failed: u64,
@@ -52,6 +53,7 @@ impl AddAssign for Done {
         self.full += other.full;
         self.thresholds += other.thresholds;
         self.held += other.held;
+        self.still += other.still;
         self.homing += other.homing;
         self.torn += other.torn;
         self.failed += other.failed;
@@ -107,6 +109,7 @@ fn schedule(seed: u64, may_check: bool) -> Done {
         full: u64::from(life.lost > 0),
         thresholds: life.has_threshold.into(),
         held: u64::from(life.has_threshold && waiting > 1),
+        still: end.was_held.into(),
         homing: life.has_homed.into(),
         torn: life.torn.into(),
         failed: failed.into(),
@@ -142,12 +145,13 @@ fn writers_that_died_badly() {
 fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
-        let Done { moving, full, thresholds, held, homing, torn, slow, spoiled, .. } = all;
+        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
             ("thresholds", thresholds, 8),
             ("held", held, 40),
+            ("still", still, 60),
             ("homing", homing, 12),
             ("torn", torn, 12),
             ("slow", slow, 12),

@@ -8,10 +8,16 @@ use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::fieldbus::sim::{Shafts, SimHandle};
 use ecmsk::link::engine::EngineLink;
 use ecmsk::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
-use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
+use ecmsk::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
 
 use crate::machine::Unit;
 use crate::tap::Seen as Taken;
+
+/// An axis that does not move for so long stands.
+const HELD_NS: u64 = 100_000_000;
+
+/// An entry that is not executed within so many is held.
+const HELD_CYCLES: u32 = 4;
 
 /// The link.
 pub struct Eyes {
@@ -28,6 +34,11 @@ struct Seen {
     at: Stamp,
     moving: bool,
     last: Shafts,
+    /// A drive was sent home: it may begin to move by itself.
+    has_homed: bool,
+    /// Entries that the board has executed, and where the shafts were when it was one more.
+    executed: u64,
+    since: Shafts,
     /// What the drives were told since the writer's end: the last target of each axis, and the greatest step or velocity.
     told: Option<BTreeMap<(u8, usize), Told>>,
 }
@@ -43,7 +54,8 @@ impl Eyes {
         let size = inner.info().slot.expect("it knows");
         let axes = units.iter().map(|unit| (unit.slave as u8, unit.axes, unit.mode, unit.seen.clone())).collect();
         let last = network.shafts();
-        let seen = Seen { report: Frame::new(), at: Stamp(0), moving: false, last, told: None };
+        let (report, since) = (Frame::new(), last.clone());
+        let seen = Seen { report, at: Stamp(0), moving: false, last, has_homed: false, executed: 0, since, told: None };
         Self { inner, network, axes, seen: Mutex::new(seen), size }
     }
 
@@ -54,13 +66,14 @@ impl Eyes {
     /// Looks where the shafts are after a call.
     fn look(&self) {
         let shafts = self.network.shafts();
+        let executed = self.inner.stats().board.expect("a model").executed;
         let mut seen = self.seen();
+        if executed != seen.executed {
+            (seen.executed, seen.since) = (executed, shafts.clone());
+        }
         if shafts.at > seen.last.at {
-            seen.moving = self.axes().any(|(slave, axis)| {
-                let place = usize::from(slave) - 1;
-                let way = shafts.positions[place][axis].unwrap_or(0) - seen.last.positions[place][axis].unwrap_or(0);
-                way.abs() > 20
-            });
+            let moving = self.ways(&seen.last, &shafts).any(|way| way.abs() > 20);
+            seen.moving = moving;
             seen.last = shafts;
         }
         if let Some(told) = &mut seen.told {
@@ -113,6 +126,29 @@ impl Eyes {
     /// Whether a shaft has moved lately.
     pub fn is_moving(&self) -> bool {
         self.seen().moving
+    }
+
+    /// Whether the board keeps what is in its FIFO, and no axis has moved for a while. If it may be so some cycles pass, in
+    /// which entries that have only just come would be executed.
+    pub fn holds_what_waits(&self, cycle: Duration) -> bool {
+        let holds = || {
+            let seen = self.seen();
+            let long = seen.last.at - seen.since.at > HELD_NS;
+            long && !seen.has_homed && self.ways(&seen.since, &seen.last).all(|way| way.abs() <= 10)
+        };
+        if self.newest_free() >= FIFO_ENTRIES - 1 || !holds() {
+            return false;
+        }
+        Layer::pass(self, HELD_CYCLES * cycle).expect("it is there");
+        holds()
+    }
+
+    /// How far each axis has gone.
+    fn ways(&self, from: &Shafts, to: &Shafts) -> impl Iterator<Item = i64> {
+        self.axes().map(|(slave, axis)| {
+            let place = usize::from(slave) - 1;
+            to.positions[place][axis].unwrap_or(0) - from.positions[place][axis].unwrap_or(0)
+        })
     }
 
     /// Free entries by the newest report that was read.
@@ -168,6 +204,8 @@ impl Layer for Eyes {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let done = self.inner.write(frame, wait);
+        let mut homes = self.axes.iter().map(|(slave, ..)| frame.slot(self.size, usize::from(*slave)).id);
+        self.seen().has_homed |= homes.any(|id| id == CommandId::GoHome.code());
         self.look();
         done
     }

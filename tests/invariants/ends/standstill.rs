@@ -21,17 +21,24 @@ const LOOK: Duration = Duration::from_millis(60);
 pub struct End {
     pub took: Duration,
     pub told: Vec<String>,
+    /// Its last entries waited behind a threshold while the axes stood.
+    pub was_held: bool,
 }
 
 impl End {
-    /// The writer ends without a good-bye. What the server does takes no longer than documented.
+    /// The writer ends without a good-bye. What the server does takes no longer than documented, and what waited behind a
+    /// threshold begins no motion.
     pub fn of(writer: Caller<'_>, server: &Unwired, eyes: &Eyes, cycle_us: u32) -> Self {
-        let began = eyes.now();
+        let was_held = eyes.holds_what_waits(Duration::from_micros(cycle_us.into()));
+        let (began, stood) = (eyes.now(), eyes.shafts());
         writer.end(false);
         let took = eyes.now() - began;
+        if was_held {
+            eyes.assert_still(&stood, STANDS, "that stood, by what waited behind a threshold");
+        }
         let limit = DOCUMENTED + CYCLES * Duration::from_micros(cycle_us.into());
         assert!(took <= limit, "it took {took:?} with a cycle of {cycle_us} us");
-        Self { took, told: server.told() }
+        Self { took, told: server.told(), was_held }
     }
 
     /// Whether the server says that axes may go on.

@@ -73,6 +73,8 @@ pub struct Writer<'a> {
     spoils: Option<Dice>,
     /// It has begun to spoil frames.
     is_spoiling: bool,
+    /// So many in a row are spoiled yet.
+    spoiled_run: u64,
 }
 
 impl<'a> Writer<'a> {
@@ -87,8 +89,23 @@ impl<'a> Writer<'a> {
         let left = if dice.one_in(5) { dice.below(300) } else { 200 + dice.below(MESSAGES) };
         let (life, full) = (Life::default(), eyes.full());
         let (taken, greatest) = (BTreeMap::new(), BTreeMap::new());
-        let (spoils, is_spoiling) = (None, false);
-        Self { caller, eyes, units, size, cycle_us, dice, left, life, taken, greatest, full, spoils, is_spoiling }
+        let (spoils, is_spoiling, spoiled_run) = (None, false, 0);
+        Self {
+            caller,
+            eyes,
+            units,
+            size,
+            cycle_us,
+            dice,
+            left,
+            life,
+            taken,
+            greatest,
+            full,
+            spoils,
+            is_spoiling,
+            spoiled_run,
+        }
     }
 
     /// As a writer of a board that checks CRCs. Once it moves its axes, some of its frames have a wrong one.
@@ -174,7 +191,11 @@ impl<'a> Writer<'a> {
             frame.put_master(self.size, &MasterCommand::SoftReset);
             return self.write_spoiled(frame);
         }
-        if self.is_spoiling && spoils.one_in(30) {
+        if self.is_spoiling && self.spoiled_run == 0 && spoils.one_in(30) {
+            self.spoiled_run = spoils.pick(&[1, 1, 1, 2, 200]);
+        }
+        if self.spoiled_run > 0 {
+            self.spoiled_run -= 1;
             return self.write_spoiled(frame);
         }
         frame.fill_crc(self.size);

@@ -36,7 +36,7 @@ use ecmsk::sk::{
 use eyes::Eyes;
 use libfuzzer_sys::fuzz_target;
 use machine::{Machine, SPEED, Unit};
-use standstill::{DOCUMENTED, End, assert_lasting};
+use standstill::{DOCUMENTED, End, assert_lasting, plug};
 
 /// Bytes of a step.
 const STEP: usize = 16;
@@ -84,8 +84,12 @@ fuzz_target!(|bytes: &[u8]| {
         1 => drop(caller.begin(Says::Pass(Duration::from_millis(end.into())), usize::MAX)),
         _ => {}
     }
+    if host >> 4 != 0 {
+        eyes.cut_in(u64::from(host >> 4) * 4, seed & 3);
+    }
     let end = End::of(caller, &server, &eyes, cycle_us);
-    assert!(!end.has_failed() || cycle_us > CYCLE_MAX_US, "{:?}, entries held: {}", end.told, end.was_held);
+    let is_cut = plug(&eyes, cycle_us);
+    assert!(!end.has_failed() || is_cut || cycle_us > CYCLE_MAX_US, "{:?}, entries held: {}", end.told, end.was_held);
     // Drives that were on their way out of OP, or have failed, brake by themselves, as long as it takes.
     let report = eyes.report();
     let is_on = |unit: &Unit| unit.answer(&report, size).0.is_enabled();

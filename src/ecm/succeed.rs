@@ -21,12 +21,16 @@ pub(crate) enum Succeeded {
 }
 
 impl Ecm {
-    /// Brings to a standstill what a program that is gone has left moving, within the limits of [`Ecm::close`]. `watch` gives
-    /// what its frames and the reports said, up to the newest report.
-    pub(crate) fn succeed(&self, watch: &dyn Fn() -> Watch, off: bool) -> Result<Succeeded, EcmError> {
+    /// Sees what a program that is gone has left. `watch` gives what its frames and the reports said, up to the newest report.
+    /// After an error nothing is known, and nothing was sent.
+    pub(crate) fn see_what_is_left(&self, watch: &dyn Fn() -> Watch) -> Result<(), EcmError> {
         self.take_over(&watch())?;
-        self.next_of_now()?;
-        let watch = watch();
+        self.next_of_now()
+    }
+
+    /// Brings to a standstill what a program that is gone has left moving, within the limits of [`Ecm::close`], once it was
+    /// [seen](Self::see_what_is_left).
+    pub(crate) fn succeed(&self, watch: &Watch, off: bool) -> Result<Succeeded, EcmError> {
         if watch.state() != Some(MasterState::Op) {
             return Ok(Succeeded::NotInOp);
         }
@@ -38,10 +42,14 @@ impl Ecm {
         };
         if watch.config().is_none() {
             let deadline = self.core.now() + super::CLOSE_LIMIT;
-            leftover::drop_held(self, &mut self.core.lock()?, deadline, &mut left)?;
+            let mut session = self.core.lock()?;
+            if let Err(error) = leftover::drop_held(self, &mut session, deadline, &mut left) {
+                let _ = leftover::cut_short(self, &mut session, &left);
+                return Err(error);
+            }
             return Ok(Succeeded::Unknown { dropped: left.dropped });
         }
-        self.take_over(&watch)?;
+        self.take_over(watch)?;
         self.rest(off, &mut left)?;
         Ok(Succeeded::Stand { dropped: left.dropped })
     }

@@ -23,7 +23,7 @@ use crate::dice::Dice;
 use crate::machine::Machine;
 use crate::run_all;
 use eyes::Eyes;
-use standstill::{End, assert_lasting};
+use standstill::{End, assert_lasting, plug};
 use writer::{Bounds, Writer};
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
@@ -44,6 +44,7 @@ struct Done {
     failed: u64,
     slow: u64,
     spoiled: u64,
+    cut: u64,
     longest: Duration,
 }
 
@@ -59,12 +60,14 @@ impl AddAssign for Done {
         self.failed += other.failed;
         self.slow += other.slow;
         self.spoiled += other.spoiled;
+        self.cut += other.cut;
         self.longest = self.longest.max(other.longest);
     }
 }
 
-/// One schedule: a writer lives, dies, and another one comes. Some boards check CRCs, if they may.
-fn schedule(seed: u64, may_check: bool) -> Done {
+/// One schedule: a writer lives, dies, and another one comes. Some boards check CRCs, and of some
+/// the cable is cut while the server stops the axes, if that may be.
+fn schedule(seed: u64, may_break: bool) -> Done {
     let mut dice = Dice(seed ^ 0x656E_6473_2121);
     let mut machine = Machine::new(seed);
     let cycle = dice.pick(&[250, 500, 1000, 1000, 1000, 2000, 4000, 8000, 16_000, 64_000]);
@@ -72,7 +75,7 @@ fn schedule(seed: u64, may_check: bool) -> Done {
     let host_us = dice.pick(&[0, 1, 10, 125, 125]);
     let set_up = machine.set_up();
     let mut spoils = Dice(seed ^ 0x4352_4321);
-    let checks = may_check && spoils.one_in(4);
+    let checks = may_break && spoils.one_in(4);
     if checks {
         machine.check_commands();
     }
@@ -98,11 +101,23 @@ fn schedule(seed: u64, may_check: bool) -> Done {
     // What the server does must be no more than what the writer did.
     let moving = eyes.is_moving();
     let waiting = FIFO_ENTRIES - eyes.newest_free();
+    let mut cuts = Dice(seed ^ 0x4361_626C_6521);
+    if may_break && cuts.one_in(8) {
+        let calls = cuts.pick(&[0, 1, 5, 50, 300]);
+        eyes.cut_in(cuts.below(calls + 1), cuts.pick(&[0, 0, 1, 2]));
+    }
     let end = End::of(caller, &server, &eyes, cycle);
-    check_bounds(&bounds, &eyes);
+    let is_cut = plug(&eyes, cycle);
+    if !is_cut {
+        check_bounds(&bounds, &eyes);
+    }
     // With a cycle of 64 ms there are 31 in the time, and a homing that is aborted takes its own.
     let failed = end.has_failed();
-    assert!(!failed || cycle > 16_000, "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}", end.told);
+    assert!(
+        !failed || is_cut || cycle > 16_000,
+        "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}",
+        end.told
+    );
     assert_lasting(&server, &eyes, &readers, COMES_TO_REST, cycle);
     Done {
         moving: moving.into(),
@@ -115,6 +130,7 @@ fn schedule(seed: u64, may_check: bool) -> Done {
         failed: failed.into(),
         slow: u64::from(cycle > 8000),
         spoiled: u64::from(life.spoiled > 0),
+        cut: is_cut.into(),
         longest: end.took,
     }
 }
@@ -145,7 +161,7 @@ fn writers_that_died_badly() {
 fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
-        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, .. } = all;
+        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, cut, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -156,6 +172,7 @@ fn writers_that_die() {
             ("torn", torn, 12),
             ("slow", slow, 12),
             ("spoiled", spoiled, 10),
+            ("cut", cut, 30),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

@@ -58,14 +58,16 @@ fn settle(hub: &Arc<Hub>, board: &Arc<Board>, queue: Arc<Queue>, who: &str) {
 
 fn stop(seat: &Arc<Seat>, off: bool) -> Result<Succeeded, EcmError> {
     let options = Options { close: Close::Leave, ..Options::default() };
-    let ecm = match Ecm::over(Arc::clone(seat) as Arc<dyn Link>, options) {
-        Ok(ecm) => ecm,
+    let watch = || seat.board.watch();
+    let begun = Ecm::over(Arc::clone(seat) as Arc<dyn Link>, options)
+        .and_then(|ecm| ecm.see_what_is_left(&watch).map(|()| ecm));
+    match begun {
+        Ok(ecm) => ecm.succeed(&watch(), off),
         Err(error) => {
             drop_unseen(seat);
-            return Err(error);
+            Err(error)
         }
-    };
-    ecm.succeed(&|| seat.board.watch(), off)
+    }
 }
 
 /// A board that makes no reports may take frames all the same: what waits in its FIFO is not executed once its cable is

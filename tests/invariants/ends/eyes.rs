@@ -34,6 +34,9 @@ struct Seen {
     at: Stamp,
     moving: bool,
     last: Shafts,
+    /// Calls until the cable is cut, and after how many slaves.
+    cut_in: Option<(u64, u8)>,
+    is_cut: bool,
     /// A drive was sent home: it may begin to move by itself.
     has_homed: bool,
     /// Entries that the board has executed, and where the shafts were when it was one more.
@@ -55,7 +58,18 @@ impl Eyes {
         let axes = units.iter().map(|unit| (unit.slave as u8, unit.axes, unit.mode, unit.seen.clone())).collect();
         let last = network.shafts();
         let (report, since) = (Frame::new(), last.clone());
-        let seen = Seen { report, at: Stamp(0), moving: false, last, has_homed: false, executed: 0, since, told: None };
+        let seen = Seen {
+            report,
+            at: Stamp(0),
+            moving: false,
+            last,
+            cut_in: None,
+            is_cut: false,
+            has_homed: false,
+            executed: 0,
+            since,
+            told: None,
+        };
         Self { inner, network, axes, seen: Mutex::new(seen), size }
     }
 
@@ -66,7 +80,7 @@ impl Eyes {
     /// Looks where the shafts are after a call.
     fn look(&self) {
         let shafts = self.network.shafts();
-        let executed = self.inner.stats().board.expect("a model").executed;
+        let executed = self.executed();
         let mut seen = self.seen();
         if executed != seen.executed {
             (seen.executed, seen.since) = (executed, shafts.clone());
@@ -162,6 +176,40 @@ impl Eyes {
         self.seen().report.clone()
     }
 
+    /// After so many calls from now on the cable is cut behind so many slaves.
+    pub fn cut_in(&self, calls: u64, slaves: u8) {
+        self.seen().cut_in = Some((calls, slaves));
+        self.count_down();
+    }
+
+    fn count_down(&self) {
+        let mut seen = self.seen();
+        if let Some((left, slaves)) = &mut seen.cut_in {
+            if *left > 0 {
+                *left -= 1;
+                return;
+            }
+            self.network.cut_after(*slaves);
+            seen.is_cut = true;
+        }
+    }
+
+    pub fn is_cut(&self) -> bool {
+        self.seen().is_cut
+    }
+
+    /// The cable is whole, and stays so.
+    pub fn heal(&self) {
+        self.network.heal();
+        let mut seen = self.seen();
+        (seen.cut_in, seen.is_cut) = (None, false);
+    }
+
+    /// Entries that the board has executed.
+    pub fn executed(&self) -> u64 {
+        self.inner.stats().board.expect("a model").executed
+    }
+
     /// Frames that found the FIFO full.
     pub fn full(&self) -> u64 {
         self.inner.stats().board.expect("a model").full
@@ -203,6 +251,7 @@ impl Layer for Eyes {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.count_down();
         let done = self.inner.write(frame, wait);
         let mut homes = self.axes.iter().map(|(slave, ..)| frame.slot(self.size, usize::from(*slave)).id);
         self.seen().has_homed |= homes.any(|id| id == CommandId::GoHome.code());
@@ -211,6 +260,7 @@ impl Layer for Eyes {
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        self.count_down();
         let done = self.inner.read(out, wait);
         self.look();
         if let Ok(meta) = &done {

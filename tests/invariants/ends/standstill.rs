@@ -17,6 +17,9 @@ const STANDS: i64 = 60;
 /// How long is looked whether axes stand.
 const LOOK: Duration = Duration::from_millis(60);
 
+/// Frames with which a server ends a stop that it cannot carry out: they clear the FIFO, and command a standstill.
+const LAST_FRAMES: u64 = 2;
+
 /// What the server did about a writer's end.
 pub struct End {
     pub took: Duration,
@@ -45,6 +48,26 @@ impl End {
     pub fn has_failed(&self) -> bool {
         self.told.iter().any(|line| line.contains("may still move"))
     }
+}
+
+/// Plugs the cable if it was cut; whether it was. Drives behind it have lost their master then, and stand as
+/// the others do. What the
+/// writer, or the server, has left is not executed.
+pub fn plug(eyes: &Eyes, cycle_us: u32) -> bool {
+    if !eyes.is_cut() {
+        eyes.heal();
+        return false;
+    }
+    eyes.pass(Duration::from_secs(1)).expect("it is there");
+    let stood = eyes.shafts();
+    eyes.pass(Duration::from_secs(1)).expect("it is there");
+    eyes.assert_still(&stood, STANDS, "while the cable is cut");
+    let executed = eyes.executed();
+    eyes.heal();
+    eyes.pass(10 * Duration::from_micros(cycle_us.into())).expect("it is there");
+    let left = eyes.executed() - executed;
+    assert!(left <= LAST_FRAMES, "{left} entries were left in the FIFO, and are executed when the cable is plugged");
+    true
 }
 
 /// After `rest` axes stand, the FIFO is empty, and so it stays while another writer asks for nothing, long enough to let

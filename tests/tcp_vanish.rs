@@ -9,6 +9,7 @@ use std::thread;
 use std::time::Duration;
 
 use ecmsk::cia402::Mode;
+use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Homing, HomingPhase, Options, Slave, SlaveView};
 use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
@@ -125,6 +126,40 @@ fn axes_of_a_writer_that_is_gone() {
             assert!((32_000..33_000).contains(&end), "the last speed falls to 0: {end}");
         }
     }
+}
+
+/// TCP-9 TCP-24 A drive in CSP that goes after a target which it would reach only minutes after the limit, without an alarm for it,
+/// is ramped from where it is, and does not go on.
+#[test]
+fn a_target_that_is_far_away() {
+    const FAR: i32 = 2_000_000_000;
+    let (server, told) = served("virtual", OnVanish::Ramp);
+    let ecm = Ecm::open_with(&uri(&server, ""), Options { close: Close::Leave, ..Options::default() }).unwrap();
+    ecm.configure(&config()).unwrap();
+    // No following error is one.
+    ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    ecm.servo_on(&[1]).unwrap();
+    drop(ecm);
+    told.wait("has closed its link");
+    let link = link::open(&uri(&server, ""), Share::ByName).unwrap();
+    let mut frame = Frame::new();
+    frame.put_slave(SIZE, 1, &SlaveCommand::Csp(Motion::to(FAR)).into());
+    link.write(&frame, Wait::For(LIMIT)).unwrap();
+    let mut report = Frame::new();
+    let mut positions = [0; 2];
+    for _ in 0..200 {
+        link.read(&mut report, Wait::For(LIMIT)).unwrap();
+        positions = [positions[1], DriveResponse::decode(&report.slot(SIZE, 1)).position];
+    }
+    let speed = positions[1] - positions[0];
+    assert!(speed > 100 && FAR / speed > 10_000, "{positions:?}");
+    link.vanish();
+    told.wait("stand still");
+    let (first, later) = after(&server);
+    assert!((later[0].0 - first[0].0).abs() < 20 && later[0].1, "{first:?} {later:?}");
+    assert!((positions[1]..FAR / 10).contains(&later[0].0), "{positions:?}, then {later:?}");
+    assert!(!told.lines().iter().any(|line| line.contains("may still move")), "{:?}", told.lines());
 }
 
 /// TCP-10 A writer that closes its link is trusted: a velocity that it leaves goes on, and the server sends nothing.

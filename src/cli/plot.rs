@@ -290,7 +290,7 @@ impl Window {
     /// From left to right; a single moment gets some room around.
     pub fn range(self) -> std::ops::Range<f64> {
         let (from, to) = (seconds(self.from_ns), seconds(self.to_ns));
-        if to > from { from..to } else { from - 0.001..to + 0.001 }
+        panel::distinct(if to > from { from..to } else { from - 0.001..to + 0.001 })
     }
 
     const fn contains(self, at_ns: i64) -> bool {

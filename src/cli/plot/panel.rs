@@ -103,5 +103,37 @@ pub fn range(strokes: &[Stroke], of: fn(&(f64, f64)) -> f64, least: f64) -> Opti
     let top = values().reduce(f64::max)?;
     // A value that never changes lies in the middle, with some steps of it around.
     let room = ((top - bottom) * 0.08).max(least * 5.0 * f64::from(u8::from(top == bottom)));
-    Some(bottom - room..top + room)
+    Some(distinct(bottom - room..top + room))
+}
+
+/// The range, or one near it whose marks are different numbers, and not infinite: whoever counts from mark to mark would never
+/// arrive.
+pub fn distinct(range: Range<f64>) -> Range<f64> {
+    let [start, end] = [range.start, range.end].map(|end| end.clamp(-GREATEST, GREATEST));
+    let least = start.abs().max(end.abs()) * 1e-12;
+    if end - start >= least { start..end } else { start - least..end + least }
+}
+
+/// No axis goes beyond, so that its length is a number too.
+const GREATEST: f64 = 1e307;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-145 A picture has an end: of a value far from 0 that hardly changes the marks can be told apart.
+    #[test]
+    fn marks_are_different_numbers() {
+        for range in [9e9..9e9 + 4e-6, 1e300..1e300, -9e9 - 2e-6..-9e9] {
+            let Range { start, end } = distinct(range.clone());
+            assert!(start <= range.start && range.end <= end, "{range:?}");
+            let mark = (end - start) / 100.0;
+            assert!(start + mark > start && end - mark < end && start + 2.0 * mark > start + mark, "{range:?}");
+        }
+        assert_eq!(distinct(0.0..1e-9), 0.0..1e-9);
+        let all = distinct(f64::NEG_INFINITY..f64::INFINITY);
+        assert!((all.end - all.start).is_finite() && all.start < all.end);
+        let a_count = f64::from(i32::MAX) - 1.0..f64::from(i32::MAX);
+        assert_eq!(distinct(a_count.clone()), a_count);
+    }
 }

@@ -107,6 +107,33 @@ fn a_second_channel_that_trips_stops_both() {
     stream.finish().unwrap();
 }
 
+/// API-9 SK-7.15 One channel trips, whichever: the end of the stream stops the other one.
+#[test]
+fn the_channel_that_goes_on_is_stopped() {
+    for tripped in [1, 2] {
+        let file = script(&format!("one-trips-{tripped}"), &format!("at 3s alarm 1.{tripped} 0x7500\n"));
+        let (_tap, ecm) = board(&format!("slaves=hsp2&script={file}"), Axis::CSV);
+        let mut stream = ecm.stream(8).unwrap();
+        let refused = (0..6000).find_map(|_| {
+            let refused = stream.csv_hsp(1, at(20_000, 0), at(20_000, 0)).err();
+            stream.step().unwrap();
+            refused
+        });
+        assert!(refused.is_some(), "channel {tripped} has tripped");
+        drop(stream);
+        let positions = |cycles| {
+            (0..cycles).for_each(|_| drop(ecm.next_cycle(Duration::from_secs(1)).unwrap()));
+            match ecm.snapshot().unwrap().slave(1) {
+                Some(SlaveView::Hsp(hsp)) => [hsp.first.position, hsp.second.position],
+                other => panic!("{other:?}"),
+            }
+        };
+        let (rest, later) = (positions(1), positions(100));
+        assert!((0..2).all(|i| (later[i] - rest[i]).abs() < 20), "channel {tripped} has tripped: {rest:?}, {later:?}");
+        assert!(rest.iter().all(|position| *position > 20_000), "both have moved: {rest:?}");
+    }
+}
+
 /// API-43 API-29 An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` says if it stays.
 #[test]
 fn an_alarm_of_the_second_channel_is_told() {

@@ -33,10 +33,10 @@ use ecmsk::sk::{
     CommandId, CycleTime, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SdoCommand, SlaveCommand,
     SlotSize,
 };
-use eyes::Eyes;
+use eyes::{Break, Eyes};
 use libfuzzer_sys::fuzz_target;
 use machine::{Machine, SPEED, Unit};
-use standstill::{DOCUMENTED, End, assert_lasting, plug};
+use standstill::{DOCUMENTED, End, assert_lasting, heal};
 
 /// Bytes of a step.
 const STEP: usize = 16;
@@ -85,11 +85,17 @@ fuzz_target!(|bytes: &[u8]| {
         _ => {}
     }
     if host >> 4 != 0 {
-        eyes.cut_in(u64::from(host >> 4) * 4, seed & 3);
+        let what = [Break::Cable(seed & 3), Break::Silence(2), Break::Power(2), Break::Alarm(2)];
+        eyes.break_in(u64::from(host >> 4) * 4, what[usize::from(timing >> 4 & 3)]);
     }
     let end = End::of(caller, &server, &eyes, cycle_us);
-    let is_cut = plug(&eyes, cycle_us);
-    assert!(!end.has_failed() || is_cut || cycle_us > CYCLE_MAX_US, "{:?}, entries held: {}", end.told, end.was_held);
+    let was_broken = heal(&eyes, cycle_us);
+    assert!(
+        !end.has_failed() || was_broken || cycle_us > CYCLE_MAX_US,
+        "{:?}, entries held: {}",
+        end.told,
+        end.was_held
+    );
     // Drives that were on their way out of OP, or have failed, brake by themselves, as long as it takes.
     let report = eyes.report();
     let is_on = |unit: &Unit| unit.answer(&report, size).0.is_enabled();

@@ -69,7 +69,7 @@ fn last(session: &Session, slave: u8, left: &Left) -> Option<SlaveCommand> {
 /// How an axis has to be braked; `None` if it stands, is off or is homing.
 pub(super) fn brake(session: &Session, since: &Since, slave: u8, config: &Slave, left: &Left) -> Option<Brake> {
     let axis = config.axis()?;
-    if !session.statusword(slave).is_enabled() || session.homing & 1 << slave != 0 {
+    if !still::may_be_on(session, slave, config) || session.homing & 1 << slave != 0 {
         return None;
     }
     let is_moving = since.moves(session, slave, config);

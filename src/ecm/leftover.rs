@@ -151,7 +151,7 @@ pub(super) fn cut_short(ecm: &Ecm, session: &mut MutexGuard<'_, Session>, left: 
             Some(Mode::Cst) if still::may_move(session, slave, config) => SlaveCommand::Cst(0),
             _ => continue,
         };
-        if session.is_on(slave) {
+        if still::may_be_on(session, slave, config) {
             commands.push((slave.into(), SlotCommand::from(command).encode(session.size)));
         }
     }

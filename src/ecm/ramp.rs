@@ -129,14 +129,16 @@ impl Stop<'_> {
     /// Has the board execute a ramp.
     fn run(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left, brakes: &Brakes) -> Result<(), EcmError> {
         let frames = self.frames(session);
+        let plan = Arc::clone(&session.plan);
         for k in 1..=frames {
-            for (slave, brake) in brakes.iter().enumerate() {
-                let Some(brake) = brake else { continue };
-                // An axis that went off meanwhile gets none.
-                let is_on = session.is_on(slave as u8);
-                session.targets.set(slave, is_on.then(|| brake.at(k, frames)));
-            }
-            self.write(session, left)?;
+            self.write_with(session, left, |session| {
+                for (slave, config) in plan.slaves() {
+                    let Some(brake) = &brakes[usize::from(slave)] else { continue };
+                    // An axis that went off meanwhile gets none.
+                    let is_on = still::may_be_on(session, slave, config);
+                    session.targets.set(slave.into(), is_on.then(|| brake.at(k, frames)));
+                }
+            })?;
         }
         for (slave, brake) in brakes.iter().enumerate() {
             self.braked |= u64::from(brake.is_some()) << slave;
@@ -158,9 +160,20 @@ impl Stop<'_> {
         brakes
     }
 
-    /// Writes the next frame, as soon as it may be ahead of the board. The first one has the board take entries out, whatever
-    /// threshold somebody has set (SK-5.12): it acts on arrival, when the FIFO is full too.
+    /// Writes the next frame, as soon as it may be ahead of the board.
     fn write(&mut self, session: &mut MutexGuard<'_, Session>, left: &Left) -> Result<(), EcmError> {
+        self.write_with(session, left, |_| ())
+    }
+
+    /// As [`write`](Self::write), with targets that are put into the frame last: a report that comes before would take away
+    /// those of a slave of which one axis is off. The first frame has the board take entries out, whatever threshold somebody
+    /// has set (SK-5.12): it acts on arrival, when the FIFO is full too.
+    fn write_with(
+        &mut self,
+        session: &mut MutexGuard<'_, Session>,
+        left: &Left,
+        aim: impl Fn(&mut Session),
+    ) -> Result<(), EcmError> {
         while !self.unlocked && session.in_op() {
             if session.credit.credit() == 0 && !left.is_held {
                 self.read(session)?;
@@ -170,10 +183,12 @@ impl Stop<'_> {
             // Whatever another thread has in that slot goes first.
             self.unlocked = session.post(&[(0, threshold)]);
             if self.unlocked && session.credit.credit() > 0 {
+                aim(session);
                 return self.ecm.core.write(session, self.deadline);
             }
             // A full FIFO does not take what else is in the frame: it is written again, once there is room.
             let posts = session.posts();
+            aim(session);
             self.ecm.core.write(session, self.deadline)?;
             if self.unlocked {
                 session.post_again(posts);
@@ -182,6 +197,7 @@ impl Stop<'_> {
         while session.in_op() && session.credit.ahead() >= DEPTH {
             self.read(session)?;
         }
+        aim(session);
         self.ecm.core.write(session, self.deadline)
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::config::Slave;
 use super::session::Session;
 use crate::link::Stamp;
-use crate::sk::{Frame, HspResponse};
+use crate::sk::{Frame, HspResponse, SlotSize};
 
 /// \[OURS] An axis that moves no further than that in a cycle stands, whatever it was told.
 const STILL: u32 = 2;
@@ -58,8 +58,7 @@ impl Since {
     /// Whether a slave's axes have moved since.
     pub(super) fn moves(&self, session: &Session, slave: u8, config: &Slave) -> bool {
         let standstill = config.axis().map_or(u32::MAX, |axis| axis.standstill);
-        is_free(session, slave, config)
-            && self.way(session, slave, config).iter().any(|counts| counts.unsigned_abs() > standstill)
+        free_ways(session, slave, config, self.way(session, slave, config)).any(|counts| counts > standstill)
     }
 }
 
@@ -85,12 +84,29 @@ pub(super) fn last_cycle(session: &Session, slave: u8, config: &Slave) -> [i32; 
 
 /// Whether a slave's axes may be moving, by the last cycle.
 pub(super) fn may_move(session: &Session, slave: u8, config: &Slave) -> bool {
-    is_free(session, slave, config) && last_cycle(session, slave, config).iter().any(|way| way.unsigned_abs() > STILL)
+    free_ways(session, slave, config, last_cycle(session, slave, config)).any(|counts| counts > STILL)
 }
 
-/// Whether it is an axis that a host moves.
-fn is_free(session: &Session, slave: u8, config: &Slave) -> bool {
-    config.axis().is_some() && session.statusword(slave).is_enabled() && session.homing & 1 << slave == 0
+/// How far the axes have gone that a host moves.
+fn free_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) -> impl Iterator<Item = u32> + use<> {
+    let is_free = config.axis().is_some() && session.homing & 1 << slave == 0;
+    let first = session.statusword(slave).is_enabled();
+    let second = has_two(session, config);
+    ways.into_iter()
+        .zip([first, first || second])
+        .filter(move |(_, is_on)| is_free && *is_on)
+        .map(|(way, _)| way.unsigned_abs())
+}
+
+/// Whether reports and commands may be those of two axes. The statusword is that of the first one alone, and the second one
+/// goes on when the first has an alarm.
+fn has_two(session: &Session, config: &Slave) -> bool {
+    matches!(config, Slave::Hsp(_)) && session.size == SlotSize::Bytes16
+}
+
+/// Whether a slave has an axis that may be on.
+pub(super) fn may_be_on(session: &Session, slave: u8, config: &Slave) -> bool {
+    session.statusword(slave).is_enabled() || has_two(session, config)
 }
 
 fn way(session: &Session, from: &Frame, slave: u8, config: &Slave) -> [i32; 2] {

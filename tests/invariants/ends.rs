@@ -22,8 +22,8 @@ use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
 use crate::dice::Dice;
 use crate::machine::Machine;
 use crate::run_all;
-use eyes::Eyes;
-use standstill::{End, assert_lasting, plug};
+use eyes::{Break, Eyes};
+use standstill::{End, assert_lasting, heal};
 use writer::{Bounds, Writer};
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
@@ -44,7 +44,7 @@ struct Done {
     failed: u64,
     slow: u64,
     spoiled: u64,
-    cut: u64,
+    broken: u64,
     longest: Duration,
 }
 
@@ -60,13 +60,13 @@ impl AddAssign for Done {
         self.failed += other.failed;
         self.slow += other.slow;
         self.spoiled += other.spoiled;
-        self.cut += other.cut;
+        self.broken += other.broken;
         self.longest = self.longest.max(other.longest);
     }
 }
 
-/// One schedule: a writer lives, dies, and another one comes. Some boards check CRCs, and of some
-/// the cable is cut while the server stops the axes, if that may be.
+/// One schedule: a writer lives, dies, and another one comes. Some boards check CRCs, and some
+/// networks break while the server stops the axes, if that may be.
 fn schedule(seed: u64, may_break: bool) -> Done {
     let mut dice = Dice(seed ^ 0x656E_6473_2121);
     let mut machine = Machine::new(seed);
@@ -101,20 +101,23 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     // What the server does must be no more than what the writer did.
     let moving = eyes.is_moving();
     let waiting = FIFO_ENTRIES - eyes.newest_free();
-    let mut cuts = Dice(seed ^ 0x4361_626C_6521);
-    if may_break && cuts.one_in(8) {
-        let calls = cuts.pick(&[0, 1, 5, 50, 300]);
-        eyes.cut_in(cuts.below(calls + 1), cuts.pick(&[0, 0, 1, 2]));
+    let mut breaks = Dice(seed ^ 0x4361_626C_6521);
+    if may_break && breaks.one_in(5) {
+        let calls = breaks.pick(&[0, 1, 5, 50, 300]);
+        let slave = 1 + breaks.below(1 + units.len() as u64) as u8;
+        let what =
+            [Break::Cable(0), Break::Cable(slave), Break::Silence(slave), Break::Power(slave), Break::Alarm(slave)];
+        eyes.break_in(breaks.below(calls + 1), breaks.pick(&what));
     }
     let end = End::of(caller, &server, &eyes, cycle);
-    let is_cut = plug(&eyes, cycle);
-    if !is_cut {
+    let was_broken = heal(&eyes, cycle);
+    if !was_broken {
         check_bounds(&bounds, &eyes);
     }
     // With a cycle of 64 ms there are 31 in the time, and a homing that is aborted takes its own.
     let failed = end.has_failed();
     assert!(
-        !failed || is_cut || cycle > 16_000,
+        !failed || was_broken || cycle > 16_000,
         "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}",
         end.told
     );
@@ -130,7 +133,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         failed: failed.into(),
         slow: u64::from(cycle > 8000),
         spoiled: u64::from(life.spoiled > 0),
-        cut: is_cut.into(),
+        broken: was_broken.into(),
         longest: end.took,
     }
 }
@@ -161,7 +164,7 @@ fn writers_that_died_badly() {
 fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
-        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, cut, .. } = all;
+        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, broken, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -172,7 +175,7 @@ fn writers_that_die() {
             ("torn", torn, 12),
             ("slow", slow, 12),
             ("spoiled", spoiled, 10),
-            ("cut", cut, 30),
+            ("broken", broken, 20),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

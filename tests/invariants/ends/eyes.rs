@@ -9,6 +9,7 @@ use ecmsk::fieldbus::sim::{Shafts, SimHandle};
 use ecmsk::link::engine::EngineLink;
 use ecmsk::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use ecmsk::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
+use ecmsk::slave::DeviceFault;
 
 use crate::machine::Unit;
 use crate::tap::Seen as Taken;
@@ -29,14 +30,27 @@ pub struct Eyes {
     size: SlotSize,
 }
 
+/// What may break while a server stops axes.
+#[derive(Clone, Copy, Debug)]
+pub enum Break {
+    /// The cable behind so many slaves is cut.
+    Cable(u8),
+    /// A slave says nothing any more.
+    Silence(u8),
+    /// A slave loses its power.
+    Power(u8),
+    /// A drive has an alarm.
+    Alarm(u8),
+}
+
 struct Seen {
     report: Frame,
     at: Stamp,
     moving: bool,
     last: Shafts,
-    /// Calls until the cable is cut, and after how many slaves.
-    cut_in: Option<(u64, u8)>,
-    is_cut: bool,
+    /// Calls until something breaks, and what.
+    breaks_in: Option<(u64, Break)>,
+    is_broken: bool,
     /// A drive was sent home: it may begin to move by itself.
     has_homed: bool,
     /// Entries that the board has executed, and where the shafts were when it was one more.
@@ -63,8 +77,8 @@ impl Eyes {
             at: Stamp(0),
             moving: false,
             last,
-            cut_in: None,
-            is_cut: false,
+            breaks_in: None,
+            is_broken: false,
             has_homed: false,
             executed: 0,
             since,
@@ -176,33 +190,41 @@ impl Eyes {
         self.seen().report.clone()
     }
 
-    /// After so many calls from now on the cable is cut behind so many slaves.
-    pub fn cut_in(&self, calls: u64, slaves: u8) {
-        self.seen().cut_in = Some((calls, slaves));
-        self.count_down();
+    /// Something breaks after so many calls from now on.
+    pub fn break_in(&self, calls: u64, what: Break) {
+        self.seen().breaks_in = Some((calls, what));
     }
 
     fn count_down(&self) {
         let mut seen = self.seen();
-        if let Some((left, slaves)) = &mut seen.cut_in {
-            if *left > 0 {
-                *left -= 1;
-                return;
-            }
-            self.network.cut_after(*slaves);
-            seen.is_cut = true;
+        let Some((left, what)) = &mut seen.breaks_in else { return };
+        if *left > 0 {
+            *left -= 1;
+            return;
         }
+        match *what {
+            Break::Cable(slaves) => self.network.cut_after(slaves),
+            Break::Silence(slave) => self.network.silence(slave, true),
+            Break::Power(slave) => self.network.lose(slave),
+            Break::Alarm(slave) => {
+                self.network.raise_fault(slave, 0, DeviceFault { code: 0x8611, resettable: true });
+            }
+        }
+        (seen.breaks_in, seen.is_broken) = (None, true);
     }
 
-    pub fn is_cut(&self) -> bool {
-        self.seen().is_cut
+    pub fn is_broken(&self) -> bool {
+        self.seen().is_broken
     }
 
-    /// The cable is whole, and stays so.
+    /// All is whole, and stays so.
     pub fn heal(&self) {
         self.network.heal();
+        for (slave, ..) in &self.axes {
+            self.network.find(*slave);
+        }
         let mut seen = self.seen();
-        (seen.cut_in, seen.is_cut) = (None, false);
+        (seen.breaks_in, seen.is_broken) = (None, false);
     }
 
     /// Entries that the board has executed.

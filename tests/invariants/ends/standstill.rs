@@ -50,23 +50,22 @@ impl End {
     }
 }
 
-/// Plugs the cable if it was cut; whether it was. Drives behind it have lost their master then, and stand as
-/// the others do. What the
-/// writer, or the server, has left is not executed.
-pub fn plug(eyes: &Eyes, cycle_us: u32) -> bool {
-    if !eyes.is_cut() {
+/// Heals what has broken, if anything has; whether it had. Drives that have lost their master, or have an alarm, stand then as
+/// the others do, and what the writer or the server has left is not executed.
+pub fn heal(eyes: &Eyes, cycle_us: u32) -> bool {
+    if !eyes.is_broken() {
         eyes.heal();
         return false;
     }
     eyes.pass(Duration::from_secs(1)).expect("it is there");
     let stood = eyes.shafts();
     eyes.pass(Duration::from_secs(1)).expect("it is there");
-    eyes.assert_still(&stood, STANDS, "while the cable is cut");
+    eyes.assert_still(&stood, STANDS, "while something is broken");
     let executed = eyes.executed();
     eyes.heal();
     eyes.pass(10 * Duration::from_micros(cycle_us.into())).expect("it is there");
     let left = eyes.executed() - executed;
-    assert!(left <= LAST_FRAMES, "{left} entries were left in the FIFO, and are executed when the cable is plugged");
+    assert!(left <= LAST_FRAMES, "{left} entries were left in the FIFO, and are executed when all is whole again");
     true
 }
 

@@ -99,9 +99,10 @@ impl Aim {
 
     /// The settings of a slave's axis.
     pub(super) fn axis(&self, slave: u8) -> Result<&Axis, EcmError> {
-        let none = EcmError::NoSuchSlave { slave, declared: self.plan.count };
-        let config = self.plan.slave(slave).ok_or(none)?;
-        config.axis().ok_or(EcmError::WrongKind {
+        // Each of 40 axes comes by here in a cycle: no error is made that is then dropped.
+        let none = || EcmError::NoSuchSlave { slave, declared: self.plan.count };
+        let config = self.plan.slave(slave).ok_or_else(none)?;
+        config.axis().ok_or_else(|| EcmError::WrongKind {
             slave,
             kind: config.kind().name(),
             what: "a target",

@@ -68,7 +68,8 @@ static void moves(unsigned frames)
 }
 
 /* Nobody reads while the board sends and goes: once a write has said so, none of the reports that came before is read any
- * more. Windows' last error says that the board is gone. */
+ * more. Windows' last error says that the board is gone. A write that is on the wire just then may fail without a word about
+ * the board. */
 static void lost_with_reports(void)
 {
     int tries;
@@ -76,7 +77,7 @@ static void lost_with_reports(void)
     CHECK(read_report());
     say("open");
     wait_for("back");
-    for (tries = 0; write_command(); tries++) {
+    for (tries = 0; write_command() || GetLastError() == ERROR_GEN_FAILURE; tries++) {
         CHECK(tries < 2000);
         Sleep(10);
     }

@@ -142,11 +142,11 @@ impl Mixed {
         self.path.advance();
         let target = self.path.target;
         for (slave, kind) in (1..).zip(&self.kinds).skip(HOMING) {
-            let command = match kind {
-                SlaveKind::Io => SlaveCommand::IoWrite(target as u16),
-                _ => SlaveCommand::Csp(Motion::to(target)),
-            };
-            self.command.put_slave(SIZE, slave, &command.into());
+            // Encoded as the 40 drives' targets are, each for itself: the board is what is measured.
+            match kind {
+                SlaveKind::Io => self.command.put_slave(SIZE, slave, &SlaveCommand::IoWrite(target as u16).into()),
+                _ => self.command.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(target)).into()),
+            }
         }
         // One after the other: there is always one under way.
         self.command.put_sdo(SIZE, &SdoCommand::Read { slave: 17, object: ObjectAddress::new(0x6041, 0) });

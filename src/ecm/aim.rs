@@ -112,16 +112,44 @@ impl Aim {
 
     /// Takes a target for the next step, if everything allows it.
     pub(super) fn at(&mut self, slave: u8, command: SlaveCommand, guard: bool) -> Result<(), EcmError> {
-        if self.state.state() != Some(MasterState::Op) {
-            return Err(EcmError::WrongState { what: "a target", needs: "OP", found: self.state });
-        }
-        self.leads_on()?;
-        let axis = self.axis(slave)?;
         let wanted = match command {
             SlaveCommand::Csv(_) => Mode::Csv,
             SlaveCommand::Cst(_) => Mode::Cst,
             _ => Mode::Csp,
         };
+        let its = self.takes(slave, wanted)?;
+        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, its, guard) {
+            self.check_guard(slave, motion, limit)?;
+        }
+        self.put(slave, command);
+        Ok(())
+    }
+
+    /// As [`Aim::at`], a target for the first axis of a slave, in CSP or CSV. What an HSP does besides stays.
+    #[inline]
+    pub(super) fn first_at(&mut self, slave: u8, target: i32, mode: Mode, guard: bool) -> Result<(), EcmError> {
+        let command = if mode == Mode::Csp { SlaveCommand::Csp } else { SlaveCommand::Csv };
+        if matches!(self.plan.slave(slave), Some(Slave::Hsp(_))) {
+            let motion = self.first_of_hsp(slave, target, mode);
+            return self.at(slave, command(motion), guard);
+        }
+        // Most axes have one alone, and 40 of them come by here in a cycle.
+        let its = self.takes(slave, mode)?;
+        if let (Mode::Csp, Guard::Within(limit), true) = (mode, its, guard) {
+            check(slave, target, self.actual(slave), limit)?;
+        }
+        self.put(slave, command(Motion::to(target)));
+        Ok(())
+    }
+
+    /// Whether a slave takes a target in that mode now; gives its guard.
+    #[inline]
+    fn takes(&self, slave: u8, wanted: Mode) -> Result<Guard, EcmError> {
+        if self.state.state() != Some(MasterState::Op) {
+            return Err(EcmError::WrongState { what: "a target", needs: "OP", found: self.state });
+        }
+        self.leads_on()?;
+        let axis = self.axis(slave)?;
         if axis.mode != wanted {
             return Err(EcmError::WrongMode { slave, mode: axis.mode, wanted });
         }
@@ -131,28 +159,31 @@ impl Aim {
         if self.lost & 1 << slave != 0 {
             return Err(EcmError::SlaveLost { slave: Some(slave), found: self.state });
         }
-        let slot = self.report.slots(self.size).head(slave.into());
-        let statusword = Statusword(slot.parm.get());
+        let statusword = Statusword(self.report.slots(self.size).head(slave.into()).parm.get());
         if !statusword.is_enabled() {
             return Err(self.off(slave, statusword));
         }
         if self.second_off & 1 << slave != 0 {
             return Err(EcmError::SecondOff { slave });
         }
-        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, axis.guard, guard) {
-            self.check_guard(slave, motion, slot.data1.get() as i32, limit)?;
-        }
-        self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
-        self.some |= 1 << slave;
-        Ok(())
+        Ok(axis.guard)
     }
 
-    /// A target for the first axis of a slave. What an HSP does besides stays: its outputs, and its second axis, which
-    /// goes on with its last target; without one it stays where it is.
-    pub(super) fn first(&self, slave: u8, target: i32, mode: Mode) -> Motion {
-        if !matches!(self.plan.slave(slave), Some(Slave::Hsp(_))) {
-            return Motion::to(target);
-        }
+    #[inline]
+    fn put(&mut self, slave: u8, command: SlaveCommand) {
+        self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
+        self.some |= 1 << slave;
+    }
+
+    /// The actual position of a slave's first axis, by the newest report.
+    #[inline]
+    fn actual(&self, slave: u8) -> i32 {
+        self.report.slots(self.size).head(slave.into()).data1.get() as i32
+    }
+
+    /// A target for the first axis of an HSP. What it does besides stays: its outputs, and its second axis, which goes on
+    /// with its last target; without one it stays where it is.
+    fn first_of_hsp(&self, slave: u8, target: i32, mode: Mode) -> Motion {
         let slot = self.next.slot(self.size, slave.into());
         let motion = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
             Ok(SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion)) => motion,
@@ -179,19 +210,22 @@ impl Aim {
         EcmError::Alarm { slave, code }
     }
 
-    /// Refuses a target that is too far away. Positions wrap, as the wire's 32 bits do.
-    fn check_guard(&self, slave: u8, motion: &Motion, actual: i32, limit: u32) -> Result<(), EcmError> {
-        let check = |target: i32, actual: i32| {
-            if target.wrapping_sub(actual).unsigned_abs() > limit {
-                return Err(EcmError::TooFar { slave, target, actual, limit });
-            }
-            Ok(())
-        };
-        check(motion.first.target, actual)?;
+    /// Refuses targets that are too far away.
+    fn check_guard(&self, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
+        check(slave, motion.first.target, self.actual(slave), limit)?;
         if self.size == SlotSize::Bytes16 && matches!(self.plan.slave(slave), Some(Slave::Hsp(_))) {
             let hsp = HspResponse::decode(&self.report.slot(self.size, slave.into()), self.size);
-            check(motion.second.target, hsp.second.position)?;
+            check(slave, motion.second.target, hsp.second.position, limit)?;
         }
         Ok(())
     }
+}
+
+/// Refuses a target that is too far away. Positions wrap, as the wire's 32 bits do.
+#[inline]
+fn check(slave: u8, target: i32, actual: i32, limit: u32) -> Result<(), EcmError> {
+    if target.wrapping_sub(actual).unsigned_abs() > limit {
+        return Err(EcmError::TooFar { slave, target, actual, limit });
+    }
+    Ok(())
 }

@@ -139,8 +139,7 @@ impl Stream<'_> {
     /// [`EcmError::SlaveLost`], [`EcmError::SecondOff`], [`EcmError::Cleared`], [`EcmError::Link`].
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.look()?;
-        let motion = self.aim.first(slave, target, Mode::Csp);
-        self.aim.at(slave, SlaveCommand::Csp(motion), self.ecm.core.options.guard)
+        self.aim.first_at(slave, target, Mode::Csp, self.ecm.core.options.guard)
     }
 
     /// As [`csp`](Stream::csp), in the axis's units.
@@ -168,8 +167,7 @@ impl Stream<'_> {
     /// As [`csp`](Stream::csp), but for the guard.
     pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
         self.look()?;
-        let motion = self.aim.first(slave, velocity, Mode::Csv);
-        self.aim.at(slave, SlaveCommand::Csv(motion), self.ecm.core.options.guard)
+        self.aim.first_at(slave, velocity, Mode::Csv, self.ecm.core.options.guard)
     }
 
     /// The next target velocities and outputs of an HSP in CSV, both channels.

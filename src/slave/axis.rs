@@ -271,9 +271,8 @@ impl Axis {
 
     /// `dt_ns` pass, in which the targets are reached.
     pub fn step(&mut self, dt_ns: Ns) {
-        let usual = if self.mode == Mode::Homing { HOMING_SLICE_NS } else { SLICE_NS };
-        // Most cycles are one slice, and two divisions are a good part of the time that one takes.
-        let slice = if dt_ns < usual + usual / 2 { dt_ns } else { dt_ns / ((dt_ns + usual / 2) / usual) };
+        let slice =
+            if self.mode == Mode::Homing { slice_of::<HOMING_SLICE_NS>(dt_ns) } else { slice_of::<SLICE_NS>(dt_ns) };
         let mut left = dt_ns;
         while left > 0 {
             let ns = if left < 2 * slice { left } else { slice };
@@ -409,6 +408,16 @@ impl Axis {
             word |= Statusword::BIT13;
         }
         Statusword(word)
+    }
+}
+
+/// The slices of `dt_ns` that come nearest to the usual ones.
+const fn slice_of<const USUAL: Ns>(dt_ns: Ns) -> Ns {
+    // Most cycles are one slice, or two of homing, and divisions are a good part of the time that one takes.
+    match (dt_ns + USUAL / 2) / USUAL {
+        0 | 1 => dt_ns,
+        2 => dt_ns / 2,
+        slices => dt_ns / slices,
     }
 }
 

@@ -42,6 +42,7 @@ impl Motion {
         }
     }
 
+    #[inline]
     fn encode(&self, id: u8, index: u8, size: SlotSize) -> RawSlot {
         let second = match size {
             SlotSize::Bytes12 => AxisTarget::default(),
@@ -174,6 +175,7 @@ impl SlotCommand {
     }
 
     /// The slot. In 12-byte mode bytes 10..11 of a CSP or CSV are 0.
+    #[inline]
     pub fn encode(&self, size: SlotSize) -> RawSlot {
         let slot = RawSlot { id: self.command.id().code(), index: self.index, ..RawSlot::ZERO };
         match self.command {

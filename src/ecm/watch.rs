@@ -136,7 +136,7 @@ impl Watch {
         if shows && refused {
             self.resets = None;
         } else if shows && !in_op {
-            self.forget_all(board.state.state());
+            self.forget_all(self.state);
         }
         if !in_op {
             for seen in &mut self.slaves {

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, MutexGuard};
 
+use super::error::UsbError;
 use super::line::Line;
 use super::reports::{DEAF, Shared, State};
 use super::rest::UNWRITTEN_FOR;
@@ -79,6 +80,19 @@ impl Shared {
         state.waiting -= 1;
     }
 
+    /// The call that writes: as [`Shared::wait`], for the end of its transfer.
+    pub fn wait_written(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Option<Duration>) {
+        if !line.has_output_apart() {
+            return self.wait(&self.writable, state, line, limit);
+        }
+        state.turns += 1;
+        self.attend(state, || line.await_output(limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY)));
+        if state.closing && state.written.is_some() {
+            // The pipe's thread ends after this transfer, which it is told nothing of.
+            self.wake_all(state, line);
+        }
+    }
+
     /// Takes what has come and was not handled yet, without waiting.
     pub fn take_what_came(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line) {
         if !state.handled && !state.deaf {
@@ -91,6 +105,7 @@ impl Shared {
         self.readable.notify_all();
         self.writable.notify_all();
         self.look_around.notify_all();
+        line.interrupt_output();
         if state.handled {
             line.interrupt();
         }
@@ -106,22 +121,27 @@ impl Shared {
 
     fn handle(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
         state.handled = true;
-        let done = MutexGuard::unlocked(state, || {
-            line.handle_events(limit).inspect_err(|error| {
-                log::debug!("the events of USB: {error}");
-                thread::sleep(AFTER_AN_ERROR);
-            })
-        });
+        self.attend(state, || line.handle_events(limit));
         state.handled = false;
-        state.event_errors = if done.is_ok() { 0 } else { state.event_errors + 1 };
-        if state.event_errors >= ERRORS {
-            state.deaf = true;
-            self.lose(state, DEAF);
-        }
         // One of them goes on with it.
         if state.waiting > 0 {
             self.readable.notify_all();
             self.writable.notify_all();
+        }
+    }
+
+    /// Lets the line work, without the lock; a line that fails for good has lost the device.
+    fn attend(&self, state: &mut MutexGuard<'_, State>, work: impl FnOnce() -> Result<(), UsbError>) {
+        let done = MutexGuard::unlocked(state, || {
+            work().inspect_err(|error| {
+                log::debug!("the events of USB: {error}");
+                thread::sleep(AFTER_AN_ERROR);
+            })
+        });
+        state.event_errors = if done.is_ok() { 0 } else { state.event_errors + 1 };
+        if state.event_errors >= ERRORS {
+            state.deaf = true;
+            self.lose(state, DEAF);
         }
     }
 }

@@ -33,7 +33,7 @@ pub(super) trait Ended: Send + Sync {
 }
 
 /// What moves the reports of an open device. Every transfer that is handed over ends, which the listener is told by the
-/// thread in [`Line::handle_events`]; a line is dropped after all have.
+/// thread in [`Line::handle_events`], or in [`Line::await_output`]; a line is dropped after all have.
 pub(super) trait Line: Send + Sync {
     /// How many transfers to the host it has.
     fn inputs(&self) -> usize;
@@ -62,6 +62,19 @@ pub(super) trait Line: Send + Sync {
 
     /// Ends the wait in [`Line::handle_events`].
     fn interrupt(&self);
+
+    /// Whether the end of the transfer to the device is no event: whoever writes waits for it, in [`Line::await_output`].
+    fn has_output_apart(&self) -> bool {
+        false
+    }
+
+    /// Waits for the end of the transfer to the device so long, or until it is interrupted, and tells the listener.
+    fn await_output(&self, _limit: Duration) -> Result<(), UsbError> {
+        Ok(())
+    }
+
+    /// Ends the wait in [`Line::await_output`], or the next one.
+    fn interrupt_output(&self) {}
 
     /// The endpoint to the host, which has stalled and has no transfer, is to send again.
     fn unstall_input(&self);

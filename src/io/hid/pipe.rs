@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex, MutexGuard};
+use parking_lot::{Mutex, MutexGuard};
 
 use super::error::UsbError;
 use super::line::{Line, Outcome};
@@ -147,13 +147,13 @@ impl Pipe {
             if state.cancelled_reads != cancelled {
                 return Err(PipeError::Cancelled);
             }
-            match self.wait(&self.shared.readable, state, began, limit) {
+            match left(began, limit) {
                 // What came is not late because nobody has looked.
                 Err(_) if !looked => {
                     looked = true;
                     self.shared.take_what_came(state, &*self.line);
                 }
-                done => done?,
+                left => self.shared.wait(&self.shared.readable, state, &*self.line, left?),
             }
         }
     }
@@ -206,13 +206,16 @@ impl Pipe {
             };
             match (given_up, stop) {
                 // The system gives it back soon.
-                (Some(_), _) => self.shared.wait(&self.shared.writable, &mut state, &*self.line, None),
+                (Some(_), _) => self.shared.wait_written(&mut state, &*self.line, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
                     self.line.cancel_output();
                 }
                 (None, None) => {
-                    if let Err(why) = self.wait(&self.shared.writable, &mut state, began, limit)
+                    let waited = left(began, limit).map(|left| {
+                        self.shared.wait_written(&mut state, &*self.line, left);
+                    });
+                    if let Err(why) = waited
                         && state.written.is_none()
                     {
                         given_up = Some(why);
@@ -281,32 +284,22 @@ impl Pipe {
         }
         self.line.release();
     }
-
-    /// Waits for a change, until the limit.
-    fn wait(
-        &self,
-        changed: &Condvar,
-        state: &mut MutexGuard<'_, State>,
-        began: Instant,
-        limit: Option<Duration>,
-    ) -> Result<(), PipeError> {
-        // A limit too far away to be a moment is none.
-        let until = limit.and_then(|limit| Some((limit, began.checked_add(limit)?)));
-        let left = match until {
-            Some((limit, until)) => match until.checked_duration_since(Instant::now()) {
-                Some(left) if !left.is_zero() => Some(left),
-                _ => return Err(PipeError::Timeout(limit)),
-            },
-            None => None,
-        };
-        self.shared.wait(changed, state, &*self.line, left);
-        Ok(())
-    }
 }
 
 impl Drop for Pipe {
     fn drop(&mut self) {
         self.close();
+    }
+}
+
+/// What is left of a call's limit. One that is too far away to be a moment is none.
+fn left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>, PipeError> {
+    let Some((limit, until)) = limit.and_then(|limit| Some((limit, began.checked_add(limit)?))) else {
+        return Ok(None);
+    };
+    match until.checked_duration_since(Instant::now()) {
+        Some(left) if !left.is_zero() => Ok(Some(left)),
+        _ => Err(PipeError::Timeout(limit)),
     }
 }
 

@@ -129,6 +129,10 @@ functions! {
         create_port = CreateIoCompletionPort(Handle, Handle, usize, u32) -> Handle;
         next_completion = GetQueuedCompletionStatus(Handle, *mut u32, *mut usize, *mut *mut Overlapped, u32) -> Bool;
         post_completion = PostQueuedCompletionStatus(Handle, u32, usize, *mut Overlapped) -> Bool;
+        create_event = CreateEventW(*const c_void, Bool, Bool, *const u16) -> Handle;
+        set_event = SetEvent(Handle) -> Bool;
+        wait_any = WaitForMultipleObjects(u32, *const Handle, Bool, u32) -> u32;
+        transfer_result = GetOverlappedResult(Handle, *mut Overlapped, *mut u32, Bool) -> Bool;
         last_error = GetLastError() -> u32;
     }
     "hid": {

@@ -63,6 +63,10 @@ struct Inside {
     /// Transfers that have ended: which, by which code, how many bytes have moved.
     ended: VecDeque<(*mut Overlapped, u32, usize)>,
     woken: bool,
+    /// Events that are set: of the transfer to the device, and of an interruption.
+    set: [bool; 2],
+    /// The first of a line's events has been made.
+    has_event: bool,
     to_send: VecDeque<Vec<u8>>,
     takes: Takes,
     taken: Vec<Vec<u8>>,
@@ -83,6 +87,7 @@ struct Inside {
 }
 
 /// The devices and the one board that is opened.
+#[repr(align(8))] // Its handles keep something in the lowest bits.
 pub struct World {
     inside: Mutex<Inside>,
     changed: Condvar,
@@ -100,6 +105,8 @@ impl World {
             pending: Vec::new(),
             ended: VecDeque::new(),
             woken: false,
+            set: [false; 2],
+            has_event: false,
             to_send: VecDeque::new(),
             takes: Takes::All,
             taken: Vec::new(),
@@ -156,8 +163,9 @@ impl World {
     pub fn pull(&self, code: u32) {
         self.with(|inside| {
             inside.gone = Some(code);
-            let ended = inside.pending.drain(..).map(|pending| (pending.overlapped, code, 0));
-            inside.ended.extend(ended);
+            for pending in std::mem::take(&mut inside.pending) {
+                inside.end(pending.overlapped, code, 0);
+            }
         });
     }
 
@@ -206,7 +214,7 @@ impl Inside {
             let bytes = bytes.unwrap_or_default();
             // SAFETY: Windows has the transfer, whose buffer has room for a report.
             unsafe { buffer.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len().min(NUMBERED_LEN)) };
-            self.ended.push_back((overlapped, 0, bytes.len()));
+            self.end(overlapped, 0, bytes.len());
         }
         let keeps = self.keeps.map_or(0, |keeps| keeps as usize);
         self.to_send.drain(..self.to_send.len().saturating_sub(keeps));
@@ -219,11 +227,11 @@ impl Inside {
         }
         match self.takes {
             Takes::All => {
-                self.ended.push_back((overlapped, 0, report.len()));
+                self.end(overlapped, 0, report.len());
                 self.taken.push(report);
             }
             Takes::Nothing => self.pending.push(Pending { overlapped, buffer, to_host: false }),
-            Takes::Fails(code) => self.ended.push_back((overlapped, code, 0)),
+            Takes::Fails(code) => self.end(overlapped, code, 0),
         }
         PENDING
     }
@@ -232,8 +240,20 @@ impl Inside {
         let at = self.pending.iter().position(|pending| pending.overlapped == overlapped);
         if let Some(at) = at {
             self.pending.remove(at);
-            self.ended.push_back((overlapped, ABORTED, 0));
+            self.end(overlapped, ABORTED, 0);
         }
         at.is_some()
+    }
+
+    /// A transfer has ended, which its event is told, or the port.
+    fn end(&mut self, overlapped: *mut Overlapped, code: u32, moved: usize) {
+        // SAFETY: Windows has the transfer.
+        let transfer = unsafe { &mut *overlapped };
+        (transfer.internal, transfer.internal_high) = (code as usize, moved);
+        if transfer.event.addr() & 1 == 0 {
+            self.ended.push_back((overlapped, code, moved));
+        } else {
+            self.set[functions::event(transfer.event)] = true;
+        }
     }
 }

@@ -55,6 +55,16 @@ impl Owned {
         Ok(Self { bus: self.bus.clone(), raw })
     }
 
+    /// An event that one wait takes away.
+    pub fn event(bus: &Arc<Bus>) -> Result<Self, UsbError> {
+        // SAFETY: without attributes and name.
+        let raw = unsafe { (bus.api().create_event)(ptr::null(), 0, 0, ptr::null()) };
+        if raw.is_null() {
+            return Err(codes::error(bus.last_error()));
+        }
+        Ok(Self { bus: bus.clone(), raw })
+    }
+
     pub const fn bus(&self) -> &Arc<Bus> {
         &self.bus
     }

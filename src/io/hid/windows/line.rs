@@ -5,7 +5,7 @@ use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::api::Overlapped;
+use super::api::{Handle, Overlapped};
 use super::bus::Device;
 use super::find::Shape;
 use super::handle::Owned;
@@ -21,8 +21,12 @@ const DRIVER_KEEPS_AT_LEAST: usize = 2;
 struct Overlapping {
     inputs: Vec<Transfer>,
     output: Transfer,
-    /// Where the ends of transfers are told.
+    /// Where the ends of transfers to the host are told.
     port: Owned,
+    /// The end of the transfer to the device, and an interruption. Windows' driver is asked for the port once more than for
+    /// an event, and each time costs as much as a good part of a write.
+    written: Owned,
+    woken: Owned,
     handle: Arc<Owned>,
     listener: Arc<dyn Ended>,
 }
@@ -37,8 +41,11 @@ impl Device {
     ) -> Result<Arc<dyn Line>, UsbError> {
         let handle = Arc::new(Owned::open(&self.bus, &self.path, true)?);
         let port = handle.port()?;
-        let inputs = (0..transfers).map(|_| Transfer::new()).collect();
-        let line = Overlapping { inputs, output: Transfer::new(), port, handle, listener: listener.clone() };
+        let [written, woken] = [Owned::event(&self.bus)?, Owned::event(&self.bus)?];
+        let inputs = (0..transfers).map(|_| Transfer::new(ptr::null_mut())).collect();
+        // With the lowest bit set the port is told nothing.
+        let output = Transfer::new(written.raw().map_addr(|address| address | 1));
+        let line = Overlapping { inputs, output, port, written, woken, handle, listener: listener.clone() };
         // A driver that keeps fewer is no reason not to open it.
         line.keep(None);
         Ok(Arc::new(line))
@@ -64,9 +71,9 @@ unsafe impl Send for Transfer {}
 unsafe impl Sync for Transfer {}
 
 impl Transfer {
-    fn new() -> Self {
-        let overlapped =
-            Overlapped { internal: 0, internal_high: 0, offset: 0, offset_high: 0, event: ptr::null_mut() };
+    /// `event`: what is told of its end besides the port, or instead.
+    fn new(event: Handle) -> Self {
+        let overlapped = Overlapped { internal: 0, internal_high: 0, offset: 0, offset_high: 0, event };
         let inner = Inner { overlapped: overlapped.into(), buffer: [0; NUMBERED_LEN].into() };
         Self { inner: NonNull::from(Box::leak(Box::new(inner))) }
     }
@@ -134,13 +141,9 @@ impl Overlapping {
         unsafe { (self.handle.bus().api().cancel)(self.handle.raw(), transfer.overlapped()) };
     }
 
-    /// Tells the listener that the transfer has ended which begins with `overlapped`.
+    /// Tells the listener that the transfer to the host has ended which begins with `overlapped`.
     fn ended(&self, overlapped: *mut Overlapped, outcome: Outcome, moved: usize) {
         let moved = moved.min(NUMBERED_LEN);
-        if self.output.overlapped() == overlapped {
-            // The number is no part of the report.
-            return self.listener.output(outcome, moved.saturating_sub(1));
-        }
         let Some(number) = self.inputs.iter().position(|input| input.overlapped() == overlapped) else { return };
         let input = &self.inputs[number];
         // SAFETY: Windows has given the transfer back, and no other thread takes one meanwhile. It is copied, since the
@@ -150,6 +153,11 @@ impl Overlapping {
         let report = if bytes[0] == 0 { bytes.get(1..moved).unwrap_or_default() } else { &[] };
         self.listener.input(number, outcome, report, &|| self.read(input));
     }
+}
+
+/// Windows waits for whole milliseconds.
+fn milliseconds(limit: Duration) -> u32 {
+    u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(u32::MAX - 1)
 }
 
 impl Line for Overlapping {
@@ -190,8 +198,7 @@ impl Line for Overlapping {
     }
 
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
-        // Windows waits for whole milliseconds.
-        let mut limit = u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(u32::MAX - 1);
+        let mut limit = milliseconds(limit);
         // All that have ended, each transfer once at most.
         for _ in 0..=self.inputs.len() {
             if !self.next_event(limit)? {
@@ -205,6 +212,35 @@ impl Line for Overlapping {
     fn interrupt(&self) {
         // SAFETY: the port is open until `drop`.
         unsafe { (self.handle.bus().api().post_completion)(self.port.raw(), 0, 0, ptr::null_mut()) };
+    }
+
+    fn has_output_apart(&self) -> bool {
+        true
+    }
+
+    fn await_output(&self, limit: Duration) -> Result<(), UsbError> {
+        let api = self.handle.bus().api();
+        let events = [self.written.raw(), self.woken.raw()];
+        // SAFETY: both are open until `drop`.
+        match unsafe { (api.wait_any)(events.len() as u32, events.as_ptr(), 0, milliseconds(limit)) } {
+            0 => {}
+            1 | codes::NOTHING_YET => return Ok(()),
+            _ => return Err(codes::error(self.handle.bus().last_error())),
+        }
+        let mut moved = 0;
+        // SAFETY: the handle is open and the transfer there until `drop`; its end has been told.
+        let good =
+            unsafe { (api.transfer_result)(self.handle.raw(), self.output.overlapped(), &raw mut moved, 0) } != 0;
+        let code = if good { 0 } else { self.handle.bus().last_error() };
+        // The number is no part of the report.
+        let moved = (moved as usize).min(NUMBERED_LEN).saturating_sub(1);
+        self.listener.output(codes::outcome(code), moved);
+        Ok(())
+    }
+
+    fn interrupt_output(&self) {
+        // SAFETY: it is open until `drop`.
+        unsafe { (self.handle.bus().api().set_event)(self.woken.raw()) };
     }
 
     // The driver sees to stalls by itself.

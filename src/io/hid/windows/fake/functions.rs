@@ -40,6 +40,10 @@ pub(super) const FAKE: Api = Api {
     create_port,
     next_completion,
     post_completion,
+    create_event,
+    set_event,
+    wait_any,
+    transfer_result,
     last_error,
     hid_class,
     preparsed,
@@ -56,10 +60,25 @@ pub(super) const FAKE: Api = Api {
     device_id,
 };
 
-/// Of a handle: all of them are the address of a world, which is never freed.
+/// Of a handle: all of them are the address of a world, which is never freed, in the lowest bits what else is known.
 fn world(handle: *mut c_void) -> &'static World {
     // SAFETY: see above.
-    unsafe { &*handle.cast::<World>() }
+    unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<World>() }
+}
+
+/// Bits that no address of a world has.
+const LOWEST: usize = align_of::<World>() - 1;
+/// In the handles of a line's events.
+const FIRST: usize = 2;
+const SECOND: usize = 4;
+
+/// Which event a handle is, from 0.
+pub(super) fn event(handle: Handle) -> usize {
+    match handle.addr() & LOWEST & !1 {
+        FIRST => 0,
+        SECOND => 1,
+        other => panic!("{other} is no event"),
+    }
 }
 
 fn here() -> &'static World {
@@ -197,6 +216,57 @@ unsafe extern "system" fn next_completion(
 unsafe extern "system" fn post_completion(port: Handle, _moved: u32, _key: usize, _what: *mut Overlapped) -> Bool {
     world(port).with(|inside| inside.woken = true);
     1
+}
+
+unsafe extern "system" fn create_event(security: *const c_void, manual: Bool, set: Bool, name: *const u16) -> Handle {
+    assert!(security.is_null() && name.is_null() && (manual, set) == (0, 0), "one that a wait takes away");
+    let world = here();
+    let is_second = world.with(|inside| {
+        inside.has_event = !inside.has_event;
+        !inside.has_event
+    });
+    handle(world).map_addr(|address| address | if is_second { SECOND } else { FIRST })
+}
+
+unsafe extern "system" fn set_event(handle: Handle) -> Bool {
+    world(handle).with(|inside| inside.set[event(handle)] = true);
+    1
+}
+
+unsafe extern "system" fn wait_any(count: u32, handles: *const Handle, all: Bool, limit_ms: u32) -> u32 {
+    assert_eq!(all, 0, "any of them");
+    // SAFETY: the caller has so many.
+    let handles = unsafe { slice::from_raw_parts(handles, count as usize) };
+    let world = world(handles[0]);
+    let mut inside = world.inside.lock();
+    loop {
+        if let Some(first) = handles.iter().position(|handle| inside.set[event(*handle)]) {
+            inside.set[event(handles[first])] = false;
+            return first as u32;
+        }
+        if limit_ms < LONG_MS {
+            if world.changed.wait_for(&mut inside, Duration::from_millis(limit_ms.into())).timed_out() {
+                return NOTHING_YET;
+            }
+        } else {
+            world.changed.wait(&mut inside);
+        }
+    }
+}
+
+unsafe extern "system" fn transfer_result(
+    _handle: Handle,
+    overlapped: *mut Overlapped,
+    moved: *mut u32,
+    wait: Bool,
+) -> Bool {
+    assert_eq!(wait, 0, "it has ended");
+    // SAFETY: the caller's transfer and place.
+    let code = unsafe {
+        *moved = (*overlapped).internal_high as u32;
+        (*overlapped).internal as u32
+    };
+    answer(code)
 }
 
 unsafe extern "system" fn last_error() -> u32 {

@@ -6,7 +6,7 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::sk::{
     AxisTarget, CommandId, CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, SdoCommand,
-    SlaveCommand, SlaveKind, SlotCommand, SlotSize,
+    SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize,
 };
 use sk_support::rubbish;
 
@@ -224,4 +224,31 @@ fn local_io() {
 #[test]
 fn soft_reset() {
     master([0xBB, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SoftReset);
+}
+
+/// SK-4.1 SK-4.2 The slots in which a command may stand: the table's column, by codes; and which slot is of which kind.
+#[test]
+fn each_command_belongs_in_one_kind_of_slot() {
+    for code in 0..=u8::MAX {
+        let expected: &[SlotKind] = match code {
+            0x00 => &SlotKind::ALL,
+            0x01..=0x05 | 0x21 | 0x22 | 0xBB => &[SlotKind::Master],
+            0x07 | 0x08 => &[SlotKind::Sdo],
+            0x06 | 0x10..=0x19 => &[SlotKind::Slave],
+            _ => &[],
+        };
+        let id = CommandId::from_code(code);
+        let found: Vec<_> = SlotKind::ALL.into_iter().filter(|slot| id.belongs_in(*slot)).collect();
+        assert_eq!(found, expected, "{id}");
+    }
+    for (size, last) in [(SlotSize::Bytes12, 41), (SlotSize::Bytes16, 31)] {
+        for slot in 0..=last {
+            let expected = match slot {
+                0 => SlotKind::Master,
+                _ if slot == last => SlotKind::Sdo,
+                _ => SlotKind::Slave,
+            };
+            assert_eq!(size.kind_of(slot), expected, "slot {slot}");
+        }
+    }
 }

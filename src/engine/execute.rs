@@ -6,7 +6,7 @@ use crate::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::{
     CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand,
-    SlotCommand,
+    SlotCommand, SlotKind,
 };
 
 /// In OP these do not wait in the FIFO (SK-5 \[OURS]).
@@ -30,41 +30,14 @@ const fn allowed_in(id: CommandId, state: MasterState) -> bool {
     }
 }
 
-/// The three kinds of slot.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
-    Master,
-    Slave,
-    Sdo,
-}
-
-/// Where a command belongs: the columns of UG17 1.8.
-const fn belongs(id: CommandId, place: Place) -> bool {
-    use CommandId::*;
-    match id {
-        GetStatus => true,
-        SetState | SetAxis | SetDc | SetEx | SetFifo | LocalRead | LocalWrite | SoftReset => {
-            matches!(place, Place::Master)
-        }
-        SdoRead | SdoWrite => matches!(place, Place::Sdo),
-        DriveMode | AlarmClear | ServoOn | ServoOff | IoRead | IoWrite | Csp | Csv | Cst | GoHome | AbortHome => {
-            matches!(place, Place::Slave)
-        }
-        Unknown(_) => false,
-    }
-}
-
-impl Place {
-    const ALL: [Self; 3] = [Self::Master, Self::Slave, Self::Sdo];
-
-    const fn bit(self) -> u8 {
-        1 << self as u8
-    }
+/// The bit of a kind of slot in [`ADMITTED`].
+const fn slot_bit(slot: SlotKind) -> u8 {
+    1 << slot as u8
 }
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
-/// By code: the places where a command belongs, [`Place::bit`], and the states that allow it, [`state_bit`]. It is asked
+/// By code: the slots that a command belongs in, [`slot_bit`], and the states that allow it, [`state_bit`]. It is asked
 /// for every slot of every cycle.
 static ADMITTED: [u8; 256] = {
     let mut admitted = [0; 256];
@@ -72,12 +45,12 @@ static ADMITTED: [u8; 256] = {
     while n < CommandId::ALL.len() {
         let id = CommandId::ALL[n];
         let mut bits = 0;
-        let mut place = 0;
-        while place < Place::ALL.len() {
-            if belongs(id, Place::ALL[place]) {
-                bits |= Place::ALL[place].bit();
+        let mut slot = 0;
+        while slot < SlotKind::ALL.len() {
+            if id.belongs_in(SlotKind::ALL[slot]) {
+                bits |= slot_bit(SlotKind::ALL[slot]);
             }
-            place += 1;
+            slot += 1;
         }
         let mut state = 0;
         while state < STATES.len() {
@@ -92,7 +65,7 @@ static ADMITTED: [u8; 256] = {
     admitted
 };
 
-/// Beside those of [`Place`].
+/// Beside those of [`slot_bit`].
 const fn state_bit(state: MasterState) -> u8 {
     match state {
         MasterState::Init => 1 << 4,
@@ -124,10 +97,10 @@ pub(super) const fn suits(command: &SlaveCommand, role: Role) -> Result<(), Reas
 }
 
 #[cold]
-fn why_not_admitted(id: CommandId, place: Place) -> Reason {
+fn why_not_admitted(id: CommandId, slot: SlotKind) -> Reason {
     match id {
         CommandId::Unknown(_) => Reason::UnknownId,
-        _ if !belongs(id, place) => Reason::WrongSlot,
+        _ if !id.belongs_in(slot) => Reason::WrongSlot,
         _ => Reason::WrongState,
     }
 }
@@ -168,7 +141,7 @@ impl Engine {
 
     pub(super) fn execute_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
-        let done = self.admit(id, Place::Master).and_then(|()| {
+        let done = self.admit(id, SlotKind::Master).and_then(|()| {
             let command = MasterCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
             self.run_master(&command, at)
         });
@@ -256,7 +229,7 @@ impl Engine {
 
     #[inline(always)]
     fn run_slot(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Done, Reason> {
-        self.admit(id, Place::Slave)?;
+        self.admit(id, SlotKind::Slave)?;
         let SlotCommand { command, .. } =
             SlotCommand::decode_as(id, slot, self.config.slot).map_err(Reason::BadArgument)?;
         self.mark_commanded(slave);
@@ -349,7 +322,7 @@ impl Engine {
             return;
         }
         let id = CommandId::from_code(slot.id);
-        let done = self.admit(id, Place::Sdo).and_then(|()| {
+        let done = self.admit(id, SlotKind::Sdo).and_then(|()| {
             let command = SdoCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
             self.v.sdo.command(command)
         });
@@ -363,9 +336,9 @@ impl Engine {
     }
 
     #[inline]
-    pub(super) fn admit(&self, id: CommandId, place: Place) -> Result<(), Reason> {
-        let needed = place.bit() | self.v.network.state().map_or(u8::MAX, state_bit);
-        if ADMITTED[usize::from(id.code())] & needed == needed { Ok(()) } else { Err(why_not_admitted(id, place)) }
+    pub(super) fn admit(&self, id: CommandId, slot: SlotKind) -> Result<(), Reason> {
+        let needed = slot_bit(slot) | self.v.network.state().map_or(u8::MAX, state_bit);
+        if ADMITTED[usize::from(id.code())] & needed == needed { Ok(()) } else { Err(why_not_admitted(id, slot)) }
     }
 
     pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {

@@ -2,13 +2,13 @@
 //! Its slot keeps its values, what comes for it is counted, and the others go on.
 
 use super::axis::Driven;
-use super::execute::{Place, suits};
+use super::execute::suits;
 use super::network::Step;
 use super::outputs::used_axes;
 use super::{Engine, Event};
 use crate::cia402::Mode;
 use crate::fieldbus::{Fieldbus, MAX_ANSWER_DELAY, MAX_SLAVES, Ns, Pacing, SlaveSet};
-use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand};
+use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
 /// Since when answers of each slave are newer than its newest move: those that a bus had still under way then say
 /// nothing of where it is.
@@ -131,7 +131,7 @@ impl Engine {
         if id == CommandId::GetStatus {
             return;
         }
-        let right = self.admit(id, Place::Slave).and_then(|()| {
+        let right = self.admit(id, SlotKind::Slave).and_then(|()| {
             let command = SlotCommand::decode(slot, self.config.slot).map_err(super::Reason::BadArgument)?.command;
             suits(&command, self.role(slave))?;
             match command {

@@ -89,32 +89,12 @@ fn verdict(report: &Frame, given: SlotSize) -> Option<SlotSize> {
     }
 }
 
-/// Whether each slot begins as slots of a response do (SK-3), and the bytes that read 0 are 0 (SK-1).
+/// Whether each slot begins with a command that belongs there, as slots of a response do (SK-3, SK-6), and the bytes that
+/// read 0 are 0 (SK-1).
 fn has_structure(report: &Frame, size: SlotSize) -> bool {
-    let begins_well = |slot: usize| {
-        let id = CommandId::from_code(report.slot(size, slot).id);
-        if slot == size.sdo_slot() { OF_SDO.contains(&id) } else { OF_SLAVES.contains(&id) }
-    };
+    let begins_well = |slot: usize| CommandId::from_code(report.slot(size, slot).id).belongs_in(size.kind_of(slot));
     report.slot(size, 0).data3 == 0 && (1..size.slots()).all(begins_well)
 }
-
-/// SK-3: what byte 0 of a slave's slot may be.
-const OF_SLAVES: [CommandId; 12] = [
-    CommandId::GetStatus,
-    CommandId::DriveMode,
-    CommandId::AlarmClear,
-    CommandId::ServoOn,
-    CommandId::ServoOff,
-    CommandId::IoRead,
-    CommandId::IoWrite,
-    CommandId::Csp,
-    CommandId::Csv,
-    CommandId::Cst,
-    CommandId::GoHome,
-    CommandId::AbortHome,
-];
-/// SK-6: what byte 0 of the SDO slot may be.
-const OF_SDO: [CommandId; 3] = [CommandId::GetStatus, CommandId::SdoRead, CommandId::SdoWrite];
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,6 @@
 //! The slot size of frames, which they do not say of themselves.
 
-use crate::sk::{CommandId, CrcStatus, Frame, MASTER_CYCLIC, RawSlot, SlotSize};
+use crate::sk::{CommandId, CrcStatus, Frame, MASTER_CYCLIC, RawSlot, SlotKind, SlotSize};
 
 /// How sure the slot size of a frame is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,7 +83,7 @@ fn by_slots(frame: &Frame) -> Option<SlotSize> {
         frame.slots(size).iter().enumerate().all(|(i, slot)| match i {
             0 => slot.id == MASTER_CYCLIC || !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_)),
             i if i == size.sdo_slot() => is_sdo(&slot, size) || slot.is_zero(),
-            _ => is_of_slave(slot.id) || slot.is_zero(),
+            _ => slot.is_zero() || slot.id != CommandId::GetStatus.code() && is_of_slave(&slot),
         })
     };
     match (sensible(SlotSize::Bytes12), sensible(SlotSize::Bytes16)) {
@@ -93,26 +93,13 @@ fn by_slots(frame: &Frame) -> Option<SlotSize> {
     }
 }
 
+/// A command for a slave (SK-4).
+fn is_of_slave(slot: &RawSlot) -> bool {
+    CommandId::from_code(slot.id).belongs_in(SlotKind::Slave)
+}
+
 /// A transfer, or the answer to one (SK-6).
 fn is_sdo(slot: &RawSlot, size: SlotSize) -> bool {
     let is_transfer = matches!(CommandId::from_code(slot.id), CommandId::SdoRead | CommandId::SdoWrite);
     is_transfer && (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF))
-}
-
-/// Commands for slaves (SK-4).
-const fn is_of_slave(id: u8) -> bool {
-    matches!(
-        CommandId::from_code(id),
-        CommandId::DriveMode
-            | CommandId::AlarmClear
-            | CommandId::ServoOn
-            | CommandId::ServoOff
-            | CommandId::IoRead
-            | CommandId::IoWrite
-            | CommandId::Csp
-            | CommandId::Csv
-            | CommandId::Cst
-            | CommandId::GoHome
-            | CommandId::AbortHome
-    )
 }

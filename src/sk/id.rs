@@ -83,6 +83,53 @@ command_ids! {
     SoftReset = 0xBB, "SW_RESET";
 }
 
+/// The three kinds of slot that a frame has, by which commands they take: the columns of UG17 1.8.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SlotKind {
+    /// Slot 0: commands for the board itself.
+    Master,
+    /// Slots 1..=40 (30): commands for one slave each.
+    Slave,
+    /// The last slot: SDO transfers.
+    Sdo,
+}
+
+impl SlotKind {
+    /// All of them, in the order in which a frame has them.
+    pub const ALL: [Self; 3] = [Self::Master, Self::Slave, Self::Sdo];
+}
+
+impl CommandId {
+    /// Whether slots of that kind take this command (UG17 1.8). GET_STATUS may stand in every slot, an unknown code in none.
+    #[inline]
+    pub const fn belongs_in(self, slot: SlotKind) -> bool {
+        match self {
+            Self::GetStatus => true,
+            Self::SetState
+            | Self::SetAxis
+            | Self::SetDc
+            | Self::SetEx
+            | Self::SetFifo
+            | Self::LocalRead
+            | Self::LocalWrite
+            | Self::SoftReset => matches!(slot, SlotKind::Master),
+            Self::SdoRead | Self::SdoWrite => matches!(slot, SlotKind::Sdo),
+            Self::DriveMode
+            | Self::AlarmClear
+            | Self::ServoOn
+            | Self::ServoOff
+            | Self::IoRead
+            | Self::IoWrite
+            | Self::Csp
+            | Self::Csv
+            | Self::Cst
+            | Self::GoHome
+            | Self::AbortHome => matches!(slot, SlotKind::Slave),
+            Self::Unknown(_) => false,
+        }
+    }
+}
+
 impl fmt::Display for CommandId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -27,7 +27,7 @@ pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, S
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
 pub use frame::{FRAME_LEN, Frame};
-pub use id::CommandId;
+pub use id::{CommandId, SlotKind};
 pub use response::{
     DriveResponse, HspAxis, HspResponse, IoResponse, MasterResponse, MasterState, SdoResponse, SlaveResponse, StateByte,
 };

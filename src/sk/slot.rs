@@ -2,6 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::SlotKind;
+
 /// An unsigned or signed little-endian integer that may stand at any address.
 macro_rules! little_endian {
     ($($(#[$doc:meta])* $name:ident($int:ty, $n:literal);)*) => {$(
@@ -92,6 +94,15 @@ impl SlotSize {
     /// The slot for SDO transfers, the last one: 41 or 31.
     pub const fn sdo_slot(self) -> usize {
         self.slots() - 1
+    }
+
+    /// What kind of slot `slot` is, 0 to 41 (31).
+    pub const fn kind_of(self, slot: usize) -> SlotKind {
+        match slot {
+            0 => SlotKind::Master,
+            _ if slot == self.sdo_slot() => SlotKind::Sdo,
+            _ => SlotKind::Slave,
+        }
     }
 }
 

@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 
 use crate::sk::{
-    CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotSize, StateByte,
+    CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotKind, SlotSize,
+    StateByte,
 };
 
 /// How far answers are looked for that have slipped, bits. \[OURS]
@@ -192,13 +193,9 @@ pub struct NoAnswer;
 /// Ids that the first answers have: those of GET_STATUS, LIO_RD and OP.
 const IDS_OF_ANSWERS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
-/// What slot 0 answers outside OP: the ids of commands for the board.
-fn is_of_the_board(id: u8) -> bool {
-    use CommandId::{GetStatus, LocalRead, LocalWrite, SetAxis, SetDc, SetEx, SetFifo, SetState, SoftReset};
-
-    [GetStatus, SetState, SetAxis, SetDc, SetEx, SetFifo, LocalRead, LocalWrite, SoftReset]
-        .iter()
-        .any(|known| known.code() == id)
+/// Whether a slot of that kind answers by that id; slot 0 outside OP.
+const fn belongs(id: u8, slot: SlotKind) -> bool {
+    CommandId::from_code(id).belongs_in(slot)
 }
 
 /// Whether both CRC and form are right: a CRC alone fits by chance once in 256 times.
@@ -213,17 +210,14 @@ fn has_form(frame: &Frame, size: SlotSize) -> bool {
     let slots = frame.slots(size);
     let board = slots.get(0);
     let master = MasterResponse::decode(&board);
-    let quiet = is_of_the_board(master.id) && board.data2 == 0;
+    let is_of_the_board = belongs(master.id, SlotKind::Master);
+    let quiet = is_of_the_board && board.data2 == 0;
     let state_fits = match master.state.state() {
-        Some(MasterState::Op) => {
-            (master.id == MASTER_CYCLIC || is_of_the_board(master.id)) && master.fifo_free <= FIFO_ENTRIES
-        }
+        Some(MasterState::Op) => (master.id == MASTER_CYCLIC || is_of_the_board) && master.fifo_free <= FIFO_ENTRIES,
         Some(_) => quiet,
         None => quiet && matches!(master.state.0, 0 | StateByte::FAILED),
     };
-    let sdo = slots.get(size.sdo_slot());
-    let sdo_fits =
-        [CommandId::GetStatus, CommandId::SdoRead, CommandId::SdoWrite].map(CommandId::code).contains(&sdo.id);
+    let sdo_fits = belongs(slots.get(size.sdo_slot()).id, SlotKind::Sdo);
     state_fits && sdo_fits && (1..=size.max_slaves()).all(|slave| known(&slots.get(slave)))
 }
 

@@ -117,8 +117,8 @@ impl Aim {
             SlaveCommand::Cst(_) => Mode::Cst,
             _ => Mode::Csp,
         };
-        let its = self.takes(slave, wanted)?;
-        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, its, guard) {
+        let axis_guard = self.takes(slave, wanted)?;
+        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, axis_guard, guard) {
             self.check_guard(slave, motion, limit)?;
         }
         self.put(slave, command);
@@ -134,8 +134,8 @@ impl Aim {
             return self.at(slave, command(motion), guard);
         }
         // Most axes have one alone, and 40 of them come by here in a cycle.
-        let its = self.takes(slave, mode)?;
-        if let (Mode::Csp, Guard::Within(limit), true) = (mode, its, guard) {
+        let axis_guard = self.takes(slave, mode)?;
+        if let (Mode::Csp, Guard::Within(limit), true) = (mode, axis_guard, guard) {
             check(slave, target, self.actual(slave), limit)?;
         }
         self.put(slave, command(Motion::to(target)));

@@ -83,7 +83,7 @@ fn by_slots(frame: &Frame) -> Option<SlotSize> {
         frame.slots(size).iter().enumerate().all(|(i, slot)| match i {
             0 => slot.id == MASTER_CYCLIC || !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_)),
             i if i == size.sdo_slot() => is_sdo(&slot, size) || slot.is_zero(),
-            _ => slot.is_zero() || slot.id != CommandId::GetStatus.code() && is_of_slave(&slot),
+            _ => asks(&slot, SlotKind::Slave) || slot.is_zero(),
         })
     };
     match (sensible(SlotSize::Bytes12), sensible(SlotSize::Bytes16)) {
@@ -93,13 +93,12 @@ fn by_slots(frame: &Frame) -> Option<SlotSize> {
     }
 }
 
-/// A command for a slave (SK-4).
-fn is_of_slave(slot: &RawSlot) -> bool {
-    CommandId::from_code(slot.id).belongs_in(SlotKind::Slave)
+/// A command that belongs there (SK-4), or the answer to one, but for GET_STATUS, whose id is 0.
+fn asks(slot: &RawSlot, kind: SlotKind) -> bool {
+    slot.id != CommandId::GetStatus.code() && CommandId::from_code(slot.id).belongs_in(kind)
 }
 
 /// A transfer, or the answer to one (SK-6).
 fn is_sdo(slot: &RawSlot, size: SlotSize) -> bool {
-    let is_transfer = matches!(CommandId::from_code(slot.id), CommandId::SdoRead | CommandId::SdoWrite);
-    is_transfer && (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF))
+    asks(slot, SlotKind::Sdo) && (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF))
 }

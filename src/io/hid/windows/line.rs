@@ -23,9 +23,10 @@ struct Overlapping {
     output: Transfer,
     /// Where the ends of transfers to the host are told.
     port: Owned,
-    /// The end of the transfer to the device, and an interruption. Windows' driver is asked for the port once more than for
-    /// an event, and each time costs as much as a good part of a write.
+    /// Set at the end of the transfer to the device. To wait for it at the port would ask the system two times more, and under
+    /// Wine each of them takes a good part of the time of a write.
     written: Owned,
+    /// Set to interrupt that wait.
     woken: Owned,
     handle: Arc<Owned>,
     listener: Arc<dyn Ended>,

@@ -37,6 +37,8 @@ fn beside_a_stream(ecm: &Ecm, axis: u8, run: impl FnOnce()) {
                 // A frame that the board did not take: the next step tries again.
                 stream.step().ok();
                 runs.store(true, Ordering::Release);
+                // Virtual time passes with each step: limits would be over before a busy machine lets the other thread run.
+                thread::yield_now();
             }
         });
         while !runs.load(Ordering::Acquire) && !streaming.is_finished() {

@@ -76,7 +76,7 @@ pub use watch::Watch;
 
 use self::core::Core;
 use crate::link::{self, Link, LinkError, LinkInfo, Share, Wait};
-use crate::sk::{CrcPolicy, Frame, SlotSize, StateByte};
+use crate::sk::{Frame, SlotSize, StateByte};
 
 /// Reports that are looked at to find the slot size out. \[OURS]
 const PROBE_REPORTS: usize = 3;
@@ -214,9 +214,7 @@ fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize
             }
             Err(error) => return Err(error.into()),
         }
-        let fits = |size: &SlotSize| report.check_crc(*size, CrcPolicy::Strict).is_ok();
-        let mut fitting = SlotSize::ALL.into_iter().filter(fits);
-        if let (Some(size), None) = (fitting.next(), fitting.next()) {
+        if let Some(size) = report.size_by_crc() {
             return Ok(size);
         }
     }

@@ -1,6 +1,6 @@
 //! Whether the reports of a board have slots of the size that the link was told (`slot=`): the wire does not show CONFIG2.
 
-use crate::sk::{CommandId, CrcPolicy, Frame, SlotSize};
+use crate::sk::{Frame, SlotForm, SlotSize};
 
 /// Reports in a row that are enough by their CRC: each is wrong by chance once in 65,000 times. \[OURS]
 const BY_CRC: u32 = 3;
@@ -40,7 +40,7 @@ impl SlotWatch {
         if let State::Open { given, other } = &mut self.state {
             let wanted = if report.crc_byte() == 0 { BY_STRUCTURE } else { BY_CRC };
             let row = &mut other[usize::from(report.crc_byte() == 0)];
-            match verdict(report, self.given) {
+            match verdict(report) {
                 Some(size) if size == self.given => {
                     (*given, *other) = (*given + 1, [0; 2]);
                     // Without a CRC a report that fits is no proof.
@@ -62,44 +62,19 @@ impl SlotWatch {
 
     /// The size that the board's reports have, once it is sure to be another one than given.
     pub fn found(&self) -> Option<SlotSize> {
-        (self.state == State::Wrong).then(|| other(self.given))
-    }
-}
-
-fn other(size: SlotSize) -> SlotSize {
-    match size {
-        SlotSize::Bytes12 => SlotSize::Bytes16,
-        SlotSize::Bytes16 => SlotSize::Bytes12,
+        (self.state == State::Wrong).then(|| self.given.other())
     }
 }
 
 /// The one size that the report fits; `None`: both or neither.
-fn verdict(report: &Frame, given: SlotSize) -> Option<SlotSize> {
-    let fits = |size: SlotSize| {
-        if report.crc_byte() == 0 {
-            has_structure(report, size)
-        } else {
-            report.check_crc(size, CrcPolicy::Strict).is_ok()
-        }
-    };
-    match (fits(given), fits(other(given))) {
-        (true, false) => Some(given),
-        (false, true) => Some(other(given)),
-        _ => None,
-    }
-}
-
-/// Whether each slot begins with a command that belongs there, as slots of a response do (SK-3, SK-6), and the bytes that
-/// read 0 are 0 (SK-1).
-fn has_structure(report: &Frame, size: SlotSize) -> bool {
-    let begins_well = |slot: usize| CommandId::from_code(report.slot(size, slot).id).belongs_in(size.kind_of(slot));
-    report.slot(size, 0).data3 == 0 && (1..size.slots()).all(begins_well)
+fn verdict(report: &Frame) -> Option<SlotSize> {
+    if report.crc_byte() == 0 { report.size_by_slots(SlotForm::Report) } else { report.size_by_crc() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sk::RawSlot;
+    use crate::sk::{CommandId, RawSlot};
 
     const SIZES: [(SlotSize, SlotSize); 2] =
         [(SlotSize::Bytes12, SlotSize::Bytes16), (SlotSize::Bytes16, SlotSize::Bytes12)];

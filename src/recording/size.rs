@@ -1,6 +1,6 @@
 //! The slot size of frames, which they do not say of themselves.
 
-use crate::sk::{CommandId, CrcStatus, Frame, MASTER_CYCLIC, RawSlot, SlotKind, SlotSize};
+use crate::sk::{Frame, SlotForm, SlotSize};
 
 /// How sure the slot size of a frame is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,39 +66,6 @@ fn own_size(frame: &Frame, len: usize) -> Option<SlotSize> {
     if len < SlotSize::Bytes16.frame_len() {
         return Some(SlotSize::Bytes12);
     }
-    let fits = |size| matches!(frame.crc_status(size), CrcStatus::Right(_));
-    // A byte 3 that is 0 is more often no CRC than one.
-    match (frame.crc_byte(), fits(SlotSize::Bytes12), fits(SlotSize::Bytes16)) {
-        (1.., true, false) => Some(SlotSize::Bytes12),
-        (1.., false, true) => Some(SlotSize::Bytes16),
-        _ => by_slots(frame),
-    }
-}
-
-/// The size whose slots alone make sense: each holds an id that belongs there, or nothing. \[OURS] Slots of the other size
-/// begin in the middle of these, and what asks for something or answers does not look like that there. A slot of a
-/// response that answers GET_STATUS holds data without an id: such a frame tells nothing.
-fn by_slots(frame: &Frame) -> Option<SlotSize> {
-    let sensible = |size: SlotSize| {
-        frame.slots(size).iter().enumerate().all(|(i, slot)| match i {
-            0 => slot.id == MASTER_CYCLIC || !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_)),
-            i if i == size.sdo_slot() => is_sdo(&slot, size) || slot.is_zero(),
-            _ => asks(&slot, SlotKind::Slave) || slot.is_zero(),
-        })
-    };
-    match (sensible(SlotSize::Bytes12), sensible(SlotSize::Bytes16)) {
-        (true, false) => Some(SlotSize::Bytes12),
-        (false, true) => Some(SlotSize::Bytes16),
-        _ => None,
-    }
-}
-
-/// A command that belongs there (SK-4), or the answer to one, but for GET_STATUS, whose id is 0.
-fn asks(slot: &RawSlot, kind: SlotKind) -> bool {
-    slot.id != CommandId::GetStatus.code() && CommandId::from_code(slot.id).belongs_in(kind)
-}
-
-/// A transfer, or the answer to one (SK-6).
-fn is_sdo(slot: &RawSlot, size: SlotSize) -> bool {
-    asks(slot, SlotKind::Sdo) && (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF))
+    let by_crc = if frame.crc_byte() == 0 { None } else { frame.size_by_crc() };
+    by_crc.or_else(|| frame.size_by_slots(SlotForm::CommandOrReport))
 }

@@ -17,6 +17,7 @@ pub mod argument;
 pub mod command;
 pub mod crc;
 pub mod dump;
+pub mod find_size;
 pub mod frame;
 pub mod id;
 pub mod response;
@@ -26,6 +27,7 @@ pub use argument::{CycleTime, DcShift, DriveSync, FifoAction, Malformed, SlaveKi
 pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
+pub use find_size::SlotForm;
 pub use frame::{FRAME_LEN, Frame};
 pub use id::{CommandId, SlotKind};
 pub use response::{

@@ -2,10 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::sk::{
-    CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotKind, SlotSize,
-    StateByte,
-};
+use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
 /// How far answers are looked for that have slipped, bits. \[OURS]
 const SLIPS: std::ops::RangeInclusive<usize> = 1..=32;
@@ -136,7 +133,7 @@ impl Judge {
         if answer.crc_byte() != 0 || self.fills_crc() {
             return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
         }
-        !same(bytes, 0) && has_form(answer, self.size)
+        !same(bytes, 0) && SlotForm::Answer.fits(answer, self.size)
     }
 
     /// What is wrong with the answers that were none.
@@ -157,11 +154,10 @@ impl Judge {
 
     fn explain_by(&self, policy: CrcPolicy) -> Option<Lie> {
         let all = |is: &dyn Fn(&[u8]) -> bool| self.bad.iter().all(|answer| is(answer.wire(self.size)));
-        for other in SlotSize::ALL.into_iter().filter(|other| *other != self.size) {
-            // Of a longer frame the end is not known: it is the SDO slot's, most often 0.
-            if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
-                return Some(Lie::SlotSize { set: self.size.bytes(), fits: other.bytes() });
-            }
+        let other = self.size.other();
+        // Of a longer frame the end is not known: it is the SDO slot's, most often 0.
+        if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
+            return Some(Lie::SlotSize { set: self.size.bytes(), fits: other.bytes() });
         }
         // Without a CRC a slip of whole bytes looks like too many other things.
         let most = if policy == CrcPolicy::Strict { *SLIPS.end() } else { 7 };
@@ -193,32 +189,10 @@ pub struct NoAnswer;
 /// Ids that the first answers have: those of GET_STATUS, LIO_RD and OP.
 const IDS_OF_ANSWERS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
-/// Whether a slot of that kind answers by that id; slot 0 outside OP.
-const fn belongs(id: u8, slot: SlotKind) -> bool {
-    CommandId::from_code(id).belongs_in(slot)
-}
-
 /// Whether both CRC and form are right: a CRC alone fits by chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
-    fits && frame.check_crc(size, policy).is_ok() && has_form(frame, size) && !same(frame.wire(size), 0)
-}
-
-/// Whether every slot is one that a board answers.
-fn has_form(frame: &Frame, size: SlotSize) -> bool {
-    let known = |slot: &RawSlot| !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_));
-    let slots = frame.slots(size);
-    let board = slots.get(0);
-    let master = MasterResponse::decode(&board);
-    let is_of_the_board = belongs(master.id, SlotKind::Master);
-    let quiet = is_of_the_board && board.data2 == 0;
-    let state_fits = match master.state.state() {
-        Some(MasterState::Op) => (master.id == MASTER_CYCLIC || is_of_the_board) && master.fifo_free <= FIFO_ENTRIES,
-        Some(_) => quiet,
-        None => quiet && matches!(master.state.0, 0 | StateByte::FAILED),
-    };
-    let sdo_fits = belongs(slots.get(size.sdo_slot()).id, SlotKind::Sdo);
-    state_fits && sdo_fits && (1..=size.max_slaves()).all(|slave| known(&slots.get(slave)))
+    fits && frame.check_crc(size, policy).is_ok() && SlotForm::Answer.fits(frame, size) && !same(frame.wire(size), 0)
 }
 
 fn same(bytes: &[u8], value: u8) -> bool {

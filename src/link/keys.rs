@@ -22,17 +22,11 @@ pub enum Scheme {
     Spi,
     /// A board that another machine serves.
     Tcp,
-    /// A board whose network is a model of an ECM-XF.
-    XfSim,
-    /// A board whose network runs in an ECM-XF on SPI.
-    XfSpi,
-    /// A board whose network runs on a network interface of this machine.
-    Nic,
 }
 
 impl Scheme {
-    /// Every scheme there is a name for, whether it is in this build or not.
-    pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::Nic];
+    /// Every scheme, whether it is in this build or not.
+    pub const ALL: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
 
     /// What stands before the colon.
     pub const fn name(self) -> &'static str {
@@ -41,9 +35,6 @@ impl Scheme {
             Self::Usb => "usb",
             Self::Spi => "spi",
             Self::Tcp => "tcp",
-            Self::XfSim => "xf-sim",
-            Self::XfSpi => "xf-spi",
-            Self::Nic => "nic",
         }
     }
 
@@ -52,24 +43,22 @@ impl Scheme {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link. The names of the others are known, so that an error can say so.
+    /// Whether this build can open such a link: each scheme is a feature, and `spi:` is of Linux alone.
     pub const fn in_build(self) -> bool {
         match self {
             Self::Sim => cfg!(feature = "sim"),
             Self::Tcp => cfg!(all(feature = "tcp", any(unix, windows))),
             Self::Usb => cfg!(all(feature = "usb", any(unix, windows))),
             Self::Spi => cfg!(all(feature = "spi", target_os = "linux")),
-            Self::XfSim | Self::XfSpi | Self::Nic => false,
         }
     }
 
     /// What stands between the colon and the question mark; `None`: nothing may.
     pub const fn path(self) -> Option<&'static str> {
         match self {
-            Self::Sim | Self::Usb | Self::XfSim => None,
-            Self::Spi | Self::XfSpi => Some("/dev/spidevB.C"),
+            Self::Sim | Self::Usb => None,
+            Self::Spi => Some("/dev/spidevB.C"),
             Self::Tcp => Some("//HOST:PORT"),
-            Self::Nic => Some("INTERFACE"),
         }
     }
 
@@ -79,9 +68,6 @@ impl Scheme {
             Self::Usb => "a real ECM-SK on USB",
             Self::Spi => "a real ECM-SK on SPI",
             Self::Tcp => "a board that another process or machine serves (`ecmsk serve tcp`)",
-            Self::XfSim => "a board over a model of an ECM-XF",
-            Self::XfSpi => "a board over an ECM-XF on SPI",
-            Self::Nic => "a board over a network interface of this machine",
         }
     }
 }
@@ -254,7 +240,7 @@ pub fn help() -> String {
     );
     for scheme in Scheme::ALL {
         let form = format!("{scheme}:{}", scheme.path().unwrap_or_default());
-        let later = if scheme.in_build() { "" } else { " (not in this build yet)" };
+        let later = if scheme.in_build() { "" } else { " (not in this build)" };
         // Writing to a String does not fail.
         let _ = writeln!(text, "  {form:<24} {}{later}", scheme.meaning());
     }

@@ -433,6 +433,7 @@ fn connect(
                    here by tcp://HOST:PORT"
                 .into(),
         }),
+        #[allow(unreachable_patterns, reason = "a build may have every link")]
         other => Err(LinkError::Unsupported {
             scheme: other.name().into(),
             hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \

@@ -32,8 +32,7 @@ const IN_VALUE: &AsciiSet = &IN_PATH.add(b'&').add(b'=').add(b'\'').add(b'{').ad
 pub struct LinkUri {
     scheme: Scheme,
     path: String,
-    /// In the order of the table, without those that have their default; then, for a scheme that is not in this build,
-    /// keys that the table does not have, by name.
+    /// In the order of the table, without those that have their default.
     keys: Vec<(String, String)>,
 }
 
@@ -49,7 +48,9 @@ pub enum UriError {
         allowed: String,
     },
     /// A scheme nobody knows.
-    #[error("link `{text}`: unknown scheme `{scheme}`;{suggestion} allowed: {allowed}; {WHERE_TO_LOOK}")]
+    #[error(
+        "link `{text}`: unknown scheme `{scheme}`;{suggestion} allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}"
+    )]
     UnknownScheme {
         /// The link.
         text: String,
@@ -141,8 +142,7 @@ pub enum UriError {
 impl LinkUri {
     /// Reads a URI; white space around it does not count.
     ///
-    /// A scheme that is not in this build is no error here: opening the link says so. The keys that only such a scheme
-    /// has are then kept as they are.
+    /// A scheme that is not in this build is no error here: opening the link says so.
     ///
     /// # Errors
     /// [`UriError`], which names the key, its value and what is allowed.
@@ -224,8 +224,7 @@ impl LinkUri {
             Some(row) => {
                 row.syntax.normal(&value).map_err(|why| UriError::BadValue { key: key.clone(), value, why })?
             }
-            None if scheme.in_build() || key.starts_with(FAULT) => return Err(self.unknown_key(&key, &value)),
-            None => value,
+            None => return Err(self.unknown_key(&key, &value)),
         };
         if let Some((_, first)) = self.keys.iter().find(|(name, _)| *name == key) {
             return Err(UriError::DuplicateKey { key, first: first.clone(), second: value });
@@ -239,8 +238,7 @@ impl LinkUri {
         let Some(list) = self.value("slaves") else { return Ok(()) };
         let slot = self.typed("slot", slot_size)?.unwrap_or_default();
         let bad = |why| UriError::BadValue { key: "slaves".to_owned(), value: list.to_owned(), why };
-        // A scheme that is not in this build may have a key of that name and another syntax.
-        if self.scheme.in_build() && slaves::parse(list).map_err(bad)?.len() > slot.max_slaves() {
+        if slaves::parse(list).map_err(bad)?.len() > slot.max_slaves() {
             return Err(bad(slaves::too_many(slot)));
         }
         Ok(())
@@ -248,7 +246,7 @@ impl LinkUri {
 
     /// \[OURS] What only means something on the real clock is refused on a virtual one, where it would be without effect.
     fn check_clock(&self) -> Result<(), UriError> {
-        if !self.scheme.in_build() || self.value("clock") != Some("virtual") {
+        if self.value("clock") != Some("virtual") {
             return Ok(());
         }
         for (key, why) in REAL_CLOCK_ONLY {
@@ -264,9 +262,8 @@ impl LinkUri {
 
     fn normalize(&mut self) {
         let scheme = self.scheme;
-        self.keys.retain(|(key, value)| Key::find(scheme, key).is_none_or(|row| row.default != Some(value.as_str())));
-        let place = |name: &str| Key::of(scheme).position(|row| row.name == name).unwrap_or(usize::MAX);
-        self.keys.sort_by(|(a, _), (b, _)| place(a).cmp(&place(b)).then_with(|| a.cmp(b)));
+        self.keys.retain(|(key, value)| Key::find(scheme, key).is_some_and(|row| row.default != Some(value.as_str())));
+        self.keys.sort_by_key(|(key, _)| Key::of(scheme).position(|row| row.name == key));
     }
 
     fn unknown_key(&self, key: &str, value: &str) -> UriError {
@@ -299,9 +296,6 @@ impl fmt::Display for LinkUri {
         Ok(())
     }
 }
-
-/// Keys of the wrapper that injects faults.
-const FAULT: &str = "fault.";
 
 /// Keys that are without effect on a virtual clock, and why.
 const REAL_CLOCK_ONLY: &[(&str, &str)] = &[

@@ -6,8 +6,6 @@ use super::{Fraction, Key, Scheme, Syntax};
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
-/// Links whose board is the model in this process, so that its slot size is a setting.
-const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::Nic];
 /// Links to a board that somebody else has set up.
 const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
 /// The slowest clock of a board: a cycle of 250 us takes a quarter of a second. \[OURS]
@@ -39,7 +37,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "slot",
-        schemes: MODELLED,
+        schemes: SIM,
         syntax: SLOT,
         default: Some("12"),
         example: "16",

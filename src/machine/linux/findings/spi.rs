@@ -12,7 +12,7 @@ const PARAMETERS: &str = "/etc/modprobe.d/ecmsk.conf";
 
 impl Machine {
     pub(super) fn spi_findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
-        let link = wanted.filter(|link| matches!(link.scheme(), Scheme::Spi | Scheme::XfSpi));
+        let link = wanted.filter(|link| link.scheme() == Scheme::Spi);
         let wanted = link.is_some();
         let devices = self.spi_devices();
         let mut all = Vec::new();

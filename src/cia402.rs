@@ -1,22 +1,23 @@
-//! CiA 402 as the wire of the ECM-SK shows it: statusword, controlword, the state machine's states, the modes.
+//! CiA 402, the drive profile: statusword, controlword, the states of the state machine, the modes of operation, the error
+//! codes. Only what the ECM-SK uses of it.
 //!
-//! Source: CiA 402-2 (IEC 61800-7-201) 7 and 8; what real drives answered is in SK-7 (`...37h` when on).
+//! Source: CiA 402-2 (IEC 61800-7-201), chapters 7 and 8. Section SK-7 of the rules has what real drives answered.
 
 use core::fmt;
 
-/// Index of the controlword.
+/// Index of the object controlword.
 pub const CONTROLWORD: u16 = 0x6040;
-/// Index of the statusword.
+/// Index of the object statusword.
 pub const STATUSWORD: u16 = 0x6041;
-/// Index of the modes of operation.
+/// Index of the object modes of operation.
 pub const MODES_OF_OPERATION: u16 = 0x6060;
-/// Index of the error code.
+/// Index of the object error code.
 pub const ERROR_CODE: u16 = 0x603F;
-/// What the second axis of a two-channel HSP adds to every index (SK-3).
+/// The offset between the indices of axis 1 and those of axis 2 of a two-channel HSP (SK-3).
 pub const SECOND_AXIS_OFFSET: u16 = 0x800;
 
-/// What an error code (0x603F) means: the meaning that CiA 402 (IEC 61800-7-201, table of error codes) gives it, else that of
-/// its class. What it means on a drive says the drive's manual: codes from 0xFF00 are its maker's own.
+/// The meaning of an error code (object 0x603F) by the table of error codes in CiA 402 (IEC 61800-7-201), or that of its class
+/// where the table has no such code. Codes from 0xFF00 belong to the drive's maker; the drive's manual says more than this.
 pub const fn error_name(code: u16) -> &'static str {
     match code {
         0x0000 => "no error",
@@ -65,26 +66,26 @@ pub const fn error_name(code: u16) -> &'static str {
 /// State of a CiA 402 drive, decoded from its statusword.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DriveState {
-    /// Initialising.
+    /// The drive initialises itself.
     NotReadyToSwitchOn,
-    /// Power stage off; the way up starts with Shutdown (0x06).
+    /// The power stage is off. The controlword Shutdown (0x06) leads to Ready to switch on.
     SwitchOnDisabled,
-    /// Waiting for Switch on (0x07).
+    /// The power stage may be switched on. The controlword Switch on (0x07) does it.
     ReadyToSwitchOn,
-    /// Power stage ready, no torque; waiting for Enable operation (0x0F).
+    /// The power stage is ready and gives no torque. The controlword Enable operation (0x0F) leads to Operation enabled.
     SwitchedOn,
     /// The motor follows its targets.
     OperationEnabled,
-    /// Braking after a quick stop.
+    /// The drive brakes, or stands, after a quick stop.
     QuickStopActive,
-    /// Reacting to a fault.
+    /// The drive reacts to a fault, by braking for example.
     FaultReactionActive,
-    /// Faulted; left by a fault reset only.
+    /// The drive has a fault and gives no torque. Only a fault reset leads out of this state.
     Fault,
 }
 
 impl DriveState {
-    /// The field's name for the state.
+    /// The state's name in CiA 402.
     pub const fn name(self) -> &'static str {
         match self {
             Self::NotReadyToSwitchOn => "Not ready to switch on",
@@ -105,7 +106,7 @@ impl fmt::Display for DriveState {
     }
 }
 
-/// Statusword, object 0x6041.
+/// The statusword, object 0x6041: the state of the CiA 402 state machine and flags.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Statusword(pub u16);
 
@@ -114,34 +115,36 @@ impl Statusword {
     pub const FAULT: u16 = 1 << 3;
     /// Bit 4: voltage enabled.
     pub const VOLTAGE_ENABLED: u16 = 1 << 4;
-    /// Bit 5: quick stop (0 = quick stop is active).
+    /// Bit 5: quick stop, 0 while one is active.
     pub const QUICK_STOP: u16 = 1 << 5;
     /// Bit 7: warning.
     pub const WARNING: u16 = 1 << 7;
-    /// Bit 9: remote, the controlword is processed.
+    /// Bit 9: remote, the drive obeys the controlword.
     pub const REMOTE: u16 = 1 << 9;
     /// Bit 10: target reached.
     pub const TARGET_REACHED: u16 = 1 << 10;
     /// Bit 11: internal limit active.
     pub const INTERNAL_LIMIT: u16 = 1 << 11;
-    /// Bit 12: in CSP, CSV, CST the drive follows its target; in homing: homing attained.
+    /// Bit 12, whose meaning depends on the mode: in CSP, CSV and CST the drive follows its target, in homing mode homing is
+    /// attained.
     pub const BIT12: u16 = 1 << 12;
-    /// Bit 13: in CSP a following error; in homing: homing error.
+    /// Bit 13, whose meaning depends on the mode: in CSP a following error, in homing mode a homing error.
     pub const BIT13: u16 = 1 << 13;
 
-    /// The state the word shows, or `None` for a pattern CiA 402 does not define.
+    /// The state of the drive; `None` for a pattern of bits that CiA 402 does not define.
     #[inline]
     pub const fn state(self) -> Option<DriveState> {
         STATES[(self.0 & 0x6F) as usize]
     }
 
-    /// Whether the drive is in Operation enabled.
+    /// Whether the drive is in the state Operation enabled.
     pub const fn is_enabled(self) -> bool {
         self.0 & 0x6F == 0x27
     }
 }
 
-/// The states by bits 0 to 3, 5 and 6 of the statusword: a board looks one up for each axis in each cycle.
+/// The state for each value of the statusword's bits 0 to 3, 5 and 6, as a table because the engine looks one up for each axis
+/// in each cycle.
 static STATES: [Option<DriveState>; 0x70] = {
     let mut states = [None; 0x70];
     let mut word = 0;
@@ -162,28 +165,28 @@ static STATES: [Option<DriveState>; 0x70] = {
     states
 };
 
-/// Controlword, object 0x6040: the commands of the CiA 402 state machine.
+/// The controlword, object 0x6040: the commands to the CiA 402 state machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Controlword(pub u16);
 
 impl Controlword {
-    /// Disable voltage: to Switch on disabled.
+    /// Disable voltage: leads to Switch on disabled.
     pub const DISABLE_VOLTAGE: Self = Self(0x00);
-    /// Shutdown: to Ready to switch on.
+    /// Shutdown: leads to Ready to switch on.
     pub const SHUTDOWN: Self = Self(0x06);
-    /// Switch on (from Operation enabled: Disable operation).
+    /// Switch on: leads to Switched on. In Operation enabled the same bits mean Disable operation.
     pub const SWITCH_ON: Self = Self(0x07);
-    /// Enable operation.
+    /// Enable operation: leads to Operation enabled.
     pub const ENABLE_OPERATION: Self = Self(0x0F);
-    /// Bit 4: in homing, start.
+    /// Bit 4: in homing mode, start homing.
     pub const HOMING_START: u16 = 1 << 4;
-    /// Bit 7: fault reset, on its rising edge.
+    /// Bit 7: its rising edge resets a fault.
     pub const FAULT_RESET: u16 = 1 << 7;
-    /// Bit 8: in homing, halt.
+    /// Bit 8: halt the motion; in homing mode it interrupts homing.
     pub const HALT: u16 = 1 << 8;
 }
 
-/// A mode of operation the ECM-SK uses (0x6060, UG17 2.2).
+/// A mode of operation (object 0x6060) that the ECM-SK uses (UG17 2.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Mode {
@@ -198,7 +201,7 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The mode of an 0x6060 value, `None` for one the ECM-SK does not use.
+    /// The mode with this value of 0x6060; `None` for one that the ECM-SK does not use.
     pub const fn from_code(code: u8) -> Option<Self> {
         match code {
             6 => Some(Self::Homing),
@@ -209,12 +212,12 @@ impl Mode {
         }
     }
 
-    /// The value of 0x6060.
+    /// The mode's value in 0x6060.
     pub const fn code(self) -> u8 {
         self as u8
     }
 
-    /// The field's abbreviation.
+    /// The usual abbreviation: HM, CSP, CSV or CST.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Homing => "HM",

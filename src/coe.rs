@@ -1,10 +1,10 @@
-//! CANopen over EtherCAT: where an object stands and how an SDO transfer fails.
+//! CANopen over EtherCAT (CoE): the address of an object, the size of an SDO transfer, the abort codes.
 //!
-//! Used on the wire of the ECM-SK (SDO slot), by the simulated slaves and by every bus; no I/O, no state.
+//! The SDO slot of the ECM-SK, the simulated slaves and every fieldbus use these types. No I/O, no state, `no_std`.
 
 use core::fmt;
 
-/// Where an entry stands in a slave's object dictionary: `0x6041:0` is index 0x6041, sub-index 0.
+/// The address of an entry in a slave's object dictionary. `0x6041:0` is index 0x6041, sub-index 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectAddress {
     /// Index, 0x0000..=0xFFFF.
@@ -14,7 +14,7 @@ pub struct ObjectAddress {
 }
 
 impl ObjectAddress {
-    /// `index:sub`.
+    /// The entry `index:sub`.
     pub const fn new(index: u16, sub: u8) -> Self {
         Self { index, sub }
     }
@@ -26,7 +26,7 @@ impl fmt::Display for ObjectAddress {
     }
 }
 
-/// How many bytes an expedited SDO moves: what the ECM-SK can carry (UG17 2.1.9).
+/// How many bytes an expedited SDO download carries, by what the ECM-SK allows (UG17 2.1.9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoSize {
     /// 8 bits.
@@ -38,7 +38,7 @@ pub enum SdoSize {
 }
 
 impl SdoSize {
-    /// 1, 2 or 4 bytes; `None` for any other number.
+    /// The size of `n` bytes; `None` unless `n` is 1, 2 or 4.
     pub const fn from_bytes(n: u8) -> Option<Self> {
         match n {
             1 => Some(Self::One),
@@ -48,12 +48,12 @@ impl SdoSize {
         }
     }
 
-    /// 1, 2 or 4.
+    /// The number of bytes: 1, 2 or 4.
     pub const fn bytes(self) -> u8 {
         self as u8
     }
 
-    /// The bits of a value that this size carries.
+    /// The bits of a 32-bit value that a transfer of this size carries.
     pub const fn mask(self) -> u32 {
         match self {
             Self::One => 0xFF,
@@ -72,7 +72,7 @@ macro_rules! abort_codes {
         impl AbortCode {
             $(#[doc = $text] pub const $name: Self = Self($code);)*
 
-            /// The standard's text, or `None` for a code it does not define.
+            /// The code's text in the standard; `None` for a code that it does not define.
             pub const fn text(self) -> Option<&'static str> {
                 match self.0 {
                     $($code => Some($text),)*

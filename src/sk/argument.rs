@@ -1,26 +1,28 @@
-//! The arguments of commands as types that cannot hold a wrong value, and why a slot has no meaning.
+//! The arguments of commands as types that hold valid values only, and [`Malformed`]: which argument of a command is
+//! none that the guides allow.
 
 use core::fmt;
 
-/// What kind of slave a slot drives: a nibble of SET_AXIS (UG17 2.1.3).
+/// What kind of slave a slot belongs to, which the host declares with SET_AXIS, one nibble per slave (UG17 2.1.3). The board
+/// chooses the slave's process data by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum SlaveKind {
     /// Servo drive.
     Drive = 0,
-    /// 16 + 16 digital inputs and outputs: the default of every slot.
+    /// 16 digital inputs and 16 digital outputs. What every slave counts as until it is declared.
     #[default]
     Io = 1,
     /// NEXTW high-speed pulse module, one or two channels.
     Hsp = 2,
-    /// Stepper (OBS).
+    /// Stepper drive (OBS).
     Step = 3,
     /// No slave.
     None = 0xF,
 }
 
 impl SlaveKind {
-    /// The kind of a nibble, `None` for 4..=14.
+    /// The kind that a nibble of SET_AXIS declares, `None` for 4..=14.
     pub const fn from_nibble(nibble: u8) -> Option<Self> {
         match nibble {
             0 => Some(Self::Drive),
@@ -32,12 +34,12 @@ impl SlaveKind {
         }
     }
 
-    /// 0..=3 or 0xF.
+    /// The nibble of SET_AXIS: 0..=3 or 0xF.
     pub const fn nibble(self) -> u8 {
         self as u8
     }
 
-    /// The guides' name.
+    /// The name that the guides use.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Drive => "DRIVE",
@@ -49,40 +51,41 @@ impl SlaveKind {
     }
 }
 
-/// An EtherCAT cycle time SET_DC accepts: 250 us * 2^n, n in 0..=11 (UG17 2.1.4; at most 1 s: OURS).
+/// An EtherCAT cycle time that SET_DC accepts: 250 us * 2^n with n in 0..=11, so 250 us to 512 ms (UG17 2.1.4; the upper
+/// limit is \[OURS\]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CycleTime(u32);
 
 impl CycleTime {
-    /// The board's default, 1000 us.
+    /// 1000 us, the board's cycle time until SET_DC changes it.
     pub const DEFAULT: Self = Self(1000);
     /// SK-4 `[OURS]`: no cycle is longer than a second.
     const MAX_US: u32 = 1_000_000;
 
-    /// Checks the time: `None` unless it is 250 * 2^n us and at most 1 s.
+    /// The cycle time of `us` microseconds; `None` unless that is 250 * 2^n and at most 1 s.
     pub const fn from_us(us: u32) -> Option<Self> {
         if us <= Self::MAX_US && us.is_multiple_of(250) && (us / 250).is_power_of_two() { Some(Self(us)) } else { None }
     }
 
-    /// Microseconds.
+    /// The cycle time in microseconds.
     pub const fn us(self) -> u32 {
         self.0
     }
 
-    /// Nanoseconds.
+    /// The cycle time in nanoseconds.
     pub const fn ns(self) -> u64 {
         self.0 as u64 * 1000
     }
 }
 
-/// Data2 of SET_DC.
+/// Data2 of SET_DC: the shift of the SYNC0 event against the frame. Programs ask for the automatic one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DcShift {
-    /// 0xFFFF, as applications send it.
+    /// 0xFFFF, automatic, as applications send it.
     Auto,
-    /// 0xFFFF0000, as the guide's text prints it; the same meaning.
+    /// 0xFFFF0000, automatic as well, as the guide's text prints it.
     AutoHigh,
-    /// Any other value: accepted, without effect.
+    /// Any other value: accepted without effect.
     Other(u32),
 }
 
@@ -104,17 +107,18 @@ impl DcShift {
     }
 }
 
-/// What SET_FIFO does (UG17 2.1.6).
+/// What SET_FIFO does to the command FIFO (UG17 2.1.6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FifoAction {
-    /// 1: drop the content and the threshold.
+    /// 1: drop all entries and cancel a threshold.
     Clear,
-    /// 2: take nothing out until the free space falls below this; not 0.
+    /// 2: execute no entry until fewer than this many entries are free, so that the FIFO is filled before motion begins.
+    /// Not 0.
     Threshold(u32),
 }
 
-/// DRIVE_TYPE of DRIVE_MODE (UG17 2.1.7). `[OURS]` Anything else than 0 is DC sync, the default: programs leave in Data2 what a
-/// command before has put there, such as SET_DC's 0xFFFF.
+/// How a slave is synchronised: DRIVE_TYPE, Data2 of DRIVE_MODE (UG17 2.1.7). `[OURS]` Any value but 0 is DC sync, the
+/// default, because programs reuse a slot and leave in Data2 what an earlier command put there, such as SET_DC's 0xFFFF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum DriveSync {
@@ -125,7 +129,7 @@ pub enum DriveSync {
     DcSync = 1,
 }
 
-/// Why a slot with a known id has no meaning. The engine rejects such a command with this as the reason.
+/// Which argument of a command is none that the guides allow. The modelled board rejects such a command with this reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Malformed {
     /// SET_STATE: Data1 is none of 1, 2, 4, 8.
@@ -143,7 +147,7 @@ pub enum Malformed {
     CycleTime(u32),
     /// SET_FIFO: byte 2 is neither 1 nor 2.
     FifoAction(u8),
-    /// SET_FIFO 2 with Data1 = 0, a threshold that could never fire.
+    /// SET_FIFO 2 with Data1 = 0: fewer than 0 entries can never be free, so the FIFO would never run.
     ZeroThreshold,
     /// DRIVE_MODE: Data1 is none of 8, 9, 10.
     DriveMode(u32),
@@ -158,18 +162,18 @@ pub enum Malformed {
 impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::State(v) => write!(f, "state {v} is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
-            Self::Group(v) => write!(f, "group {v} is above 4"),
+            Self::State(state) => write!(f, "state {state} is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
+            Self::Group(group) => write!(f, "group {group} is above 4"),
             Self::Kind { slave, nibble } => {
                 write!(f, "slave {slave} has kind 0x{nibble:X}: none of 0 drive, 1 IO, 2 HSP, 3 STEP, F none")
             }
-            Self::CycleTime(v) => write!(f, "cycle time {v} us is not 250 us * 2^n up to 1 s"),
-            Self::FifoAction(v) => write!(f, "FIFO action {v} is neither 1 clear nor 2 threshold"),
+            Self::CycleTime(us) => write!(f, "cycle time {us} us is not 250 us * 2^n up to 1 s"),
+            Self::FifoAction(code) => write!(f, "FIFO action {code} is neither 1 clear nor 2 threshold"),
             Self::ZeroThreshold => write!(f, "FIFO threshold 0 could never be reached"),
-            Self::DriveMode(v) => write!(f, "mode {v} is none of 8 CSP, 9 CSV, 10 CST"),
-            Self::SdoSlave(v) => write!(f, "the board has no slave {v}"),
-            Self::SubIndex(v) => write!(f, "sub-index {v} is above 255"),
-            Self::SdoSize(v) => write!(f, "object size {v} is none of 1, 2, 4 bytes"),
+            Self::DriveMode(mode) => write!(f, "mode {mode} is none of 8 CSP, 9 CSV, 10 CST"),
+            Self::SdoSlave(slave) => write!(f, "the board has no slave {slave}"),
+            Self::SubIndex(sub) => write!(f, "sub-index {sub} is above 255"),
+            Self::SdoSize(bytes) => write!(f, "object size {bytes} is none of 1, 2, 4 bytes"),
         }
     }
 }

@@ -1,8 +1,8 @@
-//! Commands with their meaning: one type per kind of slot. Decoding yields only what a board would execute in some
-//! state; encoding writes what it is given.
+//! Commands with their meaning: one type per kind of slot. Decoding yields only commands that a board executes in some
+//! state of the network; encoding writes what it is given.
 //!
-//! A slot that cannot be given a meaning is not lost: an id that does not belong into that kind of slot survives as
-//! `Other`, a known id with an argument no guide allows is [`Malformed`].
+//! A slot with an id that does not belong into that kind of slot is kept as `Other`; a known id with an argument that no
+//! guide allows is the error [`Malformed`].
 //!
 //! ```
 //! use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -30,54 +30,54 @@ pub use sdo::SdoCommand;
 pub(super) use sdo::object_word;
 pub use slave::{AxisTarget, Motion, SlaveCommand, SlotCommand};
 
-/// A command for the board itself: slot 0.
+/// A command for the board itself, in slot 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MasterCommand {
-    /// Ask for nothing.
+    /// No request: the board answers with its state alone.
     GetStatus,
-    /// Change the EtherCAT state; takes many cycles.
+    /// Change the EtherCAT state of all slaves; takes many cycles.
     SetState(MasterState),
-    /// Say what eight slaves are: slave `group * 8 + k + 1` is `kinds[k]`.
+    /// Declare the kinds of eight slaves: slave `group * 8 + k + 1` is `kinds[k]`.
     SetAxis {
-        /// 0..=4.
+        /// Byte 2: 0..=4.
         group: u8,
-        /// Kinds of the eight slaves; those the board has no slot for are ignored.
+        /// Kinds of the eight slaves. Those for which the board has no slot are ignored.
         kinds: [SlaveKind; 8],
     },
-    /// Set the EtherCAT cycle.
+    /// Set the EtherCAT cycle and the distributed clocks.
     SetDc {
-        /// Cycle time.
+        /// Data1: the cycle time.
         cycle: CycleTime,
-        /// Data2.
+        /// Data2: the shift of SYNC0.
         shift: DcShift,
     },
-    /// Switch the CRCs, from the next boot on.
+    /// Switch the two CRCs on or off, which takes effect at the next boot.
     SetEx {
-        /// Data1 bit 0: check command frames.
+        /// Data1 bit 0: the board checks the CRC of command frames.
         check_commands: bool,
-        /// Data1 bit 4: fill response frames.
+        /// Data1 bit 4: the board fills in the CRC of response frames.
         fill_responses: bool,
     },
-    /// Clear the FIFO or set its threshold.
+    /// Clear the command FIFO or set its threshold.
     SetFifo(FifoAction),
-    /// Read the chip's six inputs.
+    /// Read the board's own six digital inputs.
     LocalRead,
-    /// Write the chip's six outputs, bit k is output k; bits 6 and 7 have no output and do not travel.
+    /// Write the board's own six digital outputs: bit k is output k. Bits 6 and 7 have no output and are not sent.
     LocalWrite(u8),
-    /// Boot again.
+    /// Boot the board again.
     SoftReset,
-    /// An id that has no business in slot 0, or that no guide lists.
+    /// A command that does not belong into slot 0, or an id that no guide lists.
     Other(RawSlot),
 }
 
-/// SK-8: the chip has six inputs and six outputs.
-const LOCAL_BITS: u32 = 0x3F;
+/// SK-8: the board itself has six digital outputs.
+const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {
-    /// The meaning of slot 0 of a command frame. Byte 3, the CRC, is not looked at.
+    /// Decodes slot 0 of a command frame. Byte 3, the CRC, is ignored.
     ///
     /// # Errors
-    /// [`Malformed`] if the id is a board's command and an argument is not.
+    /// [`Malformed`] if the id is a command for the board and an argument is not allowed.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
         let argument = slot.parm as u8;
         Ok(match CommandId::from_code(slot.id) {
@@ -100,9 +100,9 @@ impl MasterCommand {
                 (other, _) => return Err(Malformed::FifoAction(other)),
             }),
             CommandId::LocalRead => Self::LocalRead,
-            CommandId::LocalWrite => Self::LocalWrite((slot.data1 & LOCAL_BITS) as u8),
+            CommandId::LocalWrite => Self::LocalWrite((slot.data1 & LOCAL_OUTPUTS_MASK) as u8),
             CommandId::SoftReset => Self::SoftReset,
-            // Byte 3 is the frame's CRC and no part of a command: two frames with the same command must compare equal.
+            // Byte 3 is the frame's CRC and no part of the command: the same command in two frames must compare equal.
             _ => Self::Other(RawSlot { parm: argument.into(), ..*slot }),
         })
     }
@@ -117,7 +117,7 @@ impl MasterCommand {
             let nibble = (nibbles >> (4 * k) & 0xF) as u8;
             match SlaveKind::from_nibble(nibble) {
                 Some(known) => *kind = known,
-                // SK-4 [OURS]: nibbles of slaves the board has no slot for are ignored.
+                // SK-4 [OURS]: nibbles of slaves for which the board has no slot are ignored.
                 None if slave > size.max_slaves() => {}
                 None => return Err(Malformed::Kind { slave: slave as u8, nibble }),
             }
@@ -125,7 +125,7 @@ impl MasterCommand {
         Ok(Self::SetAxis { group, kinds })
     }
 
-    /// The slot, byte 3 (the CRC) 0.
+    /// Encodes the command as slot 0, byte 3 (the CRC) 0.
     pub fn encode(&self) -> RawSlot {
         let slot = RawSlot { id: self.id().code(), ..RawSlot::ZERO };
         match *self {
@@ -141,7 +141,7 @@ impl MasterCommand {
             }
             Self::SetFifo(FifoAction::Clear) => RawSlot { parm: 1, ..slot },
             Self::SetFifo(FifoAction::Threshold(free)) => RawSlot { parm: 2, data1: free, ..slot },
-            Self::LocalWrite(bits) => RawSlot { data1: u32::from(bits) & LOCAL_BITS, ..slot },
+            Self::LocalWrite(bits) => RawSlot { data1: u32::from(bits) & LOCAL_OUTPUTS_MASK, ..slot },
             Self::Other(raw) => RawSlot { parm: raw.parm & 0xFF, ..raw },
         }
     }

@@ -4,18 +4,18 @@ use core::fmt;
 
 use crc::{Algorithm, Crc, Table};
 
-/// The parameters; over the ASCII digits `123456789` they give 0x58.
+/// The parameters of the CRC. Its check value, the CRC over the ASCII digits `123456789`, is 0x58.
 pub const ALGORITHM: Algorithm<u8> =
     Algorithm { width: 8, poly: 0x07, init: 0x5A, refin: false, refout: false, xorout: 0, check: 0x58, residue: 0 };
 
-/// Where the CRC stands in a frame.
+/// The offset of the CRC in a frame.
 pub const CRC_BYTE: usize = 3;
 
 static CRC8: Crc<u8, Table<16>> = Crc::<u8, Table<16>>::new(&ALGORITHM);
 
-/// The CRC-8 that belongs into byte 3 of `frame`, whatever stands there now.
+/// The CRC-8 that belongs into byte 3 of `frame`, whatever that byte holds now.
 ///
-/// `frame` is a whole frame, 504 or 512 bytes; any other length gives the CRC over what there is.
+/// `frame` is a whole frame, 504 or 512 bytes; for any other length the CRC over the bytes given.
 pub fn frame_crc(frame: &[u8]) -> u8 {
     let mut digest = CRC8.digest();
     match frame.split_at_checked(CRC_BYTE + 1) {
@@ -28,22 +28,23 @@ pub fn frame_crc(frame: &[u8]) -> u8 {
     digest.finalize()
 }
 
-/// What to make of a response whose byte 3 is 0 (SK-1: a host cannot see from one frame whether it carries a CRC).
+/// Whether a host accepts a response whose byte 3 is 0. One frame alone does not show whether that is a board that fills in
+/// no CRC or a CRC of 0 (SK-1.20).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CrcPolicy {
-    /// 0 counts as "no CRC"; anything else must match.
+    /// A frame with a 0 there is accepted as one without CRC; any other value must be the frame's CRC.
     #[default]
     AbsentAllowed,
-    /// Byte 3 must always match.
+    /// Byte 3 must be the frame's CRC, whatever its value.
     Strict,
 }
 
-/// A frame whose byte 3 is not its CRC.
+/// Byte 3 of a frame is not its CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrcError {
-    /// What the frame's bytes give.
+    /// The CRC over the frame's bytes.
     pub expected: u8,
-    /// What stood in byte 3.
+    /// The value of byte 3.
     pub found: u8,
 }
 
@@ -55,14 +56,15 @@ impl fmt::Display for CrcError {
 
 impl core::error::Error for CrcError {}
 
-/// What byte 3 of a frame says, for a display; whether a frame may pass is [`CrcPolicy`]'s question.
+/// How byte 3 of a frame compares with the frame's CRC, for a display. Whether a host accepts a frame follows from
+/// [`CrcPolicy`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CrcStatus {
-    /// Byte 3 is the frame's CRC, this value (which may be 0).
+    /// Byte 3 is the frame's CRC, which is this value and may be 0.
     Right(u8),
-    /// Byte 3 is 0, and that is not the frame's CRC: most likely nobody filled it in.
+    /// Byte 3 is 0, and that is not the frame's CRC: most likely the sender fills in none.
     Absent {
-        /// What the frame's bytes give.
+        /// The CRC over the frame's bytes.
         expected: u8,
     },
     /// Byte 3 is neither 0 nor the frame's CRC.

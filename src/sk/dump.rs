@@ -13,8 +13,8 @@
 //! );
 //! ```
 //!
-//! Nothing of a frame is kept back: where a slot has bytes set that its meaning does not use, or no meaning at all,
-//! the line ends with the raw fields and the reason. A line that says nothing of the raw fields is thus complete.
+//! A dump leaves nothing out: if a slot has bytes set that its meaning does not use, or has no meaning at all, its line
+//! ends with the raw fields and the reason. A line without raw fields is thus complete.
 
 mod meaning;
 mod text;
@@ -26,22 +26,22 @@ use super::{MasterState, SlotSize};
 
 pub use meaning::{ByteOne, SlaveData, SlaveReading, SlotKind, SlotMeaning};
 
-/// Slaves of the larger of the two frames: the length of a list of slave kinds.
+/// The most slaves that a frame has slots for (those of 12 bytes): the length of a list of slave kinds.
 pub const MAX_SLAVES: usize = SlotSize::Bytes12.max_slaves();
 
-/// What a slot of a frame is for (SK-1).
+/// What a slot of a frame is for, with the slave's number (SK-1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotRole {
-    /// Slot 0: the board itself.
+    /// Slot 0, of the board itself.
     Master,
-    /// Slots 1..=40 (30): this slave.
+    /// One of the slots 1..=40 (30), of the slave with this number.
     Slave(u8),
-    /// Slot 41 (31): SDO transfers.
+    /// Slot 41 (31), for SDO transfers.
     Sdo,
 }
 
 impl SlotRole {
-    /// The role of slot `i`, `None` if a frame of this size has no such slot.
+    /// What slot `i` is for; `None` if a frame of this size has no such slot.
     pub const fn of(size: SlotSize, i: usize) -> Option<Self> {
         match i {
             0 => Some(Self::Master),
@@ -52,29 +52,30 @@ impl SlotRole {
     }
 }
 
-/// One slot of a frame: what it is for, what it holds and what that means. Its `Display` is one line without the end.
+/// One slot of a frame: what it is for, what it holds and what that means. Its `Display` is one line without the newline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotLine {
     /// What the slot is for.
     pub role: SlotRole,
-    /// Bytes of the slot.
+    /// How many bytes the slot has.
     pub size: SlotSize,
-    /// Its content as it stands in the frame; in slot 0 the high byte of `parm` is the frame's CRC.
+    /// Its fields as they stand in the frame; in slot 0 the high byte of `parm` is the frame's CRC.
     pub raw: RawSlot,
-    /// What the content means.
+    /// What the fields mean.
     pub meaning: SlotMeaning,
-    /// The frame's CRC; in slot 0 alone.
+    /// Whether the frame's CRC is right; `None` in all slots but slot 0.
     pub crc: Option<CrcStatus>,
 }
 
 impl SlotLine {
-    /// Whether the slot asks or tells nothing, all bytes 0. Slot 0 is never idle: it has the CRC and the state.
+    /// Whether all bytes are 0, so that the slot neither requests nor reports anything. Slot 0 always does: it has the CRC
+    /// and the state.
     pub const fn is_idle(&self) -> bool {
         !matches!(self.role, SlotRole::Master) && self.raw.is_zero()
     }
 
-    /// The content with the CRC taken out of slot 0.
-    const fn fields(&self) -> RawSlot {
+    /// The slot's fields without the frame's CRC.
+    const fn fields_without_crc(&self) -> RawSlot {
         match self.role {
             SlotRole::Master => RawSlot { parm: self.raw.parm & 0xFF, ..self.raw },
             _ => self.raw,
@@ -82,26 +83,26 @@ impl SlotLine {
     }
 }
 
-/// A command frame, readable. `Display` prints the lines of [`Self::lines`].
+/// A command frame as readable lines. Its `Display` prints those of [`Self::lines`].
 #[derive(Clone, Copy, Debug)]
 pub struct CommandDump<'a> {
     frame: &'a Frame,
     size: SlotSize,
-    all: bool,
+    with_idle_slots: bool,
 }
 
 impl<'a> CommandDump<'a> {
-    /// The slots of `frame` that ask for something, and slot 0.
+    /// A dump of slot 0 and of the slots of `frame` that request something.
     pub const fn new(frame: &'a Frame, size: SlotSize) -> Self {
-        Self { frame, size, all: false }
+        Self { frame, size, with_idle_slots: false }
     }
 
-    /// All slots, those that ask for nothing too.
+    /// A dump of all slots, idle ones included.
     pub const fn all(self) -> Self {
-        Self { all: true, ..self }
+        Self { with_idle_slots: true, ..self }
     }
 
-    /// Slot `i`, idle or not; `None` if the frame has no such slot.
+    /// The line of slot `i`, idle or not; `None` if the frame has no such slot.
     pub fn line(&self, i: usize) -> Option<SlotLine> {
         let role = SlotRole::of(self.size, i)?;
         let raw = self.frame.slot(self.size, i);
@@ -114,14 +115,14 @@ impl<'a> CommandDump<'a> {
         Some(SlotLine { role, size: self.size, raw, meaning, crc: crc_of(self.frame, self.size, role) })
     }
 
-    /// The slots to show in order, each with its number.
+    /// The lines of the dump in order, each with the number of its slot.
     pub fn lines(&self) -> impl Iterator<Item = (usize, SlotLine)> + use<'a> {
         let dump = *self;
-        shown(dump.size, dump.all, move |i| dump.line(i))
+        lines_of_slots(dump.size, dump.with_idle_slots, move |i| dump.line(i))
     }
 }
 
-/// A response frame, readable. `Display` prints the lines of [`Self::lines`].
+/// A response frame as readable lines. Its `Display` prints those of [`Self::lines`].
 ///
 /// ```
 /// use ecmsk::sk::dump::{SlaveData, SlotMeaning};
@@ -140,45 +141,47 @@ impl<'a> CommandDump<'a> {
 /// }
 /// ```
 ///
-/// What kind of slave a slot belongs to is not on the wire. With [`Self::kinds`] every slot is read as what it is.
-/// Without, a slot is read as follows, and its [`SlotKind`] says how sure that is `[OURS]`:
-/// - id IO_RD or IO_WR: an IO slave, no other has these; id CST: a drive, no other has it;
-/// - bytes 12..15 not 0: a two-channel HSP, guessed;
-/// - the id of another drive command, or Parm (the statusword, if it is one) not 0: a drive, guessed. A stepper's slot
-///   has the same layout; of an HSP's slot statusword and position are right, but its inputs are shown as torque;
-/// - otherwise, Data1 within 16 bits and Data2 zero: an IO slave, guessed;
-/// - anything else is not read: its raw fields are shown.
+/// What kind of slave a slot belongs to is not on the wire. The caller may say it with [`Self::kinds`]; otherwise the kind
+/// is derived from the slot's fields as follows, and [`SlotKind`] tells how certain it is `[OURS]`:
+/// - id IO_RD or IO_WR: an IO slave, since only those take these commands; id CST: a drive, for the same reason;
+/// - bytes 12..15 not 0: a guess at a two-channel HSP;
+/// - the id of another drive command, or Parm (the statusword, if it is one) not 0: a guess at a drive. A stepper's slot
+///   has the same layout. If it is an HSP after all, statusword and position are right and its inputs are shown as torque;
+/// - otherwise, if Data1 fits into 16 bits and Data2 is 0: a guess at an IO slave;
+/// - any other slot is not decoded, its raw fields are shown.
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseDump<'a> {
     frame: &'a Frame,
     size: SlotSize,
-    all: bool,
+    with_idle_slots: bool,
     kinds: Option<&'a [SlaveKind; MAX_SLAVES]>,
     mode_in_byte_1: bool,
 }
 
 impl<'a> ResponseDump<'a> {
-    /// The slots of `frame` that tell something, and slot 0; kinds of slaves unknown, byte 1 a command index.
+    /// A dump of slot 0 and of the slots of `frame` that report something. The kinds of the slaves are derived from the
+    /// slots, and byte 1 is taken for the command index.
     pub const fn new(frame: &'a Frame, size: SlotSize) -> Self {
-        Self { frame, size, all: false, kinds: None, mode_in_byte_1: false }
+        Self { frame, size, with_idle_slots: false, kinds: None, mode_in_byte_1: false }
     }
 
-    /// All slots, those that tell nothing too.
+    /// A dump of all slots, idle ones included.
     pub const fn all(self) -> Self {
-        Self { all: true, ..self }
+        Self { with_idle_slots: true, ..self }
     }
 
-    /// What the slaves are: slave n is `kinds[n - 1]`, as the application said with SET_AXIS.
+    /// Sets the kinds of the slaves: slave n is `kinds[n - 1]`, as the application declared it with SET_AXIS.
     pub const fn kinds(self, kinds: &'a [SlaveKind; MAX_SLAVES]) -> Self {
         Self { kinds: Some(kinds), ..self }
     }
 
-    /// Byte 1 of a slave's slot is its mode of operation, as firmware 1.5 sends it, and not the command index (SK-3).
+    /// Takes byte 1 of a slave's slot for its mode of operation, which firmware 1.5 sends there, and not for the command
+    /// index (SK-3).
     pub const fn mode_in_byte_1(self) -> Self {
         Self { mode_in_byte_1: true, ..self }
     }
 
-    /// Slot `i`, idle or not; `None` if the frame has no such slot.
+    /// The line of slot `i`, idle or not; `None` if the frame has no such slot.
     pub fn line(&self, i: usize) -> Option<SlotLine> {
         let role = SlotRole::of(self.size, i)?;
         let raw = self.frame.slot(self.size, i);
@@ -193,13 +196,13 @@ impl<'a> ResponseDump<'a> {
         Some(SlotLine { role, size: self.size, raw, meaning, crc: crc_of(self.frame, self.size, role) })
     }
 
-    /// The slots to show in order, each with its number.
+    /// The lines of the dump in order, each with the number of its slot.
     pub fn lines(&self) -> impl Iterator<Item = (usize, SlotLine)> + use<'a> {
         let dump = *self;
-        shown(dump.size, dump.all, move |i| dump.line(i))
+        lines_of_slots(dump.size, dump.with_idle_slots, move |i| dump.line(i))
     }
 
-    /// In OP slaves' slots hold fresh data; before it they may hold nothing but an id.
+    /// In OP the slaves' slots hold process data, so that zeros are values. Before OP they may hold an id and nothing else.
     fn is_op(&self) -> bool {
         MasterResponse::decode(&self.frame.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
@@ -209,10 +212,11 @@ fn crc_of(frame: &Frame, size: SlotSize, role: SlotRole) -> Option<CrcStatus> {
     (role == SlotRole::Master).then(|| frame.crc_status(size))
 }
 
-fn shown(
+fn lines_of_slots(
     size: SlotSize,
-    all: bool,
+    with_idle_slots: bool,
     line: impl Fn(usize) -> Option<SlotLine>,
 ) -> impl Iterator<Item = (usize, SlotLine)> {
-    (0..size.slots()).filter_map(move |i| Some((i, line(i)?))).filter(move |(_, line)| all || !line.is_idle())
+    let lines = (0..size.slots()).filter_map(move |i| Some((i, line(i)?)));
+    lines.filter(move |(_, line)| with_idle_slots || !line.is_idle())
 }

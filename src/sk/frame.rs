@@ -1,37 +1,37 @@
-//! A frame: the 512 bytes that travel each way, and views of them by slot size.
+//! A frame: the 512 bytes that travel each way, and access to its slots.
 
 use super::crc::{CRC_BYTE, CrcError, CrcPolicy, CrcStatus, frame_crc};
 use super::slot::{RawSlot, Slot12, Slot16, SlotSize, Slots};
 use super::{MasterCommand, SdoCommand, SlotCommand};
 
-/// Bytes of a USB report; a 12-byte board uses the first 504 of them.
+/// Bytes of a frame as it is sent, the size of the board's USB report. With slots of 12 bytes the first 504 are used.
 pub const FRAME_LEN: usize = 512;
 
-/// One command or response frame, 512 bytes, carried whole whatever the slot size.
+/// One command or response frame. It always carries 512 bytes; the slot size is an argument where it matters.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Frame {
     bytes: [u8; FRAME_LEN],
 }
 
 impl Frame {
-    /// All zero: GET_STATUS in every slot, no CRC.
+    /// A frame of zeros, which is GET_STATUS in every slot without a CRC.
     pub const fn new() -> Self {
         Self { bytes: [0; FRAME_LEN] }
     }
 
-    /// The bytes given, as they are.
+    /// A frame of these bytes.
     pub const fn from_bytes(bytes: [u8; FRAME_LEN]) -> Self {
         Self { bytes }
     }
 
-    /// The first 512 of `bytes`; where there are fewer the rest is 0.
+    /// A frame of the first 512 of `bytes`; if there are fewer, the rest is 0.
     pub fn from_prefix(bytes: &[u8]) -> Self {
         let mut frame = Self::new();
         frame.set_prefix(bytes);
         frame
     }
 
-    /// Becomes the first 512 of `bytes`; where there are fewer the rest is 0.
+    /// Overwrites the frame with the first 512 of `bytes`; if there are fewer, the rest becomes 0.
     #[inline]
     pub fn set_prefix(&mut self, bytes: &[u8]) {
         let (start, rest) = self.bytes.split_at_mut(bytes.len().min(FRAME_LEN));
@@ -44,17 +44,17 @@ impl Frame {
         &self.bytes
     }
 
-    /// All 512 bytes, to be changed.
+    /// All 512 bytes for writing.
     pub const fn bytes_mut(&mut self) -> &mut [u8; FRAME_LEN] {
         &mut self.bytes
     }
 
-    /// The bytes that count for a board of this slot size: 504 or 512.
+    /// The bytes that a board of this slot size uses: 504 or 512.
     pub fn wire(&self, size: SlotSize) -> &[u8] {
         &self.bytes[..size.frame_len()]
     }
 
-    /// The slots, seen in place.
+    /// The slots, borrowed from the frame without a copy.
     pub fn slots(&self, size: SlotSize) -> Slots<'_> {
         match size {
             SlotSize::Bytes12 => Slots::Narrow(bytemuck::from_bytes(&self.bytes[..size_of::<[Slot12; 42]>()])),
@@ -62,7 +62,7 @@ impl Frame {
         }
     }
 
-    /// Slot `i` as numbers.
+    /// The fields of slot `i`.
     ///
     /// # Panics
     /// If a frame of this size has no slot `i`.
@@ -70,7 +70,7 @@ impl Frame {
         self.slots(size).get(i)
     }
 
-    /// Writes slot `i`, all its bytes; in 12-byte mode `data3` has no place and is left out.
+    /// Writes all bytes of slot `i`; in 12-byte mode `data3` has no place and is left out.
     ///
     /// # Panics
     /// If a frame of this size has no slot `i`.
@@ -84,12 +84,12 @@ impl Frame {
         }
     }
 
-    /// Writes a command for the board itself into slot 0; byte 3, the CRC, is set to 0.
+    /// Writes a command for the board itself into slot 0 and sets byte 3, the CRC, to 0.
     pub fn put_master(&mut self, size: SlotSize, command: &MasterCommand) {
         self.put(size, 0, &command.encode());
     }
 
-    /// Writes a command for a slave, 1..=40 (30).
+    /// Writes a command into the slot of `slave`, 1..=40 (30).
     ///
     /// # Panics
     /// If a frame of this size has no slot for that slave.
@@ -103,17 +103,17 @@ impl Frame {
         self.put(size, size.sdo_slot(), &command.encode());
     }
 
-    /// Byte 3.
+    /// The value of byte 3, where the CRC belongs.
     pub const fn crc_byte(&self) -> u8 {
         self.bytes[CRC_BYTE]
     }
 
-    /// The CRC-8 that belongs into byte 3.
+    /// The CRC-8 over the frame, which belongs into byte 3.
     pub fn crc(&self, size: SlotSize) -> u8 {
         frame_crc(self.wire(size))
     }
 
-    /// Puts the CRC-8 into byte 3. Do it last.
+    /// Writes the CRC-8 into byte 3. Any change of the frame after this makes it wrong.
     pub fn fill_crc(&mut self, size: SlotSize) {
         self.bytes[CRC_BYTE] = self.crc(size);
     }
@@ -131,7 +131,7 @@ impl Frame {
         if found == expected { Ok(()) } else { Err(CrcError { expected, found }) }
     }
 
-    /// What byte 3 says, for a display.
+    /// How byte 3 compares with the frame's CRC, for a display.
     pub fn crc_status(&self, size: SlotSize) -> CrcStatus {
         match self.check_crc(size, CrcPolicy::Strict) {
             Ok(()) => CrcStatus::Right(self.crc_byte()),

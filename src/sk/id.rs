@@ -1,14 +1,17 @@
-//! The ids of the 22 commands (UG17 1.8, table 1.3).
+//! The ids of the 22 commands, and which slot takes which of them (UG17 1.8, table 1.3).
+//!
+//! A new command of the board begins here: its id, and its slot in [`CommandId::belongs_in`]. The compiler then names the
+//! other places.
 
 use core::fmt;
 
 macro_rules! command_ids {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
-        /// Byte 0 of a command slot. Any byte is one: a code that no guide lists survives as [`CommandId::Unknown`].
+        /// Byte 0 of a command slot. A code that no guide lists is kept as [`CommandId::Unknown`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandId {
             $($(#[$doc])* #[doc = concat!("`", $text, "`, ", stringify!($code), ".")] #[doc(alias = $text)] $name,)*
-            /// A code that is none of the 22.
+            /// Any other code.
             Unknown(u8),
         }
 
@@ -16,7 +19,7 @@ macro_rules! command_ids {
             /// The 22 commands in the order of their codes.
             pub const ALL: [Self; 22] = [$(Self::$name,)*];
 
-            /// The id with that code.
+            /// The id with this code.
             #[inline]
             pub const fn from_code(code: u8) -> Self {
                 BY_CODE[code as usize]
@@ -31,7 +34,7 @@ macro_rules! command_ids {
                 }
             }
 
-            /// The guides' name, `UNKNOWN` for a code they do not list.
+            /// The name that the guides use, `UNKNOWN` for a code they do not list.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$name => $text,)*
@@ -42,7 +45,7 @@ macro_rules! command_ids {
     };
 }
 
-/// Every code's id. A board looks one up for each slot of each cycle.
+/// The id of every code, as a table because the engine looks one up for each slot in each cycle.
 static BY_CODE: [CommandId; 256] = {
     let mut ids = [CommandId::Unknown(0); 256];
     let mut code = 0;
@@ -83,7 +86,7 @@ command_ids! {
     SoftReset = 0xBB, "SW_RESET";
 }
 
-/// The three kinds of slot that a frame has, by which commands they take: the columns of UG17 1.8.
+/// What a slot of a frame is for. Each of the three kinds takes its own commands: the columns of the table in UG17 1.8.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotKind {
     /// Slot 0: commands for the board itself.
@@ -95,12 +98,13 @@ pub enum SlotKind {
 }
 
 impl SlotKind {
-    /// All of them, in the order in which a frame has them.
+    /// All kinds, in the order of their slots in a frame.
     pub const ALL: [Self; 3] = [Self::Master, Self::Slave, Self::Sdo];
 }
 
 impl CommandId {
-    /// Whether slots of that kind take this command (UG17 1.8). GET_STATUS may stand in every slot, an unknown code in none.
+    /// Whether this command may stand in slots of that kind (UG17 1.8). GET_STATUS may stand in every slot, an unknown code
+    /// in none.
     #[inline]
     pub const fn belongs_in(self, slot: SlotKind) -> bool {
         match self {

@@ -1,8 +1,29 @@
 //! The wire format of the ECM-SK: slots, frames, CRC-8, typed commands and responses, a readable dump.
 //!
-//! No I/O, no state, no allocation, `no_std`. This room holds the only byte offsets of the protocol:
-//! everything else speaks its types. The bytes ([`slot`], [`frame`]) are kept apart from their meaning
-//! ([`command`], [`response`]).
+//! A host sends the board one command frame and receives one response frame per EtherCAT cycle. Both have the same
+//! shape: slot 0 belongs to the board itself, the slots after it to the slaves in the order of the network, the last
+//! slot to SDO transfers. This module has no I/O, no state and no allocation, and is `no_std`. It holds the only byte
+//! offsets of the protocol; everything else in the crate uses its types.
+//!
+//! How to read it:
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`slot`] | a slot as bytes, 12 or 16 of them |
+//! | [`frame`] | a frame: the 512 bytes that travel each way |
+//! | [`crc`] | the CRC-8 in byte 3 of a frame |
+//! | [`id`] | the ids of the 22 commands, and which slot takes which of them |
+//! | [`argument`] | the arguments of commands as types that hold valid values only |
+//! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
+//! | [`response`] | responses with their meaning |
+//! | [`dump`] | a frame as readable lines |
+//!
+//! Three notations stand throughout:
+//! - "40 (30)": the number for slots of 12 bytes and, in brackets, that for slots of 16 bytes.
+//! - `UG17 2.1.3`: the chapter of NEXTW's *ECM-SK User Guide* V1.7.4; `UG15`: the quick start for firmware 1.5; `OBS`:
+//!   seen in programs that work with real boards; `[OURS]`: a decision of this project, where no source says anything.
+//! - `SK-5.6`: the row of `docs/RULES.md` in the project's repository that states the rule and its source; a bare
+//!   `SK-5` is that section.
 //!
 //! ```
 //! use ecmsk::sk::{Frame, MasterCommand, MasterState, SlotSize};
@@ -35,7 +56,7 @@ pub use response::{
 };
 pub use slot::{RawSlot, SlotSize, Slots};
 
-/// Entries of the command FIFO (SK-5, UG15n: 0xA0).
+/// The depth of the board's command FIFO in OP, in entries (SK-5). An entry is one command frame and lasts one cycle.
 pub const FIFO_ENTRIES: u16 = 160;
-/// Byte 0 of slot 0 whenever the state is OP: "master cyclic response" (UG17 2.1.1).
+/// Byte 0 of slot 0 of every response in OP: "master cyclic response" (UG17 2.1.1).
 pub const MASTER_CYCLIC: u8 = 0xBF;

@@ -22,8 +22,8 @@
 //! assert!(position(&report).is_err());
 //! ```
 //!
-//! What kind a slave is, and so which of the types a slot is to be read with, is not on the wire: the application said
-//! it itself, with SET_AXIS.
+//! Which of these types a slave's slot has to be decoded with is not on the wire: it follows from the kind of slave that
+//! the application has declared with SET_AXIS.
 
 use core::fmt;
 
@@ -33,7 +33,7 @@ use super::slot::{RawSlot, SlotSize, TwoChannelSlot};
 use crate::cia402::Statusword;
 use crate::coe::{AbortCode, ObjectAddress};
 
-/// A state of the network that can be asked for (UG17 2.1.2).
+/// An EtherCAT state of the network that SET_STATE can ask for (UG17 2.1.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum MasterState {
@@ -48,7 +48,7 @@ pub enum MasterState {
 }
 
 impl MasterState {
-    /// The state of Data1 of SET_STATE, `None` if it is none of 1, 2, 4, 8.
+    /// The state that Data1 of SET_STATE asks for; `None` if it is none of 1, 2, 4, 8.
     pub const fn from_request(data1: u32) -> Option<Self> {
         match data1 {
             1 => Some(Self::Init),
@@ -59,12 +59,12 @@ impl MasterState {
         }
     }
 
-    /// 1, 2, 4 or 8.
+    /// The state's value on the wire: 1, 2, 4 or 8.
     pub const fn code(self) -> u8 {
         self as u8
     }
 
-    /// The guides' spelling.
+    /// The name as the guides spell it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Init => "Init",
@@ -81,22 +81,22 @@ impl fmt::Display for MasterState {
     }
 }
 
-/// Byte 2 of slot 0: the current state, every value of it.
+/// Byte 2 of slot 0 of a response: the current state of the network, or that a slave failed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct StateByte(pub u8);
 
 impl StateByte {
-    /// 0: the board looks for slaves.
+    /// 0: the board has booted and looks for slaves.
     pub const NETWORK_INIT: Self = Self(0);
-    /// SK-2 `[OURS]`: set beside the last good state when slaves were not found or did not follow.
+    /// SK-2 `[OURS]`: the bit that is set beside the last good state when slaves were not found or did not follow.
     pub const FAILED: u8 = 0x10;
 
-    /// A state reached.
+    /// The byte that reports that all slaves are in `state`.
     pub const fn reached(state: MasterState) -> Self {
         Self(state.code())
     }
 
-    /// A change that failed, and the last state that all slaves reached.
+    /// The byte that reports a failure, with the last state that all slaves had reached, if any.
     pub const fn failed(last_good: Option<MasterState>) -> Self {
         match last_good {
             Some(state) => Self(Self::FAILED | state.code()),
@@ -104,14 +104,14 @@ impl StateByte {
         }
     }
 
-    /// No slave found, or a slave does not reach the state asked for: any value but 0, 1, 2, 4 and 8 (SK-2).
+    /// Whether the byte reports that no slave was found or that a slave did not reach the state asked for: any value but 0,
+    /// 1, 2, 4 and 8 (SK-2).
     pub const fn is_failed(self) -> bool {
         self.0 != Self::NETWORK_INIT.0 && MasterState::from_request(self.0 as u32).is_none()
     }
 
-    /// What a state that has failed usually means and what to do, for wherever it is shown; `None`: it has not failed. The
-    /// wire does not say which slave it was; a board in this process does
-    /// ([`StateFailure`](crate::engine::StateFailure)).
+    /// For a failure, its usual cause and what to do, as a text for users; `None` if the byte reports none. Which slave it
+    /// was is not on the wire; a modelled board in this process knows it ([`StateFailure`](crate::engine::StateFailure)).
     pub const fn explanation(self) -> Option<&'static str> {
         if !self.is_failed() {
             return None;
@@ -135,7 +135,8 @@ impl StateByte {
         })
     }
 
-    /// The state by which commands are allowed: the low nibble's, `None` for "network initialising" and unknown values.
+    /// The state that decides which commands are allowed, which is the low nibble, after a failure too; `None` while the
+    /// network is initialised and for unknown values.
     pub const fn state(self) -> Option<MasterState> {
         if self.0 & !(Self::FAILED | 0x0F) != 0 {
             return None;
@@ -156,25 +157,26 @@ impl fmt::Display for StateByte {
     }
 }
 
-/// Slot 0 of a response (SK-2). Byte 3, the CRC, is the frame's business.
+/// Slot 0 of a response (SK-2), without byte 3, the CRC, which belongs to the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MasterResponse {
     /// Byte 0: id of the command answered; [`super::MASTER_CYCLIC`] whenever the state is OP.
     pub id: u8,
-    /// Byte 1: CRC error count in firmware 1.7; a change is worth a report, no value is an error by itself.
+    /// Byte 1: with firmware 1.7 the count of command frames with a wrong CRC, which wraps. A change tells of errors on the
+    /// wire, the value itself does not.
     pub error: u8,
-    /// Byte 2: current state.
+    /// Byte 2: the current state.
     pub state: StateByte,
-    /// Bytes 4..7: result of the last command for the board.
+    /// Bytes 4..7: the result of the last command for the board.
     pub result: u32,
-    /// Bytes 8..9: in OP the free entries of the command FIFO, 0..=160.
+    /// Bytes 8..9: in OP how many more entries fit into the command FIFO, 0..=160.
     pub fifo_free: u16,
-    /// Bytes 10..11: in OP the FIFO-full count; any increase means that commands were lost.
+    /// Bytes 10..11: in OP how many command frames found the FIFO full and were lost.
     pub full_count: u16,
 }
 
 impl MasterResponse {
-    /// The meaning of slot 0 of a response frame.
+    /// Decodes slot 0 of a response frame.
     pub const fn decode(slot: &RawSlot) -> Self {
         Self {
             id: slot.id,
@@ -186,7 +188,7 @@ impl MasterResponse {
         }
     }
 
-    /// The slot, byte 3 (the CRC) 0.
+    /// Encodes the response as slot 0, byte 3 (the CRC) 0.
     pub const fn encode(&self) -> RawSlot {
         RawSlot {
             id: self.id,
@@ -199,32 +201,32 @@ impl MasterResponse {
     }
 }
 
-/// A slave's slot of a response, whatever the slave: what all kinds share.
+/// The first two bytes of a slave's slot in a response, which all kinds of slaves share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SlaveResponse {
-    /// Byte 0: id of the command executed last for the slave.
+    /// Byte 0: id of the last command executed for the slave.
     pub id: u8,
-    /// Byte 1: the command's index (firmware 1.7) or the drive's mode of operation (firmware 1.5).
+    /// Byte 1: that command's index (firmware 1.7) or the drive's mode of operation (firmware 1.5).
     pub index: u8,
 }
 
-/// Slot of a drive or a stepper in a response (UG17 2.1.15).
+/// The slot of a servo drive or a stepper in a response (UG17 2.1.15).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DriveResponse {
-    /// Bytes 0 and 1.
+    /// Bytes 0..1.
     pub head: SlaveResponse,
-    /// Bytes 2..3: 0x6041.
+    /// Bytes 2..3: object 0x6041.
     pub statusword: Statusword,
-    /// Bytes 4..7: actual position 0x6064, counts.
+    /// Bytes 4..7: the actual position, object 0x6064, in counts.
     pub position: i32,
-    /// Bytes 8..9: actual torque 0x6077, 0.1 % of rated.
+    /// Bytes 8..9: the actual torque, object 0x6077, in 0.1 % of the rated torque.
     pub torque: i16,
-    /// Bytes 10..11: error code 0x603F, 0 is none.
+    /// Bytes 10..11: the error code, object 0x603F; 0 means no error.
     pub error_code: u16,
 }
 
 impl DriveResponse {
-    /// The meaning of a drive's slot.
+    /// Decodes a drive's slot of a response frame.
     pub const fn decode(slot: &RawSlot) -> Self {
         Self {
             head: SlaveResponse { id: slot.id, index: slot.index },
@@ -235,7 +237,7 @@ impl DriveResponse {
         }
     }
 
-    /// The slot.
+    /// Encodes the response as a slot.
     pub const fn encode(&self) -> RawSlot {
         RawSlot {
             id: self.head.id,
@@ -248,22 +250,22 @@ impl DriveResponse {
     }
 }
 
-/// Slot of an IO slave in a response (UG17 2.1.13).
+/// The slot of an IO slave in a response (UG17 2.1.13).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct IoResponse {
-    /// Bytes 0 and 1.
+    /// Bytes 0..1.
     pub head: SlaveResponse,
-    /// Bytes 4..5: the inputs; the output image in the answer to IO_WR. Bit k is input (output) k.
+    /// Bytes 4..5: the inputs, or the outputs in the answer to IO_WR. Bit k is input (output) k.
     pub bits: u16,
 }
 
 impl IoResponse {
-    /// The meaning of an IO slave's slot.
+    /// Decodes an IO slave's slot of a response frame.
     pub const fn decode(slot: &RawSlot) -> Self {
         Self { head: SlaveResponse { id: slot.id, index: slot.index }, bits: slot.data1 as u16 }
     }
 
-    /// The slot.
+    /// Encodes the response as a slot.
     pub const fn encode(&self) -> RawSlot {
         RawSlot { id: self.head.id, index: self.head.index, parm: 0, data1: self.bits as u32, data2: 0, data3: 0 }
     }
@@ -272,27 +274,27 @@ impl IoResponse {
 /// One axis of an HSP in a response.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HspAxis {
-    /// Actual position 0x6064 (0x6864), counts.
+    /// The actual position in counts: object 0x6064, of axis 2 0x6864.
     pub position: i32,
-    /// Digital inputs 0x60FD (0x68FD), the low 16 bits.
+    /// The low 16 digital inputs: object 0x60FD, of axis 2 0x68FD.
     pub inputs: u16,
 }
 
-/// Slot of an HSP in a response (UG17 2.1.15, tables 2.15 and 2.16).
+/// The slot of an HSP in a response (UG17 2.1.15, tables 2.15 and 2.16).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HspResponse {
-    /// Bytes 0 and 1.
+    /// Bytes 0..1.
     pub head: SlaveResponse,
-    /// Bytes 2..3: statusword of axis 1.
+    /// Bytes 2..3: the statusword of axis 1. That of axis 2 is not in the slot.
     pub statusword: Statusword,
     /// Axis 1.
     pub first: HspAxis,
-    /// Axis 2 of a two-channel HSP in 16-byte mode, else zero.
+    /// Axis 2 of a two-channel HSP in 16-byte mode, otherwise 0.
     pub second: HspAxis,
 }
 
 impl HspResponse {
-    /// The meaning of an HSP's slot. In 12-byte mode axis 2 does not travel and is zero.
+    /// Decodes an HSP's slot of a response frame. In 12-byte mode axis 2 is not on the wire and becomes 0.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Self {
         let wide = slot.two_channel();
         Self {
@@ -306,7 +308,7 @@ impl HspResponse {
         }
     }
 
-    /// The slot. In 12-byte mode bytes 10..11 are 0.
+    /// Encodes the response as a slot. In 12-byte mode bytes 10..11 are 0.
     pub fn encode(&self, size: SlotSize) -> RawSlot {
         let second = match size {
             SlotSize::Bytes12 => HspAxis::default(),
@@ -324,42 +326,42 @@ impl HspResponse {
     }
 }
 
-/// SK-6 `[OURS]`: set in Parm of the SDO slot when the transfer was aborted and Data2 holds the code.
+/// SK-6 `[OURS]`: the bit in Parm of the SDO slot that says that the transfer was aborted and Data2 holds the abort code.
 const SDO_ABORTED: u16 = 0x8000;
 
-/// The SDO slot of a response: the last transfer that ended.
+/// The SDO slot of a response: how the last SDO transfer ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoResponse {
-    /// No transfer has ended since the board came up: the slot is all zero.
+    /// All bytes are 0: no transfer has ended since the board booted.
     Empty,
     /// An object was read or written.
     Done {
         /// SDO_RD or SDO_WR.
         id: CommandId,
-        /// Slave.
+        /// The slave's number, 1..=40 (30).
         slave: u8,
-        /// Object.
+        /// Index and sub-index of the object.
         object: ObjectAddress,
-        /// Value read, zero-extended, or written.
+        /// The value read, zero-extended, or the value written.
         value: u32,
     },
-    /// The slave, or the board in its name, refused.
+    /// The slave, or the board on its behalf, aborted the transfer.
     Aborted {
         /// SDO_RD or SDO_WR.
         id: CommandId,
-        /// Slave.
+        /// The slave's number, 1..=40 (30).
         slave: u8,
-        /// Object.
+        /// Index and sub-index of the object.
         object: ObjectAddress,
-        /// Why.
+        /// The reason.
         code: AbortCode,
     },
-    /// Something else than an answer to an SDO command.
+    /// The slot holds no answer to an SDO command.
     Other(RawSlot),
 }
 
 impl SdoResponse {
-    /// The meaning of the SDO slot of a response frame.
+    /// Decodes the SDO slot of a response frame.
     pub const fn decode(slot: &RawSlot) -> Self {
         let id = CommandId::from_code(slot.id);
         let object = ObjectAddress::new((slot.data1 >> 16) as u16, slot.data1 as u8);
@@ -374,7 +376,7 @@ impl SdoResponse {
         }
     }
 
-    /// The slot.
+    /// Encodes the response as a slot.
     pub const fn encode(&self) -> RawSlot {
         let (id, parm, object, data2) = match *self {
             Self::Empty => return RawSlot::ZERO,

@@ -1,10 +1,10 @@
-//! A slot as bytes: 12 or 16 of them, a value of run time, and the layouts that lie in it.
+//! A slot as bytes: 12 or 16 of them, which is known at run time only, and the layouts of its fields.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::SlotKind;
 
-/// An unsigned or signed little-endian integer that may stand at any address.
+/// Integers with the wire's byte order and without alignment, so that a slot's layout can be cast onto a frame's bytes.
 macro_rules! little_endian {
     ($($(#[$doc:meta])* $name:ident($int:ty, $n:literal);)*) => {$(
         $(#[$doc])*
@@ -13,12 +13,12 @@ macro_rules! little_endian {
         pub struct $name([u8; $n]);
 
         impl $name {
-            /// From the host's order.
+            /// Converts from the host's byte order.
             pub const fn new(value: $int) -> Self {
                 Self(value.to_le_bytes())
             }
 
-            /// In the host's order.
+            /// The value in the host's byte order.
             pub const fn get(self) -> $int {
                 <$int>::from_le_bytes(self.0)
             }
@@ -41,7 +41,8 @@ little_endian! {
     I32Le(i32, 4);
 }
 
-/// How many bytes a slot has: CONFIG2 of the board, a value of run time (SK-1).
+/// How many bytes a slot has. The pin CONFIG2 of the board decides it (SK-1), and nothing on the wire says it: the host
+/// has to be built or configured for the same size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum SlotSize {
     /// 12 bytes: 42 slots, 504 bytes, up to 40 slaves (CONFIG2 low or floating, the default).
@@ -55,7 +56,7 @@ impl SlotSize {
     /// Both sizes.
     pub const ALL: [Self; 2] = [Self::Bytes12, Self::Bytes16];
 
-    /// 12 or 16.
+    /// Bytes of a slot: 12 or 16.
     pub const fn bytes(self) -> usize {
         match self {
             Self::Bytes12 => 12,
@@ -63,7 +64,7 @@ impl SlotSize {
         }
     }
 
-    /// The size with that number of bytes, if there is one.
+    /// The slot size of `n` bytes; `None` unless `n` is 12 or 16.
     pub const fn from_bytes(n: usize) -> Option<Self> {
         match n {
             12 => Some(Self::Bytes12),
@@ -96,7 +97,7 @@ impl SlotSize {
         self.slots() - 1
     }
 
-    /// What kind of slot `slot` is, 0 to 41 (31).
+    /// What the slot with this number, 0..=41 (31), is for.
     pub const fn kind_of(self, slot: usize) -> SlotKind {
         match slot {
             0 => SlotKind::Master,
@@ -106,7 +107,8 @@ impl SlotSize {
     }
 }
 
-/// The twelve bytes that every slot has: `u16 CMD` (as two bytes), `u16 Parm`, `u32 Data1`, `u32 Data2`.
+/// The bytes of a slot of 12, which are also the first twelve of a slot of 16: `u16 CMD` (here as its two bytes),
+/// `u16 Parm`, `u32 Data1`, `u32 Data2`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Slot12 {
@@ -114,7 +116,7 @@ pub struct Slot12 {
     pub id: u8,
     /// Byte 1: command index, mode or error code (high byte of `CMD`).
     pub index: u8,
-    /// Bytes 2..3. In slot 0 byte 2 is an argument and byte 3 the CRC: never compare them as one number there.
+    /// Bytes 2..3. In slot 0 byte 2 is an argument and byte 3 the frame's CRC, so there they are no one number.
     pub parm: U16Le,
     /// Bytes 4..7.
     pub data1: U32Le,
@@ -122,19 +124,18 @@ pub struct Slot12 {
     pub data2: U32Le,
 }
 
-/// A slot of 16 bytes: the twelve and `u32 Data3`.
+/// A slot of 16 bytes: the fields of [`Slot12`] and `u32 Data3`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Slot16 {
     /// Bytes 0..11.
     pub slot: Slot12,
-    /// Bytes 12..15, reserved but for the two-channel HSP.
+    /// Bytes 12..15: used by the two-channel HSP, reserved otherwise.
     pub data3: U32Le,
 }
 
-/// The layout of a two-channel HSP in a 16-byte slot, both ways (UG17 2.1.15, table 2.16).
-///
-/// A command's fields are targets and outputs, a response's positions and inputs.
+/// The slot of a two-channel HSP (NEXTW's pulse module) in 16-byte mode (UG17 2.1.15, table 2.16). A command carries
+/// targets and digital outputs in it, a response actual positions and digital inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TwoChannelSlot {
@@ -142,7 +143,7 @@ pub struct TwoChannelSlot {
     pub id: u8,
     /// Byte 1: command index or mode.
     pub index: u8,
-    /// Bytes 2..3: statusword of axis 1 in a response.
+    /// Bytes 2..3: in a response the statusword of axis 1.
     pub parm: U16Le,
     /// Bytes 4..7: target or position of axis 1.
     pub counts1: I32Le,
@@ -160,9 +161,9 @@ const _: () = assert!(size_of::<TwoChannelSlot>() == 16 && align_of::<TwoChannel
 const _: () = assert!(size_of::<Slot12>() * 42 == 504 && size_of::<Slot16>() * 32 == 512);
 const _: () = assert!(SlotSize::Bytes12.frame_len() == 504 && SlotSize::Bytes16.frame_len() == 512);
 
-/// A slot's content as numbers of the host, the same for both sizes; `data3` is 0 in 12-byte mode.
+/// A slot's fields as integers, whatever its size; `data3` is 0 in 12-byte mode.
 ///
-/// It is what survives when a slot cannot be given a meaning.
+/// A slot whose id no guide lists is kept as this when it is decoded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RawSlot {
     /// Byte 0: command id.
@@ -181,35 +182,35 @@ pub struct RawSlot {
 }
 
 impl RawSlot {
-    /// All zero: GET_STATUS, a slot that asks for nothing.
+    /// All bytes 0, which is GET_STATUS: the slot asks for nothing.
     pub const ZERO: Self = Self { id: 0, index: 0, parm: 0, data1: 0, data2: 0, data3: 0 };
 
-    /// Whether every byte is 0: a command slot that asks for nothing, a response slot nobody has answered in.
+    /// Whether every byte is 0: such a command slot asks for nothing, and such a response slot has never been answered in.
     pub const fn is_zero(&self) -> bool {
         self.id == 0 && self.index == 0 && self.parm == 0 && self.data1 == 0 && self.data2 == 0 && self.data3 == 0
     }
 
-    /// As the two-channel layout sees the same 16 bytes.
+    /// The same 16 bytes in the layout of a two-channel HSP.
     pub fn two_channel(&self) -> TwoChannelSlot {
         bytemuck::cast(self.to_wide())
     }
 
-    /// From the two-channel layout.
+    /// Converts from the layout of a two-channel HSP.
     pub fn from_two_channel(slot: TwoChannelSlot) -> Self {
         Self::from(&bytemuck::cast::<_, Slot16>(slot))
     }
 
-    /// Bits 0..15 of `data2`: bytes 8..9.
+    /// Bytes 8..9: bits 0..15 of `data2`.
     pub const fn data2_low(&self) -> u16 {
         self.data2 as u16
     }
 
-    /// Bits 16..31 of `data2`: bytes 10..11.
+    /// Bytes 10..11: bits 16..31 of `data2`.
     pub const fn data2_high(&self) -> u16 {
         (self.data2 >> 16) as u16
     }
 
-    /// The first twelve bytes as they stand on the wire.
+    /// The wire form of 12 bytes; `data3` has no place in it.
     pub fn to_narrow(&self) -> Slot12 {
         Slot12 {
             id: self.id,
@@ -220,7 +221,7 @@ impl RawSlot {
         }
     }
 
-    /// The sixteen bytes as they stand on the wire.
+    /// The wire form of 16 bytes.
     pub fn to_wide(&self) -> Slot16 {
         Slot16 { slot: self.to_narrow(), data3: self.data3.into() }
     }
@@ -238,7 +239,7 @@ impl From<&Slot16> for RawSlot {
     }
 }
 
-/// A frame's slots, seen in place.
+/// The slots of a frame, borrowed from its bytes without a copy.
 #[derive(Clone, Copy, Debug)]
 pub enum Slots<'a> {
     /// 42 slots of 12 bytes.
@@ -248,7 +249,7 @@ pub enum Slots<'a> {
 }
 
 impl<'a> Slots<'a> {
-    /// The content of slot `i`.
+    /// A copy of slot `i`.
     ///
     /// # Panics
     /// If the frame has no slot `i`.
@@ -259,7 +260,7 @@ impl<'a> Slots<'a> {
         }
     }
 
-    /// The first twelve bytes of slot `i`, in place.
+    /// The first twelve bytes of slot `i`, borrowed from the frame.
     ///
     /// # Panics
     /// If the frame has no slot `i`.
@@ -270,7 +271,7 @@ impl<'a> Slots<'a> {
         }
     }
 
-    /// All slots in order.
+    /// Copies of all slots in order, slot 0 first.
     pub fn iter(&self) -> impl Iterator<Item = RawSlot> + use<'a> {
         let slots = *self;
         let n = match slots {

@@ -5,41 +5,41 @@ use crate::sk::argument::Malformed;
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize};
 
-/// A command for the SDO slot, the last one.
+/// A command for the SDO slot, the last slot of a frame. The board transfers one object at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoCommand {
-    /// Ask for nothing.
+    /// No request.
     GetStatus,
-    /// Read an object.
+    /// Read an object of a slave: SDO upload.
     Read {
         /// Slave, 1..=40 (30).
         slave: u8,
-        /// What to read.
+        /// Index and sub-index of the object.
         object: ObjectAddress,
     },
-    /// Write an object.
+    /// Write an object of a slave: expedited SDO download.
     Write {
         /// Slave, 1..=40 (30).
         slave: u8,
-        /// What to write.
+        /// Index and sub-index of the object.
         object: ObjectAddress,
-        /// The object's size.
+        /// How many bytes of `value` are sent, which has to be the object's size.
         size: SdoSize,
-        /// The value, as it stands in Data2; bytes beyond `size` do not reach the slave.
+        /// Data2: the value. Bytes beyond `size` do not reach the slave.
         value: u32,
     },
-    /// An id that has no business in the SDO slot, or that no guide lists.
+    /// A command that does not belong into the SDO slot, or an id that no guide lists.
     Other(RawSlot),
 }
 
 impl SdoCommand {
-    /// The meaning of the SDO slot of a command frame.
+    /// Decodes the SDO slot of a command frame.
     ///
-    /// The slave is the low byte of Parm, of a read and of a write. The high byte of a read is not looked at: programs put
-    /// the object's size there, as a write has it (OBS).
+    /// The slave is the low byte of Parm, in a read as in a write. The high byte of a read is ignored: programs put the
+    /// object's size there, as in a write (OBS).
     ///
     /// # Errors
-    /// [`Malformed`] if the id is an SDO command and an argument is not.
+    /// [`Malformed`] if the id is an SDO command and an argument is not allowed.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
         let [slave, high] = slot.parm.to_le_bytes();
         let target = || {
@@ -62,7 +62,7 @@ impl SdoCommand {
         })
     }
 
-    /// The slot.
+    /// Encodes the command as the SDO slot.
     pub fn encode(&self) -> RawSlot {
         let slot = RawSlot { id: self.id().code(), ..RawSlot::ZERO };
         match *self {

@@ -1,30 +1,30 @@
-//! Commands for a slave, in its slot.
+//! Commands for one slave, in its slot.
 
 use crate::cia402::Mode;
 use crate::sk::argument::{DriveSync, Malformed};
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};
 
-/// Target and digital outputs of one axis.
+/// The target of one axis, and its digital outputs if it is one of a pulse module.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisTarget {
-    /// CSP: absolute target position, counts. CSV: target velocity, counts/s as the drive scales it.
+    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
     pub target: i32,
-    /// Outputs of an HSP; a plain drive ignores them.
+    /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
     pub outputs: u16,
 }
 
 /// Arguments of CSP and CSV.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Motion {
-    /// The axis; of an HSP, axis 1.
+    /// The slave's axis; axis 1 of an HSP.
     pub first: AxisTarget,
-    /// Axis 2 of a two-channel HSP in 16-byte mode; any other slave ignores it. In 12-byte mode it does not travel.
+    /// Axis 2 of a two-channel HSP; any other slave ignores it. A slot of 12 bytes has no place for it.
     pub second: AxisTarget,
 }
 
 impl Motion {
-    /// One axis, no outputs.
+    /// A target for the slave's (first) axis, all outputs off.
     pub const fn to(target: i32) -> Self {
         Self { first: AxisTarget { target, outputs: 0 }, second: AxisTarget { target: 0, outputs: 0 } }
     }
@@ -60,27 +60,27 @@ impl Motion {
     }
 }
 
-/// A command for one slave: slots 1..=40 (30).
+/// A command for one slave, in its slot, 1..=40 (30).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlaveCommand {
-    /// Ask for nothing.
+    /// No new request: the slave goes on with what it was told.
     GetStatus,
-    /// Choose the mode and thereby the PDOs, before SafeOP.
+    /// Choose the mode of operation and with it the slave's process data, before SafeOP.
     DriveMode {
         /// CSP, CSV or CST.
         mode: Mode,
         /// Free run or DC sync.
         sync: DriveSync,
     },
-    /// Fault reset.
+    /// Clear a drive's fault: fault reset of CiA 402.
     AlarmClear,
-    /// Walk the drive up to Operation enabled.
+    /// Take the drive through the CiA 402 states up to Operation enabled.
     ServoOn,
-    /// Walk the drive down to Switch on disabled.
+    /// Take the drive down to Switch on disabled.
     ServoOff,
-    /// Read an IO slave's inputs.
+    /// Read the inputs of an IO slave.
     IoRead,
-    /// Write an IO slave's outputs, bit k is output k.
+    /// Write the outputs of an IO slave: bit k is output k.
     IoWrite(u16),
     /// Cyclic synchronous position.
     Csp(Motion),
@@ -88,11 +88,11 @@ pub enum SlaveCommand {
     Csv(Motion),
     /// Cyclic synchronous torque, in 0.1 % of the rated torque.
     Cst(i16),
-    /// Start homing.
+    /// Start homing by the method that is set in object 0x6098.
     GoHome,
-    /// End the homing of all slaves.
+    /// Abort the homing of all slaves.
     AbortHome,
-    /// An id that has no business in a slave's slot, or that no guide lists.
+    /// A command that does not belong into a slave's slot, or an id that no guide lists.
     Other(RawSlot),
 }
 
@@ -116,18 +116,18 @@ impl SlaveCommand {
         }
     }
 
-    /// With a command index of the caller's choice, which the answer repeats.
+    /// The command with an index of the caller's choice, which the response to it repeats.
     pub const fn with_index(self, index: u8) -> SlotCommand {
         SlotCommand { index, command: self }
     }
 }
 
-/// A slave's command and its index.
+/// The content of a slave's slot: its command and the command's index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlotCommand {
-    /// Byte 1: a number of the application's own; firmware 1.7 repeats it in the answer.
+    /// Byte 1: a number that the application chooses. Firmware 1.7 repeats it in the response to this command.
     pub index: u8,
-    /// The command.
+    /// Bytes 0 and 2 and up: what the slave is to do.
     pub command: SlaveCommand,
 }
 
@@ -138,15 +138,15 @@ impl From<SlaveCommand> for SlotCommand {
 }
 
 impl SlotCommand {
-    /// The meaning of a slave's slot of a command frame. In 12-byte mode axis 2 does not travel and is zero.
+    /// Decodes a slave's slot of a command frame. In 12-byte mode axis 2 of an HSP is not on the wire and becomes 0.
     ///
     /// # Errors
-    /// [`Malformed`] if the id is a slave's command and an argument is not.
+    /// [`Malformed`] if the id is a command for a slave and an argument is not allowed.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
         Self::decode_as(CommandId::from_code(slot.id), slot, size)
     }
 
-    /// The same, where the slot's id is known already.
+    /// The same as [`Self::decode`] where the caller has looked up the slot's id already.
     #[inline(always)]
     pub(crate) fn decode_as(id: CommandId, slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
         let command = match id {
@@ -174,7 +174,7 @@ impl SlotCommand {
         Ok(Self { index: slot.index, command })
     }
 
-    /// The slot. In 12-byte mode bytes 10..11 of a CSP or CSV are 0.
+    /// Encodes the command as a slave's slot. In 12-byte mode bytes 10..11 of CSP and CSV are 0.
     #[inline]
     pub fn encode(&self, size: SlotSize) -> RawSlot {
         let slot = RawSlot { id: self.command.id().code(), index: self.index, ..RawSlot::ZERO };

@@ -1,11 +1,11 @@
-//! What a slot of a dump means, as types: for tools that write something else than text.
+//! What a slot of a dump means, as types: for tools that write another format than text, such as JSON.
 
 use crate::sk::{
     CommandId, DriveResponse, HspResponse, IoResponse, Malformed, MasterCommand, MasterResponse, RawSlot, SdoCommand,
     SdoResponse, SlaveKind, SlotCommand, SlotSize,
 };
 
-/// What one slot says.
+/// What a slot means, by the frame's direction and the slot's place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotMeaning {
     /// Slot 0 of a command frame.
@@ -14,7 +14,7 @@ pub enum SlotMeaning {
     SlaveCommand(SlotCommand),
     /// The SDO slot of a command frame.
     SdoCommand(SdoCommand),
-    /// A slot of a command frame whose id is known and has business there, with an argument that is none.
+    /// A slot of a command frame whose command belongs there but has an argument that no guide allows.
     Malformed(Malformed),
     /// Slot 0 of a response frame.
     MasterResponse(MasterResponse),
@@ -25,9 +25,9 @@ pub enum SlotMeaning {
 }
 
 impl SlotMeaning {
-    /// The slot that this meaning makes, byte 3 of slot 0 (the CRC) 0; `None` if the slot has no meaning.
+    /// Encodes the meaning as a slot, byte 3 of slot 0 (the CRC) 0; `None` for [`Self::Malformed`].
     ///
-    /// Where it differs from the slot it was read from, bytes are set there that the meaning does not use.
+    /// If the result differs from the slot that was decoded, that slot has bytes set that its meaning does not use.
     pub fn encode(&self, size: SlotSize) -> Option<RawSlot> {
         Some(match self {
             Self::MasterCommand(command) => command.encode(),
@@ -41,21 +41,21 @@ impl SlotMeaning {
     }
 }
 
-/// How the kind of the slave behind a response slot is known; it is not on the wire.
+/// The kind of slave that a response slot belongs to, and how certain that is, since it is not on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotKind {
-    /// The caller said so.
+    /// The caller declared it.
     Given(SlaveKind),
     /// Only this kind takes the command that the slot answers.
     Implied(SlaveKind),
-    /// The fields look like it.
+    /// The slot's fields are typical of this kind.
     Guessed(SlaveKind),
-    /// Nothing tells.
+    /// The slot's fields are typical of no kind.
     Unknown,
 }
 
 impl SlotKind {
-    /// The kind, however it is known.
+    /// The kind, however certain it is.
     pub const fn kind(self) -> Option<SlaveKind> {
         match self {
             Self::Given(kind) | Self::Implied(kind) | Self::Guessed(kind) => Some(kind),
@@ -63,12 +63,12 @@ impl SlotKind {
         }
     }
 
-    /// See [`super::ResponseDump`] for the rules.
+    /// Applies the rules that stand at [`super::ResponseDump`].
     fn from_fields(slot: &RawSlot) -> Self {
         match CommandId::from_code(slot.id) {
             CommandId::IoRead | CommandId::IoWrite => Self::Implied(SlaveKind::Io),
             CommandId::Cst => Self::Implied(SlaveKind::Drive),
-            // Bytes 12..15 are reserved but for the two-channel HSP.
+            // Only the two-channel HSP uses bytes 12..15.
             _ if slot.data3 != 0 => Self::Guessed(SlaveKind::Hsp),
             CommandId::AlarmClear
             | CommandId::ServoOn
@@ -84,7 +84,7 @@ impl SlotKind {
     }
 }
 
-/// Byte 1 of a slave's slot in a response, by what the firmware puts there (SK-3).
+/// Byte 1 of a slave's slot in a response, whose meaning depends on the firmware (SK-3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ByteOne {
     /// Firmware 1.7: the index of the command answered.
@@ -93,36 +93,37 @@ pub enum ByteOne {
     Mode(u8),
 }
 
-/// A slave's slot of a response.
+/// A slave's slot of a response, decoded for the kind of slave that it belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveReading {
-    /// Byte 0: the command executed last for the slave.
+    /// Byte 0: the last command executed for the slave.
     pub id: CommandId,
-    /// Byte 1.
+    /// Byte 1: the index of that command, or the mode of operation.
     pub byte_one: ByteOne,
-    /// What the slave is, and how that is known.
+    /// The kind of the slave, and how certain it is.
     pub kind: SlotKind,
-    /// Bytes 2 and up, read as that kind's.
+    /// Bytes 2 and up, in that kind's layout.
     pub data: SlaveData,
 }
 
 /// Bytes 2 and up of a slave's slot in a response. Each layout repeats bytes 0 and 1 in its `head`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlaveData {
-    /// All zero, and nothing says that a value of 0 is meant.
+    /// All bytes are 0, and the slot may be one that holds no values at all: the state is not OP, or there is no kind to
+    /// decode it for.
     Nothing,
-    /// A drive's or a stepper's.
+    /// The layout of a drive or a stepper.
     Drive(DriveResponse),
-    /// An IO slave's.
+    /// The layout of an IO slave.
     Io(IoResponse),
-    /// An HSP's.
+    /// The layout of an HSP.
     Hsp(HspResponse),
-    /// Not to be read: the kind is unknown, or there should be no slave.
+    /// Not decoded, because the kind is unknown or no slave was declared for the slot.
     Unread(RawSlot),
 }
 
 impl SlaveReading {
-    /// Reads a slot, byte 1 as an index. `in_op`: the frame's state is OP, where zeros are values.
+    /// Decodes a slot, byte 1 as the command index. `in_op`: the state in slot 0 is OP, where zeros are values.
     pub(super) fn of(slot: &RawSlot, size: SlotSize, given: Option<SlaveKind>, in_op: bool) -> Self {
         let kind = given.map_or_else(|| SlotKind::from_fields(slot), SlotKind::Given);
         let no_data = RawSlot { id: 0, index: 0, ..*slot }.is_zero();

@@ -1,4 +1,4 @@
-//! The words of a dump.
+//! The text of a dump.
 
 use core::fmt::{self, Display, Formatter};
 
@@ -59,7 +59,7 @@ impl Display for SlotLine {
             SlotMeaning::SlaveResponse(reading) => self.slave_response(f, reading)?,
             SlotMeaning::SdoResponse(response) => self.sdo_response(f, response)?,
         }
-        if self.told().is_some_and(|told| told != self.fields()) {
+        if self.fields_in_text().is_some_and(|in_text| in_text != self.fields_without_crc()) {
             write!(f, " (more bytes are set: {})", self.raw_fields())?;
         }
         match &self.crc {
@@ -70,8 +70,8 @@ impl Display for SlotLine {
 }
 
 impl SlotLine {
-    /// The fields that the words of the line carry; `None`: they are the raw ones.
-    fn told(&self) -> Option<RawSlot> {
+    /// The fields that the line's text tells; `None` if the text is the raw fields themselves.
+    fn fields_in_text(&self) -> Option<RawSlot> {
         let used = self.meaning.encode(self.size)?;
         Some(match self.meaning {
             SlotMeaning::SdoCommand(SdoCommand::Read { .. }) => RawSlot { parm: self.raw.parm, ..used },
@@ -80,7 +80,7 @@ impl SlotLine {
     }
 
     fn raw_fields(&self) -> RawFields {
-        RawFields { slot: self.fields(), size: self.size, role: self.role }
+        RawFields { slot: self.fields_without_crc(), size: self.size, role: self.role }
     }
 
     fn master_command(&self, f: &mut Formatter<'_>, command: &MasterCommand) -> fmt::Result {
@@ -213,7 +213,7 @@ impl SlotLine {
         }
     }
 
-    /// The rest of a command whose id has no business in this slot.
+    /// The text after the id of a command that does not belong into this slot.
     fn foreign_id(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let reason = match (CommandId::from_code(self.raw.id), self.role) {
             (CommandId::Unknown(_), _) => "no such command",
@@ -246,22 +246,23 @@ fn master_response(f: &mut Formatter<'_>, response: &MasterResponse) -> fmt::Res
     Ok(())
 }
 
-/// ` group 0: 1 DRIVE, 2 IO, 3..8 none`; three or more equal neighbours are one run.
+/// The arguments of SET_AXIS, such as ` group 0: 1 DRIVE, 2 IO, 3..8 none`. Three or more neighbours of the same kind are
+/// written as a range.
 fn set_axis(f: &mut Formatter<'_>, group: u8, kinds: &[SlaveKind; 8], size: SlotSize) -> fmt::Result {
     write!(f, " group {group}:")?;
     let first = usize::from(group) * 8 + 1;
-    let known = size.max_slaves().saturating_sub(first - 1).min(8);
+    let slaves_of_group = size.max_slaves().saturating_sub(first - 1).min(8);
     let mut comma = "";
     let mut k = 0;
-    while k < known {
-        let equal = kinds[k..known].iter().take_while(|kind| **kind == kinds[k]).count();
+    while k < slaves_of_group {
+        let equal = kinds[k..slaves_of_group].iter().take_while(|kind| **kind == kinds[k]).count();
         let run = if equal >= 3 { equal } else { 1 };
-        write!(f, "{comma} {} {}", Span(first + k, first + k + run - 1), kind_name(kinds[k]))?;
+        write!(f, "{comma} {} {}", SlaveRange(first + k, first + k + run - 1), kind_name(kinds[k]))?;
         comma = ",";
         k += run;
     }
-    if known < 8 {
-        write!(f, "{comma} {} ignored", Span(first + known, first + 7))?;
+    if slaves_of_group < 8 {
+        write!(f, "{comma} {} ignored", SlaveRange(first + slaves_of_group, first + 7))?;
     }
     Ok(())
 }
@@ -302,10 +303,10 @@ const fn on_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// Slave numbers, `5` or `6..8`.
-struct Span(usize, usize);
+/// A slave's number or a range of them: `5` or `6..8`.
+struct SlaveRange(usize, usize);
 
-impl Display for Span {
+impl Display for SlaveRange {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match *self {
             Self(first, last) if first == last => write!(f, "{first}"),
@@ -314,7 +315,7 @@ impl Display for Span {
     }
 }
 
-/// A torque, given in 0.1 % of rated.
+/// A torque, given in 0.1 % of the rated torque.
 struct Percent(i16);
 
 impl Display for Percent {
@@ -324,7 +325,7 @@ impl Display for Percent {
     }
 }
 
-/// The fields beside the id as numbers, the CRC left out.
+/// The fields of a slot as hexadecimal numbers, without the id and the CRC.
 struct RawFields {
     slot: RawSlot,
     size: SlotSize,

@@ -5,9 +5,10 @@
 #[cfg(feature = "fuzz")]
 extern crate self as ecmsk;
 
-pub mod cia402;
-pub mod coe;
+pub mod ethercat;
 pub mod sk;
+
+pub use ethercat::{cia402, coe};
 
 // The tool is a part of its program, and of the library where fuzz/ needs it.
 #[cfg(feature = "fuzz")]

@@ -17,15 +17,14 @@ use crate::cia402::{Controlword, Mode, Statusword};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::sk::{CycleTime, DriveSync};
 
+pub use crate::ethercat::{AlState, Ns};
+
 /// Slaves a board can drive at most (12-byte slots).
 pub const MAX_SLAVES: usize = 40;
 /// Axes of one slave at most: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
 /// How many cycles later than its outputs were sent an answer is polled at most \[OURS].
 pub const MAX_ANSWER_DELAY: usize = 16;
-
-/// A point in the board's time, nanoseconds since it was switched on, or a span of it.
-pub type Ns = u64;
 
 /// Who owns the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,21 +36,6 @@ pub enum Pacing {
         /// Outputs the bus can hold.
         depth: u16,
     },
-}
-
-/// EtherCAT state of a slave (AL state).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u8)]
-pub enum AlState {
-    /// Init: no mailbox, no process data.
-    #[default]
-    Init = 1,
-    /// Pre-operational: mailbox.
-    PreOp = 2,
-    /// Safe-operational: mailbox and inputs.
-    SafeOp = 4,
-    /// Operational: mailbox, inputs and outputs.
-    Op = 8,
 }
 
 /// A set of slaves, numbered from 1 in the order of the cable.

@@ -2,7 +2,6 @@
 
 use super::options::SimOptions;
 use super::uri::LinkUri;
-use crate::ecm::{Config, Slave};
 
 /// Slaves and units, as `--slaves` and `--counts-per-unit` of the tool take them. A text that is empty is not known.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -30,14 +29,13 @@ impl KnownNetwork {
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
         let options = LinkUri::parse(name).ok().and_then(|uri| SimOptions::from_uri(&uri).ok());
-        let slaves = options.iter().flat_map(|options| &options.slaves).map(|slave| slave.model.name().to_owned());
-        Self { slaves: list(slaves), ..Self::default() }
+        Self::of_slaves(options.iter().flat_map(|options| &options.slaves).map(|slave| slave.model.name().to_owned()))
     }
 
-    /// What a configuration says.
+    /// Slaves by their words, in the order of the cable.
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
-    pub(crate) fn of_config(config: &Config) -> Self {
-        Self { slaves: list(config.slaves.iter().map(Slave::to_string)), ..Self::default() }
+    pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
+        Self { slaves: list(words), ..Self::default() }
     }
 }
 
@@ -58,7 +56,7 @@ fn list(words: impl Iterator<Item = String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ecm::Axis;
+    use crate::ecm::{Axis, Slave};
 
     /// TCP-27 The words are those of `--slaves`.
     #[test]
@@ -67,7 +65,7 @@ mod tests {
         assert_eq!(of_sim("sim:?slaves=drive*2,drive:start@5,io,hsp2,step&clock=virtual"), "drive*3,io,hsp2,step");
         assert_eq!((of_sim("usb:"), of_sim("puppet:")), (String::new(), String::new()));
         let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CSV), Slave::Unused];
-        let config = Config { slaves, ..Config::default() };
-        assert_eq!(KnownNetwork::of_config(&config).slaves, "drive,drive:csv*2,none");
+        let words = slaves.iter().map(Slave::to_string);
+        assert_eq!(KnownNetwork::of_slaves(words).slaves, "drive,drive:csv*2,none");
     }
 }

@@ -1,7 +1,7 @@
 //! The AL state of a device (ETG.1000.6 6.4): which changes it takes part in, and the watchdog of its outputs.
 
 use super::AlStatus;
-use crate::fieldbus::{AlState, Ns};
+use crate::ethercat::{AlState, Ns};
 
 /// \[OURS] Outputs that stay away for so long end OP, as a sync manager's watchdog does with its usual setting.
 pub const WATCHDOG_NS: Ns = 100_000_000;

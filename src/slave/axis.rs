@@ -15,7 +15,8 @@ use super::plant::{Effort, Following, Motor, Plant, PulseTrain, Pulses, SUBSTEP_
 use super::state_machine::{OptionCodes, Power, StateMachine, TransitionTimes};
 use super::switches::{Switches, Travel};
 use crate::cia402::{DriveState, Mode, Statusword};
-use crate::fieldbus::{AxisIn, AxisOut, Ns};
+use crate::ethercat::Ns;
+use crate::fieldbus::{AxisIn, AxisOut};
 
 /// Error code of a following error (CiA 402-2, 0x603F).
 pub const FOLLOWING_ERROR: u16 = 0x8611;

@@ -15,7 +15,8 @@ use super::switches::Input;
 use super::{AlStatus, SdoValue, Slave};
 use crate::cia402::MODES_OF_OPERATION;
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{AlState, MAX_AXES, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use crate::ethercat::{AlState, Ns};
+use crate::fieldbus::{MAX_AXES, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
 use crate::sk::DriveSync;
 
 /// 0x1018:1 of the devices that are no vendor's. \[OURS] "ECMS": no vendor's number.

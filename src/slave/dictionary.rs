@@ -9,7 +9,7 @@
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-//! use ecmsk::fieldbus::AlState;
+//! use ecmsk::ethercat::AlState;
 //! use ecmsk::slave::dictionary::{self, Device, Object, Slot, Values, check, slot};
 //!
 //! struct Heater { values: Values, celsius: i16 }
@@ -43,7 +43,7 @@ pub use values::{Slot, Value, Values, slot};
 
 use super::SdoValue;
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::AlState;
+use crate::ethercat::AlState;
 use object::Cell;
 
 /// Something that has an object dictionary.

@@ -17,7 +17,8 @@ use super::state_machine::TransitionTimes;
 use super::switches::Travel;
 use crate::cia402::Mode;
 use crate::coe::AbortCode;
-use crate::fieldbus::{MAX_AXES, Ns, Refusal, Role, SlaveIn, SlaveOut};
+use crate::ethercat::Ns;
+use crate::fieldbus::{MAX_AXES, Refusal, Role, SlaveIn, SlaveOut};
 
 pub use objects::{PRODUCT_CODES, REVISION};
 

@@ -7,7 +7,8 @@ use std::slice;
 use super::device::{Base, Identity, Model, VENDOR_ID, identity, not_of_this_kind};
 use super::dictionary::{Object, Values, check, join, rows};
 use super::lines::Lines;
-use crate::fieldbus::{AxisIn, Ns, Refusal, Role, SlaveIn, SlaveOut};
+use crate::ethercat::Ns;
+use crate::fieldbus::{AxisIn, Refusal, Role, SlaveIn, SlaveOut};
 
 /// 0x1018:2. \[OURS] "IO16".
 pub const PRODUCT_CODE: u32 = 0x494F_3136;

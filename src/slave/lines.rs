@@ -2,7 +2,7 @@
 //!
 //! \[OURS] Output k is wired to input k: what is written is read back a cycle later, unless the inputs are forced.
 
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 
 /// Inputs are a bit each, and that many.
 const INPUTS: Ns = 16;

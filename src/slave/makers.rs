@@ -4,7 +4,7 @@
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 //! use ecmsk::slave::{Drive, DriveConfig, MakersObjects, Slave};
-//! use ecmsk::fieldbus::AlState;
+//! use ecmsk::ethercat::AlState;
 //!
 //! let text = "0x2101:1 u16 rw 0x0010 Motor code\n0x2102:0 i32 ro -5 Encoder offset\n";
 //! let mut drive = Drive::new(DriveConfig::default());

@@ -27,10 +27,13 @@ pub use makers::{FormatError, MAKERS_BYTES_MAX, MakersObject, MakersObjects, Mak
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
 
+pub use crate::ethercat::AlStatus;
+
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use plant::Following;
 
-use crate::fieldbus::{AlState, MAX_AXES, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
+use crate::ethercat::{AlState, Ns};
+use crate::fieldbus::{MAX_AXES, Refusal, SlaveConfig, SlaveIn, SlaveOut};
 
 /// A value read from an object dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,22 +42,6 @@ pub struct SdoValue {
     pub size: u8,
     /// The value, zero-extended.
     pub bits: u32,
-}
-
-/// A change of AL state that a slave refuses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AlStatus(pub u16);
-
-/// AL status codes (ETG.1000.6 table 11).
-impl AlStatus {
-    /// Invalid requested state change.
-    pub const INVALID_CHANGE: Self = Self(0x0011);
-    /// Sync manager watchdog.
-    pub const WATCHDOG: Self = Self(0x001B);
-    /// Invalid output configuration.
-    pub const INVALID_OUTPUTS: Self = Self(0x001D);
-    /// Invalid input configuration.
-    pub const INVALID_INPUTS: Self = Self(0x001E);
 }
 
 /// One simulated slave: state machine of the application layer, mailbox, process data and physics.

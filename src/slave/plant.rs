@@ -6,7 +6,7 @@ mod servo;
 pub use pulses::{PulseTrain, Pulses};
 pub use servo::{Following, Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_side_by_side};
 
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 
 /// What the loops are to do during a span of time.
 #[derive(Clone, Copy, Debug, PartialEq)]

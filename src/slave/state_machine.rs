@@ -4,7 +4,7 @@
 //! still. Transitions that take a real drive some time take it here too, so that programs have to poll.
 
 use crate::cia402::{Controlword, DriveState, Statusword};
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 
 /// A fault of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

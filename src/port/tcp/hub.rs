@@ -67,7 +67,11 @@ impl Board {
 
     /// What clients are told of the network: what `said` says, what frames have shown, what the link knows, what its name says.
     fn network(&self, said: &KnownNetwork) -> KnownNetwork {
-        let shown = self.watch.lock().config().map(|config| KnownNetwork::of_config(&config));
+        let shown = self
+            .watch
+            .lock()
+            .config()
+            .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
         let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
         // Half a list would be another one.
         let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };

@@ -1,7 +1,7 @@
 //! How an axis moves its plant: after the targets of CSP, CSV and CST, and to a stop on a ramp.
 
 use super::{Axis, Demand, FOLLOWING_ERROR, FollowingWindow, Motion, NO_FOLLOWING_WINDOW};
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 use crate::slave::plant::Effort;
 use crate::slave::state_machine::{DeviceFault, Ramp};
 

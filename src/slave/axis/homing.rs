@@ -8,7 +8,7 @@
 
 use super::{Axis, Demand, Motion, rounded};
 use crate::cia402::Mode;
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 use crate::slave::homing::{Homed, Homing, Shaft};
 use crate::slave::plant::Effort;
 use crate::slave::switches::{Input, Inputs, Switches, Travel};

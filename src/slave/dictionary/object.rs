@@ -1,7 +1,7 @@
 //! One row of an object dictionary, written as a chain of constant functions.
 
 use crate::coe::{AbortCode, ObjectAddress};
-use crate::fieldbus::AlState;
+use crate::ethercat::AlState;
 
 /// Data type of an object (ETG.1000.6 5.6.7, CiA 301 7.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

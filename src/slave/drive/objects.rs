@@ -2,7 +2,8 @@
 
 use super::{Drive, DriveKind};
 use crate::cia402::Controlword;
-use crate::fieldbus::{AlState, Role};
+use crate::ethercat::AlState;
+use crate::fieldbus::Role;
 use crate::slave::axis::rounded;
 use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};

@@ -4,7 +4,7 @@
 //! a demand that is faster is caught up with at that rate. Nothing has to slow down: pulses begin and end at once.
 
 use super::{Effort, at_most, carry, within};
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 
 /// How pulses are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

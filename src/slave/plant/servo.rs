@@ -14,7 +14,7 @@ mod side_by_side;
 pub use side_by_side::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
 use super::{Effort, at_least, at_most, carry, within};
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 
 /// \[OURS] The cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;

@@ -6,7 +6,7 @@
 
 use super::super::within;
 use super::Servo;
-use crate::fieldbus::Ns;
+use crate::ethercat::Ns;
 
 /// Motors that are computed side by side: as many as a processor with two numbers in a register has work for while it
 /// waits for the results of the first.

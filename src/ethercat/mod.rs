@@ -1,0 +1,42 @@
+//! Words of EtherCAT, which everybody who has to do with slaves speaks: the AL states, CANopen over EtherCAT ([`coe`]) and
+//! CiA 402 ([`cia402`]). No I/O, no state, no `std`.
+
+pub mod cia402;
+pub mod coe;
+
+/// A point in a device's time, nanoseconds since it was switched on, or a span of it.
+pub type Ns = u64;
+
+/// EtherCAT state of a slave (AL state, ETG.1000.6 6.4.1).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum AlState {
+    /// Init: no mailbox, no process data.
+    #[default]
+    Init = 1,
+    /// Pre-operational: mailbox.
+    PreOp = 2,
+    /// Safe-operational: mailbox and inputs.
+    SafeOp = 4,
+    /// Operational: mailbox, inputs and outputs.
+    Op = 8,
+}
+
+/// AL status code: why a slave refuses a change of its AL state, or has left one (ETG.1000.6 table 11).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AlStatus(pub u16);
+
+impl AlStatus {
+    /// Invalid requested state change.
+    pub const INVALID_CHANGE: Self = Self(0x0011);
+    /// Sync manager watchdog.
+    pub const WATCHDOG: Self = Self(0x001B);
+    /// Invalid output configuration: sync manager 2 is not as long as the outputs that are mapped.
+    pub const INVALID_OUTPUTS: Self = Self(0x001D);
+    /// Invalid input configuration: sync manager 3 is not as long as the inputs that are mapped.
+    pub const INVALID_INPUTS: Self = Self(0x001E);
+    /// Invalid input mapping (0x1A00 to 0x1BFF, 0x1C13).
+    pub const INVALID_INPUT_MAPPING: Self = Self(0x0024);
+    /// Invalid output mapping (0x1600 to 0x17FF, 0x1C12).
+    pub const INVALID_OUTPUT_MAPPING: Self = Self(0x0025);
+}

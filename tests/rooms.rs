@@ -1,0 +1,155 @@
+//! The rooms of `src/`: what CONTRIBUTING's table says that each may use is what it uses.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Which rooms a room may use; `None`: all.
+type Table = BTreeMap<String, Option<BTreeSet<String>>>;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The words between backticks, without a `/` at their end.
+fn quoted(cell: &str) -> impl Iterator<Item = String> {
+    cell.split('`').skip(1).step_by(2).map(|word| word.trim_end_matches('/').to_owned())
+}
+
+/// The table with the columns `room`, what lives there, `may use`.
+fn table(page: &str) -> Table {
+    let mut table = Table::new();
+    let rows = page.lines().skip_while(|line| !line.starts_with("| room |")).skip(2);
+    for row in rows.take_while(|line| line.starts_with('|')) {
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [rooms, _, may_use] = cells[..] else { panic!("a row of three cells: {row}") };
+        let may_use = match may_use {
+            "all" => None,
+            "-" => Some(BTreeSet::new()),
+            rooms => Some(quoted(rooms).collect()),
+        };
+        for room in quoted(rooms) {
+            assert!(table.insert(room.clone(), may_use.clone()).is_none(), "{room} has two rows");
+        }
+    }
+    table
+}
+
+/// The source files of `src/` that are no tests.
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("src/ can be read") {
+        let path = entry.expect("an entry").path();
+        let stem = path.file_stem().and_then(|stem| stem.to_str()).expect("a name in UTF-8");
+        if stem == "tests" || stem.ends_with("_tests") {
+            continue;
+        }
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// The room of a file: the folder of `src/` that it is in, or the file itself.
+fn room_of(file: &Path) -> String {
+    let place = file.strip_prefix(root().join("src")).expect("a file of src/");
+    let first = place.components().next().expect("a name").as_os_str().to_str().expect("UTF-8");
+    first.trim_end_matches(".rs").to_owned()
+}
+
+/// A file's code: without its comments, and without its module of tests, which stands at its end.
+fn code(text: &str) -> String {
+    let tests = text.match_indices("\nmod ").map(|(at, _)| at).find(|at| {
+        let condition = text[..*at].lines().next_back().unwrap_or_default();
+        let declared = text[at + 1..].lines().next().unwrap_or_default();
+        condition.starts_with("#[cfg(") && condition.contains("test") && declared.ends_with('{')
+    });
+    let text = &text[..tests.unwrap_or(text.len())];
+    text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
+}
+
+/// The first words of all paths that begin with `crate::`.
+fn used(code: &str) -> BTreeSet<String> {
+    let mut used = BTreeSet::new();
+    for (at, found) in code.match_indices("crate::") {
+        let path = &code[at + found.len()..];
+        let Some(group) = path.strip_prefix('{') else {
+            used.insert(first_word(path));
+            continue;
+        };
+        let (mut depth, mut begins) = (0, true);
+        for (at, letter) in group.char_indices() {
+            match letter {
+                '{' => depth += 1,
+                '}' if depth == 0 => break,
+                '}' => depth -= 1,
+                ',' if depth == 0 => begins = true,
+                letter if begins && !letter.is_whitespace() => {
+                    used.insert(first_word(&group[at..]));
+                    begins = false;
+                }
+                _ => {}
+            }
+        }
+    }
+    used
+}
+
+fn first_word(path: &str) -> String {
+    path.chars().take_while(|letter| letter.is_alphanumeric() || *letter == '_').collect()
+}
+
+/// What stands in the crate's root under another name.
+fn home_of(word: &str) -> &str {
+    match word {
+        "cia402" | "coe" => "ethercat",
+        "Ecm" => "ecm",
+        word => word,
+    }
+}
+
+/// Every file of `src/` uses the rooms alone that CONTRIBUTING's table lets its room use.
+#[test]
+fn each_room_uses_what_the_table_says() {
+    let table = table(&fs::read_to_string(root().join("CONTRIBUTING.md")).expect("CONTRIBUTING.md"));
+    let mut files = Vec::new();
+    sources(&root().join("src"), &mut files);
+    assert!(files.len() > 200, "{} files of src/ were found", files.len());
+    let mut wrong = Vec::new();
+    let mut rooms = BTreeSet::new();
+    for file in &files {
+        let room = room_of(file);
+        rooms.insert(room.clone());
+        if room == "lib" {
+            continue;
+        }
+        let Some(may_use) = table.get(&room) else {
+            wrong.push(format!("{}: the room `{room}` has no row", file.display()));
+            continue;
+        };
+        let Some(may_use) = may_use else { continue };
+        let text = fs::read_to_string(file).expect("a text");
+        for word in used(&code(&text)) {
+            let other = home_of(&word);
+            if other != room && !may_use.contains(other) {
+                wrong.push(format!("{}: the room `{room}` may not use `{other}`", file.display()));
+            }
+        }
+    }
+    let unknown = table.keys().chain(table.values().flatten().flatten()).filter(|room| !rooms.contains(*room));
+    wrong.extend(unknown.map(|room| format!("CONTRIBUTING.md: there is no room `{room}` in src/")));
+    assert!(wrong.is_empty(), "what the table of rooms in CONTRIBUTING.md does not say:\n{}", wrong.join("\n"));
+}
+
+/// What the test reads of a file is what the compiler sees of it.
+#[test]
+fn imports_are_found() {
+    let text = "//! [`crate::one`]\nuse crate::two::Two;\nuse crate::{three, four::{self, Four}, five};\nfn f() { crate::six::g() }\n\
+                #[cfg(test)]\nmod tests {\n    use crate::seven;\n}\n";
+    assert_eq!(used(&code(text)).into_iter().collect::<Vec<_>>(), ["five", "four", "six", "three", "two"]);
+    let may_use =
+        table("| room | x | may use |\n| - | - | - |\n| `a/`, `b/` | x | `c`, `d` |\n| `c/` | x | - |\n\n| `e/` |\n");
+    assert_eq!(may_use.keys().collect::<Vec<_>>(), ["a", "b", "c"]);
+    assert_eq!(may_use["b"].clone().map(|rooms| rooms.len()), Some(2));
+}

@@ -34,7 +34,7 @@ impl fmt::Display for Span {
 mod tests {
     use super::*;
 
-    /// TOOL-115 Times are told with three digits, rounded, in the unit that suits them.
+    /// Times are told with three digits, rounded, in the unit that suits them.
     #[test]
     fn times_are_rounded() {
         for (ns, said) in [

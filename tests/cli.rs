@@ -62,7 +62,7 @@ fn wrong_command_lines() {
     assert_eq!(run(["link"]).code, Some(2));
 }
 
-/// `ecmsk link help` is the library's own table: every key that an error may name stands in it.
+/// LINK-3 `ecmsk link help` is the library's own table: every key that an error may name stands in it.
 #[test]
 fn link_help() {
     let help = run(["link", "help"]).quiet();

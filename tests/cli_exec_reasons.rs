@@ -48,7 +48,7 @@ fn what_the_library_tells_is_said_once() {
     assert_eq!((&told["said"][0]["text"], &told["said"][0]["times"]), (&"no board at usb:".into(), &5.into()));
 }
 
-/// TOOL-154 A recording that is not whole is an exit code of its own, unless the program has failed anyway.
+/// TOOL-138 A recording that is not whole is an exit code of its own, unless the program has failed anyway.
 #[test]
 fn a_recording_that_lacks_frames_is_an_exit_code() {
     let place = Place::new();
@@ -142,7 +142,7 @@ mod needs_cxx {
         assert_eq!(ran.code, Some(2), "a wrong link is a wrong command line: {}", ran.err);
     }
 
-    /// TOOL-155 State 0x12 is explained: nothing was declared, or a slave refuses.
+    /// TOOL-158 State 0x12 is explained: nothing was declared, or a slave refuses.
     #[test]
     fn a_change_of_state_that_fails() {
         let ran = exec(&[], TWO, &["2", "10", "undeclared"]);
@@ -216,7 +216,7 @@ mod needs_cxx {
         assert_eq!(run(["summary", file.to_str().expect("UTF-8")]).quiet(), "");
     }
 
-    /// TOOL-154 A disk that is full while a program is recorded: said, and an exit code.
+    /// TOOL-138 A disk that is full while a program is recorded: said, and an exit code.
     #[test]
     fn a_full_disk() {
         let ran = exec(&["--record", "/dev/full"], TWO, &["2", "500"]);

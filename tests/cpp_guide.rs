@@ -51,7 +51,7 @@ fn again(page: &str, printed: impl Fn(&str, &str) -> String) -> String {
 mod needs_cxx {
     use super::*;
 
-    /// LIB-66 The guide's programs are the files beside it, compile without a warning as C++98 (the one with threads as C++11),
+    /// The guide's programs are the files beside it, compile without a warning as C++98 (the one with threads as C++11),
     /// end well on the link that stands above them, and print what stands below them.
     #[test]
     fn the_guide_is_true() {
@@ -71,7 +71,7 @@ mod needs_cxx {
     }
 }
 
-/// LIB-66 Every program of the folder is in the guide, once, and there are ten at least.
+/// Every program of the folder is in the guide, once, and there are ten at least.
 #[test]
 fn no_program_is_left_out() {
     let page = fs::read_to_string(root().join("docs/GUIDE-CPP.md")).expect("the page");

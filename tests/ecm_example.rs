@@ -91,7 +91,7 @@ fn move_axis_of_a_served_board() {
     server.stop();
 }
 
-/// API-34 README shows that program, and the guide's programs run as doc tests.
+/// README shows that program, and the guide's programs run as doc tests.
 #[test]
 fn readme_shows_the_shortest_program() {
     let read = |file: &str| fs::read_to_string(root().join(file)).expect("a file of the repository");

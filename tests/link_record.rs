@@ -16,7 +16,7 @@ use record_support::{
     Echo, Memory, URI, blocks, frame, frames, meta, options, read_file, record_to, recording_of, u16_at, u32_at, u64_at,
 };
 
-/// pcapng: section header, interface, one enhanced packet a frame, interface statistics.
+/// LINK-8 pcapng: section header, interface, one enhanced packet a frame, interface statistics.
 #[test]
 fn the_file_is_pcapng_of_usbmon_in_nanoseconds() {
     let memory = Memory::default();
@@ -77,7 +77,7 @@ fn the_file_is_pcapng_of_usbmon_in_nanoseconds() {
     assert_eq!((u64_at(&counts[&4], 0), u64_at(&counts[&5], 0)), (2, 0), "frames there were, frames missing");
 }
 
-/// What is recorded is read back: frames, directions, times, what the link was.
+/// LINK-8 What is recorded is read back: frames, directions, times, what the link was.
 #[test]
 fn a_recording_is_read_back() {
     let bytes = recording_of(300);

@@ -51,7 +51,7 @@ fn changes(client: &mut Client, slave: usize, until_ms: u64) -> Vec<(u64, u16)> 
     }
 }
 
-/// `io`: the inputs are forced at their time, and wired to the outputs again at the end. A frame shows what was
+/// LINK-6 `io`: the inputs are forced at their time, and wired to the outputs again at the end. A frame shows what was
 /// measured in the cycle before.
 #[test]
 fn inputs_are_forced_and_wired_again() {
@@ -98,7 +98,7 @@ fn inputs_of_a_channel_are_forced() {
     assert_eq!(seen, [[0, 0], [0, 0x0F0F], [0, 0], [3, 0]]);
 }
 
-/// SK-4.61 SK-4.62 `lose`: the slave is lost, those behind it stay; after the end SET_STATE brings it back.
+/// LINK-6 SK-4.61 SK-4.62 `lose`: the slave is lost, those behind it stay; after the end SET_STATE brings it back.
 #[test]
 fn power_is_lost_and_comes_back() {
     let mut client =
@@ -122,7 +122,7 @@ fn power_is_lost_and_comes_back() {
     client.until("OP", |c| c.answer().state == StateByte::reached(MasterState::Op));
 }
 
-/// `jam`: the shaft stands, and a following error comes when targets move on; free again, the drive moves.
+/// LINK-6 `jam`: the shaft stands, and a following error comes when targets move on; free again, the drive moves.
 #[test]
 fn a_jam_brings_a_following_error() {
     let mut client = Client::stepped("jam", "at 3s jam 1 for 1s");
@@ -215,7 +215,7 @@ mod needs_cxx {
     use script_client::file;
     use support::{Language, compile, root};
 
-    /// An unmodified C program meets them all: it sees inputs change, a following error, a homing error and a lost slave,
+    /// LINK-6 An unmodified C program meets them all: it sees inputs change, a following error, a homing error and a lost slave,
     /// and comes out of each as the guides say.
     #[test]
     fn an_unmodified_program_meets_them() {

@@ -62,6 +62,7 @@ fn files_of_other_editors() {
     }
 }
 
+/// LINK-6 What is wrong is told with its place and what is allowed.
 #[test]
 fn what_is_wrong_is_said_with_its_place_and_what_is_allowed() {
     const VERBS: &str = "alarm, cut, heal, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \

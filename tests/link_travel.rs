@@ -60,6 +60,7 @@ fn the_normal_form_of_a_travel() {
     }
 }
 
+/// LINK-4 What is wrong is told with what is allowed.
 #[test]
 fn what_is_wrong_is_said_with_what_is_allowed() {
     const PARTS: &str = "allowed: start@N, limits@N..P|N..|..P|none, home@A..B|A..|..B|none, index@N|none, stops@A..B, \
@@ -143,7 +144,7 @@ fn home(client: &mut Client, slave: usize, method: u32) -> Option<i32> {
     panic!("slave {slave}, method {method}: no end; {:?}", drive(client));
 }
 
-/// The axes have the travel that the link says: where they stand, where home is, what is not there.
+/// LINK-4 The axes have the travel that the link says: where they stand, where home is, what is not there.
 #[test]
 fn axes_have_the_travel_that_the_link_says() {
     let list = "drive:start@-30000:limits@-60000..70000:home@-20000..20000:index@5000,drive:limits@none:home@none:\

@@ -157,6 +157,7 @@ fn keys_of_the_real_clock_are_refused_on_a_virtual_one() {
     }
 }
 
+/// LINK-3 What the help says is what the parser takes.
 #[test]
 fn the_table_the_parser_and_the_help_agree() {
     let help = help();
@@ -237,6 +238,7 @@ fn scheme_path_and_keys_are_given_out_decoded() {
     assert_eq!("sim:".parse::<LinkUri>(), LinkUri::parse("sim:"));
 }
 
+/// LINK-4 Slaves of two kinds stand in their order.
 #[test]
 fn slaves_of_two_kinds_stand_in_order() {
     use SlaveModel::{Drive, Hsp, Hsp2, Io, Step};
@@ -277,6 +279,7 @@ fn kinds_of_slaves_that_are_not_in_the_build_are_refused_by_name() {
     }
 }
 
+/// LINK-3 An error names key and value, and says what is allowed.
 #[test]
 fn an_error_names_key_value_and_what_is_allowed() {
     refused("", &["no scheme", "sim:", "usb:"]);
@@ -419,7 +422,7 @@ fn control_characters_are_shown() {
     }
 }
 
-/// A kind that is nearly one is guessed.
+/// LINK-4 A kind that is nearly one is guessed.
 #[test]
 fn kinds_that_are_nearly_right() {
     for (list, near) in [("Drive*2", "did you mean `drive`?"), ("drve", "did you mean `drive`?"), ("hps2", "`hsp2`?")] {

@@ -40,7 +40,7 @@ fn run_again(page: &str, folder: &Path) -> String {
     again
 }
 
-/// TOOL-76 The page of recordings shows what the tool does, and its pictures are the tool's.
+/// The page of recordings shows what the tool does, and its pictures are the tool's.
 #[test]
 fn the_page_is_true() {
     let folder = tempfile::tempdir().expect("a folder");

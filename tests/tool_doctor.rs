@@ -88,7 +88,7 @@ fn bad() -> Tree {
     bad
 }
 
-/// TOOL-40, TOOL-100 What docs/TOOL.md shows of it is what it prints.
+/// TOOL-100 What docs/TOOL.md shows of it is what it prints.
 #[test]
 fn the_page() {
     let printed = report(&bad(), USB, &[]).out;

@@ -65,7 +65,7 @@ fn boards_of_every_kind() {
     support::snapshot("tool_list", &format!("{}\n{json}", text.out));
 }
 
-/// TOOL-40, TOOL-96 What docs/TOOL.md shows of it is what it prints.
+/// TOOL-96 What docs/TOOL.md shows of it is what it prints.
 #[test]
 fn the_page() {
     let printed = several().run(&["list"]).out;

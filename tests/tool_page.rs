@@ -67,7 +67,7 @@ fn free_port() -> u16 {
     listener.local_addr().expect("it has one").port()
 }
 
-/// TOOL-40 Every command of the pages prints what they say, on virtual time to the byte.
+/// Every command of the pages prints what they say, on virtual time to the byte.
 #[test]
 fn the_pages_are_true() {
     for (file, least) in PAGES {
@@ -79,7 +79,7 @@ fn the_pages_are_true() {
     }
 }
 
-/// TOOL-40 As they stand there, on the real clock, the commands that should succeed do.
+/// As they stand there, on the real clock, the commands that should succeed do.
 #[test]
 fn the_pages_work_on_the_real_clock() {
     for (file, _) in PAGES {

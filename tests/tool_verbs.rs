@@ -36,7 +36,7 @@ fn info_and_state() {
     );
 }
 
-/// TOOL-114 One slave is told as one.
+/// One slave is told as one.
 #[test]
 fn one_slave() {
     let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).quiet();

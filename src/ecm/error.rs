@@ -298,7 +298,7 @@ fn slaves_are(count: usize) -> String {
 mod tests {
     use super::*;
 
-    /// TOOL-114 One slave is one slave.
+    /// One slave is one slave.
     #[test]
     fn one_slave() {
         let said = |declared| EcmError::SlaveCount { declared, found: 2 }.to_string();

@@ -76,7 +76,7 @@ fn show_and_run(step: &mut Command) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    /// DIST-8 The demo ends with what it made and with commands to go on, and the pages that it names are there.
+    /// The demo ends with what it made and with commands to go on, and the pages that it names are there.
     #[test]
     fn a_next_step() {
         let text = end(Path::new("target/demo"));

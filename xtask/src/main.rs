@@ -51,7 +51,7 @@ enum Verb {
     Windows(windows::Arguments),
     /// Make what is given to others: packages for Windows and Linux, their sums and what they are made of
     Dist(dist::Arguments),
-    /// Write docs/FEATURES.md from docs/RULES.md and the tests that name its rules
+    /// Write docs/FEATURES.md from docs/rules/ and the tests that name its rules, or print the tests of a rule
     Features(features::Arguments),
     /// Feed the decoders random bytes
     Fuzz(fuzz::Arguments),

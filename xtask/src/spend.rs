@@ -59,7 +59,7 @@ mod tests {
     const DF: &str =
         "Filesystem 1024-blocks Used Available Capacity Mounted on\n/dev/vda 263174212 46913904 48232584 50% /\n";
 
-    /// DIST-8 Disk and time are named with what is free, and a disk that is too small is told with what to do.
+    /// Disk and time are named with what is free, and a disk that is too small is told with what to do.
     #[test]
     fn what_it_takes_is_named() {
         let spend = Spend { disk_mb: 1400, time: "two minutes" };

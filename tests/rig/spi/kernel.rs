@@ -28,7 +28,7 @@ pub fn next_edge(line: &Request, edges: &mut EdgeEventBuffer<'_>) -> EdgeEvent {
     edges.read_event().expect("an edge")
 }
 
-/// WIRE-60 Bytes of both directions pass the kernel's SPI code whole, 504 and 512 at a time, with the clock and the mode
+/// Bytes of both directions pass the kernel's SPI code whole, 504 and 512 at a time, with the clock and the mode
 /// that were asked for.
 #[test]
 fn exchanges_are_full_duplex() {
@@ -59,7 +59,7 @@ fn exchanges_are_full_duplex() {
     assert_eq!(played.stop().exchanges.len(), 200);
 }
 
-/// WIRE-60 Transfers under one chip select are one exchange; without a board MISO is pulled up.
+/// Transfers under one chip select are one exchange; without a board MISO is pulled up.
 #[test]
 fn a_chip_select_is_an_exchange() {
     let device = spidev(SpiModeFlags::SPI_MODE_0, 1_000_000);
@@ -76,7 +76,7 @@ fn a_chip_select_is_an_exchange() {
     assert_eq!(rx, [0; 12]);
 }
 
-/// WIRE-60 Every edge of BUSY arrives, in its order, and the level with it.
+/// Every edge of BUSY arrives, in its order, and the level with it.
 #[test]
 fn busy_has_edges() {
     let played = Played::start(|_: &[u8], _: &mut [u8]| {}, Busy::True);
@@ -104,7 +104,7 @@ fn busy_has_edges() {
     assert!(!edges.has_event().expect("it is asked"), "no edge beyond them");
 }
 
-/// WIRE-60 A pulse on RESET arrives with its length; a line that somebody has is nobody else's.
+/// A pulse on RESET arrives with its length; a line that somebody has is nobody else's.
 #[test]
 fn reset_is_an_output() {
     let played = Played::start(|_: &[u8], _: &mut [u8]| {}, Busy::True);

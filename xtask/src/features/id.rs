@@ -4,12 +4,13 @@ use std::fmt;
 use std::iter;
 
 /// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
-/// native API, the tool, a board on the network, a board on its wires, .NET, Windows, packages.
-pub const PREFIXES: [(&str, bool); 9] = [
+/// native API, the tool, names of boards, a board on the network, a board on its wires, .NET, Windows, packages.
+pub const PREFIXES: [(&str, bool); 10] = [
     ("SK-", true),
     ("LIB-", false),
     ("API-", false),
     ("TOOL-", false),
+    ("LINK-", false),
     ("TCP-", false),
     ("WIRE-", false),
     ("NET-", false),
@@ -17,7 +18,7 @@ pub const PREFIXES: [(&str, bool); 9] = [
     ("DIST-", false),
 ];
 
-/// An id as it is written; it need not be one of docs/RULES.md.
+/// An id as it is written; it need not be that of a rule.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RuleId(String);
 

@@ -1,4 +1,4 @@
-//! `cargo xtask features`: which rule of docs/RULES.md is shown by which test, written to docs/FEATURES.md.
+//! `cargo xtask features`: which rule of docs/rules/ is shown by which test, summed up in docs/FEATURES.md.
 
 mod c;
 mod evidence;
@@ -9,6 +9,7 @@ mod rust;
 
 use std::fs;
 use std::io;
+use std::path::Path;
 
 use crate::error::Error;
 use crate::project::Project;
@@ -21,13 +22,23 @@ pub struct Arguments {
     /// Write nothing; fail if the file is stale, a rule claimed has no test, or a test names a rule that is not there
     #[arg(long)]
     check: bool,
+    /// Write nothing; print these rules with their tests: ids as SK-5.6, or what ids begin with, as SK-5 or WIN
+    #[arg(value_name = "ID", conflicts_with = "check")]
+    ids: Vec<String>,
 }
 
-const RULES: &str = "docs/RULES.md";
+const DOCS: &str = "docs";
+/// The index of the rules, in `docs`.
+const INDEX: &str = "RULES.md";
+/// The folder of their pages, in `docs`.
+const PAGES: &str = "rules";
 const FEATURES: &str = "docs/FEATURES.md";
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    if arguments.check { check(project) } else { write(project) }
+    if arguments.check {
+        return check(project);
+    }
+    if arguments.ids.is_empty() { write(project) } else { print(project, &arguments.ids) }
 }
 
 /// Fails if docs/FEATURES.md is stale, a rule `now` has no test, or a test names a rule that is not there.
@@ -53,14 +64,70 @@ fn write(project: &Project) -> Result<(), Error> {
     Ok(())
 }
 
+fn print(project: &Project, ids: &[String]) -> Result<(), Error> {
+    let (rules, evidence) = read(project)?;
+    for id in ids {
+        let answer = report::answer(&rules, &evidence, id);
+        let unknown = || {
+            Error::Features(format!("no rule is called or begins with {id}; docs/RULES.md says which ids there are"))
+        };
+        print!("{}", answer.ok_or_else(unknown)?);
+    }
+    Ok(())
+}
+
 fn read(project: &Project) -> Result<(Rules, Evidence), Error> {
-    let path = project.root.join(RULES);
-    let text = fs::read_to_string(&path).map_err(Error::file("read", &path))?;
-    let rules = Rules::parse(&text).map_err(|(line, problem)| Error::Rules { path: RULES.into(), line, problem })?;
-    Ok((rules, Evidence::collect(&project.root)?))
+    Ok((read_rules(&project.root)?, Evidence::collect(&project.root)?))
+}
+
+/// The rules of all pages that the index links; a page that it does not link is an error.
+fn read_rules(root: &Path) -> Result<Rules, Error> {
+    let docs = root.join(DOCS);
+    let text = |file: &str| fs::read_to_string(docs.join(file)).map_err(Error::file("read", &docs.join(file)));
+    let mut rules = Rules::default();
+    let pages = rules.read_index(&text(INDEX)?);
+    for page in &pages {
+        rules.read_page(page, &text(page)?).map_err(|wrong| Error::Rules {
+            path: Path::new(DOCS).join(wrong.file),
+            line: wrong.line,
+            problem: wrong.problem,
+        })?;
+    }
+    let folder = docs.join(PAGES);
+    let entries = fs::read_dir(&folder).and_then(Iterator::collect::<io::Result<Vec<_>>>);
+    for entry in entries.map_err(Error::file("list", &folder))? {
+        let page = format!("{PAGES}/{}", entry.file_name().to_string_lossy());
+        if !pages.contains(&page) {
+            return Err(Error::Features(format!(
+                "{DOCS}/{INDEX} does not link {page}, so that nobody finds its rules: link it"
+            )));
+        }
+    }
+    Ok(rules)
 }
 
 /// The text of a file; a byte that is no UTF-8 reads as U+FFFD.
-fn text_of(path: &std::path::Path) -> io::Result<String> {
+fn text_of(path: &Path) -> io::Result<String> {
     fs::read(path).map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// README calls no link working that docs/FEATURES.md does not name.
+    #[test]
+    fn readme_claims_what_works() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let readme = fs::read_to_string(root.join("README.md")).unwrap();
+        let features = fs::read_to_string(root.join(FEATURES)).unwrap();
+        let mut schemes: Vec<&str> = Vec::new();
+        for row in readme.lines().filter(|line| line.starts_with("| `") && line.contains("| works")) {
+            let scheme = row.trim_start_matches("| `").split(':').next().unwrap();
+            assert!(features.contains(&format!("`{scheme}:`")), "{row}");
+            schemes.push(scheme);
+        }
+        schemes.dedup();
+        assert_eq!(schemes, ["sim", "usb", "spi", "tcp"]);
+    }
 }

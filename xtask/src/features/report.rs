@@ -1,47 +1,88 @@
-//! docs/FEATURES.md, and what is wrong between rules and tests.
+//! docs/FEATURES.md, what is wrong between rules and tests, and the tests of a rule.
+//!
+//! The page counts tests by subject. By rule the numbers would change with every test that names one rule more, and no user
+//! reads 650 of them.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use super::evidence::Evidence;
 use super::id::RuleId;
-use super::rules::{Rule, Rules, Status};
+use super::rules::{Rule, Rules, Section, Status};
 
 const HEAD: &str = "# Features
 
-What works, rule by rule, and the tests that show it. Written by `cargo xtask features` from
-[RULES.md](RULES.md) and from the comments of the tests: do not edit it, run that again.
+What works, by subject. Behind each subject stand rules, one statement each with its source ([all of them](RULES.md)), and each
+rule that is claimed is shown by at least one test. `cargo xtask features SK-5.6` prints a rule with its tests, `cargo xtask
+features SK-5` those of a section; `git grep -nw SK-5.6` finds both, too.
+
+Written by `cargo xtask features` from the pages of rules and the comments of the tests: do not edit it, run that again.
 ";
 
 /// The whole file.
 pub fn page(rules: &Rules, evidence: &Evidence) -> String {
     let findings = Findings::of(rules, evidence);
-    let mut page = format!("{HEAD}\n{}.\n", findings.summary());
-    for section in &rules.sections {
-        let _ = write!(page, "\n## {}\n\n| id | rule | status | tests |\n| --- | --- | --- | --- |\n", section.title);
-        for rule in &section.rules {
-            let tests = tests_of(rule, evidence).map(|test| format!("`{test}`")).collect::<Vec<_>>().join("<br>");
-            let status = match rule.status {
-                Status::Now if tests.is_empty() => "no test",
-                Status::Now => "works",
-                Status::Later => "later",
-            };
-            let _ = writeln!(page, "| {} | {} | {status} | {tests} |", rule.id, rule.text);
+    let mut text = format!("{HEAD}\n{}.\n", findings.summary());
+    for page in &rules.pages {
+        let _ = write!(text, "\n## {}\n\n{}\n\n", page.title, page.summary);
+        text.push_str("| subject | what works | rules | tests |\n| --- | --- | --- | --- |\n");
+        for section in page.sections.iter().filter(|section| !section.rules.is_empty()) {
+            let link = format!("{}#{}", page.file, anchor(&section.title));
+            let (count, tests) = (count(section), tests_of(&section.rules, evidence).len());
+            let _ = writeln!(text, "| [{}]({link}) | {} | {count} | {tests} |", section.title, section.summary);
         }
     }
-    page
+    let later: Vec<&Rule> = rules.iter().filter(|rule| rule.status == Status::Later).collect();
+    if !later.is_empty() {
+        text.push_str("\n## Not claimed yet\n\n| id | rule |\n| --- | --- |\n");
+        for rule in later {
+            let _ = writeln!(text, "| {} | {} |", rule.id, rule.text);
+        }
+    }
+    text
+}
+
+/// How many rules of a section are claimed, and how many are not.
+fn count(section: &Section) -> String {
+    let later = section.rules.iter().filter(|rule| rule.status == Status::Later).count();
+    let now = section.rules.len() - later;
+    if later == 0 { now.to_string() } else { format!("{now}, {later} not yet") }
+}
+
+/// What a link to a heading of Markdown ends with, as GitHub makes it.
+fn anchor(title: &str) -> String {
+    let kept = title.to_lowercase();
+    let kept = kept.chars().filter(|c| c.is_alphanumeric() || [' ', '-', '_'].contains(c));
+    kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+}
+
+/// The rules that `name` names, a whole id or the beginning of one (`SK-5`, `WIN`), each with where it stands and its tests.
+pub fn answer(rules: &Rules, evidence: &Evidence, name: &str) -> Option<String> {
+    let name = name.trim_end_matches(['-', '.']);
+    let names = |id: &str| id.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']));
+    let mut text = String::new();
+    for rule in rules.iter().filter(|rule| names(&rule.id.to_string())) {
+        let later = if rule.status == Status::Later { ", not claimed yet" } else { "" };
+        let _ = writeln!(text, "{} ({}{later}) {}", rule.id, rule.place, rule.text);
+        for test in tests_of([rule], evidence) {
+            let _ = writeln!(text, "    {test}");
+        }
+    }
+    (!text.is_empty()).then_some(text)
 }
 
 /// What there is to say about the rules.
 pub struct Findings<'a> {
     total: usize,
     works: usize,
+    /// Tests that name a rule.
+    tests: usize,
     /// Rules `now` that no test names.
     untested: Vec<&'a Rule>,
     /// Rules `later` that tests name.
     early: Vec<&'a Rule>,
-    /// Ids that are no rule, with the tests that name them.
-    unknown: Vec<(&'a RuleId, &'a BTreeSet<String>)>,
+    /// Ids that are no rule, with the tests that name them, and whether they were one.
+    unknown: Vec<(&'a RuleId, &'a BTreeSet<String>, bool)>,
 }
 
 impl<'a> Findings<'a> {
@@ -51,19 +92,24 @@ impl<'a> Findings<'a> {
         let has_test = |rule: &&Rule| evidence.tests.contains_key(&rule.id);
         let (now, later): (Vec<&Rule>, Vec<&Rule>) = rules.iter().partition(|rule| rule.status == Status::Now);
         let (tested, untested): (Vec<&Rule>, Vec<&Rule>) = now.into_iter().partition(has_test);
+        let unknown = evidence.tests.iter().filter(|(id, _)| !known.contains(id));
         Self {
             total: known.len(),
             works: tested.len(),
+            tests: tests_of(rules.iter(), evidence).len(),
             untested,
             early: later.into_iter().filter(has_test).collect(),
-            unknown: evidence.tests.iter().filter(|(id, _)| !known.contains(id)).collect(),
+            unknown: unknown.map(|(id, tests)| (id, tests, rules.retired.contains(id))).collect(),
         }
     }
 
     /// One line of numbers.
     pub fn summary(&self) -> String {
         let later = self.total - self.works - self.untested.len();
-        let mut line = format!("Of {} rules {} work, {later} come later", self.total, self.works);
+        let mut line = format!("Of {} rules {} work, shown by {} tests", self.total, self.works, self.tests);
+        if later != 0 {
+            let _ = write!(line, ", {later} come later");
+        }
         if !self.untested.is_empty() {
             let _ = write!(line, ", {} have no test", self.untested.len());
         }
@@ -80,9 +126,10 @@ impl<'a> Findings<'a> {
             ));
             problems.extend(self.untested.iter().map(|rule| format!("  {}  {}", rule.id, shortened(&rule.text))));
         }
-        for (id, tests) in &self.unknown {
+        for (id, tests, retired) in &self.unknown {
             let tests = tests.iter().map(String::as_str).collect::<Vec<_>>().join(", ");
-            problems.push(format!("{id} is no rule of docs/RULES.md; correct the comment of {tests}"));
+            let what = if *retired { "is no longer in use (docs/RULES.md)" } else { "is no rule of docs/rules/" };
+            problems.push(format!("{id} {what}; correct the comment of {tests}"));
         }
         problems
     }
@@ -94,8 +141,9 @@ impl<'a> Findings<'a> {
     }
 }
 
-fn tests_of<'a>(rule: &Rule, evidence: &'a Evidence) -> impl Iterator<Item = &'a String> {
-    evidence.tests.get(&rule.id).into_iter().flatten()
+/// The tests that name one of `rules`, each once.
+fn tests_of<'a>(rules: impl IntoIterator<Item = &'a Rule>, evidence: &'a Evidence) -> BTreeSet<&'a String> {
+    rules.into_iter().filter_map(|rule| evidence.tests.get(&rule.id)).flatten().collect()
 }
 
 /// The beginning of a rule, for a list.
@@ -112,8 +160,17 @@ mod tests {
     use super::*;
     use crate::features::id::id_of;
 
-    const RULES: &str =
-        "## 1. Frames\n| SK-1.1 | one | s | now |\n| SK-1.2 | two | s | now |\n| SK-1.3 | three | s | later |\n";
+    const PAGE: &str = "# Board\n\nAll of it.\n\n## 1. Frames (both)\n\nFrames work.\n\n| SK-1.1 | one | s | now |\n\
+                        | SK-1.2 | two | s | now |\n| SK-1.3 | three | s | later |\n\n## 2. More\n\nMore works.\n\n\
+                        | SK-2.1 | four | s | now |\n";
+    const INDEX: &str = "## Ids that are no longer in use\n\n| id | why |\n| --- | --- |\n| SK-1.9 | told twice |\n";
+
+    fn rules() -> Rules {
+        let mut rules = Rules::default();
+        rules.read_index(INDEX);
+        rules.read_page("rules/board.md", PAGE).unwrap();
+        rules
+    }
 
     fn evidence(named: &[(&str, &str)]) -> Evidence {
         let mut evidence = Evidence::default();
@@ -123,33 +180,50 @@ mod tests {
         evidence
     }
 
+    /// A test that two rules of a subject have counts once there; names of tests do not stand in the page.
     #[test]
-    fn the_page_shows_status_and_tests() {
-        let rules = Rules::parse(RULES).unwrap();
-        let page = page(&rules, &evidence(&[("SK-1.1", "tests/a.rs::x"), ("SK-1.1", "tests/a.rs::y")]));
-        let rows: Vec<&str> = page.lines().filter(|line| line.starts_with("| SK")).collect();
+    fn the_page_counts_by_subject() {
+        let tests = [("SK-1.1", "a.rs::x"), ("SK-1.1", "a.rs::y"), ("SK-1.2", "a.rs::y"), ("SK-2.1", "a.rs::y")];
+        let text = page(&rules(), &evidence(&tests));
+        let rows: Vec<&str> = text.lines().filter(|line| line.starts_with("| [") || line.starts_with("| SK")).collect();
         assert_eq!(
             rows,
             [
-                "| SK-1.1 | one | works | `tests/a.rs::x`<br>`tests/a.rs::y` |",
-                "| SK-1.2 | two | no test |  |",
-                "| SK-1.3 | three | later |  |"
+                "| [1. Frames (both)](rules/board.md#1-frames-both) | Frames work. | 2, 1 not yet | 2 |",
+                "| [2. More](rules/board.md#2-more) | More works. | 1 | 1 |",
+                "| SK-1.3 | three |"
             ]
         );
-        assert!(page.contains("\nOf 3 rules 1 work, 1 come later, 1 have no test.\n"), "{page}");
+        assert!(text.contains("\n## Board\n\nAll of it.\n\n| subject |"), "{text}");
+        assert!(text.contains("\nOf 4 rules 3 work, shown by 2 tests, 1 come later.\n"), "{text}");
+        assert!(!text.contains("a.rs"), "{text}");
+    }
+
+    #[test]
+    fn a_rule_and_a_section_are_found_with_their_tests() {
+        let evidence = evidence(&[("SK-1.1", "a.rs::x"), ("SK-1.2", "a.rs::y"), ("SK-2.1", "a.rs::z")]);
+        let ask = |name: &str| answer(&rules(), &evidence, name).unwrap_or_default();
+        assert_eq!(ask("SK-1.1"), "SK-1.1 (docs/rules/board.md:9) one\n    a.rs::x\n");
+        assert_eq!(ask("SK-1.3"), "SK-1.3 (docs/rules/board.md:11, not claimed yet) three\n");
+        assert_eq!(ask("SK-1").lines().count(), 5);
+        assert_eq!([ask("SK-1."), ask("SK-1.1.")], [ask("SK-1"), ask("SK-1.1")]);
+        assert_eq!(ask("SK").lines().count(), 7);
+        assert_eq!([ask("SK-1.4"), ask("S"), ask("SK-11"), ask("")], [""; 4]);
     }
 
     #[test]
     fn a_rule_without_test_and_a_test_without_rule_are_problems() {
-        let rules = Rules::parse(RULES).unwrap();
-        let sound = evidence(&[("SK-1.1", "a"), ("SK-1.2", "b")]);
+        let rules = rules();
+        let sound = evidence(&[("SK-1.1", "a"), ("SK-1.2", "b"), ("SK-2.1", "b")]);
         assert_eq!(Findings::of(&rules, &sound).problems(), [""; 0]);
 
-        let unsound = evidence(&[("SK-1.1", "a"), ("SK-1.3", "c"), ("SK-7.7", "d")]);
+        let unsound = evidence(&[("SK-1.1", "a"), ("SK-1.3", "c"), ("SK-2.1", "a"), ("SK-7.7", "d"), ("SK-1.9", "e")]);
         let findings = Findings::of(&rules, &unsound);
         let problems = findings.problems();
         assert!(problems[0].starts_with("1 rules") && problems[1] == "  SK-1.2  two", "{problems:?}");
-        assert!(problems[2].starts_with("SK-7.7") && problems[2].ends_with('d') && problems.len() == 3, "{problems:?}");
+        assert_eq!(problems[2], "SK-1.9 is no longer in use (docs/RULES.md); correct the comment of e");
+        assert_eq!(problems[3], "SK-7.7 is no rule of docs/rules/; correct the comment of d");
+        assert_eq!(problems.len(), 4);
         assert_eq!(findings.hints().len(), 1);
     }
 }

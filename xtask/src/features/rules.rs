@@ -1,8 +1,12 @@
-//! docs/RULES.md: its sections and the rows of their tables, `| id | rule | source | status |`.
+//! The rules: docs/RULES.md, which lists the pages and the ids that are no longer in use, and the pages of docs/rules/ with
+//! their sections and tables, `| id | rule | source | status |`.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
-use super::id::{PREFIXES, RuleId, id_of};
+use super::id::{PREFIXES, RuleId, id_of, ids_in};
+
+/// The heading in the index below which the ids stand that are no longer in use.
+const RETIRED: &str = "## Ids that are no longer in use";
 
 /// Whether a rule is claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,72 +24,141 @@ pub struct Rule {
     /// What holds, as Markdown.
     pub text: String,
     pub status: Status,
+    /// The file and the line that it stands in, as editors take them.
+    pub place: String,
 }
 
 /// A heading with the rules below it.
 #[derive(Debug)]
 pub struct Section {
     pub title: String,
+    /// What works, for a user: the paragraph below the heading.
+    pub summary: String,
     pub rules: Vec<Rule>,
 }
 
-/// The file.
+/// A page of docs/rules/.
 #[derive(Debug)]
-pub struct Rules {
+pub struct Page {
+    /// As links in docs/ name it: `rules/board.md`.
+    pub file: String,
+    pub title: String,
+    /// The paragraph below the title.
+    pub summary: String,
     pub sections: Vec<Section>,
 }
 
+/// What is wrong in a line of a file.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Wrong {
+    pub file: String,
+    pub line: usize,
+    pub problem: String,
+}
+
+/// All pages.
+#[derive(Debug, Default)]
+pub struct Rules {
+    pub pages: Vec<Page>,
+    /// Ids that rules had and that no rule has any more.
+    pub retired: BTreeSet<RuleId>,
+}
+
 impl Rules {
-    /// Reads the file.
+    /// Takes the ids that are no longer in use from the index, and names the pages that it links, in its order.
+    pub fn read_index(&mut self, text: &str) -> Vec<String> {
+        let retired = text.split_once(RETIRED).map_or("", |(_, below)| below);
+        let first_cells = retired.lines().filter_map(|line| line.strip_prefix("| ")?.split('|').next());
+        self.retired = first_cells.flat_map(ids_in).collect();
+        let mut pages: Vec<String> = Vec::new();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            if link.starts_with("rules/") && !pages.iter().any(|page| page == link) {
+                pages.push(link.to_owned());
+            }
+        }
+        pages
+    }
+
+    /// Reads a page. `file` is its name as links in docs/ have it.
     ///
     /// # Errors
-    /// The number of a line that looks like a rule and is none, and what is wrong with it.
-    pub fn parse(text: &str) -> Result<Self, (usize, String)> {
-        let mut sections: Vec<Section> = Vec::new();
-        let mut seen = BTreeMap::new();
-        for (number, line) in (1..).zip(text.lines()) {
+    /// A line that looks like a rule and is none, or a heading without the paragraph that is to stand below it.
+    pub fn read_page(&mut self, file: &str, text: &str) -> Result<(), Wrong> {
+        let wrong = |line: usize, problem: String| Wrong { file: file.to_owned(), line, problem };
+        let lines: Vec<&str> = text.lines().collect();
+        let title = lines.first().and_then(|line| line.strip_prefix("# ")).unwrap_or_default().trim().to_owned();
+        let summary = paragraph(&lines[1.min(lines.len())..]);
+        if title.is_empty() || summary.is_empty() {
+            return Err(wrong(
+                1,
+                "a page begins with a title `# ..` and a paragraph that says what it is about".into(),
+            ));
+        }
+        let mut page = Page { file: file.to_owned(), title, summary, sections: Vec::new() };
+        for (number, line) in (1..).zip(&lines) {
             if let Some(title) = line.strip_prefix("## ") {
-                sections.push(Section { title: title.trim().to_owned(), rules: Vec::new() });
+                let (title, summary) = (title.trim().to_owned(), paragraph(&lines[number..]));
+                if summary.is_empty() {
+                    return Err(wrong(number, format!("below `{title}` no paragraph says what works")));
+                }
+                page.sections.push(Section { title, summary, rules: Vec::new() });
             }
-            // Every row of a section's table but its head; before the first section stands what the columns mean.
+            // Every row of a section's table but its head.
             let is_row = |row: &str| !row.starts_with("id |") && !row.starts_with("---");
             let is_rule = |row: &str| PREFIXES.iter().any(|(prefix, _)| row.starts_with(prefix));
-            let applies = |row| is_rule(row) || (!sections.is_empty() && is_row(row));
+            let applies = |row| is_rule(row) || (!page.sections.is_empty() && is_row(row));
             if !line.strip_prefix("| ").is_some_and(applies) {
                 continue;
             }
-            let rule = Self::row(line).map_err(|problem| (number, problem))?;
-            if let Some(first) = seen.insert(rule.id.clone(), number) {
-                return Err((number, format!("{} stands in line {first} already: take the next free number", rule.id)));
+            let rule = row(line, format!("docs/{file}:{number}")).map_err(|problem| wrong(number, problem))?;
+            if self.retired.contains(&rule.id) {
+                return Err(wrong(number, format!("{} had another meaning once: take a new number", rule.id)));
             }
-            let section = sections.last_mut().ok_or((number, "a rule before the first heading `## ..`".to_owned()))?;
-            section.rules.push(rule);
+            let before = self.iter().chain(page.rules()).find(|known| known.id == rule.id);
+            if let Some(Rule { id, place, .. }) = before {
+                return Err(wrong(number, format!("{id} stands in {place} already: take a new number")));
+            }
+            let section = page.sections.last_mut();
+            section.ok_or(wrong(number, "a rule before the first heading `## ..`".to_owned()))?.rules.push(rule);
         }
-        sections.retain(|section| !section.rules.is_empty());
-        Ok(Self { sections })
+        self.pages.push(page);
+        Ok(())
     }
 
     /// All rules in order.
     pub fn iter(&self) -> impl Iterator<Item = &Rule> {
+        self.pages.iter().flat_map(Page::rules)
+    }
+}
+
+impl Page {
+    fn rules(&self) -> impl Iterator<Item = &Rule> {
         self.sections.iter().flat_map(|section| &section.rules)
     }
+}
 
-    fn row(line: &str) -> Result<Rule, String> {
-        let cells = cells(line);
-        let [id, text, source, status] = cells.as_slice() else {
-            return Err(format!("{} cells where `| id | rule | source | status |` has 4", cells.len()));
-        };
-        let id = id_of(id).ok_or(format!("`{id}` is no id: SK-<section>.<n>, LIB-<n> .."))?;
-        if text.is_empty() || source.is_empty() {
-            return Err(format!("{id} has no rule or no source"));
-        }
-        let status = match status.as_str() {
-            "now" => Status::Now,
-            "later" => Status::Later,
-            other => return Err(format!("the status of {id} is `{other}`: now or later")),
-        };
-        Ok(Rule { id, text: text.clone(), status })
+/// The first paragraph of `lines` in one line; empty if something else comes first.
+fn paragraph(lines: &[&str]) -> String {
+    let text = lines.iter().skip_while(|line| line.trim().is_empty()).take_while(|line| !line.trim().is_empty());
+    let text = text.map(|line| line.trim()).collect::<Vec<_>>().join(" ");
+    if text.starts_with(['#', '|']) { String::new() } else { text }
+}
+
+fn row(line: &str, place: String) -> Result<Rule, String> {
+    let cells = cells(line);
+    let [id, text, source, status] = cells.as_slice() else {
+        return Err(format!("{} cells where `| id | rule | source | status |` has 4", cells.len()));
+    };
+    let id = id_of(id).ok_or(format!("`{id}` is no id: SK-<section>.<n>, LIB-<n> .."))?;
+    if text.is_empty() || source.is_empty() {
+        return Err(format!("{id} has no rule or no source"));
     }
+    let status = match status.as_str() {
+        "now" => Status::Now,
+        "later" => Status::Later,
+        other => return Err(format!("the status of {id} is `{other}`: now or later")),
+    };
+    Ok(Rule { id, text: text.clone(), status, place })
 }
 
 /// The cells of a row of a Markdown table, blanks taken off; `\|` is a bar inside a cell and stays as it is.
@@ -109,16 +182,25 @@ fn cells(line: &str) -> Vec<String> {
 mod tests {
     use super::*;
 
+    const HEAD: &str = "# Board\n\nAll\nof it.\n\n## 1. Frames\n\nFrames work.\n\n";
+
+    fn page(rows: &str) -> Result<Rules, Wrong> {
+        let mut rules = Rules::default();
+        rules.read_page("rules/board.md", &format!("{HEAD}{rows}"))?;
+        Ok(rules)
+    }
+
     #[test]
     fn rules_are_read_with_their_sections() {
-        let rules = Rules::parse(
-            "# Rules\n| id | rule | source | status |\n| --- | --- | --- | --- |\n\n## Words\n\n## 1. Frames\n\n\
-             | id | rule | source | status |\n| --- | --- | --- | --- |\n| SK-1.1 | 12 bytes | UG17 2.1 | now |\n\
-             ## Library\n| LIB-1 | 0x10 \\| last state | OURS | later |\n",
+        let rules = page(
+            "More words.\n\n| id | rule | source | status |\n| --- | --- | --- | --- |\n\
+             | SK-1.1 | 12 bytes | UG17 2.1 | now |\n\n## Library\n\nCalls.\n\n| LIB-1 | 0x10 \\| last state | OURS | later |\n",
         )
         .unwrap();
-        let titles: Vec<_> = rules.sections.iter().map(|section| section.title.as_str()).collect();
-        assert_eq!(titles, ["1. Frames", "Library"]);
+        let [page] = &rules.pages[..] else { panic!("{rules:?}") };
+        assert_eq!((&*page.file, &*page.title, &*page.summary), ("rules/board.md", "Board", "All of it."));
+        let sections: Vec<_> = page.sections.iter().map(|section| (&*section.title, &*section.summary)).collect();
+        assert_eq!(sections, [("1. Frames", "Frames work."), ("Library", "Calls.")]);
         let read: Vec<_> = rules.iter().map(|rule| (rule.id.to_string(), rule.text.as_str(), rule.status)).collect();
         assert_eq!(
             read,
@@ -127,6 +209,7 @@ mod tests {
                 ("LIB-1".to_owned(), "0x10 \\| last state", Status::Later)
             ]
         );
+        assert_eq!(rules.iter().next().unwrap().place, "docs/rules/board.md:14");
     }
 
     #[test]
@@ -138,10 +221,45 @@ mod tests {
             ("| SK-1.1 |  | source | now |", "no rule"),
             ("| NEW-1 | text | source | now |", "`NEW-1`"),
         ] {
-            let (line, found) = Rules::parse(&format!("## 1\n{row}\n")).unwrap_err();
-            assert!(line == 2 && found.contains(problem), "{row}: line {line}: {found}");
+            let wrong = page(row).unwrap_err();
+            assert!(wrong.line == 10 && wrong.problem.contains(problem), "{row}: {wrong:?}");
         }
-        let twice = "## 1\n| SK-1.1 | a | s | now |\n| SK-1.1 | b | s | now |\n";
-        assert_eq!(Rules::parse(twice).unwrap_err().0, 3);
+    }
+
+    /// An id has one meaning: in all pages, and for all time.
+    #[test]
+    fn an_id_is_used_once() {
+        let row = "| SK-1.1 | a | s | now |\n";
+        assert_eq!(page(&format!("{row}{row}")).unwrap_err().line, 11);
+
+        let mut rules = page(row).unwrap();
+        let again = rules.read_page("rules/other.md", &format!("{HEAD}{row}")).unwrap_err();
+        assert!(again.problem.contains("docs/rules/board.md:10"), "{again:?}");
+
+        let mut rules = Rules::default();
+        let index = format!(
+            "[a](rules/board.md) [b](rules/x.md) [c](y.md) [a](rules/board.md)\n{RETIRED}\n\n| id | why |\n\
+                             | --- | --- |\n| SK-1.1, SK-1.2 | is part of SK-1.3 |\n"
+        );
+        assert_eq!(rules.read_index(&index), ["rules/board.md", "rules/x.md"]);
+        let retired: Vec<String> = rules.retired.iter().map(ToString::to_string).collect();
+        assert_eq!(retired, ["SK-1.1", "SK-1.2"]);
+        let wrong = rules.read_page("rules/board.md", &format!("{HEAD}{row}")).unwrap_err();
+        assert!(wrong.line == 10 && wrong.problem.contains("another meaning"), "{wrong:?}");
+    }
+
+    #[test]
+    fn a_heading_has_its_paragraph() {
+        let mut rules = Rules::default();
+        for (text, line) in [
+            ("", 1),
+            ("## 1\n\nx\n", 1),
+            ("# a\n\n## 1\n\nx\n", 1),
+            ("# a\n\nb\n\n## 1\n\n| id |\n", 5),
+            ("# a\n\nb\n\n| SK-1.1 | a | s | now |\n", 5),
+        ] {
+            assert_eq!(rules.read_page("rules/a.md", text).unwrap_err().line, line, "{text}");
+            rules = Rules::default();
+        }
     }
 }

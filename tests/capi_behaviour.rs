@@ -27,7 +27,7 @@ mod needs_cxx {
     use std::os::unix::fs::symlink;
 
     use ecmsk::link::Dir;
-    use ecmsk::link::record::{Recorded, Recording};
+    use ecmsk::recording::{Recorded, Recording};
 
     use super::support::{self, out_dir};
     use super::{CLOCKS, c_program, passes};

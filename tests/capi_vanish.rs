@@ -10,8 +10,8 @@ mod needs_cxx {
 
     use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
     use ecmsk::link::Dir;
-    use ecmsk::link::record::{Recorded, Recording};
     use ecmsk::port::tcp::Server;
+    use ecmsk::recording::{Recorded, Recording};
 
     use super::support::{self, Program, out_dir};
     use super::tcp_support::{LIMIT, Told, serve, until, uri};

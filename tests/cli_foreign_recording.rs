@@ -14,7 +14,8 @@ use cli_support::{Ran, run};
 use compare_support::Program;
 use ecmsk::link::Link;
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{RecordLink, RecordMeta, Recording};
+use ecmsk::link::record::RecordLink;
+use ecmsk::recording::{RecordMeta, Recording};
 use record_support::{Echo, Memory};
 use serde_json::Value;
 

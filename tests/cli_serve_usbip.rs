@@ -13,7 +13,7 @@ use std::process::{Child, ChildStdout, Stdio};
 use cli_support::{Ran, ecmsk};
 use client::{Client, Reply};
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use rustix::process::{Pid, Signal, kill_process};
 
 /// The tool at work.

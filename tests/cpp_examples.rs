@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 
 use ecmsk::cia402::DriveState;
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize};
 use support::examples::{C, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
 use support::{Ended, Program, out_dir, root};

@@ -351,7 +351,7 @@ fn a_recording_is_around_the_faults() {
     let seen = sequences(&*link, 4);
     assert_eq!(seen[0], seen[1]);
     link.close();
-    let recording = ecmsk::link::record::Recording::open(&file).expect("a recording");
+    let recording = ecmsk::recording::Recording::open(&file).expect("a recording");
     let dirs: Vec<Dir> = recording.map(|frame| frame.expect("readable").dir).collect();
     assert_eq!(dirs, [Dir::Write, Dir::Read, Dir::Read, Dir::Read, Dir::Read]);
 }

@@ -9,8 +9,9 @@ use std::thread;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{QUEUE, RecordLink, RecordMeta, Recording};
+use ecmsk::link::record::{QUEUE, RecordLink};
 use ecmsk::link::{Dir, Link, LinkError, Stamp, Wait};
+use ecmsk::recording::{RecordMeta, Recording};
 use ecmsk::sk::{Frame, SlotSize};
 use record_support::{
     Echo, Memory, URI, blocks, frame, frames, meta, options, read_file, record_to, recording_of, u16_at, u32_at, u64_at,

@@ -58,7 +58,7 @@ fn the_recording_of_a_board_goes_on_after_sw_reset() {
         assert!(sent(dir).zip(sent(dir).skip(1)).all(|(a, b)| a.at_ns < b.at_ns), "{dir} times go on across the reset");
     }
     let file = std::fs::File::open(&path).unwrap();
-    let recording = ecmsk::link::record::Recording::new(file, "file").unwrap();
+    let recording = ecmsk::recording::Recording::new(file, "file").unwrap();
     let meta = recording.meta().unwrap();
     assert_eq!((meta.slot, meta.clock, meta.base_ns), (Some(SlotSize::Bytes12), Clock::Virtual, 0));
     assert!(meta.link.starts_with("sim:?slaves=drive&clock=virtual&name=recorded&record="), "{}", meta.link);

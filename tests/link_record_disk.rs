@@ -10,8 +10,9 @@ use std::thread;
 use std::time::Duration;
 
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{RecordLink, Recording};
+use ecmsk::link::record::RecordLink;
 use ecmsk::link::{Link, LinkError, Wait};
+use ecmsk::recording::Recording;
 use record_support::{Echo, Memory, blocks, frame, frames, meta, options, read_file, record_to};
 
 /// Nothing is written before it is told to go on.

@@ -5,8 +5,9 @@ mod record_support;
 use std::sync::Arc;
 
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{Lacks, RecordLink, Recording, lacks_at_end, make_room};
+use ecmsk::link::record::{RecordLink, make_room};
 use ecmsk::link::{Link, Wait};
+use ecmsk::recording::{Lacks, Recording, lacks_at_end};
 use record_support::{Echo, Memory, blocks, frame, meta, record_to, recording_of, u32_at};
 
 /// What the recording lacks, by all of it.

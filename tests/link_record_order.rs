@@ -7,8 +7,9 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{RecordLink, Recorded, Recording};
+use ecmsk::link::record::RecordLink;
 use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Stamp, Wait};
+use ecmsk::recording::{Recorded, Recording};
 use ecmsk::sk::Frame;
 use record_support::{Echo, frame, meta, read_file};
 

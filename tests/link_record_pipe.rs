@@ -5,8 +5,8 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use ecmsk::link::record::Recording;
 use ecmsk::link::{self, LinkError, Share, Wait};
+use ecmsk::recording::Recording;
 use ecmsk::sk::Frame;
 
 /// A new pipe of that name.

@@ -3,7 +3,7 @@
 mod record_support;
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::{RecordError, Recorded, Recording};
+use ecmsk::recording::{RecordError, Recorded, Recording};
 use proptest::prelude::*;
 use record_support::{frame, frames, recording_of};
 

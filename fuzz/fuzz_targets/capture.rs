@@ -2,7 +2,7 @@
 
 #![no_main]
 
-use ecmsk::link::record::{Address, Recording};
+use ecmsk::recording::{Address, Recording};
 use libfuzzer_sys::fuzz_target;
 
 /// LINKTYPE_USB_LINUX, LINKTYPE_USB_LINUX_MMAPPED, LINKTYPE_USBPCAP.

@@ -2,7 +2,7 @@
 
 #![no_main]
 
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| match Recording::new(bytes, "fuzz") {

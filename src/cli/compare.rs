@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 use clap::ValueHint;
 use ecmsk::compare::{CompareError, Comparison, Observed, Options, Source, Steps, compare_steps};
-use ecmsk::link::record::Address;
+use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
 use super::error::say;

@@ -15,7 +15,7 @@ use std::rc::Rc;
 use clap::ValueHint;
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
-use ecmsk::link::record::{Address, RecordMeta};
+use ecmsk::recording::{Address, RecordMeta};
 use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 

@@ -3,7 +3,7 @@
 use std::io;
 use std::process::ExitCode;
 
-use ecmsk::link::record::RecordError;
+use ecmsk::recording::RecordError;
 
 use super::board::BoardError;
 

@@ -18,10 +18,10 @@ use ecmsk::ecm::EcmError;
 use ecmsk::engine::Firmware;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::options::SimOptions;
-use ecmsk::link::record::RecordError;
 use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{KnownNetwork, LinkError};
+use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
 use super::chosen::{ChoiceError, Chosen, Unnamed};

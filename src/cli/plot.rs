@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{ValueEnum, ValueHint};
 use ecmsk::ecm::Scale;
-use ecmsk::link::record::{Address, RecordError};
 use ecmsk::recording::Jumps;
+use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::board::network::Scales;

@@ -7,10 +7,8 @@ use std::path::Path;
 use std::rc::Rc;
 
 use ecmsk::engine::Firmware;
-use ecmsk::link::record::{
-    Address, AddressError, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in,
-};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::recording::{Address, AddressError, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
 use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
 

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::ValueHint;
 use ecmsk::compare::{Steps, compare_steps};
-use ecmsk::link::record::{Address, Skipped};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::recording::{Address, Skipped};
 use ecmsk::replay::{Files, Replay, ReplayError};
 use serde_json::{Value, json};
 

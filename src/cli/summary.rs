@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::link::record::{Address, RecordError};
 use ecmsk::recording::InOrder;
+use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::SlotSize;
 use ecmsk::summary::{FrameWatch, Summary};
 use serde_json::{Value, json as object};

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{Observed, Side};
 use crate::link::Dir;
-use crate::link::record::{Address, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
+use crate::recording::{Address, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
 use crate::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use crate::sk::{FRAME_LEN, SlotSize};
 

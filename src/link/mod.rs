@@ -43,6 +43,8 @@ pub use fraction::Fraction;
 pub use layer::Layer;
 pub use network::KnownNetwork;
 
+use crate::recording::RecordMeta;
+pub use crate::sk::Dir;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Span;
 
@@ -55,24 +57,6 @@ pub enum Wait {
     For(Duration),
     /// Not at all.
     Now,
-}
-
-/// Which direction of a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Dir {
-    /// Commands to the board.
-    Write,
-    /// Reports from the board.
-    Read,
-}
-
-impl std::fmt::Display for Dir {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Write => "write",
-            Self::Read => "read",
-        })
-    }
 }
 
 /// What a link says of itself.
@@ -396,7 +380,7 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     // The recording is around the faults: it holds what the program has seen.
     let Some(path) = &options.record else { return Ok(link) };
     let info = link.info();
-    let meta = record::RecordMeta::now(&info, info.opened_at);
+    let meta = RecordMeta::now(&info, info.opened_at);
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 

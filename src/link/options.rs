@@ -10,6 +10,7 @@ use super::keys::Scheme;
 use super::slaves::{self, SlaveSpec};
 use super::uri::{LinkUri, UriError, slot_size};
 use crate::engine::Firmware;
+pub use crate::recording::Clock;
 use crate::sk::SlotSize;
 
 /// Options of any link.
@@ -54,16 +55,6 @@ impl CommonOptions {
     pub const fn write_wait(&self) -> Wait {
         Wait::For(self.write_timeout)
     }
-}
-
-/// Which time a simulated board lives in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Clock {
-    /// The machine's.
-    #[default]
-    Real,
-    /// Its own, which passes by calls only.
-    Virtual,
 }
 
 /// Options of `sim:`.

@@ -1,15 +1,42 @@
-//! What the frames of a recording tell beside their bytes: their order in time, their slot size, what the slaves are,
-//! which commands were executed. Each of these looks at one frame after the other and keeps little, so that a recording
-//! may be as long as it likes; frames need not come from a file ([`crate::link::record::Recording`]).
+//! Recordings: reading them, and what their frames tell beside their bytes.
+//!
+//! [`Recording`] reads a file that a link has written ([`crate::link::record`]), and captures of a real board that
+//! Wireshark or tcpdump made by usbmon on Linux or by USBPcap on Windows. Its parts, from the file to the frame:
+//!
+//! - `formats/`: the formats of files, one file each. A further one goes there.
+//! - `meta.rs`: what a recording of ours says of itself in its header.
+//! - `devices.rs`: the USB devices of a capture, and which of them is the board.
+//! - `held.rs`: frames that wait until the capture shows whether the board has taken them.
+//! - `reader.rs`: the frames one after the other; `error.rs`: why there is none; `ending.rs`: what is known to be missing.
+//!
+//! The others look at one frame after the other and keep little, so that a recording may be as long as it likes. The frames
+//! need not come from a file:
+//!
+//! - `order.rs`, `timeline.rs`: the order of frames in time, and their times.
+//! - `size.rs`, `kinds.rs`: the slot size, and what the slaves are.
+//! - `executed.rs`: which commands the board has executed.
 
+mod devices;
+mod ending;
+mod error;
 mod executed;
+pub(crate) mod formats;
+mod held;
 mod kinds;
+pub(crate) mod meta;
 mod order;
+mod reader;
 mod size;
 mod timeline;
 
+pub use devices::{Seen, Skipped};
+pub use ending::{Lacks, lacks_at_end};
+pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
+pub use formats::transfer::{Address, AddressError};
 pub use kinds::Kinds;
+pub use meta::{Clock, RecordMeta};
 pub use order::InOrder;
+pub use reader::{Recorded, Recording, board_in};
 pub use size::{SizeFinder, SizeFrom};
 pub use timeline::{Jumps, LONGEST_SILENCE_NS, Timeline};

@@ -33,9 +33,9 @@ pub use start::Start;
 
 use crate::compare::{CompareError, Options, Source};
 use crate::link::keys::{Key, Scheme, Syntax};
-use crate::link::record::{Address, RecordError, RecordMeta};
 use crate::link::uri::{LinkUri, UriError};
 use crate::link::{self, LinkError};
+use crate::recording::{Address, RecordError, RecordMeta};
 use crate::sk::{SlotSize, StateByte};
 
 /// Why a recording cannot be replayed.

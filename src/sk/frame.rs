@@ -156,3 +156,21 @@ impl core::fmt::Debug for Frame {
         write!(f, "..]")
     }
 }
+
+/// The way of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dir {
+    /// Commands to the board.
+    Write,
+    /// Reports from the board.
+    Read,
+}
+
+impl core::fmt::Display for Dir {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Write => "write",
+            Self::Read => "read",
+        })
+    }
+}

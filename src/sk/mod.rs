@@ -11,6 +11,7 @@
 //! | --- | --- |
 //! | [`slot`] | a slot as bytes, 12 or 16 of them |
 //! | [`frame`] | a frame: the 512 bytes that travel each way |
+//! | [`find_size`] | which slot size a frame has, told from its bytes |
 //! | [`crc`] | the CRC-8 in byte 3 of a frame |
 //! | [`id`] | the ids of the 22 commands, and which slot takes which of them |
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
@@ -49,13 +50,15 @@ pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, S
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
 pub use find_size::SlotForm;
-pub use frame::{FRAME_LEN, Frame};
+pub use frame::{Dir, FRAME_LEN, Frame};
 pub use id::{CommandId, SlotKind};
 pub use response::{
     DriveResponse, HspAxis, HspResponse, IoResponse, MasterResponse, MasterState, SdoResponse, SlaveResponse, StateByte,
 };
 pub use slot::{RawSlot, SlotSize, Slots};
 
+/// Vendor and product of the board on USB (SK-9). Hobby devices have the same.
+pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);
 /// The depth of the board's command FIFO in OP, in entries (SK-5). An entry is one command frame and lasts one cycle.
 pub const FIFO_ENTRIES: u16 = 160;
 /// Byte 0 of slot 0 of every response in OP: "master cyclic response" (UG17 2.1.1).

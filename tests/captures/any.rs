@@ -1,6 +1,6 @@
 //! Any bytes at all.
 
-use ecmsk::link::record::{Address, Recording};
+use ecmsk::recording::{Address, Recording};
 use proptest::prelude::*;
 
 use crate::convert::{Parts, USB_LINUX, USB_LINUX_MMAPPED, USBPCAP, pcap, pcapng};

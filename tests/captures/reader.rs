@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::{Address, BOARD_IDS, RecordError, Recorded, Recording, Skipped, board_in};
+use ecmsk::recording::{Address, RecordError, Recorded, Recording, Skipped, board_in};
+use ecmsk::sk::BOARD_IDS;
 use tempfile::TempDir;
 
 use crate::convert::{Event, Parts, USB_LINUX, USB_LINUX_MMAPPED, USBPCAP, pcap, pcapng};

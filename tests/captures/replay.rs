@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::compare::{Comparison, Observed, Options, Steps, What, compare_steps};
 use ecmsk::link::Dir;
-use ecmsk::link::record::{RecordError, Recorded, Recording};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::recording::{RecordError, Recorded, Recording};
 use ecmsk::replay::{Files, Replay, ReplayError};
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 use tempfile::TempDir;

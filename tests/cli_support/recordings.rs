@@ -7,8 +7,9 @@ use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex};
 
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{RecordLink, RecordMeta};
+use ecmsk::link::record::RecordLink;
 use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use ecmsk::recording::RecordMeta;
 use ecmsk::sk::{Frame, SlotSize};
 
 /// Frames and when they pass, in the order in which the host's calls return.

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use ecmsk::sk::SlotSize;
 use ecmsk::sk::crc::frame_crc;
 

@@ -8,8 +8,9 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Condvar, Mutex};
 
 use ecmsk::link::options::Clock;
-use ecmsk::link::record::{RecordLink, RecordMeta, Recorded, Recording};
+use ecmsk::link::record::RecordLink;
 use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use ecmsk::recording::{RecordMeta, Recorded, Recording};
 use ecmsk::sk::{Frame, SlotSize};
 
 pub const URI: &str = "sim:?slaves=drive*3&clock=virtual";

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use ecmsk::sk::Frame;
 
 /// Where the guest has what is tested.

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use std::{env, fs, io};
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
 
 /// No program of the tests takes longer than a fraction of this, valgrind included: one that does hangs.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::cia402::Statusword;
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 use ecmsk::sk::{CommandId, DriveResponse, Frame, MasterResponse, MasterState, SlotSize};
 
 use crate::cli_support::{Ran, run, run_with_input};

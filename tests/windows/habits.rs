@@ -1,7 +1,7 @@
 //! What the functions do call by call: the programs of `tests/c/` that are not of Unix, each of which checks itself.
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::Recording;
+use ecmsk::recording::Recording;
 
 use crate::fixture::{Folder, Toolchain, Width, lines, source};
 use crate::support::root;

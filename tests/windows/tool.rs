@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
 
 use ecmsk::link::Dir;
-use ecmsk::link::record::{Recorded, Recording};
+use ecmsk::recording::{Recorded, Recording};
 use ecmsk::sk::{CommandId, SlotSize};
 use rustix::process::{Pid, Signal, kill_process};
 

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use ecmsk::link::record::Lacks;
+use ecmsk::recording::Lacks;
 use ecmsk::sk::dump::SlotLine;
 use ecmsk::sk::{CrcError, CrcStatus, SlotSize};
 use serde::Serialize;

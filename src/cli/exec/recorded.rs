@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ecmsk::link::record::{Lacks, lacks_at_end};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::recording::{Lacks, lacks_at_end};
 
 /// Exit code of a program that ended well and whose recording is not whole. \[OURS] That of `timeout` for a program that was
 /// not let end; no code that shells or `env` use.

@@ -7,9 +7,9 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use ecmsk::ecm::{Close, Ecm, EcmError, Options};
-use ecmsk::link::record::RecordError;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Dir, KnownNetwork, Link, LinkError, ReadMeta, Share};
+use ecmsk::recording::RecordError;
 use ecmsk::sk::SlotSize;
 
 use super::watched::{View, Watched};

@@ -17,9 +17,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use super::meta::RecordMeta;
 use super::sync::Syncing;
 use crate::link::Stamp;
+use crate::recording::RecordMeta;
+use crate::recording::meta::APPLICATION;
 
 /// How far this process has come with a file.
 #[derive(Clone, Debug)]
@@ -171,8 +172,6 @@ fn may_go(path: &Path) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::AlreadyExists, what))
 }
 
-/// How the application's name begins in a recording's section header.
-pub(super) const APPLICATION: &str = "ecmsk ";
 /// No section header of ours is longer, whatever its link.
 const LONGEST_SECTION_HEADER: u64 = 1 << 20;
 

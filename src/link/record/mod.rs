@@ -1,22 +1,12 @@
-//! Recordings: a [`Link`] around a link that writes every frame to a pcapng file, and the way back.
+//! The link key `record=`: a [`Link`] around a link that writes every frame to a pcapng file. [`crate::recording`] reads it.
 //!
 //! A recording opens in Wireshark and looks like a capture of the board's USB traffic by Linux' usbmon. What the host
 //! writes is the submission of a transfer to endpoint 0x02, what it reads the completion of one from 0x81. Times are
 //! nanoseconds of the link's clock, moved to the calendar where that clock is real ([`RecordMeta::base_ns`]).
-//! [`Recording`] reads such a file back, and captures of a real board as well: of usbmon, and of USBPcap on Windows.
 
-mod boards;
-mod container;
-mod ending;
 mod file;
-mod held;
-mod meta;
-mod reader;
 mod sync;
 mod tell;
-mod transfer;
-mod usbmon;
-mod usbpcap;
 mod writer;
 
 use std::io::{self, Write};
@@ -25,17 +15,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-pub use boards::{BOARD_IDS, Seen, Skipped};
-pub use ending::{Lacks, lacks_at_end};
 pub use file::make_room;
-pub use meta::RecordMeta;
-pub use reader::{RecordError, Recorded, Recording, board_in};
-pub use transfer::{Address, AddressError};
 
-use super::options::Clock;
-use super::{Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Stamp, Wait};
+use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::recording::{Clock, RecordMeta};
 use crate::sk::Frame;
 use crate::threads;
 use file::Sink;
@@ -61,7 +46,7 @@ const PIPE_PATIENCE: Duration = Duration::from_secs(2);
 /// the disk: a frame for which there is no room is counted in [`LinkStats::record_dropped`]. On a virtual clock it
 /// waits, as no time passes meanwhile, and nothing is lost. When the disk is full the recording ends, whole, and all
 /// further frames are counted. So they are when the reader of a pipe takes nothing for 2 s. Whoever runs the program is
-/// told of it on standard error, once when it begins and once at the end, and so is the reader of the file ([`Lacks`]).
+/// told of it on standard error, once when it begins and once at the end, and so is the reader of the file ([`Lacks`](crate::recording::Lacks)).
 ///
 /// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by what the disk has
 /// not taken yet. What the system has of it goes to the disk every [`SYNC_EVERY`].
@@ -182,6 +167,20 @@ impl RecordLink {
         if !threads::end_within(thread, patience) {
             log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {patience:?}");
         }
+    }
+}
+
+impl RecordMeta {
+    /// For a link that is just being opened and whose clock shows `link_time`.
+    pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
+        let (clock, base_ns) = if info.virtual_time {
+            (Clock::Virtual, 0)
+        } else {
+            // A clock before 1970 is one that was never set.
+            let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
+            (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
+        };
+        Self { slot: info.slot, clock, base_ns, link: info.name.clone() }
     }
 }
 

@@ -16,11 +16,10 @@ use pcap_file::pcapng::blocks::section_header::{SectionHeaderBlock, SectionHeade
 use pcap_file::{DataLink, Endianness, PcapError};
 
 use super::file::Sink;
-use super::meta::RecordMeta;
 use super::tell::tell;
-use super::usbmon;
 use crate::link::Dir;
-use crate::link::options::Clock;
+use crate::recording::formats::usbmon;
+use crate::recording::{Clock, RecordMeta};
 use crate::sk::{FRAME_LEN, Frame};
 
 /// Bytes that go to the disk in one write. \[OURS]

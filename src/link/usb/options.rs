@@ -1,7 +1,7 @@
 //! What a URI `usb:` says, as types.
 
-use super::super::record::BOARD_IDS;
 use super::super::uri::{LinkUri, UriError};
+use crate::sk::BOARD_IDS;
 
 /// Options of `usb:`.
 #[derive(Clone, Debug, PartialEq, Eq)]

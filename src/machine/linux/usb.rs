@@ -7,7 +7,7 @@ pub use descriptors::shape;
 
 use super::Machine;
 pub use crate::io::shape::{NotOne, Shape};
-use crate::link::record::BOARD_IDS;
+use crate::sk::BOARD_IDS;
 
 /// The devices that the kernel knows.
 const DEVICES: &str = "/sys/bus/usb/devices";

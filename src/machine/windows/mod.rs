@@ -5,8 +5,8 @@ use super::printable;
 use super::timing::timer_resolution;
 use crate::io::hid::{self, Bus, NotOne, System, UsbError};
 use crate::link::keys::Scheme;
-use crate::link::record::BOARD_IDS;
 use crate::link::uri::LinkUri;
+use crate::sk::BOARD_IDS;
 
 /// What is looked at.
 const USB: &str = "usb";

@@ -1,7 +1,7 @@
 //! What the virtual board says of itself: the descriptors of USB 2.0 (9.6) and HID 1.11 (6). Numbers are little endian.
 
 use super::setup::descriptor::{CONFIGURATION, DEVICE, ENDPOINT, HID, INTERFACE, REPORT, STRING};
-use crate::link::record::BOARD_IDS;
+use crate::sk::BOARD_IDS;
 use crate::sk::FRAME_LEN;
 
 /// Address of the interrupt endpoint to the host (SK-9).

@@ -1,12 +1,11 @@
 //! What a recording says of itself: a comment in the header of its section.
 
 use std::fmt;
-use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::link::options::Clock;
-use crate::link::uri::slot_size;
-use crate::link::{LinkInfo, Stamp};
 use crate::sk::SlotSize;
+
+/// How the application's name begins in the section header of our recordings.
+pub(crate) const APPLICATION: &str = "ecmsk ";
 
 /// First word of the comment.
 const MARK: &str = "ecmsk";
@@ -14,6 +13,16 @@ const MARK: &str = "ecmsk";
 const LINK: &str = "link=";
 /// Longest link that is written out; the field that holds the comment ends at 65535 bytes.
 const LINK_MAX: usize = 60_000;
+
+/// Whose times a simulated board, and a recording of it, has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Clock {
+    /// The machine's.
+    #[default]
+    Real,
+    /// The board's own, which pass by calls only.
+    Virtual,
+}
 
 /// What a recording says of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,20 +40,8 @@ pub struct RecordMeta {
 }
 
 impl RecordMeta {
-    /// For a link that is just being opened and whose clock shows `link_time`.
-    pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
-        let (clock, base_ns) = if info.virtual_time {
-            (Clock::Virtual, 0)
-        } else {
-            // A clock before 1970 is one that was never set.
-            let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
-            (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
-        };
-        Self { slot: info.slot, clock, base_ns, link: info.name.clone() }
-    }
-
     /// Whether times are the board's own.
-    pub(super) fn is_virtual(&self) -> bool {
+    pub(crate) fn is_virtual(&self) -> bool {
         self.clock == Clock::Virtual
     }
 
@@ -55,7 +52,7 @@ impl RecordMeta {
         let mut meta = Self { slot: None, clock: Clock::Real, base_ns: 0, link: link[LINK.len()..].to_owned() };
         for field in fields.split(' ') {
             match field.split_once('=') {
-                Some(("slot", value)) => meta.slot = slot_size(value),
+                Some(("slot", value)) => meta.slot = value.parse().ok().and_then(SlotSize::from_bytes),
                 Some(("clock", "virtual")) => meta.clock = Clock::Virtual,
                 Some(("base_ns", value)) => meta.base_ns = value.parse().ok()?,
                 _ => {}

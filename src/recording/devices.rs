@@ -3,14 +3,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
+use super::formats::transfer::{Address, Event, Kind, Stage};
 use super::held::Held;
 use super::reader::Recorded;
-use super::transfer::{Address, Event, Kind, Stage};
-use crate::link::Dir;
-use crate::sk::{FRAME_LEN, Frame, SlotSize};
-
-/// The board's vendor and product (SK-9): a pair that hobby devices share, so that frames count for more.
-pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);
+use crate::sk::{BOARD_IDS, Dir, FRAME_LEN, Frame, SlotSize};
 
 /// Bytes of a frame behind a report id of 0, as hosts without an interrupt OUT endpoint send it.
 const WITH_REPORT_ID: usize = 1 + FRAME_LEN;
@@ -57,8 +53,8 @@ struct Others {
 }
 
 impl Seen {
-    /// How much it is like a board: nothing, frames one way, frames both ways, and the board's ids on top. \[OURS] A
-    /// device whose descriptor says something else is none.
+    /// How much it is like a board: nothing, frames one way, frames both ways, and the board's ids on top, which hobby
+    /// devices share, so that frames count for more. \[OURS] A device whose descriptor says something else is none.
     fn likeness(&self) -> u8 {
         match (self.ids, self.written.min(1) + self.read.min(1)) {
             (Some(ids), _) if ids != BOARD_IDS => 0,
@@ -109,7 +105,7 @@ impl Skipped {
 
 /// What is known of the devices so far.
 #[derive(Default)]
-pub(super) struct Boards {
+pub(super) struct Devices {
     devices: BTreeMap<Address, Seen>,
     /// Setup packets of control transfers under way.
     setups: HashMap<u64, [u8; 8]>,
@@ -123,7 +119,7 @@ pub(super) struct Cut {
     pub length: u32,
 }
 
-impl Boards {
+impl Devices {
     pub fn only(&mut self, address: Address) {
         self.only = Some(address);
     }

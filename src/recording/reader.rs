@@ -5,15 +5,15 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::boards::{self, Boards, Cut, Seen, Skipped};
-use super::container::{Blocks, Item, Packet};
+use super::devices::{self, Cut, Devices, Seen, Skipped};
 use super::ending::Lacks;
+use super::error::RecordError;
+use super::formats;
+use super::formats::container::{Blocks, Item};
+use super::formats::transfer::Address;
 use super::held::Held;
 use super::meta::RecordMeta;
-use super::transfer::Address;
-use super::{usbmon, usbpcap};
-use crate::link::Dir;
-use crate::sk::Frame;
+use crate::sk::{Dir, Frame};
 
 /// A frame in a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,99 +38,6 @@ impl Recorded {
     }
 }
 
-/// Why a recording cannot be read, or not further.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RecordError {
-    /// The operating system said no.
-    #[error("{name}: {message}; check the path and who may read it")]
-    Io {
-        /// The file.
-        name: String,
-        /// The system's words.
-        message: String,
-    },
-    /// It begins like no capture.
-    #[error("{name} is neither a pcapng nor a pcap file; make one with the link key record= or with Wireshark")]
-    NotACapture {
-        /// The file.
-        name: String,
-    },
-    /// It ends inside a block.
-    #[error(
-        "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link, or stop the capture, before copying its file"
-    )]
-    Truncated {
-        /// The file.
-        name: String,
-        /// Where the block begins.
-        offset: u64,
-    },
-    /// A block that cannot be.
-    #[error("{name} is damaged at byte {offset}: {reason}; the frames before it are whole; record again")]
-    Malformed {
-        /// The file.
-        name: String,
-        /// Where the block begins.
-        offset: u64,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// No packet in it can be one of a board.
-    #[error(
-        "{name} holds no USB traffic (link types 220 and 189 of Linux, 249 of Windows) but {found}; record with record= or capture usbmon or USBPcap"
-    )]
-    NoUsb {
-        /// The file.
-        name: String,
-        /// The link types it has.
-        found: String,
-    },
-    /// There is USB traffic, and none of a board.
-    #[error(
-        "{name} holds no frames of a board (interrupt transfers of 512 bytes) but {found}; capture the bus of the board (16c0:05df) while the program runs"
-    )]
-    NoBoard {
-        /// The file.
-        name: String,
-        /// The devices it has.
-        found: String,
-    },
-    /// More than one device may be the board.
-    #[error("{name} holds {found}, each of which may be the board; choose one with --device {example}")]
-    SeveralBoards {
-        /// The file.
-        name: String,
-        /// Those devices.
-        found: String,
-        /// One of them.
-        example: Address,
-    },
-    /// The device asked for moved no frame.
-    #[error("{name} holds no frames of device {asked} but {found}; name one that has some with --device")]
-    NoSuchDevice {
-        /// The file.
-        name: String,
-        /// What was asked for.
-        asked: Address,
-        /// The devices it has.
-        found: String,
-    },
-    /// A packet holds less than the frame that passed.
-    #[error(
-        "{name}: the frame at byte {offset} was captured to {captured} of {length} bytes; capture whole packets (snap length 0)"
-    )]
-    Cut {
-        /// The file.
-        name: String,
-        /// Where the block begins.
-        offset: u64,
-        /// Bytes there are.
-        captured: usize,
-        /// Bytes that passed.
-        length: u32,
-    },
-}
-
 /// The frames of a recording or a capture, in the order of the file.
 ///
 /// Of a capture: frames to the board at the submission of their transfer, reports at its completion; a frame that the
@@ -148,7 +55,7 @@ pub struct Recording<R> {
     unended: bool,
     /// Link types of interfaces that are no USB, for an error; `None` once there was one that is.
     others: Option<Vec<String>>,
-    boards: Boards,
+    devices: Devices,
     held: Held,
     only: Option<Address>,
     /// Frames given out.
@@ -188,7 +95,7 @@ impl<R: Read> Recording<R> {
             lacks: Lacks::default(),
             unended: false,
             others: Some(Vec::new()),
-            boards: Boards::default(),
+            devices: Devices::default(),
             held: Held::default(),
             only: None,
             frames: 0,
@@ -206,7 +113,7 @@ impl<R: Read> Recording<R> {
     #[must_use]
     pub fn only(mut self, address: Address) -> Self {
         self.only = Some(address);
-        self.boards.only(address);
+        self.devices.only(address);
         self
     }
 
@@ -228,12 +135,12 @@ impl<R: Read> Recording<R> {
 
     /// What was left out, as far as it was read.
     pub fn skipped(&self) -> Skipped {
-        self.boards.skipped()
+        self.devices.skipped()
     }
 
     /// The devices, as far as it was read.
     pub fn devices(&self) -> Vec<Seen> {
-        self.boards.seen()
+        self.devices.seen()
     }
 
     /// One block on; says whether there was one.
@@ -249,25 +156,21 @@ impl<R: Read> Recording<R> {
                 self.is_recording |= meta.is_some();
                 self.next_meta = Some(meta);
             }
-            Item::Interface(link_type) if usbmon::is_usbmon(link_type) || usbpcap::is_usbpcap(link_type) => {
-                self.others = None;
-            }
+            Item::Interface(link_type) if formats::is_usb(link_type) => self.others = None,
             Item::Interface(link_type) => {
                 if let Some(others) = &mut self.others {
                     others.push(format!("{link_type:?}"));
                 }
             }
-            Item::Packet(Packet { link_type, order, at_ns, offset, data }) => {
-                let event = if usbpcap::is_usbpcap(link_type) {
-                    usbpcap::event(data)
-                } else {
-                    usbmon::event(link_type, order, data)
-                };
+            Item::Packet(packet) => {
                 // A recording has no ends of transfers: what it holds was taken.
                 let waits = self.meta.is_none();
-                let taken = event.map_or(Ok(()), |event| self.boards.take(&event, at_ns, waits, &mut self.held));
+                let taken = match formats::event(&packet) {
+                    Some(event) => self.devices.take(&event, packet.at_ns, waits, &mut self.held),
+                    None => Ok(()),
+                };
                 if let Err(Cut { captured, length }) = taken {
-                    return Err(RecordError::Cut { name: self.name.clone(), offset, captured, length });
+                    return Err(RecordError::Cut { name: self.name.clone(), offset: packet.offset, captured, length });
                 }
             }
             Item::Counts { missing, why } => {
@@ -309,7 +212,7 @@ impl<R: Read> Recording<R> {
             None if self.frames > 0 || self.is_recording => Ok(()),
             None => {
                 let devices = self.devices();
-                let found = if devices.is_empty() { "no transfer at all".to_owned() } else { boards::list(&devices) };
+                let found = if devices.is_empty() { "no transfer at all".to_owned() } else { devices::list(&devices) };
                 Err(match self.only {
                     Some(asked) => RecordError::NoSuchDevice { name, asked, found },
                     None => RecordError::NoBoard { name, found },
@@ -350,12 +253,12 @@ pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
         return Ok(None);
     }
     let (name, devices) = (recording.name.clone(), recording.devices());
-    match boards::candidates(&devices)[..] {
+    match devices::candidates(&devices)[..] {
         [] if devices.is_empty() => Err(RecordError::NoBoard { name, found: "no transfer at all".to_owned() }),
-        [] => Err(RecordError::NoBoard { name, found: boards::list(&devices) }),
+        [] => Err(RecordError::NoBoard { name, found: devices::list(&devices) }),
         [board] => Ok(Some(board.address)),
         [first, ..] => {
-            let found = boards::list(&boards::candidates(&devices));
+            let found = devices::list(&devices::candidates(&devices));
             Err(RecordError::SeveralBoards { name, found, example: first.address })
         }
     }

@@ -16,9 +16,8 @@ use pcap_file::pcapng::blocks::{
 use pcap_file::pcapng::{Block, PcapNgParser};
 use pcap_file::{DataLink, Endianness, PcapError, TsResolution};
 
-use super::file::APPLICATION;
-use super::meta::RecordMeta;
-use super::reader::RecordError;
+use crate::recording::error::RecordError;
+use crate::recording::meta::{APPLICATION, RecordMeta};
 
 /// Bytes that are read at a time. \[OURS]
 const CHUNK: usize = 64 * 1024;
@@ -28,7 +27,7 @@ const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
 const NS_PER_S: u128 = 1_000_000_000;
 
 /// What stands in a file, as far as it matters here.
-pub(super) enum Item<'a> {
+pub(in crate::recording) enum Item<'a> {
     /// A section begins; what it says of itself, if it is a recording, and whether our recorder wrote the file.
     Section(Option<RecordMeta>, bool),
     /// Packets of that link type may follow.
@@ -42,7 +41,7 @@ pub(super) enum Item<'a> {
 }
 
 /// One packet.
-pub(super) struct Packet<'a> {
+pub(in crate::recording) struct Packet<'a> {
     pub link_type: DataLink,
     /// Byte order of the numbers in front of the data.
     pub order: Endianness,
@@ -59,7 +58,7 @@ enum Parser {
 }
 
 /// A file, block by block.
-pub(super) struct Blocks<R> {
+pub(in crate::recording) struct Blocks<R> {
     source: R,
     /// For messages.
     name: String,

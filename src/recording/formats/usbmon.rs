@@ -7,11 +7,10 @@ use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
 
 use super::transfer::{Address, Event, Kind, Stage};
-use crate::link::Dir;
-use crate::sk::FRAME_LEN;
+use crate::sk::{Dir, FRAME_LEN};
 
 /// Bytes of the header in a recording.
-pub(super) const HEADER_LEN: usize = size_of::<RawHeader>();
+pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
 /// Bytes of the header without the fields for isochronous transfers.
 const SHORT_HEADER_LEN: usize = 48;
 
@@ -68,7 +67,7 @@ const _: () = assert!(std::mem::offset_of!(RawHeader, interval) == SHORT_HEADER_
 
 /// The header before a frame, little endian: the submission of an OUT transfer or the completion of an IN transfer,
 /// both with all 512 bytes.
-pub(super) fn header(dir: Dir, id: u64, at_ns: u64) -> [u8; HEADER_LEN] {
+pub(crate) fn header(dir: Dir, id: u64, at_ns: u64) -> [u8; HEADER_LEN] {
     let (event, endpoint, status) = match dir {
         Dir::Write => (SUBMIT, OUT, IN_PROGRESS),
         Dir::Read => (COMPLETE, IN, 0),

@@ -37,7 +37,7 @@ impl FromStr for Address {
 
 /// Kind of transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(in crate::recording) enum Kind {
     /// Interrupt, or one of which the capture does not know the endpoint.
     Interrupt,
     Control,
@@ -47,7 +47,7 @@ pub(super) enum Kind {
 
 /// What has happened to a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stage {
+pub(in crate::recording) enum Stage {
     /// It was handed to the controller.
     Submitted,
     /// It has ended; whether it was carried out.
@@ -56,7 +56,7 @@ pub(super) enum Stage {
 
 /// One packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Event<'a> {
+pub(in crate::recording) struct Event<'a> {
     pub at: Address,
     pub kind: Kind,
     pub stage: Stage,

@@ -1,36 +1,36 @@
-//! Why the system refuses.
+//! Errors of libusb and of Windows' HID driver.
 
-/// Whose other codes are shown.
-const WHOSE: &str = if cfg!(windows) { "Windows'" } else { "libusb's" };
+/// Whose error codes [`UsbError::Other`] shows.
+const CODES_OF: &str = if cfg!(windows) { "Windows'" } else { "libusb's" };
 
-/// Why libusb (`enum libusb_error`) or Windows refuses.
+/// Why libusb (`enum libusb_error`) or Windows refuses a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbError {
     /// An error on the wire.
     #[error("input/output error")]
     Io,
-    /// What was asked makes no sense, or the kernel takes no transfer of that kind.
+    /// An argument is invalid, or the kernel supports no transfer of that kind.
     #[error("invalid parameter")]
     Invalid,
-    /// This user may not.
+    /// This user has no permission.
     #[error("access denied")]
     Access,
-    /// The device is gone.
+    /// The device was unplugged.
     #[error("no such device")]
     NoDevice,
-    /// It has not got what was asked for.
+    /// The device has no such interface, configuration or endpoint.
     #[error("not found")]
     NotFound,
-    /// Another program has it.
+    /// Another program uses the device.
     #[error("busy")]
     Busy,
-    /// There is no memory, or the limit for transfers is reached (`usbcore.usbfs_memory_mb`).
+    /// There is no memory, or the kernel's limit for USB transfers is reached (`usbcore.usbfs_memory_mb`).
     #[error("no memory")]
     NoMemory,
-    /// This system cannot do it.
+    /// This system does not support the call.
     #[error("not supported on this system")]
     NotSupported,
-    /// Another one.
-    #[error("{WHOSE} error {0}")]
+    /// Any other error code.
+    #[error("{CODES_OF} error {0}")]
     Other(i32),
 }

@@ -1,8 +1,10 @@
-//! Who handles a line's events: the call that waits for one, so that no other thread stands between it and the system; and
-//! the pipe's own thread as long as none does, so that reports are taken whatever the program does. One at a time.
+//! Which thread handles the backend's events. A call that waits for one does it itself, which saves a change of threads for
+//! each report. While no call waits the pipe's own thread does it, so that reports are received whatever the program does.
+//! Only one thread handles events at a time.
 //!
-//! A call that leaves hands nothing over, which would cost every report a change of threads: the pipe's thread looks from
-//! time to time whether calls still come. While one and the same call waits it sleeps, and that call wakes it.
+//! A call that returns does not wake the pipe's thread, since that would cost a change of threads again; the pipe's thread
+//! checks at an interval whether calls still come. While a single call waits for long the pipe's thread sleeps, and that
+//! call wakes it.
 
 use std::mem;
 use std::thread;
@@ -10,138 +12,146 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, MutexGuard};
 
+use super::backend::Backend;
 use super::error::UsbError;
-use super::line::Line;
-use super::reports::{DEAF, Shared, State};
-use super::rest::UNWRITTEN_FOR;
+use super::input_pause::PAUSE_ENDS_AFTER_UNWRITTEN;
+use super::reports::{EVENTS_FAILED, Shared, State};
 
-/// For how long a thread handles events before it looks around, should nothing wake it. \[OURS]
-const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// As long as calls come and go the pipe's thread looks whether they have left something after half of what the transfers
-/// that wait last, at the shortest cycle (250 us) .. \[OURS]
-const LOOK_AFTER_EACH: Duration = Duration::from_micros(125);
-/// .. and at least so often. \[OURS]
-const LOOK_AFTER_AT_MOST: Duration = Duration::from_millis(1);
-/// After an error of a line's event handling it is tried again .. \[OURS]
-const AFTER_AN_ERROR: Duration = Duration::from_millis(10);
-/// .. so often in a row, a second in all: then the device counts as lost. \[OURS]
-const ERRORS: u32 = 100;
+/// The longest time that a thread waits for events before it checks the pipe's state. \[OURS]
+const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
+/// While calls come and go, the pipe's thread checks for events that they have left at this interval per transfer to the
+/// host. It is half of the shortest cycle (250 us), so that the transfers are resubmitted before the last of them is used. \[OURS]
+const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
+/// The longest of these intervals, however many transfers there are. \[OURS]
+const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
+/// After an error of the backend's event handling it is tried again after this time .. \[OURS]
+const RETRY_AFTER: Duration = Duration::from_millis(10);
+/// .. and after this many errors in a row, a second in all, the device counts as lost. \[OURS]
+const EVENT_ERRORS_MAX: u32 = 100;
 
-/// When the pipe's thread looks again, with so many transfers to the host.
-fn look_after(transfers: usize) -> Duration {
-    u32::try_from(transfers)
-        .map_or(LOOK_AFTER_AT_MOST, |transfers| LOOK_AFTER_EACH.saturating_mul(transfers).min(LOOK_AFTER_AT_MOST))
+/// The interval at which the pipe's thread checks for events, with this many transfers to the host.
+fn check_interval(transfers: usize) -> Duration {
+    u32::try_from(transfers).map_or(CHECK_INTERVAL_MAX, |transfers| {
+        CHECK_INTERVAL_PER_TRANSFER.saturating_mul(transfers).min(CHECK_INTERVAL_MAX)
+    })
 }
 
 impl Shared {
-    /// The pipe's thread: until the pipe is closed and the system has none of its transfers, or says nothing of them any
-    /// more.
-    pub fn handle_events(&self, line: &dyn Line) {
-        let look_after = look_after(line.inputs());
+    /// The body of the pipe's thread. It runs until the pipe is closed and all transfers have ended, or their end is not
+    /// reported any more.
+    pub fn handle_events(&self, backend: &dyn Backend) {
+        let check_interval = check_interval(backend.inputs());
         let mut state = self.state.lock();
-        let mut seen = state.turns;
-        while !state.deaf && (!state.closing || state.pending > 0) {
-            let calls_come = state.turns != seen;
-            seen = state.turns;
-            self.look_at_rest(&mut state, line);
-            if state.handled {
+        let mut seen = state.call_count;
+        while !state.events_failed && (!state.closing || state.submitted > 0) {
+            let calls_come = state.call_count != seen;
+            seen = state.call_count;
+            self.begin_or_end_pause(&mut state, backend);
+            if state.handling_events {
                 if calls_come || state.closing {
-                    self.look_around.wait_for(&mut state, look_after);
+                    self.thread_wakeup.wait_for(&mut state, check_interval);
                 } else {
-                    state.asleep = true;
-                    self.look_around.wait(&mut state);
-                    state.asleep = false;
+                    state.thread_asleep = true;
+                    self.thread_wakeup.wait(&mut state);
+                    state.thread_asleep = false;
                 }
-            } else if !state.closing && state.rest.is_whole(line.inputs()) {
-                // Nothing comes but the ends of writes, and who writes waits for them.
-                self.look_around.wait_for(&mut state, UNWRITTEN_FOR);
+            } else if !state.closing && state.input_pause.is_complete(backend.inputs()) {
+                // No event can come but the end of a write, for which the thread that writes waits itself.
+                self.thread_wakeup.wait_for(&mut state, PAUSE_ENDS_AFTER_UNWRITTEN);
             } else if calls_come && !state.closing {
-                self.handle(&mut state, line, Duration::ZERO);
-                self.look_around.wait_for(&mut state, look_after);
+                self.handle(&mut state, backend, Duration::ZERO);
+                self.thread_wakeup.wait_for(&mut state, check_interval);
             } else {
-                self.handle(&mut state, line, LOOK_EVERY);
+                self.handle(&mut state, backend, EVENT_WAIT_MAX);
             }
         }
     }
 
-    /// A call: waits for a change, for that long or up to a millisecond more, as systems count; it may be less.
-    pub fn wait(&self, changed: &Condvar, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Option<Duration>) {
-        state.turns += 1;
-        if !state.handled {
-            return self.handle_for_a_call(state, line, limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY));
+    /// Called by a read or write: waits for a change of the state. It may return early, and up to a millisecond late, because
+    /// systems count in milliseconds.
+    pub fn wait(
+        &self,
+        changed: &Condvar,
+        state: &mut MutexGuard<'_, State>,
+        backend: &dyn Backend,
+        limit: Option<Duration>,
+    ) {
+        state.call_count += 1;
+        if !state.handling_events {
+            return self.handle_for_a_call(state, backend, limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX));
         }
-        state.waiting += 1;
+        state.calls_waiting += 1;
         match limit {
             Some(limit) => {
                 changed.wait_for(state, limit);
             }
             None => changed.wait(state),
         }
-        state.waiting -= 1;
+        state.calls_waiting -= 1;
     }
 
-    /// The call that writes: as [`Shared::wait`], for the end of its transfer.
-    pub fn wait_written(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Option<Duration>) {
-        if !line.has_output_apart() {
-            return self.wait(&self.writable, state, line, limit);
+    /// Called by a write: waits like [`Shared::wait`], for the end of its transfer.
+    pub fn wait_written(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Option<Duration>) {
+        if !backend.waits_for_output_apart() {
+            return self.wait(&self.writable, state, backend, limit);
         }
-        state.turns += 1;
-        self.attend(state, || line.await_output(limit.unwrap_or(LOOK_EVERY).min(LOOK_EVERY)));
-        if state.closing && state.written.is_some() {
-            // The pipe's thread ends after this transfer, which it is told nothing of.
-            self.wake_all(state, line);
-        }
-    }
-
-    /// Takes what has come and was not handled yet, without waiting.
-    pub fn take_what_came(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line) {
-        if !state.handled && !state.deaf {
-            self.handle_for_a_call(state, line, Duration::ZERO);
+        state.call_count += 1;
+        self.call_unlocked(state, || backend.await_output(limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX)));
+        if state.closing && state.output_result.is_some() {
+            // The pipe's thread waits for the end of this transfer and is not informed of it otherwise.
+            self.wake_all(state, backend);
         }
     }
 
-    /// Ends the waits under way, whoever handles events.
-    pub fn wake_all(&self, state: &State, line: &dyn Line) {
+    /// Handles events that are pending, without waiting.
+    pub fn poll_events(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
+        if !state.handling_events && !state.events_failed {
+            self.handle_for_a_call(state, backend, Duration::ZERO);
+        }
+    }
+
+    /// Ends all waits, whichever thread handles events.
+    pub fn wake_all(&self, state: &State, backend: &dyn Backend) {
         self.readable.notify_all();
         self.writable.notify_all();
-        self.look_around.notify_all();
-        line.interrupt_output();
-        if state.handled {
-            line.interrupt();
+        self.thread_wakeup.notify_all();
+        backend.interrupt_output();
+        if state.handling_events {
+            backend.interrupt();
         }
     }
 
-    fn handle_for_a_call(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
-        self.handle(state, line, limit);
-        state.turns += 1;
-        if mem::take(&mut state.asleep) {
-            self.look_around.notify_all();
+    fn handle_for_a_call(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Duration) {
+        self.handle(state, backend, limit);
+        state.call_count += 1;
+        if mem::take(&mut state.thread_asleep) {
+            self.thread_wakeup.notify_all();
         }
     }
 
-    fn handle(&self, state: &mut MutexGuard<'_, State>, line: &dyn Line, limit: Duration) {
-        state.handled = true;
-        self.attend(state, || line.handle_events(limit));
-        state.handled = false;
-        // One of them goes on with it.
-        if state.waiting > 0 {
+    fn handle(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Duration) {
+        state.handling_events = true;
+        self.call_unlocked(state, || backend.handle_events(limit));
+        state.handling_events = false;
+        // One of the waiting calls goes on handling events.
+        if state.calls_waiting > 0 {
             self.readable.notify_all();
             self.writable.notify_all();
         }
     }
 
-    /// Lets the line work, without the lock; a line that fails for good has lost the device.
-    fn attend(&self, state: &mut MutexGuard<'_, State>, work: impl FnOnce() -> Result<(), UsbError>) {
+    /// Calls the backend without holding the lock. If it fails [`EVENT_ERRORS_MAX`] times in a row the device is lost.
+    fn call_unlocked(&self, state: &mut MutexGuard<'_, State>, work: impl FnOnce() -> Result<(), UsbError>) {
         let done = MutexGuard::unlocked(state, || {
             work().inspect_err(|error| {
                 log::debug!("the events of USB: {error}");
-                thread::sleep(AFTER_AN_ERROR);
+                thread::sleep(RETRY_AFTER);
             })
         });
         state.event_errors = if done.is_ok() { 0 } else { state.event_errors + 1 };
-        if state.event_errors >= ERRORS {
-            state.deaf = true;
-            self.lose(state, DEAF);
+        if state.event_errors >= EVENT_ERRORS_MAX {
+            state.events_failed = true;
+            self.lose(state, EVENTS_FAILED);
         }
     }
 }
@@ -155,8 +165,11 @@ mod tests {
     fn transfers_are_looked_after_in_time() {
         let cycle = Duration::from_micros(250);
         for transfers in 1..=64 {
-            assert!(look_after(transfers) * 2 <= cycle * transfers as u32, "{transfers}");
+            assert!(check_interval(transfers) * 2 <= cycle * transfers as u32, "{transfers}");
         }
-        assert_eq!((look_after(8), look_after(usize::MAX)), (Duration::from_millis(1), Duration::from_millis(1)));
+        assert_eq!(
+            (check_interval(8), check_interval(usize::MAX)),
+            (Duration::from_millis(1), Duration::from_millis(1))
+        );
     }
 }

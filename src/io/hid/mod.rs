@@ -1,38 +1,54 @@
-//! A HID pipe on USB: reports of a fixed size, one endpoint each way.
+//! A HID device on USB with reports of a fixed size, one interrupt endpoint each way.
 //!
-//! [`find`] tells a device that has the wanted shape from others; [`Pipe`] moves its reports. Transfers to the host are
-//! always queued, so that no report is missed between two reads. What moves them is a line: libusb's transfers, or on
-//! Windows the system's own HID driver (docs/decisions/windows-hid-driver.md).
+//! [`find`] lists the devices with the board's ids and says which of them have its report interface; [`Pipe`] sends and
+//! receives reports. Transfers to the host are submitted at all times, so that no report is missed between two reads. The
+//! system is reached through a backend: libusb, or on Windows the system's own HID driver
+//! (docs/decisions/windows-hid-driver.md).
+//!
+//! How to read it:
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `found_device.rs` | a device on the bus, and why it may not be a board |
+//! | `sysfs.rs` | what Linux tells about a device: serial number, speed, who has it open |
+//! | `pipe.rs` | an open device: `read`, `write`, `cancel`, `close` |
+//! | `reports.rs` | the state behind a pipe, and what happens when a transfer ends |
+//! | `events.rs` | which thread handles the backend's events |
+//! | `input_pause.rs` | when a program only writes, reports may stay in the system's queue |
+//! | `backend.rs` | the trait by which a pipe reaches the system, and `error.rs`, its errors |
+//! | `libusb/` | the backend over libusb: `api` (functions), `bus` (objects), `transfer`, `backend`, `find` |
+//! | `windows/` | the backend over Windows' HID driver, with the same parts |
+//! | `calls.rs`, `*/fake.rs` | for tests: calls with a limit, and a simulated libusb and Windows |
 
+mod backend;
 #[cfg(test)]
 mod calls;
 mod error;
 mod events;
-mod found;
+mod found_device;
+mod input_pause;
 #[cfg(unix)]
 mod libusb;
-mod line;
 mod pipe;
 mod reports;
-mod rest;
-mod system;
+mod sysfs;
 // Its functions are a table; the tests have one on every system.
 #[cfg(any(windows, test))]
 mod windows;
 
 pub use error::UsbError;
-pub use found::Found;
+pub use found_device::FoundDevice;
 #[cfg(unix)]
 use libusb::Device;
 #[cfg(unix)]
-pub use libusb::{Bus, NoBus, NoLibrary, find};
-pub use pipe::{Limits, Pipe, PipeError, PipeStats};
-pub use system::{Holder, Remark, System};
+pub use libusb::{Bus, BusError, LibusbMissing, find};
+pub use pipe::{Pipe, PipeError, PipeOptions, PipeStats};
+pub use sysfs::{DeviceWarning, Holder, Sysfs};
 #[cfg(windows)]
 use windows::Device;
 #[cfg(windows)]
-pub use windows::{Bus, NoBus, Shape, find};
+pub use windows::{Bus, BusError, ReportInterface, find};
 
 #[cfg(unix)]
-pub use super::shape::Shape;
-pub use super::shape::{NotOne, REPORT_LEN};
+pub use super::descriptors::ReportInterface;
+pub use super::descriptors::{NotTheBoard, REPORT_LEN};

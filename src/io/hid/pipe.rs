@@ -1,4 +1,4 @@
-//! An open device: a queue of reports from it, one report at a time to it.
+//! An open device: a queue of the reports that it has sent, and one report at a time to it.
 
 use std::mem;
 use std::sync::Arc;
@@ -7,28 +7,28 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Mutex, MutexGuard};
 
+use super::backend::{Backend, Outcome};
 use super::error::UsbError;
-use super::line::{Line, Outcome};
 use super::reports::{GONE, Shared, State};
-use super::{Found, REPORT_LEN, Shape};
+use super::{FoundDevice, REPORT_LEN, ReportInterface};
 use crate::threads;
 
-/// Sizes of a pipe.
+/// How a pipe is opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
-    /// Transfers to the host that are handed over at a time: 1 or more.
+pub struct PipeOptions {
+    /// How many transfers to the host are submitted at a time, 1 or more.
     pub transfers: usize,
-    /// Reports kept while nobody reads, the newest ones: 1 or more.
+    /// How many reports are kept while nobody reads, 1 or more; the newest ones are kept.
     pub queue: usize,
-    /// While a program only writes, reports may be left to a system that keeps the newest itself. Those that it drops are
-    /// not counted.
-    pub rests: bool,
+    /// While a program only writes, reports may stay in the queue of a system that keeps the newest itself. Those that the
+    /// system drops are not counted.
+    pub may_pause_input: bool,
 }
 
-/// Why a call failed.
+/// Why a call of a pipe failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PipeError {
-    /// Nothing happened within the limit.
+    /// The call did not complete within its limit.
     #[error("nothing within {0:?}")]
     Timeout(Duration),
     /// The call was ended by [`Pipe::cancel_reads`] or [`Pipe::cancel_writes`].
@@ -37,29 +37,29 @@ pub enum PipeError {
     /// The pipe is closed.
     #[error("it is closed")]
     Closed,
-    /// The device is gone.
+    /// The device was unplugged or does not answer any more, for this reason.
     #[error("{0}")]
     Lost(&'static str),
-    /// Part of a report was moved.
+    /// Only a part of the report was transferred.
     #[error("{moved} of {REPORT_LEN} bytes were moved")]
     Torn {
-        /// Bytes.
+        /// How many bytes were transferred.
         moved: usize,
     },
-    /// The device refuses the report; its endpoint takes the next one again.
+    /// The device refused the report. Its halt is cleared, so that it can take the next one.
     #[error("it refuses the report (its endpoint stalls)")]
     Stalled,
-    /// libusb or Windows refuses.
+    /// libusb or Windows refused the call.
     #[error(transparent)]
     Usb(#[from] UsbError),
 }
 
-/// Counts of a pipe.
+/// Counters of a pipe since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PipeStats {
-    /// Reports that came.
+    /// Reports received.
     pub reports: u64,
-    /// Reports that were dropped because nobody read them.
+    /// Reports dropped because nobody read them in time.
     pub dropped: u64,
     /// Transfers to the host that were empty or short.
     pub short: u64,
@@ -67,56 +67,56 @@ pub struct PipeStats {
     pub failed: u64,
 }
 
-/// An open device. Reader, writer and closer may be three threads.
+/// An open device. Different threads may read, write and close it at the same time.
 pub struct Pipe {
     shared: Arc<Shared>,
-    /// One writer at a time.
-    output: Mutex<()>,
-    /// The pipe's own thread, until the pipe is closed.
-    open: Mutex<Option<JoinHandle<()>>>,
-    line: Arc<dyn Line>,
+    /// Held by the thread that writes.
+    write_lock: Mutex<()>,
+    /// The pipe's own thread; `None` once the pipe is closed.
+    event_thread: Mutex<Option<JoinHandle<()>>>,
+    backend: Arc<dyn Backend>,
 }
 
 impl Pipe {
-    /// Opens a device. By libusb it is taken from the kernel's driver, which has it again when the pipe is closed; on
-    /// Windows the driver keeps it, and other programs may open it too.
+    /// Opens a device. With libusb its interface is detached from the kernel's driver until the pipe is closed. On Windows
+    /// the HID driver keeps it, and other programs may open it too.
     ///
     /// # Errors
-    /// [`PipeError::Usb`]: [`UsbError::Access`] if this user may not, [`UsbError::Busy`] if another program has it.
-    /// [`PipeError::Lost`] if it goes meanwhile.
-    pub fn open(found: &Found, shape: Shape, limits: Limits) -> Result<Self, PipeError> {
-        let shared = Arc::new(Shared::new(limits));
-        let line = found.device.line(shape, limits.transfers, &shared)?;
-        Self::over(line, shared)
+    /// [`PipeError::Usb`] with [`UsbError::Access`] if this user has no permission, with [`UsbError::Busy`] if another
+    /// program uses the device. [`PipeError::Lost`] if it is unplugged meanwhile.
+    pub fn open(found: &FoundDevice, interface: ReportInterface, options: PipeOptions) -> Result<Self, PipeError> {
+        let shared = Arc::new(Shared::new(options));
+        let backend = found.device.open_backend(interface, options.transfers, &shared)?;
+        Self::with_backend(backend, shared)
     }
 
-    /// A pipe over a line that tells `shared` what ends.
-    pub(super) fn over(line: Arc<dyn Line>, shared: Arc<Shared>) -> Result<Self, PipeError> {
-        let its = (shared.clone(), line.clone());
-        let events =
-            threads::spawn("usb-events", move || its.0.handle_events(&*its.1)).map_err(|_| UsbError::NoMemory)?;
-        // From here on what was begun is ended by `close`, whatever happens.
-        let pipe = Self { shared, output: Mutex::new(()), open: Mutex::new(Some(events)), line };
-        for number in 0..pipe.line.inputs() {
+    /// Opens a pipe over a backend whose listener is `shared`.
+    pub(super) fn with_backend(backend: Arc<dyn Backend>, shared: Arc<Shared>) -> Result<Self, PipeError> {
+        let (thread_shared, thread_backend) = (shared.clone(), backend.clone());
+        let events = threads::spawn("usb-events", move || thread_shared.handle_events(&*thread_backend))
+            .map_err(|_| UsbError::NoMemory)?;
+        // From here on dropping the pipe ends the thread and the transfers.
+        let pipe = Self { shared, write_lock: Mutex::new(()), event_thread: Mutex::new(Some(events)), backend };
+        for number in 0..pipe.backend.inputs() {
             let mut state = pipe.shared.state.lock();
-            state.fit()?;
-            pipe.line.begin_input(number).map_err(gone)?;
-            state.pending += 1;
+            state.check()?;
+            pipe.backend.submit_input(number).map_err(submit_error)?;
+            state.submitted += 1;
         }
         Ok(pipe)
     }
 
-    /// The oldest report not yet read, when this process took it from the system, and its number from 0. While a call
-    /// waits, or none has for a moment, that is as soon as the system has it; between two calls up to a millisecond later,
-    /// and never before. `limit`: `None` waits without end.
+    /// Reads the oldest report that was not read yet. Returns when this process received it, and its number from 0. The time
+    /// is that of the system's event while a call waits or none has waited for a moment; between two calls it may be up to
+    /// a millisecond late. Without a `limit` the call waits until a report comes.
     ///
     /// # Errors
-    /// [`PipeError`]; `report` is left alone then.
+    /// [`PipeError`]; `report` is unchanged then.
     pub fn read(&self, report: &mut [u8; REPORT_LEN], limit: Option<Duration>) -> Result<(Instant, u64), PipeError> {
         let mut state = self.shared.state.lock();
-        state.rest.begin_read();
+        state.input_pause.begin_read();
         let done = self.read_with(&mut state, report, limit);
-        state.rest.end_read();
+        state.input_pause.end_read();
         done
     }
 
@@ -128,13 +128,13 @@ impl Pipe {
     ) -> Result<(Instant, u64), PipeError> {
         let began = Instant::now();
         let cancelled = state.cancelled_reads;
-        self.shared.end_rest(state, &*self.line);
-        self.shared.catch_up(state, &*self.line, limit);
+        self.shared.end_pause(state, &*self.backend);
+        self.shared.catch_up(state, &*self.backend, limit);
         if self.shared.queue == 1 && !state.closing {
-            // Who keeps one report wants the newest.
-            self.shared.take_what_came(state, &*self.line);
+            // A queue of one report is for programs that want the newest.
+            self.shared.poll_events(state, &*self.backend);
         }
-        let mut looked = false;
+        let mut polled = false;
         loop {
             if state.closing {
                 return Err(PipeError::Closed);
@@ -143,146 +143,146 @@ impl Pipe {
                 report.copy_from_slice(&next.bytes);
                 return Ok((next.at, next.number));
             }
-            state.fit()?;
+            state.check()?;
             if state.cancelled_reads != cancelled {
                 return Err(PipeError::Cancelled);
             }
-            match left(began, limit) {
-                // What came is not late because nobody has looked.
-                Err(_) if !looked => {
-                    looked = true;
-                    self.shared.take_what_came(state, &*self.line);
+            match time_left(began, limit) {
+                // The limit is over, but a report may be there whose event nobody has handled.
+                Err(_) if !polled => {
+                    polled = true;
+                    self.shared.poll_events(state, &*self.backend);
                 }
-                left => self.shared.wait(&self.shared.readable, state, &*self.line, left?),
+                left => self.shared.wait(&self.shared.readable, state, &*self.backend, left?),
             }
         }
     }
 
-    /// Moves one report to the device. `limit`: `None` waits without end.
+    /// Sends one report to the device. Without a `limit` the call waits until the device takes it.
     ///
     /// # Errors
-    /// [`PipeError`]; but for [`PipeError::Torn`] no byte was moved.
+    /// [`PipeError`]. No byte was transferred, except with [`PipeError::Torn`].
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
-        let before = self.shared.state.lock().cancelled_writes;
-        let _alone = match limit {
-            None => self.output.lock(),
-            Some(limit) => self.output.try_lock_for(limit).ok_or(PipeError::Timeout(limit))?,
+        let cancelled = self.shared.state.lock().cancelled_writes;
+        let _writing = match limit {
+            None => self.write_lock.lock(),
+            Some(limit) => self.write_lock.try_lock_for(limit).ok_or(PipeError::Timeout(limit))?,
         };
         let mut state = self.shared.state.lock();
-        state.fit()?;
-        state.rest.wrote();
-        state.written = None;
-        state.pending += 1;
+        state.check()?;
+        state.input_pause.note_write();
+        state.output_result = None;
+        state.submitted += 1;
         drop(state);
-        // Without the lock: there are systems that do not come back from it before the device has the report.
-        // SAFETY: with the lock of `output` this thread is alone, and a write ends after its transfer has.
-        let begun = unsafe { self.line.begin_output(report) };
+        // Without the lock, because on some systems the call returns only when the device has the report.
+        // SAFETY: this thread holds `write_lock`, and each write waits for the end of its transfer.
+        let submitted = unsafe { self.backend.submit_output(report) };
         let mut state = self.shared.state.lock();
-        if let Err(error) = begun {
-            state.pending -= 1;
-            let error = gone(error);
+        if let Err(error) = submitted {
+            state.submitted -= 1;
+            let error = submit_error(error);
             if let PipeError::Lost(why) = error {
                 self.shared.lose(&mut state, why);
             }
-            // Whoever closes it may wait for this transfer.
-            self.shared.wake_all(&state, &*self.line);
+            // The thread that closes the pipe may wait for this transfer.
+            self.shared.wake_all(&state, &*self.backend);
             return Err(error);
         }
         let mut given_up = None;
         let (outcome, moved) = loop {
-            if let Some(ended) = state.written {
+            if let Some(ended) = state.output_result {
                 break ended;
             }
-            if state.deaf {
-                return state.fit();
+            if state.events_failed {
+                return state.check();
             }
             let stop = if state.closing {
                 Some(PipeError::Closed)
-            } else if state.cancelled_writes != before {
+            } else if state.cancelled_writes != cancelled {
                 Some(PipeError::Cancelled)
             } else {
                 None
             };
             match (given_up, stop) {
-                // The system gives it back soon.
-                (Some(_), _) => self.shared.wait_written(&mut state, &*self.line, None),
+                // The transfer is cancelled and ends soon.
+                (Some(_), _) => self.shared.wait_written(&mut state, &*self.backend, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
-                    self.line.cancel_output();
+                    self.backend.cancel_output();
                 }
                 (None, None) => {
-                    let waited = left(began, limit).map(|left| {
-                        self.shared.wait_written(&mut state, &*self.line, left);
+                    let waited = time_left(began, limit).map(|left| {
+                        self.shared.wait_written(&mut state, &*self.backend, left);
                     });
                     if let Err(why) = waited
-                        && state.written.is_none()
+                        && state.output_result.is_none()
                     {
                         given_up = Some(why);
-                        self.line.cancel_output();
+                        self.backend.cancel_output();
                     }
                 }
             }
         };
         drop(state);
         if outcome == Outcome::Stalled {
-            self.line.unstall_output();
+            self.backend.clear_output_halt();
         }
-        result(outcome, moved, given_up)
+        write_result(outcome, moved, given_up)
     }
 
-    /// Ends the reads under way.
+    /// Ends the reads under way with [`PipeError::Cancelled`].
     pub fn cancel_reads(&self) {
         let mut state = self.shared.state.lock();
         state.cancelled_reads += 1;
-        self.shared.wake_all(&state, &*self.line);
+        self.shared.wake_all(&state, &*self.backend);
     }
 
-    /// Ends the writes under way.
+    /// Ends the writes under way with [`PipeError::Cancelled`].
     pub fn cancel_writes(&self) {
         let mut state = self.shared.state.lock();
         state.cancelled_writes += 1;
-        self.shared.wake_all(&state, &*self.line);
+        self.shared.wake_all(&state, &*self.backend);
     }
 
-    /// Whether the device is there.
+    /// Checks that the pipe is open and the device is there.
     ///
     /// # Errors
     /// [`PipeError::Closed`], [`PipeError::Lost`].
     pub fn check(&self) -> Result<(), PipeError> {
-        self.shared.state.lock().fit()
+        self.shared.state.lock().check()
     }
 
-    /// Counts since it was opened.
+    /// The counters since the pipe was opened.
     pub fn stats(&self) -> PipeStats {
         self.shared.state.lock().stats
     }
 
-    /// Ends every call and gives the device back. Closing twice is harmless.
+    /// Ends all calls and releases the device. Further calls of this function have no effect.
     pub fn close(&self) {
         {
             let mut state = self.shared.state.lock();
             state.closing = true;
-            self.shared.wake_all(&state, &*self.line);
+            self.shared.wake_all(&state, &*self.backend);
         }
-        // From here on none is handed over again.
-        let Some(events) = self.open.lock().take() else { return };
-        self.line.cancel_inputs();
-        self.line.interrupt();
-        // It ends when no transfer is under way any more; a panic in it would have no one to hear of it.
+        // `closing` is set, so no transfer is resubmitted.
+        let Some(events) = self.event_thread.lock().take() else { return };
+        self.backend.cancel_inputs();
+        self.backend.interrupt();
+        // The thread ends when all transfers have ended. A panic in it cannot be reported from here.
         let _ = events.join();
         let state = self.shared.state.lock();
-        let (stalled, kept) = (state.stalled, state.deaf && state.pending > 0);
+        let (stalled, leaked) = (state.stalled, state.events_failed && state.submitted > 0);
         drop(state);
-        if kept {
-            // The system has transfers whose end it will not tell: their memory is its own from here on.
-            mem::forget(self.line.clone());
+        if leaked {
+            // The system may still write into transfers whose end it does not report, so their memory is never freed.
+            mem::forget(self.backend.clone());
         }
         if stalled {
-            // Whoever opens it next begins with an endpoint that sends.
-            self.line.unstall_input();
+            // The next program that opens the device is to find a working endpoint.
+            self.backend.clear_input_halt();
         }
-        self.line.release();
+        self.backend.release();
     }
 }
 
@@ -292,8 +292,8 @@ impl Drop for Pipe {
     }
 }
 
-/// What is left of a call's limit. One that is too far away to be a moment is none.
-fn left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>, PipeError> {
+/// The time left until a call's limit; `None` without a limit, or with one too long to be added to the clock.
+fn time_left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>, PipeError> {
     let Some((limit, until)) = limit.and_then(|limit| Some((limit, began.checked_add(limit)?))) else {
         return Ok(None);
     };
@@ -303,18 +303,18 @@ fn left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>, Pip
     }
 }
 
-/// Why the system did not take a transfer.
-const fn gone(error: UsbError) -> PipeError {
+/// The error of a transfer that the system did not take.
+const fn submit_error(error: UsbError) -> PipeError {
     match error {
-        // An interface that is not ours any more: the device was reset under us.
+        // The interface is not claimed any more: the device has reset itself.
         UsbError::NoDevice | UsbError::NotFound => PipeError::Lost(GONE),
         other => PipeError::Usb(other),
     }
 }
 
-fn result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> Result<(), PipeError> {
+fn write_result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> Result<(), PipeError> {
     match (outcome, moved) {
-        // It may have gone through just as it was given up.
+        // A cancelled transfer may have completed just before.
         (Outcome::Done | Outcome::Cancelled, REPORT_LEN) => Ok(()),
         (Outcome::Gone, _) => Err(PipeError::Lost(GONE)),
         (_, 1..) => Err(PipeError::Torn { moved }),

@@ -1,4 +1,5 @@
-//! What happens on a pipe while nobody looks: reports come in and are kept, transfers end, the device goes.
+//! The state behind a pipe, and what happens to it when a transfer ends: a report is queued, a write is done, the device is
+//! lost.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -6,72 +7,78 @@ use std::time::Instant;
 use parking_lot::{Condvar, Mutex};
 
 use super::REPORT_LEN;
+use super::backend::{Outcome, TransferListener};
 use super::error::UsbError;
-use super::line::{Ended, Outcome};
-use super::pipe::{Limits, PipeError, PipeStats};
-use super::rest::Rest;
+use super::input_pause::InputPause;
+use super::pipe::{PipeError, PipeOptions, PipeStats};
 
-/// Transfers in a row that may fail on the wire before the device counts as gone. \[OURS]
-const FAILURES: u32 = 8;
+/// How many transfers in a row may fail on the wire before the device counts as lost. \[OURS]
+const FAILURES_MAX: u32 = 8;
 
-/// Reports that room is made for beforehand; a longer queue grows as it fills. \[OURS]
-const PREPARED: usize = 1024;
+/// For how many reports memory is allocated when the pipe is opened; a longer queue grows as it fills. \[OURS]
+const QUEUE_CAPACITY_INITIAL: usize = 1024;
 
+// Why a device is lost, for the user.
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
 const DEFECT: &str = "a defect of this library has ended its transfers; open it again, and please report it with the \
                       output of ECMSK_LOG=trace";
-/// See [`State::deaf`].
-pub(super) const DEAF: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
+/// With [`State::events_failed`].
+pub(super) const EVENTS_FAILED: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
                                again, and look at the system's log";
 
 /// A report from the device.
 pub(super) struct Report {
     pub bytes: [u8; REPORT_LEN],
+    /// When this process received it from the system.
     pub at: Instant,
+    /// Its number since the pipe was opened, from 0.
     pub number: u64,
 }
 
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// Transfers that the system has.
-    pub pending: usize,
-    /// How the transfer to the device ended, once it has.
-    pub written: Option<(Outcome, usize)>,
+    /// How many transfers are submitted and have not ended.
+    pub submitted: usize,
+    /// How the transfer to the device ended, and after how many bytes; `None` until it has.
+    pub output_result: Option<(Outcome, usize)>,
+    /// Why the device is lost, for the user; `None` while it is there.
     pub lost: Option<&'static str>,
-    /// The endpoint to the host stalled.
+    /// The endpoint to the host has stalled.
     pub stalled: bool,
     pub closing: bool,
+    /// How often reads were cancelled. A read that sees it change ends.
     pub cancelled_reads: u64,
+    /// How often writes were cancelled. A write that sees it change ends.
     pub cancelled_writes: u64,
-    /// A thread handles the line's events.
-    pub handled: bool,
-    /// Times that a call has begun to wait, or has left the line's events.
-    pub turns: u64,
-    /// Calls that wait while another thread handles events.
-    pub waiting: usize,
-    /// The pipe's thread sleeps until a call leaves the line's events.
-    pub asleep: bool,
-    /// Errors of the line's event handling in a row.
+    /// A thread is in [`Backend::handle_events`](super::backend::Backend::handle_events).
+    pub handling_events: bool,
+    /// How often a call has begun to wait or has stopped handling events. The pipe's thread sees by it whether calls come.
+    pub call_count: u64,
+    /// How many calls wait while another thread handles events.
+    pub calls_waiting: usize,
+    /// The pipe's thread sleeps until the call that handles events returns.
+    pub thread_asleep: bool,
+    /// How often in a row the backend's event handling has failed.
     pub event_errors: u32,
-    /// The line's events fail for good: the end of no transfer is told any more, and the system may have some. The device
-    /// is lost.
-    pub deaf: bool,
+    /// The backend's event handling has failed for good. The end of transfers is not reported any more, so the system may
+    /// still own some of them. The device is lost.
+    pub events_failed: bool,
     failures: u32,
-    pub rest: Rest,
+    pub input_pause: InputPause,
     pub stats: PipeStats,
 }
 
 impl State {
-    fn new(limits: Limits) -> Self {
-        let reports = VecDeque::with_capacity(limits.queue.min(PREPARED));
-        Self { reports, rest: Rest::new(limits), ..Self::default() }
+    fn new(options: PipeOptions) -> Self {
+        let reports = VecDeque::with_capacity(options.queue.min(QUEUE_CAPACITY_INITIAL));
+        Self { reports, input_pause: InputPause::new(options), ..Self::default() }
     }
 
-    /// Whether the device is there.
-    pub fn fit(&self) -> Result<(), PipeError> {
+    /// An error if the pipe is closed or the device is lost.
+    pub fn check(&self) -> Result<(), PipeError> {
         if self.closing {
             return Err(PipeError::Closed);
         }
@@ -79,25 +86,25 @@ impl State {
     }
 }
 
-/// What the threads that read, write and close share with the pipe's own.
+/// What the threads that read, write and close share with the pipe's own thread.
 pub(super) struct Shared {
     pub queue: usize,
     pub state: Mutex<State>,
     pub readable: Condvar,
     pub writable: Condvar,
-    /// For the pipe's own thread.
-    pub look_around: Condvar,
+    /// Wakes the pipe's own thread.
+    pub thread_wakeup: Condvar,
 }
 
 impl Shared {
-    /// Keeps the newest reports, as many as `limits` say.
-    pub fn new(limits: Limits) -> Self {
-        let [readable, writable, look_around] = [const { Condvar::new() }; 3];
-        Self { queue: limits.queue, state: Mutex::new(State::new(limits)), readable, writable, look_around }
+    /// The queue keeps the newest [`PipeOptions::queue`] reports.
+    pub fn new(options: PipeOptions) -> Self {
+        let [readable, writable, thread_wakeup] = [const { Condvar::new() }; 3];
+        Self { queue: options.queue, state: Mutex::new(State::new(options)), readable, writable, thread_wakeup }
     }
 
-    /// Ends every wait: the device is gone. Reports that nobody has read are gone with it, and counted: a program that
-    /// looks at a machine's state must not be told an old one as if the board were still there.
+    /// Marks the device as lost and ends every wait. Reports that were not read yet are dropped and counted, because a
+    /// program must not take an old state of the machine for the present one.
     pub fn lose(&self, state: &mut State, why: &'static str) {
         state.lost.get_or_insert(why);
         state.stats.dropped += state.reports.len() as u64;
@@ -107,16 +114,16 @@ impl Shared {
     }
 
     fn keep(&self, state: &mut State, bytes: &[u8]) {
-        // Devices that end a report by an empty packet, and nonsense, are counted.
+        // Some devices end a report with an empty packet. These and other short transfers are counted.
         let Ok(bytes) = <[u8; REPORT_LEN]>::try_from(bytes) else {
             state.stats.short += 1;
             return;
         };
         let number = state.stats.reports;
         state.stats.reports += 1;
-        state.rest.took_one();
+        state.input_pause.note_report();
         if state.lost.is_some() {
-            // It came before the device went, and is looked at afterwards.
+            // It was received before the device was lost and is handled only now.
             state.stats.dropped += 1;
             return;
         }
@@ -129,8 +136,8 @@ impl Shared {
     }
 }
 
-impl Ended for Shared {
-    fn input(&self, number: usize, outcome: Outcome, bytes: &[u8], again: &dyn Fn() -> Result<(), UsbError>) {
+impl TransferListener for Shared {
+    fn input_ended(&self, number: usize, outcome: Outcome, bytes: &[u8], resubmit: &dyn Fn() -> Result<(), UsbError>) {
         let mut state = self.state.lock();
         match outcome {
             Outcome::Done => {
@@ -145,37 +152,38 @@ impl Ended for Shared {
             Outcome::Cancelled | Outcome::Failed => {
                 state.failures += 1;
                 state.stats.failed += u64::from(outcome == Outcome::Failed);
-                if state.failures > FAILURES {
+                if state.failures > FAILURES_MAX {
                     self.lose(&mut state, FAILING);
                 }
             }
         }
-        // With the lock still: whoever closes the pipe cancels what was handed over before, and nothing is afterwards.
+        // Resubmit under the lock: the thread that closes the pipe cancels all that was submitted before it set `closing`, and
+        // nothing may be submitted after that.
         let wanted = !state.closing && state.lost.is_none();
-        let parked = wanted && state.rest.parks(number);
-        if wanted && !parked && again().is_ok() {
+        let held_back = wanted && state.input_pause.keeps_back(number);
+        if wanted && !held_back && resubmit().is_ok() {
             return;
         }
-        state.pending -= 1;
-        if wanted && !parked {
+        state.submitted -= 1;
+        if wanted && !held_back {
             self.lose(&mut state, GONE);
         }
     }
 
-    fn output(&self, outcome: Outcome, moved: usize) {
+    fn output_ended(&self, outcome: Outcome, moved: usize) {
         let mut state = self.state.lock();
-        state.pending -= 1;
-        state.written = Some((outcome, moved));
+        state.submitted -= 1;
+        state.output_result = Some((outcome, moved));
         if outcome == Outcome::Gone {
             self.lose(&mut state, GONE);
         }
         self.writable.notify_all();
     }
 
-    fn defective(&self) {
+    fn panicked(&self) {
         let mut state = self.state.lock();
-        // Nobody waits for the end of a transfer that may have been counted already, or may not.
-        state.deaf = true;
+        // Whether the transfer was counted as ended is unknown, so nobody may wait for its end.
+        state.events_failed = true;
         self.lose(&mut state, DEFECT);
     }
 }

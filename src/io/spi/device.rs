@@ -1,4 +1,4 @@
-//! The wires that the kernel has: a spidev device, and lines of its GPIO chips.
+//! [`Wires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
 
 use std::os::fd::AsFd;
 use std::path::PathBuf;
@@ -7,55 +7,55 @@ use std::time::Duration;
 use rustix::fs::{FlockOperation, flock};
 use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 
-use super::lines::{Input, Output};
-use super::{LinePlace, WireError, Wires, there};
+use super::lines::{BusyLine, ResetLine};
+use super::{GpioLine, WireError, Wires, list_devices};
 
-/// Bits of a word on the wire.
+/// Bits per SPI word.
 const WORD_BITS: u8 = 8;
 
-/// Where the wires are and how they are used.
+/// The device files of the wires, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Places {
-    /// The spidev file.
+pub struct SpiSettings {
+    /// The spidev file, such as `/dev/spidev0.0`.
     pub device: PathBuf,
-    /// Clock, Hz.
+    /// The SPI clock in Hz.
     pub speed_hz: u32,
-    /// SPI mode: 0..=3.
+    /// The SPI mode, 0..=3.
     pub mode: u8,
-    /// The line that shows when the device is busy.
-    pub busy: Option<LinePlace>,
-    /// The line that resets the device when low.
-    pub reset: Option<LinePlace>,
+    /// The BUSY line, if it is wired: high while the device is not ready for an exchange.
+    pub busy: Option<GpioLine>,
+    /// The reset line, if it is wired: low resets the device.
+    pub reset: Option<GpioLine>,
 }
 
-/// Open wires.
+/// Wires that this process has opened.
 pub struct Device {
     name: String,
     spi: Spidev,
-    busy: Option<Input>,
-    reset: Option<Output>,
+    busy: Option<BusyLine>,
+    reset: Option<ResetLine>,
 }
 
 impl Device {
-    /// Opens them; no other program that uses this gets them then.
+    /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
     /// [`WireError`].
-    pub fn open(places: &Places) -> Result<Self, WireError> {
-        let name = places.device.display().to_string();
-        let failed = |error: std::io::Error| WireError::of(&name, &error, || there("spidev"));
-        let mut spi = Spidev::open(&places.device).map_err(failed)?;
-        // spidev itself lets several programs in.
+    pub fn open(settings: &SpiSettings) -> Result<Self, WireError> {
+        let name = settings.device.display().to_string();
+        let failed = |error: std::io::Error| WireError::of(&name, &error, || list_devices("spidev"));
+        let mut spi = Spidev::open(&settings.device).map_err(failed)?;
+        // spidev itself allows several programs to open it.
         flock(spi.inner().as_fd(), FlockOperation::NonBlockingLockExclusive).map_err(|errno| failed(errno.into()))?;
         let options = SpidevOptions::new()
             .bits_per_word(WORD_BITS)
-            .max_speed_hz(places.speed_hz)
+            .max_speed_hz(settings.speed_hz)
             .lsb_first(false)
-            .mode(mode(places.mode))
+            .mode(mode(settings.mode))
             .build();
         spi.configure(&options).map_err(failed)?;
-        let busy = places.busy.as_ref().map(Input::open).transpose()?;
-        let reset = places.reset.as_ref().map(Output::open).transpose()?;
+        let busy = settings.busy.as_ref().map(BusyLine::open).transpose()?;
+        let reset = settings.reset.as_ref().map(ResetLine::open).transpose()?;
         Ok(Self { name, spi, busy, reset })
     }
 }
@@ -74,7 +74,7 @@ impl Wires for Device {
     }
 
     fn busy(&mut self) -> Result<bool, WireError> {
-        self.busy.as_ref().map_or(Ok(false), Input::is_high)
+        self.busy.as_ref().map_or(Ok(false), BusyLine::is_high)
     }
 
     fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
@@ -82,7 +82,7 @@ impl Wires for Device {
     }
 
     fn has_fallen(&mut self) -> Result<bool, WireError> {
-        self.busy.as_mut().map_or(Ok(false), Input::has_fallen)
+        self.busy.as_mut().map_or(Ok(false), BusyLine::has_fallen)
     }
 
     fn reset(&mut self, low: Duration) -> Result<bool, WireError> {

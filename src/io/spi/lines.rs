@@ -1,4 +1,4 @@
-//! Lines of a GPIO chip.
+//! The BUSY and the reset line of a device on SPI, as lines of a GPIO chip.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -7,24 +7,24 @@ use gpiocdev::line::{EdgeDetection, Value};
 use gpiocdev::request::Builder;
 use gpiocdev::{Chip, Request};
 
-use super::{WireError, there};
+use super::{WireError, list_devices};
 
-/// Who the kernel says has a line.
+/// The consumer that the kernel names as the user of a line (`gpioinfo` shows it).
 const CONSUMER: &str = "ecmsk";
-/// Edges taken from the kernel at a time.
-const EDGES: usize = 16;
+/// The most edge events that are read from the kernel at a time.
+const EDGES_PER_READ: usize = 16;
 
-/// Where a line is: `gpiochip0/25`, `/dev/gpiochip0/25`, or with the line's name, `gpiochip0/BUSY`.
+/// The address of a GPIO line: `gpiochip0/25`, `/dev/gpiochip0/25`, or with the line's name, `gpiochip0/BUSY`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LinePlace {
-    /// The chip's file.
+pub struct GpioLine {
+    /// The device file of the GPIO chip.
     pub chip: PathBuf,
-    /// The line's number or name.
+    /// The line's offset on the chip, or its name.
     pub line: String,
 }
 
-impl LinePlace {
-    /// Reads it; `None` if it has no two parts.
+impl GpioLine {
+    /// Parses `chip/line`; `None` if one of the two is missing.
     pub fn parse(text: &str) -> Option<Self> {
         let (chip, line) = text.rsplit_once('/')?;
         let chip = if chip.starts_with('/') { PathBuf::from(chip) } else { PathBuf::from("/dev").join(chip) };
@@ -32,26 +32,27 @@ impl LinePlace {
     }
 }
 
-impl std::fmt::Display for LinePlace {
+impl std::fmt::Display for GpioLine {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "line {} of {}", self.line, self.chip.display())
     }
 }
 
-/// The line that shows when the device is busy.
-pub(super) struct Input {
+/// The line that is high while the device is busy.
+pub(super) struct BusyLine {
     name: String,
     request: Request,
-    /// Made once: what the crate's own call for one edge reads beyond it, it loses.
+    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it loses further events that it
+    /// has read with it.
     edges: Vec<u64>,
-    /// Edges were taken that nobody has asked for yet.
+    /// A falling edge was read that [`Self::has_fallen`] has not reported yet.
     fallen: bool,
 }
 
-impl Input {
-    pub fn open(place: &LinePlace) -> Result<Self, WireError> {
+impl BusyLine {
+    pub fn open(place: &GpioLine) -> Result<Self, WireError> {
         let request = request(place, |line| line.as_input().with_edge_detection(EdgeDetection::FallingEdge))?;
-        let edges = vec![0; EDGES * request.edge_event_u64_size()];
+        let edges = vec![0; EDGES_PER_READ * request.edge_event_u64_size()];
         Ok(Self { name: place.to_string(), request, edges, fallen: false })
     }
 
@@ -60,8 +61,10 @@ impl Input {
         Ok(value == Value::Active)
     }
 
-    /// An edge that comes between the look at the level and the wait ends the wait: the kernel keeps it. One from before
-    /// ends it too, so the level is looked at again, and after a wait that has timed out as well.
+    /// Waits until the line is low, for at most `limit`; whether it is.
+    ///
+    /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so too,
+    /// which is why the level is read again after each wait.
     pub fn wait_low(&mut self, limit: Duration) -> Result<bool, WireError> {
         let began = Instant::now();
         loop {
@@ -97,14 +100,14 @@ impl Input {
     }
 }
 
-/// The line that resets the device, high but for a pulse.
-pub(super) struct Output {
+/// The line that resets the device by a low pulse; otherwise it is high.
+pub(super) struct ResetLine {
     name: String,
     request: Request,
 }
 
-impl Output {
-    pub fn open(place: &LinePlace) -> Result<Self, WireError> {
+impl ResetLine {
+    pub fn open(place: &GpioLine) -> Result<Self, WireError> {
         Ok(Self { name: place.to_string(), request: request(place, |line| line.as_output(Value::Active))? })
     }
 
@@ -119,17 +122,17 @@ impl Output {
     }
 }
 
-/// Takes the line, as what `set` makes of it.
-fn request(place: &LinePlace, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, WireError> {
+/// Requests the line from the kernel, configured by `set`.
+fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, WireError> {
     let offset = find(place)?;
     let mut line = Request::builder();
     line.on_chip(&place.chip).with_consumer(CONSUMER).with_line(offset);
     set(&mut line).request().map_err(|error| refused(place, &error))
 }
 
-/// The line's number on its chip.
-fn find(place: &LinePlace) -> Result<u32, WireError> {
-    let chips = || there("gpiochip");
+/// The line's offset on its chip.
+fn find(place: &GpioLine) -> Result<u32, WireError> {
+    let chips = || list_devices("gpiochip");
     let file = std::fs::File::open(&place.chip);
     file.map_err(|error| WireError::of(&place.chip.display().to_string(), &error, chips))?;
     let chip = Chip::from_path(&place.chip).map_err(|error| refused(place, &error))?;
@@ -147,7 +150,7 @@ fn find(place: &LinePlace) -> Result<u32, WireError> {
     })
 }
 
-fn refused(place: &LinePlace, error: &gpiocdev::Error) -> WireError {
+fn refused(place: &GpioLine, error: &gpiocdev::Error) -> WireError {
     let (what, message) = (place.to_string(), error.to_string());
     let busy = std::io::Error::from(rustix::io::Errno::BUSY).to_string();
     if message.contains(&busy) {

@@ -1,97 +1,94 @@
-//! A device on SPI: whole exchanges under one chip select, a line that says when the next may begin, and one that resets.
+//! A device on SPI: full-duplex exchanges under one chip select, a BUSY line that says when the next may begin, and a reset
+//! line.
 //!
-//! [`Wires`] is the seam; [`Device`] is what the kernel has: spidev and two lines of a GPIO chip.
+//! The link `spi:` uses the trait [`Wires`]. [`Device`] implements it over the kernel's spidev and GPIO lines; tests implement
+//! it themselves.
 
 mod device;
 mod lines;
 
 use std::time::Duration;
 
-pub use device::{Device, Places};
-pub use lines::LinePlace;
+pub use device::{Device, SpiSettings};
+pub use lines::GpioLine;
 use rustix::io::Errno;
 
-/// The wires to one device. Nobody else uses them.
+/// The wires to one device, which only the owner of this value uses.
 pub trait Wires: Send {
-    /// Moves `tx` out and the same number of bytes in, under one chip select.
+    /// Sends `tx` and receives as many bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`WireError`]; how much was moved is not known then.
+    /// [`WireError`]; how many bytes were exchanged is not known then.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
 
-    /// Whether there is a line that shows when the next exchange may begin.
+    /// Whether a BUSY line is wired, which is low when the next exchange may begin.
     fn has_busy(&self) -> bool;
 
-    /// The level of that line, high or not; without one it is never high.
+    /// Whether the BUSY line is high; `false` if none is wired.
     ///
     /// # Errors
     /// [`WireError`].
     fn busy(&mut self) -> Result<bool, WireError>;
 
-    /// Waits until it is low, for at most that long; whether it is. It may have fallen and risen again meanwhile.
+    /// Waits until the BUSY line is low, for at most `limit`; whether it is. It may have fallen and risen again meanwhile.
     ///
     /// # Errors
     /// [`WireError`].
     fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError>;
 
-    /// Whether it has fallen since this was asked last.
+    /// Whether the BUSY line has fallen since the last call of this function.
     ///
     /// # Errors
     /// [`WireError`].
     fn has_fallen(&mut self) -> Result<bool, WireError>;
 
-    /// Pulls the reset line low for at least that long, then lets it go; without one, does nothing and says so.
+    /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
     ///
     /// # Errors
     /// [`WireError`].
     fn reset(&mut self, low: Duration) -> Result<bool, WireError>;
 }
 
-/// Why a wire cannot be used.
+/// Why SPI or a GPIO line cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[expect(missing_docs, reason = "`what` is always the device file or line, and the messages say the rest")]
 pub enum WireError {
-    /// It is not there.
+    /// The device file or the line does not exist.
     #[error("{what} is not there; {there}")]
     Missing {
-        /// What was looked for.
         what: String,
-        /// What is there instead.
+        /// What exists instead, as a text for the user.
         there: String,
     },
-    /// This user may not.
+    /// This user has no permission.
     #[error("{what} may not be used by this user")]
-    Denied {
-        /// What.
-        what: String,
-    },
-    /// It is there and something else.
+    Denied { what: String },
+    /// The file is no device of the expected kind.
     #[error("{what} is no device of that kind; {there}")]
     Another {
-        /// What.
         what: String,
-        /// What there is instead, for the user.
+        /// What exists instead, as a text for the user.
         there: String,
     },
-    /// Somebody else has it.
+    /// Another program, or a driver of the kernel, uses it.
     #[error("{what} is in use{by}")]
     InUse {
-        /// What.
         what: String,
-        /// By whom, ` by ...`, where known.
+        /// Who uses it, as ` by ...`; empty if that is not known.
         by: String,
     },
-    /// The system refuses.
+    /// The system refuses the call.
     #[error("{what}: {message}")]
     Refused {
-        /// What was tried, on what.
+        /// The call and its device file or line.
         what: String,
-        /// The system's words.
+        /// The system's own message.
         message: String,
     },
 }
 
 impl WireError {
-    /// What a failed call on a file of the system means.
+    /// The meaning of an error of the system for a device file.
     fn of(what: &str, error: &std::io::Error, there: impl FnOnce() -> String) -> Self {
         use std::io::ErrorKind::{NotFound, PermissionDenied, ResourceBusy, WouldBlock};
 
@@ -109,13 +106,13 @@ impl WireError {
     }
 }
 
-/// The files of `/dev` whose names begin so, for an error.
-fn there(beginning: &str) -> String {
+/// A text with the files in `/dev` whose names begin with `prefix`, for an error.
+fn list_devices(prefix: &str) -> String {
     let entries = std::fs::read_dir("/dev").into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
-    let mut found: Vec<String> = names.filter(|name| name.starts_with(beginning)).collect();
+    let mut found: Vec<String> = names.filter(|name| name.starts_with(prefix)).collect();
     if found.is_empty() {
-        return format!("there is no /dev/{beginning}* at all");
+        return format!("there is no /dev/{prefix}* at all");
     }
     found.sort();
     format!("there are /dev/{}", found.join(", /dev/"))

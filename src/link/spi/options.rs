@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::io::spi::{LinePlace, Places};
+use crate::io::spi::{GpioLine, SpiSettings};
 use crate::link::keys::{self, Scheme};
 use crate::link::uri::{LinkUri, UriError, slot_size};
 use crate::sk::{CycleTime, SlotSize};
@@ -55,7 +55,7 @@ impl SpiOptions {
     /// # Errors
     /// [`UriError::OtherScheme`] if it is no `spi:` link; [`UriError::BadPath`] without a device;
     /// [`UriError::BadValue`] for a cycle that there is not, or not with these wires.
-    pub fn from_uri(uri: &LinkUri) -> Result<(Self, Places), UriError> {
+    pub fn from_uri(uri: &LinkUri) -> Result<(Self, SpiSettings), UriError> {
         if uri.scheme() != Scheme::Spi {
             return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Spi });
         }
@@ -67,12 +67,12 @@ impl SpiOptions {
             });
         }
         let hertz = |value: &str| keys::hertz(value)?.try_into().ok();
-        let places = Places {
+        let places = SpiSettings {
             device: PathBuf::from(uri.path()),
             speed_hz: uri.required("speed", hertz)?,
             mode: uri.required("mode", |value| value.parse().ok())?,
-            busy: uri.typed("busy", LinePlace::parse)?,
-            reset: uri.typed("reset", LinePlace::parse)?,
+            busy: uri.typed("busy", GpioLine::parse)?,
+            reset: uri.typed("reset", GpioLine::parse)?,
         };
         let options = Self {
             slot: uri.required("slot", slot_size)?,

@@ -3,16 +3,16 @@
 use std::fmt::Write as _;
 
 use super::options::UsbOptions;
-use crate::io::hid::{Found, NotOne, Shape, System};
+use crate::io::hid::{FoundDevice, NotTheBoard, ReportInterface, Sysfs};
 use crate::link::LinkError;
 
 /// The one board that fits.
 pub(super) fn choose<'a>(
     name: &str,
-    found: &'a [Found],
+    found: &'a [FoundDevice],
     options: &UsbOptions,
-    system: &System,
-) -> Result<(&'a Found, Shape), LinkError> {
+    system: &Sysfs,
+) -> Result<(&'a FoundDevice, ReportInterface), LinkError> {
     // One board that need not be told from others is asked nothing.
     let may_ask = options.serial.is_some() || found.len() > 1;
     let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system, may_ask)).collect();
@@ -28,11 +28,11 @@ struct Facts<'a> {
     path: &'a str,
     serial: Option<String>,
     name: Option<String>,
-    not_one: Option<NotOne>,
+    not_one: Option<NotTheBoard>,
 }
 
 impl<'a> Facts<'a> {
-    fn of(found: &'a Found, system: &System, may_ask: bool) -> Self {
+    fn of(found: &'a FoundDevice, system: &Sysfs, may_ask: bool) -> Self {
         let (name, serial) = found.texts(system, may_ask);
         Self { path: &found.path, serial, name, not_one: found.shape.err() }
     }
@@ -89,8 +89,8 @@ fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     if !boards.is_empty() {
         return format!("there is none{wanted}, but {}; correct the link", boards.join(", "));
     }
-    if let Some(off) = found.iter().find(|facts| facts.not_one == Some(NotOne::Unconfigured)) {
-        return format!("{}: {}", off.shown(), NotOne::Unconfigured);
+    if let Some(off) = found.iter().find(|facts| facts.not_one == Some(NotTheBoard::Unconfigured)) {
+        return format!("{}: {}", off.shown(), NotTheBoard::Unconfigured);
     }
     let others: Vec<String> =
         found.iter().filter_map(|facts| Some(format!("{}: {}", facts.shown(), facts.not_one?))).collect();
@@ -118,8 +118,12 @@ mod tests {
     /// WIRE-17, SK-9.2 Devices that share the pair are told from a board by more than it.
     #[test]
     fn a_device_with_the_boards_ids_is_no_board() {
-        let other =
-            || Facts { path: "1-1", serial: None, name: Some("Relay".into()), not_one: Some(NotOne::OtherReports) };
+        let other = || Facts {
+            path: "1-1",
+            serial: None,
+            name: Some("Relay".into()),
+            not_one: Some(NotTheBoard::OtherReports),
+        };
         assert_eq!(one_of(&[other(), board("1-2", "7")], &ANY), Ok(1));
         let why = one_of(&[other()], &ANY).unwrap_err();
         assert!(why.contains("1-1 (Relay): its HID interface has no interrupt endpoints of 512 bytes"), "{why}");
@@ -142,8 +146,8 @@ mod tests {
     /// WIRE-80, SK-9.17 A board without power is named before devices that are none.
     #[test]
     fn a_board_that_is_off_says_why() {
-        let off = Facts { not_one: Some(NotOne::Unconfigured), ..board("1-3", "7") };
-        let relay = Facts { path: "1-1", serial: None, name: None, not_one: Some(NotOne::NoHid) };
+        let off = Facts { not_one: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };
+        let relay = Facts { path: "1-1", serial: None, name: None, not_one: Some(NotTheBoard::NoHid) };
         let why = one_of(&[relay, off], &ANY).unwrap_err();
         assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not switched it on"), "{why}");
         assert!(why.ends_with("a hub with a power supply of its own"), "{why}");

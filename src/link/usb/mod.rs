@@ -17,7 +17,7 @@ use super::options::CommonOptions;
 use super::slot_watch::SlotWatch;
 use super::uri::LinkUri;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
-use crate::io::hid::{self, Bus, Limits, NoBus, Pipe, PipeError, System};
+use crate::io::hid::{self, Bus, BusError, Pipe, PipeError, PipeOptions, Sysfs};
 use crate::sk::{Frame, SlotSize};
 
 /// What a write that may not wait has for the wire itself: a frame takes a microframe of 125 us, and the system its time
@@ -37,7 +37,7 @@ struct UsbLink {
 
 /// Where the board is plugged in.
 struct Place {
-    system: System,
+    system: Sysfs,
     path: String,
     high_speed: bool,
     /// Over-currents of its port when it was opened.
@@ -56,15 +56,15 @@ struct Counts {
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
-    let unusable = |error: NoBus| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
+    let unusable = |error: BusError| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
     let bus = Bus::open().map_err(unusable)?;
     let found = hid::find(&bus, options.vendor, options.product).map_err(|error| unusable(error.into()))?;
-    let system = System::this();
+    let system = Sysfs::of_this_machine();
     let (board, shape) = choose(&name, &found, &options, &system)?;
-    for remark in system.remarks(&board.path, board.high_speed) {
+    for remark in system.warnings(&board.path, board.high_speed) {
         log::warn!("the board at {}: {remark}", board.path);
     }
-    let limits = Limits { transfers: options.transfers, queue: common.queue, rests: uncounted };
+    let limits = PipeOptions { transfers: options.transfers, queue: common.queue, may_pause_input: uncounted };
     let pipe = Pipe::open(board, shape, limits).map_err(|error| refused(&name, board, error, &system))?;
     let over_currents = system.over_currents(&board.path);
     let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };

@@ -1,6 +1,6 @@
 //! Why a board that was found does not open, and what to do.
 
-use crate::io::hid::{Found, Holder, PipeError, System, UsbError};
+use crate::io::hid::{FoundDevice, Holder, PipeError, Sysfs, UsbError};
 use crate::link::LinkError;
 
 /// What to do where this user may not open it, and where the system has no memory for its transfers.
@@ -22,7 +22,7 @@ const MORE_MEMORY: &str = "take fewer (`transfers=`), or end other programs";
 const ANOTHER: &str = "another program that lets nobody else in (close programs for HID devices one by one)";
 
 /// What the system said, in the words of a link.
-pub(super) fn refused(name: &str, board: &Found, error: PipeError, system: &System) -> LinkError {
+pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system: &Sysfs) -> LinkError {
     let path = &board.path;
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
     match error {

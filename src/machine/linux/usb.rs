@@ -6,7 +6,7 @@ mod descriptors;
 pub use descriptors::shape;
 
 use super::Machine;
-pub use crate::io::shape::{NotOne, Shape};
+pub use crate::io::descriptors::{NotTheBoard, ReportInterface};
 use crate::sk::BOARD_IDS;
 
 /// The devices that the kernel knows.
@@ -28,7 +28,7 @@ pub struct UsbDevice {
     /// Its maker.
     pub manufacturer: Option<String>,
     /// Where its reports move, or why it is another device.
-    pub shape: Result<Shape, NotOne>,
+    pub shape: Result<ReportInterface, NotTheBoard>,
     /// The file that is opened to talk to it: `/dev/bus/usb/001/004`; `None`: the kernel does not say.
     pub node: Option<String>,
     /// Its speed in Mbit/s, as the kernel says it: `480` is high speed.

@@ -3,7 +3,7 @@
 use super::findings::{Finding, State, timer};
 use super::printable;
 use super::timing::timer_resolution;
-use crate::io::hid::{self, Bus, NotOne, System, UsbError};
+use crate::io::hid::{self, Bus, NotTheBoard, Sysfs, UsbError};
 use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::sk::BOARD_IDS;
@@ -26,7 +26,7 @@ pub struct Board {
     /// Its serial number, fit to be shown.
     pub serial: Option<String>,
     /// Why it is another device with the same ids.
-    pub not_one: Option<NotOne>,
+    pub not_one: Option<NotTheBoard>,
     /// Why Windows does not open it.
     pub refused: Option<UsbError>,
 }
@@ -76,7 +76,7 @@ impl Machine {
         let (vendor, product) = BOARD_IDS;
         let found = hid::find(&bus, vendor, product)
             .map_err(|error| format!("Windows does not list its HID devices ({error}); start it anew"))?;
-        let system = System::this();
+        let system = Sysfs::of_this_machine();
         Ok(found
             .into_iter()
             .map(|found| {

@@ -1,4 +1,4 @@
-//! libusb's functions, found by their names when the first link `usb:` is opened: neither the build of this crate nor a
+//! libusb's functions, looked up by name when the first link `usb:` is opened, so that neither the build of this crate nor a
 //! program that uses another link needs the library (docs/decisions/libusb-is-loaded-at-run-time.md).
 //!
 //! Names and layouts: `libusb.h` of libusb 1.0.
@@ -11,17 +11,17 @@ use libloading::Library;
 
 use super::UsbError;
 
-/// The library as the dynamic linker knows it.
-const NAME: &str = if cfg!(target_os = "macos") { "libusb-1.0.0.dylib" } else { "libusb-1.0.so.0" };
+/// The file name of the library.
+const LIBRARY_NAME: &str = if cfg!(target_os = "macos") { "libusb-1.0.0.dylib" } else { "libusb-1.0.so.0" };
 
-/// The library cannot be used.
+/// libusb cannot be loaded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("libusb cannot be loaded ({said}); install it: `sudo apt-get install libusb-1.0-0`")]
-pub struct NoLibrary {
-    said: String,
+#[error("libusb cannot be loaded ({message}); install it: `sudo apt-get install libusb-1.0-0`")]
+pub struct LibusbMissing {
+    message: String,
 }
 
-/// Something of libusb's that is known by its address only.
+/// One of libusb's structures that the header leaves undefined. `Kind` tells them apart.
 #[repr(C)]
 pub(super) struct Opaque<Kind> {
     nothing: [u8; 0],
@@ -140,11 +140,11 @@ pub(in crate::io::hid) mod status {
     pub const NO_DEVICE: c_int = 5;
 }
 
-/// A signal has come while the system was waited for.
+/// `LIBUSB_ERROR_INTERRUPTED`: a signal has ended the wait.
 pub(super) const INTERRUPTED: c_int = -10;
 
 impl UsbError {
-    /// `Ok` with what libusb gave back, unless it is an error.
+    /// `Ok` with a return value of libusb, unless it is an error code.
     pub(in crate::io::hid) const fn check(code: c_int) -> Result<c_int, Self> {
         Err(match code {
             0.. => return Ok(code),
@@ -163,19 +163,19 @@ impl UsbError {
 
 macro_rules! functions {
     ($($field:ident = $name:ident ($($argument:ty),*) $(-> $result:ty)?;)*) => {
-        /// The functions that are used.
+        /// The functions of libusb that this crate uses.
         #[derive(Clone, Copy)]
         pub(super) struct Api {
             $(pub $field: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
         }
 
         impl Api {
-            /// Looks them up.
+            /// Looks the functions up.
             ///
             /// # Safety
-            /// The library is libusb 1.0, and stays loaded as long as one of them may be called.
+            /// The library is libusb 1.0, and stays loaded as long as one of its functions may be called.
             unsafe fn of(library: &Library) -> Result<Self, libloading::Error> {
-                // SAFETY: by the caller's promise the functions are those that `libusb.h` declares.
+                // SAFETY: the library is libusb by the caller's promise, so the functions are those that `libusb.h` declares.
                 Ok(unsafe { Self { $($field: *library.get(concat!(stringify!($name), "\0"))?,)* } })
             }
         }
@@ -209,33 +209,33 @@ functions! {
     interrupt = libusb_interrupt_event_handler(*mut RawContext);
 }
 
-/// The system's library; it stays loaded from now on.
-pub(super) fn load() -> Result<&'static Api, NoLibrary> {
+/// Loads the system's libusb, which then stays loaded as long as the process lives.
+pub(super) fn load() -> Result<&'static Api, LibusbMissing> {
     static LOADED: OnceLock<(Api, Library)> = OnceLock::new();
     if LOADED.get().is_none() {
-        let loaded = open().map_err(|error| NoLibrary { said: whole(&error) })?;
+        let loaded = open().map_err(|error| LibusbMissing { message: with_sources(&error) })?;
         LOADED.get_or_init(|| loaded);
     }
-    // What failed is tried again: somebody may install the library meanwhile.
-    LOADED.get().map(|(api, _)| api).ok_or_else(|| NoLibrary { said: String::new() })
+    // A failure is not kept: the next call tries again, since the library may be installed meanwhile.
+    LOADED.get().map(|(api, _)| api).ok_or_else(|| LibusbMissing { message: String::new() })
 }
 
-/// An error with what is behind it: the dynamic linker's own words.
-fn whole(error: &libloading::Error) -> String {
-    let mut said = error.to_string();
+/// An error followed by its sources: the last one is the dynamic linker's own message.
+fn with_sources(error: &libloading::Error) -> String {
+    let mut message = error.to_string();
     let mut next = std::error::Error::source(error);
     while let Some(source) = next {
-        said = format!("{said}: {source}");
+        message = format!("{message}: {source}");
         next = source.source();
     }
-    said
+    message
 }
 
 fn open() -> Result<(Api, Library), libloading::Error> {
-    // SAFETY: what libusb does when it is loaded is harmless, and a library of that name is libusb; it is not unloaded
-    // while its functions are known.
+    // SAFETY: libusb's initialisers have no conditions, and a library of that name is libusb. It is kept in a static beside
+    // its functions and never unloaded.
     unsafe {
-        let library = Library::new(NAME)?;
+        let library = Library::new(LIBRARY_NAME)?;
         Ok((Api::of(&library)?, library))
     }
 }

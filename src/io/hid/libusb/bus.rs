@@ -1,4 +1,4 @@
-//! The USB of this machine, its devices, and a device that is open: libusb's objects with their lifetimes.
+//! libusb's objects as Rust types with their lifetimes: the context, a device, an open handle.
 
 use std::ffi::c_int;
 use std::ptr::{self, NonNull};
@@ -8,26 +8,26 @@ use std::time::Duration;
 
 use super::UsbError;
 use super::api::{
-    self, Api, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, NoLibrary, RawContext, RawDevice,
-    RawHandle,
+    self, Api, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, LibusbMissing, RawContext,
+    RawDevice, RawHandle,
 };
 use crate::threads;
 
-/// USB 2.0 4.1.1: hubs stand in a row of five at most, with the root's port and the device's own.
+/// The most ports on the way from the root hub to a device: USB 2.0 4.1.1 allows five hubs in a row.
 const PORTS_MAX: usize = 7;
 
-/// Why the USB of this machine cannot be used.
+/// Why USB cannot be used on this machine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoBus {
-    /// libusb is not there.
+pub enum BusError {
+    /// libusb is not installed.
     #[error(transparent)]
-    NoLibrary(#[from] NoLibrary),
-    /// libusb finds no USB.
+    LibusbMissing(#[from] LibusbMissing),
+    /// libusb cannot access USB.
     #[error("the USB of this machine cannot be used ({0}); is there one, and /dev/bus/usb?")]
     Usb(#[from] UsbError),
 }
 
-/// The USB of this machine, as libusb sees it.
+/// All USB buses of this machine: a context of libusb.
 pub struct Bus {
     api: &'static Api,
     raw: NonNull<RawContext>,
@@ -39,36 +39,37 @@ unsafe impl Send for Bus {}
 unsafe impl Sync for Bus {}
 
 impl Bus {
-    /// Looks at the USB of this machine.
+    /// Loads libusb and makes a context.
     ///
     /// # Errors
-    /// [`NoBus`].
-    pub fn open() -> Result<Arc<Self>, NoBus> {
+    /// [`BusError`].
+    pub fn open() -> Result<Arc<Self>, BusError> {
         Ok(Self::over(api::load()?)?)
     }
 
-    /// The USB behind these functions.
+    /// Makes a context with these functions.
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
-        // SAFETY: `raw` takes the new context. libusb starts a thread of its own here, which gets no signal either.
+        // SAFETY: `raw` receives the new context. libusb starts a thread of its own here, which must receive no signals of the
+        // program either.
         let code = threads::quietly(|| unsafe { (api.init)(&raw mut raw) }).map_err(|_| UsbError::NotSupported)?;
         UsbError::check(code)?;
         Ok(Arc::new(Self { api, raw: NonNull::new(raw).ok_or(UsbError::NoMemory)? }))
     }
 
-    /// What is plugged in.
+    /// The devices that are plugged in.
     pub(super) fn devices(self: &Arc<Self>) -> Result<Vec<Device>, UsbError> {
         let mut list = ptr::null_mut();
-        // SAFETY: `list` takes an array, which is given back below.
+        // SAFETY: `list` receives an array, which is freed below.
         let count = unsafe { (self.api.devices)(self.raw.as_ptr(), &raw mut list) };
         let Ok(count) = usize::try_from(count) else {
             return Err(UsbError::check(c_int::try_from(count).unwrap_or(-1)).err().unwrap_or(UsbError::Io));
         };
-        // SAFETY: libusb has made so many entries.
+        // SAFETY: the array has `count` entries.
         let all = unsafe { entries(list.cast_const(), count) };
         let devices = all.iter().filter_map(|raw| Some(Device { bus: self.clone(), raw: NonNull::new(*raw)? }));
         let devices = devices.collect();
-        // SAFETY: the array is libusb's; the devices in it, each counted once, are ours now.
+        // SAFETY: the array came from libusb. With 0 the references to its devices are kept, which `Device` drops.
         unsafe { (self.api.free_devices)(list, 0) };
         Ok(devices)
     }
@@ -77,28 +78,28 @@ impl Bus {
         self.api
     }
 
-    /// Waits that long for something to happen, and does what has to be done then.
+    /// Waits for events for at most `limit` and handles them, which calls the transfers' callbacks.
     pub(super) fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
         let mut limit = libc::timeval {
             tv_sec: limit.as_secs() as libc::time_t,
             tv_usec: limit.subsec_micros() as libc::suseconds_t,
         };
-        // SAFETY: the context is there until `drop`.
+        // SAFETY: the context is valid until `drop`.
         let code = unsafe { (self.api.handle_events)(self.raw.as_ptr(), &raw mut limit, ptr::null_mut()) };
-        // The program's own threads wait here, and its signals come to them.
+        // Threads of the program wait here too, and a signal to one of them ends the wait.
         if code == INTERRUPTED { Ok(()) } else { UsbError::check(code).map(drop) }
     }
 
     /// Ends the wait in [`Bus::handle_events`].
     pub(super) fn interrupt(&self) {
-        // SAFETY: the context is there until `drop`.
+        // SAFETY: the context is valid until `drop`.
         unsafe { (self.api.interrupt)(self.raw.as_ptr()) };
     }
 }
 
 impl Drop for Bus {
     fn drop(&mut self) {
-        // SAFETY: devices and handles hold the bus, so that none of them is left.
+        // SAFETY: devices and handles hold a reference to the bus, so none of them exists any more.
         unsafe { (self.api.exit)(self.raw.as_ptr()) };
     }
 }
@@ -114,7 +115,7 @@ unsafe impl Send for Device {}
 // SAFETY: as above.
 unsafe impl Sync for Device {}
 
-/// An interface in its first setting.
+/// An interface with its alternate setting 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Interface {
     pub number: u8,
@@ -122,7 +123,7 @@ pub(super) struct Interface {
     pub endpoints: Vec<Endpoint>,
 }
 
-/// An endpoint, as its descriptor has it.
+/// The fields of an endpoint descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Endpoint {
     pub address: u8,
@@ -134,48 +135,48 @@ impl Device {
     /// idVendor and idProduct.
     pub fn ids(&self) -> Result<(u16, u16), UsbError> {
         let mut descriptor = DeviceDescriptor::default();
-        // SAFETY: the device is there until `drop`; `descriptor` takes what is copied.
+        // SAFETY: the device is valid until `drop`; `descriptor` receives the copy.
         UsbError::check(unsafe { (self.bus.api.device_descriptor)(self.raw.as_ptr(), &raw mut descriptor) })?;
         Ok((descriptor.vendor, descriptor.product))
     }
 
-    /// Number of the bus and address on it: those of its node below /dev/bus/usb.
+    /// Bus number and device address, which name its node below /dev/bus/usb.
     pub fn node(&self) -> (u8, u8) {
-        // SAFETY: the device is there until `drop`.
+        // SAFETY: the device is valid until `drop`.
         unsafe { ((self.bus.api.bus_number)(self.raw.as_ptr()), (self.bus.api.address)(self.raw.as_ptr())) }
     }
 
-    /// The ports on the way to it, from the root.
+    /// The port numbers on the way from the root hub to the device.
     pub fn ports(&self) -> Vec<u8> {
         let mut ports = [0; PORTS_MAX];
-        // SAFETY: the device is there until `drop`; the array has room for so many.
+        // SAFETY: the device is valid until `drop`; the array has `PORTS_MAX` entries.
         let count = unsafe { (self.bus.api.ports)(self.raw.as_ptr(), ports.as_mut_ptr(), PORTS_MAX as c_int) };
         ports[..usize::try_from(count).unwrap_or(0).min(PORTS_MAX)].to_vec()
     }
 
     /// Whether it runs at high speed, 480 Mbit/s.
     pub fn high_speed(&self) -> bool {
-        // SAFETY: the device is there until `drop`.
+        // SAFETY: the device is valid until `drop`.
         unsafe { (self.bus.api.speed)(self.raw.as_ptr()) == HIGH_SPEED }
     }
 
-    /// The interfaces of the configuration that is chosen; [`UsbError::NotFound`]: none is.
+    /// The interfaces of the active configuration; [`UsbError::NotFound`] if none is active.
     pub(super) fn interfaces(&self) -> Result<Vec<Interface>, UsbError> {
         let mut raw = ptr::null_mut();
-        // SAFETY: the device is there until `drop`; `raw` takes a tree of descriptors, which is given back below.
+        // SAFETY: the device is valid until `drop`; `raw` receives a tree of descriptors, which is freed below.
         UsbError::check(unsafe { (self.bus.api.configuration)(self.raw.as_ptr(), &raw mut raw) })?;
         let Some(tree) = NonNull::new(raw) else { return Err(UsbError::NotFound) };
-        // SAFETY: libusb has made it, with counts that are those of its arrays.
+        // SAFETY: the tree came from libusb, so its counts are those of its arrays.
         let interfaces = unsafe { interfaces(tree.as_ref()) };
-        // SAFETY: nothing refers to it any more.
+        // SAFETY: `interfaces` has copied what it needs.
         unsafe { (self.bus.api.free_configuration)(tree.as_ptr()) };
         Ok(interfaces)
     }
 
-    /// Opens it.
+    /// Opens the device.
     pub(super) fn open(&self) -> Result<Handle, UsbError> {
         let mut raw = ptr::null_mut();
-        // SAFETY: the device is there until `drop`; `raw` takes the handle.
+        // SAFETY: the device is valid until `drop`; `raw` receives the handle.
         UsbError::check(unsafe { (self.bus.api.open)(self.raw.as_ptr(), &raw mut raw) })?;
         Ok(Handle { bus: self.bus.clone(), raw: NonNull::new(raw).ok_or(UsbError::NoMemory)? })
     }
@@ -183,12 +184,12 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: it was counted for us in `Bus::devices`.
+        // SAFETY: `Bus::devices` has kept this reference.
         unsafe { (self.bus.api.unref_device)(self.raw.as_ptr()) };
     }
 }
 
-/// A device that is open.
+/// An open device.
 pub(super) struct Handle {
     bus: Arc<Bus>,
     raw: NonNull<RawHandle>,
@@ -208,7 +209,7 @@ impl Handle {
         self.raw.as_ptr()
     }
 
-    /// An interface that is claimed is taken from the kernel's driver, and given back when it is released.
+    /// From now on claiming an interface detaches the kernel's driver from it, and releasing it attaches the driver again.
     pub fn detach_driver_by_itself(&self) -> Result<(), UsbError> {
         // SAFETY: the handle is open until `drop`.
         UsbError::check(unsafe { (self.bus.api.detach_driver_by_itself)(self.raw(), 1) }).map(drop)
@@ -224,7 +225,7 @@ impl Handle {
         UsbError::check(unsafe { (self.bus.api.release)(self.raw(), interface.into()) }).map(drop)
     }
 
-    /// Ends the halt of an endpoint; it has no transfer then.
+    /// Clears the halt of an endpoint that has no transfer submitted.
     pub fn clear_halt(&self, endpoint: u8) -> Result<(), UsbError> {
         // SAFETY: the handle is open until `drop`.
         UsbError::check(unsafe { (self.bus.api.clear_halt)(self.raw(), endpoint) }).map(drop)
@@ -233,13 +234,15 @@ impl Handle {
 
 impl Drop for Handle {
     fn drop(&mut self) {
-        // SAFETY: transfers hold the handle, so that none of them is left.
+        // SAFETY: transfers hold a reference to the handle, so none of them exists any more.
         unsafe { (self.bus.api.close)(self.raw()) };
     }
 }
 
+/// Copies the interfaces of a configuration.
+///
 /// # Safety
-/// The tree is one that libusb made.
+/// `tree` came from libusb.
 unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
     // SAFETY: by the caller's promise, here and below.
     let interfaces = unsafe { entries(tree.interfaces, tree.interface_count.into()) };
@@ -264,10 +267,10 @@ unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
         .collect()
 }
 
-/// An array of C; the null pointer is one without entries.
+/// A C array as a slice; a null pointer stands for no entries.
 ///
 /// # Safety
-/// `first` is null or points to `count` entries, which stay as they are for `'a`.
+/// `first` is null or points to `count` entries, which do not change during `'a`.
 unsafe fn entries<'a, T>(first: *const T, count: usize) -> &'a [T] {
     if first.is_null() || count == 0 {
         return &[];

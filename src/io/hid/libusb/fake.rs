@@ -1,4 +1,5 @@
-//! libusb with a device of which a test has every end: what it sends, takes, refuses, and when it is pulled.
+//! A simulated libusb with one device, for tests. The test decides what the device sends, takes and refuses, and when it is
+//! unplugged.
 
 mod functions;
 
@@ -12,19 +13,19 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use super::api::{RawTransfer, status};
 use super::bus::Bus;
-use super::{Found, REPORT_LEN, UsbError, find};
+use super::{FoundDevice, REPORT_LEN, UsbError, find};
 
 pub const VENDOR: u16 = 0x16C0;
 pub const PRODUCT: u16 = 0x05DF;
 
 const NO_DEVICE: c_int = -4;
 
-/// What the device does with a report that it is sent.
+/// What the device does with a report from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
-    /// It takes it.
+    /// It takes the report.
     All,
-    /// It does not take it; when the host takes it back so many bytes have moved.
+    /// It does not take the report. When the host cancels the transfer `moved` bytes have been transferred.
     None { moved: usize },
     /// Its endpoint stalls until the halt is cleared.
     Nothing,
@@ -63,23 +64,23 @@ struct Inside {
     /// What a call answers instead.
     answers: Vec<(&'static str, c_int)>,
     /// Contexts, devices, handles, claims, transfers that were made and not given back.
-    left: [isize; 5],
-    /// Transfers that a hand over was asked for after the first; see [`World::at_next_hand_over`].
+    leaked: [isize; 5],
+    /// Transfers that a hand over was asked for after the first; see [`FakeUsb::at_next_hand_over`].
     hook: Option<Box<dyn FnOnce() + Send>>,
     cancels: usize,
 }
 
 /// The bus and its one device.
-pub struct World {
+pub struct FakeUsb {
     inside: Mutex<Inside>,
     changed: Condvar,
 }
 
 thread_local! {
-    static NEXT: Cell<Option<&'static World>> = const { Cell::new(None) };
+    static NEXT: Cell<Option<&'static FakeUsb>> = const { Cell::new(None) };
 }
 
-impl World {
+impl FakeUsb {
     /// A world, which lives as long as the test program.
     pub fn new() -> &'static Self {
         Box::leak(Box::new(Self {
@@ -99,7 +100,7 @@ impl World {
                 calls: 0,
                 pulled_at: usize::MAX,
                 answers: Vec::new(),
-                left: [0; 5],
+                leaked: [0; 5],
                 hook: None,
                 cancels: 0,
             }),
@@ -115,7 +116,7 @@ impl World {
 
     /// The device.
     #[track_caller]
-    pub fn found(&'static self) -> Found {
+    pub fn found(&'static self) -> FoundDevice {
         let bus = self.bus().expect("it opens");
         find(&bus, VENDOR, PRODUCT).expect("it lists").pop().expect("it is there")
     }
@@ -204,8 +205,8 @@ impl World {
     }
 
     /// Contexts, devices, handles, claims and transfers that were not given back.
-    pub fn left(&self) -> [isize; 5] {
-        self.inside.lock().left
+    pub fn leaked(&self) -> [isize; 5] {
+        self.inside.lock().leaked
     }
 
     fn enter(&self, name: &str) -> Result<MutexGuard<'_, Inside>, c_int> {
@@ -222,7 +223,7 @@ impl World {
     }
 
     fn count(&self, what: usize, change: isize) {
-        self.inside.lock().left[what] += change;
+        self.inside.lock().leaked[what] += change;
     }
 }
 

@@ -1,39 +1,40 @@
-//! Which devices on the bus have the wanted shape, and why the others have not.
+//! Lists the devices with the board's ids, and decides by their descriptors which of them can be a board.
 
 use std::sync::Arc;
 
 use super::bus::{Bus, Device, Interface};
-use super::{Found, NotOne, Shape, System, UsbError};
-use crate::io::shape::{HID, TO_HOST, moves_reports};
+use super::{FoundDevice, NotTheBoard, ReportInterface, Sysfs, UsbError};
+use crate::io::descriptors::{HID, TO_HOST, carries_reports};
 
-/// All devices of that pair. Nothing is sent to any of them.
+/// All devices with this vendor and product id. Nothing is sent to any of them.
 ///
 /// # Errors
 /// Those of libusb.
-pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<Found>, UsbError> {
-    // A device that goes while it is looked at is none.
+pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice>, UsbError> {
+    // A device that is unplugged meanwhile has no readable ids and is left out.
     let wanted = bus.devices()?.into_iter().filter(|device| device.ids() == Ok((vendor, product)));
-    let mut found: Vec<Found> = wanted.map(look).collect();
+    let mut found: Vec<FoundDevice> = wanted.map(look).collect();
     found.sort_by(|a, b| a.path.cmp(&b.path));
     Ok(found)
 }
 
-impl Found {
-    /// Its name and its serial number as the system has them; nothing is sent to it, whether it may be asked or not.
-    pub fn texts(&self, system: &System, _may_ask: bool) -> (Option<String>, Option<String>) {
+impl FoundDevice {
+    /// The product name and the serial number as the system has them. Nothing is sent to the device; `may_ask` matters on
+    /// Windows only.
+    pub fn texts(&self, system: &Sysfs, _may_ask: bool) -> (Option<String>, Option<String>) {
         (system.name(&self.path), system.serial(&self.path))
     }
 }
 
-fn look(device: Device) -> Found {
+fn look(device: Device) -> FoundDevice {
     let shape = match device.interfaces() {
         Ok(interfaces) => shape(&interfaces),
-        Err(UsbError::NotFound) => Err(NotOne::Unconfigured),
-        Err(_) => Err(NotOne::Descriptors),
+        Err(UsbError::NotFound) => Err(NotTheBoard::Unconfigured),
+        Err(_) => Err(NotTheBoard::Descriptors),
     };
     let node = device.node();
     let path = path(node.0, &device.ports());
-    Found { path, node, high_speed: device.high_speed(), shape, device }
+    FoundDevice { path, node, high_speed: device.high_speed(), shape, device }
 }
 
 fn path(bus: u8, ports: &[u8]) -> String {
@@ -41,18 +42,18 @@ fn path(bus: u8, ports: &[u8]) -> String {
     format!("{bus}-{ports}")
 }
 
-fn shape(interfaces: &[Interface]) -> Result<Shape, NotOne> {
-    let mut why = NotOne::NoHid;
+fn shape(interfaces: &[Interface]) -> Result<ReportInterface, NotTheBoard> {
+    let mut why = NotTheBoard::NoHid;
     for interface in interfaces.iter().filter(|interface| interface.class == HID) {
-        why = NotOne::OtherReports;
+        why = NotTheBoard::OtherReports;
         let endpoint = |to_host: bool| {
             let mut endpoints = interface.endpoints.iter().filter(|endpoint| {
-                moves_reports(endpoint.attributes, endpoint.packet) && (endpoint.address & TO_HOST != 0) == to_host
+                carries_reports(endpoint.attributes, endpoint.packet) && (endpoint.address & TO_HOST != 0) == to_host
             });
             endpoints.next().map(|endpoint| endpoint.address)
         };
         if let (Some(input), Some(output)) = (endpoint(true), endpoint(false)) {
-            return Ok(Shape { interface: interface.number, input, output });
+            return Ok(ReportInterface { interface: interface.number, input, output });
         }
     }
     Err(why)
@@ -82,11 +83,11 @@ mod tests {
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
         let storage = Interface { number: 0, class: 8, endpoints: vec![input, output] };
-        let board = Shape { interface: 1, input: 0x81, output: 0x02 };
+        let board = ReportInterface { interface: 1, input: 0x81, output: 0x02 };
         assert_eq!(shape(&[storage.clone(), hid(&[input, output])]), Ok(board));
         assert_eq!(shape(&[hid(&[]), hid(&[output, endpoint(0x83, 2, 512), input])]), Ok(board));
-        assert_eq!(shape(&[]), Err(NotOne::NoHid));
-        assert_eq!(shape(&[storage]), Err(NotOne::NoHid));
+        assert_eq!(shape(&[]), Err(NotTheBoard::NoHid));
+        assert_eq!(shape(&[storage]), Err(NotTheBoard::NoHid));
         let others = [
             vec![],
             vec![input],
@@ -97,7 +98,7 @@ mod tests {
             vec![input, endpoint(0x02, 3, 513)],
         ];
         for endpoints in others {
-            assert_eq!(shape(&[hid(&endpoints)]), Err(NotOne::OtherReports), "{endpoints:?}");
+            assert_eq!(shape(&[hid(&endpoints)]), Err(NotTheBoard::OtherReports), "{endpoints:?}");
         }
     }
 }

@@ -1,21 +1,21 @@
-//! USB by libusb: every system but Windows.
+//! The backend over libusb, for every system but Windows.
 
 mod api;
+mod backend;
 mod bus;
-mod claimed;
 #[cfg(test)]
 pub(super) mod fake;
 mod find;
 mod transfer;
 
-pub use api::NoLibrary;
+pub use api::LibusbMissing;
 #[cfg(test)]
 pub(super) use api::status;
 pub(super) use bus::Device;
-pub use bus::{Bus, NoBus};
+pub use bus::{Bus, BusError};
 pub use find::find;
 
+pub(super) use super::backend::{Backend, Outcome, TransferListener};
 pub(super) use super::error::UsbError;
-pub(super) use super::found::Found;
-pub(super) use super::line::{Ended, Line, Outcome};
-use super::{NotOne, REPORT_LEN, Shape, System};
+pub(super) use super::found_device::FoundDevice;
+use super::{NotTheBoard, REPORT_LEN, ReportInterface, Sysfs};

@@ -1,4 +1,4 @@
-//! libusb's asynchronous transfers: the one file that hands it memory.
+//! libusb's asynchronous transfers. No other file passes memory to libusb.
 
 use std::cell::UnsafeCell;
 use std::ffi::{c_int, c_void};
@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::api::{INTERRUPT, RawTransfer, status};
 use super::bus::Handle;
-use super::{Ended, Outcome, REPORT_LEN, UsbError};
+use super::{Outcome, REPORT_LEN, TransferListener, UsbError};
 
 impl Outcome {
     const fn of(status: c_int) -> Self {
@@ -22,9 +22,9 @@ impl Outcome {
     }
 }
 
-/// A transfer of one report on an interrupt endpoint. While libusb has it, its buffer is libusb's.
+/// A transfer of one report on an interrupt endpoint. While it is submitted, libusb owns its buffer.
 pub(super) struct Transfer {
-    /// From a box, which has to stay where it is: libusb knows its address.
+    /// A leaked box, because libusb keeps its address.
     inner: NonNull<Inner>,
 }
 
@@ -32,23 +32,23 @@ struct Inner {
     raw: NonNull<RawTransfer>,
     buffer: UnsafeCell<[u8; REPORT_LEN]>,
     to_host: bool,
-    /// Its number, to the host.
+    /// The number of a transfer to the host, for the listener.
     number: usize,
-    listener: Arc<dyn Ended>,
-    /// The transfer names the handle.
+    listener: Arc<dyn TransferListener>,
+    /// Keeps the handle open, which the transfer refers to.
     handle: Arc<Handle>,
 }
 
-// SAFETY: libusb's functions on transfers may be called from any thread; the buffer is touched by whoever has the
-// transfer, see `fill` and `ended`.
+// SAFETY: libusb's functions on transfers may be called from any thread. The buffer is accessed by libusb while the transfer
+// is submitted, otherwise in `fill` and `ended` only.
 unsafe impl Send for Transfer {}
-// SAFETY: as above; `fill` asks its caller to be alone.
+// SAFETY: as above; the caller of `fill` sees to it that no two threads are in it.
 unsafe impl Sync for Transfer {}
 
 impl Transfer {
-    /// A transfer for the endpoint of that address; `None`: there is no memory.
-    pub fn new(handle: &Arc<Handle>, endpoint: u8, number: usize, listener: Arc<dyn Ended>) -> Option<Self> {
-        // SAFETY: a transfer without isochronous packets.
+    /// Makes a transfer for the endpoint with this address; `None` if there is no memory.
+    pub fn new(handle: &Arc<Handle>, endpoint: u8, number: usize, listener: Arc<dyn TransferListener>) -> Option<Self> {
+        // SAFETY: the function has no conditions. 0 is the number of isochronous packets.
         let raw = NonNull::new(unsafe { (handle.bus().api().new_transfer)(0) })?;
         let inner = NonNull::from(Box::leak(Box::new(Inner {
             raw,
@@ -58,8 +58,8 @@ impl Transfer {
             listener,
             handle: handle.clone(),
         })));
-        // SAFETY: `raw` is a fresh transfer of ours alone; what it points to stays until `drop`, before which the owner
-        // sees to it that libusb does not have it.
+        // SAFETY: `raw` is a new transfer that nothing else refers to. What its fields point to lives until `drop`, and the
+        // owner drops a transfer only after it has ended.
         unsafe {
             let fields = raw.as_ptr();
             (*fields).handle = handle.raw();
@@ -75,25 +75,25 @@ impl Transfer {
     }
 
     fn inner(&self) -> &Inner {
-        // SAFETY: it is there until `drop`, and only shared references to it are made.
+        // SAFETY: the box is freed in `drop` only, and no other code makes unique references to it.
         unsafe { self.inner.as_ref() }
     }
 
-    /// Sets what goes to the device.
+    /// Sets the report that is sent to the device.
     ///
     /// # Safety
-    /// libusb does not have the transfer, and no other thread is here.
+    /// The transfer is not submitted, and no other thread calls this function.
     pub unsafe fn fill(&self, report: &[u8; REPORT_LEN]) {
-        // SAFETY: by the caller's promise nobody else touches the buffer.
+        // SAFETY: by the caller's promise nobody else accesses the buffer.
         unsafe { (*self.inner().buffer.get()).copy_from_slice(report) };
     }
 
-    /// Hands the transfer to libusb; its end is told to the listener, by the thread that handles events.
-    pub fn hand_over(&self) -> Result<(), UsbError> {
-        self.inner().hand_over()
+    /// Submits the transfer. The thread that handles events calls the listener when it has ended.
+    pub fn submit(&self) -> Result<(), UsbError> {
+        self.inner().submit()
     }
 
-    /// Asks libusb to end it soon; without effect on one that it has not.
+    /// Cancels the transfer, which then ends soon; without effect on one that is not submitted.
     pub fn cancel(&self) {
         let inner = self.inner();
         // SAFETY: the transfer is valid until `drop`.
@@ -103,43 +103,44 @@ impl Transfer {
 
 impl Drop for Transfer {
     fn drop(&mut self) {
-        // SAFETY: it came from a box, and the owner waits for the end of a transfer before it drops it.
+        // SAFETY: it came from a box, and the owner drops a transfer only after it has ended.
         let inner = unsafe { Box::from_raw(self.inner.as_ptr()) };
-        // SAFETY: without flags libusb frees neither buffer nor user data.
+        // SAFETY: no flag is set that makes libusb free the buffer as well.
         unsafe { (inner.handle.bus().api().free_transfer)(inner.raw.as_ptr()) };
     }
 }
 
 impl Inner {
-    fn hand_over(&self) -> Result<(), UsbError> {
-        // SAFETY: the transfer is filled; libusb refuses one that it has already.
+    fn submit(&self) -> Result<(), UsbError> {
+        // SAFETY: `new` has set all fields; libusb refuses a transfer that is submitted already.
         UsbError::check(unsafe { (self.handle.bus().api().submit)(self.raw.as_ptr()) }).map(drop)
     }
 }
 
-/// libusb's call when a transfer has ended. A panic that left it would end the program, whose axes may be moving.
+/// The callback that libusb calls when a transfer has ended. A panic must not leave it: that would abort the program, whose
+/// axes may be moving.
 extern "C" fn ended(raw: *mut RawTransfer) {
-    if catch_unwind(|| tell(raw)).is_ok() {
+    if catch_unwind(|| call_listener(raw)).is_ok() {
         return;
     }
-    // SAFETY: as in `tell`.
+    // SAFETY: as in `call_listener`.
     let transfer = unsafe { &*(*raw).user_data.cast::<Inner>() };
-    let lost = catch_unwind(AssertUnwindSafe(|| transfer.listener.defective()));
+    let lost = catch_unwind(AssertUnwindSafe(|| transfer.listener.panicked()));
     let also = if lost.is_err() { ", and so has what was to end the link" } else { "" };
     log::error!("a defect of this library: what takes reports from libusb has panicked{also}; open the board again");
 }
 
-/// Tells the listener how the transfer ended.
-fn tell(raw: *mut RawTransfer) {
-    // SAFETY: libusb gives the transfer back, with the user data of `Transfer::new`, which live until after this call.
+/// Calls the listener with the result of the transfer.
+fn call_listener(raw: *mut RawTransfer) {
+    // SAFETY: libusb passes the transfer with the user data that `Transfer::new` has set, which live until after this call.
     let (transfer, status, moved) = unsafe { (&*(*raw).user_data.cast::<Inner>(), (*raw).status, (*raw).moved) };
     let outcome = Outcome::of(status);
     let moved = usize::try_from(moved).unwrap_or(0).min(REPORT_LEN);
     if !transfer.to_host {
-        return transfer.listener.output(outcome, moved);
+        return transfer.listener.output_ended(outcome, moved);
     }
-    // SAFETY: libusb does not have the transfer now, and nobody else touches the buffer of one to the host. It is copied,
-    // since the listener may hand the transfer over again while it has the bytes.
+    // SAFETY: the transfer has ended, and nobody else accesses the buffer of a transfer to the host. The bytes are copied,
+    // since the listener may submit the transfer again while it uses them.
     let bytes = unsafe { *transfer.buffer.get() };
-    transfer.listener.input(transfer.number, outcome, &bytes[..moved], &|| transfer.hand_over());
+    transfer.listener.input_ended(transfer.number, outcome, &bytes[..moved], &|| transfer.submit());
 }

@@ -1,21 +1,21 @@
-//! The pipe over a libusb of which the test has every end: what a kernel does only by accident happens here at will.
+//! The pipe over a simulated libusb, which does on request what a kernel does by accident only.
 
 use std::sync::mpsc;
 use std::thread;
 
 use super::super::calls::{PATIENCE, in_time, read};
-use super::super::libusb::fake::{self, Takes, World};
+use super::super::libusb::fake::{self, FakeUsb, Takes};
 use super::super::libusb::status;
-use super::super::reports::DEAF;
+use super::super::reports::EVENTS_FAILED;
 use super::*;
 
-const SHAPE: Shape = Shape { interface: 0, input: 0x81, output: 0x02 };
-const LIMITS: Limits = Limits { transfers: 3, queue: 4, rests: false };
+const SHAPE: ReportInterface = ReportInterface { interface: 0, input: 0x81, output: 0x02 };
+const LIMITS: PipeOptions = PipeOptions { transfers: 3, queue: 4, may_pause_input: false };
 const NOTHING_LEFT: [isize; 5] = [0; 5];
 const SOON: Option<Duration> = Some(Duration::from_millis(20));
 
 #[track_caller]
-fn open(world: &'static World) -> Pipe {
+fn open(world: &'static FakeUsb) -> Pipe {
     let found = world.found();
     assert_eq!((found.shape, found.path.as_str(), found.node), (Ok(SHAPE), "9-2", (9, 7)));
     Pipe::open(&found, SHAPE, LIMITS).expect("it opens")
@@ -27,14 +27,14 @@ struct Panics {
     lost: Mutex<bool>,
 }
 
-impl crate::io::hid::line::Ended for Panics {
-    fn input(&self, _: usize, _: Outcome, _: &[u8], _: &dyn Fn() -> Result<(), UsbError>) {
+impl crate::io::hid::backend::TransferListener for Panics {
+    fn input_ended(&self, _: usize, _: Outcome, _: &[u8], _: &dyn Fn() -> Result<(), UsbError>) {
         panic!("this panic is part of the test");
     }
 
-    fn output(&self, _: Outcome, _: usize) {}
+    fn output_ended(&self, _: Outcome, _: usize) {}
 
-    fn defective(&self) {
+    fn panicked(&self) {
         *self.lost.lock() = true;
         panic!("so is this one");
     }
@@ -43,24 +43,24 @@ impl crate::io::hid::line::Ended for Panics {
 /// WIRE-122 A panic in what libusb calls does not leave it: the program goes on, and the board is lost.
 #[test]
 fn a_panic_in_the_callback_does_not_end_the_program() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let listener = Arc::new(Panics::default());
-    let line = world.found().device.line(SHAPE, 1, &listener).expect("it opens");
-    line.begin_input(0).expect("it is handed over");
+    let backend = world.found().device.open_backend(SHAPE, 1, &listener).expect("it opens");
+    backend.submit_input(0).expect("it is handed over");
     world.send(status::COMPLETED, &[1; 512]);
     while !*listener.lost.lock() {
-        line.handle_events(PATIENCE).expect("events are handled");
+        backend.handle_events(PATIENCE).expect("events are handled");
     }
     let shared = Shared::new(LIMITS);
-    crate::io::hid::line::Ended::defective(&shared);
-    let why = shared.state.lock().fit().unwrap_err().to_string();
+    crate::io::hid::backend::TransferListener::panicked(&shared);
+    let why = shared.state.lock().check().unwrap_err().to_string();
     assert!(why.contains("defect") && why.contains("open it again"), "{why}");
 }
 
 /// WIRE-19, WIRE-82 Reports come in their order with their numbers; what is no whole one is skipped and counted.
 #[test]
 fn empty_and_short_reports_are_skipped_and_counted() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     for bytes in [&[1; 512][..], &[], &[2; 511], &[3; 1], &[4; 512]] {
         world.send(status::COMPLETED, bytes);
@@ -74,7 +74,7 @@ fn empty_and_short_reports_are_skipped_and_counted() {
 /// WIRE-19
 #[test]
 fn of_reports_nobody_reads_the_newest_are_kept() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     (0..10).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
     world.until_pending(LIMITS.transfers);
@@ -89,7 +89,7 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
 /// all the same, more of them than transfers wait.
 #[test]
 fn reports_are_taken_between_two_calls() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     let mut sent = 0;
     for _ in 0..20 {
@@ -109,10 +109,10 @@ fn reports_are_taken_between_two_calls() {
 
 /// A read that waits and handles libusb's events, while the pipe's thread sleeps: nobody looks whether there are any.
 #[track_caller]
-fn waiting_reader(world: &World, pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<(u8, u64), PipeError>> {
+fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<(u8, u64), PipeError>> {
     let reads = pipe.clone();
     let reader = thread::spawn(move || read(&reads, None));
-    let state = || (pipe.shared.state.lock().asleep, world.event_waits());
+    let state = || (pipe.shared.state.lock().thread_asleep, world.event_waits());
     for round in 0..400 {
         if round % 3 == 0 {
             // Whoever handles them is interrupted: the pipe's thread, which began before the call, leaves them to it then.
@@ -131,7 +131,7 @@ fn waiting_reader(world: &World, pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<
 /// between two calls then too.
 #[test]
 fn the_pipes_thread_sleeps_while_a_call_waits() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
     for round in 0..10 {
         let reader = waiting_reader(world, &pipe);
@@ -148,7 +148,7 @@ fn the_pipes_thread_sleeps_while_a_call_waits() {
 /// WIRE-20 A write that finds the board gone ends a read that handles events, though nothing else happens.
 #[test]
 fn a_write_that_finds_the_board_gone_ends_a_read() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
     let reader = waiting_reader(world, &pipe);
     world.answer("submit", -4);
@@ -159,7 +159,7 @@ fn a_write_that_finds_the_board_gone_ends_a_read() {
 /// LIB-65 A write that finds the board gone: of the reports that were kept none is read any more, they count as dropped.
 #[test]
 fn kept_reports_go_with_the_board() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     (0..4).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
     assert_eq!(read(&pipe, Some(PATIENCE)), Ok((0, 0)));
@@ -176,7 +176,7 @@ fn kept_reports_go_with_the_board() {
 #[test]
 fn events_that_fail_for_good_end_every_call() {
     for closed in [false, true] {
-        let world = World::new();
+        let world = FakeUsb::new();
         let pipe = Arc::new(open(world));
         world.set_takes(Takes::None { moved: 0 });
         let reader = waiting_reader(world, &pipe);
@@ -192,12 +192,15 @@ fn events_that_fail_for_good_end_every_call() {
         }
         for call in [in_time(|| reader.join().unwrap().map(drop)), in_time(|| writer.join().unwrap())] {
             // A call is ended by what comes first.
-            assert!(call == Err(PipeError::Lost(DEAF)) || (closed && call == Err(PipeError::Closed)), "{call:?}");
+            assert!(
+                call == Err(PipeError::Lost(EVENTS_FAILED)) || (closed && call == Err(PipeError::Closed)),
+                "{call:?}"
+            );
         }
-        let ended = Err(if closed { PipeError::Closed } else { PipeError::Lost(DEAF) });
+        let ended = Err(if closed { PipeError::Closed } else { PipeError::Lost(EVENTS_FAILED) });
         assert_eq!((read(&pipe, None).map(drop), pipe.write(&[2; REPORT_LEN], None)), (ended, ended));
         in_time(move || drop(pipe));
-        let [_, _, _, claims, _] = world.left();
+        let [_, _, _, claims, _] = world.leaked();
         assert_eq!(claims, 0, "others may have the board");
     }
 }
@@ -205,7 +208,7 @@ fn events_that_fail_for_good_end_every_call() {
 /// WIRE-95 Errors now and then are none of the board's: reports go on.
 #[test]
 fn events_that_fail_at_times_end_nothing() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     for round in 0..4 {
         world.fail_events(40);
@@ -213,14 +216,14 @@ fn events_that_fail_at_times_end_nothing() {
         assert_eq!(read(&pipe, Some(PATIENCE)), Ok((7, round)));
     }
     drop(pipe);
-    assert_eq!(world.left(), NOTHING_LEFT);
+    assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
 /// WIRE-20 The call that handles libusb's events for all ends: the others go on, and end by what they wait for.
 #[test]
 fn calls_do_not_need_one_another() {
     for round in 0..20 {
-        let world = World::new();
+        let world = FakeUsb::new();
         let pipe = Arc::new(open(world));
         world.set_takes(Takes::None { moved: 0 });
         let (reads, writes) = (pipe.clone(), pipe.clone());
@@ -241,7 +244,7 @@ fn calls_do_not_need_one_another() {
 /// WIRE-83 A board that refuses to send is lost at once, with what to do; whoever opens it next finds the halt cleared.
 #[test]
 fn a_stall_of_the_board_ends_every_read() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
     let waits = pipe.clone();
     let reader = thread::spawn(move || read(&waits, None));
@@ -253,13 +256,13 @@ fn a_stall_of_the_board_ends_every_read() {
     pipe.close();
     assert_eq!(world.halts_cleared(), [SHAPE.input]);
     drop(pipe);
-    assert_eq!(world.left(), NOTHING_LEFT);
+    assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
 /// WIRE-83 A report that the board refuses is an error of that write; reads go on, and so does the next write.
 #[test]
 fn a_stall_of_a_write_is_an_error_of_that_write() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     world.set_takes(Takes::Nothing);
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Stalled));
@@ -274,7 +277,7 @@ fn a_stall_of_a_write_is_an_error_of_that_write() {
 /// WIRE-18 A write that reached its limit, was cancelled or closed tells whether nothing, a part or all has moved.
 #[test]
 fn a_write_that_is_given_up_says_what_has_moved() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
     let limit = SOON.unwrap();
     for (moved, expected) in
@@ -305,7 +308,7 @@ fn a_write_that_is_given_up_says_what_has_moved() {
 /// says that the board is gone; nothing is left of the device.
 #[test]
 fn a_cable_cut_at_any_moment_ends_every_call() {
-    fn run(world: &'static World) -> Result<(), PipeError> {
+    fn run(world: &'static FakeUsb) -> Result<(), PipeError> {
         let bus = world.bus()?;
         let found = super::super::find(&bus, fake::VENDOR, fake::PRODUCT)?.pop();
         let found = found.ok_or(UsbError::NoDevice)?;
@@ -322,18 +325,18 @@ fn a_cable_cut_at_any_moment_ends_every_call() {
         pipe.close();
         all
     }
-    let whole = World::new();
+    let whole = FakeUsb::new();
     assert_eq!(run(whole), Ok(()));
-    assert_eq!(whole.left(), NOTHING_LEFT);
+    assert_eq!(whole.leaked(), NOTHING_LEFT);
     let mut lost = 0;
     for call in 1..=whole.calls() {
-        let world = World::new();
+        let world = FakeUsb::new();
         world.pull_at(call);
         match in_time(move || run(world)) {
             Err(PipeError::Lost(_) | PipeError::Usb(UsbError::NoDevice)) => lost += 1,
             other => assert_eq!(other, Ok(()), "call {call} of {}", whole.calls()),
         }
-        assert_eq!(world.left(), NOTHING_LEFT, "call {call}");
+        assert_eq!(world.leaked(), NOTHING_LEFT, "call {call}");
     }
     assert!(lost >= 10, "most calls come before the end: {lost} of {}", whole.calls());
 }
@@ -341,7 +344,7 @@ fn a_cable_cut_at_any_moment_ends_every_call() {
 /// WIRE-20, WIRE-84
 #[test]
 fn reader_and_writer_are_told_when_the_cable_is_pulled() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
     world.set_takes(Takes::None { moved: 0 });
     let (reads, writes) = (pipe.clone(), pipe.clone());
@@ -360,7 +363,7 @@ fn reader_and_writer_are_told_when_the_cable_is_pulled() {
 /// closes, who would wait for the board's next report.
 #[test]
 fn a_report_in_the_moment_of_closing_holds_nobody_up() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
     let (closing, closed) = mpsc::channel();
     let closer = pipe.clone();
@@ -380,7 +383,7 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
 /// WIRE-85 Signals to the thread that reads, as many as there may be, are no errors: reports go on at once.
 #[test]
 fn signals_do_not_hold_up_reports() {
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     world.signal(2000);
     world.send(status::COMPLETED, &[7; 512]);
@@ -391,7 +394,7 @@ fn signals_do_not_hold_up_reports() {
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {
     const ERROR: i32 = 1;
-    let world = World::new();
+    let world = FakeUsb::new();
     let pipe = open(world);
     for _ in 0..5 {
         (0..8).for_each(|_| world.send(ERROR, &[]));
@@ -414,36 +417,36 @@ fn an_open_that_fails_leaves_nothing() {
         ("submit", -11, PipeError::Usb(UsbError::NoMemory)),
         ("submit", -4, PipeError::Lost(GONE)),
     ] {
-        let world = World::new();
+        let world = FakeUsb::new();
         world.answer(name, code);
         let found = world.found();
         let refused = Pipe::open(&found, SHAPE, LIMITS).map(drop);
         assert_eq!(refused, Err(error), "{name}");
         drop(found);
-        assert_eq!(world.left(), NOTHING_LEFT, "{name}");
+        assert_eq!(world.leaked(), NOTHING_LEFT, "{name}");
     }
-    let world = World::new();
+    let world = FakeUsb::new();
     world.answer("detach_driver_by_itself", -12);
     drop(open(world));
-    assert_eq!(world.left(), NOTHING_LEFT, "a system without kernel drivers");
+    assert_eq!(world.leaked(), NOTHING_LEFT, "a system without kernel drivers");
 }
 
 /// WIRE-17 A device that the system has not switched on says so; one whose descriptors make no sense too.
 #[test]
 fn a_device_without_descriptors_is_no_board() {
-    use super::super::NotOne;
+    use super::super::NotTheBoard;
 
-    for (code, why) in [(-5, NotOne::Unconfigured), (-1, NotOne::Descriptors)] {
-        let world = World::new();
+    for (code, why) in [(-5, NotTheBoard::Unconfigured), (-1, NotTheBoard::Descriptors)] {
+        let world = FakeUsb::new();
         world.answer("configuration", code);
         assert_eq!(world.found().shape, Err(why));
     }
-    assert!(NotOne::Unconfigured.to_string().contains("too little power"));
-    let world = World::new();
+    assert!(NotTheBoard::Unconfigured.to_string().contains("too little power"));
+    let world = FakeUsb::new();
     world.answer("devices", -11);
     let bus = world.bus().unwrap();
     assert!(matches!(super::super::find(&bus, 1, 2), Err(UsbError::NoMemory)));
-    let world = World::new();
+    let world = FakeUsb::new();
     world.answer("init", -99);
     assert!(matches!(world.bus(), Err(UsbError::Other(-99))));
 }

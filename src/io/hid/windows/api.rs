@@ -1,5 +1,5 @@
-//! The functions of Windows that are used, imported as the vendor's library imports them: to load `setupapi.dll` takes longer
-//! than to open a board. Every one is there since Windows Vista.
+//! The functions of Windows that this crate uses. They are imported, as the vendor's library imports them, because loading
+//! `setupapi.dll` at run time takes longer than opening a board. All of them exist since Windows Vista.
 //!
 //! Names and layouts: `fileapi.h`, `ioapiset.h`, `minwinbase.h`, `hidsdi.h`, `hidpi.h`, `setupapi.h`, `cfgmgr32.h`.
 
@@ -69,12 +69,13 @@ pub struct DeviceData {
 #[repr(C)]
 pub struct InterfaceDetail {
     pub size: u32,
-    pub path: [u16; LONGEST_PATH],
+    pub path: [u16; PATH_LEN_MAX],
 }
 
-/// Paths of HID devices have some 100 characters.
-pub const LONGEST_PATH: usize = 1024;
-/// The size that is stated of it: that of the structure with room for one character, which is packed on x86.
+/// Room for a device path and its zero, in UTF-16 units. Paths of HID devices have some 100 characters.
+pub const PATH_LEN_MAX: usize = 1024;
+/// The value of [`InterfaceDetail::size`]: the size of the C structure, whose path has one character and which is packed on
+/// x86.
 pub const INTERFACE_DETAIL_SIZE: u32 = if cfg!(target_pointer_width = "64") { 8 } else { 6 };
 
 /// `HIDP_CAPS`
@@ -95,7 +96,7 @@ pub type DeviceList = *mut c_void;
 
 macro_rules! functions {
     ($($library:literal: { $($field:ident = $name:ident ($($argument:ty),*) $(-> $result:ty)?;)* })*) => {
-        /// The functions.
+        /// The functions of Windows, or those of a simulated one in tests.
         #[derive(Clone, Copy)]
         pub struct Api {
             $($(pub $field: unsafe extern "system" fn($($argument),*) $(-> $result)?,)*)*
@@ -113,7 +114,7 @@ macro_rules! functions {
 
         #[cfg(windows)]
         impl Api {
-            /// Windows' own.
+            /// The functions of the running Windows.
             pub const WINDOWS: Self = Self { $($($field: imported::$name,)*)* };
         }
     };

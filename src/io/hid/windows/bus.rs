@@ -7,7 +7,7 @@ use super::api::Api;
 /// Why the HID devices of this machine cannot be used.
 #[cfg(windows)]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoBus {
+pub enum BusError {
     /// Windows lists no devices.
     #[error("Windows does not list its HID devices ({0}); start it anew")]
     Usb(#[from] super::UsbError),
@@ -19,16 +19,16 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Windows' HID driver, which is always there.
+    /// Windows' HID driver, which every Windows has.
     ///
     /// # Errors
-    /// None; [`NoBus`] is why its devices cannot be listed.
+    /// None. [`BusError`] is used where its devices cannot be listed.
     #[cfg(windows)]
-    pub fn open() -> Result<Arc<Self>, NoBus> {
+    pub fn open() -> Result<Arc<Self>, BusError> {
         Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 
-    /// The driver behind these functions.
+    /// The driver that these functions reach.
     #[cfg(test)]
     pub(super) fn over(api: Api) -> Arc<Self> {
         Arc::new(Self { api })
@@ -38,9 +38,9 @@ impl Bus {
         &self.api
     }
 
-    /// What the last call of this thread failed by.
+    /// The error code of this thread's last call of Windows.
     pub(super) fn last_error(&self) -> u32 {
-        // SAFETY: it has no conditions.
+        // SAFETY: the function has no conditions.
         unsafe { (self.api.last_error)() }
     }
 }
@@ -48,8 +48,8 @@ impl Bus {
 /// A device of the HID driver.
 pub struct Device {
     pub(super) bus: Arc<Bus>,
-    /// With a zero at its end.
+    /// The device path, terminated by a zero.
     pub(super) path: Vec<u16>,
-    /// The serial number, if Windows' name of the device says it.
+    /// The serial number, if Windows' name of the USB device contains it.
     pub(super) serial: Option<String>,
 }

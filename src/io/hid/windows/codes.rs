@@ -1,21 +1,20 @@
-//! What Windows' error codes say of a device: `winerror.h`.
+//! The meaning of Windows' error codes (`winerror.h`) for a device.
 
 use super::{Outcome, UsbError};
 
-/// `ERROR_IO_PENDING`: the transfer was handed over.
+/// `ERROR_IO_PENDING`: the transfer is submitted.
 pub const PENDING: u32 = 997;
-/// `WAIT_TIMEOUT`: nothing has happened.
+/// `WAIT_TIMEOUT`: nothing has happened within the limit.
 pub const NOTHING_YET: u32 = 258;
 /// `ERROR_OPERATION_ABORTED`
 const ABORTED: u32 = 995;
 
-/// The device is not there any more: its path leads nowhere, or its handle to nothing. Which of them a removal gives
-/// depends on the Windows and on the moment: not found (2, 3), access denied (5, as a deletion that is under way says to a
-/// handle that is open), invalid handle (6), no such device (55, 433), delete pending (303), not connected (1167), removed
-/// (1617).
+/// The codes that mean that the device was unplugged. Which of them a call returns depends on the version of Windows and on
+/// the moment: not found (2, 3), access denied (5, on an open handle whose device is being deleted), invalid handle (6), no
+/// such device (55, 433), delete pending (303), not connected (1167), removed (1617).
 const GONE: [u32; 9] = [2, 3, 5, 6, 55, 303, 433, 1167, 1617];
 
-/// How a transfer ended; 0 is success.
+/// How a transfer ended, by its error code; 0 is success.
 pub fn outcome(code: u32) -> Outcome {
     match code {
         0 => Outcome::Done,
@@ -25,20 +24,20 @@ pub fn outcome(code: u32) -> Outcome {
     }
 }
 
-/// Why a device that is open takes no transfer.
-pub fn refused(code: u32) -> UsbError {
-    if GONE.contains(&code) { UsbError::NoDevice } else { error(code) }
+/// The error of an open device that takes no transfer.
+pub fn submit_error(code: u32) -> UsbError {
+    if GONE.contains(&code) { UsbError::NoDevice } else { open_error(code) }
 }
 
-/// Why a device does not open.
-pub fn error(code: u32) -> UsbError {
+/// The error of a device that does not open.
+pub fn open_error(code: u32) -> UsbError {
     match code {
-        // Of the path, the device, and the port it was on.
+        // As in `GONE`, without the codes that mean something else for a device that is being opened.
         2 | 3 | 55 | 303 | 433 | 1167 | 1617 => UsbError::NoDevice,
         5 => UsbError::Access,
         // Not enough memory (8, 14), no system resources (1450), quota (1816).
         8 | 14 | 1450 | 1816 => UsbError::NoMemory,
-        // Another program has opened it and lets nobody else in.
+        // Another program has opened the device without sharing it.
         32 => UsbError::Busy,
         // General failure, a timeout on the wire, an I/O error.
         31 | 121 | 1117 => UsbError::Io,
@@ -59,10 +58,10 @@ mod tests {
         assert_eq!(outcome(0), Outcome::Done);
         assert_eq!(outcome(995), Outcome::Cancelled);
         for code in [5, 433, 1167, 1617] {
-            assert_eq!((outcome(code), refused(code)), (Outcome::Gone, UsbError::NoDevice), "{code}");
+            assert_eq!((outcome(code), submit_error(code)), (Outcome::Gone, UsbError::NoDevice), "{code}");
         }
-        assert_eq!((outcome(31), refused(31)), (Outcome::Failed, UsbError::Io), "the wire may be better soon");
-        let opening = [2, 5, 32, 1450, 1784, 1234].map(error);
+        assert_eq!((outcome(31), submit_error(31)), (Outcome::Failed, UsbError::Io), "the wire may be better soon");
+        let opening = [2, 5, 32, 1450, 1784, 1234].map(open_error);
         let expected = [
             UsbError::NoDevice,
             UsbError::Access,

@@ -1,4 +1,5 @@
-//! A Windows with HID devices of which a test has every end: what they send, take, refuse, and when they are pulled.
+//! A simulated Windows with HID devices, for tests. The test decides what the devices send, take and refuse, and when they
+//! are unplugged.
 
 mod functions;
 
@@ -65,7 +66,7 @@ struct Inside {
     woken: bool,
     /// Events that are set: of the transfer to the device, and of an interruption.
     set: [bool; 2],
-    /// The first of a line's events has been made.
+    /// The first of a backend's events has been made.
     has_event: bool,
     to_send: VecDeque<Vec<u8>>,
     takes: Takes,
@@ -75,7 +76,7 @@ struct Inside {
     /// What opening the board to move reports fails by.
     refused: Option<u32>,
     /// Handles, lists and other things that were made and not given back.
-    left: isize,
+    leaked: isize,
     /// Paths that were opened.
     opened: Vec<String>,
     /// Texts that a device was asked for.
@@ -88,16 +89,16 @@ struct Inside {
 
 /// The devices and the one board that is opened.
 #[repr(align(8))] // Its handles keep something in the lowest bits.
-pub struct World {
+pub struct FakeWindows {
     inside: Mutex<Inside>,
     changed: Condvar,
 }
 
 thread_local! {
-    static HERE: Cell<Option<&'static World>> = const { Cell::new(None) };
+    static HERE: Cell<Option<&'static FakeWindows>> = const { Cell::new(None) };
 }
 
-impl World {
+impl FakeWindows {
     /// A world with these devices, which lives as long as the test program.
     pub fn new(devices: Vec<Listed>) -> &'static Self {
         let inside = Inside {
@@ -112,7 +113,7 @@ impl World {
             taken: Vec::new(),
             gone: None,
             refused: None,
-            left: 0,
+            leaked: 0,
             opened: Vec::new(),
             asked: 0,
             keeps: None,
@@ -146,7 +147,7 @@ impl World {
         self.with(|inside| inside.takes = takes);
     }
 
-    /// The call for the next write comes back when [`World::let_go`] is called.
+    /// The call for the next write comes back when [`FakeWindows::let_go`] is called.
     pub fn hold(&self) {
         self.with(|inside| inside.held = true);
     }
@@ -200,8 +201,8 @@ impl World {
     }
 
     /// What was made and not given back.
-    pub fn left(&self) -> isize {
-        self.with(|inside| inside.left)
+    pub fn leaked(&self) -> isize {
+        self.with(|inside| inside.leaked)
     }
 }
 

@@ -1,5 +1,5 @@
-//! Which of the HID devices have the wanted shape. The ids are in the names that Windows gives to devices: keyboards and
-//! other devices of the user are not opened.
+//! Lists the HID devices with the board's ids, and decides by their report lengths which of them can be a board. The ids are
+//! part of Windows' device names, so that keyboards and other devices are not opened.
 
 use std::ffi::c_void;
 use std::mem;
@@ -8,52 +8,53 @@ use std::sync::Arc;
 
 use super::api::{
     CR_SUCCESS, Capabilities, DeviceData, DeviceList, Guid, HIDP_SUCCESS, INTERFACE_DETAIL_SIZE, INVALID_HANDLE,
-    InterfaceData, InterfaceDetail, LONGEST_PATH, PRESENT_INTERFACES,
+    InterfaceData, InterfaceDetail, PATH_LEN_MAX, PRESENT_INTERFACES,
 };
 use super::bus::{Bus, Device};
-use super::handle::Owned;
+use super::handle::OwnedHandle;
 use super::{NUMBERED_LEN, UsbError, codes, names};
-use crate::io::hid::NotOne;
+use crate::io::hid::NotTheBoard;
 #[cfg(windows)]
-use crate::io::hid::{Found, System};
+use crate::io::hid::{FoundDevice, Sysfs};
 
-/// Units of UTF-16 in a device's text: a string descriptor has 126 at most.
+/// Room for a device's text in UTF-16 units. A string descriptor has 126 at most.
 const TEXT_LEN: usize = 128;
-/// A HID device's parent is the USB device, or an interface of it whose parent is.
-const PARENTS: usize = 2;
+/// How many levels above a HID device the USB device is at most: its parent, or the parent of its interface.
+const PARENTS_MAX: usize = 2;
 
-/// Its reports have the wanted size both ways; which endpoints move them is the driver's affair.
+/// Proof that a device's reports have the wanted size in both directions. Interface and endpoints are known to the driver
+/// only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shape(());
+pub struct ReportInterface(());
 
-/// A device with the wanted ids.
+/// A device with the wanted vendor and product id.
 pub(super) struct Candidate {
     pub device: Device,
     pub instance: String,
-    pub shape: Result<Shape, NotOne>,
+    pub shape: Result<ReportInterface, NotTheBoard>,
 }
 
-/// All devices of that pair. Nothing is sent to any of them.
+/// All devices with this vendor and product id. Nothing is sent to any of them.
 ///
 /// # Errors
 /// Those of Windows.
 #[cfg(windows)]
-pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<Found>, UsbError> {
+pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice>, UsbError> {
     let found = candidates(bus, vendor, product)?.into_iter().map(|candidate| {
         let Candidate { device, instance, shape } = candidate;
-        Found { device, path: instance, node: (0, 0), high_speed: true, shape }
+        FoundDevice { device, path: instance, node: (0, 0), high_speed: true, shape }
     });
     Ok(found.collect())
 }
 
 #[cfg(windows)]
-impl Found {
-    /// Its name and its serial number. What Windows does not know without it is asked of the device, if it may be asked.
-    pub fn texts(&self, _system: &System, may_ask: bool) -> (Option<String>, Option<String>) {
+impl FoundDevice {
+    /// The product name and the serial number. What Windows does not know is read from the device, if `may_ask`.
+    pub fn texts(&self, _system: &Sysfs, may_ask: bool) -> (Option<String>, Option<String>) {
         self.device.texts(may_ask)
     }
 
-    /// Why Windows does not open it to move reports; it is closed again.
+    /// The error with which Windows refuses to open the device for reports; `None` if it opens. It is closed again.
     pub fn refused(&self) -> Option<UsbError> {
         self.device.refused()
     }
@@ -68,11 +69,11 @@ pub(super) fn candidates(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Ve
         let named = names::text(&path).and_then(|path| names::of_path(&path));
         let Some(named) = named.filter(|named| (named.vendor, named.product) == (vendor, product)) else { continue };
         let device = Device { bus: bus.clone(), path, serial: serial(bus, node) };
-        // A device that goes while it is looked at is none.
+        // A device that is unplugged meanwhile is left out.
         let shape = match device.capabilities() {
             Ok(capabilities) => shape(&capabilities),
             Err(UsbError::NoDevice) => continue,
-            Err(_) => Err(NotOne::Descriptors),
+            Err(_) => Err(NotTheBoard::Descriptors),
         };
         found.push(Candidate { device, instance: named.instance, shape });
     }
@@ -80,23 +81,23 @@ pub(super) fn candidates(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Ve
     Ok(found)
 }
 
-fn shape(capabilities: &Capabilities) -> Result<Shape, NotOne> {
+fn shape(capabilities: &Capabilities) -> Result<ReportInterface, NotTheBoard> {
     let both = [capabilities.input_len, capabilities.output_len].map(usize::from);
-    if both == [NUMBERED_LEN; 2] { Ok(Shape(())) } else { Err(NotOne::OtherReports) }
+    if both == [NUMBERED_LEN; 2] { Ok(ReportInterface(())) } else { Err(NotTheBoard::OtherReports) }
 }
 
-/// The serial number of the USB device that a HID device belongs to, as far as Windows' name of it says it.
+/// The serial number of the USB device that a HID device belongs to, if Windows' name of that device contains it.
 fn serial(bus: &Bus, node: u32) -> Option<String> {
     let mut node = node;
-    for _ in 0..PARENTS {
+    for _ in 0..PARENTS_MAX {
         let mut parent = 0;
-        // SAFETY: `parent` takes a number.
+        // SAFETY: `parent` receives a number.
         if unsafe { (bus.api().parent)(&raw mut parent, node, 0) } != CR_SUCCESS {
             return None;
         }
-        let mut id = [0; LONGEST_PATH];
-        // SAFETY: `id` has room for as much as is said.
-        if unsafe { (bus.api().device_id)(parent, id.as_mut_ptr(), LONGEST_PATH as u32, 0) } != CR_SUCCESS {
+        let mut id = [0; PATH_LEN_MAX];
+        // SAFETY: `id` has room for `PATH_LEN_MAX` units.
+        if unsafe { (bus.api().device_id)(parent, id.as_mut_ptr(), PATH_LEN_MAX as u32, 0) } != CR_SUCCESS {
             return None;
         }
         let id = names::text(&id)?;
@@ -110,15 +111,15 @@ fn serial(bus: &Bus, node: u32) -> Option<String> {
 
 impl Device {
     fn capabilities(&self) -> Result<Capabilities, UsbError> {
-        let handle = Owned::open(&self.bus, &self.path, false)?;
+        let handle = OwnedHandle::open(&self.bus, &self.path, false)?;
         let api = self.bus.api();
         let mut preparsed = ptr::null_mut();
-        // SAFETY: the handle is open; `preparsed` takes what is given back below.
+        // SAFETY: the handle is open; `preparsed` receives a pointer that is freed below.
         if unsafe { (api.preparsed)(handle.raw(), &raw mut preparsed) } == 0 {
-            return Err(codes::refused(self.bus.last_error()));
+            return Err(codes::submit_error(self.bus.last_error()));
         }
         let mut capabilities = Capabilities::default();
-        // SAFETY: Windows has just made it; it is given back once.
+        // SAFETY: `preparsed` came from Windows and is freed once.
         let status = unsafe {
             let status = (api.capabilities)(preparsed, &raw mut capabilities);
             (api.free_preparsed)(preparsed);
@@ -129,15 +130,15 @@ impl Device {
 
     #[cfg(windows)]
     fn refused(&self) -> Option<UsbError> {
-        Owned::open(&self.bus, &self.path, true).err()
+        OwnedHandle::open(&self.bus, &self.path, true).err()
     }
 
-    /// Name and serial number; the device is asked for what Windows does not know, if it may be.
+    /// The product name and the serial number. What Windows does not know is read from the device, if `may_ask`.
     pub(super) fn texts(&self, may_ask: bool) -> (Option<String>, Option<String>) {
-        let asked = if may_ask { Owned::open(&self.bus, &self.path, false).ok() } else { None };
+        let asked = if may_ask { OwnedHandle::open(&self.bus, &self.path, false).ok() } else { None };
         let text = |function: unsafe extern "system" fn(_, *mut c_void, u32) -> u8| {
             let mut text = [0_u16; TEXT_LEN];
-            // SAFETY: the handle is open, and the buffer has room for as many bytes as is said.
+            // SAFETY: the handle is open, and the buffer has room for the stated number of bytes.
             let done =
                 unsafe { function(asked.as_ref()?.raw(), text.as_mut_ptr().cast(), mem::size_of_val(&text) as u32) };
             if done != 0 { names::text(&text) } else { None }
@@ -157,32 +158,32 @@ struct List<'a> {
 impl<'a> List<'a> {
     fn of_hid(bus: &'a Bus) -> Result<Self, UsbError> {
         let mut class = Guid::default();
-        // SAFETY: `class` takes what is copied; the list is given back when it is dropped.
+        // SAFETY: `class` receives the copy; the list is freed when it is dropped.
         let raw = unsafe {
             (bus.api().hid_class)(&raw mut class);
             (bus.api().list)(&raw const class, ptr::null(), ptr::null_mut(), PRESENT_INTERFACES)
         };
         if raw == INVALID_HANDLE {
-            return Err(codes::error(bus.last_error()));
+            return Err(codes::open_error(bus.last_error()));
         }
         Ok(Self { bus, class, raw })
     }
 
-    /// `None`: there are no more.
+    /// Entry `number` of the list; `None` if the list is shorter.
     fn interface(&self, number: u32) -> Option<InterfaceData> {
         let mut data = InterfaceData { size: mem::size_of::<InterfaceData>() as u32, ..InterfaceData::default() };
         let list = self.bus.api().interface;
-        // SAFETY: the list is there until `drop`; `data` takes what is copied.
+        // SAFETY: the list is valid until `drop`; `data` receives the copy.
         let there = unsafe { list(self.raw, ptr::null(), &raw const self.class, number, &raw mut data) };
         (there != 0).then_some(data)
     }
 
-    /// The path of an interface, with a zero at its end, and the number of its device. `None`: it has just gone.
+    /// The path of an interface, terminated by a zero, and the node number of its device; `None` if it was just unplugged.
     fn detail(&self, interface: &InterfaceData) -> Option<(Vec<u16>, u32)> {
-        let mut detail = Box::new(InterfaceDetail { size: INTERFACE_DETAIL_SIZE, path: [0; LONGEST_PATH] });
+        let mut detail = Box::new(InterfaceDetail { size: INTERFACE_DETAIL_SIZE, path: [0; PATH_LEN_MAX] });
         let mut device = DeviceData { size: mem::size_of::<DeviceData>() as u32, ..DeviceData::default() };
         let room = mem::size_of::<InterfaceDetail>() as u32;
-        // SAFETY: the list is there until `drop`; `detail` has room for as many bytes as is said.
+        // SAFETY: the list is valid until `drop`; `detail` has room for the stated number of bytes.
         let done = unsafe {
             (self.bus.api().detail)(self.raw, interface, &raw mut *detail, room, ptr::null_mut(), &raw mut device)
         };
@@ -193,7 +194,7 @@ impl<'a> List<'a> {
 
 impl Drop for List<'_> {
     fn drop(&mut self) {
-        // SAFETY: our own list, given back once.
+        // SAFETY: the list is freed here only.
         unsafe { (self.bus.api().free_list)(self.raw) };
     }
 }

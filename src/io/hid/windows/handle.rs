@@ -1,4 +1,4 @@
-//! Handles of Windows that are closed once, when nobody has them any more.
+//! Handles of Windows that are closed when they are dropped.
 
 use std::ffi::c_void;
 use std::ptr;
@@ -9,23 +9,23 @@ use super::api::{self, Handle};
 use super::bus::Bus;
 use super::codes;
 
-/// A handle of ours.
-pub struct Owned {
+/// A handle that is closed when this is dropped.
+pub struct OwnedHandle {
     bus: Arc<Bus>,
     raw: Handle,
 }
 
 // SAFETY: Windows' handles may be used by any threads at once.
-unsafe impl Send for Owned {}
+unsafe impl Send for OwnedHandle {}
 // SAFETY: as above.
-unsafe impl Sync for Owned {}
+unsafe impl Sync for OwnedHandle {}
 
-impl Owned {
-    /// Opens the device at a path that ends with a zero. `overlapped`: to move reports; otherwise to ask the driver what
-    /// it knows of the device, which is let in whatever other programs do with it.
+impl OwnedHandle {
+    /// Opens the device at a path that is terminated by a zero: for reports if `overlapped`, otherwise only to query the
+    /// driver, which succeeds whatever other programs do with the device.
     pub fn open(bus: &Arc<Bus>, path: &[u16], overlapped: bool) -> Result<Self, UsbError> {
         let (access, flags) = if overlapped { (api::READ_AND_WRITE, api::OVERLAPPED) } else { (0, 0) };
-        // SAFETY: the path ends with a zero, by the caller's promise and the check of it.
+        // SAFETY: the path is terminated by a zero, which is checked here.
         let raw = unsafe {
             assert_eq!(path.last(), Some(&0), "a path ends with a zero");
             let create = bus.api().create_file;
@@ -40,27 +40,27 @@ impl Owned {
             )
         };
         if raw == api::INVALID_HANDLE {
-            return Err(codes::error(bus.last_error()));
+            return Err(codes::open_error(bus.last_error()));
         }
         Ok(Self { bus: bus.clone(), raw })
     }
 
-    /// A port that the ends of this one's transfers are told at.
+    /// A completion port for the transfers of this handle.
     pub fn port(&self) -> Result<Self, UsbError> {
         // SAFETY: the handle is open until `drop`.
         let raw = unsafe { (self.bus.api().create_port)(self.raw, ptr::null_mut(), 0, 1) };
         if raw.is_null() {
-            return Err(codes::error(self.bus.last_error()));
+            return Err(codes::open_error(self.bus.last_error()));
         }
         Ok(Self { bus: self.bus.clone(), raw })
     }
 
-    /// An event that one wait takes away.
+    /// An auto-reset event.
     pub fn event(bus: &Arc<Bus>) -> Result<Self, UsbError> {
         // SAFETY: without attributes and name.
         let raw = unsafe { (bus.api().create_event)(ptr::null(), 0, 0, ptr::null()) };
         if raw.is_null() {
-            return Err(codes::error(bus.last_error()));
+            return Err(codes::open_error(bus.last_error()));
         }
         Ok(Self { bus: bus.clone(), raw })
     }
@@ -74,9 +74,9 @@ impl Owned {
     }
 }
 
-impl Drop for Owned {
+impl Drop for OwnedHandle {
     fn drop(&mut self) {
-        // SAFETY: our own handle, closed once.
+        // SAFETY: the handle is closed here only.
         unsafe { (self.bus.api().close_handle)(self.raw) };
     }
 }

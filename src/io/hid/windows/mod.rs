@@ -1,14 +1,17 @@
-//! USB on Windows: the system's own HID driver, as every program that talks to a HID device has it. Nothing is to be
-//! installed for it (docs/decisions/windows-hid-driver.md).
+//! The backend over Windows' own HID driver, for which nothing has to be installed (docs/decisions/windows-hid-driver.md).
+//!
+//! `api.rs` has the functions of Windows, `codes.rs` the meaning of their error codes, `names.rs` that of device names,
+//! `handle.rs` a handle that is closed once, `find.rs` the search for boards, `backend.rs` the transfers, `fake.rs` a
+//! simulated Windows for tests, so that all of this is tested on any system.
 
 mod api;
+mod backend;
 mod bus;
 mod codes;
 #[cfg(test)]
 mod fake;
 mod find;
 mod handle;
-mod line;
 mod names;
 #[cfg(test)]
 mod tests;
@@ -16,13 +19,13 @@ mod tests;
 #[cfg(windows)]
 pub(super) use bus::Device;
 #[cfg(windows)]
-pub use bus::{Bus, NoBus};
+pub use bus::{Bus, BusError};
 #[cfg(windows)]
-pub use find::{Shape, find};
+pub use find::{ReportInterface, find};
 
 use super::REPORT_LEN;
+use super::backend::{Backend, Outcome, TransferListener};
 use super::error::UsbError;
-use super::line::{Ended, Line, Outcome};
 
-/// Bytes of a report as the driver moves it: in front stands the report's number, 0 where a device has only one each way.
+/// Bytes of a report as the driver passes it: its first byte is the report id, which is 0 for a device that uses none.
 const NUMBERED_LEN: usize = REPORT_LEN + 1;

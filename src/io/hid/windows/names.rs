@@ -1,18 +1,18 @@
-//! What Windows' names of a device say: no device is opened for it, and nothing is sent.
+//! Windows' names of devices, which contain the ids and often the serial number, so that no device has to be opened for them.
 
-/// What the path of a HID device says, such as
+/// The parts of the path of a HID device, such as
 /// `\\?\hid#vid_16c0&pid_05df&mi_00#7&1a2b3c4d&0&0000#{4d1e55b2-f16f-11cf-88cb-001111000030}`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Named {
+pub struct DeviceName {
     pub vendor: u16,
     pub product: u16,
-    /// Its instance, without letters that have a meaning in a URI: `7-1a2b3c4d-0-0000`. Windows makes it of the port, or
-    /// of the device's serial number, so that it stays the same when the device is plugged in again.
+    /// Its instance, with `-` for characters that have a meaning in a URI: `7-1a2b3c4d-0-0000`. Windows derives it from the
+    /// port or from the device's serial number, so that it stays the same when the device is plugged in again.
     pub instance: String,
 }
 
-/// `None`: it is no HID device on USB.
-pub fn of_path(path: &str) -> Option<Named> {
+/// Parses a device path; `None` if it is not that of a HID device on USB.
+pub fn of_path(path: &str) -> Option<DeviceName> {
     let path = path.to_ascii_lowercase();
     let mut parts = path.split('#');
     let (_hid, device, instance) = (parts.next()?, parts.next()?, parts.next()?);
@@ -23,11 +23,11 @@ pub fn of_path(path: &str) -> Option<Named> {
     let (vendor, product) = (id("vid_")?, id("pid_")?);
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     let instance = instance.chars().map(|c| if plain(c) { c } else { '-' }).collect();
-    Some(Named { vendor, product, instance })
+    Some(DeviceName { vendor, product, instance })
 }
 
-/// The serial number in the name of a USB device's instance, such as `USB\VID_16C0&PID_05DF\0001`. Devices without one get
-/// a name with `&` from Windows; interfaces of a device (`&MI_00`) have none either.
+/// The serial number in the name of a USB device's instance, such as `USB\VID_16C0&PID_05DF\0001`. To a device without one
+/// Windows gives a name that contains `&`; the names of a device's interfaces (`&MI_00`) contain no serial number.
 pub fn serial_of(instance: &str) -> Option<&str> {
     let mut parts = instance.split('\\');
     let (bus, device, name) = (parts.next()?, parts.next()?, parts.next()?);
@@ -35,7 +35,7 @@ pub fn serial_of(instance: &str) -> Option<&str> {
     (is_device && !name.is_empty() && !name.contains('&')).then_some(name)
 }
 
-/// Text of Windows up to its zero; `None`: there is none.
+/// A text of Windows up to its terminating zero; `None` if it is empty.
 pub fn text(wide: &[u16]) -> Option<String> {
     let end = wide.iter().position(|unit| *unit == 0).unwrap_or(wide.len());
     let text = String::from_utf16_lossy(&wide[..end]).trim().to_owned();
@@ -51,7 +51,7 @@ mod tests {
     /// WIN-40
     #[test]
     fn a_path_says_ids_and_place() {
-        let board = |instance: &str| Named { vendor: 0x16C0, product: 0x05DF, instance: instance.to_owned() };
+        let board = |instance: &str| DeviceName { vendor: 0x16C0, product: 0x05DF, instance: instance.to_owned() };
         let named = |middle: &str| of_path(&format!(r"\\?\{middle}#{CLASS}"));
         assert_eq!(named("hid#vid_16c0&pid_05df#7&1a2b3c4d&0&0000"), Some(board("7-1a2b3c4d-0-0000")));
         assert_eq!(named("HID#VID_16C0&PID_05DF&MI_00#256&0001&0&0"), Some(board("256-0001-0-0")), "Wine's");

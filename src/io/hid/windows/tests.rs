@@ -1,35 +1,35 @@
-//! Finding and opening boards, and the pipe, over a Windows of which the test has every end.
+//! Finding and opening boards, and the pipe, over a simulated Windows.
 
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-use super::fake::{BOARD, Listed, Takes, World};
+use super::fake::{BOARD, FakeWindows, Listed, Takes};
 use super::*;
 use crate::io::hid::calls::{PATIENCE, in_time, read};
 use crate::io::hid::reports::Shared;
-use crate::io::hid::{Limits, NotOne, Pipe, PipeError, PipeStats};
+use crate::io::hid::{NotTheBoard, Pipe, PipeError, PipeOptions, PipeStats};
 
 const TRANSFERS: usize = 3;
 const QUEUE: usize = 4;
 const SOON: Duration = Duration::from_millis(20);
 
-const LIMITS: Limits = Limits { transfers: TRANSFERS, queue: QUEUE, rests: false };
+const LIMITS: PipeOptions = PipeOptions { transfers: TRANSFERS, queue: QUEUE, may_pause_input: false };
 
-fn try_open(world: &'static World) -> Result<Pipe, PipeError> {
+fn try_open(world: &'static FakeWindows) -> Result<Pipe, PipeError> {
     open_with(world, LIMITS)
 }
 
-fn open_with(world: &'static World, limits: Limits) -> Result<Pipe, PipeError> {
+fn open_with(world: &'static FakeWindows, limits: PipeOptions) -> Result<Pipe, PipeError> {
     let candidate = world.candidates().expect("it lists").pop().expect("it is there");
     let shared = Arc::new(Shared::new(limits));
     let shape = candidate.shape.expect("a board");
-    let line = candidate.device.line(shape, TRANSFERS, &shared)?;
-    Pipe::over(line, shared)
+    let backend = candidate.device.open_backend(shape, TRANSFERS, &shared)?;
+    Pipe::with_backend(backend, shared)
 }
 
-fn open() -> (&'static World, Arc<Pipe>) {
-    let world = World::new(vec![BOARD]);
+fn open() -> (&'static FakeWindows, Arc<Pipe>) {
+    let world = FakeWindows::new(vec![BOARD]);
     let pipe = Arc::new(try_open(world).expect("it opens"));
     (world, pipe)
 }
@@ -44,10 +44,10 @@ fn a_board_is_found_by_its_names() {
         parents: &[r"USB\VID_16C0&PID_05DF&MI_00\7&5&0&0000", r"USB\VID_16C0&PID_05DF\B"],
         ..BOARD
     };
-    let world = World::new(vec![composite, keyboard, relay, BOARD]);
+    let world = FakeWindows::new(vec![composite, keyboard, relay, BOARD]);
     let found = world.candidates().expect("it lists");
     let seen: Vec<_> = found.iter().map(|one| (one.instance.as_str(), one.shape.err())).collect();
-    let expected = [("7-1a2b-0-0000", None), ("7-2-0-0000", Some(NotOne::OtherReports)), ("8-4-0-0000", None)];
+    let expected = [("7-1a2b-0-0000", None), ("7-2-0-0000", Some(NotTheBoard::OtherReports)), ("8-4-0-0000", None)];
     assert_eq!(seen, expected);
     assert!(world.opened().iter().all(|path| path.contains("vid_16c0")), "{:?}", world.opened());
 
@@ -58,7 +58,7 @@ fn a_board_is_found_by_its_names() {
     assert_eq!(found[0].device.texts(true), (text("ECM-SK"), text("0001")), "what Windows knows is not asked for");
     assert_eq!(found[1].device.texts(true), (text("ECM-SK"), text("told")));
     drop(found);
-    assert_eq!(world.left(), 0);
+    assert_eq!(world.leaked(), 0);
 }
 
 /// WIN-41 On the way to and from Windows' driver a report has its number, 0, in front; of 512 bytes, no more and no less.
@@ -115,7 +115,7 @@ fn every_call_ends_when_the_board_goes() {
         pipe.close();
         assert_eq!(read(&pipe, None), Err(PipeError::Closed));
         drop(pipe);
-        assert_eq!(world.left(), 0, "code {code}");
+        assert_eq!(world.leaked(), 0, "code {code}");
     }
 }
 
@@ -202,33 +202,33 @@ fn close_ends_a_read_that_waits() {
     pipe.close();
     assert_eq!(in_time(|| reader.join().expect("no panic")), Err(PipeError::Closed));
     drop(pipe);
-    assert_eq!(world.left(), 0);
+    assert_eq!(world.leaked(), 0);
 }
 
 /// WIN-45 A board that does not open says why, and nothing of it stays open.
 #[test]
 fn an_open_that_fails_leaves_nothing() {
     for (code, error) in [(5, UsbError::Access), (32, UsbError::Busy), (433, UsbError::NoDevice)] {
-        let world = World::new(vec![BOARD]);
+        let world = FakeWindows::new(vec![BOARD]);
         world.refuse(code);
         assert_eq!(try_open(world).map(drop), Err(PipeError::Usb(error)));
-        assert_eq!(world.left(), 0);
+        assert_eq!(world.leaked(), 0);
     }
-    let world = World::new(vec![BOARD]);
+    let world = FakeWindows::new(vec![BOARD]);
     let found = world.candidates().expect("it lists");
     world.pull(1167);
     let shared = Arc::new(Shared::new(LIMITS));
     let device = &found[0].device;
-    let refused = device.line(found[0].shape.expect("a board"), TRANSFERS, &shared).map(drop);
+    let refused = device.open_backend(found[0].shape.expect("a board"), TRANSFERS, &shared).map(drop);
     assert_eq!(refused, Err(UsbError::NoDevice));
     drop(found);
-    assert_eq!(world.left(), 0);
+    assert_eq!(world.leaked(), 0);
 }
 
 /// A board whose program has only written for a while, so that its reports rest with Windows.
-fn at_rest() -> (&'static World, Pipe) {
-    let world = World::new(vec![BOARD]);
-    let pipe = open_with(world, Limits { rests: true, ..LIMITS }).expect("it opens");
+fn at_rest() -> (&'static FakeWindows, Pipe) {
+    let world = FakeWindows::new(vec![BOARD]);
+    let pipe = open_with(world, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Ok(()));
     assert_eq!(world.reads(), TRANSFERS);
     in_time(move || {
@@ -284,7 +284,7 @@ fn a_board_that_goes_while_its_reports_rest() {
     assert_eq!(read(&pipe, None), Err(PipeError::Closed));
     assert_eq!(world.reads(), 0, "nothing is begun any more");
     drop(pipe);
-    assert_eq!(world.left(), 0);
+    assert_eq!(world.leaked(), 0);
 
     let (world, pipe) = at_rest();
     world.pull(1167);
@@ -309,12 +309,12 @@ fn a_board_that_goes_while_its_reports_rest() {
 /// reads are under way at all times.
 #[test]
 fn others_never_rest() {
-    let world = World::new(vec![BOARD]);
+    let world = FakeWindows::new(vec![BOARD]);
     let counts = open_with(world, LIMITS).expect("it opens");
-    let reader = World::new(vec![BOARD]);
-    let reads = open_with(reader, Limits { rests: true, ..LIMITS }).expect("it opens");
-    let seldom = World::new(vec![BOARD]);
-    let writes_seldom = open_with(seldom, Limits { rests: true, ..LIMITS }).expect("it opens");
+    let reader = FakeWindows::new(vec![BOARD]);
+    let reads = open_with(reader, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
+    let seldom = FakeWindows::new(vec![BOARD]);
+    let writes_seldom = open_with(seldom, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
     for round in 0..500 {
         for pipe in [&counts, &reads] {
             pipe.write(&[1; REPORT_LEN], None).expect("it takes it");

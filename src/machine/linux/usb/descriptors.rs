@@ -1,8 +1,8 @@
 //! The descriptors of a USB device, as the kernel keeps them and as libusb reads them, too: the file `descriptors` of the
 //! device in sysfs. USB 2.0 9.6; numbers are little endian.
 
-use super::{NotOne, Shape};
-use crate::io::shape::{HID, TO_HOST, moves_reports};
+use super::{NotTheBoard, ReportInterface};
+use crate::io::descriptors::{HID, TO_HOST, carries_reports};
 
 /// Kinds of descriptors, USB 2.0 table 9-5.
 const DEVICE: u8 = 1;
@@ -17,18 +17,18 @@ const DEVICE_LEN: usize = 18;
 ///
 /// # Errors
 /// Why it is no board.
-pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<Shape, NotOne> {
-    let mut rest = bytes.split_at_checked(DEVICE_LEN).ok_or(NotOne::Descriptors).and_then(|(device, rest)| {
+pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface, NotTheBoard> {
+    let mut rest = bytes.split_at_checked(DEVICE_LEN).ok_or(NotTheBoard::Descriptors).and_then(|(device, rest)| {
         let is_device = usize::from(device[0]) == DEVICE_LEN && device[1] == DEVICE;
-        if is_device { Ok(rest) } else { Err(NotOne::Descriptors) }
+        if is_device { Ok(rest) } else { Err(NotTheBoard::Descriptors) }
     })?;
     let mut wanted = Selection::Before;
     let mut setting = None;
-    let mut why = NotOne::NoHid;
+    let mut why = NotTheBoard::NoHid;
     while let [len, kind, ..] = *rest {
         // A length of 0 or 1 would never end, one beyond the end is a lie.
         let len = usize::from(len);
-        let (descriptor, after) = rest.split_at_checked(len).filter(|_| len >= 2).ok_or(NotOne::Descriptors)?;
+        let (descriptor, after) = rest.split_at_checked(len).filter(|_| len >= 2).ok_or(NotTheBoard::Descriptors)?;
         rest = after;
         match (kind, descriptor) {
             (CONFIGURATION, [_, _, _, _, _, value, ..]) => {
@@ -43,11 +43,11 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<Shape, NotOne> {
             (INTERFACE, [_, _, number, _, _, class, ..]) => {
                 setting = (*class == HID).then_some(Setting { interface: *number, input: None, output: None });
                 if setting.is_some() {
-                    why = NotOne::OtherReports;
+                    why = NotTheBoard::OtherReports;
                 }
             }
             (ENDPOINT, [_, _, address, attributes, low, high, ..]) => {
-                let fits = moves_reports(*attributes, u16::from_le_bytes([*low, *high]));
+                let fits = carries_reports(*attributes, u16::from_le_bytes([*low, *high]));
                 if let Some(setting) = setting.as_mut().filter(|_| fits) {
                     setting.take(*address);
                     if let Some(shape) = setting.shape() {
@@ -55,12 +55,12 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<Shape, NotOne> {
                     }
                 }
             }
-            (CONFIGURATION | INTERFACE | ENDPOINT, _) => return Err(NotOne::Descriptors),
+            (CONFIGURATION | INTERFACE | ENDPOINT, _) => return Err(NotTheBoard::Descriptors),
             // What belongs to a class.
             _ => {}
         }
     }
-    if wanted == Selection::Inside && rest.len() != 1 { Err(why) } else { Err(NotOne::Descriptors) }
+    if wanted == Selection::Inside && rest.len() != 1 { Err(why) } else { Err(NotTheBoard::Descriptors) }
 }
 
 /// Where the walk is.
@@ -86,8 +86,8 @@ impl Setting {
         end.get_or_insert(address);
     }
 
-    fn shape(&self) -> Option<Shape> {
-        Some(Shape { interface: self.interface, input: self.input?, output: self.output? })
+    fn shape(&self) -> Option<ReportInterface> {
+        Some(ReportInterface { interface: self.interface, input: self.input?, output: self.output? })
     }
 }
 
@@ -124,7 +124,7 @@ mod tests {
         [device(), configuration(1), interface(0, HID), HID_DESCRIPTOR.to_vec(), ends].concat()
     }
 
-    const SHAPE: Shape = Shape { interface: 0, input: 0x81, output: 0x02 };
+    const SHAPE: ReportInterface = ReportInterface { interface: 0, input: 0x81, output: 0x02 };
 
     /// TOOL-97, WIRE-17, SK-9.2 A HID interface with interrupt endpoints of 512 bytes both ways is a board, whether it is
     /// configured or not; anything less is none.
@@ -136,13 +136,13 @@ mod tests {
             shape(&bytes, Some(1))
         };
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
-        assert_eq!(with(HID, std::slice::from_ref(&input)), Err(NotOne::OtherReports));
-        assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 2, 512)]), Err(NotOne::OtherReports), "bulk");
-        assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 3, 64)]), Err(NotOne::OtherReports));
+        assert_eq!(with(HID, std::slice::from_ref(&input)), Err(NotTheBoard::OtherReports));
+        assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 2, 512)]), Err(NotTheBoard::OtherReports), "bulk");
+        assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 3, 64)]), Err(NotTheBoard::OtherReports));
         assert_eq!(with(HID, &[endpoint(0x81, 3, 512 | 1 << 11), output.clone()]), Ok(SHAPE), "two in a microframe");
-        assert_eq!(with(HID, &[endpoint(0x81, 3, 8)]), Err(NotOne::OtherReports), "a relay card");
-        assert_eq!(with(0xFF, &[input, output]), Err(NotOne::NoHid));
-        assert_eq!(with(HID, &[]), Err(NotOne::OtherReports));
+        assert_eq!(with(HID, &[endpoint(0x81, 3, 8)]), Err(NotTheBoard::OtherReports), "a relay card");
+        assert_eq!(with(0xFF, &[input, output]), Err(NotTheBoard::NoHid));
+        assert_eq!(with(HID, &[]), Err(NotTheBoard::OtherReports));
     }
 
     /// TOOL-97 The configuration that is active counts, and no interface of another one.
@@ -150,13 +150,13 @@ mod tests {
     fn the_active_configuration_counts() {
         let hobby = [configuration(2), interface(0, 0xFF)].concat();
         let both = [board(), hobby].concat();
-        assert_eq!((shape(&both, Some(1)), shape(&both, Some(2))), (Ok(SHAPE), Err(NotOne::NoHid)));
-        assert_eq!(shape(&both, Some(3)), Err(NotOne::Descriptors));
+        assert_eq!((shape(&both, Some(1)), shape(&both, Some(2))), (Ok(SHAPE), Err(NotTheBoard::NoHid)));
+        assert_eq!(shape(&both, Some(3)), Err(NotTheBoard::Descriptors));
         let halves = [
             [device(), configuration(1), interface(0, HID), endpoint(0x81, 3, 512)].concat(),
             [interface(1, HID), endpoint(0x02, 3, 512)].concat(),
         ];
-        assert_eq!(shape(&halves.concat(), None), Err(NotOne::OtherReports), "both ends belong to one interface");
+        assert_eq!(shape(&halves.concat(), None), Err(NotTheBoard::OtherReports), "both ends belong to one interface");
     }
 
     /// TOOL-97 Descriptors that lie about their length, or end early, are an error and no panic.
@@ -169,7 +169,7 @@ mod tests {
         for (at, len) in [(18, 0), (18, 1), (27, 200), (0, 17)] {
             let mut lying = board.clone();
             lying[at] = len;
-            assert_eq!(shape(&lying, Some(1)), Err(NotOne::Descriptors), "{len} at {at}");
+            assert_eq!(shape(&lying, Some(1)), Err(NotTheBoard::Descriptors), "{len} at {at}");
         }
     }
 

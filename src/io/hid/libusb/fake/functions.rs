@@ -1,4 +1,4 @@
-//! The functions of that libusb.
+//! The functions of the simulated libusb.
 
 use std::ffi::{c_int, c_uchar, c_void};
 use std::ptr;
@@ -9,7 +9,7 @@ use super::super::api::{
     Api, ConfigurationDescriptor, DeviceDescriptor, EndpointDescriptor, HIGH_SPEED, INTERRUPT, INTERRUPTED,
     InterfaceDescriptor, InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, status,
 };
-use super::{Ending, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, World, report_of, to_host};
+use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, report_of, to_host};
 
 const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
@@ -17,9 +17,9 @@ const NOT_FOUND: c_int = -5;
 /// From here on a limit is long.
 const LONG: Duration = Duration::from_secs(1);
 
-fn world<T>(pointer: *mut T) -> &'static World {
+fn world<T>(pointer: *mut T) -> &'static FakeUsb {
     // SAFETY: contexts, devices and handles of this library are all the address of a world, which is never freed.
-    unsafe { &*pointer.cast::<World>() }
+    unsafe { &*pointer.cast::<FakeUsb>() }
 }
 
 fn code(done: Result<(), c_int>) -> c_int {
@@ -54,7 +54,7 @@ pub(super) const FAKE: Api = Api {
 };
 
 unsafe extern "C" fn init(context: *mut *mut RawContext) -> c_int {
-    let world = NEXT.take().expect("a test calls World::bus");
+    let world = NEXT.take().expect("a test calls FakeUsb::bus");
     code(world.enter("init").map(|_| ()).or_else(|code| if code == NO_DEVICE { Ok(()) } else { Err(code) }).map(|()| {
         world.count(0, 1);
         // SAFETY: the caller's place for it.
@@ -192,7 +192,7 @@ unsafe extern "C" fn detach_driver_by_itself(handle: *mut RawHandle, _enable: c_
 }
 
 unsafe extern "C" fn claim(handle: *mut RawHandle, _interface: c_int) -> c_int {
-    code(world(handle).enter("claim").map(|mut inside| inside.left[3] += 1))
+    code(world(handle).enter("claim").map(|mut inside| inside.leaked[3] += 1))
 }
 
 unsafe extern "C" fn release(handle: *mut RawHandle, _interface: c_int) -> c_int {

@@ -1,4 +1,4 @@
-//! The functions of that Windows.
+//! The functions of the simulated Windows.
 
 use std::cell::Cell;
 use std::ffi::c_void;
@@ -12,7 +12,7 @@ use super::super::api::{
     READ_AND_WRITE, SHARED,
 };
 use super::super::codes::{NOTHING_YET, PENDING};
-use super::{HERE, Pending, World};
+use super::{FakeWindows, HERE, Pending};
 
 /// `ERROR_FILE_NOT_FOUND`, `ERROR_NO_MORE_ITEMS`, `ERROR_INVALID_PARAMETER`, `ERROR_NOT_FOUND`
 const NO_FILE: u32 = 2;
@@ -61,13 +61,13 @@ pub(super) const FAKE: Api = Api {
 };
 
 /// Of a handle: all of them are the address of a world, which is never freed, in the lowest bits what else is known.
-fn world(handle: *mut c_void) -> &'static World {
+fn world(handle: *mut c_void) -> &'static FakeWindows {
     // SAFETY: see above.
-    unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<World>() }
+    unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }
 }
 
 /// Bits that no address of a world has.
-const LOWEST: usize = align_of::<World>() - 1;
+const LOWEST: usize = align_of::<FakeWindows>() - 1;
 /// In the handles of a line's events.
 const FIRST: usize = 2;
 const SECOND: usize = 4;
@@ -81,17 +81,17 @@ pub(super) fn event(handle: Handle) -> usize {
     }
 }
 
-fn here() -> &'static World {
-    HERE.get().expect("a test calls World::candidates")
+fn here() -> &'static FakeWindows {
+    HERE.get().expect("a test calls FakeWindows::candidates")
 }
 
-fn handle(world: &'static World) -> Handle {
-    world.with(|inside| inside.left += 1);
+fn handle(world: &'static FakeWindows) -> Handle {
+    world.with(|inside| inside.leaked += 1);
     ptr::from_ref(world).cast_mut().cast()
 }
 
 fn give_back(handle: *mut c_void) {
-    world(handle).with(|inside| inside.left -= 1);
+    world(handle).with(|inside| inside.leaked -= 1);
 }
 
 /// True for 0, or false with that as the last error.
@@ -279,7 +279,7 @@ unsafe extern "system" fn hid_class(class: *mut Guid) {
 }
 
 unsafe extern "system" fn preparsed(handle: Handle, preparsed: *mut Preparsed) -> u8 {
-    world(handle).with(|inside| inside.left += 1);
+    world(handle).with(|inside| inside.leaked += 1);
     // SAFETY: the caller's place for it.
     unsafe { *preparsed = handle };
     1

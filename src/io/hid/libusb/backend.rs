@@ -1,4 +1,4 @@
-//! An interface that this process has taken, with its transfers.
+//! The backend over libusb: a claimed interface with its transfers.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,28 +7,27 @@ use parking_lot::Mutex;
 
 use super::bus::{Device, Handle};
 use super::transfer::Transfer;
-use super::{Ended, Line, REPORT_LEN, Shape, UsbError};
+use super::{Backend, REPORT_LEN, ReportInterface, TransferListener, UsbError};
 
-/// A line by libusb.
-struct Claimed {
+struct LibusbBackend {
     inputs: Vec<Transfer>,
     output: Transfer,
     claim: Mutex<Option<Claim>>,
     handle: Arc<Handle>,
-    shape: Shape,
+    shape: ReportInterface,
 }
 
 impl Device {
-    /// Opens it and takes it from the kernel's driver, which has it again when it is released.
-    pub(in crate::io::hid) fn line(
+    /// Opens the device and claims its interface, which detaches the kernel's driver until it is released.
+    pub(in crate::io::hid) fn open_backend(
         &self,
-        shape: Shape,
+        shape: ReportInterface,
         transfers: usize,
-        listener: &Arc<impl Ended + 'static>,
-    ) -> Result<Arc<dyn Line>, UsbError> {
+        listener: &Arc<impl TransferListener + 'static>,
+    ) -> Result<Arc<dyn Backend>, UsbError> {
         let handle = Arc::new(self.open()?);
         match handle.detach_driver_by_itself() {
-            // Where the kernel has no driver there is nothing to detach.
+            // Such a system has no driver that would have to be detached.
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error),
         }
@@ -37,28 +36,28 @@ impl Device {
             |endpoint, number| Transfer::new(&handle, endpoint, number, listener.clone()).ok_or(UsbError::NoMemory);
         let inputs = (0..transfers).map(|number| transfer(shape.input, number)).collect::<Result<Vec<_>, _>>()?;
         let output = transfer(shape.output, 0)?;
-        Ok(Arc::new(Claimed { inputs, output, claim, handle, shape }))
+        Ok(Arc::new(LibusbBackend { inputs, output, claim, handle, shape }))
     }
 }
 
-impl Line for Claimed {
+impl Backend for LibusbBackend {
     fn inputs(&self) -> usize {
         self.inputs.len()
     }
 
-    fn begin_input(&self, number: usize) -> Result<(), UsbError> {
-        self.inputs.get(number).ok_or(UsbError::Invalid)?.hand_over()
+    fn submit_input(&self, number: usize) -> Result<(), UsbError> {
+        self.inputs.get(number).ok_or(UsbError::Invalid)?.submit()
     }
 
-    // What is on the wire while no transfer waits for it is lost.
-    fn keep(&self, _reports: Option<usize>) -> bool {
+    // The kernel queues no reports: without a submitted transfer they are lost.
+    fn set_system_queue(&self, _reports: Option<usize>) -> bool {
         false
     }
 
-    unsafe fn begin_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError> {
-        // SAFETY: by the caller's promise libusb does not have it, and this thread is alone.
+    unsafe fn submit_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError> {
+        // SAFETY: by the caller's promise the transfer is not submitted, and no other thread calls this function.
         unsafe { self.output.fill(report) };
-        self.output.hand_over()
+        self.output.submit()
     }
 
     fn cancel_inputs(&self) {
@@ -77,13 +76,13 @@ impl Line for Claimed {
         self.handle.bus().interrupt();
     }
 
-    fn unstall_input(&self) {
-        // If it stalls for good whoever waits next is told so.
+    fn clear_input_halt(&self) {
+        // If the endpoint stalls again the next transfer reports it.
         let _ = self.handle.clear_halt(self.shape.input);
     }
 
-    fn unstall_output(&self) {
-        // If it stalls for good the next report says so again.
+    fn clear_output_halt(&self) {
+        // If the endpoint stalls again the next transfer reports it.
         let _ = self.handle.clear_halt(self.shape.output);
     }
 
@@ -92,7 +91,7 @@ impl Line for Claimed {
     }
 }
 
-/// An interface that this process has.
+/// A claimed interface, released when this is dropped.
 struct Claim {
     handle: Arc<Handle>,
     interface: u8,
@@ -107,7 +106,7 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // A device that is gone has nothing to release.
+        // This fails if the device was unplugged, and then there is nothing to release.
         let _ = self.handle.release(self.interface);
     }
 }

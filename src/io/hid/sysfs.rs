@@ -1,38 +1,38 @@
-//! What Linux says of a device on the bus besides its descriptors: sysfs and /proc. Nothing is sent to the device. Other
-//! systems say nothing here.
+//! What Linux tells in sysfs and /proc about a device on the bus besides its descriptors. Nothing is sent to the device. On
+//! other systems everything here is empty.
 
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where a system shows itself.
+/// Reads sysfs and /proc below a folder, which is `/` but in tests.
 #[derive(Clone, Debug)]
-pub struct System {
-    /// `None`: it is no Linux.
+pub struct Sysfs {
+    /// `None` on systems other than Linux.
     root: Option<PathBuf>,
 }
 
-/// Something about a device's place on the bus that is worth a warning.
+/// Something about a device's connection that is worth a warning.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Remark {
-    /// It does not run at high speed, 480 Mbit/s.
+pub enum DeviceWarning {
+    /// The device does not run at high speed, 480 Mbit/s.
     Slow {
-        /// Mbit/s; `None`: the system does not say.
+        /// Its speed in Mbit/s; `None` if the system does not tell.
         mbit: Option<String>,
     },
-    /// The system puts it to sleep while no program has it.
+    /// The kernel suspends the device while no program has it open (autosuspend).
     Sleeps {
-        /// Where that is switched.
+        /// The file in sysfs that switches it off.
         control: PathBuf,
     },
-    /// Its port has cut the power.
+    /// The device's port has cut the power because of an over-current.
     OverCurrent {
-        /// How often since the hub is there.
+        /// How often since the hub was connected.
         times: u32,
     },
 }
 
-impl fmt::Display for Remark {
+impl fmt::Display for DeviceWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Slow { mbit } => {
@@ -60,9 +60,9 @@ impl fmt::Display for Remark {
 /// A process that has a device open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// Its number.
+    /// The process id.
     pub pid: u32,
-    /// Its name; empty if it has just ended.
+    /// The process's name; empty if it has just ended.
     pub name: String,
 }
 
@@ -75,55 +75,56 @@ impl fmt::Display for Holder {
     }
 }
 
-impl System {
-    /// This one.
-    pub fn this() -> Self {
+impl Sysfs {
+    /// The files of this machine.
+    pub fn of_this_machine() -> Self {
         Self { root: cfg!(target_os = "linux").then(|| "/".into()) }
     }
 
-    /// Its serial number; `None`: it has none, or this is no Linux.
+    /// The serial number of the device at `path`, such as `1-2.3`; `None` if it has none or this is no Linux.
     pub fn serial(&self, path: &str) -> Option<String> {
-        self.line(path, "serial")
+        self.attribute(path, "serial")
     }
 
-    /// Its name, as `serial`.
+    /// The product name of the device at `path`; `None` if it has none or this is no Linux.
     pub fn name(&self, path: &str) -> Option<String> {
-        self.line(path, "product")
+        self.attribute(path, "product")
     }
 
-    /// What is worth a warning about the device at that place, such as `1-2.3`.
-    pub fn remarks(&self, path: &str, high_speed: bool) -> Vec<Remark> {
+    /// What is worth a warning about the device at `path`.
+    pub fn warnings(&self, path: &str, high_speed: bool) -> Vec<DeviceWarning> {
         let mut remarks = Vec::new();
         if !high_speed {
-            remarks.push(Remark::Slow { mbit: self.line(path, "speed") });
+            remarks.push(DeviceWarning::Slow { mbit: self.attribute(path, "speed") });
         }
-        let never = self.line(path, "power/autosuspend_delay_ms").is_some_and(|delay| delay.starts_with('-'));
-        if self.line(path, "power/control").as_deref() == Some("auto")
+        let never = self.attribute(path, "power/autosuspend_delay_ms").is_some_and(|delay| delay.starts_with('-'));
+        if self.attribute(path, "power/control").as_deref() == Some("auto")
             && !never
             && let Some(device) = self.device(path)
         {
-            remarks.push(Remark::Sleeps { control: device.join("power/control") });
+            remarks.push(DeviceWarning::Sleeps { control: device.join("power/control") });
         }
         let times = self.over_currents(path);
         if times > 0 {
-            remarks.push(Remark::OverCurrent { times });
+            remarks.push(DeviceWarning::OverCurrent { times });
         }
         remarks
     }
 
-    /// How often the port at that place has cut the power.
+    /// How often the port of the device at `path` has cut the power because of an over-current.
     pub fn over_currents(&self, path: &str) -> u32 {
-        // A port stands below its hub's interface: 1-2-port3 of hub 1-2, usb1-port2 of the root of bus 1.
+        // The folder of a port is below its hub's interface: 1-2-port3 of hub 1-2, usb1-port2 of the root hub of bus 1.
         let (hub, interface, port) = match (path.rsplit_once('.'), path.split_once('-')) {
             (Some((hub, port)), _) => (hub.to_owned(), format!("{hub}:1.0"), port),
             (None, Some((bus, port))) => (format!("usb{bus}"), format!("{bus}-0:1.0"), port),
             (None, None) => return 0,
         };
-        let count = self.line(&interface, &format!("{hub}-port{port}/over_current_count"));
+        let count = self.attribute(&interface, &format!("{hub}-port{port}/over_current_count"));
         count.and_then(|count| count.parse().ok()).unwrap_or(0)
     }
 
-    /// Who has the device open whose node is that: bus and address. Processes of other users are shown to root alone.
+    /// The processes that have the device with this bus number and address open. Those of other users are visible to root
+    /// only.
     pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<Holder> {
         let node = PathBuf::from(format!("/dev/bus/usb/{bus:03}/{address:03}"));
         let processes = self.root.iter().flat_map(|root| fs::read_dir(root.join("proc"))).flatten().flatten();
@@ -144,13 +145,13 @@ impl System {
         Some(self.root.as_ref()?.join("sys/bus/usb/devices").join(path))
     }
 
-    fn line(&self, path: &str, file: &str) -> Option<String> {
+    fn attribute(&self, path: &str, file: &str) -> Option<String> {
         first_line(&self.device(path)?.join(file))
     }
 }
 
 fn first_line(file: &Path) -> Option<String> {
-    // What a device says of itself need not be UTF-8.
+    // A device's texts need not be UTF-8.
     let bytes = fs::read(file).ok()?;
     let text = String::from_utf8_lossy(&bytes).trim().to_owned();
     (!text.is_empty()).then_some(text)
@@ -175,8 +176,8 @@ mod tests {
             tree
         }
 
-        fn system(&self) -> System {
-            System { root: Some(self.0.path().to_owned()) }
+        fn system(&self) -> Sysfs {
+            Sysfs { root: Some(self.0.path().to_owned()) }
         }
     }
 
@@ -189,14 +190,14 @@ mod tests {
             ("sys/bus/usb/devices/1-2.3/power/autosuspend_delay_ms", "2000\n"),
             ("sys/bus/usb/devices/1-2:1.0/1-2-port3/over_current_count", "4\n"),
         ]);
-        let remarks = tree.system().remarks("1-2.3", false);
+        let remarks = tree.system().warnings("1-2.3", false);
         let control = tree.0.path().join("sys/bus/usb/devices/1-2.3/power/control");
         let [slow, sleeps, starved] = &remarks[..] else { panic!("{remarks:?}") };
-        assert_eq!(*slow, Remark::Slow { mbit: Some("12".into()) });
+        assert_eq!(*slow, DeviceWarning::Slow { mbit: Some("12".into()) });
         assert!(slow.to_string().contains("at 12 Mbit/s") && slow.to_string().contains("another port"), "{slow}");
-        assert_eq!(*sleeps, Remark::Sleeps { control: control.clone() });
+        assert_eq!(*sleeps, DeviceWarning::Sleeps { control: control.clone() });
         assert!(sleeps.to_string().contains(&format!("echo on | sudo tee {}`", control.display())), "{sleeps}");
-        assert_eq!(*starved, Remark::OverCurrent { times: 4 });
+        assert_eq!(*starved, DeviceWarning::OverCurrent { times: 4 });
         assert!(starved.to_string().contains("power supply of its own"), "{starved}");
     }
 
@@ -211,9 +212,9 @@ mod tests {
             ("sys/bus/usb/devices/1-3/power/control", "auto\n"),
             ("sys/bus/usb/devices/1-3/power/autosuspend_delay_ms", "-1\n"),
         ]);
-        assert_eq!(tree.system().remarks("1-2", true), []);
-        assert_eq!(tree.system().remarks("1-3", true), [Remark::OverCurrent { times: 1 }], "it never sleeps");
-        assert_eq!(Tree::new(&[]).system().remarks("1-2", true), [], "a system that says nothing");
+        assert_eq!(tree.system().warnings("1-2", true), []);
+        assert_eq!(tree.system().warnings("1-3", true), [DeviceWarning::OverCurrent { times: 1 }], "it never sleeps");
+        assert_eq!(Tree::new(&[]).system().warnings("1-2", true), [], "a system that says nothing");
     }
 
     /// LIB-46 Whoever has the node open holds the board.

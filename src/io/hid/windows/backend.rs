@@ -1,0 +1,263 @@
+//! The backend over Windows' HID driver: overlapped reads and writes. No other file passes memory to Windows that it uses
+//! after the call.
+
+use std::cell::UnsafeCell;
+use std::ptr::{self, NonNull};
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::api::{Handle, Overlapped};
+use super::bus::Device;
+use super::find::ReportInterface;
+use super::handle::OwnedHandle;
+use super::{Backend, NUMBERED_LEN, Outcome, REPORT_LEN, TransferListener, UsbError, codes};
+
+/// The most reports that the driver queues for a handle without a read under way (HidD_SetNumInputBuffers); its default is
+/// 32. The driver does not count what it drops, so this is what it is set to. \[OURS]
+const DRIVER_QUEUE_MAX: usize = 512;
+/// The shortest queue that the driver may be set to.
+const DRIVER_QUEUE_MIN: usize = 2;
+
+struct OverlappedBackend {
+    inputs: Vec<Transfer>,
+    output: Transfer,
+    /// The completion port for transfers to the host.
+    port: OwnedHandle,
+    /// Set at the end of the transfer to the device. Waiting for that at the port would take two more calls of the system,
+    /// and under Wine each of them costs a good part of the time of a write.
+    output_ended: OwnedHandle,
+    /// Set to interrupt the wait for `output_ended`.
+    output_interrupted: OwnedHandle,
+    handle: Arc<OwnedHandle>,
+    listener: Arc<dyn TransferListener>,
+}
+
+impl Device {
+    /// Opens the device shared: every handle gets every report.
+    pub fn open_backend(
+        &self,
+        _shape: ReportInterface,
+        transfers: usize,
+        listener: &Arc<impl TransferListener + 'static>,
+    ) -> Result<Arc<dyn Backend>, UsbError> {
+        let handle = Arc::new(OwnedHandle::open(&self.bus, &self.path, true)?);
+        let port = handle.port()?;
+        let [output_ended, output_interrupted] = [OwnedHandle::event(&self.bus)?, OwnedHandle::event(&self.bus)?];
+        let inputs = (0..transfers).map(|_| Transfer::new(ptr::null_mut())).collect();
+        // An event with its lowest bit set keeps the end of this transfer from the completion port.
+        let output = Transfer::new(output_ended.raw().map_addr(|address| address | 1));
+        let backend = OverlappedBackend {
+            inputs,
+            output,
+            port,
+            output_ended,
+            output_interrupted,
+            handle,
+            listener: listener.clone(),
+        };
+        // If the driver cannot queue as many the device is opened all the same.
+        backend.set_system_queue(None);
+        Ok(Arc::new(backend))
+    }
+}
+
+/// A transfer of one report. While it is submitted, Windows owns its buffer.
+struct Transfer {
+    /// A leaked box, because Windows keeps its address.
+    inner: NonNull<Inner>,
+}
+
+/// Windows returns the address of the first field with the end of a transfer.
+#[repr(C)]
+struct Inner {
+    overlapped: UnsafeCell<Overlapped>,
+    buffer: UnsafeCell<[u8; NUMBERED_LEN]>,
+}
+
+// SAFETY: Windows accesses the overlapped structure and the buffer while the transfer is submitted, otherwise only
+// `submit_output` and `ended` do.
+unsafe impl Send for Transfer {}
+// SAFETY: as above.
+unsafe impl Sync for Transfer {}
+
+impl Transfer {
+    /// `event` is set when the transfer has ended; null for none.
+    fn new(event: Handle) -> Self {
+        let overlapped = Overlapped { internal: 0, internal_high: 0, offset: 0, offset_high: 0, event };
+        let inner = Inner { overlapped: overlapped.into(), buffer: [0; NUMBERED_LEN].into() };
+        Self { inner: NonNull::from(Box::leak(Box::new(inner))) }
+    }
+
+    fn inner(&self) -> &Inner {
+        // SAFETY: the box is freed in `drop` only, and no other code makes unique references to it.
+        unsafe { self.inner.as_ref() }
+    }
+
+    fn overlapped(&self) -> *mut Overlapped {
+        self.inner().overlapped.get()
+    }
+
+    fn buffer(&self) -> *mut u8 {
+        self.inner().buffer.get().cast()
+    }
+}
+
+impl Drop for Transfer {
+    fn drop(&mut self) {
+        // SAFETY: it came from a box, and a backend is dropped after all its transfers have ended.
+        drop(unsafe { Box::from_raw(self.inner.as_ptr()) });
+    }
+}
+
+impl OverlappedBackend {
+    /// Whether a transfer was submitted, by the return value of the function that submits it.
+    fn submitted(&self, done: i32) -> Result<(), UsbError> {
+        // A transfer that is complete at once is reported at the port as well.
+        if done != 0 {
+            return Ok(());
+        }
+        match self.handle.bus().last_error() {
+            codes::PENDING => Ok(()),
+            code => Err(codes::submit_error(code)),
+        }
+    }
+
+    fn read(&self, transfer: &Transfer) -> Result<(), UsbError> {
+        let read = self.handle.bus().api().read_file;
+        // SAFETY: the transfer is not submitted; it lives until `drop`, which is after its end is reported.
+        let done = unsafe {
+            read(self.handle.raw(), transfer.buffer(), NUMBERED_LEN as u32, ptr::null_mut(), transfer.overlapped())
+        };
+        self.submitted(done)
+    }
+
+    /// Waits for the end of a transfer for at most `limit_ms` and calls the listener. Returns `false` if none has ended.
+    fn next_event(&self, limit_ms: u32) -> Result<bool, UsbError> {
+        let (mut moved, mut key, mut overlapped) = (0, 0, ptr::null_mut());
+        let next = self.handle.bus().api().next_completion;
+        // SAFETY: the port is open until `drop`; the other arguments receive the result.
+        let good = unsafe { next(self.port.raw(), &raw mut moved, &raw mut key, &raw mut overlapped, limit_ms) } != 0;
+        let code = if good { 0 } else { self.handle.bus().last_error() };
+        if overlapped.is_null() {
+            // The wait was interrupted, nothing has ended yet, or the port has failed.
+            return if good || code == codes::NOTHING_YET { Ok(false) } else { Err(codes::open_error(code)) };
+        }
+        self.ended(overlapped, codes::outcome(code), moved as usize);
+        Ok(true)
+    }
+
+    fn cancel(&self, transfer: &Transfer) {
+        // SAFETY: handle and transfer are valid until `drop`. A transfer that is not under way is not found.
+        unsafe { (self.handle.bus().api().cancel)(self.handle.raw(), transfer.overlapped()) };
+    }
+
+    /// Calls the listener for the transfer to the host whose first field is `overlapped`.
+    fn ended(&self, overlapped: *mut Overlapped, outcome: Outcome, moved: usize) {
+        let moved = moved.min(NUMBERED_LEN);
+        let Some(number) = self.inputs.iter().position(|input| input.overlapped() == overlapped) else { return };
+        let input = &self.inputs[number];
+        // SAFETY: the transfer has ended, and no other thread handles events meanwhile. The bytes are copied, since the
+        // listener may submit the transfer again while it uses them.
+        let bytes = unsafe { *input.inner().buffer.get() };
+        // The board uses no report ids, so a report with one is not the board's.
+        let report = if bytes[0] == 0 { bytes.get(1..moved).unwrap_or_default() } else { &[] };
+        self.listener.input_ended(number, outcome, report, &|| self.read(input));
+    }
+}
+
+/// A limit in whole milliseconds, which Windows waits in, rounded up.
+fn milliseconds(limit: Duration) -> u32 {
+    u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(u32::MAX - 1)
+}
+
+impl Backend for OverlappedBackend {
+    fn inputs(&self) -> usize {
+        self.inputs.len()
+    }
+
+    fn submit_input(&self, number: usize) -> Result<(), UsbError> {
+        self.read(self.inputs.get(number).ok_or(UsbError::Invalid)?)
+    }
+
+    fn set_system_queue(&self, reports: Option<usize>) -> bool {
+        let reports = reports.unwrap_or(DRIVER_QUEUE_MAX);
+        let set = self.handle.bus().api().set_input_buffers;
+        // SAFETY: the handle is open until `drop`.
+        (DRIVER_QUEUE_MIN..=DRIVER_QUEUE_MAX).contains(&reports)
+            && unsafe { set(self.handle.raw(), reports as u32) } != 0
+    }
+
+    unsafe fn submit_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError> {
+        let write = self.handle.bus().api().write_file;
+        // SAFETY: by the caller's promise the transfer is not submitted, and no other thread calls this function. The first
+        // byte, the report id, stays 0.
+        let done = unsafe {
+            let (buffer, overlapped) = (self.output.buffer(), self.output.overlapped());
+            buffer.add(1).copy_from_nonoverlapping(report.as_ptr(), REPORT_LEN);
+            write(self.handle.raw(), buffer, NUMBERED_LEN as u32, ptr::null_mut(), overlapped)
+        };
+        self.submitted(done)
+    }
+
+    fn cancel_inputs(&self) {
+        self.inputs.iter().for_each(|input| self.cancel(input));
+    }
+
+    fn cancel_output(&self) {
+        self.cancel(&self.output);
+    }
+
+    fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
+        let mut limit = milliseconds(limit);
+        // Handle all that have ended, at most as many as there are transfers, so that the loop ends.
+        for _ in 0..=self.inputs.len() {
+            if !self.next_event(limit)? {
+                break;
+            }
+            limit = 0;
+        }
+        Ok(())
+    }
+
+    fn interrupt(&self) {
+        // SAFETY: the port is open until `drop`.
+        unsafe { (self.handle.bus().api().post_completion)(self.port.raw(), 0, 0, ptr::null_mut()) };
+    }
+
+    fn waits_for_output_apart(&self) -> bool {
+        true
+    }
+
+    fn await_output(&self, limit: Duration) -> Result<(), UsbError> {
+        let api = self.handle.bus().api();
+        let events = [self.output_ended.raw(), self.output_interrupted.raw()];
+        // SAFETY: both events are open until `drop`.
+        match unsafe { (api.wait_any)(events.len() as u32, events.as_ptr(), 0, milliseconds(limit)) } {
+            0 => {}
+            1 | codes::NOTHING_YET => return Ok(()),
+            _ => return Err(codes::open_error(self.handle.bus().last_error())),
+        }
+        let mut moved = 0;
+        // SAFETY: handle and transfer are valid until `drop`, and the transfer has ended.
+        let good =
+            unsafe { (api.transfer_result)(self.handle.raw(), self.output.overlapped(), &raw mut moved, 0) } != 0;
+        let code = if good { 0 } else { self.handle.bus().last_error() };
+        // The report id is not part of the report.
+        let moved = (moved as usize).min(NUMBERED_LEN).saturating_sub(1);
+        self.listener.output_ended(codes::outcome(code), moved);
+        Ok(())
+    }
+
+    fn interrupt_output(&self) {
+        // SAFETY: the event is open until `drop`.
+        unsafe { (self.handle.bus().api().set_event)(self.output_interrupted.raw()) };
+    }
+
+    // The driver clears stalls by itself.
+    fn clear_input_halt(&self) {}
+
+    fn clear_output_halt(&self) {}
+
+    // The handle is closed when the backend is dropped, because other threads may still be in a call with it.
+    fn release(&self) {}
+}

@@ -1,8 +1,11 @@
-//! Words of EtherCAT, which everybody who has to do with slaves speaks: the AL states, CANopen over EtherCAT ([`coe`]) and
-//! CiA 402 ([`cia402`]). No I/O, no state, no `std`.
+//! Words of EtherCAT, which everybody who has to do with slaves speaks: the AL states, sets of slaves, CANopen over
+//! EtherCAT ([`coe`]) and CiA 402 ([`cia402`]). No I/O, no state, no `std`.
 
 pub mod cia402;
 pub mod coe;
+mod slave_set;
+
+pub use slave_set::{MAX_SLAVES, SlaveSet};
 
 /// A point in a device's time, nanoseconds since it was switched on, or a span of it.
 pub type Ns = u64;

@@ -17,10 +17,8 @@ use crate::cia402::{Controlword, Mode, Statusword};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::sk::{CycleTime, DriveSync};
 
-pub use crate::ethercat::{AlState, Ns};
+pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
-/// Slaves a board can drive at most (12-byte slots).
-pub const MAX_SLAVES: usize = 40;
 /// Axes of one slave at most: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
 /// How many cycles later than its outputs were sent an answer is polled at most \[OURS].
@@ -36,73 +34,6 @@ pub enum Pacing {
         /// Outputs the bus can hold.
         depth: u16,
     },
-}
-
-/// A set of slaves, numbered from 1 in the order of the cable.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct SlaveSet(u64);
-
-impl SlaveSet {
-    /// No slave.
-    pub const EMPTY: Self = Self(0);
-
-    /// Slaves 1..=n.
-    pub const fn first(n: u8) -> Self {
-        Self((1 << n as u64) - 1)
-    }
-
-    /// Whether `slave` (from 1) is in the set.
-    pub const fn contains(self, slave: u8) -> bool {
-        slave >= 1 && self.0 & (1 << (slave as u64 - 1)) != 0
-    }
-
-    /// Puts `slave` (from 1) in.
-    pub const fn insert(&mut self, slave: u8) {
-        self.0 |= 1 << (slave as u64 - 1);
-    }
-
-    /// Takes `slave` (from 1) out.
-    pub const fn remove(&mut self, slave: u8) {
-        self.0 &= !(1 << (slave as u64 - 1));
-    }
-
-    /// Whether there is no slave in it.
-    pub const fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
-    /// Those in this set or the other.
-    #[must_use]
-    pub const fn union(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-
-    /// Those in both.
-    #[must_use]
-    pub const fn intersection(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
-    /// Those in this set and not in the other.
-    #[must_use]
-    pub const fn difference(self, other: Self) -> Self {
-        Self(self.0 & !other.0)
-    }
-
-    /// How many slaves are in it.
-    pub const fn len(self) -> u8 {
-        self.0.count_ones() as u8
-    }
-
-    /// The slaves in order.
-    pub fn iter(self) -> impl Iterator<Item = u8> {
-        let mut left = self.0 & ((1 << MAX_SLAVES) - 1);
-        std::iter::from_fn(move || {
-            let slave = (left != 0).then(|| left.trailing_zeros() as u8 + 1)?;
-            left &= left - 1;
-            Some(slave)
-        })
-    }
 }
 
 /// What a slave is used as; it fixes its process data (SK-7, table).

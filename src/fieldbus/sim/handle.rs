@@ -167,7 +167,7 @@ impl SimHandle {
 
     /// Slaves that frames reach and that answer them.
     pub(super) fn answering(&self) -> SlaveSet {
-        let silent = SlaveSet(self.0.silent.load(Ordering::Relaxed));
+        let silent = SlaveSet::from_bits(self.0.silent.load(Ordering::Relaxed));
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
     }
 

@@ -1,0 +1,89 @@
+//! Sets of slaves, as a word of bits: a cyclic path asks and changes them for each slave.
+
+/// Slaves on the network of one board at most (12-byte slots, SK-1).
+pub const MAX_SLAVES: usize = 40;
+
+/// A set of slaves, numbered from 1 in the order of the cable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SlaveSet(u64);
+
+impl SlaveSet {
+    /// No slave.
+    pub const EMPTY: Self = Self(0);
+
+    /// The slaves whose bits are set: bit 0 is slave 1. Bits from [`MAX_SLAVES`] on have to be 0.
+    pub const fn from_bits(bits: u64) -> Self {
+        Self(bits)
+    }
+
+    /// A bit for each slave in the set: bit 0 is slave 1.
+    pub const fn bits(self) -> u64 {
+        self.0
+    }
+
+    /// Slaves 1..=n.
+    pub const fn first(n: u8) -> Self {
+        Self((1 << n as u64) - 1)
+    }
+
+    /// Whether `slave` (from 1) is in the set.
+    pub const fn contains(self, slave: u8) -> bool {
+        slave >= 1 && self.0 & (1 << (slave as u64 - 1)) != 0
+    }
+
+    /// Puts `slave` (from 1) in.
+    pub const fn insert(&mut self, slave: u8) {
+        self.0 |= 1 << (slave as u64 - 1);
+    }
+
+    /// Takes `slave` (from 1) out.
+    pub const fn remove(&mut self, slave: u8) {
+        self.0 &= !(1 << (slave as u64 - 1));
+    }
+
+    /// Whether there is no slave in it.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Those in this set or the other.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Those in both.
+    #[must_use]
+    pub const fn intersection(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// Those in this set and not in the other.
+    #[must_use]
+    pub const fn difference(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// How many slaves are in it.
+    pub const fn len(self) -> u8 {
+        self.0.count_ones() as u8
+    }
+
+    /// The slaves in order.
+    pub fn iter(self) -> impl Iterator<Item = u8> {
+        let mut left = self.0 & ((1 << MAX_SLAVES) - 1);
+        core::iter::from_fn(move || {
+            let slave = (left != 0).then(|| left.trailing_zeros() as u8 + 1)?;
+            left &= left - 1;
+            Some(slave)
+        })
+    }
+}
+
+impl FromIterator<u8> for SlaveSet {
+    fn from_iter<T: IntoIterator<Item = u8>>(slaves: T) -> Self {
+        let mut set = Self::EMPTY;
+        slaves.into_iter().for_each(|slave| set.insert(slave));
+        set
+    }
+}

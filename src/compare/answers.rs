@@ -1,4 +1,4 @@
-//! What of two answers to the same command is not equal.
+//! What differs between two answers to the same command.
 
 use super::difference::What;
 use super::steps::{Answer, Step};
@@ -7,8 +7,8 @@ use crate::cia402::Statusword;
 use crate::sk::dump::SlaveData;
 use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 
-/// All that differs in the answers of two steps, the board's own first, then by slave; nothing where one has no answer.
-/// Whether commands were lost is known without.
+/// All differences between the answers of two steps: those of slot 0 first, then by slave. Where one step has no answer only
+/// lost commands are compared.
 pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<What> {
     let mut found = Vec::new();
     if a.lost != b.lost {
@@ -17,7 +17,7 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<What> {
     let (Some(answer_a), Some(answer_b)) = (&a.answer, &b.answer) else { return found };
     let boards = [answer_a.board(), answer_b.board()];
     if boards[0].state != boards[1].state {
-        // What slaves say is of a state.
+        // What the slaves' slots mean depends on the state, so they are not compared.
         found.push(What::State { states: boards.map(|board| board.state) });
         return found;
     }
@@ -28,13 +28,13 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<What> {
         return found;
     }
     for slave in 1..=a.size.max_slaves() as u8 {
-        slaves(slave, answer_a, answer_b, options, &mut found);
+        slave_differences(slave, answer_a, answer_b, options, &mut found);
     }
-    // A fault that is gone again; one that still shows was told.
-    for (side, mine, others) in [(Side::A, &a.faults, &b.faults), (Side::B, &b.faults, &a.faults)] {
-        for (slave, error_code) in mine.iter().copied() {
-            let told = found.iter().any(|what| what.slave() == Some(slave));
-            if !told && !others.contains(&(slave, error_code)) {
+    // A fault that the answer does not show any more. One that it still shows is among the differences above.
+    for (side, faults, faults_of_other) in [(Side::A, &a.faults, &b.faults), (Side::B, &b.faults, &a.faults)] {
+        for (slave, error_code) in faults.iter().copied() {
+            let is_found = found.iter().any(|what| what.slave() == Some(slave));
+            if !is_found && !faults_of_other.contains(&(slave, error_code)) {
                 found.push(What::Fault { slave, side, error_code });
             }
         }
@@ -42,7 +42,7 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<What> {
     found
 }
 
-fn slaves(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<What>) {
+fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<What>) {
     let statuswords = |words: [Statusword; 2]| {
         let differ = (words[0].0 ^ words[1].0) & options.statusword_mask != 0;
         differ.then_some(What::Statusword { slave, words })
@@ -65,7 +65,7 @@ fn slaves(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<
             found.extend((1..).zip(axes(|axis| axis.position)).filter_map(|(n, counts)| positions(n, counts)));
             found.extend(axes(|axis| axis.inputs.into()).into_iter().filter_map(|bits| inputs(bits.map(|n| n as u16))));
         }
-        // What the bits are, inputs or outputs, goes by the command answered, and that by how often was polled.
+        // The bits are inputs or outputs depending on the command that is answered, and that depends on timing.
         (SlaveData::Io(io_a), SlaveData::Io(io_b)) if io_a.head.id == io_b.head.id => {
             found.extend(inputs([io_a.bits, io_b.bits]));
         }
@@ -77,30 +77,30 @@ fn slaves(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<
     }
 }
 
-/// The transfer that both programs wait for, and whether its answers have been compared: they come when they come, at
-/// one of the steps before the next transfer.
+/// The SDO transfer that both programs have requested, and the answers to it. An answer may come with any of the steps until
+/// the next transfer, so the two are compared when both have come.
 #[derive(Debug, Default)]
 pub struct Transfer {
     request: Option<SdoCommand>,
-    seen: [Option<SdoResponse>; 2],
+    answers: [Option<SdoResponse>; 2],
 }
 
 impl Transfer {
-    /// Two equal steps: what is different in answers, each told once, and whether one answer never came.
+    /// Takes two equal steps. Returns a difference between the two answers, once, and whether one answer never came.
     pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<What> {
         let mut found = Vec::new();
         if let Some(request) = a.sdo() {
             found.extend(self.end());
-            *self = Self { request: Some(request), seen: [None; 2] };
+            *self = Self { request: Some(request), answers: [None; 2] };
         }
         let Some(request) = self.request else { return found };
-        let both = self.seen.iter().all(Option::is_some);
-        for (seen, step) in self.seen.iter_mut().zip([a, b]) {
+        let were_compared = self.answers.iter().all(Option::is_some);
+        for (known, step) in self.answers.iter_mut().zip([a, b]) {
             let answer = step.answer.as_ref().map(Answer::sdo).filter(|answer| is_answer(&request, answer));
-            *seen = seen.or(answer);
+            *known = known.or(answer);
         }
-        if let [Some(a), Some(b)] = self.seen
-            && !both
+        if let [Some(a), Some(b)] = self.answers
+            && !were_compared
             && a != b
         {
             found.push(What::Sdo { answers: [a, b] });
@@ -108,10 +108,10 @@ impl Transfer {
         found
     }
 
-    /// There is no more: an answer that came in one run alone.
+    /// Ends the transfer. Returns a difference if an answer came in one run only.
     pub fn end(&mut self) -> Option<What> {
         let request = self.request.take()?;
-        let side = match self.seen {
+        let side = match self.answers {
             [Some(_), None] => Side::B,
             [None, Some(_)] => Side::A,
             _ => return None,
@@ -125,8 +125,8 @@ fn is_answer(request: &SdoCommand, answer: &SdoResponse) -> bool {
         return false;
     };
     match *request {
-        SdoCommand::Read { slave: asked, object: of } | SdoCommand::Write { slave: asked, object: of, .. } => {
-            request.id() == id && asked == slave && of == object
+        SdoCommand::Read { slave: requested, object: of } | SdoCommand::Write { slave: requested, object: of, .. } => {
+            request.id() == id && requested == slave && of == object
         }
         SdoCommand::GetStatus | SdoCommand::Other(_) => false,
     }

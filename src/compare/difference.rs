@@ -1,4 +1,4 @@
-//! A difference between two runs, in words.
+//! A difference between two runs, and its text.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -8,94 +8,60 @@ use crate::cia402::Statusword;
 use crate::sk::dump::{CommandDump, SlotLine};
 use crate::sk::{SdoCommand, SdoResponse, StateByte};
 
-/// What is not equal. Pairs are those of A and B.
+/// What differs. Arrays hold the value of run A and that of run B; slaves are numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the variants say what their fields are")]
 pub enum What {
-    /// The program asked for something else: the first slot that differs.
+    /// The programs sent different commands.
     Command {
-        /// Both slots.
+        /// The first slot that differs.
         lines: Box<[SlotLine; 2]>,
     },
-    /// A run has no more commands.
-    Ends {
-        /// The shorter run.
-        side: Side,
-    },
-    /// Commands were lost, or refused for their CRC, in this run alone.
-    Lost {
-        /// In which.
-        side: Side,
-    },
-    /// The network's state.
+    /// The run `side` ends, and the other one has more commands.
+    Ends { side: Side },
+    /// In the run `side` commands were lost or refused for their CRC, and in the other one not.
+    Lost { side: Side },
+    /// The state of the network differs.
     State {
         /// Byte 2 of slot 0.
         states: [StateByte; 2],
     },
-    /// The result of the board's own command.
+    /// The result of the command for the board itself differs.
     Result {
         /// Data1 of slot 0.
         results: [u32; 2],
     },
-    /// A drive had a fault in this run alone, and may have lost it again.
+    /// In the run `side` a drive had a fault, which may be cleared again, and in the other one not.
     Fault {
-        /// Slave.
         slave: u8,
-        /// In which.
         side: Side,
-        /// 0x603F, 0 if it was not told.
+        /// Object 0x603F; 0 if the drive showed none.
         error_code: u16,
     },
-    /// A drive's statusword.
-    Statusword {
-        /// Slave.
-        slave: u8,
-        /// 0x6041.
-        words: [Statusword; 2],
-    },
-    /// A drive's error code.
-    ErrorCode {
-        /// Slave.
-        slave: u8,
-        /// 0x603F.
-        codes: [u16; 2],
-    },
-    /// Positions further apart than allowed.
+    /// A drive's statusword differs in bits that are compared.
+    Statusword { slave: u8, words: [Statusword; 2] },
+    /// A drive's error code, object 0x603F, differs.
+    ErrorCode { slave: u8, codes: [u16; 2] },
+    /// Actual positions differ by more than the tolerance.
     Position {
-        /// Slave.
         slave: u8,
-        /// 1, or 2 of a two-channel HSP.
+        /// 1; 2 for the second axis of a two-channel HSP.
         axis: u8,
-        /// 0x6064.
+        /// Object 0x6064 (0x6864).
         counts: [i32; 2],
     },
-    /// Inputs of an IO slave or an HSP, or the outputs that an IO slave answers.
-    Inputs {
-        /// Slave.
-        slave: u8,
-        /// As they are.
-        bits: [u16; 2],
-    },
-    /// A slave is not the same kind of slave, or is there in one run alone.
-    Kind {
-        /// Slave.
-        slave: u8,
-    },
-    /// What an SDO transfer gave.
-    Sdo {
-        /// The answers.
-        answers: [SdoResponse; 2],
-    },
-    /// An SDO transfer was answered in the other run alone.
-    NoSdoAnswer {
-        /// Where it was not.
-        side: Side,
-        /// What was asked for.
-        request: SdoCommand,
-    },
+    /// The inputs of an IO slave or an HSP differ, or the outputs in the answers of an IO slave.
+    Inputs { slave: u8, bits: [u16; 2] },
+    /// The slave is of another kind, or present in one run only.
+    Kind { slave: u8 },
+    /// The answers to an SDO transfer differ.
+    Sdo { answers: [SdoResponse; 2] },
+    /// In the run `side` an SDO transfer was not answered, and in the other one it was.
+    NoSdoAnswer { side: Side, request: SdoCommand },
 }
 
 impl What {
-    /// The slave it is about.
+    /// The slave that the difference is about; `None` if it is about the board or the program.
     pub const fn slave(&self) -> Option<u8> {
         match self {
             Self::Fault { slave, .. }
@@ -109,19 +75,19 @@ impl What {
     }
 }
 
-/// Where two runs differ.
+/// A command at which two runs differ, and how.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// Number of the command, from 1; frames of nothing but GET_STATUS do not count.
+    /// The number of the command, from 1. Frames of nothing but GET_STATUS are not counted.
     pub command: u64,
-    /// What the command asks for: the slot that matters, as [`crate::sk::dump`] writes it; of the longer run if one has
-    /// ended.
+    /// The slot of the command that the difference is about, as [`crate::sk::dump`] writes it. If one run has ended it is the
+    /// other run's command.
     pub text: String,
-    /// Number of its frame in A and B; `None` where the run has ended.
+    /// The number of its frame in run A and in run B; `None` where the run has ended.
     pub frames: [Option<u64>; 2],
-    /// When it was sent in A and B, nanoseconds.
+    /// When it was sent in run A and in run B, in nanoseconds.
     pub at_ns: [Option<i64>; 2],
-    /// What is different, the most telling first. Not empty.
+    /// What differs, the most important first; at least one entry.
     pub what: Vec<What>,
 }
 
@@ -140,19 +106,19 @@ impl Difference {
     }
 }
 
-/// What a slot of a command asks for, in the words of a dump.
+/// A slot of a step's command, as a dump writes it.
 pub(super) fn words(step: &Step, slot: usize) -> String {
     let line = CommandDump::new(&step.command, step.size).line(slot);
     line.map_or_else(String::new, |line| line_words(&line))
 }
 
-/// A line of a dump without its columns and its CRC.
+/// A line of a dump without its column padding and its CRC.
 fn line_words(line: &SlotLine) -> String {
     let text = SlotLine { crc: None, ..*line }.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Nanoseconds as seconds with three digits.
+/// Nanoseconds as a text in seconds with three decimals.
 pub(super) fn seconds(at_ns: i64) -> String {
     let (sign, us) = (if at_ns < 0 { "-" } else { "" }, (at_ns.unsigned_abs() + 500) / 1000);
     format!("{sign}{}.{:03} s", us / 1_000_000, us % 1_000_000 / 1000)
@@ -170,25 +136,25 @@ impl Display for Difference {
             [None, Some(b)] => write!(f, " at {} in B", seconds(b))?,
             [None, None] => {}
         }
-        for (i, what) in self.what.iter().take(TOLD).enumerate() {
+        for (i, what) in self.what.iter().take(SHOWN_MAX).enumerate() {
             write!(f, "{}{what}", if i == 0 { ": " } else { "; " })?;
         }
-        match self.what.len().saturating_sub(TOLD) {
+        match self.what.len().saturating_sub(SHOWN_MAX) {
             0 => Ok(()),
             more => write!(f, "; and {more} more"),
         }
     }
 }
 
-/// Differences of one command that are told. \[OURS]
-const TOLD: usize = 3;
+/// How many differences of one command its text names. \[OURS]
+const SHOWN_MAX: usize = 3;
 
 impl Display for What {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::Command { lines } => {
                 let [a, b] = [&lines[0], &lines[1]].map(line_words);
-                // The role stands in front of both.
+                // Both lines begin with the slot's role, which is written once.
                 let role = lines[0].role.to_string();
                 let b = b.strip_prefix(&role).map_or(b.as_str(), str::trim);
                 write!(f, "{a} in A, {b} in B")
@@ -202,7 +168,7 @@ impl Display for What {
                 write!(f, "slave {slave} had a fault in {side}, error code 0x{error_code:04X}")
             }
             Self::Statusword { slave, words: [a, b] } => {
-                write!(f, "slave {slave} statusword {} in A, {} in B", Word(*a), Word(*b))
+                write!(f, "slave {slave} statusword {} in A, {} in B", StatuswordText(*a), StatuswordText(*b))
             }
             Self::ErrorCode { slave, codes: [a, b] } => {
                 write!(f, "slave {slave} error code 0x{a:04X} in A, 0x{b:04X} in B")
@@ -214,7 +180,7 @@ impl Display for What {
             }
             Self::Inputs { slave, bits: [a, b] } => write!(f, "slave {slave} inputs 0x{a:04X} in A, 0x{b:04X} in B"),
             Self::Kind { slave } => write!(f, "slave {slave} is no slave of the same kind in A and B"),
-            Self::Sdo { answers: [a, b] } => write!(f, "SDO {} in A, {} in B", SdoWords(a), SdoWords(b)),
+            Self::Sdo { answers: [a, b] } => write!(f, "SDO {} in A, {} in B", SdoText(a), SdoText(b)),
             Self::NoSdoAnswer { side, request } => {
                 let (SdoCommand::Read { slave, object } | SdoCommand::Write { slave, object, .. }) = request else {
                     return write!(f, "the SDO before it was not answered in {side}");
@@ -226,10 +192,10 @@ impl Display for What {
     }
 }
 
-/// A statusword and its state.
-struct Word(Statusword);
+/// A statusword with the name of its state.
+struct StatuswordText(Statusword);
 
-impl Display for Word {
+impl Display for StatuswordText {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self.0.state() {
             Some(state) => write!(f, "0x{:04X} ({state})", self.0.0),
@@ -238,10 +204,9 @@ impl Display for Word {
     }
 }
 
-/// An SDO answer.
-struct SdoWords<'a>(&'a SdoResponse);
+struct SdoText<'a>(&'a SdoResponse);
 
-impl Display for SdoWords<'_> {
+impl Display for SdoText<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match *self.0 {
             SdoResponse::Done { slave, object, value, .. } => {

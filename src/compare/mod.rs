@@ -1,9 +1,20 @@
-//! Two runs of the same program, compared: on two boards, on a board and a model, before and after a change.
+//! Compares two runs of the same program: on two boards, on a board and on the model, before and after a change.
 //!
-//! The program's commands are the common thread, and not the time: command frame 214 of one run is held against command
-//! frame 214 of the other, and what the one board had answered to it, when the program moved on, against what the other
-//! had. What differs from run to run by timing alone counts for nothing: frames of nothing but GET_STATUS, the number of
-//! reports, and when they came. See [`Step`] for the rules.
+//! Runs are aligned by the program's commands and not by time: command frame 214 of one run is compared with command frame
+//! 214 of the other, and the answer that one board had given to it when the program sent its next command with that of the
+//! other. Differences of timing alone are ignored: frames of nothing but GET_STATUS, the number of reports and their times.
+//! The rules stand at [`Step`].
+//!
+//! How to read it:
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `mod.rs` | the options, and [`files`], which compares two recordings |
+//! | `source.rs` | [`Source`]: a recording as a run |
+//! | `steps.rs` | [`Step`]: a command with the board's answer to it, and [`Steps`], which finds them in a run |
+//! | `answers.rs` | what differs between two answers |
+//! | `difference.rs` | [`Difference`] and its text |
+//! | `runs.rs` | [`compare`]: two runs side by side |
 //!
 //! ```
 //! use ecmsk::compare::{Observed, Options, compare};
@@ -39,12 +50,12 @@ pub use steps::{Answer, Step, Steps};
 use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
 
-/// One of two runs.
+/// One of the two runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Side {
-    /// The first.
+    /// The first run.
     A,
-    /// The second.
+    /// The second run.
     B,
 }
 
@@ -67,33 +78,33 @@ impl std::fmt::Display for Side {
     }
 }
 
-/// A frame of a run, as a recording has it or a link moved it.
+/// A frame of a run with its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Observed {
     /// Its number in the run, from 1.
     pub number: u64,
-    /// When it passed, nanoseconds from any zero. Frames are in the order of their times.
+    /// When it was sent or received, in nanoseconds from any zero. The frames of a run are in the order of their times.
     pub at_ns: i64,
-    /// To the board or from it.
+    /// Whether it is a command ([`Dir::Write`]) or a report ([`Dir::Read`]).
     pub dir: Dir,
-    /// Its bytes.
+    /// The frame's bytes.
     pub frame: Frame,
 }
 
-/// What counts as equal.
+/// What counts as equal. By default everything has to be the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Positions may differ by so many counts: 0.
+    /// By how many counts positions may differ. Default: 0.
     pub tolerance_counts: u32,
-    /// Bits of a statusword that are looked at: all. 0x006F are those of the CiA 402 state.
+    /// The bits of a statusword that are compared. Default: all. 0x006F are those of the CiA 402 state.
     pub statusword_mask: u16,
-    /// Whether a frame sent again and again counts as one: no. For programs that send a state or a target until it is
-    /// reached, and so more or less often.
+    /// Whether the same frame sent several times in a row counts as one. For programs that send a state or a target until
+    /// it is reached, which may be more or less often. Default: no.
     pub ignore_repeats: bool,
-    /// The slot size, where the recordings do not say it.
+    /// The slot size; `None` for that of the recordings.
     pub slot: Option<SlotSize>,
-    /// Whether recordings that are equal as far as they go are equal, though one is cut off, was not ended or lacks frames:
-    /// no.
+    /// Whether two recordings count as equal if one of them is cut off, was not ended or lacks frames, and they are equal as
+    /// far as both go. Default: no, which is [`CompareError::Incomplete`].
     pub allow_incomplete: bool,
 }
 
@@ -122,8 +133,8 @@ impl Default for Options {
 /// ```
 ///
 /// # Errors
-/// [`CompareError`] if one cannot be read, the two have slots of different sizes, or no difference was found and one of them
-/// is not whole.
+/// [`CompareError`] if a recording cannot be read, if the two have slots of different sizes, or if no difference was found
+/// and one of them is incomplete.
 pub fn files(a: &Path, b: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let [mut a, mut b] = [Source::open(a, options.slot, None)?, Source::open(b, options.slot, None)?];
     let size = Source::common_size(&a, &b)?;

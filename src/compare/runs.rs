@@ -1,4 +1,4 @@
-//! Two runs side by side.
+//! Compares two runs step by step.
 
 use std::collections::VecDeque;
 use std::fmt::{self, Display, Formatter};
@@ -10,49 +10,49 @@ use super::{Observed, Options, Side};
 use crate::sk::SlotSize;
 use crate::sk::dump::CommandDump;
 
-/// Equal commands before the first difference that are kept. \[OURS]
-const CONTEXT: usize = 3;
+/// How many equal commands before the first difference are kept as its context. \[OURS]
+const CONTEXT_MAX: usize = 3;
 
-/// How much of a run there is.
+/// The length of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Command frames that ask for something.
+    /// Command frames that request something.
     pub commands: u64,
-    /// Frames of nothing but GET_STATUS.
+    /// Command frames of nothing but GET_STATUS.
     pub polls: u64,
-    /// Repeats that were not counted ([`Options::ignore_repeats`]).
+    /// Repeated command frames that were left out ([`Options::ignore_repeats`]).
     pub repeats: u64,
-    /// Reports.
+    /// Reports of the board.
     pub reports: u64,
-    /// When the last frame passed, nanoseconds.
+    /// The time of the last frame, in nanoseconds.
     pub last_ns: i64,
 }
 
 /// A command before the first difference.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Context {
-    /// Its number, from 1.
+    /// The number of the command, from 1.
     pub command: u64,
-    /// When it was sent in A and B, nanoseconds.
+    /// When it was sent in run A and in run B, in nanoseconds.
     pub at_ns: [i64; 2],
-    /// What it asks for: the first slot that does.
+    /// The first slot of it that requests something, as [`crate::sk::dump`] writes it.
     pub text: String,
 }
 
-/// What comparing two runs has found. Its `Display` tells all in a few lines.
+/// The result of comparing two runs. Its `Display` is a report of a few lines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Comparison {
-    /// Of A and B.
+    /// The lengths of run A and run B.
     pub counts: [Counts; 2],
-    /// Commands, equal in both, with an answer in both: so many answers were compared.
+    /// How many answers were compared: commands that are equal in both runs and have an answer in both.
     pub answers: u64,
-    /// Commands that are equal but for their answers.
+    /// At how many equal commands the answers differ.
     pub differing_answers: u64,
-    /// The first difference.
+    /// The first difference; `None` if the runs are equal.
     pub first: Option<Difference>,
-    /// The run that has fewer commands, and all it has are in the other one too.
+    /// The run that ends first although all its commands are equal; `None` if both have the same commands.
     pub ends_early: Option<Side>,
-    /// The commands before the first difference, the last three.
+    /// The last three commands before the first difference.
     pub context: Vec<Context>,
 }
 
@@ -63,10 +63,10 @@ impl Comparison {
     }
 }
 
-/// Compares two runs, each its frames in the order of their times.
+/// Compares two runs, each given as its frames in the order of their times.
 ///
-/// After a command that differs nothing can be aligned any more: the rest is counted. After a difference in answers it goes
-/// on.
+/// After a command that differs the runs cannot be aligned any more, and what follows is only counted. After a difference
+/// between answers the comparison goes on.
 pub fn compare(
     a: impl IntoIterator<Item = Observed>,
     b: impl IntoIterator<Item = Observed>,
@@ -77,7 +77,7 @@ pub fn compare(
     compare_steps(steps, Steps::new(b.into_iter(), size, options.ignore_repeats), options)
 }
 
-/// As [`compare`], of steps.
+/// Compares two runs that are given as steps; otherwise like [`compare`].
 pub fn compare_steps<A, B>(mut a: Steps<A>, mut b: Steps<B>, options: &Options) -> Comparison
 where
     A: Iterator<Item = Observed>,
@@ -104,9 +104,9 @@ fn counts<I>(steps: &Steps<I>, commands: u64) -> Counts {
     Counts { commands, polls, repeats, reports, last_ns }
 }
 
-/// What was found so far.
+/// The result so far.
 struct Found {
-    /// Commands were equal up to here.
+    /// All commands so far were equal.
     aligned: bool,
     transfer: Transfer,
     recent: VecDeque<(Step, Step)>,
@@ -137,7 +137,7 @@ impl Found {
         if let Some(slot) = (0..a.size.slots()).find(|i| a.slot(*i) != b.slot(*i)) {
             let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot);
             if let (Some(line_a), Some(line_b)) = (line(&a), line(&b)) {
-                self.tell(Some(&a), Some(&b), vec![What::Command { lines: Box::new([line_a, line_b]) }]);
+                self.set_first(Some(&a), Some(&b), vec![What::Command { lines: Box::new([line_a, line_b]) }]);
             }
             self.aligned = false;
             return;
@@ -147,10 +147,10 @@ impl Found {
         what.extend(self.transfer.steps(&a, &b));
         if !what.is_empty() {
             self.differing_answers += 1;
-            self.tell(Some(&a), Some(&b), what);
+            self.set_first(Some(&a), Some(&b), what);
         }
         if self.first.is_none() {
-            if self.recent.len() == CONTEXT {
+            if self.recent.len() == CONTEXT_MAX {
                 self.recent.pop_front();
             }
             self.recent.push_back((a, b));
@@ -160,11 +160,12 @@ impl Found {
     fn ended(&mut self, a: Option<&Step>, b: Option<&Step>) {
         let side = if a.is_none() { Side::A } else { Side::B };
         self.ends_early = Some(side);
-        self.tell(a, b, vec![What::Ends { side }]);
+        self.set_first(a, b, vec![What::Ends { side }]);
         self.aligned = false;
     }
 
-    fn tell(&mut self, a: Option<&Step>, b: Option<&Step>, what: Vec<What>) {
+    /// Keeps the difference with its context if it is the first.
+    fn set_first(&mut self, a: Option<&Step>, b: Option<&Step>, what: Vec<What>) {
         if self.first.is_some() {
             return;
         }
@@ -184,7 +185,7 @@ impl Found {
             let last = self.recent.back().cloned();
             let (a, b) = last.unzip();
             self.differing_answers += 1;
-            self.tell(a.as_ref(), b.as_ref(), vec![what]);
+            self.set_first(a.as_ref(), b.as_ref(), vec![what]);
         }
         let Self { answers, differing_answers, first, ends_early, context, .. } = self;
         Comparison { counts, answers, differing_answers, first, ends_early, context }

@@ -1,4 +1,4 @@
-//! Recordings as runs to compare.
+//! A recording as a run that can be compared.
 
 use std::fs::File;
 use std::path::Path;
@@ -9,8 +9,8 @@ use crate::recording::{Address, RecordError, RecordMeta, Recorded, Recording, Sk
 use crate::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// Frames that are looked at, at most, to find a slot size that the recording does not tell. \[OURS]
-const LOOK_AT: usize = 1000;
+/// How many frames are read at most to find the slot size of a recording that does not state it. \[OURS]
+const SLOT_SIZE_FRAMES_MAX: usize = 1000;
 
 /// Why runs cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -18,39 +18,39 @@ pub enum CompareError {
     /// A recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
-    /// Frames of different kinds.
+    /// The two runs have slots of different sizes.
     #[error(
         "A has slots of {} bytes and B of {}: their frames cannot be held against each other; if one of them is wrong, give the slot size",
         .a.bytes(),
         .b.bytes()
     )]
     SlotSizes {
-        /// Of the first.
+        /// That of the first run.
         a: SlotSize,
-        /// Of the second.
+        /// That of the second run.
         b: SlotSize,
     },
-    /// There is no difference as far as both go, and one of them is not whole.
+    /// The recordings are equal as far as both go, and one of them is incomplete.
     #[error("equal as far as they go, but {side} is not whole: {why}")]
     Incomplete {
-        /// Which.
+        /// The incomplete recording.
         side: Side,
-        /// What it lacks, with the next step.
+        /// What it lacks, and what to do about it.
         why: String,
     },
-    /// Nothing to compare.
+    /// A recording holds no frame.
     #[error("{name} holds no frame; record a program that opens the board")]
     Empty {
-        /// The recording.
+        /// The recording's file.
         name: String,
     },
 }
 
-/// The frames of a recording in the order of their times; of a capture those of its board. It ends at damage: what comes
-/// before is whole, and [`Source::damage`] tells.
+/// The frames of a recording in the order of their times, as an iterator; of a USB capture those of one board. It ends where
+/// the file is damaged, which [`Source::damage`] then tells; the frames before are intact.
 pub struct Source {
     recording: Recording<File>,
-    /// Since when times count.
+    /// The time of the first frame in the recording, which is the zero of [`Observed::at_ns`].
     first_ns: u64,
     board: Address,
     meta: Option<RecordMeta>,
@@ -63,8 +63,10 @@ pub struct Source {
 }
 
 impl Source {
-    /// Opens a recording. `slot`: its slot size, if it is known better than the recording tells. `device`: the board of a
-    /// capture, if it is not to be looked for.
+    /// Opens a recording.
+    ///
+    /// `slot` is its slot size, `None` for the one that the recording states or that its frames show. `device` is the USB
+    /// address of the board in a capture, `None` to search for it.
     ///
     /// # Errors
     /// [`CompareError::Recording`], [`CompareError::Empty`].
@@ -88,67 +90,68 @@ impl Source {
         })
     }
 
-    /// Which board's frames these are.
+    /// The USB address of the board whose frames these are.
     pub const fn board(&self) -> Address {
         self.board
     }
 
-    /// What the recording says of itself at its first frame; `None` for a capture that somebody else made.
+    /// The metadata that the recording has at its first frame; `None` for a capture that another program made.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }
 
-    /// When the first frame passed, as the recording has it: times count from there.
+    /// The time of the first frame in nanoseconds, on the recording's own clock. [`Observed::at_ns`] counts from it.
     pub const fn first_ns(&self) -> u64 {
         self.first_ns
     }
 
-    /// What of a capture was left out, as far as it was read.
+    /// What the part read so far contains besides frames of a board.
     pub fn skipped(&self) -> Skipped {
         self.recording.skipped()
     }
 
-    /// Bytes of a slot.
+    /// The slot size of the frames.
     pub const fn size(&self) -> SlotSize {
         self.size
     }
 
-    /// Whether the slot size is but assumed.
+    /// Whether the slot size is an assumption, because neither the caller nor the recording nor its frames tell it.
     pub fn is_size_assumed(&self) -> bool {
         self.size_from == SizeFrom::Assumed
     }
 
-    /// Frames that are known to be missing, as far as it was read.
+    /// How many frames are known to be missing in the part read so far.
     pub const fn missing(&self) -> u64 {
         self.recording.missing()
     }
 
-    /// What it lacks, once it was read: it is cut off or damaged, was not ended, or frames are known to be missing. `None`
-    /// if nothing tells that it is not the whole run.
+    /// Why the recording, once it is read, is not the whole run: it is cut off or damaged, was not ended, or lacks frames.
+    /// `None` if nothing shows that.
     pub fn shortcoming(&self) -> Option<String> {
         let lacks = || Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing());
         self.error.as_ref().map(RecordError::to_string).or_else(|| lacks().map(|lacks| lacks.to_string()))
     }
 
-    /// Where its times jump, as far as it was read.
+    /// Where the times jump in the part read so far; `None` if they do not.
     pub const fn jumps(&self) -> Option<Jumps> {
         self.timeline.jumps()
     }
 
-    /// Takes a frame in the order of the file, with its time; gives the earliest, once enough are held.
+    /// Takes a frame in the order of the file and returns the earliest of those held, once there are enough of them to be
+    /// sure that no earlier one follows.
     fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<Observed> {
         let Recorded { dir, frame, .. } = recorded;
-        // A command of the same moment had not reached the board when the report was made.
+        // Of a report and a command with the same time the report comes first: it cannot show that command yet.
         let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
         self.order.push(key, Observed { number, at_ns, dir, frame })
     }
 
-    /// Why it ended early, if it did: it was cut off or is damaged.
+    /// Why the frames ended early: the file is cut off, damaged or cannot be read. `None` if they did not.
     pub const fn damage(&self) -> Option<&RecordError> {
         self.error.as_ref()
     }
 
-    /// That it could be read, to its end or to where it is cut off.
+    /// Checks that the file could be read up to its end or to where it is cut off or damaged.
     ///
     /// # Errors
     /// [`CompareError::Recording`].
@@ -159,10 +162,10 @@ impl Source {
         }
     }
 
-    /// The slot size of two runs.
+    /// The slot size that both runs have.
     ///
     /// # Errors
-    /// [`CompareError::SlotSizes`].
+    /// [`CompareError::SlotSizes`] if theirs differ.
     pub fn common_size(a: &Self, b: &Self) -> Result<SlotSize, CompareError> {
         match (a.size, b.size) {
             (a, b) if a == b => Ok(a),
@@ -198,7 +201,7 @@ impl Iterator for Source {
     }
 }
 
-/// What the first frames tell.
+/// What the beginning of a recording tells.
 struct Start {
     first: Recorded,
     meta: Option<RecordMeta>,
@@ -223,7 +226,7 @@ impl Start {
         let told = slot.or_else(|| meta.as_ref()?.slot);
         let mut sizes = SizeFinder::new(told);
         sizes.look(&first.frame, FRAME_LEN);
-        for recorded in recording.map_while(Result::ok).take(LOOK_AT) {
+        for recorded in recording.map_while(Result::ok).take(SLOT_SIZE_FRAMES_MAX) {
             if sizes.is_sure() {
                 break;
             }

@@ -1,4 +1,4 @@
-//! A run as steps: a command, and what the board said to it until the program moved on.
+//! Divides a run into steps: a command, and the board's reports until the next command was executed.
 
 use std::collections::VecDeque;
 
@@ -12,49 +12,50 @@ use crate::sk::{
     SlaveKind, SlotSize,
 };
 
-/// EtherCAT cycle of a board that was told none (SK-4).
+/// The EtherCAT cycle until SET_DC changes it (SK-4).
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
-/// Steps that may wait for their answers: more than the FIFO has entries. A run without any report has no answers. \[OURS]
-const OPEN_STEPS: usize = 1024;
+/// How many steps may wait for their answers: more than the FIFO has entries. The oldest is given up without one. \[OURS]
+const OPEN_STEPS_MAX: usize = 1024;
 
-/// A command frame that asks for something, and what the board said to it.
+/// A command frame that requests something, and the board's answer to it.
 ///
-/// - A frame of nothing but GET_STATUS is no step: how many of them a program sends while it waits is a matter of time.
-///   Neither are, with [`super::Options::ignore_repeats`], the repeats of a frame.
-/// - A report belongs to the step whose command was executed last when it was made: outside OP the one sent last, in OP by
-///   the free entries of the FIFO ([`Executed`]). A report for which that is doubtful belongs to none.
-/// - The answer is the last report of a step: what the program had before it when its next command was executed. That a
-///   drive had a fault in between is kept too, though a later report does not show it. \[OURS]
+/// - A frame of nothing but GET_STATUS is no step, because it depends on timing how many of them a program sends while it
+///   waits. With [`super::Options::ignore_repeats`] repeats of a frame are no steps either.
+/// - A report belongs to the step whose command was the last one executed when the board made it. Outside OP that is the
+///   last one sent; in OP it follows from the free entries of the FIFO ([`Executed`]). A report for which it is doubtful
+///   belongs to no step.
+/// - The answer is the last report of a step: what the program could know when its next command was executed. Faults of
+///   drives in earlier reports of the step are kept too. \[OURS]
 #[derive(Clone, Debug)]
 pub struct Step {
     /// Its number among the run's steps, from 1.
     pub number: u64,
-    /// The frame's number in the run.
+    /// The number of the command frame in the run.
     pub frame_number: u64,
-    /// When it was sent, nanoseconds.
+    /// When the command was sent, in nanoseconds.
     pub at_ns: i64,
     /// The command frame.
     pub command: Frame,
-    /// Its slot size.
+    /// The slot size of the command frame.
     pub size: SlotSize,
-    /// The last report that belongs to it; `None` if there is none.
+    /// The last report that belongs to the step; `None` if there is none.
     pub answer: Option<Answer>,
-    /// Faults that drives had in its reports: slave and error code (0: none was told), each once.
+    /// Faults of drives in the step's reports, each once: the slave, and its error code or 0 if it showed none.
     pub faults: Vec<(u8, u16)>,
-    /// Whether commands were lost or refused for their CRC after it was sent.
+    /// Whether commands were lost or refused for their CRC after this one was sent.
     pub lost: bool,
-    /// Reports that belong to it.
+    /// How many reports belong to the step.
     pub reports: u64,
-    /// Its number among the frames sent in OP; `None` if it was executed on arrival.
+    /// The number of the command among the frames sent in OP; `None` if it was sent outside OP and executed on arrival.
     entry: Option<u64>,
 }
 
-/// A report, and what the slaves were then.
+/// A report, with the kinds of the slaves at its time.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    /// Its number in the run.
+    /// The number of the report in the run.
     pub frame_number: u64,
-    /// When it was made, nanoseconds.
+    /// When the report was received, in nanoseconds.
     pub at_ns: i64,
     frame: Frame,
     size: SlotSize,
@@ -62,27 +63,27 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Slot 0.
+    /// Slot 0, decoded.
     pub fn board(&self) -> MasterResponse {
         MasterResponse::decode(&self.frame.slot(self.size, 0))
     }
 
-    /// The SDO slot.
+    /// The SDO slot, decoded.
     pub fn sdo(&self) -> SdoResponse {
         SdoResponse::decode(&self.frame.slot(self.size, self.size.sdo_slot()))
     }
 
-    /// What slave n, from 1, said; read by what SET_AXIS said it is, else by its fields.
+    /// The slot of `slave`, from 1, decoded for the kind that SET_AXIS has declared, or else for the kind that its fields show.
     pub fn slave(&self, slave: u8) -> SlaveData {
         reading(&self.frame, self.size, &self.kinds, slave.into())
     }
 
-    /// The id that the slot of slave n answers.
+    /// The command that the slot of `slave` answers.
     pub fn answers(&self, slave: u8) -> CommandId {
         CommandId::from_code(self.frame.slot(self.size, slave.into()).id)
     }
 
-    /// Actual position of slave n's first axis in counts, if it has one and the network is in OP.
+    /// The actual position of the first axis of `slave` in counts; `None` if it has no axis or the network is not in OP.
     pub fn position(&self, slave: u8) -> Option<i32> {
         match self.slave(slave) {
             SlaveData::Drive(drive) if self.is_op() => Some(drive.position),
@@ -91,7 +92,7 @@ impl Answer {
         }
     }
 
-    /// Whether slaves' slots are fresh.
+    /// Whether the network is in OP, so that the slaves' slots hold process data.
     pub fn is_op(&self) -> bool {
         self.board().state.state() == Some(MasterState::Op)
     }
@@ -110,18 +111,18 @@ fn reading(frame: &Frame, size: SlotSize, kinds: &[Option<SlaveKind>; MAX_SLAVES
 }
 
 impl Step {
-    /// Slot `i` of the command, the CRC taken out.
+    /// Slot `i` of the command, without the CRC.
     pub fn slot(&self, i: usize) -> RawSlot {
         let slot = self.command.slot(self.size, i);
         if i == 0 { RawSlot { parm: slot.parm & 0xFF, ..slot } } else { slot }
     }
 
-    /// The first slot from there on that asks for something.
+    /// The number of the first slot of the command that requests something.
     pub(super) fn asking_slot(&self) -> usize {
         (0..self.size.slots()).find(|i| !self.slot(*i).is_zero()).unwrap_or_default()
     }
 
-    /// The SDO transfer that it asks for.
+    /// The SDO transfer that the command requests; `None` if it requests none.
     pub fn sdo(&self) -> Option<SdoCommand> {
         match SdoCommand::decode(&self.slot(self.size.sdo_slot()), self.size) {
             Ok(request @ (SdoCommand::Read { .. } | SdoCommand::Write { .. })) => Some(request),
@@ -130,7 +131,7 @@ impl Step {
     }
 }
 
-/// The steps of a run, in order. Keeps those alone that may still get answers.
+/// The steps of a run in order, as an iterator. It holds only the steps that may still get answers.
 pub struct Steps<I> {
     frames: I,
     size: SlotSize,
@@ -144,16 +145,15 @@ pub struct Steps<I> {
     done: VecDeque<Step>,
     ended: bool,
     steps: u64,
-    /// Frames of nothing but GET_STATUS, repeats that do not count, reports.
+    // As in `Counts`.
     pub(super) polls: u64,
     pub(super) repeats: u64,
     pub(super) reports: u64,
-    /// When the last frame passed.
     pub(super) last_ns: i64,
 }
 
 impl<I: Iterator<Item = Observed>> Steps<I> {
-    /// Of frames in the order of their times.
+    /// The steps of a run, which is given as its frames in the order of their times.
     pub fn new(frames: I, size: SlotSize, ignore_repeats: bool) -> Self {
         Self {
             frames,
@@ -211,7 +211,7 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
         }
         self.steps += 1;
         self.open.push_back(step);
-        if self.open.len() > OPEN_STEPS {
+        if self.open.len() > OPEN_STEPS_MAX {
             self.done.extend(self.open.pop_front());
         }
     }
@@ -223,7 +223,7 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         let losses = (board.full_count, board.error);
         let was_op = std::mem::replace(&mut self.in_op, board.state.state() == Some(MasterState::Op));
-        // Outside OP the full count is not told.
+        // Outside OP a response does not show the full count.
         if self.in_op && self.losses.replace(losses).is_some_and(|before| before != losses) {
             self.open.back_mut().into_iter().for_each(|newest| newest.lost = true);
         }
@@ -232,7 +232,7 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
                 self.executed.reset(self.cycle_ns);
                 self.open.iter_mut().for_each(|step| step.entry = None);
             }
-            return self.belongs(self.open.len().wrapping_sub(1), number, at_ns, frame);
+            return self.add_report(self.open.len().wrapping_sub(1), number, at_ns, frame);
         }
         if !was_op {
             self.executed.reset(self.cycle_ns);
@@ -242,14 +242,14 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
             LastExecuted::Nothing => None,
             LastExecuted::Doubtful | LastExecuted::Unknown => return,
         };
-        // `None` is before any entry: a step that was executed on arrival.
+        // A step that was executed on arrival has the entry `None`, which is less than any.
         if let Some(i) = self.open.iter().rposition(|step| step.entry <= last) {
-            self.belongs(i, number, at_ns, frame);
+            self.add_report(i, number, at_ns, frame);
         }
     }
 
-    /// The report is one of open step `i`, and so the steps before it get no more.
-    fn belongs(&mut self, i: usize, frame_number: u64, at_ns: i64, frame: Frame) {
+    /// Adds a report to the open step `i`. The steps before it get no further reports and are done.
+    fn add_report(&mut self, i: usize, frame_number: u64, at_ns: i64, frame: Frame) {
         let kinds = std::array::from_fn(|n| self.kinds.of(n + 1));
         let Some(step) = self.open.get_mut(i) else { return };
         let answer = Answer { frame_number, at_ns, frame, size: self.size, kinds };
@@ -259,7 +259,7 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
                     continue;
                 }
                 if let Some(code) = fault(&answer.slave(slave)) {
-                    note(&mut step.faults, slave, code);
+                    add_fault(&mut step.faults, slave, code);
                 }
             }
         }
@@ -269,7 +269,7 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
     }
 }
 
-/// The error code of a drive that has a fault, 0 if it tells none.
+/// The error code of a drive that has a fault, 0 if it shows none; `None` without a fault.
 fn fault(data: &SlaveData) -> Option<u16> {
     let (statusword, code) = match data {
         SlaveData::Drive(drive) => (drive.statusword, drive.error_code),
@@ -280,8 +280,9 @@ fn fault(data: &SlaveData) -> Option<u16> {
     (faulty || code != 0).then_some(code)
 }
 
-/// Adds a fault. The code may come a cycle later than the state: a fault without one is that with it.
-fn note(faults: &mut Vec<(u8, u16)>, slave: u8, code: u16) {
+/// Adds a fault. A drive may show its error code a cycle later than the state, so a fault with code 0 and one with a code are
+/// the same fault.
+fn add_fault(faults: &mut Vec<(u8, u16)>, slave: u8, code: u16) {
     if faults.contains(&(slave, code)) || (code == 0 && faults.iter().any(|(other, _)| *other == slave)) {
         return;
     }

@@ -1,7 +1,8 @@
-//! The host's half of a recording or a capture, played to the model: what would it have answered?
+//! Plays the command frames of a recording or a USB capture to the model, to see whether it answers as the recorded board
+//! did.
 //!
-//! A [`Replay`] gives both halves as runs for [`crate::compare`]: what the board said, and what the model says to the
-//! same command frames at the same times. Time is virtual, so that each frame reaches the model at the very nanosecond.
+//! A [`Replay`] yields two runs for [`crate::compare`]: the recorded one, and the one of the model, which gets the same
+//! command frames at the same times. The model's time is virtual, so that each frame reaches it at exactly its time.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -41,93 +42,93 @@ use crate::sk::{SlotSize, StateByte};
 /// Why a recording cannot be replayed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReplayError {
-    /// It cannot be read.
+    /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
-    /// It holds no frame.
+    /// The recording holds no frame, or cannot be read.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// The model cannot be made.
+    /// The model cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The link is none.
+    /// The URI of the model is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
-    /// Neither the user nor the recording names a model.
+    /// Neither the caller nor the recording names a model.
     #[error(
         "{name} does not say which slaves the board has; name the model, for example --link 'sim:?slaves=drive*2,io'"
     )]
     NoModel {
-        /// The recording.
+        /// The recording's file.
         name: String,
     },
-    /// The model that the recording names has a file, and that was not allowed.
+    /// The link in the recording names a file, and the caller has not allowed that.
     #[error(
         "the link in {name} names a file ({key}={file}); a recording may come from anybody, and what it names is opened only \
          with --allow-files; or name the model yourself with --link"
     )]
     NamesFile {
-        /// The recording.
+        /// The recording's file.
         name: String,
-        /// The link's key.
+        /// The key of the link that names a file.
         key: String,
-        /// The value.
+        /// The file that it names.
         file: String,
     },
-    /// The link is no model.
+    /// The link is not one of a model (`sim:`).
     #[error(
         "`{link}` is no model, and a real board cannot be told what time it is; name one with --link 'sim:?slaves=..'"
     )]
     NotAModel {
-        /// The link.
+        /// The URI of the link.
         link: String,
     },
-    /// The board never said anything.
+    /// The recording holds no report of the board.
     #[error(
         "{name} holds {commands} command frames of board {board} and no report: there is nothing to hold the model against; capture both directions, whole packets (snap length 0)"
     )]
     NoReport {
-        /// The capture.
+        /// The recording's file.
         name: String,
-        /// Which board.
+        /// The USB address of the board.
         board: Address,
-        /// Commands it holds.
+        /// How many command frames it holds.
         commands: u64,
     },
-    /// It begins in the middle.
+    /// The recording begins when the network is up already, so that the model cannot be brought into the same state.
     #[error(
         "{name} begins with the network in {state}, and never goes below SafeOP: what the board was told before is not in it; begin the capture before the program starts, with the board just switched on"
     )]
     NoStart {
-        /// The capture.
+        /// The recording's file.
         name: String,
-        /// State in its first report.
+        /// The state in its first report.
         state: StateByte,
     },
-    /// The frames of the one do not fit the other.
+    /// The slot sizes of the recording and of the model differ.
     #[error("{name} has slots of {} bytes, the model {link} of {}; leave slot= out of the link, or give --slot-size if the capture is misread", .capture.bytes(), .model.bytes())]
     SlotSizes {
-        /// The capture.
+        /// The recording's file.
         name: String,
-        /// The link.
+        /// The URI of the model.
         link: String,
-        /// Of the capture.
+        /// The recording's slot size.
         capture: SlotSize,
-        /// Of the model.
+        /// The model's slot size.
         model: SlotSize,
     },
 }
 
-/// Whether files are opened that the link in a recording names. A link that the caller names may have any.
+/// Whether files may be opened that the link in a recording names. A link that the caller gives may name any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Files {
-    /// None is: a recording may come from anybody, and may name any file of this machine.
+    /// Such files are refused: a recording may come from anybody and may name any file of this machine.
     Refused,
-    /// They are.
+    /// Such files are opened.
     Allowed,
 }
 
-/// A recording and the model that its host's half is played to.
+/// A recording, and the model that its command frames are played to.
 #[derive(Clone, Debug)]
 pub struct Replay {
     path: PathBuf,
@@ -139,9 +140,11 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Looks at a recording. `link`: the model; without it that of the recording itself, if it is of one. Of `options`
-    /// the slot size counts. `device`: the board of a capture, if it is not to be looked for. `files`: those that the
-    /// recording's own link names.
+    /// Opens a recording and finds where the replay begins.
+    ///
+    /// `link` is the model; without it that of the recording, if a model was recorded. Of `options` only the slot size is
+    /// used. `device` is the USB address of the board in a capture, `None` to search for it. `files` says whether files may
+    /// be opened that the recording's own link names.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -154,48 +157,47 @@ impl Replay {
     ) -> Result<Self, ReplayError> {
         let name = path.display().to_string();
         let mut source = Source::open(path, options.slot, device)?;
-        let link = match (link, source.meta().and_then(own_link)) {
+        let link = match (link, source.meta().and_then(recorded_link)) {
             (Some(link), _) => link.clone(),
-            (None, Some(own)) => {
-                if let (Files::Refused, Some((key, file))) = (files, named_file(&own)) {
+            (None, Some(recorded)) => {
+                if let (Files::Refused, Some((key, file))) = (files, named_file(&recorded)) {
                     return Err(ReplayError::NamesFile { name, key, file });
                 }
-                own
+                recorded
             }
             (None, None) => return Err(ReplayError::NoModel { name }),
         };
         if link.scheme() != Scheme::Sim {
             return Err(ReplayError::NotAModel { link: link.to_string() });
         }
-        let (size, link) = agree(&name, &source, &link)?;
+        let (size, link) = with_slot_size(&name, &source, &link)?;
         let (board, began) = (source.board(), model_time(&source));
         let start = Start::find(&mut source, &name, size)?;
         source.check()?;
         Ok(Self { path: path.to_owned(), link, board, slot: options.slot, size, start: Start { began, ..start } })
     }
 
-    /// Bytes of a slot.
+    /// The slot size of both runs.
     pub const fn size(&self) -> SlotSize {
         self.size
     }
 
-    /// The model.
+    /// The URI of the model.
     pub const fn link(&self) -> &LinkUri {
         &self.link
     }
 
-    /// The board of a capture.
+    /// The USB address of the recorded board.
     pub const fn board(&self) -> Address {
         self.board
     }
 
-    /// Where it begins.
+    /// Where the replay begins in the recording.
     pub const fn start(&self) -> &Start {
         &self.start
     }
 
-    /// Both halves, from the start on, in the order of their times: what the board said to the host, and what the model
-    /// says to it.
+    /// The recorded run and the model's run, both from [`Self::start`] on and in the order of their times.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -212,8 +214,8 @@ impl Replay {
     }
 }
 
-/// The slot size of both. That of the link is the capture's, unless the link says 16 bytes itself.
-fn agree(name: &str, source: &Source, link: &LinkUri) -> Result<(SlotSize, LinkUri), ReplayError> {
+/// The slot size of both runs, and the link with it. A link without `slot=` gets the recording's slot size.
+fn with_slot_size(name: &str, source: &Source, link: &LinkUri) -> Result<(SlotSize, LinkUri), ReplayError> {
     let (capture, model) = (source.size(), model_size(link));
     match (capture, model) {
         (capture, model) if capture == model => Ok((capture, link.clone())),
@@ -230,8 +232,8 @@ fn model_size(link: &LinkUri) -> SlotSize {
     link.value("slot").and_then(link::uri::slot_size).unwrap_or_default()
 }
 
-/// The link of a recording, if it is a model: without what only mattered to the program that ran on it.
-fn own_link(meta: &RecordMeta) -> Option<LinkUri> {
+/// The link in a recording, if it is one of a model, without the keys that only concerned the recorded program.
+fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
     let link = LinkUri::parse(&meta.link).ok().filter(|link| link.scheme() == Scheme::Sim)?;
     let kept = link.keys().filter(|(key, _)| *key != "record" && !key.starts_with("fault."));
     let encode = |text| percent_encoding::utf8_percent_encode(text, percent_encoding::NON_ALPHANUMERIC).to_string();
@@ -239,8 +241,8 @@ fn own_link(meta: &RecordMeta) -> Option<LinkUri> {
     LinkUri::parse(format!("sim:?{}", keys.join("&")).trim_end_matches('?')).ok()
 }
 
-/// The first file that a link names, with its key. \[OURS] Of a list of slaves everything that stands behind `objects@`
-/// and is not the word `any` counts as one.
+/// The first file that a link names, with its key. \[OURS] In a list of slaves everything after `objects@` but the word `any`
+/// counts as a file.
 fn named_file(link: &LinkUri) -> Option<(String, String)> {
     let names = |(key, value): &(&str, &str)| match *key {
         "slaves" => value.split("objects@").skip(1).any(|rest| !is_any(rest)),
@@ -249,14 +251,14 @@ fn named_file(link: &LinkUri) -> Option<(String, String)> {
     link.keys().find(names).map(|(key, value)| (key.to_owned(), value.to_owned()))
 }
 
-/// Whether what follows is the word `any`, at the end of a slave's traits.
+/// Whether the text begins with the word `any`, followed by the end of a slave's trait.
 fn is_any(rest: &str) -> bool {
     rest.strip_prefix("any").is_some_and(|rest| rest.is_empty() || rest.starts_with([',', ':', '*']))
 }
 
-/// When the first frame passed on the clock of a model that was recorded, nanoseconds since it was switched on.
+/// If a model was recorded, the time of the first frame on its clock, in nanoseconds since it was switched on.
 fn model_time(source: &Source) -> Option<i64> {
     let meta = source.meta()?;
-    own_link(meta)?;
+    recorded_link(meta)?;
     i64::try_from(source.first_ns().checked_sub(meta.base_ns)?).ok()
 }

@@ -1,4 +1,4 @@
-//! The model, with the host's half of a recording played to it.
+//! The run of the model, to which the command frames of a recording are played.
 
 use super::Start;
 use super::start::CYCLE_NS;
@@ -7,20 +7,20 @@ use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::Frame;
 
-/// How far a recorded model may have run before its first frame for its time to be taken over as it is. \[OURS]
-const LONGEST_WAIT_NS: i64 = 60_000_000_000;
+/// How long a recorded model may have run before its first frame. Its clock is taken over exactly up to this. \[OURS]
+const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
 
-/// What passes between the host and the model: the host's frames, each at its time, and the model's reports. Times are
-/// those of the recording.
+/// The run of the model: the recorded command frames, each at its time, and the model's reports to them. Times are those of
+/// the recording.
 ///
-/// Whenever the host got a report of the board, it gets the newest of the model: it looks at both at the same moments. One
-/// that it has seen already it does not get again. \[OURS]
+/// Whenever the host has received a report in the recording, it receives the newest report of the model, unless it has
+/// received that already. \[OURS]
 pub struct Model {
     source: Source,
     board: Board,
-    /// The model's time less that of the recording.
+    /// The model's time minus the recording's time.
     offset_ns: i64,
-    /// Its newest report that the host has not seen.
+    /// The model's newest report, if the host has not received it yet.
     newest: Option<Frame>,
     reports: u64,
     begun: bool,
@@ -34,12 +34,12 @@ impl Model {
         model
     }
 
-    /// The first frame: the two times are put beside each other. A model that was recorded has its own; else cycles end at
-    /// the same moments in both.
+    /// At the first frame, chooses the offset between the two clocks: the recorded one if a model was recorded, otherwise one
+    /// by which the model's cycles end when the recorded board's cycles did.
     fn begin(&mut self, first_ns: i64) {
         let now = time(self.board.now());
         if let Some(began) = self.start.began
-            && (now..now.saturating_add(LONGEST_WAIT_NS)).contains(&began.saturating_add(first_ns))
+            && (now..now.saturating_add(RUN_BEFORE_MAX_NS)).contains(&began.saturating_add(first_ns))
         {
             self.offset_ns = began;
             return;
@@ -83,8 +83,8 @@ impl Iterator for Model {
     fn next(&mut self) -> Option<Observed> {
         loop {
             let observed = self.source.next()?;
-            if let Some(seen) = self.play(observed) {
-                return Some(seen);
+            if let Some(played) = self.play(observed) {
+                return Some(played);
             }
         }
     }

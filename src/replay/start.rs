@@ -7,21 +7,21 @@ use crate::sk::{MasterResponse, MasterState, SlotSize};
 
 /// The board's cycle before OP (SK-4).
 pub(super) const CYCLE_NS: i64 = 1_000_000;
-/// Reports that are looked at for their place in the cycle. \[OURS]
-const LOOK_AT: usize = 500;
+/// How many reports are used to find the end of the board's cycles. \[OURS]
+const REPORTS_FOR_TICK: usize = 500;
 
-/// Where a replay begins. The model was just switched on: so the recording has to begin with a board that is in Init or
-/// PreOP, or what comes before it is there is left out. \[OURS]
+/// Where a replay begins. The model starts as a board that was just switched on, so the replay begins at the first report in
+/// Init or PreOP, and the frames before it are left out. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start {
-    /// Frames before it.
+    /// How many frames of the recording come before the start.
     pub skipped: u64,
-    /// A moment at which a cycle of the board ended, nanoseconds of the recording: reports come then.
+    /// A time at which a cycle of the recorded board ended, in nanoseconds of the recording. The board sends a report then.
     ///
-    /// A report is late by what USB and the host take, and never early: it is the earliest place in the cycle that a
-    /// report before OP had. \[OURS]
+    /// USB and the host delay reports and never advance them, so this is the time in the cycle of the earliest report
+    /// before OP. \[OURS]
     pub tick_ns: i64,
-    /// When the recording's first frame passed on the clock of the model that was recorded, if it was one.
+    /// If a model was recorded, the time of the recording's first frame on that model's clock, in nanoseconds.
     pub began: Option<i64>,
 }
 
@@ -43,10 +43,10 @@ impl Start {
             let below = matches!(state.state(), Some(MasterState::Init | MasterState::PreOp));
             match &mut tick {
                 None if below => tick = Some(Tick { first_ns: at_ns, early_ns: 0 }),
-                // All that came before is left out, the commands before this report too.
+                // The commands before this report are left out with it.
                 None if is_first => skipped += commands + 1,
                 None => skipped += 1,
-                Some(tick) if state.state() == Some(MasterState::Op) || seen > LOOK_AT => {
+                Some(tick) if state.state() == Some(MasterState::Op) || seen > REPORTS_FOR_TICK => {
                     return Ok(tick.start(skipped));
                 }
                 Some(tick) => tick.report(at_ns),
@@ -62,10 +62,10 @@ impl Start {
     }
 }
 
-/// The place of reports in their cycle.
+/// Finds the end of the board's cycles from the times of its reports.
 struct Tick {
     first_ns: i64,
-    /// How much earlier than the first one another came, at most.
+    /// By how much the earliest report was earlier in its cycle than the first one; 0 or less.
     early_ns: i64,
 }
 

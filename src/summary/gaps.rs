@@ -1,49 +1,54 @@
-//! Gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until the program's
-//! next one came (SK-5). The axis stood still on the way, or jerked.
+//! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until the
+//! program sent the next one (SK-5). The axis stops or jerks then.
 //!
-//! That a FIFO is empty after a motion is no gap. It is one if the target went on afterwards as it had gone before.
+//! An empty FIFO after a motion is no gap. It is one if the targets after it go on as those before it went.
 
-/// \[OURS] A longer pause is the program's own, nanoseconds.
-const LONGEST_NS: i64 = 1_000_000_000;
-/// \[OURS] Steps from cycle to cycle below this part of the longest are the beginning or the end of a motion, which may wait.
-const SLOW: i64 = 10;
+/// \[OURS] A pause longer than this is the program's intention, in nanoseconds.
+const GAP_MAX_NS: i64 = 1_000_000_000;
+/// \[OURS] Steps from target to target shorter than this fraction of the longest belong to the beginning or the end of a motion,
+/// where the program may pause.
+const SLOW_FRACTION: i64 = 10;
 
-/// Follows the target positions of one axis, as they are executed.
+/// Finds the gaps in the motion of one axis, from its target positions as they are executed.
 #[derive(Debug, Default)]
 pub struct Gaps {
-    /// The target in force, and the last two steps to it, in counts.
+    /// The target in force, in counts.
     target: Option<i32>,
+    /// The last two steps from target to target, in counts.
     steps: [i64; 2],
-    longest: i64,
-    /// The first cycle that found the FIFO empty since the last target.
+    /// The longest step so far, in counts.
+    longest_step: i64,
+    /// The time of the first cycle since the last target that found the FIFO empty.
     idle_since_ns: Option<i64>,
 }
 
 impl Gaps {
-    /// A cycle finds the FIFO empty.
+    /// A cycle has found the FIFO empty.
     pub const fn idle(&mut self, at_ns: i64) {
         if self.idle_since_ns.is_none() {
             self.idle_since_ns = Some(at_ns);
         }
     }
 
-    /// A target is executed. Gives the beginning of the gap that ends with it, if there is one.
+    /// A target is executed. Returns the beginning of the gap that ends with it, if there is one.
     pub fn target(&mut self, at_ns: i64, target: i32) -> Option<i64> {
         let idle_since_ns = self.idle_since_ns.take();
         let before = self.target.replace(target)?;
         let step = i64::from(target) - i64::from(before);
         let steps = [self.steps[0], self.steps[1], step];
-        self.longest = self.longest.max(step.abs());
-        let moves = |step: &i64| step.signum() == steps[2].signum() && step.abs() * SLOW >= self.longest && *step != 0;
+        self.longest_step = self.longest_step.max(step.abs());
+        let moves = |step: &i64| {
+            step.signum() == steps[2].signum() && step.abs() * SLOW_FRACTION >= self.longest_step && *step != 0
+        };
         let gap =
-            idle_since_ns.filter(|since_ns| steps.iter().all(moves) && at_ns.saturating_sub(*since_ns) <= LONGEST_NS);
+            idle_since_ns.filter(|since_ns| steps.iter().all(moves) && at_ns.saturating_sub(*since_ns) <= GAP_MAX_NS);
         self.steps = [steps[1], steps[2]];
         gap
     }
 
-    /// The targets before are not in force any more.
+    /// The last target is not in force any more, so the next one begins a new motion.
     pub fn reset(&mut self) {
-        *self = Self { longest: self.longest, ..Self::default() };
+        *self = Self { longest_step: self.longest_step, ..Self::default() };
     }
 }
 

@@ -1,50 +1,50 @@
-//! What the library tells `ecmsk exec` of a program: lines of a file that the tool has made. One line is one fact, and what
-//! is not understood is passed over, so that a tool and a library of two builds get along.
+//! The lines by which the library reports to `ecmsk exec` what happens in a program, in a file that the tool has made. Each
+//! line is one fact. A reader skips lines that it does not know, so that tool and library may be of different versions.
 
 use std::fmt;
 
 use crate::sk::StateByte;
 
-/// A fact.
+/// A line of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// The log has said this, for the first time.
+    /// A message of the log that is the first of its kind.
     Said {
-        /// A number for [`Line::Again`].
+        /// A number by which [`Line::Again`] refers to it.
         id: u32,
-        /// In words.
+        /// The message.
         text: String,
     },
-    /// The log has said that so often, all in all, but for figures in it.
+    /// How often the log had messages of one kind so far, which differ only in their figures.
     Again {
-        /// As of [`Line::Said`].
+        /// The number of the first of them in [`Line::Said`].
         id: u32,
-        /// How often.
+        /// How many there were, the first one included.
         times: u64,
     },
     /// A drive has an alarm.
     Alarm(Alarm),
     /// A change of state has failed.
     StateFailed(StateFailed),
-    /// A count of a board, as it is now.
+    /// The present value of a count of a board.
     Count {
-        /// Which of the boards that the process has opened, from 0.
+        /// The number of the board among those that the process has opened, from 0.
         board: u32,
-        /// Name of the count.
+        /// The name of the count.
         name: String,
-        /// Its value.
+        /// The value of the count.
         value: u64,
     },
-    /// Lines that the library could not write.
+    /// How many lines the library could not write so far.
     Dropped(u64),
 }
 
-/// An alarm that a drive shows: a fault in its statusword.
+/// An alarm of a drive: a fault in its statusword.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Alarm {
-    /// Slave, from 1.
+    /// The slave, from 1.
     pub slave: u8,
-    /// 0x603F; 0 of a slave that shows none.
+    /// The error code, object 0x603F; 0 if the slave shows none.
     pub code: u16,
 }
 
@@ -53,11 +53,11 @@ pub struct Alarm {
 pub struct StateFailed {
     /// Byte 2 of slot 0.
     pub state: u8,
-    /// Whether SET_AXIS has declared a slave before that is no IO slave.
+    /// Whether SET_AXIS had declared a slave as another kind than IO before.
     pub declared: bool,
 }
 
-/// Longest text of a line in bytes. \[OURS]
+/// The longest text of a line, in bytes. \[OURS]
 const TEXT_MAX: usize = 1000;
 
 impl fmt::Display for Line {
@@ -77,7 +77,7 @@ impl fmt::Display for Line {
 }
 
 impl Line {
-    /// Reads one, without its line feed; `None` if it is none.
+    /// Parses a line, which is given without its line feed; `None` if it is none of these.
     pub fn parse(line: &str) -> Option<Self> {
         let (kind, rest) = line.split_once(' ')?;
         let mut words = rest.split(' ');

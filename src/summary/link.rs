@@ -1,4 +1,4 @@
-//! A link around a link: what goes by is looked at for the summary that `ecmsk exec` ends with.
+//! A link around a link that watches its frames and counters for the summary of `ecmsk exec`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,25 +10,25 @@ use crate::engine::Counters;
 use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link whose troubles are told.
+/// A link whose frames and counters are watched.
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     teller: &'static Teller,
     watch: Mutex<FrameWatch>,
-    /// Counters of the board when the link was opened: they are not this program's.
+    /// The board's counters when the link was opened, which do not belong to this program.
     before: Counters,
     closed: AtomicBool,
 }
 
 impl WatchLink {
-    /// Around `inner`, which was just opened.
+    /// Wraps `inner`, which was just opened.
     pub fn new(inner: Arc<dyn Link>, teller: &'static Teller) -> Self {
         let size = inner.info().slot.unwrap_or_default();
         let before = inner.stats().board.unwrap_or_default();
         Self { inner, teller, watch: Mutex::new(FrameWatch::new(size)), before, closed: AtomicBool::new(false) }
     }
 
-    /// Names and values of what was counted so far.
+    /// The names and values of the counts so far.
     pub fn counts(&self) -> Vec<(String, u64)> {
         let mut counts = of_link(&self.inner.stats(), &self.before);
         let frames = self.watch().counts();
@@ -36,7 +36,7 @@ impl WatchLink {
         counts
     }
 
-    /// Whether it was closed: its counts are the last ones.
+    /// Whether the link was closed, after which its counts do not change.
     pub fn is_closed(&self) -> bool {
         self.closed.load(Ordering::Acquire)
     }
@@ -47,7 +47,7 @@ impl WatchLink {
         }
     }
 
-    /// Held for as long as a frame takes to be looked at, and by the thread that tells for less.
+    /// The lock is held while one frame is examined, and for less by the thread that writes.
     fn watch(&self) -> MutexGuard<'_, FrameWatch> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -80,7 +80,7 @@ impl Layer for WatchLink {
     }
 
     fn close(&self) {
-        // What stops axes comes first.
+        // Closing may brake axes, so it comes first.
         self.inner.close();
         self.tell_end();
     }

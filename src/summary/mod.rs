@@ -1,8 +1,20 @@
-//! What went wrong in a run of a program, and how often: commands that the board did not execute, alarms, changes of state
-//! that failed, gaps, losses, and what the library has said of it.
+//! A summary of what went wrong in a run of a program, and how often: commands that the board did not execute, alarms of
+//! drives, changes of state that failed, gaps in a motion, lost reports, and warnings of the library. What a program has
+//! asked for itself, such as targets that it cleared with SET_FIFO 1, is left out.
 //!
-//! `ecmsk exec` ends with such a summary of its program, which the library tells it ([`teller`]); `ecmsk summary` makes one
-//! of the frames of a recording ([`FrameWatch`]). What is asked for, such as targets cleared by SET_FIFO 1, is not in it.
+//! `ecmsk summary` makes it from the frames of a recording ([`FrameWatch`]). `ecmsk exec` shows it when its program has ended:
+//! the library in the program's process writes what happens to a file that the tool reads ([`teller`], [`Line`]).
+//!
+//! How to read it:
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `mod.rs` | [`Summary`]: the counts, and their text |
+//! | `watch.rs` | [`FrameWatch`]: finds alarms, failed changes of state and losses in frames |
+//! | `gaps.rs` | [`Gaps`]: finds gaps in the motion of one axis |
+//! | `line.rs` | [`Line`]: one fact in the file between library and tool |
+//! | `teller.rs` | writes those lines, in the process of the program |
+//! | `link.rs` | a link around a link that watches the frames for `teller.rs` |
 
 mod gaps;
 mod line;
@@ -20,31 +32,31 @@ pub use watch::{FrameCounts, FrameWatch, Sight};
 use crate::engine::{Counters, Reason, Unexecuted};
 use crate::link::LinkStats;
 
-/// Texts of the log that are kept. \[OURS]
+/// How many different texts of the log are kept. \[OURS]
 const TEXTS_MAX: usize = 200;
-/// What stands before the name of a reason for rejection.
+/// The prefix of counts of rejected commands, followed by the name of the reason.
 const REJECTED: &str = "rejected.";
-/// Names of the counts that are not the board's own.
+// Names of counts that do not come from the board's counters.
 const FULL_SEEN: &str = "full_seen";
 const CRC_SEEN: &str = "crc_seen";
 const GAPS: &str = "gaps";
 const REPORTS_LOST: &str = "reports_lost";
 const RECORD_DROPPED: &str = "record_dropped";
 
-/// What went wrong.
+/// What went wrong in a run, and how often.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
     alarms: BTreeMap<Alarm, u64>,
     failed: BTreeMap<StateFailed, u64>,
     counts: BTreeMap<String, u64>,
-    /// What the log has said: the text when it was said first, and how often.
+    /// Messages of the log: the text of the first one of its kind, and how many there were.
     said: Vec<(String, u64)>,
-    /// Facts that the library could not tell.
+    /// How many lines the library could not write.
     dropped: u64,
 }
 
 impl Summary {
-    /// Takes something that frames showed.
+    /// Adds something that the frames showed.
     pub fn see(&mut self, sight: Sight) {
         match sight {
             Sight::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
@@ -52,14 +64,14 @@ impl Summary {
         }
     }
 
-    /// Takes what was counted in frames: nothing was before.
+    /// Sets the counts that frames give. To be called once.
     pub fn count_frames(&mut self, counts: &FrameCounts) {
         of_frames(counts).into_iter().for_each(|(name, value)| self.set(name, value));
     }
 
-    /// Takes what one process has told in lines.
+    /// Adds the lines that one process has written.
     pub fn tell<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
-        // Of a count the newest, and of several boards all.
+        // A count is written again when it changes: its newest value counts, and the sum over the boards.
         let mut newest: BTreeMap<(u32, &str), u64> = BTreeMap::new();
         let mut places = BTreeMap::new();
         let mut dropped = 0;
@@ -98,38 +110,39 @@ impl Summary {
         self.counts.get(name).copied().unwrap_or_default()
     }
 
-    /// Whether nothing went wrong that is known of.
+    /// Whether the summary has nothing to report.
     pub fn is_empty(&self) -> bool {
         self.lines(false).is_empty()
     }
 
-    /// Frames that a recording could not take.
+    /// How many frames the recording of the run lacks because it could not be written fast enough.
     pub fn record_dropped(&self) -> u64 {
         self.count(RECORD_DROPPED)
     }
 
-    /// Counts by their names, those of 0 left out: the reasons for rejection as `rejected.NAME`.
+    /// The counts that are not 0, by their names. Commands rejected for a reason are counted as `rejected.NAME` of that reason.
     pub fn counts(&self) -> impl Iterator<Item = (&str, u64)> {
         self.counts.iter().filter(|(_, value)| **value > 0).map(|(name, value)| (name.as_str(), *value))
     }
 
-    /// Alarms, and how often each began.
+    /// The alarms, and how often each began.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, u64)> {
         self.alarms.iter().map(|(alarm, times)| (*alarm, *times))
     }
 
-    /// Changes of state that failed, and how often.
+    /// The changes of state that failed, and how often each did.
     pub fn states_failed(&self) -> impl Iterator<Item = (StateFailed, u64)> {
         self.failed.iter().map(|(failed, times)| (*failed, *times))
     }
 
-    /// What the log has said, as it was said first, and how often.
+    /// The messages of the log: the first one of each kind, and how many there were. Messages that differ only in their
+    /// figures are of one kind.
     pub fn said(&self) -> impl Iterator<Item = (&str, u64)> {
         self.said.iter().map(|(text, times)| (text.as_str(), *times))
     }
 
-    /// In words: a line for each thing that went wrong, what was not executed first. `told`: what happened once was told
-    /// when it happened, and is left out.
+    /// The summary as text, a line for each thing that went wrong, commands that were not executed first. With `told`
+    /// messages that came once are left out, because the caller has shown them already.
     pub fn lines(&self, told: bool) -> Vec<String> {
         let mut lines = Vec::new();
         let rejected: Vec<(&str, u64)> = Reason::NAMES
@@ -143,7 +156,7 @@ impl Summary {
             lines.push(format!("{total} command(s) were rejected and not executed: {each}"));
         }
         for what in Unexecuted::ALL.into_iter().filter(|what| !what.is_asked_for()) {
-            // The board's own counter, where it is seen, else what slot 0 shows of it.
+            // The counter of the modelled board if there is one, otherwise what slot 0 shows.
             let seen = match what {
                 Unexecuted::Full => self.count(FULL_SEEN),
                 Unexecuted::Crc => self.count(CRC_SEEN),
@@ -183,12 +196,12 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Whether that text of the log is a sum of what was counted: nothing new to who is told of the first.
+/// Whether a message of the log is the sum of earlier messages, which is nothing new to a user who has seen the first of them.
 pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all")
 }
 
-/// Whether that text of the log tells of what a count has: the rejection of one command, or the begin of a loss.
+/// Whether a message of the log reports what a count contains as well: a rejected command, or the beginning of a loss.
 fn is_counted(text: &str) -> bool {
     is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
 }
@@ -201,7 +214,7 @@ fn of_frames(counts: &FrameCounts) -> [(&'static str, u64); 3] {
     [(FULL_SEEN, counts.full), (CRC_SEEN, counts.crc), (GAPS, counts.gaps)]
 }
 
-/// The counts of a link, but for those of `before`, which were there when it was opened.
+/// The counts of a link, minus those that the board had when the link was opened.
 fn of_link(stats: &LinkStats, before: &Counters) -> Vec<(String, u64)> {
     let mut counts =
         vec![(REPORTS_LOST.to_owned(), stats.reports_dropped), (RECORD_DROPPED.to_owned(), stats.record_dropped)];

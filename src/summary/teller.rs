@@ -1,9 +1,9 @@
-//! How the library tells `ecmsk exec` what goes wrong: lines in a file that the tool has made for it, named by the variable
-//! [`TOLD`].
+//! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has made, whose name is in the
+//! environment variable [`TOLD`].
 //!
-//! A program never waits for whoever reads: a fact goes into a queue, and what finds it full is counted. While a board is
-//! open a thread writes, some times a second; so does a board that is closed, for that may be the end of the process. The
-//! log's lines are told once each, but for figures in them, and then how often.
+//! The program never waits for this: a fact goes into a queue, and one that finds the queue full is counted. While a board is
+//! open a thread writes the queue several times a second. Closing a board writes it too, since the process may end next.
+//! Messages of the log that differ only in their figures are written once, and then how often they came.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -20,27 +20,27 @@ use super::{Line, TEXTS_MAX};
 use crate::link::{Link, config};
 use crate::threads;
 
-/// The variable that names the file.
+/// The environment variable that names the file.
 pub const TOLD: &str = "ECMSK_TOLD";
 
-/// Facts that may wait to be written. \[OURS]
-const QUEUE: usize = 1024;
-/// How often what waits is written. \[OURS]
+/// How many facts may wait to be written. \[OURS]
+const QUEUE_LEN: usize = 1024;
+/// How often the queue is written. \[OURS]
 const PERIOD: Duration = Duration::from_millis(100);
-/// Counts that change all the time are written less and less often, so that the file of a program that runs for weeks stays
-/// small: what a killed program tells is this part of its run old at most, but never older than [`COUNTS_PERIOD_MAX`]. \[OURS]
-const COUNTS_PART: u32 = 64;
-/// See [`COUNTS_PART`]. \[OURS]
+/// Counts that change all the time are written at intervals of this fraction of the run, so that the file of a program that
+/// runs for weeks stays small and the counts of a killed program are nearly those of its end. \[OURS]
+const COUNTS_PERIOD_FRACTION: u32 = 64;
+/// The longest interval at which counts are written. \[OURS]
 const COUNTS_PERIOD_MAX: Duration = Duration::from_secs(10);
 
-/// What waits to be written.
+/// An entry of the queue.
 enum Fact {
     Line(Line),
-    /// The log has said this.
+    /// A message of the log.
     Said(String),
 }
 
-/// Tells a tool.
+/// Writes what happens in this process for the tool.
 pub struct Teller {
     queue: SyncSender<Fact>,
     dropped: AtomicU64,
@@ -50,26 +50,37 @@ pub struct Teller {
 struct Writer {
     facts: Receiver<Fact>,
     file: Box<dyn Write + Send>,
-    /// Texts of the log without their figures, their numbers, how often they came, and how often that was told.
-    said: BTreeMap<String, (u32, u64, u64)>,
-    boards: Vec<Watched>,
-    numbers: u32,
-    /// Runs while there are boards.
+    /// By the text of a log message without its figures.
+    messages: BTreeMap<String, Message>,
+    boards: Vec<WatchedBoard>,
+    /// How many boards the process has opened.
+    boards_opened: u32,
+    /// The thread that writes the queue; it runs while a board is open.
     thread: Option<JoinHandle<()>>,
     began: Instant,
-    counted: Instant,
+    counts_written: Instant,
     dropped: u64,
 }
 
-/// A board that is open.
-struct Watched {
-    number: u32,
-    link: Weak<WatchLink>,
-    /// Counts that were told.
-    told: BTreeMap<String, u64>,
+/// A kind of log message.
+struct Message {
+    /// [`Line::Said`]'s number.
+    id: u32,
+    /// How many came.
+    times: u64,
+    /// How many of them the file tells of.
+    times_written: u64,
 }
 
-/// The teller of this process, if a tool has asked for one by [`TOLD`].
+/// A board that is open.
+struct WatchedBoard {
+    number: u32,
+    link: Weak<WatchLink>,
+    /// The values of its counts in the file.
+    written: BTreeMap<String, u64>,
+}
+
+/// The teller of this process; `None` unless a tool has set [`TOLD`].
 pub fn of_process() -> Option<&'static Teller> {
     static TELLER: OnceLock<Option<Teller>> = OnceLock::new();
     let teller = TELLER.get_or_init(|| {
@@ -79,7 +90,7 @@ pub fn of_process() -> Option<&'static Teller> {
     teller.as_ref()
 }
 
-/// The file has to be there, and a file: what else has that name is nobody's who asked.
+/// Opens the file, which has to exist and to be a regular file, since the tool has made it.
 fn open(path: &Path) -> io::Result<File> {
     if !std::fs::symlink_metadata(path)?.is_file() {
         return Err(io::ErrorKind::InvalidInput.into());
@@ -88,30 +99,29 @@ fn open(path: &Path) -> io::Result<File> {
 }
 
 impl Teller {
-    /// Tells by that file.
     fn to(file: Box<dyn Write + Send>) -> Self {
-        let (queue, facts) = sync_channel(QUEUE);
+        let (queue, facts) = sync_channel(QUEUE_LEN);
         let now = Instant::now();
         let writer = Writer {
             facts,
             file,
-            said: BTreeMap::new(),
+            messages: BTreeMap::new(),
             boards: Vec::new(),
-            numbers: 0,
+            boards_opened: 0,
             thread: None,
             began: now,
-            counted: now,
+            counts_written: now,
             dropped: 0,
         };
         Self { queue, dropped: AtomicU64::new(0), writer: Mutex::new(writer) }
     }
 
-    /// Tells a fact. Never waits.
+    /// Queues a line. Never waits.
     pub fn tell(&self, line: Line) {
         self.put(Fact::Line(line));
     }
 
-    /// Tells what the log says. Never waits.
+    /// Queues a message of the log. Never waits.
     pub fn say(&self, text: String) {
         self.put(Fact::Said(text));
     }
@@ -122,43 +132,43 @@ impl Teller {
         }
     }
 
-    /// A link whose troubles are told: `inner`, which was just opened, with a look at what goes by.
+    /// Wraps a link that was just opened, so that its frames and counters are watched and reported.
     pub fn watch(&'static self, inner: Arc<dyn Link>) -> Arc<dyn Link> {
         let link = Arc::new(WatchLink::new(inner, self));
         let mut writer = self.writer();
-        let number = writer.numbers;
-        writer.numbers += 1;
-        writer.boards.push(Watched { number, link: Arc::downgrade(&link), told: BTreeMap::new() });
+        let number = writer.boards_opened;
+        writer.boards_opened += 1;
+        writer.boards.push(WatchedBoard { number, link: Arc::downgrade(&link), written: BTreeMap::new() });
         if writer.thread.is_none() {
-            // Without a thread what is told waits for the end of the board.
+            // If the system gives no thread the queue is written when the board is closed.
             writer.thread = threads::spawn("ecmsk-tell", || self.run()).ok();
         }
         link
     }
 
-    /// Writes while there are boards.
+    /// The body of the thread.
     fn run(&self) {
         while self.write() {
             std::thread::park_timeout(PERIOD);
         }
     }
 
-    /// Writes what waits, and counts if it is time; whether boards are open.
+    /// Writes the queue, and the counts if they are due. Returns whether a board is open.
     fn write(&self) -> bool {
         let mut writer = self.writer();
-        let due = (writer.began.elapsed() / COUNTS_PART).clamp(PERIOD, COUNTS_PERIOD_MAX);
-        let counts = writer.counted.elapsed() >= due;
-        writer.write(self.dropped.load(Ordering::Relaxed), counts);
+        let counts_period = (writer.began.elapsed() / COUNTS_PERIOD_FRACTION).clamp(PERIOD, COUNTS_PERIOD_MAX);
+        let with_counts = writer.counts_written.elapsed() >= counts_period;
+        writer.write(self.dropped.load(Ordering::Relaxed), with_counts);
         !writer.boards.is_empty()
     }
 
-    /// Writes all that is known.
+    /// Writes the queue and the counts.
     pub fn write_all(&self) {
         self.writer().write(self.dropped.load(Ordering::Relaxed), true);
     }
 
-    /// A board was closed: writes all that is known, and ends the thread if it was the last one, for the library may be
-    /// unloaded next.
+    /// Called when a board was closed: writes the queue and the counts, and ends the thread if no board is open any more,
+    /// since the library may be unloaded next.
     pub(super) fn closed(&self) {
         let thread = {
             let mut writer = self.writer();
@@ -167,7 +177,7 @@ impl Teller {
         };
         if let Some(thread) = thread {
             thread.thread().unpark();
-            // A panic there was told already.
+            // A panic of the thread was logged when it happened.
             let _ = thread.join();
         }
     }
@@ -180,37 +190,38 @@ impl Teller {
 impl Writer {
     fn write(&mut self, dropped: u64, with_counts: bool) {
         let mut lines = String::new();
-        // Processes that the program starts tell in the same file.
+        // Processes that the program starts write to the same file.
         let process = std::process::id();
         let mut add = |line: &Line| lines.push_str(&format!("{process} {line}\n"));
         while let Ok(fact) = self.facts.try_recv() {
             match fact {
                 Fact::Line(line) => add(&line),
                 Fact::Said(text) => {
-                    let (next, full) = (self.said.len(), self.said.len() >= TEXTS_MAX);
-                    match self.said.get_mut(&without_figures(&text)) {
-                        Some((_, times, _)) => *times += 1,
-                        None if full => self.dropped += 1,
+                    let known = self.messages.len();
+                    match self.messages.get_mut(&without_figures(&text)) {
+                        Some(message) => message.times += 1,
+                        None if known >= TEXTS_MAX => self.dropped += 1,
                         None => {
-                            self.said.insert(without_figures(&text), (next as u32, 1, 1));
-                            add(&Line::Said { id: next as u32, text });
+                            let id = known as u32;
+                            self.messages.insert(without_figures(&text), Message { id, times: 1, times_written: 1 });
+                            add(&Line::Said { id, text });
                         }
                     }
                 }
             }
         }
         if with_counts {
-            self.counted = Instant::now();
-            for (id, times, told) in self.said.values_mut().filter(|(_, times, told)| times > told) {
-                *told = *times;
-                add(&Line::Again { id: *id, times: *times });
+            self.counts_written = Instant::now();
+            for message in self.messages.values_mut().filter(|message| message.times > message.times_written) {
+                message.times_written = message.times;
+                add(&Line::Again { id: message.id, times: message.times });
             }
-            for Watched { number, link, told } in &mut self.boards {
+            for WatchedBoard { number, link, written } in &mut self.boards {
                 let Some(link) = link.upgrade() else { continue };
                 for (name, value) in link.counts() {
-                    if value > told.get(&name).copied().unwrap_or_default() {
+                    if value > written.get(&name).copied().unwrap_or_default() {
                         add(&Line::Count { board: *number, name: name.clone(), value });
-                        told.insert(name, value);
+                        written.insert(name, value);
                     }
                 }
             }
@@ -219,13 +230,13 @@ impl Writer {
                 add(&Line::Dropped(dropped + self.dropped));
             }
         }
-        // The tool may be gone, or its disk full: then nobody is told. One write, so that lines of several processes do not
-        // mix.
+        // An error means that the tool has ended or its disk is full, and nobody is left to report that to. All lines go into
+        // one write, so that lines of several processes do not mix.
         let _ = self.file.write_all(lines.as_bytes());
     }
 }
 
-/// A text of which the figures do not count: the same thing said again has others. Hexadecimal ones are figures too.
+/// The text with `#` for each number, also a hexadecimal one, so that messages which differ only in their figures are equal.
 fn without_figures(text: &str) -> String {
     let mut short = String::with_capacity(text.len());
     for word in text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()) {
@@ -288,7 +299,7 @@ mod tests {
     fn a_full_queue_drops_and_counts() {
         let file = Shared::default();
         let teller = Teller::to(Box::new(file.clone()));
-        for _ in 0..QUEUE + 10 {
+        for _ in 0..QUEUE_LEN + 10 {
             teller.say("the same".to_owned());
         }
         teller.write_all();

@@ -1,5 +1,5 @@
-//! What the frames of a program show of its troubles, one after the other: alarms, changes of state that failed, gaps in a
-//! motion, a FIFO that was full, frames with a wrong CRC.
+//! Finds in the frames of a program what went wrong: alarms, changes of state that failed, gaps in a motion, frames lost to a
+//! full FIFO or a wrong CRC.
 
 use super::gaps::Gaps;
 use super::line::{Alarm, StateFailed};
@@ -11,7 +11,7 @@ use crate::sk::{
     StateByte,
 };
 
-/// What was seen.
+/// An event that the frames showed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
     /// An alarm begins.
@@ -20,42 +20,43 @@ pub enum Sight {
     StateFailed(StateFailed),
 }
 
-/// What was counted.
+/// What the frames showed, as counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
     /// Command frames.
     pub commands: u64,
     /// Reports.
     pub reports: u64,
-    /// Frames lost to a full FIFO, by slot 0's own count.
+    /// Command frames lost to a full FIFO, by the full count in slot 0.
     pub full: u64,
-    /// Frames with a wrong CRC, by slot 0's own count.
+    /// Command frames with a wrong CRC, by the error count in slot 0.
     pub crc: u64,
-    /// Gaps in a motion: the FIFO ran empty on the way of one or more axes.
+    /// Gaps in a motion: the FIFO ran empty while one or more axes were moving.
     pub gaps: u64,
 }
 
-/// Follows frames. Nothing of it allocates.
+/// Watches the frames of a run in the order of their times. It does not allocate.
 #[derive(Debug)]
 pub struct FrameWatch {
     size: SlotSize,
     kinds: Kinds,
+    /// SET_AXIS has declared a slave as another kind than IO.
     declared: bool,
     state: StateByte,
-    /// Full count and CRC errors of the last report.
+    /// The full count and the CRC error count in the last report in OP.
     losses: Option<(u16, u8)>,
-    /// The alarm of each slave.
+    /// The error code of each slave's alarm.
     alarms: [Option<u16>; MAX_SLAVES],
     gaps: [Gaps; MAX_SLAVES],
     /// When the newest command frame was sent.
     sent_ns: i64,
-    /// Reports since then that showed an empty FIFO.
+    /// How many reports since then showed an empty FIFO.
     idle_reports: u32,
     counts: FrameCounts,
 }
 
 impl FrameWatch {
-    /// Of frames with slots of that size.
+    /// Watches frames with slots of this size.
     pub fn new(size: SlotSize) -> Self {
         Self {
             size,
@@ -71,12 +72,12 @@ impl FrameWatch {
         }
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     pub const fn counts(&self) -> FrameCounts {
         self.counts
     }
 
-    /// A command frame goes by.
+    /// Takes a command frame with its time in nanoseconds.
     pub fn command(&mut self, at_ns: i64, frame: &Frame) {
         self.counts.commands += 1;
         self.sent_ns = at_ns;
@@ -104,7 +105,7 @@ impl FrameWatch {
         self.counts.gaps += u64::from(is_gap);
     }
 
-    /// A report goes by.
+    /// Takes a report with its time in nanoseconds, and calls `see` for each event that it shows.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, see: &mut dyn FnMut(Sight)) {
         self.counts.reports += 1;
         self.kinds.response(frame, self.size);
@@ -114,7 +115,7 @@ impl FrameWatch {
             see(Sight::StateFailed(StateFailed { state: board.state.0, declared: self.declared }));
         }
         if !matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
-            // The FIFO and what slaves said are of no meaning any more.
+            // There is no FIFO, and the slaves' slots hold no process data.
             self.losses = None;
             self.gaps.iter_mut().for_each(Gaps::reset);
             return;
@@ -126,7 +127,8 @@ impl FrameWatch {
             self.counts.crc += u64::from(board.error.wrapping_sub(crc));
             if board.fifo_free >= FIFO_ENTRIES && at_ns > self.sent_ns {
                 self.idle_reports = self.idle_reports.saturating_add(1);
-                // The first one shows that the newest target is executed: a program that sends one in each cycle has no gap.
+                // The first such report shows that the newest target was executed, which is normal for a program that sends
+                // one target per cycle.
                 if self.idle_reports > 1 {
                     self.gaps.iter_mut().for_each(|gaps| gaps.idle(at_ns));
                 }
@@ -139,7 +141,7 @@ impl FrameWatch {
                 Some(SlaveKind::Drive | SlaveKind::Step) => drive.error_code,
                 Some(SlaveKind::Hsp) => 0,
                 Some(SlaveKind::Io | SlaveKind::None) => continue,
-                // The board runs since before this program: what answers to commands of drives is one.
+                // The slaves were declared before the first frame: a slot that answers a command of drives is a drive's.
                 None if is_of_drives(CommandId::from_code(slot.id)) => drive.error_code,
                 None => continue,
             };
@@ -149,7 +151,7 @@ impl FrameWatch {
 
     fn alarm(&mut self, slave: usize, now: Option<u16>, see: &mut dyn FnMut(Sight)) {
         let before = std::mem::replace(&mut self.alarms[slave - 1], now);
-        // A drive may show its fault before it shows the code.
+        // A drive may show the fault a cycle before its error code: these are two events.
         if let Some(code) = now
             && before.is_none_or(|before| before != code && code != 0)
         {

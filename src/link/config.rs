@@ -124,6 +124,7 @@ impl fmt::Display for Source {
 
 /// Why it is not clear which link to open.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ConfigError {
     /// `ECMSK_LINK` is not UTF-8.
     #[error(
@@ -135,12 +136,7 @@ pub enum ConfigError {
     },
     /// The file exists but cannot be read.
     #[error("{}: {message}; make it readable or take it away", .path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The system's words.
-        message: String,
-    },
+    Unreadable { path: PathBuf, message: String },
     /// The program has more rights than the user who started it, and that user or another one may have written the
     /// file.
     #[error(
@@ -149,7 +145,6 @@ pub enum ConfigError {
         .path.display()
     )]
     MadeByOthers {
-        /// The file.
         path: PathBuf,
         /// Who else can have written it.
         reason: String,
@@ -157,11 +152,9 @@ pub enum ConfigError {
     /// The content of the file is invalid.
     #[error("{}, line {line}: {message}; {ALLOWED}; {WHERE_TO_LOOK}", .path.display())]
     Content {
-        /// The file.
         path: PathBuf,
         /// The line, counted from 1.
         line: usize,
-        /// What is wrong.
         message: String,
     },
 }

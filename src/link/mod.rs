@@ -143,6 +143,7 @@ pub struct LinkStats {
 
 /// Why a link call failed. The message of every variant says what happened, on which link, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum LinkError {
     /// The URI or one of its keys is invalid.
     #[error(transparent)]
@@ -161,7 +162,6 @@ pub enum LinkError {
     /// This build cannot open links of that scheme.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {
-        /// Scheme.
         scheme: String,
         /// What to do instead.
         hint: String,
@@ -169,7 +169,6 @@ pub enum LinkError {
     /// No board answers.
     #[error("no board at `{name}`: {reason}")]
     NoBoard {
-        /// Which link.
         name: String,
         /// What was found instead and what to do.
         reason: String,
@@ -181,7 +180,6 @@ pub enum LinkError {
         given.bytes(), found.bytes(), config2(*found), found.bytes()
     )]
     WrongSlot {
-        /// Which link.
         name: String,
         /// The slot size in the URI.
         given: SlotSize,
@@ -191,7 +189,6 @@ pub enum LinkError {
     /// Another program, or another link of this program, has the board open.
     #[error("`{name}` is in use{by}; close it there, or {instead}")]
     InUse {
-        /// Which link.
         name: String,
         /// The user of the board in the form ` by ...`, or empty if unknown.
         by: String,
@@ -201,7 +198,6 @@ pub enum LinkError {
     /// The time limit of a call has passed.
     #[error("{dir} {}: {what}", how_long(*waited))]
     Timeout {
-        /// Which call.
         dir: Dir,
         /// The limit; zero for a call that was not to wait.
         waited: Duration,
@@ -222,12 +218,7 @@ pub enum LinkError {
     },
     /// The board is gone: it was unplugged, or reset by SW_RESET.
     #[error("the board at `{name}` is gone: {reason}; open it again")]
-    Lost {
-        /// Which link.
-        name: String,
-        /// Why.
-        reason: Cow<'static, str>,
-    },
+    Lost { name: String, reason: Cow<'static, str> },
     /// The connection to the board's server ended while a frame was on its way, so it is not known whether the board
     /// has taken it.
     #[error(
@@ -235,7 +226,6 @@ pub enum LinkError {
          known; open it again and look at the board before you send anything twice"
     )]
     Unsure {
-        /// Which link.
         name: String,
         /// How it ended.
         reason: String,
@@ -245,10 +235,7 @@ pub enum LinkError {
     Closed,
     /// [`Link::cancel`] ended the call.
     #[error("the {dir} was cancelled")]
-    Cancelled {
-        /// Which call.
-        dir: Dir,
-    },
+    Cancelled { dir: Dir },
     /// The operating system reported an error.
     #[error("{what}: {message}")]
     Io {

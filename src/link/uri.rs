@@ -39,61 +39,35 @@ pub struct LinkUri {
 
 /// Why the URI of a link is invalid. The messages name the key, its value and what is allowed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum UriError {
     /// The text has no colon.
     #[error("link `{text}` has no scheme; allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}")]
-    NoScheme {
-        /// The link.
-        text: String,
-        /// Every scheme.
-        allowed: String,
-    },
+    NoScheme { text: String, allowed: String },
     /// The word before the colon is not a scheme.
     #[error(
         "link `{text}`: unknown scheme `{scheme}`;{suggestion} allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     UnknownScheme {
-        /// The link.
         text: String,
-        /// What stands before the colon.
         scheme: String,
         /// ` did you mean ..?`, or empty.
         suggestion: String,
-        /// Every scheme.
         allowed: String,
     },
     /// The options of one scheme were requested from a link of another scheme.
     #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
-    OtherScheme {
-        /// The link.
-        uri: String,
-        /// What it should be.
-        expected: Scheme,
-    },
+    OtherScheme { uri: String, expected: Scheme },
     /// Text stands between the colon and the question mark, where this scheme allows none.
     #[error("`{scheme}:` takes nothing but keys, found `{path}`; allowed: {scheme}:?key=value; {WHERE_TO_LOOK}")]
-    UnexpectedPath {
-        /// Scheme.
-        scheme: Scheme,
-        /// What was found.
-        path: String,
-    },
+    UnexpectedPath { scheme: Scheme, path: String },
     /// The text between the colon and the question mark is not one that this scheme allows.
     #[error("`{scheme}:` does not take `{}` as its place; allowed: {allowed}; {WHERE_TO_LOOK}", visible(.path))]
-    BadPath {
-        /// Scheme.
-        scheme: Scheme,
-        /// What was found.
-        path: String,
-        /// What is allowed.
-        allowed: &'static str,
-    },
+    BadPath { scheme: Scheme, path: String, allowed: &'static str },
     /// A part of the query has no `=`.
     #[error("`{part}` in a `{scheme}:` link is no `key=value`; {hint}; {WHERE_TO_LOOK}")]
     NotKeyValue {
-        /// Scheme.
         scheme: Scheme,
-        /// The part.
         part: String,
         /// The allowed values of the key, or all keys.
         hint: String,
@@ -101,33 +75,20 @@ pub enum UriError {
     /// Links of this scheme do not have that key.
     #[error("`{scheme}:` has no key `{key}` (value `{value}`);{hint} allowed: {allowed}; {WHERE_TO_LOOK}")]
     UnknownKey {
-        /// Scheme.
         scheme: Scheme,
-        /// Key.
         key: String,
-        /// Its value.
         value: String,
         /// ` did you mean ..?`, the reason why the key does not exist, or empty.
         hint: String,
-        /// Every key.
         allowed: String,
     },
     /// A key is given twice.
     #[error("key `{key}` is given twice, with `{first}` and `{second}`; allowed: once; {WHERE_TO_LOOK}")]
-    DuplicateKey {
-        /// Key.
-        key: String,
-        /// Its first value.
-        first: String,
-        /// Its second value.
-        second: String,
-    },
+    DuplicateKey { key: String, first: String, second: String },
     /// The key does not allow that value.
     #[error("key `{key}` does not take `{}`; {}; {WHERE_TO_LOOK}", visible(.value), visible(.why))]
     BadValue {
-        /// Key.
         key: String,
-        /// Its value.
         value: String,
         /// Why not, and what is allowed.
         why: String,

@@ -93,9 +93,8 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Con
             let reason = "its server wants a secret; give the file it is in with `secret_file=`";
             return Err(ConnectError::NoBoard(reason.to_owned()));
         }
-        // The message must never advise to leave the secret out: it appears as well when somebody has redirected the
-        // client to a server that
-        // does not know the secret.
+        // The message must never advise to leave the secret out: it also appears when somebody has redirected the client
+        // to a server that does not know the secret.
         (Some(_), false) => {
             let how = how_to_give(options.secret_file.as_ref());
             return Err(ConnectError::NoBoard(format!(

@@ -104,37 +104,23 @@ impl Default for ServeOptions {
 
 /// Why a board is not served.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
     /// Others than this machine could connect, and no secret is asked for.
     #[error(
         "{listen} can be reached from other machines: give a secret that clients have to know (`--secret-file`), \
          or listen on 127.0.0.1"
     )]
-    NeedsSecret {
-        /// Where.
-        listen: SocketAddr,
-    },
+    NeedsSecret { listen: SocketAddr },
     /// The system does not let it listen there.
     #[error("cannot listen on {listen}: {message}; {next}")]
-    Listen {
-        /// Where.
-        listen: SocketAddr,
-        /// The system's words.
-        message: String,
-        /// What to do.
-        next: &'static str,
-    },
+    Listen { listen: SocketAddr, message: String, next: &'static str },
     /// The board cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The system gives something else not.
     #[error("{what}: {message}; free some memory, files or threads, then start it again")]
-    System {
-        /// What.
-        what: &'static str,
-        /// Its words.
-        message: String,
-    },
+    System { what: &'static str, message: String },
 }
 
 /// A board that is served, until it is stopped or dropped.

@@ -129,7 +129,7 @@ impl Exchange {
                 Err(error) => Err(error),
             };
             if let Err(error) = taken {
-                self.lose(format!("its server does not queue_max to the protocol: {error}"));
+                self.lose(format!("its server does not keep to the protocol: {error}"));
             }
         }
         reports

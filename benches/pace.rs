@@ -1,14 +1,11 @@
 //! `pace_1ms`, `pace_250us`: how late cycles begin, 99 of 100, under the runner of the real clock with four drives in OP,
 //! against a bare loop of absolute sleeps. Both are counted from their own earliest cycle.
 
-#[path = "../tests/bus_wrapper/mod.rs"]
-mod bus_wrapper;
 mod common;
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use bus_wrapper::hand_on;
 use common::Demand;
 use ecmsk::engine::{Board, EngineConfig, Rate, RealTime, Threaded};
 use ecmsk::fieldbus::sim::SimBus;
@@ -19,6 +16,7 @@ use ecmsk::sk::{
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
+use support::hand_on;
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 const DRIVES: usize = 4;

@@ -1,19 +1,11 @@
 //! The ECM-SK (chip EC01M), an EtherCAT master on a board: its protocol, its exact software model, links to it.
 #![cfg_attr(not(feature = "std"), no_std)]
 
-// The tool's rooms say `ecmsk` for what a program sees of the library.
-#[cfg(feature = "fuzz")]
-extern crate self as ecmsk;
-
 pub mod ethercat;
 pub mod sk;
 
 pub use ethercat::{cia402, coe};
 
-// The tool is a part of its program, and of the library where fuzz/ needs it.
-#[cfg(feature = "fuzz")]
-#[doc(hidden)]
-pub mod cli;
 #[cfg(feature = "std")]
 pub mod compare;
 #[cfg(feature = "std")]

@@ -1,16 +1,13 @@
 //! What the log says of commands that a board in this process has not executed.
-#![cfg(feature = "sim")]
-
-mod heard;
-mod script_client;
-mod support;
+//!
+//! A process has one log: in a program with other tests, what their boards say would be heard too.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::StateFailure;
 use ecmsk::sk::{DriveSync, Frame, MasterState, Motion, SdoCommand, SlaveCommand, SlaveKind, StateByte};
-use heard::{lines_with, listen};
-use script_client::{Client, SIZE};
+use support::heard::{lines_with, listen};
+use support::script_client::{Client, SIZE};
 
 /// SK-4.78 A program that writes faster than the board takes commands out is told so once, when the first frame is lost, and
 /// once how many were lost, when it has ended.

@@ -3,10 +3,10 @@
 
 #![no_main]
 
-use ecmsk::cli::fuzzed;
 use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::slave::MakersObjects;
 use ecmsk::slave::dictionary::Access;
+use ecmsk_tool::fuzzed;
 use libfuzzer_sys::fuzz_target;
 
 /// What begins a first line that names a device, as the command line does.

@@ -8,8 +8,8 @@ mod folder;
 #[path = "support/frames.rs"]
 mod frames;
 
-use ecmsk::cli::fuzzed;
 use ecmsk::sk::SlotSize;
+use ecmsk_tool::fuzzed;
 use folder::Folder;
 use libfuzzer_sys::fuzz_target;
 

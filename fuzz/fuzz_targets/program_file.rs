@@ -6,7 +6,7 @@
 #[path = "support/folder.rs"]
 mod folder;
 
-use ecmsk::cli::fuzzed;
+use ecmsk_tool::fuzzed;
 use folder::Folder;
 use libfuzzer_sys::fuzz_target;
 

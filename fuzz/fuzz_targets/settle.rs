@@ -3,8 +3,6 @@
 
 #![no_main]
 
-#[path = "../../tests/dice/mod.rs"]
-mod dice;
 #[path = "../../tests/invariants/ends/eyes.rs"]
 #[allow(dead_code, reason = "ramps are not compared with what any bytes say")]
 mod eyes;
@@ -15,8 +13,6 @@ mod frames;
 mod machine;
 #[path = "../../tests/invariants/ends/standstill.rs"]
 mod standstill;
-#[path = "../../tests/swift/mod.rs"]
-mod swift;
 #[path = "../../tests/invariants/tap.rs"]
 mod tap;
 

@@ -3,7 +3,7 @@
 
 #![no_main]
 
-use ecmsk::cli::fuzzed;
+use ecmsk_tool::fuzzed;
 use libfuzzer_sys::fuzz_target;
 
 /// Boards; each is lost after so many frames, which bounds what a script can take.

@@ -1,8 +1,7 @@
-//! The simulated boards of this process that outlive their links. Like a real board, a simulated one stays powered when
-//! its link is closed.
+//! Boards of this process that outlive their links: a simulated board stays switched on when its link is closed, as a
+//! real one does.
 //!
-//! A board without a link is parked: its state and the time of parking are kept, and no thread runs for it. On the real
-//! clock, the next link advances it by the time that has passed (`catch_up_ms=`).
+//! A board that is not open is parked: plain state and the moment it was parked, no thread.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -12,20 +11,19 @@ use super::options::SimOptions;
 use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 
-/// How a later link finds a board.
+/// How a board is found again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Key {
     /// By its `name=`.
     Name(String),
-    /// By the options of its link.
+    /// By what it is.
     Options(Box<SimOptions>),
 }
 
-/// Whether a link has the board.
 enum Place {
     /// A link has it.
     Open,
-    /// It is not open and waits for the next link.
+    /// Nobody has it.
     Parked { board: Box<Board>, network: SimHandle, since: Instant },
 }
 
@@ -41,11 +39,11 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
     BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A parked board, its network, and when it was parked.
+/// A board that was parked, its network, and since when.
 pub(super) type Parked = (Board, SimHandle, Instant);
 
-/// Reserves the board with that key for a link. Returns the parked board, or `None` if there is none yet and the caller
-/// has to make one. `uri` is the name of the link in error messages.
+/// Takes the board of that key out of its place; or keeps the place for a new one (`None`). `uri` is what messages call
+/// it.
 pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Parked>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
@@ -70,19 +68,19 @@ pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
     }
 }
 
-/// Parks the board of a link that was closed.
+/// Puts a board (back) to its place.
 pub(super) fn park(key: &Key, board: Board, network: SimHandle) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
         entry.place = Place::Parked { board: Box::new(board), network, since: Instant::now() };
     }
 }
 
-/// Cancels a reservation for which there is no board.
+/// Gives a claimed place up without a board.
 pub(super) fn forget(key: &Key) {
     boards().retain(|entry| entry.key != *key);
 }
 
-/// Discards all parked boards of this process, so that the next link finds a new one. Returns how many boards are open.
+/// Throws the boards of this process away that nobody has open: the next link finds a new one. Says how many are open.
 #[doc(hidden)]
 pub fn forget_parked() -> usize {
     let mut boards = boards();

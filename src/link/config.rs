@@ -1,18 +1,16 @@
-//! Which link is opened when a program does not name one, as the C functions and the tool without `--link` do.
+//! Which link to open when the program does not say: the C functions and the tool without `--link`.
 //!
-//! The first of these that names a link decides: the environment variable `ECMSK_LINK`; then a file `ecmsk.toml` in the
-//! folder of the program, in the folder of the library, in the user's configuration folder, in the system's
-//! configuration folder. The tool looks in its working directory before these folders ([`Environment::working_dir`]),
-//! where somebody who develops a program has its `ecmsk.toml`. If nothing names a link it is `usb:`, a real board: a
-//! program never gets a simulated board unless somebody has asked for one.
+//! The first of these that names one: the variable `ECMSK_LINK`; then `ecmsk.toml`, looked for beside the program,
+//! beside the library, in the user's configuration folder and in the system's. The tool looks in the folder that it is
+//! started in first ([`Environment::working_dir`]): there a program and its `ecmsk.toml` stand side by side. Nothing names one: `usb:`, a real board;
+//! a program never gets a simulated one unless somebody asked for it.
 //!
 //! ```toml
 //! # ecmsk.toml
 //! link = "sim:?slaves=drive*2"
 //! ```
 //!
-//! A program with more rights than the user who starts it does not let that user choose the link: see
-//! [`is_privileged`].
+//! A program with more rights than the user who starts it is not told by that user: see [`is_privileged`].
 
 mod privilege;
 
@@ -27,48 +25,45 @@ use serde::Deserialize;
 use super::keys::WHERE_TO_LOOK;
 use crate::files::{FileError, read_small};
 
-/// The environment variable that names a link.
+/// The variable that names a link.
 pub const VARIABLE: &str = "ECMSK_LINK";
-/// The environment variable that names a marker file. The library creates this file when a program opens a board,
-/// whether or not that succeeds, so that `ecmsk exec` can tell whether the program has called the library at all. An
-/// existing file is left unchanged.
+/// The variable that names a file which the library makes when a program opens a board, whether that succeeds or not:
+/// `ecmsk exec` sees by it whether the program came to the library at all. A file that is there stays as it is.
 pub const OPENED: &str = "ECMSK_OPENED";
-/// The name of the file that names a link.
+/// The file that names a link.
 pub const FILE: &str = "ecmsk.toml";
-/// The link if nothing names one.
+/// The link when nothing names one.
 pub const DEFAULT_LINK: &str = "usb:";
 
-/// The largest size of the file \[OURS].
-const FILE_SIZE_MAX_BYTES: u64 = 1 << 16;
+/// The longest file that is read \[OURS].
+const LONGEST_BYTES: u64 = 1 << 16;
 
-/// The allowed content of the file, for error messages.
+/// What the file may hold, for an error.
 const ALLOWED: &str = "allowed: one line, link = \"sim:?slaves=drive*2\"";
 
-/// The environment variables and folders that the search uses. A folder that is `None` is skipped.
+/// What the search looks at: variables and folders of a process. A folder that is not known is passed over.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Environment {
-    /// The value of `ECMSK_LINK`.
+    /// `ECMSK_LINK`.
     pub link: Option<OsString>,
-    /// The working directory, which only the tool searches. A program may be started anywhere, and a file that happens
-    /// to lie there is not meant for it.
+    /// The folder that somebody works in, for the tool: a program is none's who happens to stand there.
     pub working_dir: Option<PathBuf>,
-    /// The folder of the executable.
+    /// The folder of the program.
     pub program_dir: Option<PathBuf>,
-    /// The folder of the shared library that the program has loaded.
+    /// The folder of the library that the program has loaded.
     pub library_dir: Option<PathBuf>,
-    /// The configuration folders of the user and of the system.
+    /// The user's and the system's folders.
     pub platform: Platform,
-    /// Whether only files count that nobody but root can have written: see [`made_by_others`].
+    /// Whether a file counts only if nobody but root can have written it: see [`made_by_others`].
     pub privileged: bool,
 }
 
-/// The configuration folders of the user and of the system, which depend on the operating system.
+/// Folders for configuration, by the customs of the operating system.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Platform {
-    /// Linux and other Unix systems: `$XDG_CONFIG_HOME/ecmsk/ecmsk.toml`, or else `~/.config/ecmsk/ecmsk.toml`; then
-    /// `/etc/ecmsk.toml`.
+    /// Linux and its like: `$XDG_CONFIG_HOME/ecmsk/ecmsk.toml`, else `~/.config/ecmsk/ecmsk.toml`; `/etc/ecmsk.toml`.
     Unix {
-        /// `XDG_CONFIG_HOME`; a relative path is ignored (XDG Base Directory Specification).
+        /// `XDG_CONFIG_HOME`; a relative path does not count (XDG Base Directory Specification).
         xdg_config_home: Option<PathBuf>,
         /// `HOME`.
         home: Option<PathBuf>,
@@ -85,33 +80,33 @@ pub enum Platform {
 }
 
 impl Default for Platform {
-    /// A Unix system on which neither variable is set.
+    /// Linux with no variable set.
     fn default() -> Self {
         Self::Unix { xdg_config_home: None, home: None, etc: PathBuf::from("/etc") }
     }
 }
 
-/// The link to open, and where its name comes from.
+/// The link to open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Configured {
-    /// The URI as it was written.
+    /// Its URI, as it was written.
     pub link: String,
-    /// Where the URI comes from.
+    /// Who named it.
     pub source: Source,
 }
 
-/// Where the name of a link comes from.
+/// Who named the link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The environment variable `ECMSK_LINK`.
+    /// The variable `ECMSK_LINK`.
     Variable,
-    /// The file with this path.
+    /// This file.
     File(PathBuf),
-    /// Neither a variable nor a file names a link: [`DEFAULT_LINK`].
+    /// Nobody.
     Default,
 }
 
-/// Writes the source for a message: `from /etc/ecmsk.toml`.
+/// For messages: `from /etc/ecmsk.toml`.
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -122,47 +117,52 @@ impl fmt::Display for Source {
     }
 }
 
-/// Why it is not clear which link to open.
+/// Why it cannot be told which link to open.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ConfigError {
-    /// `ECMSK_LINK` is not UTF-8.
+    /// `ECMSK_LINK` is no text.
     #[error(
         "{VARIABLE} is `{found}`, which is not UTF-8; allowed: a link such as sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     NotUtf8 {
-        /// Its value, with a replacement character for each invalid part.
+        /// Its value, as far as it can be shown.
         found: String,
     },
-    /// The file exists but cannot be read.
+    /// The file is there and cannot be read.
     #[error("{}: {message}; make it readable or take it away", .path.display())]
-    Unreadable { path: PathBuf, message: String },
-    /// The program has more rights than the user who started it, and that user or another one may have written the
-    /// file.
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// The system's words.
+        message: String,
+    },
+    /// The program has more rights than the user who started it, and the file may be that user's.
     #[error(
         "{}: not read, since this program runs with more rights than the user who started it and {reason}; \
          have the file and its folder belong to root and be writable by nobody else, or take the file away",
         .path.display()
     )]
     MadeByOthers {
+        /// The file.
         path: PathBuf,
         /// Who else can have written it.
         reason: String,
     },
-    /// The content of the file is invalid.
+    /// The file holds something else.
     #[error("{}, line {line}: {message}; {ALLOWED}; {WHERE_TO_LOOK}", .path.display())]
     Content {
+        /// The file.
         path: PathBuf,
-        /// The line, counted from 1.
+        /// Where, from 1.
         line: usize,
+        /// What is wrong.
         message: String,
     },
 }
 
 impl Environment {
-    /// The environment of this process. `library_dir` is the folder of the shared library, if it is one that calls
-    /// this. In a process with more rights than the user who started it ([`is_privileged`]) environment variables are
-    /// ignored, and with them the user's configuration folder.
+    /// That of this process; `library_dir` is the folder of the library, if the caller is one. In a process with more
+    /// rights than the user who started it ([`is_privileged`]) no variable counts, and so no folder of a user.
     pub fn from_process(library_dir: Option<PathBuf>) -> Self {
         let dir = |name: &str| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let platform = if cfg!(windows) {
@@ -181,7 +181,7 @@ impl Environment {
         }
     }
 
-    /// The files that may name a link, in the order of the search.
+    /// The files that may name a link, in the order they are looked at.
     pub fn files(&self) -> Vec<PathBuf> {
         let beside =
             [&self.working_dir, &self.program_dir, &self.library_dir].into_iter().flatten().map(|dir| dir.join(FILE));
@@ -200,10 +200,10 @@ impl Environment {
     }
 }
 
-/// Finds the link to open.
+/// Which link to open.
 ///
-/// \[OURS] An empty `ECMSK_LINK` counts as not set. A file that exists but is invalid is an error and never skipped:
-/// the program would get another board than the one that somebody has named.
+/// \[OURS] An `ECMSK_LINK` that is empty counts as not set. A file that is there and wrong is an error, never passed
+/// over: the program would get another board than the one somebody has named.
 ///
 /// # Errors
 /// [`ConfigError`], which names the file and the line.
@@ -220,7 +220,7 @@ pub fn find(environment: &Environment) -> Result<Configured, ConfigError> {
         {
             return Err(ConfigError::MadeByOthers { path, reason });
         }
-        let message = match read_small(&path, FILE_SIZE_MAX_BYTES) {
+        let message = match read_small(&path, LONGEST_BYTES) {
             Ok(file) => match String::from_utf8(file.bytes) {
                 Ok(text) => return Ok(Configured { link: read_link(&path, &text)?, source: Source::File(path) }),
                 Err(_) => io::Error::from(ErrorKind::InvalidData).to_string(),

@@ -1,58 +1,54 @@
-//! What the log says of commands that the board did not execute although it did not reject them, for example because
-//! its FIFO was full. A period in which such commands occur is an episode: one line when it begins, and one line with
-//! their number when it has ended.
+//! What the log says of commands that were not executed without being rejected: one line when it begins, one with the
+//! count when it has ended.
 
 use log::Level;
 
 use crate::engine::{Counters, Unexecuted};
 use crate::fieldbus::Ns;
 
-/// An episode has ended when its counter has not changed for this long, in the board's time \[OURS].
+/// Nothing more was lost for so long of the board's time: it has ended \[OURS].
 const QUIET_NS: Ns = 1_000_000_000;
 
-/// A period in which commands of one kind were not executed.
+/// A run of losses of one kind.
 #[derive(Clone, Copy)]
 struct Episode {
-    /// When the first one was seen.
+    /// When the first and the newest were seen.
     from: Ns,
-    /// When the latest one was seen.
     to: Ns,
-    /// The value of the counter before the first one.
+    /// The counter before the first.
     before: u64,
 }
 
-/// The state of one counter.
 #[derive(Clone, Copy)]
-struct Tracker {
-    /// The value of the counter when it was last looked at.
+struct Kind {
+    /// The counter when it was looked at last.
     seen: u64,
     episode: Option<Episode>,
 }
 
-/// The episodes of all kinds.
+/// What was told so far.
 pub(super) struct Episodes {
-    kinds: [Tracker; Unexecuted::KINDS],
+    kinds: [Kind; Unexecuted::KINDS],
 }
 
 impl Episodes {
-    /// Tracks what happens after the board has counted this much.
+    /// From a board on that has counted so much before.
     pub(super) fn new(counters: &Counters) -> Self {
-        Self { kinds: Unexecuted::ALL.map(|what| Tracker { seen: what.of(counters), episode: None }) }
+        Self { kinds: Unexecuted::ALL.map(|what| Kind { seen: what.of(counters), episode: None }) }
     }
 
-    /// Whether an episode of that kind is in progress.
+    /// Whether a run of that kind is under way.
     pub(super) fn is_running(&self, what: Unexecuted) -> bool {
         let kinds = self.kinds.iter().zip(Unexecuted::ALL);
         kinds.filter(|(_, of)| *of == what).any(|(kind, _)| kind.episode.is_some())
     }
 
-    /// Logs which episodes have begun, except those for which `is_logged` says that the log has them already, and which
-    /// have ended. `now` is the board's time.
-    pub(super) fn log(
+    /// Tells what has begun, but for what was `told` already, and what has ended; `now` is the board's time.
+    pub(super) fn tell(
         &mut self,
         counters: &Counters,
         now: Ns,
-        is_logged: impl Fn(Unexecuted) -> bool,
+        told: impl Fn(Unexecuted) -> bool,
         say: &mut dyn FnMut(Level, String),
     ) {
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
@@ -67,7 +63,7 @@ impl Episodes {
                 Some(_) => {}
                 None if count > before => {
                     kind.episode = Some(Episode { from: now, to: now, before });
-                    if !is_logged(what) {
+                    if !told(what) {
                         say(level(what), begun(what, count - before, now));
                     }
                 }
@@ -76,9 +72,9 @@ impl Episodes {
         }
     }
 
-    /// Logs the numbers of all episodes in progress, when the link is closed.
+    /// Tells the counts of what has not ended: the link is closed.
     pub(super) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
-        self.log(counters, now, |_| false, say);
+        self.tell(counters, now, |_| false, say);
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
             if let Some(episode) = kind.episode.take() {
                 say(level(what), ended(what, &episode, kind.seen));
@@ -87,7 +83,7 @@ impl Episodes {
     }
 }
 
-/// The level of a line: commands that the program itself has discarded are no reason for a warning.
+/// What a program has asked for is no warning.
 const fn level(what: Unexecuted) -> Level {
     if what.is_asked_for() { Level::Info } else { Level::Warn }
 }
@@ -118,7 +114,7 @@ mod tests {
         }
 
         fn look(&mut self, counters: &Counters, at: Ns) {
-            self.episodes.log(counters, at, |_| false, &mut |level, line| self.lines.push((level, line)));
+            self.episodes.tell(counters, at, |_| false, &mut |level, line| self.lines.push((level, line)));
         }
 
         fn end(&mut self, counters: &Counters, at: Ns) {

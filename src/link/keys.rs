@@ -1,5 +1,4 @@
-//! The schemes and keys of a link's URI. The parser, the defaults and [`help`] are all made from one table,
-//! `keys/table.rs`: a new key is a new row there.
+//! The schemes and keys of a link URI: the one table that the parser, the defaults and [`help`] are made from.
 
 mod table;
 
@@ -9,10 +8,10 @@ use super::fraction::Fraction;
 use super::slaves;
 pub use table::KEYS;
 
-/// The end of every error message about a link.
+/// Where every error about a link points to.
 pub(super) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
 
-/// How the board is reached: the word before the colon.
+/// What stands before the colon: how the board is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scheme {
     /// A simulated board in this process.
@@ -21,15 +20,15 @@ pub enum Scheme {
     Usb,
     /// A real ECM-SK on SPI.
     Spi,
-    /// A board that another process or machine serves.
+    /// A board that another machine serves.
     Tcp,
 }
 
 impl Scheme {
-    /// All schemes, including those that this build cannot open.
+    /// Every scheme, whether it is in this build or not.
     pub const ALL: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
 
-    /// The word before the colon.
+    /// What stands before the colon.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Sim => "sim",
@@ -39,12 +38,12 @@ impl Scheme {
         }
     }
 
-    /// The scheme with that name.
+    /// The scheme of that name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link: each scheme is a feature, and `spi:` exists on Linux only.
+    /// Whether this build can open such a link: each scheme is a feature, and `spi:` is of Linux alone.
     pub const fn in_build(self) -> bool {
         match self {
             Self::Sim => cfg!(feature = "sim"),
@@ -54,7 +53,7 @@ impl Scheme {
         }
     }
 
-    /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
+    /// What stands between the colon and the question mark; `None`: nothing may.
     pub const fn path(self) -> Option<&'static str> {
         match self {
             Self::Sim | Self::Usb => None,
@@ -79,40 +78,40 @@ impl fmt::Display for Scheme {
     }
 }
 
-/// The syntax of a key's value.
+/// What a key's value looks like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Syntax {
     /// One of these words.
     Choice(&'static [&'static str]),
-    /// A decimal integer in this range, both ends included.
+    /// A whole decimal number in this range, both ends included.
     Number(u64, u64),
     /// A decimal number in this range, both ends included, with at most 9 digits after the point.
     Fraction(Fraction, Fraction),
-    /// The path of a file.
+    /// A path of a file.
     File,
     /// 1 to 64 letters, digits, `-`, `_` and `.`.
     Name,
-    /// A USB string descriptor: 1 to 126 characters.
+    /// A text of a USB device: 1 to 126 characters.
     Text,
-    /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
+    /// A frequency in this range, Hz, both ends included: a whole number, `k` or `M` may stand behind it.
     Hertz(u64, u64),
-    /// A GPIO line: `CHIP/LINE`.
+    /// A line of a GPIO chip: `CHIP/LINE`.
     Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
 }
 
-/// The longest USB string descriptor, in characters (USB 2.0 9.6.7).
+/// Longest text of a USB device (USB 2.0 9.6.7).
 const TEXT_MAX: usize = 126;
 
-/// The longest name of a board, in characters. \[OURS]
+/// Longest name of a board. \[OURS]
 const NAME_MAX: usize = 64;
 
 impl Syntax {
     /// The value in its normal form.
     ///
     /// # Errors
-    /// Why the value is invalid, and what is allowed.
+    /// Why it is none and what is allowed.
     pub fn normal(self, value: &str) -> Result<String, String> {
         let normal = match self {
             Self::Choice(words) => words.contains(&value).then(|| value.to_owned()),
@@ -143,7 +142,7 @@ impl Syntax {
         normal.ok_or_else(|| self.allowed())
     }
 
-    /// `allowed: ` and the allowed values, for an error message.
+    /// `allowed: ` and what is, for an error.
     pub fn allowed(self) -> String {
         match self {
             Self::Choice(words) => format!("allowed: {}", words.join(", ")),
@@ -164,7 +163,7 @@ impl Syntax {
         }
     }
 
-    /// The placeholder for the value in the help.
+    /// What stands for the value in the help.
     fn placeholder(self) -> String {
         match self {
             Self::Choice(words) => words.join("|"),
@@ -180,7 +179,7 @@ impl Syntax {
     }
 }
 
-/// Parses a frequency as links write it, in Hz.
+/// A frequency as links write it, Hz.
 pub(super) fn hertz(value: &str) -> Option<u64> {
     let (digits, unit) = match value.strip_suffix('M') {
         Some(digits) => (digits, 1_000_000),
@@ -190,7 +189,7 @@ pub(super) fn hertz(value: &str) -> Option<u64> {
     digits.parse::<u64>().ok().filter(|_| plain)?.checked_mul(unit)
 }
 
-/// The shortest text for a frequency in Hz.
+/// The shortest way to write it.
 fn hertz_text(number: u64) -> String {
     match number {
         0 => "0".to_owned(),
@@ -200,37 +199,37 @@ fn hertz_text(number: u64) -> String {
     }
 }
 
-/// One key of a link's URI.
+/// One key of a link URI.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// The name of the key.
+    /// Its name.
     pub name: &'static str,
-    /// The schemes that have the key.
+    /// The schemes that take it.
     pub schemes: &'static [Scheme],
-    /// The syntax of its value.
+    /// What its value looks like.
     pub syntax: Syntax,
-    /// The value that applies if the key is not given, in normal form; `None` if there is none, in which case `meaning`
-    /// says what happens.
+    /// The value that holds where the key is not given, in normal form; `None`: there is none, and `meaning` says what
+    /// that means.
     pub default: Option<&'static str>,
-    /// A valid value other than the default.
+    /// A value it takes, other than the default.
     pub example: &'static str,
-    /// What the key does, with the unit of its value.
+    /// What it does, with the unit.
     pub meaning: &'static str,
 }
 
 impl Key {
-    /// The row of a key in links of that scheme.
+    /// The row for a key of a link of that scheme.
     pub fn find(scheme: Scheme, name: &str) -> Option<&'static Self> {
         Self::of(scheme).find(|key| key.name == name)
     }
 
-    /// The keys of links of that scheme, in the order of the table.
+    /// The keys that a link of that scheme takes, in the order of the table.
     pub fn of(scheme: Scheme) -> impl Iterator<Item = &'static Self> {
         KEYS.iter().filter(move |key| key.schemes.contains(&scheme))
     }
 }
 
-/// The text of `ecmsk link help`: the form of a link, every scheme, and every key with its default.
+/// The text of `ecmsk link help`: what a link looks like, every scheme, every key with its default.
 pub fn help() -> String {
     use fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! The keys of a link's URI as Rust types: those of any link, and those of `sim:`.
+//! What a link's URI says, as types: the options of any link and those of `sim:`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -13,28 +13,28 @@ use crate::engine::Firmware;
 pub use crate::recording::Clock;
 use crate::sk::SlotSize;
 
-/// Options that every link has.
+/// Options of any link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommonOptions {
-    /// The slot size (`slot=`); `None` if the URI does not give one. For a board in this process it is always given.
+    /// Slot size; `None` if the link does not say. A link to a modelled board always does.
     pub slot: Option<SlotSize>,
-    /// How many unread reports are kept (`queue=`), 1 or more. When the queue is full the oldest report is dropped.
+    /// Reports kept while nobody reads, the newest ones: 1 or more.
     pub queue: usize,
-    /// The file to record to (`record=`).
+    /// File to record to.
     pub record: Option<PathBuf>,
-    /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
+    /// Limit of a read; `None`: it waits until there is a report.
     pub read_timeout: Option<Duration>,
-    /// The time limit of a write that the board does not accept (`write_timeout_ms=`).
+    /// Limit of a write that the board does not accept.
     pub write_timeout: Duration,
-    /// Faults to inject (`fault.*`).
+    /// Faults on the way, `fault.*`.
     pub fault: FaultOptions,
 }
 
 impl CommonOptions {
-    /// The options in a URI; keys that are not given have their defaults.
+    /// The options of that link, defaults filled in.
     ///
     /// # Errors
-    /// [`UriError::BadValue`] if a value does not fit the type of its option.
+    /// [`UriError::BadValue`] if a value does not fit this machine's integers.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         Ok(Self {
             slot: uri.typed("slot", slot_size)?,
@@ -46,12 +46,12 @@ impl CommonOptions {
         })
     }
 
-    /// The time limit of a read as a [`Wait`].
+    /// Limit of a read, as the seam wants it.
     pub fn read_wait(&self) -> Wait {
         self.read_timeout.map_or(Wait::Forever, Wait::For)
     }
 
-    /// The time limit of a write as a [`Wait`].
+    /// Limit of a write, as the seam wants it.
     pub const fn write_wait(&self) -> Wait {
         Wait::For(self.write_timeout)
     }
@@ -60,41 +60,41 @@ impl CommonOptions {
 /// Options of `sim:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimOptions {
-    /// The slaves in network order: 0..=40, or 0..=30 with 16-byte slots.
+    /// The slaves on the network, in order: 0..=40 (30 with 16-byte slots).
     pub slaves: Vec<SlaveSpec>,
-    /// The slot size, which the board's jumper CONFIG2 selects.
+    /// CONFIG2.
     pub slot: SlotSize,
     /// Real or virtual time.
     pub clock: Clock,
-    /// The version of the firmware to simulate.
+    /// The firmware modelled.
     pub firmware: Firmware,
-    /// Whether the board is in test mode, which the jumper CONFIG1 selects.
+    /// CONFIG1: whether the board is in test mode.
     pub test: bool,
-    /// The name of the board: links with the same name open the same board.
+    /// The board's own name: links with the same name are the same board.
     pub name: Option<String>,
-    /// How long a write takes, in microseconds of the board's time: 0..=1 000 000.
+    /// How long a write takes, microseconds: 0..=1 000 000.
     pub host_us: u32,
-    /// How long a change of the EtherCAT state may take.
+    /// How long a change of state may take.
     pub state_timeout: Duration,
-    /// How long a slave may take to answer an SDO request.
+    /// How long a slave may take for an SDO.
     pub sdo_timeout: Duration,
-    /// The real-time priority (SCHED_FIFO) of the cyclic thread, 1..=99; `None`: an ordinary thread.
+    /// Real-time priority (SCHED_FIFO) of the cycle's thread: 1..=99; `None`: an ordinary thread.
     pub priority: Option<u8>,
-    /// Whether the process is locked into memory (`mlockall`), so that no cycle waits for a page.
+    /// Whether to keep the process in memory (`mlockall`).
     pub lock_memory: bool,
-    /// How much of the time during which a board was closed is simulated when it is opened again.
+    /// How much of the time that the board was closed it runs through when it is opened again.
     pub catch_up: Duration,
-    /// The speed of the board's time on the real clock: 0.001..=1.
+    /// How fast board time passes on the real clock: 0.001..=1.
     pub rate: Fraction,
-    /// A file of events that happen to the board and its slaves.
+    /// What happens when.
     pub script: Option<PathBuf>,
 }
 
 impl SimOptions {
-    /// The options in a URI; keys that are not given have their defaults.
+    /// The options of that link, defaults filled in.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is not a `sim:` link.
+    /// [`UriError::OtherScheme`] if it is no `sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         if uri.scheme() != Scheme::Sim {
             return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Sim });

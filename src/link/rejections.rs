@@ -1,6 +1,5 @@
-//! What the log says of commands that the board rejected. The first rejections of each kind are logged one by one and
-//! further ones are summed up, so that a program that sends a wrong command in every cycle does not fill the log, and
-//! every rejection is accounted for.
+//! What the log says of commands that were not executed: a program that sends a wrong one every cycle does not drown all
+//! else, and nothing is lost without a word.
 
 use log::Level;
 
@@ -8,74 +7,73 @@ use super::episodes::Episodes;
 use crate::engine::{Counters, Event, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 
-/// How many rejections of one kind are logged one by one within [`WINDOW_NS`] \[OURS]; further ones are summed up. SDO
-/// transfers that a slave has aborted count as a kind.
-const LINES_PER_WINDOW_MAX: u32 = 5;
+/// Rejections of one kind that are told one by one within [`WINDOW_NS`] of board time \[OURS]; the others are summed up.
+/// SDO transfers that a slave has aborted count as a kind.
+const TOLD_EACH: u32 = 5;
 /// One second of the board's time \[OURS].
 const WINDOW_NS: Ns = 1_000_000_000;
 
-/// Limits the lines in the log for one kind of rejection.
 #[derive(Clone, Copy, Default)]
-struct Throttle {
-    /// When the current window began.
+struct Kind {
+    /// When the window began.
     since: Ns,
-    /// Lines logged in this window.
+    /// Lines in this window.
     lines: u32,
-    /// How many rejections of the board's counter are in the log already, one by one or summed up.
-    logged: u64,
+    /// Of the board's counter, what was told, each or summed up.
+    told: u64,
 }
 
-impl Throttle {
-    /// Whether one more rejection, at time `at`, gets a line of its own.
-    fn is_logged(&mut self, at: Ns) -> bool {
+impl Kind {
+    /// Whether one more that happened at `at` is told by itself.
+    fn takes_line(&mut self, at: Ns) -> bool {
         if at.saturating_sub(self.since) >= WINDOW_NS || self.lines == 0 {
             (self.since, self.lines) = (at, 0);
         }
-        let takes = self.lines < LINES_PER_WINDOW_MAX;
+        let takes = self.lines < TOLD_EACH;
         self.lines += u32::from(takes);
         takes
     }
 }
 
-/// Which rejections have been logged so far.
+/// What was told so far.
 pub(super) struct RejectionLog {
-    kinds: [Throttle; Reason::KINDS],
-    aborts: Throttle,
+    kinds: [Kind; Reason::KINDS],
+    aborts: Kind,
     episodes: Episodes,
 }
 
 impl RejectionLog {
-    /// Logs what happens after the board has counted this much.
+    /// From a board on that has counted so much before.
     pub(super) fn new(counters: &Counters) -> Self {
-        let kinds = counters.rejected.map(|logged| Throttle { logged, ..Throttle::default() });
-        Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
+        let kinds = counters.rejected.map(|told| Kind { told, ..Kind::default() });
+        Self { kinds, aborts: Kind::default(), episodes: Episodes::new(counters) }
     }
 
-    /// Logs events, and what the board's counters show besides them; `now` is the board's time.
-    pub(super) fn log(
+    /// Tells events and what the board's counters say; `now` is its time.
+    pub(super) fn tell(
         &mut self,
         events: impl IntoIterator<Item = Event>,
         counters: &Counters,
         now: Ns,
         say: &mut dyn FnMut(Level, String),
     ) {
-        let mut logged = [false; Unexecuted::KINDS];
+        let mut told = [false; Unexecuted::KINDS];
         for event in events {
             let is_told = match event {
                 Event::Rejected(rejection) => {
                     let kind = &mut self.kinds[rejection.reason.kind()];
-                    let is_logged = kind.is_logged(rejection.at);
-                    kind.logged += u64::from(is_logged);
-                    is_logged
+                    let takes_line = kind.takes_line(rejection.at);
+                    kind.told += u64::from(takes_line);
+                    takes_line
                 }
-                // The line with the number of bytes replaces the one that says that an episode begins.
+                // The line that says what came is the one that begins.
                 Event::Incomplete { .. } => {
                     let begins = !self.episodes.is_running(Unexecuted::Incomplete);
-                    begins && !std::mem::replace(&mut logged[Unexecuted::Incomplete as usize], true)
+                    begins && !std::mem::replace(&mut told[Unexecuted::Incomplete as usize], true)
                 }
                 Event::SdoAborted { at, .. } => {
-                    logged[Unexecuted::SdoAborted as usize] = true;
-                    self.aborts.is_logged(at)
+                    told[Unexecuted::SdoAborted as usize] = true;
+                    self.aborts.takes_line(at)
                 }
                 _ => true,
             };
@@ -84,10 +82,10 @@ impl RejectionLog {
             }
         }
         self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
-        self.episodes.log(counters, now, |what| logged[what as usize], say);
+        self.episodes.tell(counters, now, |what| told[what as usize], say);
     }
 
-    /// Logs the rejections that have not been logged yet, when the link is closed.
+    /// Tells how many were left out, at the end.
     pub(super) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
         self.sum_up(&counters.rejected, |_| true, say);
         self.episodes.end(counters, now, say);
@@ -96,13 +94,13 @@ impl RejectionLog {
     fn sum_up(
         &mut self,
         rejected: &[u64; Reason::KINDS],
-        is_over: impl Fn(&Throttle) -> bool,
+        is_over: impl Fn(&Kind) -> bool,
         say: &mut dyn FnMut(Level, String),
     ) {
         for ((kind, rejected), name) in self.kinds.iter_mut().zip(rejected).zip(Reason::NAMES) {
-            let more = rejected.saturating_sub(kind.logged);
+            let more = rejected.saturating_sub(kind.told);
             if more > 0 && is_over(kind) {
-                kind.logged += more;
+                kind.told += more;
                 let since = kind.since / 1000;
                 say(Level::Warn, format!("{more} more rejected as {name} since {since} us; look at the first ones"));
             }
@@ -141,14 +139,14 @@ mod tests {
                 events.push(rejected(n * MS, Reason::NoSlave));
             }
             counters.rejected[Reason::SdoBusy.kind()] = 0;
-            log.log(events, &counters, n * MS, &mut |_, line| said.push(line));
+            log.tell(events, &counters, n * MS, &mut |_, line| said.push(line));
         }
         assert_eq!(said.len(), 6, "{said:?}");
         assert!(said[5].contains("no slave at that place"), "{said:?}");
         let counters = counted(&[(Reason::WrongMode, 507), (Reason::NoSlave, 1)]);
-        log.log([], &counters, 999 * MS, &mut |_, line| said.push(line));
+        log.tell([], &counters, 999 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 6, "{said:?}");
-        log.log([], &counters, 1000 * MS, &mut |_, line| said.push(line));
+        log.tell([], &counters, 1000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said[6..], ["495 more rejected as wrong_mode since 0 us; look at the first ones"]);
         log.end(&counters, 2000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 7, "{said:?}");
@@ -161,7 +159,9 @@ mod tests {
         let mut said = Vec::new();
         for n in 0..20 {
             let counters = counted(&[(Reason::NoSlave, n + 1)]);
-            log.log([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |_, line| said.push(line));
+            log.tell([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |_, line| {
+                said.push(line)
+            });
         }
         assert_eq!(said.iter().filter(|line| line.contains("CSP in slot 1")).count(), 10, "{said:?}");
         log.end(&counted(&[(Reason::NoSlave, 20)]), 2000 * MS, &mut |_, line| said.push(line));
@@ -184,7 +184,7 @@ mod tests {
             let aborted = Event::SdoAborted { at: n * MS, slave: 2, object, write: true, code };
             let dropped = Event::Incomplete { at: n * MS, bytes: 100 };
             let counters = Counters { sdo_aborted: n + 1, incomplete: n + 1, ..Counters::default() };
-            log.log([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
+            log.tell([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
         }
         assert_eq!(said.len(), 6, "{said:?}");
         let aborts = said.iter().filter(|line| line.contains("SDO_WR of slave 2, 0x2101:0")).count();

@@ -1,8 +1,7 @@
 //! The URI that names a link: `scheme:path?key=value&key=value`.
 //!
-//! Parsing accepts only valid URIs: known keys, each at most once, each with a value that its row in the table of keys
-//! ([`KEYS`]) allows. A parsed URI is kept in its normal form, so two URIs with the same meaning are equal and print
-//! the same text:
+//! Parsing yields only what is valid: known keys, each once, each with a value its row of the table ([`KEYS`]) allows.
+//! What is kept is the normal form, so two URIs that mean the same are equal and print the same:
 //!
 //! ```
 //! use ecmsk::link::uri::LinkUri;
@@ -23,88 +22,127 @@ use super::keys::{Key, Scheme, WHERE_TO_LOOK};
 use super::slaves;
 use crate::sk::SlotSize;
 
-/// Characters that are written as `%XX` between the colon and the question mark.
+/// What is written as `%XX` between colon and question mark.
 const IN_PATH: &AsciiSet = &CONTROLS.add(b' ').add(b'"').add(b'#').add(b'%').add(b'<').add(b'>').add(b'?').add(b'`');
-/// Characters that are written as `%XX` in a key or a value.
+/// What is written as `%XX` in a key or a value.
 const IN_VALUE: &AsciiSet = &IN_PATH.add(b'&').add(b'=').add(b'\'').add(b'{').add(b'}').add(b'|').add(b'^');
 
-/// The URI of a link in its normal form.
+/// A link's name, in normal form.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct LinkUri {
     scheme: Scheme,
     path: String,
-    /// In the order of the table, without keys that have their default value.
+    /// In the order of the table, without those that have their default.
     keys: Vec<(String, String)>,
 }
 
-/// Why the URI of a link is invalid. The messages name the key, its value and what is allowed.
+/// What is wrong with a link's URI.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum UriError {
-    /// The text has no colon.
+    /// There is no colon.
     #[error("link `{text}` has no scheme; allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}")]
-    NoScheme { text: String, allowed: String },
-    /// The word before the colon is not a scheme.
+    NoScheme {
+        /// The link.
+        text: String,
+        /// Every scheme.
+        allowed: String,
+    },
+    /// A scheme nobody knows.
     #[error(
         "link `{text}`: unknown scheme `{scheme}`;{suggestion} allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     UnknownScheme {
+        /// The link.
         text: String,
+        /// What stands before the colon.
         scheme: String,
-        /// ` did you mean ..?`, or empty.
+        /// ` did you mean ..?` or nothing.
         suggestion: String,
+        /// Every scheme.
         allowed: String,
     },
-    /// The options of one scheme were requested from a link of another scheme.
+    /// The typed options of one scheme were asked of a link of another.
     #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
-    OtherScheme { uri: String, expected: Scheme },
-    /// Text stands between the colon and the question mark, where this scheme allows none.
+    OtherScheme {
+        /// The link.
+        uri: String,
+        /// What it should be.
+        expected: Scheme,
+    },
+    /// Something stands before the question mark where nothing may.
     #[error("`{scheme}:` takes nothing but keys, found `{path}`; allowed: {scheme}:?key=value; {WHERE_TO_LOOK}")]
-    UnexpectedPath { scheme: Scheme, path: String },
-    /// The text between the colon and the question mark is not one that this scheme allows.
+    UnexpectedPath {
+        /// Scheme.
+        scheme: Scheme,
+        /// What was found.
+        path: String,
+    },
+    /// What stands before the question mark is not what the scheme takes there.
     #[error("`{scheme}:` does not take `{}` as its place; allowed: {allowed}; {WHERE_TO_LOOK}", visible(.path))]
-    BadPath { scheme: Scheme, path: String, allowed: &'static str },
-    /// A part of the query has no `=`.
+    BadPath {
+        /// Scheme.
+        scheme: Scheme,
+        /// What was found.
+        path: String,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A part of the query without `=`.
     #[error("`{part}` in a `{scheme}:` link is no `key=value`; {hint}; {WHERE_TO_LOOK}")]
     NotKeyValue {
+        /// Scheme.
         scheme: Scheme,
+        /// The part.
         part: String,
-        /// The allowed values of the key, or all keys.
+        /// The values of that key or all keys.
         hint: String,
     },
-    /// Links of this scheme do not have that key.
+    /// A key that links of this scheme do not have.
     #[error("`{scheme}:` has no key `{key}` (value `{value}`);{hint} allowed: {allowed}; {WHERE_TO_LOOK}")]
     UnknownKey {
+        /// Scheme.
         scheme: Scheme,
+        /// Key.
         key: String,
+        /// Its value.
         value: String,
-        /// ` did you mean ..?`, the reason why the key does not exist, or empty.
+        /// ` did you mean ..?`, why it is not there, or nothing.
         hint: String,
+        /// Every key.
         allowed: String,
     },
-    /// A key is given twice.
+    /// A key given twice.
     #[error("key `{key}` is given twice, with `{first}` and `{second}`; allowed: once; {WHERE_TO_LOOK}")]
-    DuplicateKey { key: String, first: String, second: String },
-    /// The key does not allow that value.
+    DuplicateKey {
+        /// Key.
+        key: String,
+        /// Its first value.
+        first: String,
+        /// Its second value.
+        second: String,
+    },
+    /// A value that the key does not take.
     #[error("key `{key}` does not take `{}`; {}; {WHERE_TO_LOOK}", visible(.value), visible(.why))]
     BadValue {
+        /// Key.
         key: String,
+        /// Its value.
         value: String,
         /// Why not, and what is allowed.
         why: String,
     },
-    /// The percent-encoded bytes are not UTF-8.
+    /// Percent-encoded bytes that are no text.
     #[error("`{part}` is not UTF-8 once %XX are decoded; allowed: UTF-8; {WHERE_TO_LOOK}")]
     NotUtf8 {
-        /// The part as it is written in the link.
+        /// The part as it stands in the link.
         part: String,
     },
 }
 
 impl LinkUri {
-    /// Parses a URI; white space around it is ignored.
+    /// Reads a URI; white space around it does not count.
     ///
-    /// A scheme that is not in this build is accepted here, and refused when the link is opened.
+    /// A scheme that is not in this build is no error here: opening the link says so.
     ///
     /// # Errors
     /// [`UriError`], which names the key, its value and what is allowed.
@@ -136,28 +174,28 @@ impl LinkUri {
         Ok(uri)
     }
 
-    /// The scheme: how the board is reached.
+    /// How the board is reached.
     pub const fn scheme(&self) -> Scheme {
         self.scheme
     }
 
-    /// The decoded text between the colon and the question mark; empty for `sim:`.
+    /// What stands between the colon and the question mark, decoded; empty for `sim:`.
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// The keys that do not have their default value, decoded, in the order of the normal form.
+    /// The keys that do not have their default, decoded, in the order of the normal form.
     pub fn keys(&self) -> impl Iterator<Item = (&str, &str)> {
         self.keys.iter().map(|(key, value)| (key.as_str(), value.as_str()))
     }
 
-    /// The value of a key: the given one, or else its default.
+    /// The value of a key: as given, else its default.
     pub fn value(&self, key: &str) -> Option<&str> {
         let given = self.keys().find(|(name, _)| *name == key).map(|(_, value)| value);
         given.or_else(|| Key::find(self.scheme, key)?.default)
     }
 
-    /// The value of a key, converted by `read`; `None` if it is not given and has no default.
+    /// The value of a key, read as a type; `None` if it is not given and has no default.
     pub(super) fn typed<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>, UriError> {
         let Some(value) = self.value(key) else { return Ok(None) };
         // The table has let this value pass: the type can hold less than the table allows only if the two disagree.
@@ -195,8 +233,7 @@ impl LinkUri {
         Ok(())
     }
 
-    /// Checks the number of slaves against the slot size: with 16-byte slots a frame has room for 30 slaves instead of
-    /// 40.
+    /// Wider slots leave room for fewer slaves.
     fn check_slaves(&self) -> Result<(), UriError> {
         let Some(list) = self.value("slaves") else { return Ok(()) };
         let slot = self.typed("slot", slot_size)?.unwrap_or_default();
@@ -207,7 +244,7 @@ impl LinkUri {
         Ok(())
     }
 
-    /// \[OURS] Refuses keys on a virtual clock that have an effect on the real clock only.
+    /// \[OURS] What only means something on the real clock is refused on a virtual one, where it would be without effect.
     fn check_clock(&self) -> Result<(), UriError> {
         if self.value("clock") != Some("virtual") {
             return Ok(());
@@ -248,7 +285,7 @@ impl FromStr for LinkUri {
     }
 }
 
-/// Writes the normal form: keys in the order of the table, defaults left out. Parsing it gives the same URI.
+/// The normal form: keys in the order of the table, defaults left out. It parses back to the same.
 impl fmt::Display for LinkUri {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.scheme, utf8_percent_encode(&self.path, IN_PATH))?;
@@ -260,14 +297,14 @@ impl fmt::Display for LinkUri {
     }
 }
 
-/// Keys without effect on a virtual clock, each with the reason.
+/// Keys that are without effect on a virtual clock, and why.
 const REAL_CLOCK_ONLY: &[(&str, &str)] = &[
     ("rate", "with clock=virtual time passes by calls alone, at no rate"),
     ("priority", "with clock=virtual there is no thread of the cycle"),
     ("lock_memory", "with clock=virtual no cycle has a time to keep"),
 ];
 
-/// Parses a slot size as links write it, in bytes.
+/// A slot size as links write it.
 pub(crate) fn slot_size(value: &str) -> Option<SlotSize> {
     SlotSize::from_bytes(value.parse().ok()?)
 }
@@ -285,7 +322,7 @@ fn key_names(scheme: Scheme) -> String {
     Key::of(scheme).map(|row| row.name).collect::<Vec<_>>().join(", ")
 }
 
-/// The text with invisible characters, such as NUL, replaced by their codes, so that a message shows them.
+/// A text of the user's in a message, with what nobody can see in it, such as a NUL, by its code.
 pub(super) fn visible(message: &str) -> String {
     let mut shown = String::with_capacity(message.len());
     for character in message.chars() {
@@ -299,12 +336,12 @@ pub(super) fn visible(message: &str) -> String {
     shown
 }
 
-/// Longer words get no suggestion, because the time of the comparison grows with the square of the length.
-const SUGGESTION_LEN_MAX: usize = 64;
+/// Words longer than this get no suggestion: comparing takes time that grows with the square of the length.
+const LONGEST_TYPO: usize = 64;
 
-/// ` did you mean ..?` if one of the known words is similar: at most every third letter differs. \[OURS]
+/// ` did you mean ..?` if one of the words is near: at most every third letter differs. \[OURS]
 pub(super) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
-    if word.len() > SUGGESTION_LEN_MAX {
+    if word.len() > LONGEST_TYPO {
         return String::new();
     }
     let word = word.to_lowercase();

@@ -1,12 +1,12 @@
-//! What to do about an address on which a server cannot listen.
+//! What to do about an address that cannot be listened on.
 
 use std::io::{Error, ErrorKind};
 use std::net::SocketAddr;
 
-/// The lowest port on which every user may listen, unless the machine is configured otherwise.
+/// The first port that every user may listen on, unless the machine says otherwise.
 const FIRST_FREE: u16 = 1024;
 
-/// What the user can do about the error.
+/// The next step.
 pub(super) fn advice(address: SocketAddr, error: &Error) -> &'static str {
     match error.kind() {
         ErrorKind::PermissionDenied if address.port() < FIRST_FREE => {

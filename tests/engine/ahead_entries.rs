@@ -13,11 +13,11 @@ use ecmsk::sk::{
 };
 
 use crate::ahead_bus::{Ahead, AheadBus};
-use crate::bus_wrapper::hand_on;
 use crate::host::Host;
 use crate::network_rig::Net;
 use crate::puppet::Puppet;
 use crate::rig::ahead;
+use support::hand_on;
 
 /// Buses that take several outputs ahead.
 fn deep() -> impl Iterator<Item = Ahead> {

@@ -13,7 +13,7 @@ use crate::full_table::{Outcome, PLACES, Sent, State, commands, outcome};
 use crate::homer::{Homer, Script};
 use crate::host::Host;
 use crate::models::{Model, declare};
-use crate::swift::SWIFT;
+use support::swift::SWIFT;
 
 /// The index of the commands that the table is gone through with, and that of those beside them.
 const INDEX: u8 = 0x5A;

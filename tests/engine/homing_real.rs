@@ -9,8 +9,8 @@ use ecmsk::slave::plant::Motor;
 use ecmsk::slave::{Drive, DriveConfig, HomeSwitch, Input, Slave, Travel};
 
 use crate::homer::{BIT_10, BIT_12, BIT_13};
-use crate::homing_tables::{METHODS, Places};
 use crate::host::Host;
+use support::homing_tables::{METHODS, Places};
 
 const PROFILES: [Firmware; 2] = [Firmware::V17, Firmware::V15];
 const DONE: u16 = BIT_10 | BIT_12;

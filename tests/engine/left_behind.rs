@@ -9,10 +9,10 @@ use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, Sta
 use ecmsk::slave::{AlStatus, Io, Slave};
 
 use crate::ahead_bus::AheadBus;
-use crate::bus_wrapper::hand_on;
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::drives;
+use support::hand_on;
 
 const REFUSAL: AlStatus = AlStatus(0x0011);
 

@@ -6,14 +6,10 @@ mod alarms;
 mod allocation;
 mod answers;
 mod bus_ahead;
-#[path = "../bus_wrapper/mod.rs"]
-mod bus_wrapper;
 mod cable;
 mod cable_below_op;
 mod commands;
 mod crc;
-#[path = "../dice/mod.rs"]
-mod dice;
 mod drives;
 mod entries;
 mod failures;
@@ -28,8 +24,6 @@ mod homing_ends;
 mod homing_real;
 mod homing_restore;
 mod homing_sdo;
-#[path = "../homing_tables/mod.rs"]
-mod homing_tables;
 mod host;
 mod hsp;
 mod hsp_homing;
@@ -60,7 +54,5 @@ mod sdo_beside;
 mod slave_answers;
 mod states;
 mod step;
-#[path = "../swift/mod.rs"]
-mod swift;
 mod test_mode;
 mod watch;

@@ -7,10 +7,10 @@ use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSiz
 
 use crate::ahead_bus::{Ahead, AheadBus};
 use crate::crc::crc8;
-use crate::dice::Dice;
 use crate::host::{BOOT_LIMIT, MICROFRAME};
 use crate::probe::{any_slaves, drives};
-use crate::swift::SWIFT;
+use support::dice::Dice;
+use support::swift::SWIFT;
 
 /// Frames of one run, at least.
 const FRAMES: u64 = 500;

@@ -9,11 +9,11 @@ use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::SlotSize::{self, Bytes12, Bytes16};
 
 use crate::ahead_bus::{Ahead, AheadBus};
-use crate::dice::Dice;
 use crate::models::MODELS;
 use crate::models::Model::{self, *};
 use crate::random::{Run, Totals};
-use crate::swift::SWIFT;
+use support::dice::Dice;
+use support::swift::SWIFT;
 
 /// A network and the board at it.
 struct Network {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use ecmsk::fieldbus::{AlState, BusConfig, BusError, Busy, Fieldbus, Job, JobDone, Ns, Outputs, SdoRequest, SlaveSet};
 
-use crate::bus_wrapper::hand_on;
+use support::hand_on;
 
 /// A job and its times.
 #[derive(Clone, Copy, Debug)]

@@ -19,11 +19,11 @@ use ecmsk::port::tcp::ServeOptions;
 use ecmsk::port::tcp::unwired::{Caller, Unwired};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
 
-use crate::dice::Dice;
 use crate::machine::Machine;
 use crate::run_all;
 use eyes::{Break, Eyes};
 use standstill::{End, assert_lasting, heal};
+use support::dice::Dice;
 use writer::{Bounds, Writer};
 
 /// Schedules of the test; `cargo xtask soak` asks for more.

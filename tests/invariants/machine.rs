@@ -9,9 +9,9 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
 
-use crate::dice::Dice;
-use crate::swift::SWIFT;
 use crate::tap::{Seen, Tap};
+use support::dice::Dice;
+use support::swift::SWIFT;
 
 /// The IO module, whose IO_RD in every frame names the frame.
 pub const MARKER: usize = 1;

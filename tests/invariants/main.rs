@@ -5,15 +5,10 @@
 
 mod books;
 mod day;
-#[path = "../dice/mod.rs"]
-mod dice;
-#[cfg(feature = "serve")]
 mod ends;
 mod machine;
 mod path;
 mod program;
-#[path = "../swift/mod.rs"]
-mod swift;
 mod tap;
 mod watch;
 

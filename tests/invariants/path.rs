@@ -5,8 +5,8 @@ use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::HomingPhase;
 use ecmsk::sk::{Frame, SdoCommand, SlaveCommand};
 
-use crate::dice::Dice;
 use crate::machine::{Machine, SPEED, Unit};
+use support::dice::Dice;
 
 /// Reports in a row without an accepted target, after which a path begins anew.
 const MISSES: u32 = 100;

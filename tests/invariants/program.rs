@@ -12,10 +12,10 @@ use ecmsk::sk::{
 use ecmsk::slave::{AlStatus, DeviceFault, Input};
 
 use crate::books::Books;
-use crate::dice::Dice;
 use crate::machine::{MARKER, Machine};
 use crate::path::{Now, Path, Wish};
 use crate::watch::Watch;
+use support::dice::Dice;
 
 /// What schedules did, so that none passes for lack of it.
 #[derive(Debug, Default)]

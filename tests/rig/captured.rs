@@ -1,5 +1,5 @@
 //! What the kernel's own monitor (usbmon) captures of a program on a board. The captures are fixtures of tests that need
-//! no guest, which replay them too: see tests/captures/README.md.
+//! no guest, which replay them too: see tests/recordings/README.md.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};

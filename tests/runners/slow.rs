@@ -14,8 +14,8 @@ use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{FIFO_ENTRIES, Frame};
 use ecmsk::slave::{Drive, DriveConfig};
 
-use crate::bus_wrapper::hand_on;
 use crate::client::{Client, MS, PATIENCE, target};
+use support::hand_on;
 
 /// A bus that does something of the test's at the beginning of every cycle.
 pub struct Hooked<F>(pub SimBus, pub F);

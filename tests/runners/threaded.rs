@@ -13,8 +13,8 @@ use ecmsk::sk::{CrcPolicy, CycleTime, DcShift, FIFO_ENTRIES, Frame, MasterComman
 use ecmsk::slave::{Drive, DriveConfig};
 
 use crate::client::{Client, MS, SIZE, board, open, open_kept, soft_reset, target};
-use crate::heard::{lines_with, listen};
 use crate::slow::Hooked;
+use support::heard::{lines_with, listen};
 
 fn options() -> RunOptions {
     RunOptions { virtual_time: false, ..RunOptions::default() }

@@ -7,7 +7,7 @@ use ecmsk::sk::DriveSync;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{Channels, HomeSwitch, Hsp, HspConfig, Input, Slave, Travel};
 
-use crate::homing_tables::{METHODS, Places};
+use support::homing_tables::{METHODS, Places};
 
 const MS: Ns = 1_000_000;
 const TURN: i64 = 10_000;

@@ -3,7 +3,7 @@
 use ecmsk::sk::Frame;
 
 use super::board::{Board, transfer};
-use super::client::{IN, OUT};
+use support::usbip_client::{IN, OUT};
 
 /// WIRE-12
 #[test]

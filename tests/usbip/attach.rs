@@ -5,8 +5,8 @@ use std::path::Path;
 
 use ecmsk::port::usbip::{Event, Options, ServeError, Server, free_ports};
 
-use super::client::{Client, Reply};
 use super::puppet::{Heard, Puppet, options, serve, spec};
+use support::usbip_client::{Client, Reply};
 
 /// As a 6.1 kernel shows it.
 const STATUS: &str = "\

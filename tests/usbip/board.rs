@@ -6,7 +6,7 @@ use ecmsk::port::usbip::wire::{Command, Submit};
 use ecmsk::port::usbip::{Identity, wire};
 use ecmsk::sk::Frame;
 
-use super::client::{self, IN, OUT, Reply};
+use support::usbip_client::{self as client, IN, OUT, Reply};
 
 pub const SET_CONFIGURATION: [u8; 8] = [0x00, 9, 1, 0, 0, 0, 0, 0];
 

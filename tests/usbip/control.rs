@@ -1,7 +1,7 @@
 //! Endpoint 0: what a HID device answers, and what it refuses (USB 2.0 9.4, HID 1.11 7.2).
 
 use super::board::{Board, SET_CONFIGURATION};
-use super::client::{IN, OUT, Reply};
+use support::usbip_client::{IN, OUT, Reply};
 
 const STALL: Result<Vec<u8>, i32> = Err(-32);
 

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use ecmsk::port::usbip::{Event, Options};
 
-use super::client::{Client, IN, OUT, Reply, submit, unlink};
 use super::puppet::{options, serve};
+use support::usbip_client::{Client, IN, OUT, Reply, submit, unlink};
 
 /// Whoever comes after nonsense gets the board, and it works.
 fn works(server: &ecmsk::port::usbip::Server) {

@@ -3,7 +3,7 @@
 use ecmsk::port::usbip::device::{TRANSFERS_AT_ONCE, TooMany};
 
 use super::board::{Board, transfer};
-use super::client::{IN, OUT, Reply};
+use support::usbip_client::{IN, OUT, Reply};
 
 /// WIRE-6
 #[test]

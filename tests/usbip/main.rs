@@ -1,10 +1,9 @@
 //! The virtual board on USB/IP: its messages, the device that a host's USB stack sees, and the server.
-#![cfg(all(target_os = "linux", feature = "serve", feature = "sim"))]
+#![cfg(target_os = "linux")]
 
 mod allocation;
 mod attach;
 mod board;
-mod client;
 mod control;
 mod crowd;
 mod descriptors;

@@ -9,8 +9,8 @@ use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Event, Identity, Options, ServeError, Server};
 use ecmsk::sk::{CycleTime, DcShift, Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
 
-use super::client::{Client, Reply, be16, be32};
 use super::puppet::{Heard, Puppet, options, serve, spec};
+use support::usbip_client::{Client, Reply, be16, be32};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 

@@ -2,7 +2,7 @@
 //! the unlink says that it was taken back; never both, never neither.
 
 use super::board::Board;
-use super::client::Reply;
+use support::usbip_client::Reply;
 
 /// WIRE-5
 #[test]

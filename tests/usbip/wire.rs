@@ -2,7 +2,7 @@
 
 use ecmsk::port::usbip::wire::{self, Command, Direction, Op, Refusal, Shown, Status, Submit, WireError};
 
-use super::client::{self, be16, be32};
+use support::usbip_client::{self as client, be16, be32};
 
 const SHOWN: Shown = Shown {
     path: "/sys/devices/somewhere/usb1/1-1",

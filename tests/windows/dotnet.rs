@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::Path;
 
-use crate::compiled::{ASSEMBLIES, EXAMPLES, REAL, VIRTUAL, example, test_program};
 use crate::fixture::{DLL, Folder, Width, given, lines};
-use crate::support::{self, Ended, Program, both_axes_are_off_in_preop, root, snapshot};
+use support::dotnet::{ASSEMBLIES, EXAMPLES, REAL, VIRTUAL, example, test_program};
+use support::{self, Ended, Program, both_axes_are_off_in_preop, root, snapshot};
 
 /// Every program of `examples/vb/` with its snapshot.
 const VB: [(&str, &str); 1] = [("GuideExample", "dotnet_guide_example")];

@@ -2,8 +2,8 @@
 //! on Linux, to the byte.
 
 use crate::fixture::{Folder, Toolchain, Width, lines};
-use crate::support::examples::{C, CPP, SCRIPTS};
-use crate::support::{root, snapshot};
+use support::examples::{C, CPP, SCRIPTS};
+use support::{root, snapshot};
 
 /// Builds a program of either folder and runs it on the link of its snapshot.
 fn prints_its_snapshot(folder: &Folder, toolchain: Toolchain, language: &str, name: &str, link: &str) {

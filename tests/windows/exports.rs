@@ -7,7 +7,7 @@ use object::pe::{IMAGE_REL_BASED_DIR64, IMAGE_REL_BASED_HIGHLOW};
 use object::read::pe::{ExportTarget, ImageNtHeaders, ImageOptionalHeader as _, PeFile, PeFile32, PeFile64};
 
 use crate::fixture::Width;
-use crate::support::root;
+use support::root;
 
 /// What the DLL exports: name and ordinal.
 fn exports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<(String, u16)> {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-use crate::support::{self, Ended, root};
+use support::{self, Ended, root};
 
 /// The DLL's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";

@@ -4,7 +4,7 @@ use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 
 use crate::fixture::{Folder, Toolchain, Width, lines, source};
-use crate::support::root;
+use support::root;
 
 const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
 const CLOCKS: [&str; 2] = [VIRTUAL, "sim:?slaves=drive*2&clock=real"];

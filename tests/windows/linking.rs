@@ -5,7 +5,7 @@ use std::process::Command;
 use object::read::pe::{ImageNtHeaders, Import, PeFile, PeFile32, PeFile64};
 
 use crate::fixture::{DLL, Folder, Width, source};
-use crate::support::{self, succeed};
+use support::{self, succeed};
 
 const LINK: &str = "sim:?slaves=drive*2&clock=virtual";
 

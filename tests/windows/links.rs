@@ -4,8 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::fixture::{DLL, Folder, Toolchain, Width, lines, source};
-use crate::support;
-use crate::tcp_support::serve;
+use support::tcp::serve;
 
 crate::for_each_width! {
     /// LIB-42, WIN-7 The link comes from ECMSK_LINK, then from ecmsk.toml beside the program, beside the DLL, in the user's

@@ -1,9 +1,7 @@
 //! The DLLs for Windows: what is in the files, what links with them, and programs of both widths that run on them under Wine:
 //! `cargo xtask test --windows`, which builds the DLLs and sets Wine up. Every test stands in a module of its width.
-#![cfg(all(target_os = "linux", feature = "cli"))]
+#![cfg(target_os = "linux")]
 
-#[path = "../dotnet/compiled.rs"]
-mod compiled;
 mod dotnet;
 mod examples;
 mod exports;
@@ -11,12 +9,6 @@ mod fixture;
 mod habits;
 mod linking;
 mod links;
-#[path = "../pe_support/mod.rs"]
-mod pe_support;
-#[path = "../support/mod.rs"]
-mod support;
-#[path = "../tcp_support/mod.rs"]
-mod tcp_support;
 mod tool;
 mod unloading;
 

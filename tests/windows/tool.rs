@@ -10,8 +10,8 @@ use ecmsk::recording::{Recorded, Recording};
 use ecmsk::sk::{CommandId, SlotSize};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::fixture::{DLL, Folder, Toolchain, Width, lines};
-use crate::support::{self, Ended, root};
+use crate::fixture::{DLL, Folder, Toolchain, Width, given, lines};
+use support::{self, Ended, root};
 
 const TOOL: &str = "ecmsk.exe";
 const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
@@ -25,7 +25,7 @@ fn folder(width: Width, name: &str) -> Folder {
 
 /// The tool of this system, in the same folder.
 fn here(folder: &Folder, words: &[&str]) -> Ended {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_ecmsk"));
+    let mut command = Command::new(given("ECMSK_WINDOWS_HOST_TOOL"));
     command.current_dir(folder.path()).args(words).env_remove("ECMSK_LINK").env_remove("ECMSK_LOG");
     support::run(&mut command)
 }
@@ -94,8 +94,8 @@ crate::for_each_width! {
         let folder = folder(width, "tool-beside");
         fs::create_dir(folder.path().join("program")).expect("a folder");
         folder.build(Toolchain::MinGw, &root().join("examples/c/io.c"), "program/io.exe");
-        let machine = if width == Width::X64 { crate::pe_support::X64 } else { crate::pe_support::X86 };
-        fs::write(folder.path().join("program").join(DLL), crate::pe_support::vendors(machine)).expect("a file");
+        let machine = if width == Width::X64 { support::pe::X64 } else { support::pe::X86 };
+        fs::write(folder.path().join("program").join(DLL), support::pe::vendors(machine)).expect("a file");
         let words = ["exec", "--link", "sim:?slaves=io&clock=virtual", "--", "program\\io.exe"];
         let ended = there(&folder, &words);
         assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(125), ""));

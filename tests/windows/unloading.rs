@@ -1,7 +1,6 @@
 //! Loading and unloading: again and again, at another place, while a board is open, and the end of a process.
 
 use crate::fixture::{Folder, Toolchain, Width, source};
-use crate::support;
 
 const VIRTUAL: &str = "sim:?slaves=drive&clock=virtual";
 /// With a thread of the library's.

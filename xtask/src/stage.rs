@@ -22,7 +22,9 @@ pub struct Arguments {
 }
 
 /// What is installed, in the order it is built.
-pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", "ecmsk"];
+pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", TOOL_PACKAGE];
+/// The package of the tool.
+pub const TOOL_PACKAGE: &str = "ecmsk-tool";
 /// The name that programs ask the dynamic linker for; the library's build script gives it the same.
 pub const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The name that `-lNEXTWUSBLib` finds.
@@ -47,6 +49,12 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
     install_into(project, &project.target.join(profile_folder(profile)), prefix)
+}
+
+/// Builds the tool as the tests run it, and gives its file.
+pub fn build_tool(project: &Project) -> Result<PathBuf, Error> {
+    command::run(project.cargo().args(["build", "--package", TOOL_PACKAGE]))?;
+    Ok(project.target.join("debug/ecmsk"))
 }
 
 /// Installs what was built into a folder of cargo's.

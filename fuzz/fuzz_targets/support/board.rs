@@ -6,9 +6,7 @@ use ecmsk::engine::{Board, EngineConfig, Firmware};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{DriveSync, Frame, MasterCommand, MasterState, SlaveCommand, SlaveKind, SlotSize};
 use ecmsk::slave::{Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
-
-#[path = "../../../tests/swift/mod.rs"]
-mod swift;
+use support::swift::SWIFT;
 
 /// Slaves with axes: 1 and 3 are drives, 2 is a pulse module of two channels. Slave 4 is an IO module.
 pub const AXES: usize = 3;
@@ -20,7 +18,7 @@ pub const BOOT_NS: u64 = 1_000_000_000;
 pub fn board(size: SlotSize, firmware: Firmware) -> (Board, SimHandle) {
     let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
     let hsp = Box::new(Hsp::new(HspConfig::with(Channels::Two)));
-    let bus = SimBus::new(vec![drive(), hsp, drive(), Box::new(Io::default())]).with_timing(swift::SWIFT);
+    let bus = SimBus::new(vec![drive(), hsp, drive(), Box::new(Io::default())]).with_timing(SWIFT);
     let network = bus.handle();
     let config = EngineConfig { slot: size, firmware, state_timeout_ns: 200_000_000, ..EngineConfig::default() };
     let mut board = Board::new(config, Box::new(bus));

@@ -1,4 +1,4 @@
-//! The keys `fault.*` as Rust types.
+//! What the keys `fault.*` say, as types.
 
 use std::time::Duration;
 
@@ -6,38 +6,38 @@ use crate::link::Fraction;
 use crate::link::options::millis;
 use crate::link::uri::{LinkUri, UriError};
 
-/// How often each fault happens in one direction, as a fraction of the frames, 0 to 1.
+/// What befalls frames of one direction. Each is the share of frames, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultRates {
-    /// Frames that are lost.
+    /// Lost on the way.
     pub drop: Fraction,
-    /// Frames in which one bit is flipped.
+    /// One bit is turned over.
     pub corrupt: Fraction,
-    /// Frames that arrive twice.
+    /// They arrive twice.
     pub duplicate: Fraction,
-    /// Frames that are delayed by [`FaultOptions::delay`].
+    /// They are held up for [`FaultOptions::delay`].
     pub delay: Fraction,
 }
 
-/// The faults that a link injects.
+/// Faults of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultOptions {
-    /// The seed of the pseudorandom sequences.
+    /// Which sequence of random faults.
     pub seed: u64,
-    /// Faults of command frames.
+    /// Of command frames.
     pub write: FaultRates,
-    /// Faults of reports.
+    /// Of reports.
     pub read: FaultRates,
-    /// How long a delayed frame is held back.
+    /// How long a frame is held up.
     pub delay: Duration,
-    /// The board is disconnected after that many frames in both directions together: 1 or more.
+    /// The board is lost after that many frames in both directions: 1 or more.
     pub disconnect_after: Option<u64>,
-    /// The board is disconnected that long after the link was opened.
+    /// The board is lost that long after the link was opened.
     pub disconnect_at: Option<Duration>,
 }
 
 impl Default for FaultOptions {
-    /// No faults.
+    /// None.
     fn default() -> Self {
         Self {
             seed: 1,
@@ -51,10 +51,10 @@ impl Default for FaultOptions {
 }
 
 impl FaultOptions {
-    /// The faults in a URI.
+    /// The faults of that link.
     ///
     /// # Errors
-    /// [`UriError`] if the table of keys allows a value that these types do not.
+    /// [`UriError`] if the table of keys and these types disagree.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let share = |kind: &str, direction: &str| {
             let both = uri.required(&format!("fault.{kind}"), Fraction::parse)?;
@@ -79,7 +79,7 @@ impl FaultOptions {
         })
     }
 
-    /// Whether any fault can happen.
+    /// Whether there is any fault at all.
     pub fn any(&self) -> bool {
         let quiet = FaultRates::default();
         self.write != quiet || self.read != quiet || self.disconnect_after.is_some() || self.disconnect_at.is_some()

@@ -1,32 +1,32 @@
-//! Counters of injected faults.
+//! How many faults there were.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Injected faults in one direction.
+/// Faults in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultCounts {
-    /// Frames that were lost.
+    /// Frames lost on the way.
     pub dropped: u64,
-    /// Frames in which one bit was flipped.
+    /// Frames with a bit turned over.
     pub corrupted: u64,
     /// Frames that arrived twice.
     pub duplicated: u64,
-    /// Frames that were delayed.
+    /// Frames that were held up.
     pub delayed: u64,
 }
 
-/// Injected faults of a link since it was opened.
+/// Faults of a link since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultStats {
-    /// Faults of command frames.
+    /// Of command frames.
     pub write: FaultCounts,
-    /// Faults of reports.
+    /// Of reports.
     pub read: FaultCounts,
-    /// Whether the board was disconnected.
+    /// Whether the board was taken away.
     pub disconnected: bool,
 }
 
-/// Counters of the calls and faults in one direction.
+/// The counters of one direction.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     /// Calls that succeeded.

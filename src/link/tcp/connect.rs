@@ -1,4 +1,4 @@
-//! How a client connects: greeting, TLS session, hello, welcome.
+//! How a client comes to its connection: greeting, TLS session, hello.
 
 use std::io::{self, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -15,7 +15,7 @@ use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
-/// An accepted connection, and what the server says of the board.
+/// A connection that is through, and what the server says of the board.
 pub(super) struct Connected {
     pub(super) channel: Channel,
     pub(super) inbox: Inbox,
@@ -24,80 +24,78 @@ pub(super) struct Connected {
     pub(super) virtual_time: bool,
     pub(super) now: Stamp,
     pub(super) sequence: u64,
-    /// The URI of the server's own link.
+    /// The server's link.
     pub(super) board: String,
     /// What the server knows of the network.
     pub(super) network: KnownNetwork,
 }
 
-/// Why connecting failed, without the name of the link.
-enum ConnectError {
+/// Why there is none, without the link's name.
+enum Failed {
     Link(LinkError),
     NoBoard(String),
     InUse(String),
-    /// The server has closed the connection after its greeting, to make room for others when too many connect at once.
-    Displaced(String),
+    /// The server has closed the connection after its greeting: it makes room where too many come at once.
+    Crowded(String),
 }
 
-/// The pause before the next attempt when the server has made room for others. \[OURS]
-const RETRY_PAUSE: Duration = Duration::from_millis(20);
+/// After the server has made room for others. \[OURS]
+const AGAIN: Duration = Duration::from_millis(20);
 
-impl From<LinkError> for ConnectError {
+impl From<LinkError> for Failed {
     fn from(error: LinkError) -> Self {
         Self::Link(error)
     }
 }
 
-/// Connects to the server; `name` is the name of the link in messages.
+/// Connects to the server of that link, which messages call `name`.
 pub(super) fn connect(name: &str, options: &TcpOptions) -> Result<Connected, LinkError> {
     let deadline = Instant::now() + options.connect_limit;
     let connected = loop {
         match try_connect(options, deadline) {
-            Err(ConnectError::Displaced(_)) if Instant::now() + RETRY_PAUSE < deadline => thread::sleep(RETRY_PAUSE),
+            Err(Failed::Crowded(_)) if Instant::now() + AGAIN < deadline => thread::sleep(AGAIN),
             done => break done,
         }
     };
-    connected.map_err(|error| match error {
-        ConnectError::Link(error) => error,
-        ConnectError::NoBoard(reason) | ConnectError::Displaced(reason) => {
-            LinkError::NoBoard { name: name.to_owned(), reason }
-        }
-        ConnectError::InUse(by) => {
+    connected.map_err(|failed| match failed {
+        Failed::Link(error) => error,
+        Failed::NoBoard(reason) | Failed::Crowded(reason) => LinkError::NoBoard { name: name.to_owned(), reason },
+        Failed::InUse(by) => {
             LinkError::InUse { name: name.to_owned(), by: format!(" by {by}"), instead: "look on with `role=reader`" }
         }
     })
 }
 
-fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, ConnectError> {
+fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Failed> {
     let secret = Secret::find(options.secret_file.as_deref())?;
-    let failed = |error: io::Error| ConnectError::NoBoard(explain(&error, options));
-    let mut channel = Channel::new(dial(options, deadline).map_err(failed)?).map_err(failed)?;
+    let told = |error: io::Error| Failed::NoBoard(words(&error, options));
+    let mut channel = Channel::new(dial(options, deadline).map_err(told)?).map_err(told)?;
     let greeting = greeting(&channel, deadline, options)?;
-    let failed = |error: io::Error| match error.kind() {
+    let told = |error: io::Error| match error.kind() {
         ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => {
-            ConnectError::Displaced(explain(&error, options))
+            Failed::Crowded(words(&error, options))
         }
-        _ => failed(error),
+        _ => told(error),
     };
     if !greeting.has_room {
         let reason = "its server takes no more clients; close one, or give it more (`--max-clients`)";
-        return Err(ConnectError::NoBoard(reason.to_owned()));
+        return Err(Failed::NoBoard(reason.to_owned()));
     }
     let material = match (&secret, greeting.tls) {
         (None, false) => None,
         (Some(_), true) => {
-            let session = tls::connect().map_err(failed)?;
-            Some(channel.secure(session, deadline).map_err(failed)?)
+            let session = tls::connect().map_err(told)?;
+            Some(channel.secure(session, deadline).map_err(told)?)
         }
         (None, true) => {
             let reason = "its server wants a secret; give the file it is in with `secret_file=`";
-            return Err(ConnectError::NoBoard(reason.to_owned()));
+            return Err(Failed::NoBoard(reason.to_owned()));
         }
-        // The message must never advise to leave the secret out: it also appears when somebody has redirected the client
-        // to a server that does not know the secret.
+        // Never advise to leave the secret out: this is what somebody sees who was led to another server than the one that
+        // knows it.
         (Some(_), false) => {
             let how = how_to_give(options.secret_file.as_ref());
-            return Err(ConnectError::NoBoard(format!(
+            return Err(Failed::NoBoard(format!(
                 "a secret is given by {how}, and whoever answers there knows none: it may be somebody else in the server's \
                  place, so nothing was said to it; check host and port, and start the right server with --secret-file"
             )));
@@ -114,14 +112,14 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Con
         program: &program,
         proof: &proof,
     };
-    channel.stage(&Message::Hello(hello), &mut out).and_then(|()| channel.flush(&mut out, deadline)).map_err(failed)?;
+    channel.stage(&Message::Hello(hello), &mut out).and_then(|()| channel.flush(&mut out, deadline)).map_err(told)?;
     let mut inbox = Inbox::default();
     let answer = first_message(&channel, &mut inbox, deadline, |message| match message {
         Message::Welcome(welcome) => {
             let known = |(secret, material): &(&Secret, _)| secret.is_proof(Side::Server, material, welcome.proof);
             if !key.as_ref().is_none_or(known) {
                 let reason = "whoever answers there does not know the secret; somebody may be in between";
-                return Err(ConnectError::NoBoard(reason.to_owned()));
+                return Err(Failed::NoBoard(reason.to_owned()));
             }
             let network =
                 KnownNetwork { slaves: welcome.slaves.to_owned(), counts_per_unit: welcome.counts_per_unit.to_owned() };
@@ -129,9 +127,9 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Con
             Ok((slot, virtual_time, now, sequence, board.to_owned(), network))
         }
         Message::Refused { why, text } => Err(refused(why, text, options)),
-        other => Err(ConnectError::NoBoard(WireError::OutOfTurn { kind: other.kind() }.to_string())),
+        other => Err(Failed::NoBoard(WireError::OutOfTurn { kind: other.kind() }.to_string())),
     });
-    let (slot, virtual_time, now, sequence, board, network) = answer.map_err(failed)??;
+    let (slot, virtual_time, now, sequence, board, network) = answer.map_err(told)??;
     Ok(Connected { channel, inbox, out, slot, virtual_time, now, sequence, board, network })
 }
 
@@ -147,7 +145,7 @@ fn dial(options: &TcpOptions, deadline: Instant) -> io::Result<TcpStream> {
     Err(last)
 }
 
-fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Result<Greeting, ConnectError> {
+fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Result<Greeting, Failed> {
     let mut bytes = [0; GREETING_LEN];
     let mut filled = 0;
     while filled < bytes.len() {
@@ -161,17 +159,17 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) => Err(error),
         };
         came.map_err(|error| match error.kind() {
-            // A reset connection may have lost the greeting that the server has sent.
-            ErrorKind::ConnectionReset => ConnectError::Displaced(explain(&error, options)),
-            _ => ConnectError::NoBoard(explain(&error, options)),
+            // What the server sent before may be lost with it.
+            ErrorKind::ConnectionReset => Failed::Crowded(words(&error, options)),
+            _ => Failed::NoBoard(words(&error, options)),
         })?;
     }
-    Greeting::decode(&bytes).map_err(|error| ConnectError::NoBoard(error.to_string()))
+    Greeting::decode(&bytes).map_err(|error| Failed::NoBoard(error.to_string()))
 }
 
-fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
-    ConnectError::NoBoard(match why {
-        Refusal::HasWriter => return ConnectError::InUse(text.to_owned()),
+fn refused(why: Refusal, text: &str, options: &TcpOptions) -> Failed {
+    Failed::NoBoard(match why {
+        Refusal::HasWriter => return Failed::InUse(text.to_owned()),
         Refusal::NoBoard => format!("its server has no board: {text}"),
         Refusal::Full => "its server takes no more clients; close one, or give it more (`--max-clients`)".to_owned(),
         Refusal::WrongSecret => format!(
@@ -182,8 +180,8 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     })
 }
 
-/// Why the connection failed, and what a user can do.
-fn explain(error: &io::Error, options: &TcpOptions) -> String {
+/// What a user can do about a connection that does not come about.
+fn words(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {
             format!("nobody listens there; start `ecmsk serve tcp --listen ...:{}` with its board", options.port)
@@ -199,14 +197,14 @@ fn explain(error: &io::Error, options: &TcpOptions) -> String {
     }
 }
 
-/// The name of this program, shown to users of the server.
+/// What this program is called.
 fn program() -> String {
     let path = std::env::current_exe().ok();
     let name = path.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy().into_owned());
     name.unwrap_or_else(|| "a program".to_owned())
 }
 
-/// Waits until the other end has closed the connection, at most until `deadline`; received messages are discarded.
+/// Waits until the other end has closed, at most until `deadline`; what comes meanwhile is thrown away.
 pub(super) fn until_closed(channel: &Channel, inbox: &mut Inbox, deadline: Instant) {
     loop {
         match channel.receive(inbox) {

@@ -1,69 +1,69 @@
-//! The messages between server and clients. [`super::wire`] defines their bytes.
+//! What server and clients say to each other; how it looks as bytes says [`super::wire`].
 
 use super::proof::PROOF_LEN;
 use crate::engine::Counters;
 use crate::link::{ReadMeta, Stamp, Wait};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// What a client is allowed to do.
+/// What a client wants to be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
-    /// It receives every report and may send commands. There is at most one writer.
+    /// It gets every report and may write: one at a time.
     #[default]
     Writer,
-    /// It receives every report.
+    /// It gets every report.
     Reader,
 }
 
-/// A client's first message.
+/// What a client says of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hello<'a> {
-    /// The role that the client asks for.
+    /// What it wants to be.
     pub role: Role,
-    /// The longest time between two messages of the client, in milliseconds.
+    /// It says something at least this often, milliseconds.
     pub keepalive_ms: u32,
-    /// The process id of the client.
+    /// Its process.
     pub pid: u32,
-    /// The name of the client's program.
+    /// Its program.
     pub program: &'a str,
-    /// The proof that the client knows the secret; zeros without a secret.
+    /// That it knows the secret; zeros where there is none.
     pub proof: &'a [u8; PROOF_LEN],
 }
 
-/// The server's answer to a client that it accepts, with what it knows of the board.
+/// What a server says of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Welcome<'a> {
-    /// The proof that the server knows the secret; zeros without a secret.
+    /// That it knows the secret; zeros where there is none.
     pub proof: &'a [u8; PROOF_LEN],
     /// The board's slot size, if the server's link knows it.
     pub slot: Option<SlotSize>,
-    /// Whether the board's time advances only by the writer's calls.
+    /// Whether time passes by the writer's calls only.
     pub virtual_time: bool,
-    /// The board's time.
+    /// Time of the board.
     pub now: Stamp,
-    /// The sequence number of the next report.
+    /// Sequence number of the next report.
     pub sequence: u64,
-    /// The URI of the server's link.
+    /// The server's link.
     pub board: &'a str,
-    /// The slaves, as in [`KnownNetwork::slaves`](crate::link::KnownNetwork::slaves).
+    /// The slaves, as [`KnownNetwork::slaves`](crate::link::KnownNetwork::slaves).
     pub slaves: &'a str,
-    /// The units of the axes, as in [`KnownNetwork::counts_per_unit`](crate::link::KnownNetwork::counts_per_unit).
+    /// Units of the axes, as [`KnownNetwork::counts_per_unit`](crate::link::KnownNetwork::counts_per_unit).
     pub counts_per_unit: &'a str,
 }
 
-/// Why a server refuses a client.
+/// Why a server does not take a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Refusal {
-    /// Another client is the writer; the text says which.
+    /// Somebody else is the writer; the text says who.
     HasWriter = 1,
-    /// The board is not connected; the text says why.
+    /// The board is away; the text says why.
     NoBoard = 2,
-    /// The server has as many clients as it allows.
+    /// As many clients as it takes.
     Full = 3,
     /// The client does not know the secret.
     WrongSecret = 4,
-    /// The client's first message is not a valid Hello.
+    /// What it said is no hello.
     NoHello = 5,
 }
 
@@ -73,24 +73,24 @@ pub enum Refusal {
 pub enum End {
     /// The client has closed its link.
     Closed = 1,
-    /// The server is being stopped.
+    /// The server is stopped.
     Stopped = 2,
-    /// The board is lost; the text says why.
+    /// The board is gone; the text says why.
     Lost = 3,
-    /// The other end has violated the protocol; the text says how.
+    /// The other end does not keep to the protocol; the text says how.
     Broken = 4,
 }
 
 /// Counters of a server's link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Reports dropped because a client did not receive them in time, in the server and before it.
+    /// Reports dropped because nobody read them, before the server and in it.
     pub reports_dropped: u64,
-    /// The board's counters, if the server's link knows them.
+    /// The board's counters, where the server's link sees them.
     pub board: Option<Counters>,
 }
 
-/// Why a request failed: a [`LinkError`](crate::link::LinkError) in the form in which it is sent.
+/// Why a request failed: [`LinkError`] as it travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure<'a> {
     pub(super) code: u8,
@@ -98,111 +98,110 @@ pub struct Failure<'a> {
     pub(super) text: &'a str,
 }
 
-/// A message. Clients send those up to `Bye`, servers those from `Ping` on. A request carries a number, chosen by the
-/// client, which its answer repeats.
+/// One message. Those up to `Bye` are a client's, those from `Ping` on a server's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
-    /// A client's first message.
+    /// The first.
     Hello(Hello<'a>),
-    /// A request to write a command frame.
+    /// A command frame.
     Write {
-        /// The number of the request.
+        /// Its number.
         request: u64,
         /// How long the server's link may wait.
         wait: Wait,
         /// The frame.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// A request, on virtual time only, for the oldest unread report.
+    /// Virtual time alone: the oldest report not yet read.
     Read {
-        /// The number of the request.
+        /// Its number.
         request: u64,
-        /// The time limit, in the board's time.
+        /// How long, in the board's time.
         wait: Wait,
     },
-    /// A request, on virtual time only, to advance the board's time.
+    /// Virtual time alone: lets it pass.
     Pass {
-        /// The number of the request.
+        /// Its number.
         request: u64,
-        /// How far, in nanoseconds.
+        /// Nanoseconds.
         ns: u64,
     },
-    /// A request for the counters.
+    /// Asks for counters.
     Count {
-        /// The number of the request.
+        /// Its number.
         request: u64,
     },
-    /// Cancels a write that is in progress.
+    /// Ends the write under way.
     Cancel {
-        /// The number of the write.
+        /// Its number.
         request: u64,
     },
-    /// The keep-alive message of both ends.
+    /// The other end is there.
     Ping,
-    /// The last message of either end.
+    /// The last.
     Bye {
-        /// Why the connection is ended.
+        /// Why.
         end: End,
-        /// The reason as text.
+        /// In words.
         text: &'a str,
     },
-    /// The server accepts the client.
+    /// The client is taken.
     Welcome(Welcome<'a>),
-    /// The server refuses the client.
+    /// The client is not taken.
     Refused {
         /// Why.
         why: Refusal,
-        /// The reason as text.
+        /// In words.
         text: &'a str,
     },
-    /// A report of the board.
+    /// A report that the board made.
     Report {
-        /// Its time and number on the server's link; `dropped` includes the reports that were dropped for this client.
+        /// Its meta data, of the server's link; `dropped` with those that were dropped for this client.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// The answer to a write: the board has taken the frame.
+    /// The board has taken the frame.
     Written {
-        /// The number of the request.
+        /// Of which request.
         request: u64,
-        /// When the board took the frame.
+        /// When.
         at: Stamp,
-        /// The board's time after the write, on virtual time.
+        /// Time of the board after it, on virtual time.
         now: Option<Stamp>,
     },
-    /// The answer to a read.
+    /// Virtual time alone: the report.
     Got {
-        /// The number of the request.
+        /// Of which request.
         request: u64,
-        /// The board's time after the read.
+        /// Time of the board after it.
         now: Option<Stamp>,
-        /// The report's time and number.
+        /// Its meta data.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// The answer to a request to advance the time.
+    /// Time has passed.
     Passed {
-        /// The number of the request.
+        /// Of which request.
         request: u64,
-        /// The board's time after it.
+        /// Time of the board after it.
         now: Option<Stamp>,
     },
-    /// The answer to a request for the counters.
+    /// Counters.
     Counted {
-        /// The number of the request.
+        /// Of which request.
         request: u64,
-        /// The counters of the server's link.
+        /// They.
         counts: Counts,
     },
-    /// The answer to a request that failed. It has had no effect.
+    /// A request failed, and nothing of it was done.
     Failed {
-        /// The number of the request.
+        /// Which.
         request: u64,
-        /// The board's time after it, on virtual time.
+        /// Time of the board after it, on virtual time.
         now: Option<Stamp>,
-        /// Why it failed.
+        /// Why.
         failure: Failure<'a>,
     },
 }

@@ -1,12 +1,11 @@
-//! A server without sockets and threads, for tests on virtual time. Its clients are values that pass bytes to it and
-//! end when the test says so.
+//! A server without sockets and threads, for tests: its clients are bytes and end as the test says, on virtual time.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::ServeOptions;
 use super::client::Client;
-use super::hub::{Board, Hub, Joining};
+use super::hub::{Board, Guest, Hub};
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::engine::Counters;
@@ -16,64 +15,64 @@ use crate::link::{Link, Stamp, Wait};
 use crate::port::notes::Note;
 use crate::sk::Frame;
 
-/// The server of a link on virtual time. Its log is only collected.
+/// The server of a link on virtual time. Nobody takes what it tells people.
 pub struct Unwired {
     hub: Arc<Hub>,
     board: Arc<Board>,
 }
 
-/// A message from a client.
+/// What a client sends.
 #[derive(Clone, Copy, Debug)]
 pub enum Says<'a> {
-    /// A request to write a command frame.
+    /// A command frame.
     Write(&'a Frame),
-    /// A request for the oldest unread report.
+    /// A read of the oldest report.
     Read,
-    /// A request to advance the time.
+    /// Time is to pass.
     Pass(Duration),
-    /// A request for the counters.
+    /// What was counted since it came.
     Count,
-    /// Cancels the previous request.
+    /// The request before it is not wanted any more.
     Cancel,
-    /// A keep-alive message.
+    /// It is there.
     Ping,
-    /// The end of the connection.
+    /// Good-bye.
     Bye,
 }
 
-/// A message to a client. Requests are numbered in the order in which the client makes them, from 1.
+/// What a server has sent to a client. Requests have numbers: 1 is the first thing that a client says, 2 the next one.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sent {
-    /// A request has succeeded.
+    /// A request was done, with the board's time.
     Done {
-        /// The number of the request.
+        /// Its number.
         request: u64,
-        /// The board's time after it.
+        /// When.
         now: Option<Stamp>,
     },
-    /// The counters.
+    /// What was counted.
     Counted {
-        /// The number of the request.
+        /// Its number.
         request: u64,
         /// Reports that the client did not get.
         reports_dropped: u64,
-        /// The board's counters.
+        /// What the board has counted.
         board: Option<Counters>,
     },
-    /// A request has failed.
+    /// A request was not done.
     Failed {
-        /// The number of the request.
+        /// Its number.
         request: u64,
-        /// The board's time after it.
+        /// When.
         now: Option<Stamp>,
     },
-    /// The end of the connection.
+    /// Good-bye.
     Bye,
-    /// Any other message.
+    /// What is no answer.
     Other,
 }
 
-/// A client of an [`Unwired`] server.
+/// A client of it.
 pub struct Caller<'a> {
     server: &'a Unwired,
     session: Session<'a>,
@@ -90,7 +89,7 @@ impl Unwired {
         Self { hub, board }
     }
 
-    /// The lines of the log since the last call.
+    /// What people would have been told since the last time.
     pub fn told(&self) -> Vec<String> {
         let note = |note| match note {
             Note::Told(line) => line,
@@ -99,21 +98,20 @@ impl Unwired {
         std::iter::from_fn(|| self.hub.notes.take()).map(note).collect()
     }
 
-    /// Connects a client as a writer or a reader; `None` if it is refused.
+    /// A client comes, as a writer or a reader; `None`: it is refused.
     pub fn join(&self, is_writer: bool) -> Option<Caller<'_>> {
         let role = if is_writer { Role::Writer } else { Role::Reader };
         let hello = Hello { role, keepalive_ms: 500, pid: 1, program: "unwired", proof: &[0; PROOF_LEN] };
         let Introduction { role, keepalive, name, .. } = Introduction::of(&Message::Hello(hello)).ok()?;
-        let mut joining = Joining { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
-        let (client, board) = self.hub.join(&mut joining).ok()?;
+        let mut guest = Guest { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
+        let (client, board) = self.hub.join(&mut guest).ok()?;
         let session = Session::new(&self.hub, board, Arc::clone(&client));
         Some(Caller { server: self, session, client, inbox: Inbox::default(), requests: 0 })
     }
 }
 
 impl Caller<'_> {
-    /// Sends the first `bytes` bytes of a message and executes the request; returns whether the client is still
-    /// connected.
+    /// Says something, of which the first `bytes` bytes come, and has it done; says whether the server still keeps the client.
     pub fn say(&mut self, what: Says<'_>, bytes: usize) -> bool {
         let keeps = self.begin(what, bytes);
         while keeps && self.session.is_busy() {
@@ -122,7 +120,7 @@ impl Caller<'_> {
         keeps
     }
 
-    /// As [`say`](Self::say), but a request that takes several steps is only begun.
+    /// As [`say`](Self::say), but what takes several steps is only begun.
     pub fn begin(&mut self, what: Says<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;
@@ -140,7 +138,7 @@ impl Caller<'_> {
         self.hear(&said[..length])
     }
 
-    /// The server receives these bytes; returns whether the client is still connected.
+    /// These bytes come; says whether the server still keeps the client.
     pub fn hear(&mut self, mut bytes: &[u8]) -> bool {
         while !bytes.is_empty() {
             let room = self.inbox.room();
@@ -159,13 +157,13 @@ impl Caller<'_> {
         !self.client.is_over()
     }
 
-    /// Executes one step of the request in progress; returns whether there are more.
+    /// Goes on with what was begun, for one step; says whether there is more to do.
     pub fn work(&mut self) -> bool {
         self.session.work();
         self.session.is_busy()
     }
 
-    /// The length of a message in bytes.
+    /// How many bytes that would be.
     pub fn length(what: Says<'_>) -> usize {
         match what {
             Says::Write(frame) => {
@@ -176,27 +174,27 @@ impl Caller<'_> {
         }
     }
 
-    /// The bytes that the server has sent since the last call.
+    /// What the server has sent since the last time.
     pub fn take_sent(&self) -> Vec<u8> {
         self.client.take_sent()
     }
 
-    /// The messages that the server has sent since the last call.
+    /// As [`take_sent`](Self::take_sent), understood.
     ///
     /// # Errors
-    /// The first invalid message.
+    /// The first message that is none.
     pub fn take_messages(&self) -> Result<Vec<Sent>, WireError> {
         let mut all = Vec::new();
         each_message(&self.take_sent(), |message| all.push(Sent::from(message)))?;
         Ok(all)
     }
 
-    /// Ends the client's connection, with or without a Bye.
+    /// The client is gone; with a good-bye or without one.
     pub fn end(self, says_bye: bool) {
         let left = if says_bye { Left::Closed } else { Left::Gone("its connection has ended".to_owned()) };
         let Self { server, client, session, .. } = self;
         drop(session);
-        vanish::client_left(&server.hub, &server.board, &client, &left);
+        vanish::part(&server.hub, &server.board, &client, &left);
     }
 }
 

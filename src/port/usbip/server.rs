@@ -76,7 +76,6 @@ pub struct BoardSpec {
 
 /// Why boards are not served.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
     /// Others than this machine could connect, and USB/IP asks nobody who they are.
     #[error(
@@ -85,7 +84,10 @@ pub enum ServeError {
          (docs/VIRTUAL-BOARD.md), or say --insecure-anyone if everybody there may do that",
         listen.port(), listen.port()
     )]
-    NeedsTunnel { listen: SocketAddr },
+    NeedsTunnel {
+        /// Where.
+        listen: SocketAddr,
+    },
     /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -94,16 +96,27 @@ pub enum ServeError {
         "`{name}` has a virtual clock, which stands still between two calls; a USB device runs by itself: leave out \
          clock=virtual"
     )]
-    VirtualTime { name: String },
+    VirtualTime {
+        /// Which.
+        name: String,
+    },
     /// A board cannot show itself so.
     #[error(transparent)]
     Identity(#[from] IdentityError),
     /// There are too many.
     #[error("a bus has 127 devices, not {found}; start another server with --listen")]
-    TooMany { found: usize },
+    TooMany {
+        /// How many.
+        found: usize,
+    },
     /// The address cannot be listened on.
     #[error("cannot listen on {address}: {source}; {}", advice(*.address, .source))]
-    Listen { address: SocketAddr, source: io::Error },
+    Listen {
+        /// Where.
+        address: SocketAddr,
+        /// The system's words.
+        source: io::Error,
+    },
     /// A board cannot be attached to this machine.
     #[error(transparent)]
     Attach(#[from] AttachError),

@@ -14,8 +14,8 @@ use ecmsk::sk::{
 };
 
 use super::eyes::Eyes;
-use crate::dice::Dice;
 use crate::machine::{SPEED, Unit};
+use support::dice::Dice;
 
 /// No writer says more.
 const MESSAGES: u64 = 2500;

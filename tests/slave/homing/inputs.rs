@@ -9,7 +9,6 @@ use ecmsk::slave::switches::Switches;
 use ecmsk::slave::{Drive, DriveConfig, HomeSwitch, Input, Io, Slave, Travel};
 
 use super::bench::{Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, POSITIVE_LIMIT, TURN, travel};
-use crate::fieldbus_rig;
 use crate::rig::MS;
 
 fn digital_inputs(position: i64, travel: Travel) -> u32 {
@@ -188,9 +187,9 @@ fn travel_of_a_motor() {
 /// axis that there is not is none of its business.
 #[test]
 fn by_the_handle_of_the_bus() {
-    let mut bus = fieldbus_rig::Bench::enabled(3);
-    let read = |bus: &mut fieldbus_rig::Bench| {
-        [1, 2, 3].map(|slave| match bus.done(fieldbus_rig::sdo(slave, 0x60FD, None)) {
+    let mut bus = support::fieldbus_rig::Bench::enabled(3);
+    let read = |bus: &mut support::fieldbus_rig::Bench| {
+        [1, 2, 3].map(|slave| match bus.done(support::fieldbus_rig::sdo(slave, 0x60FD, None)) {
             JobDone::Sdo(Ok(value)) => value,
             other => panic!("{other:?}"),
         })
@@ -207,7 +206,7 @@ fn by_the_handle_of_the_bus() {
     for (slave, axis) in [(3, 0), (0, 0), (2, 1), (40, 0)] {
         bus.handle.jam(slave, axis, true);
     }
-    let follow = |bus: &mut fieldbus_rig::Bench, by: i32| {
+    let follow = |bus: &mut support::fieldbus_rig::Bench, by: i32| {
         for _ in 0..200 {
             for slave in [2, 3] {
                 *bus.target(slave) += by;

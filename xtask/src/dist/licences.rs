@@ -17,7 +17,7 @@ const STANDARD_LIBRARY: &str = "The Rust standard library: MIT OR Apache-2.0, Co
     GPL-3.0-or-later WITH GCC-exception-3.1, which lets programs of any licence use it.\n";
 
 /// The letters in the tool that are drawn in pictures.
-const FONT: &str = include_str!("../../../share/font/LICENSE.txt");
+const FONT: &str = include_str!("../../../tool/font/LICENSE.txt");
 
 /// The text: each crate with its licence, then all texts, each once, with the crates that it came with.
 pub fn text(crates: &[Crate]) -> Result<String, Error> {

@@ -24,6 +24,7 @@ use crate::needs::{
     ZIP,
 };
 use crate::project::Project;
+use crate::stage::TOOL_PACKAGE;
 use crate::windows::Width;
 use crate::{command, dotnet, needs, windows};
 use crates::{Crate, Known};
@@ -102,12 +103,12 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let assemblies = dotnet::compile_into(project, &work.join("dotnet"))?.assemblies;
 
     let known = Known::find(project)?;
-    let on_linux = both(known.linked(project, "NEXTWUSBLib", LINUX)?, known.linked(project, "ecmsk", LINUX)?);
+    let on_linux = both(known.linked(project, "NEXTWUSBLib", LINUX)?, known.linked(project, TOOL_PACKAGE, LINUX)?);
     let on_linux = licences::text(&on_linux)?;
     let mut on_windows = Vec::new();
     for width in Width::ALL {
         on_windows = both(on_windows, known.linked(project, "NEXTWUSBLib", triple(width))?);
-        on_windows = both(on_windows, known.linked(project, "ecmsk", triple(width))?);
+        on_windows = both(on_windows, known.linked(project, TOOL_PACKAGE, triple(width))?);
     }
     let on_windows = licences::text(&on_windows)?;
 
@@ -165,12 +166,15 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
     let mut found = Vec::new();
     let std = |rustc: &str| Ok::<_, Error>(Runtime::rust(version_of(Command::new(rustc).current_dir(&project.root))?));
     let (here, debians) = (std("rustc")?, std(windows::RUSTC)?);
-    let files =
-        [("bin/ecmsk", "ecmsk"), ("lib/libNEXTWUSBLib.so.0", "NEXTWUSBLib"), ("lib/libNEXTWUSBLib.a", "NEXTWUSBLib")];
+    let files = [
+        ("bin/ecmsk", TOOL_PACKAGE),
+        ("lib/libNEXTWUSBLib.so.0", "NEXTWUSBLib"),
+        ("lib/libNEXTWUSBLib.a", "NEXTWUSBLib"),
+    ];
     for (file, package) in files {
         found.push(Artefact {
             name: format!("linux/{file}"),
-            kind: if package == "ecmsk" { "application" } else { "library" },
+            kind: if package == TOOL_PACKAGE { "application" } else { "library" },
             file: tar.at(file),
             crates: known.linked(project, package, LINUX)?,
             runtimes: vec![here.clone()],
@@ -179,11 +183,12 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
     for width in Width::ALL {
         let mingw = Runtime::mingw(width)?;
         let of_the_width = |program: &&&str| program.starts_with(width.name());
-        let programs = windows_zip::PROGRAMS.iter().filter(of_the_width).map(|&program| (program.to_owned(), "ecmsk"));
+        let programs =
+            windows_zip::PROGRAMS.iter().filter(of_the_width).map(|&program| (program.to_owned(), TOOL_PACKAGE));
         let dll = (format!("{}/{}", width.name(), windows::DLL), "NEXTWUSBLib");
         for (file, package) in programs.chain([dll]) {
             found.push(Artefact {
-                kind: if package == "ecmsk" { "application" } else { "library" },
+                kind: if package == TOOL_PACKAGE { "application" } else { "library" },
                 file: zip.at(&file),
                 name: format!("windows/{file}"),
                 crates: known.linked(project, package, triple(width))?,

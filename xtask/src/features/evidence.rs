@@ -10,7 +10,7 @@ use super::{c, rust, text_of};
 use crate::error::Error;
 
 /// Folders whose sources may hold tests.
-const FOLDERS: [&str; 5] = ["src", "capi", "tests", "examples", "xtask"];
+const FOLDERS: [&str; 6] = ["src", "capi", "tests", "tool", "examples", "xtask"];
 
 /// The tests that name each rule, as `file::function`; a C file whose head names a rule, as `file`.
 #[derive(Debug, Default)]

@@ -19,8 +19,6 @@ const TESTS: &str = "rig";
 const EXAMPLES: [&str; 2] = ["examples/c", "examples/cpp"];
 /// The bench of the root package that measures in the guest alone.
 const BENCH: &str = "rig";
-/// What it needs: a build with the tool takes several times as long.
-const BENCH_FEATURES: &[&str] = &["--no-default-features", "--features=serve,spi,usb"];
 /// The library by the name that programs ask for.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
@@ -47,7 +45,7 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
     let built = folder.join("built");
     packages::empty(&built)?;
     let mut programs = vec![
-        ("tests".to_owned(), build_target(project, "test", TESTS, &[])?),
+        ("tests".to_owned(), build_target(project, "test", TESTS)?),
         ("ecmsk".to_owned(), prefix.join("bin/ecmsk")),
         // This project's library, and one that moves a hidraw node.
         (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
@@ -65,14 +63,14 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
 
 /// The bench of the wires.
 pub fn bench(project: &Project) -> Result<Programs, Error> {
-    Ok(vec![("bench".to_owned(), build_target(project, "bench", BENCH, BENCH_FEATURES)?)])
+    Ok(vec![("bench".to_owned(), build_target(project, "bench", BENCH)?)])
 }
 
 /// Builds a test or a bench of the root package.
-pub fn build_target(project: &Project, kind: &str, name: &str, features: &[&str]) -> Result<PathBuf, Error> {
+pub fn build_target(project: &Project, kind: &str, name: &str) -> Result<PathBuf, Error> {
     let mut cargo = project.cargo();
     cargo.args([kind, "--package=ecmsk", &format!("--{kind}={name}")]);
-    cargo.args(["--no-run", "--message-format=json-render-diagnostics"]).args(features);
+    cargo.args(["--no-run", "--message-format=json-render-diagnostics"]);
     let said = command::output(&mut cargo)?;
     let built = executable(&said, name, kind);
     built.ok_or_else(|| Error::Failed { command: command::shown(&cargo), status: "it built no program".into() })

@@ -35,7 +35,7 @@ pub const BUILT: [Built; 2] = [
     },
     Built {
         details: version::File { name: TOOL, description: "Tool for ECM-SK boards", kind: Kind::Program },
-        what: &["--package=ecmsk", "--bin=ecmsk"],
+        what: &["--package=ecmsk-tool", "--bin=ecmsk"],
     },
 ];
 

@@ -152,8 +152,9 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     let wine = wine::set_up(project, width)?;
     let prefix = folder(project).join("stage");
     build_width(project, width, &prefix)?;
+    let tool = stage::build_tool(project)?;
     run_tests(project, width, names, &[dotnet::MODULE], |cargo| {
-        cargo.env("ECMSK_WINDOWS_STAGE", &prefix);
+        cargo.env("ECMSK_WINDOWS_STAGE", &prefix).env("ECMSK_WINDOWS_HOST_TOOL", &tool);
         cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs);
     })
 }

@@ -17,6 +17,7 @@ use crate::rig::packages::Packages;
 use crate::rig::programs::{build_target, stripped};
 use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
+use crate::stage;
 
 /// The test of the root package that runs in the guest.
 const TESTS: &str = "windows_usb";
@@ -147,9 +148,8 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
             command::run(&mut gcc)?;
         }
     }
-    command::run(project.cargo().args(["build", "--package=ecmsk", "--bin=ecmsk"]))?;
-    stripped(&project.target.join("debug/ecmsk"), &share.join("ecmsk"))?;
-    stripped(&build_target(project, "test", TESTS, &[])?, &share.join("tests"))?;
+    stripped(&stage::build_tool(project)?, &share.join("ecmsk"))?;
+    stripped(&build_target(project, "test", TESTS)?, &share.join("tests"))?;
     Ok(share)
 }
 

@@ -1,0 +1,100 @@
+//! Which fault befalls which frame: one sequence for each direction, fixed by the seed.
+
+use oorandom::Rand64;
+
+use super::FaultRates;
+use crate::link::{Dir, Fraction};
+
+/// What befalls one frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Lot {
+    pub(super) drop: bool,
+    /// The bit that is turned over.
+    pub(super) corrupt: Option<usize>,
+    pub(super) duplicate: bool,
+    pub(super) delay: bool,
+}
+
+/// The sequence of one direction.
+#[derive(Clone, Debug)]
+pub(super) struct Dice {
+    random: Rand64,
+    rates: FaultRates,
+    bits: u64,
+}
+
+impl Dice {
+    /// For frames of that many bits.
+    pub(super) fn new(seed: u64, dir: Dir, rates: FaultRates, bits: usize) -> Self {
+        let direction = match dir {
+            Dir::Write => 0,
+            Dir::Read => 1,
+        };
+        Self { random: Rand64::new(u128::from(seed) << 1 | direction), rates, bits: bits as u64 }
+    }
+
+    /// The lot of the next frame. Every frame takes as many numbers, whatever befalls it, so that one rate does not
+    /// change which frames the others meet.
+    pub(super) fn roll(&mut self) -> Lot {
+        let mut meets = |rate| hits(self.random.rand_u64(), rate);
+        let [drop, corrupt, duplicate, delay] =
+            [self.rates.drop, self.rates.corrupt, self.rates.duplicate, self.rates.delay].map(&mut meets);
+        let bit = self.random.rand_u64() % self.bits;
+        Lot { drop, corrupt: corrupt.then_some(bit as usize), duplicate, delay }
+    }
+}
+
+/// Whether a number, of which each is as likely, lies in that share of all.
+fn hits(number: u64, rate: Fraction) -> bool {
+    u128::from(number) * u128::from(Fraction::ONE.billionths()) < u128::from(rate.billionths()) << 64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn never_always_and_half() {
+        for number in [0, 1, u64::MAX / 2, u64::MAX] {
+            assert!(!hits(number, Fraction::ZERO));
+            assert!(hits(number, Fraction::ONE));
+        }
+        let half = Fraction::from_billionths(500_000_000);
+        assert!(hits((1 << 63) - 1, half));
+        assert!(!hits(1 << 63, half));
+    }
+
+    fn rates(drop: u32, corrupt: u32) -> FaultRates {
+        FaultRates {
+            drop: Fraction::from_billionths(drop),
+            corrupt: Fraction::from_billionths(corrupt),
+            ..FaultRates::default()
+        }
+    }
+
+    /// The frames of the first thousand that are dropped.
+    fn dropped(seed: u64, dir: Dir, rates: FaultRates) -> Vec<usize> {
+        let mut dice = Dice::new(seed, dir, rates, 4032);
+        (0..1000).filter(|_| dice.roll().drop).collect()
+    }
+
+    #[test]
+    fn seed_and_direction_choose_the_frames_and_another_rate_does_not() {
+        let first = dropped(1, Dir::Write, rates(100_000_000, 0));
+        assert!((50..150).contains(&first.len()), "{}", first.len());
+        assert_eq!(dropped(1, Dir::Write, rates(100_000_000, 0)), first);
+        assert_eq!(dropped(1, Dir::Write, rates(100_000_000, 500_000_000)), first);
+        assert_ne!(dropped(2, Dir::Write, rates(100_000_000, 0)), first);
+        assert_ne!(dropped(1, Dir::Read, rates(100_000_000, 0)), first);
+    }
+
+    #[test]
+    fn every_bit_of_a_frame_is_met() {
+        let mut dice = Dice::new(1, Dir::Read, rates(0, 1_000_000_000), 16);
+        let mut met = [false; 16];
+        for _ in 0..1000 {
+            met[dice.roll().corrupt.expect("always")] = true;
+        }
+        assert_eq!(met, [true; 16]);
+    }
+}

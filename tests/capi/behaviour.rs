@@ -1,0 +1,346 @@
+//! What the functions of the library do, call by call, seen from C: every program in `tests/c/` is a user of the shared
+//! library and checks itself; the tests choose the link that it runs on.
+#![cfg(target_os = "linux")]
+
+/// Links that most programs run on: on virtual time every run is the same, on the real clock a thread runs the board.
+#[cfg(test)]
+const CLOCKS: [&str; 2] = ["sim:?slaves=drive*2&clock=virtual", "sim:?slaves=drive*2&clock=real"];
+
+/// Compiles `tests/c/NAME.c`.
+#[cfg(test)]
+fn c_program(name: &str) -> support::Program {
+    support::compile(&support::root().join("tests/c").join(name).with_extension("c"), support::Language::C("c99"))
+}
+
+/// Runs a program that checks itself and says `ok`. It must print nothing else, least of all the library in it.
+#[cfg(test)]
+fn passes(name: &str, link: &str, arguments: &[&str]) {
+    let ended = c_program(name).run(link, arguments);
+    assert_eq!(ended.stderr, "", "{name} on {link}");
+    assert_eq!(ended.success(), "ok\n", "{name} on {link}");
+}
+
+mod needs_cxx {
+    use std::fs;
+    use std::os::unix::fs::symlink;
+
+    use ecmsk::link::Dir;
+    use ecmsk::recording::{Recorded, Recording};
+
+    use super::{CLOCKS, c_program, passes};
+    use support::{self, out_dir};
+
+    /// LIB-41 Read and write before Open and after Close give false at once and do not crash; LIB-54 they leave the buffer
+    /// alone; LIB-47 Close twice is harmless; LIB-20 a read right after Open works.
+    #[test]
+    fn calls_while_nothing_is_open_are_false() {
+        for link in CLOCKS {
+            passes("not_open", link, &[]);
+        }
+    }
+
+    /// LIB-28, LIB-52 A length above 512 counts as 512, and not a byte beyond is touched; a read copies min(n, 512) bytes.
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are false. LIB-6 `unsigned long` is taken whole.
+    #[test]
+    fn lengths_and_addresses() {
+        for link in CLOCKS {
+            passes("lengths", link, &[]);
+        }
+    }
+
+    /// LIB-44 Open while open is true and goes on working; LIB-47 Close twice is harmless; the board is found again as it
+    /// was left.
+    #[test]
+    fn open_twice_close_twice_open_again() {
+        for link in CLOCKS {
+            passes("open_close", link, &[]);
+        }
+    }
+
+    /// LIB-42 Open without a device gives false, and the reason can be asked for. SK-9.16 Open fails if no slave was found.
+    #[test]
+    fn an_open_that_fails_says_why() {
+        passes("open_fails", "sim:?slaves=none&clock=virtual", &["no slave"]);
+        passes("open_fails", "nic:eth1", &["from ECMSK_LINK", "unknown scheme `nic`", "sim:?slaves=drive*2"]);
+        passes("open_fails", "sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]);
+        passes("open_fails", "nonsense", &["from ECMSK_LINK", "nonsense"]);
+    }
+
+    /// WIRE-86, LIB-42 On a machine without libusb a board on USB does not open, and the error says what to install; nothing
+    /// else needs it.
+    #[test]
+    fn a_machine_without_libusb_says_what_to_install() {
+        let mut command = c_program("open_fails").command("usb:");
+        support::without_libusb(&mut command);
+        let ended = support::run(command.args(["from ECMSK_LINK", "libusb", "sudo apt-get install libusb-1.0-0"]));
+        assert_eq!(ended.stderr, "");
+        assert_eq!(ended.success(), "ok\n");
+    }
+
+    /// LIB-48 Close during a blocked read: the read gives false.
+    #[test]
+    fn close_ends_a_read() {
+        passes("close_during_read", "sim:?slaves=drive&clock=real", &[]);
+    }
+
+    /// SK-4.34, LIB-49 SW_RESET drops the connection: calls are false until Open, and Close is not needed. LIB-43 On the virtual
+    /// clock a loop that opens again ends.
+    #[test]
+    fn a_reset_board_is_dead_until_open() {
+        for link in CLOCKS {
+            passes("reset", link, &[]);
+        }
+    }
+
+    /// LIB-36 With `read_timeout_ms` in the link a read gives false after that time; LIB-54 the buffer is left alone.
+    #[test]
+    fn a_read_with_a_limit_ends() {
+        for link in CLOCKS {
+            passes("timeout", &format!("{link}&read_timeout_ms=20"), &[]);
+        }
+    }
+
+    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
+    /// SK-9.10 Several writes per read and several reads per write are both normal.
+    #[test]
+    fn unread_reports_are_kept_and_counted() {
+        passes("unread", "sim:?slaves=drive&clock=virtual", &[]);
+    }
+
+    /// LIB-39 Success is 1, and failure 0, in the whole register that `bool` comes back in.
+    #[test]
+    fn the_library_can_be_loaded_and_unloaded_by_name() {
+        let library = support::library().shared.to_string_lossy();
+        for link in CLOCKS {
+            passes("loaded", link, &[&library]);
+        }
+    }
+
+    /// LIB-41 A program that ends without Close ends, whatever its threads are at; a child of fork leaves its parent's board alone.
+    #[test]
+    fn programs_may_end_without_close() {
+        for link in CLOCKS {
+            passes("exit_open", link, &["return"]);
+            let ended = c_program("exit_open").run(link, ["exit"]);
+            assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{link}");
+            passes("exit_open", link, &["fork"]);
+        }
+    }
+
+    /// LIB-41, LIB-47 A global object's destructor still has the board: it may write what brings the machine to rest,
+    /// read and close. A recording has it all, closed or not.
+    #[test]
+    fn a_destructor_of_a_global_has_the_board() {
+        let source = support::root().join("tests/c/late_close.cpp");
+        let program = support::compile(&source, support::Language::Cpp("c++11"));
+        for link in CLOCKS {
+            let file = out_dir().join("late.pcapng");
+            for how in [&[][..], &["forgets"]] {
+                let ended = program.run(&format!("{link}&record={}", file.display()), how);
+                assert_eq!((ended.stderr.as_str(), ended.stdout.as_str()), ("", "ok\n"), "{how:?} on {link}");
+                let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+                let frames = frames.unwrap_or_else(|error| panic!("{how:?} on {link}: {error}"));
+                assert_eq!(frames.iter().filter(|frame| frame.dir == Dir::Write).count(), 21, "{how:?} on {link}");
+            }
+            let ended = program.run(link, [""; 0]);
+            assert_eq!(ended.stderr, "");
+            assert_eq!(ended.success(), "ok\n", "{link}");
+            let traced = support::run(program.command(link).env("ECMSK_LOG", "trace"));
+            assert!(traced.stderr.trim_end().ends_with("CloseECMUSB() -> ()"), "{}", traced.stderr);
+            assert_eq!(traced.success(), "ok\n", "{link}");
+        }
+    }
+
+    /// A signal of the program is taken where the program says, whatever threads the library has.
+    #[test]
+    fn a_signal_goes_to_the_program() {
+        for link in CLOCKS {
+            let file = out_dir().join("signals.pcapng");
+            passes("signals", &format!("{link}&record={}", file.display()), &[]);
+        }
+    }
+
+    /// LIB-57 A thread that is cancelled in a call, or before it, makes the call whole and ends after it: in a read that
+    /// waits, and in calls that open, close and write files.
+    #[test]
+    fn a_thread_may_be_cancelled() {
+        for link in CLOCKS {
+            passes("cancelled", link, &[]);
+            let file = out_dir().join("cancelled.pcapng");
+            passes("cancelled", &format!("{link}&record={}", file.display()), &[]);
+        }
+    }
+
+    /// LIB-1 The static library does the same. LIB-41 Programs that end without Close among them.
+    #[test]
+    fn a_program_may_link_the_static_library() {
+        for (name, arguments) in [("not_open", &[][..]), ("exit_open", &["moves"])] {
+            let exe = out_dir().join(format!("{name}-static"));
+            let mut compiler = support::Language::C("c99").compiler();
+            compiler.arg(support::root().join(format!("tests/c/{name}.c"))).arg("-o").arg(&exe);
+            compiler.arg(&support::library().archive);
+            support::succeed(compiler.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-lm", "-ldl"]));
+            let program = support::Program { exe };
+            for link in CLOCKS {
+                let file = out_dir().join("static.pcapng");
+                let link = format!("{link}&record={}", file.display());
+                assert_eq!(program.run(&link, arguments).success(), "ok\n", "{link}");
+                if name == "exit_open" {
+                    let frames = Recording::open(&file).expect("a recording").map(|frame| frame.expect("whole"));
+                    assert_eq!(frames.count(), 200, "{link}");
+                }
+            }
+        }
+    }
+
+    /// LIB-41 A program that ends without Close leaves a whole recording of every frame that it moved.
+    #[test]
+    fn a_recording_is_whole_without_close() {
+        for link in CLOCKS {
+            for how in ["moves", "return", "exit", "fork"] {
+                let file = out_dir().join("exit.pcapng");
+                let ended = c_program("exit_open").run(&format!("{link}&record={}", file.display()), [how]);
+                assert_eq!((ended.status.code(), ended.stderr.as_str()), (Some(0), ""), "{how} on {link}");
+                let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+                let frames = frames.unwrap_or_else(|error| panic!("{how} on {link}: {error}"));
+                let count = |dir| frames.iter().filter(|frame| frame.dir == dir).count();
+                if how == "moves" {
+                    assert_eq!((count(Dir::Write), count(Dir::Read)), (100, 100), "{link}");
+                } else {
+                    assert!(count(Dir::Read) >= 1, "{how} on {link}");
+                }
+            }
+        }
+    }
+
+    /// SK-1.23 The caller's bytes go to the board as they are: no CRC is filled in, where there is none or a wrong one.
+    #[test]
+    fn a_write_does_not_touch_the_bytes() {
+        let file = out_dir().join("untouched.pcapng");
+        let link = format!("sim:?clock=virtual&record={}", file.display());
+        assert_eq!(c_program("untouched").run(&link, [""; 0]).success(), "ok\n");
+        let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+        let written: Vec<Recorded> =
+            frames.expect("whole").into_iter().filter(|frame| frame.dir == Dir::Write).collect();
+        let mut expected: [u8; 512] = std::array::from_fn(|i| (0x80 + i * 7) as u8);
+        for (frame, crc) in written.iter().zip([0, 0xEE]) {
+            expected[3] = crc;
+            assert_eq!(frame.frame.bytes(), &expected);
+        }
+        assert_eq!(written.len(), 2);
+    }
+
+    /// A child of fork has its parent's board without the thread behind it: its calls fail and do not hang.
+    #[test]
+    fn a_forked_child_has_no_board() {
+        for link in CLOCKS {
+            passes("forked", link, &[]);
+        }
+    }
+
+    /// LIB-60 LIB-41 A fork while another thread opens, uses and closes the board: the child has the library whole or none of
+    /// it, its calls do not hang, and neither does its exit.
+    #[test]
+    fn a_fork_while_a_board_is_opened_or_closed() {
+        for link in CLOCKS {
+            passes("fork_while_changing", link, &[]);
+        }
+    }
+
+    /// A program of the other slot size is told so in the log, once.
+    #[test]
+    fn the_wrong_slot_size_is_named() {
+        let mut command = c_program("other_slots").command("sim:?slot=16&clock=virtual");
+        let ended = support::run(command.env("ECMSK_LOG", "warn"));
+        assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(0), "ok\n"), "{}", ended.stderr);
+        assert_eq!(ended.stderr.matches("frames of 504 bytes, the board's are 512 (16-byte slots)").count(), 1);
+    }
+
+    /// LIB-26, LIB-41 Eight threads that open, close, read and write at once: no crash, no hang, and the board works after it.
+    #[test]
+    fn eight_threads_at_once() {
+        for link in CLOCKS {
+            passes("stress", link, &[]);
+        }
+    }
+
+    /// Several boards at once by URI; LIB-41 handles that are closed or made up are errors; statistics, counters, names, timeouts.
+    #[test]
+    fn the_functions_beside_the_vendors() {
+        passes("boards", "sim:?slaves=drive*2&clock=virtual", &[]);
+    }
+
+    /// Counters of what came for a lost slave and of modes that homing left behind; statistics of faults that the link
+    /// injected.
+    #[test]
+    fn counters_and_faults_are_shown() {
+        let script = out_dir().join("facts.ecmscript");
+        let text = "at 3s sdo-abort 1 0x6060:0 0x06020000\nat 6s mute 2\n";
+        fs::write(&script, text).expect("a file in the target folder");
+        passes("facts", &format!("sim:?slaves=drive*2&clock=virtual&script={}", script.display()), &[]);
+    }
+
+    /// Nothing is printed unless `ECMSK_LOG` asks; then every call is traced and every failure has its reason.
+    #[test]
+    fn the_log_speaks_when_it_is_asked() {
+        let ended = support::run(c_program("not_open").command(CLOCKS[0]).env("ECMSK_LOG", "trace"));
+        assert!(ended.stderr.contains("OpenECMUSB() -> "), "{}", ended.stderr);
+        assert!(ended.stderr.contains("call OpenECMUSB first"), "{}", ended.stderr);
+        assert_eq!(ended.success(), "ok\n");
+        let ended = support::run(c_program("not_open").command(CLOCKS[0]).env("ECMSK_LOG", "error"));
+        assert_eq!(ended.stderr, "");
+    }
+
+    /// LIB-42 The link comes from `ECMSK_LINK`, then from `ecmsk.toml` beside the program, then beside the library; none: `usb:`.
+    #[test]
+    fn the_link_comes_from_variable_program_library_or_is_usb() {
+        let folder = out_dir().join("places");
+        let _ = fs::remove_dir_all(&folder);
+        let [program_dir, library_dir] = ["program", "library"].map(|name| folder.join(name));
+        for dir in [&program_dir, &library_dir] {
+            fs::create_dir_all(dir).expect("a folder in the target folder");
+        }
+        let original = c_program("which_link");
+        let program = support::Program { exe: program_dir.join("which_link") };
+        fs::hard_link(&original.exe, &program.exe).expect("the program in another folder");
+        symlink(&support::library().shared, library_dir.join("libNEXTWUSBLib.so.0")).expect("a symbolic link");
+        let says = |link: &str| {
+            let mut command = program.command(link);
+            command.env("LD_LIBRARY_PATH", &library_dir);
+            if link.is_empty() {
+                // A board that is plugged in here is none of this test's.
+                support::without_libusb(command.env_remove("ECMSK_LINK"));
+            }
+            support::run(&mut command).stdout
+        };
+        let write = |dir: &std::path::Path, slaves: u32| {
+            let text = format!("link = \"sim:?slaves=drive*{slaves}\"\n");
+            fs::write(dir.join("ecmsk.toml"), text).expect("a file in the target folder");
+        };
+
+        assert!(says("").contains("`usb:`"), "{}", says(""));
+        write(&library_dir, 3);
+        assert!(says("").contains("drive*3"), "{}", says(""));
+        write(&program_dir, 4);
+        assert!(says("").contains("drive*4"), "{}", says(""));
+        assert!(says("sim:?slaves=drive*5").contains("drive*5"));
+        fs::write(program_dir.join("ecmsk.toml"), "link = 3\n").expect("a file in the target folder");
+        let wrong = says("");
+        assert!(wrong.contains("ecmsk.toml, line 1"), "{wrong}");
+    }
+}
+
+mod needs_valgrind {
+    use super::{CLOCKS, c_program};
+
+    /// LIB-28, LIB-52, LIB-54 The library touches no byte that is not the caller's or not set, and loses no memory.
+    #[test]
+    fn memcheck_finds_nothing() {
+        for (name, links) in [("not_open", &CLOCKS[..]), ("lengths", &CLOCKS[..1]), ("boards", &CLOCKS[..1])] {
+            for link in links {
+                assert_eq!(support::memcheck(&c_program(name), link, &[]), "ok\n", "{name} on {link}");
+            }
+        }
+        assert_eq!(support::memcheck(&c_program("exit_open"), CLOCKS[1], &["return"]), "ok\n");
+    }
+}

@@ -1,0 +1,129 @@
+//! `share/windows/ecmsk.toml`, which is shipped with the DLLs: every key there is, with what it does, as a line to switch on.
+
+use std::fs;
+
+use ecmsk::link::config::{Configured, DEFAULT_LINK, Environment, Source, find};
+use ecmsk::link::keys::{KEYS, Key, Scheme, Syntax};
+use ecmsk::link::uri::LinkUri;
+
+/// What the DLL can open, and the shortest link of each.
+const SCHEMES: [(Scheme, &str, &str); 3] = [
+    (Scheme::Sim, "sim:", "a simulated board in the program"),
+    (Scheme::Usb, "usb:", "a real board on USB"),
+    (Scheme::Tcp, "tcp://192.168.0.10:4711", "a board that another machine serves (`ecmsk serve tcp`)"),
+];
+
+const HEAD: &str = r#"# Which board NEXTWUSBLib.dll opens. Put this file beside the program's .exe or beside the DLL; other places, and what a
+# link is, are in README.txt. A file that is wrong is never passed over: OpenECMUSB gives false then, and with
+# ECMSK_LOG=warn in the environment the reason goes to standard error.
+#
+# There is one key, `link`, and it stands here once: to switch another line on, take its # away and put one before the line
+# that was on. A link is SCHEME:PLACE?KEY=VALUE&KEY=VALUE; each line below shows one key, several are joined by `&`.
+# In a value, % & ? # and blanks are written %25 %26 %3F %23 %20.
+
+"#;
+
+/// How the file names its one key, switched on and switched off.
+const ON: &str = "link = ";
+const OFF: &str = "# link = ";
+
+fn file() -> std::path::PathBuf {
+    support::root().join("share/windows/ecmsk.toml")
+}
+
+/// What the file has to be, from the table that the reader of links uses.
+fn expected() -> String {
+    let mut text = format!("{HEAD}# {}\n{ON}'{DEFAULT_LINK}'\n", SCHEMES[1].2);
+    for (_, link, meaning) in SCHEMES.iter().filter(|(scheme, ..)| *scheme != Scheme::Usb) {
+        text += &format!("# {meaning}\n{OFF}'{link}'\n");
+    }
+    let of_all = |key: &&Key| key.schemes.len() == Scheme::ALL.len();
+    text += "\n# ---- any link\n";
+    text += &KEYS.iter().filter(of_all).map(|key| entry("sim:", key)).collect::<String>();
+    for (scheme, link, meaning) in SCHEMES {
+        text += &format!("\n# ---- {scheme}: {meaning}\n");
+        text += &Key::of(scheme).filter(|key| !of_all(key)).map(|key| entry(link, key)).collect::<String>();
+    }
+    text
+}
+
+fn entry(link: &str, key: &Key) -> String {
+    let value = match key.syntax {
+        // As they look on Windows.
+        Syntax::File => {
+            format!(r"C:\Users\Public\{}", key.example.rsplit('/').next().expect("a name"))
+        }
+        _ => key.example.to_owned(),
+    };
+    let default = key.default.map(|value| format!("; default {value}")).unwrap_or_default();
+    // What the help has further down.
+    let meaning = key.meaning.replace("see below", "see `ecmsk link help`");
+    let mut lines = wrapped(&format!("{}: {meaning}{default}", key.name));
+    lines += &format!("{OFF}'{link}?{}={value}'\n", key.name);
+    lines
+}
+
+fn wrapped(text: &str) -> String {
+    let mut lines = vec!["#".to_owned()];
+    for word in text.split_whitespace() {
+        let line = lines.last_mut().expect("there is one");
+        if line.len() + 1 + word.len() > 120 {
+            lines.push(format!("#   {word}"));
+        } else {
+            *line += &format!(" {word}");
+        }
+    }
+    lines.join("\n") + "\n"
+}
+
+/// What the reader makes of a text, in a file with Windows' line ends.
+fn read(text: &str) -> Result<String, String> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("ecmsk.toml");
+    fs::write(&path, text.replace('\n', "\r\n")).expect("a file");
+    let environment = Environment { program_dir: Some(folder.path().to_owned()), ..Environment::default() };
+    let Configured { link, source } = find(&environment).map_err(|error| error.to_string())?;
+    assert_eq!(source, Source::File(path));
+    Ok(link)
+}
+
+/// DIST-4 Every key of the links that the DLL can open is in the file, with its meaning and its default.
+#[test]
+fn every_key_is_there() {
+    support::kept(&file(), &expected());
+    let text = fs::read_to_string(file()).expect("the file");
+    for (scheme, ..) in SCHEMES {
+        for key in Key::of(scheme) {
+            assert!(text.contains(&format!("?{}=", key.name)), "{scheme}: {}", key.name);
+        }
+    }
+}
+
+/// DIST-4 As it is shipped the file says what holds without one.
+#[test]
+fn as_it_is_it_changes_nothing() {
+    assert_eq!(read(&fs::read_to_string(file()).expect("the file")).as_deref(), Ok(DEFAULT_LINK));
+}
+
+/// DIST-4 Each line that is switched off is a link once it is switched on, and says something else than the default; two that are
+/// on are an error with the line.
+#[test]
+fn each_line_can_be_switched_on() {
+    let text = fs::read_to_string(file()).expect("the file");
+    let shipped = text.lines().find(|line| line.starts_with(ON)).expect("one is on");
+    let off: Vec<&str> = text.lines().filter(|line| line.starts_with(OFF)).collect();
+    assert!(off.len() > 40, "{}", off.len());
+    for line in off {
+        let on = line.trim_start_matches("# ");
+        let switched = text.replace(shipped, &format!("# {shipped}")).replace(line, on);
+        let link = read(&switched).unwrap_or_else(|error| panic!("{line}: {error}"));
+        assert_eq!(on, format!("{ON}'{link}'"));
+        let uri = LinkUri::parse(&link).unwrap_or_else(|error| panic!("{line}: {error}"));
+        if let Some((_, key)) = link.split_once('?') {
+            let name = key.split('=').next().expect("a name");
+            assert!(uri.keys().any(|(known, _)| known == name), "{link} is the default");
+        }
+        let both = read(&text.replace(line, on)).expect_err(line);
+        assert!(both.contains("duplicate key") && both.contains(", line "), "{both}");
+    }
+}

@@ -1,0 +1,81 @@
+//! The programs of `examples/python/` on a simulated board: on virtual time they print what those in C++ and C print.
+#![cfg(target_os = "linux")]
+
+use std::fs;
+use std::process::Command;
+
+use support::{Ended, root};
+
+const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
+/// Every program, and the snapshot that it shares with another one.
+const PROGRAMS: [(&str, &str); 3] = [("homing", "homing"), ("inputs_outputs", "io"), ("two_axes", "two_axes_12b")];
+
+fn run(name: &str, link: &str) -> Ended {
+    let mut python = Command::new("python3");
+    python.arg(root().join("examples/python").join(name).with_extension("py"));
+    // No compiled files beside the examples.
+    python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &support::library().shared);
+    python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root());
+    support::run(&mut python)
+}
+
+fn prints_the_same(name: &str, links: &[&str]) {
+    let (_, snapshot) = PROGRAMS.into_iter().find(|(program, _)| *program == name).expect("a program of the table");
+    for link in links {
+        let ended = run(name, link);
+        assert_eq!(ended.stderr, "", "{name} on {link}");
+        support::snapshot(snapshot, &ended.success());
+    }
+}
+
+mod needs_python {
+    use super::*;
+
+    /// API-33 Two axes on a square, on both firmwares.
+    #[test]
+    fn two_axes() {
+        prints_the_same("two_axes", &[DRIVES, &format!("{DRIVES}&fw=1.5")]);
+    }
+
+    /// API-33 SK-7.24 Homing of two axes, and one that fails, on both firmwares.
+    #[test]
+    fn homing() {
+        prints_the_same("homing", &[DRIVES, &format!("{DRIVES}&fw=1.5")]);
+    }
+
+    /// API-33 SK-3.17 An IO slave and the board's own IO.
+    #[test]
+    fn inputs_and_outputs() {
+        let link = "sim:?slaves=io&clock=virtual&script=examples/scripts/local_inputs.ecmscript";
+        prints_the_same("inputs_outputs", &[link]);
+    }
+
+    /// API-33 What goes wrong is said in the library's words, with code 1; axes are off then.
+    #[test]
+    fn errors_have_words() {
+        let none = run("two_axes", "sim:?slaves=none&clock=virtual");
+        assert_eq!(none.status.code(), Some(1));
+        assert!(none.stderr.contains("ECMSK_LINK: no board at `sim:"), "{}", none.stderr);
+        let wrong = run("two_axes", "sim:?slaves=lathe");
+        assert!(wrong.stderr.contains("lathe"), "{}", wrong.stderr);
+        let file = support::out_dir().join("alarm.pcapng");
+        let keys = format!("script=examples/scripts/alarm.ecmscript&record={}", file.display());
+        let alarm = run("two_axes", &format!("{DRIVES}&{keys}"));
+        assert_eq!((alarm.status.code(), alarm.stderr.as_str()), (Some(1), "failed: an axis does not arrive\n"));
+        support::both_axes_are_off_in_preop(&file);
+    }
+
+    /// API-33 Every program of the folder is one of these.
+    #[test]
+    fn no_program_is_left_out() {
+        let entries = fs::read_dir(root().join("examples/python")).expect("the folder");
+        let files = entries.map(|entry| entry.expect("readable").path());
+        let mut names: Vec<String> = files
+            .filter(|file| file.extension().is_some_and(|extension| extension == "py"))
+            .map(|file| file.file_stem().expect("a name").to_string_lossy().into_owned())
+            .filter(|name| name != "ecm")
+            .collect();
+        names.sort();
+        assert_eq!(names, PROGRAMS.map(|(name, _)| name));
+    }
+}

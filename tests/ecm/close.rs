@@ -1,0 +1,183 @@
+//! The native API's closing: ramps, what stays on, how long it takes, by call, by drop and after a stream.
+
+use std::time::Duration;
+
+use crate::common::{SIZE, Tap, enable, open, script};
+use ecmsk::ecm::{Axis, CLOSE_LIMIT, Close, Config, Ecm, EcmError, Options, Slave};
+use ecmsk::link::Link;
+use ecmsk::sk::{CommandId, MasterState, StateByte};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// Two axes that move: 1 forwards, 2 backwards, 50 counts a cycle.
+fn moving(ecm: &Ecm, frames: i32) {
+    let mut stream = ecm.stream(16).unwrap();
+    for n in 0..frames {
+        stream.csp(1, n * 50).unwrap();
+        stream.csp(2, -n * 50).unwrap();
+        stream.step().unwrap();
+    }
+}
+
+fn targets(tap: &Tap, slave: usize) -> Vec<i32> {
+    let frames = tap.take();
+    let slots = frames.iter().map(|frame| frame.slot(SIZE, slave));
+    slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect()
+}
+
+/// API-9 API-10 A stream that ends ramps its axes: targets go on with falling steps, none is larger than the last, and the
+/// axes stand and are enabled.
+#[test]
+fn a_stream_that_ends_ramps_down() {
+    let tap = Tap::open("slaves=drive*2");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    tap.take();
+    moving(&ecm, 300);
+    let targets = targets(&tap, 1);
+    let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let (stream, ramp) = steps.split_at(299);
+    assert!(stream.iter().all(|step| *step == 50));
+    assert!((240..=260).contains(&ramp.len()), "250 ms: {}", ramp.len());
+    assert!(ramp.windows(2).all(|pair| pair[1] <= pair[0] + 1), "rounding apart they fall: {ramp:?}");
+    assert!(ramp[0] <= 50 && ramp.last().unwrap().abs() <= 1, "{ramp:?}");
+    let rest = ecm.snapshot().unwrap();
+    for _ in 0..100 {
+        ecm.next_cycle(SECOND).unwrap();
+    }
+    let later = ecm.snapshot().unwrap();
+    for (slave, sign) in [(1, 1), (2, -1)] {
+        let end = later.position(slave).unwrap();
+        assert!((end - sign * *targets.last().unwrap()).abs() < 20, "slave {slave} is at {end}");
+        assert!((end - rest.position(slave).unwrap()).abs() < 50);
+        assert!(later.drive(slave).unwrap().statusword.is_enabled());
+    }
+}
+
+/// API-9 SK-7.10 SK-4.65 Closing and dropping hold, switch off or leave, as asked for.
+#[test]
+fn hold_servo_off_leave() {
+    for (how, dropped, on) in [
+        (Close::Hold, false, true),
+        (Close::Hold, true, true),
+        (Close::ServoOff, false, false),
+        (Close::ServoOff, true, false),
+        (Close::Leave, false, true),
+        (Close::Leave, true, true),
+    ] {
+        let keys = format!("slaves=drive*2&name=close-{how:?}-{dropped}");
+        let tap = Tap::open(&keys);
+        let ecm = enable(tap.ecm(Options { close: how, ..Options::default() }).unwrap(), &Config::drives(2));
+        moving(&ecm, 100);
+        tap.take();
+        if dropped {
+            drop(ecm)
+        } else {
+            ecm.close(how).unwrap()
+        }
+        let written = tap.take();
+        assert_eq!(written.is_empty(), how != Close::ServoOff, "{how:?}: a board at rest needs nothing");
+        let ecm = open(&keys);
+        assert_eq!(ecm.state().unwrap(), StateByte::reached(MasterState::Op), "the network goes on");
+        ecm.adopt(&Config::drives(2)).unwrap();
+        for slave in [1, 2] {
+            let drive = ecm.next_cycle(SECOND).unwrap().drive(slave).unwrap();
+            assert_eq!(drive.statusword.is_enabled(), on, "{how:?} {dropped}");
+        }
+    }
+}
+
+/// API-10 SK-5.5 CSV ramps its velocity to 0 and CST keeps the torque of an axis that stands.
+#[test]
+fn velocity_and_torque() {
+    let slaves = vec![Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST), Slave::Drive(Axis::CST)];
+    let tap = Tap::open("slaves=drive*3");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { slaves, ..Config::default() });
+    let mut stream = ecm.stream(8).unwrap();
+    for _ in 0..300 {
+        stream.csv(1, 100_000).unwrap();
+        // Less than dry friction takes, and more.
+        stream.cst(2, 10).unwrap();
+        stream.cst(3, 100).unwrap();
+        stream.step().unwrap();
+    }
+    tap.take();
+    // The motor of axis 3 has to run out on friction: that may take longer than the limit.
+    let ended = stream.finish();
+    assert!(matches!(ended, Ok(_) | Err(EcmError::Timeout { what: "a standstill", .. })), "{ended:?}");
+    let frames = tap.take();
+    let of = |slave| frames.iter().map(move |frame| frame.slot(SIZE, slave));
+    let velocities: Vec<i32> = of(1).map(|slot| slot.data1 as i32).collect();
+    assert!(velocities.windows(2).all(|pair| pair[1] <= pair[0]), "{velocities:?}");
+    assert_eq!(velocities.last(), Some(&0));
+    assert!(of(2).all(|slot| slot.data1 == 10), "a standing axis keeps its torque");
+    assert_eq!(of(3).next_back().unwrap().data1, 0);
+    let first = ecm.next_cycle(SECOND).unwrap().position(1).unwrap();
+    for _ in 0..50 {
+        ecm.next_cycle(SECOND).unwrap();
+    }
+    assert!((ecm.snapshot().unwrap().position(1).unwrap() - first).abs() <= 2);
+}
+
+/// API-10 SK-5.4 A board that ran dry stands: the end of its stream must not set it going again.
+#[test]
+fn a_dry_board_is_not_set_going() {
+    let tap = Tap::open("slaves=drive*2&queue=4");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let mut stream = ecm.stream(8).unwrap();
+    for n in 0..300 {
+        stream.csp(1, n * 50).unwrap();
+        stream.step().unwrap();
+    }
+    tap.pass(SECOND).unwrap();
+    tap.take();
+    stream.finish().unwrap();
+    assert!(tap.take().is_empty());
+}
+
+/// API-9 API-6 SK-4.59 Closing ends within 2 s whatever the board does: full, silent, cut.
+#[test]
+fn closing_is_bounded() {
+    for (name, text) in [("full", "at 1s full\n"), ("silent", "at 1s silent\n"), ("cut", "at 1s cut 1\n")] {
+        let file = script(&format!("close-{name}"), text);
+        for how in [Close::Hold, Close::ServoOff] {
+            let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
+            let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+            let mut stream = ecm.stream(100).unwrap();
+            let mut n = 0;
+            while tap.pass(Duration::ZERO).unwrap().unwrap().0 - tap.info().opened_at.0 < 1_050_000_000 {
+                n += 1;
+                let aimed = stream.csp(1, n * 50);
+                if aimed.and_then(|()| stream.step().map(|_| ())).is_err() {
+                    break;
+                }
+            }
+            let now = || Duration::from_nanos(tap.pass(Duration::ZERO).unwrap().unwrap().0);
+            let began = now();
+            let ended = stream.finish();
+            assert!(now() - began <= CLOSE_LIMIT + SECOND / 10, "{name}: {:?}", now() - began);
+            assert!(ended.is_err(), "{name}");
+            // The link is closed with the board: its clock is read by a link of the same name no more.
+            let errors = ecm.close(how);
+            assert!(errors.is_err(), "{name} {how:?}");
+        }
+    }
+}
+
+/// API-9 A ramp that would not fit into the limit is refused when the board is opened.
+#[test]
+fn a_ramp_has_to_fit() {
+    let long = Options { ramp: Duration::from_secs(3), ..Options::default() };
+    let error = Ecm::open_with("sim:?clock=virtual", long).map(|_| ()).unwrap_err();
+    assert!(matches!(error, EcmError::Setting { what: "ramp", .. }), "{error}");
+}
+
+/// API-27 Nothing is done to axes that were neither configured nor adopted.
+#[test]
+fn foreign_axes_are_left_alone() {
+    let keys = "slaves=drive*2&name=foreign";
+    let ecm = enable(open(keys), &Config::drives(2));
+    ecm.close(Close::Leave).unwrap();
+    let tap = Tap::open(keys);
+    tap.ecm(Options::default()).unwrap().close(Close::ServoOff).unwrap();
+    assert!(tap.take().is_empty());
+}

@@ -1,0 +1,245 @@
+//! What docs/SAFETY.md says of axes that nobody commands any more, shown on the modelled board: the program vanishes, the
+//! cable goes, the board resets, the network leaves OP.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::common::{SIZE, enable, open, script, uri};
+use ecmsk::cia402::DriveState;
+use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, News, Options, Slave};
+use ecmsk::link::{self, Link, Share, Wait};
+use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+fn config(axis: Axis) -> Config {
+    Config { slaves: vec![Slave::Drive(axis); 2], ..Config::default() }
+}
+
+/// Counts an axis moves in so many cycles.
+fn moves(ecm: &Ecm, slave: u8, cycles: u32) -> i32 {
+    let from = ecm.next_cycle(SECOND).unwrap().position(slave).unwrap();
+    for _ in 0..cycles {
+        ecm.next_cycle(SECOND).unwrap();
+    }
+    ecm.snapshot().unwrap().position(slave).unwrap() - from
+}
+
+fn is_on(ecm: &Ecm, slave: u8) -> bool {
+    ecm.snapshot().unwrap().drive(slave).unwrap().statusword.is_enabled()
+}
+
+/// A program that moves axis 1 and is killed: it sends nothing more. The board and its axes go on; another program looks.
+fn killed_while(name: &str, axis: Axis, command: impl Fn(&mut ecmsk::ecm::Stream<'_>, i32)) -> Ecm {
+    let keys = format!("slaves=drive*2&name=safety-{name}");
+    let ecm = enable(open(&keys), &config(axis));
+    let mut stream = ecm.stream(16).unwrap();
+    for n in 0..400 {
+        command(&mut stream, n);
+        stream.step().unwrap();
+    }
+    std::mem::forget(stream);
+    ecm.close(Close::Leave).unwrap();
+    let ecm = open(&keys);
+    ecm.adopt(&config(axis)).unwrap();
+    ecm
+}
+
+/// SK-5.4 CSP: what is in the FIFO runs, then the axis holds the last target, on.
+#[test]
+fn killed_in_csp_the_axis_holds() {
+    let ecm = killed_while("csp", Axis::CSP, |stream, n| stream.csp(1, n * 50).unwrap());
+    moves(&ecm, 1, 200);
+    assert!(moves(&ecm, 1, 100).abs() <= 2);
+    let position = ecm.snapshot().unwrap().position(1).unwrap();
+    assert!((position - 399 * 50).abs() < 20, "{position}: the last target");
+    assert!(is_on(&ecm, 1));
+}
+
+/// SK-5.5 CSV: the axis turns on at its last velocity, for ever.
+#[test]
+fn killed_in_csv_the_axis_runs_on() {
+    let ecm = killed_while("csv", Axis::CSV, |stream, _| stream.csv(1, 50_000).unwrap());
+    let second = moves(&ecm, 1, 1000);
+    for _ in 0..9000 {
+        ecm.next_cycle(SECOND).unwrap();
+    }
+    let tenth = moves(&ecm, 1, 1000);
+    assert!((49_000..51_000).contains(&second) && (49_000..51_000).contains(&tenth), "{second} {tenth}");
+}
+
+/// SK-5.5 CST: the torque stays, and an axis that nothing holds gets faster.
+#[test]
+fn killed_in_cst_the_axis_gets_faster() {
+    let ecm = killed_while("cst", Axis::CST, |stream, _| stream.cst(1, 60).unwrap());
+    let first = moves(&ecm, 1, 100);
+    let later = moves(&ecm, 1, 100);
+    assert!(first > 0 && later > first, "{first} {later}");
+}
+
+/// SK-7.20 SK-7.22 Homing: the drive goes on by itself, finds its home and stands there, on.
+#[test]
+fn killed_while_homing_the_axis_goes_home() {
+    let keys = "slaves=drive*2&name=safety-homing";
+    let link = link::open(&uri(keys), Share::ByName).unwrap();
+    let ecm = enable(Ecm::over(link.clone(), Options::default()).unwrap(), &config(Axis::CSP));
+    let mut moving = 0;
+    let homing = Homing { offset: Some(0), ..Homing::method(17) };
+    let ended = ecm.home(1, &homing, |progress| {
+        moving += u32::from(progress.phase == HomingPhase::Moving);
+        if moving == 20 {
+            link.close();
+        }
+    });
+    assert!(ended.is_err());
+    drop(ecm);
+    drop(link);
+    let ecm = open(keys);
+    ecm.adopt(&config(Axis::CSP)).unwrap();
+    assert!(moves(&ecm, 1, 50).abs() > 100, "it still looks for its home");
+    let mut cycles = 0;
+    while moves(&ecm, 1, 100).abs() > 2 {
+        cycles += 100;
+        assert!(cycles < 60_000, "it has an end");
+    }
+    assert!(is_on(&ecm, 1));
+    assert!(ecm.snapshot().unwrap().position(1).unwrap().abs() < 1000, "home is 0");
+}
+
+/// API-9 A program that ends by itself, or by a panic that unwinds, ramps its axes to a standstill; they stay on.
+#[test]
+fn a_panic_ramps_to_a_standstill() {
+    let keys = "slaves=drive*2&name=safety-panic";
+    let ended = std::thread::spawn(move || {
+        let ecm = enable(open(keys), &config(Axis::CSV));
+        let mut stream = ecm.stream(16).unwrap();
+        stream.csv(1, 50_000).unwrap();
+        for _ in 0..300 {
+            stream.step().unwrap();
+        }
+        panic!("this panic is part of the test");
+    });
+    assert!(ended.join().is_err());
+    let ecm = open(keys);
+    ecm.adopt(&config(Axis::CSV)).unwrap();
+    assert!(moves(&ecm, 1, 100).abs() <= 2);
+    assert!(is_on(&ecm, 1));
+}
+
+/// SK-4.59 SK-4.60 The cable before the first slave goes: no cycle passes any more. The watchdogs of the drives stop them
+/// within 100 ms, they are off, and stay so when the cable is back, until a program switches them on.
+#[test]
+fn a_cut_cable_stops_the_drives() {
+    let file = script("safety-cut", "at 2s cut 1 for 1s\n");
+    let link = link::open(&uri(&format!("slaves=drive*2&script={file}")), Share::ByName).unwrap();
+    let ecm = enable(Ecm::over(link.clone(), Options::default()).unwrap(), &config(Axis::CSV));
+    let mut stream = ecm.stream(16).unwrap();
+    stream.csv(1, 50_000).unwrap();
+    while stream.step().is_ok() {}
+    let before = stream.snapshot().unwrap().position(1).unwrap();
+    drop(stream);
+    link.pass(2 * SECOND).unwrap();
+    while ecm.next_cycle(SECOND).is_err() {}
+    for _ in 0..100 {
+        ecm.next_cycle(SECOND).unwrap();
+    }
+    let snapshot = ecm.snapshot().unwrap();
+    // What lost drives show is old.
+    assert_eq!(snapshot.state(), StateByte::failed(Some(MasterState::Op)));
+    ecm.set_state(MasterState::Op).unwrap();
+    let after = ecm.next_cycle(SECOND).unwrap().position(1).unwrap();
+    assert!(after - before < 50_000 / 2, "it was stopped after {} counts", after - before);
+    assert!(moves(&ecm, 1, 200).abs() <= 2);
+    assert!(!is_on(&ecm, 1) && !is_on(&ecm, 2));
+}
+
+/// API-16 SK-4.61 A slave that loses its power is lost alone: the others do as they are told.
+#[test]
+fn one_slave_without_power_stops_alone() {
+    let file = script("safety-lose", "at 1s lose 1\n");
+    let ecm = enable(open(&format!("slaves=drive*2&script={file}")), &config(Axis::CSP));
+    assert_eq!(ecm.stats().unwrap().slaves_failed, 0);
+    let mut stream = ecm.stream(16).unwrap();
+    for n in 0..2000 {
+        stream.csp(2, n * 20).unwrap();
+        stream.step().unwrap();
+    }
+    assert_eq!(ecm.stats().unwrap().slaves_failed, 1);
+    let state = StateByte::failed(Some(MasterState::Op));
+    assert!(ecm.take_news().unwrap().contains(&News::SlavesFailed { state }));
+    let snapshot = stream.snapshot().unwrap();
+    assert_eq!(snapshot.state(), StateByte::failed(Some(MasterState::Op)));
+    assert!(snapshot.position(2).unwrap() > 39_000);
+}
+
+/// SK-4.43 A board that resets leaves its drives without a master: they stop, and are off when it is back.
+#[test]
+fn a_reset_board_stops_the_drives() {
+    let keys = "slaves=drive*2&name=safety-reset";
+    let link: Arc<dyn Link> = link::open(&uri(keys), Share::ByName).unwrap();
+    let ecm = enable(Ecm::over(link.clone(), Options::default()).unwrap(), &config(Axis::CSV));
+    let mut stream = ecm.stream(16).unwrap();
+    stream.csv(1, 50_000).unwrap();
+    for _ in 0..300 {
+        stream.step().unwrap();
+    }
+    let before = stream.snapshot().unwrap().position(1).unwrap();
+    std::mem::forget(stream);
+    let mut frame = Frame::new();
+    frame.put_master(SIZE, &MasterCommand::SoftReset);
+    frame.fill_crc(SIZE);
+    link.write(&frame, Wait::Now).unwrap();
+    drop(ecm);
+    drop(link);
+    let (ecm, _) = Ecm::open_when_there(&uri(keys), Options::default(), 60 * SECOND).unwrap();
+    ecm.configure(&config(Axis::CSV)).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    assert!(!is_on(&ecm, 1));
+    assert!(moves(&ecm, 1, 200).abs() <= 2);
+    let way = ecm.snapshot().unwrap().position(1).unwrap() - before;
+    assert!(way < 50_000 / 2, "it was stopped after {way} counts");
+}
+
+/// SK-4.50 Leaving OP stops the drives on their quick-stop ramp and switches them off; a homing ends.
+#[test]
+fn leaving_op_stops_the_drives() {
+    let ecm = enable(open("slaves=drive*2"), &config(Axis::CSV));
+    let mut stream = ecm.stream(16).unwrap();
+    stream.csv(1, 50_000).unwrap();
+    for _ in 0..300 {
+        stream.step().unwrap();
+    }
+    let before = stream.snapshot().unwrap().position(1).unwrap();
+    std::mem::forget(stream);
+    ecm.set_state(MasterState::PreOp).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    let drive = ecm.next_cycle(SECOND).unwrap().drive(1).unwrap();
+    assert_eq!(drive.statusword.state(), Some(DriveState::SwitchOnDisabled));
+    assert!(drive.position - before < 50_000 / 2);
+    assert!(moves(&ecm, 1, 200).abs() <= 2);
+}
+
+/// Every test that docs/SAFETY.md names is there.
+#[test]
+fn the_page_names_tests_that_exist() {
+    let root = support::root();
+    let page = std::fs::read_to_string(root.join("docs/SAFETY.md")).unwrap();
+    let mut named = 0;
+    for code in page.split('`').skip(1).step_by(2) {
+        let &[group, file, test] = &*code.split("::").collect::<Vec<_>>() else { continue };
+        let groups = root.join(if group == "tool" { "tool/tests" } else { "tests" });
+        let own = std::fs::read_to_string(groups.join(group).join(file).with_extension("rs"));
+        assert!(own.is_ok_and(|own| own.contains(&format!("fn {test}("))), "{code}");
+        named += 1;
+    }
+    assert!(named >= 30, "{named}");
+    let pages = std::fs::read_dir(root.join("docs/rules")).unwrap();
+    let rules: String = pages.map(|page| std::fs::read_to_string(page.unwrap().path()).unwrap()).collect();
+    let words = page.split(|c: char| !c.is_ascii_alphanumeric() && c != '-' && c != '.');
+    for rule in words
+        .map(|word| word.trim_end_matches('.'))
+        .filter(|word| ["SK-", "API-", "LIB-", "TCP-", "WIRE-"].iter().any(|prefix| word.starts_with(prefix)))
+    {
+        assert!(rules.contains(&format!("| {rule} |")), "{rule}");
+    }
+}

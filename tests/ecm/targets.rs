@@ -1,0 +1,126 @@
+//! The native API's targets between two steps: by which report they are checked, what becomes of those of an axis that
+//! goes off, and what they cost.
+
+use std::time::Duration;
+
+use crate::common::{SIZE, Tap, enable, script};
+use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Options, Slave};
+use ecmsk::link::Link;
+use ecmsk::sk::CommandId;
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// API-12 A target goes out with the step that follows it and with no other frame; a stream that ends before it steps has
+/// not sent it.
+#[test]
+fn a_target_waits_for_its_step() {
+    let tap = Tap::open("slaves=drive");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let mut stream = ecm.stream(8).unwrap();
+    stream.csp(1, 0).unwrap();
+    stream.step().unwrap();
+    tap.take();
+    stream.csp(1, 500).unwrap();
+    ecm.local_inputs().unwrap();
+    let slots = tap.take_slots(1);
+    assert!(!slots.is_empty() && slots.iter().all(|slot| (slot.id, slot.data1) == (CommandId::Csp.code(), 0)));
+    drop(stream);
+    assert!(tap.take_slots(1).iter().all(|slot| slot.data1 != 500));
+}
+
+/// API-13 The guard goes by the newest report, whoever has read it.
+#[test]
+fn the_guard_goes_by_the_newest_report() {
+    let tap = Tap::open("slaves=drive");
+    let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };
+    let config = Config { slaves: vec![Slave::Drive(axis)], ..Config::default() };
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config);
+    let mut stream = ecm.stream(8).unwrap();
+    tap.bend(|_, frame| {
+        let mut slot = frame.slot(SIZE, 1);
+        slot.data1 = 5000;
+        frame.put(SIZE, 1, &slot);
+        frame.fill_crc(SIZE);
+    });
+    stream.csp(1, 1000).unwrap();
+    ecm.next_cycle(SECOND).unwrap();
+    assert_eq!(stream.csp(1, 1000), Err(EcmError::TooFar { slave: 1, target: 1000, actual: 5000, limit: 1000 }));
+    stream.csp(1, 6000).unwrap();
+}
+
+/// API-14 SK-7.15 An axis that was off between a target and its step gets no target, though it is on again.
+#[test]
+fn an_axis_that_was_off_does_not_jump() {
+    let tap = Tap::open("slaves=drive*2");
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let mut stream = ecm.stream(8).unwrap();
+    for slave in [1, 2] {
+        stream.csp(slave, 40).unwrap();
+    }
+    ecm.servo_off(&[1]).unwrap();
+    ecm.servo_on(&[1]).unwrap();
+    tap.take();
+    stream.step().unwrap();
+    let frame = tap.take().remove(0);
+    assert!(frame.slot(SIZE, 1).is_zero(), "{:?}", frame.slot(SIZE, 1));
+    assert_eq!(frame.slot(SIZE, 2).data1, 40);
+    stream.csp(1, 41).unwrap();
+    stream.step().unwrap();
+    assert_eq!(tap.take()[0].slot(SIZE, 1).data1, 41);
+}
+
+/// API-14 The same where an alarm took it off and the program steps on.
+#[test]
+fn an_axis_with_an_alarm_is_left_out() {
+    let file = script("targets-alarm", "at 1s alarm 1 0x7500\n");
+    let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
+    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let mut stream = ecm.stream(8).unwrap();
+    stream.csp(1, 7).unwrap();
+    stream.csp(2, 7).unwrap();
+    while stream.snapshot().unwrap().drive(1).unwrap().statusword.is_enabled() {
+        stream.step().unwrap();
+    }
+    tap.take();
+    stream.step().unwrap();
+    let frame = tap.take().remove(0);
+    assert!(frame.slot(SIZE, 1).is_zero());
+    assert_eq!(frame.slot(SIZE, 2).data1, 7);
+}
+
+/// API-11 On the real clock a stream of 40 axes allocates nothing either.
+#[test]
+fn a_stream_on_the_real_clock_allocates_nothing() {
+    let ecm = enable(Ecm::open("sim:?slaves=drive*40&clock=real").unwrap(), &Config::drives(40));
+    let mut stream = ecm.stream(100).unwrap();
+    let mut run = |from: i32| {
+        for n in from..from + 200 {
+            (1..=40).for_each(|slave| stream.csp(slave, n).unwrap());
+            stream.step().unwrap();
+            assert!(stream.snapshot().unwrap().drive(40).is_some());
+        }
+    };
+    run(0);
+    let counted = allocation_counter::measure(|| run(200));
+    assert_eq!((counted.count_total, counted.count_current), (0, 0), "{counted:?}");
+    assert_eq!(stream.stats().unwrap().losses, 0);
+}
+
+/// API-1 SK-5.11 A stream of any depth, against a board that pauses and goes on: it never overfills.
+#[test]
+fn credit_never_overfills() {
+    for depth in [1, 2, 16, 149, 150] {
+        let file = script(&format!("targets-full-{depth}"), "at 1s full for 300ms\nat 2s full for 5ms\n");
+        let tap = Tap::open(&format!("slaves=drive&host_us=0&script={file}"));
+        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+        let mut stream = ecm.stream(depth).unwrap();
+        for n in 0..2500_u64 {
+            if n % 7 == 0 {
+                tap.pass(Duration::from_micros(n % 3000)).unwrap();
+            }
+            stream.step().unwrap();
+        }
+        let stats = stream.finish().unwrap();
+        assert_eq!((stats.losses, tap.stats().board.unwrap().full), (0, 0), "depth {depth}");
+    }
+}

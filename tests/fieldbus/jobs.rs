@@ -1,0 +1,266 @@
+//! The simulated bus: its jobs, their timing, and how they fail.
+
+use ecmsk::cia402::Mode;
+use ecmsk::coe::{AbortCode, SdoSize};
+use ecmsk::fieldbus::sim::{SimBus, Timing};
+use ecmsk::fieldbus::{AlState, Busy, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
+use ecmsk::slave::{AlStatus, Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
+use support::fieldbus_rig::{Bench, MS, SECOND, configure, refused, sdo, set, state};
+
+use AlState::*;
+
+/// A scan counts the slaves the cable reaches, 40 at most, and leaves them in Init.
+#[test]
+fn scan() {
+    for (drives, found) in [(0, 0), (1, 1), (3, 3), (40, 40), (41, 40)] {
+        let mut bench = Bench::new(drives);
+        let (done, took) = bench.run(Job::Scan);
+        assert_eq!(done, JobDone::Scan { found });
+        assert_eq!(took, (200 + 5 * Ns::from(found)) * MS);
+    }
+    let mut bench = Bench::in_state(3, Op);
+    bench.handle.cut_after(2);
+    bench.poll();
+    assert_eq!(bench.inputs.lost, set(&[3]));
+    assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 2 });
+    bench.poll();
+    assert_eq!(bench.inputs.lost, SlaveSet::EMPTY, "the third was not found");
+    assert_eq!(bench.done(state(SafeOp, 2)), JobDone::State(refused(1, 0x001D)), "what was configured is forgotten");
+    bench.handle.cut_after(0);
+    assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 0 });
+}
+
+/// SK-4.53 A change of state takes many cycles, PreOP to SafeOP the longest.
+#[test]
+fn changes_take_their_time() {
+    for drives in [1, 40] {
+        let mut bench = Bench::in_state(drives, Init);
+        let mut took = [PreOp, SafeOp, Op].map(|target| {
+            if target == SafeOp {
+                bench.done(configure(Role::Drive(Mode::Csp)));
+            }
+            let (done, took) = bench.run(state(target, drives));
+            assert_eq!(done, JobDone::State(Ok(())));
+            took / MS
+        });
+        let slaves = 2 * Ns::from(drives);
+        assert_eq!(took, [50 + slaves, 300 + slaves, 50 + slaves]);
+        took.sort_unstable();
+        assert!(took[0] > 10, "many cycles");
+        let (_, down) = bench.run(state(Init, drives));
+        assert_eq!(down / MS, 20 + slaves, "down at once, not step by step");
+    }
+}
+
+/// From PreOP to OP goes through SafeOP; slaves that are at different states go together, the lowest first.
+#[test]
+fn a_change_of_several_states() {
+    let mut bench = Bench::in_state(2, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    let (done, took) = bench.run(state(Op, 2));
+    assert_eq!((done, took / MS), (JobDone::State(Ok(())), 300 + 50 + 2 * 4));
+    assert_eq!(bench.done(state(PreOp, 1)), JobDone::State(Ok(())));
+    assert_eq!(bench.done(state(SafeOp, 2)), JobDone::State(Ok(())), "one up, one down");
+    let done = bench.poll().unwrap();
+    assert_eq!((done.working_counter, done.expected_working_counter), (2, 2));
+}
+
+/// A slave that is further up than the others does not go down to wait for them.
+#[test]
+fn nobody_goes_down_on_the_way_up() {
+    let mut bench = Bench::in_state(2, SafeOp);
+    assert_eq!(bench.done(Job::State { target: Init, slaves: set(&[2]), timeout_ns: SECOND }), JobDone::State(Ok(())));
+    bench.bus.start(state(Op, 2), bench.now).unwrap();
+    let done = loop {
+        assert_eq!(bench.poll().map(|done| done.working_counter), Some(1));
+        if let Some(done) = bench.bus.poll_job(bench.now) {
+            break done;
+        }
+    };
+    assert_eq!(done, JobDone::State(refused(2, 0x001D)), "Init took its configuration");
+}
+
+/// SK-6.15 An SDO runs beside a change of state, and beside nothing else; each of the two is given up by itself.
+#[test]
+fn an_sdo_beside_a_change_of_state() {
+    let mut bench = Bench::in_state(2, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    bench.bus.start(state(SafeOp, 2), bench.now).unwrap();
+    assert_eq!(bench.bus.start(state(SafeOp, 2), bench.now), Err(Busy));
+    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)));
+    bench.bus.start(sdo(1, 0x1000, None), bench.now).unwrap();
+    assert_eq!(bench.bus.start(sdo(2, 0x1000, None), bench.now), Err(Busy));
+    bench.bus.cancel_sdo();
+    bench.now += SECOND;
+    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::State(Ok(()))));
+    assert_eq!(bench.bus.poll_job(bench.now), None);
+
+    bench.bus.start(sdo(1, 0x1000, None), bench.now).unwrap();
+    for job in [Job::Scan, configure(Role::Drive(Mode::Csp))] {
+        assert_eq!(bench.bus.start(job, bench.now), Err(Busy));
+    }
+    bench.bus.start(state(PreOp, 2), bench.now).unwrap();
+    bench.bus.cancel_job();
+    bench.now += SECOND;
+    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::Sdo(Ok(0x0002_0192))));
+    assert_eq!(bench.bus.poll_job(bench.now), None);
+}
+
+/// A bus does one job at a time; a job that is given up never ends.
+#[test]
+fn one_job_at_a_time() {
+    let mut bench = Bench::in_state(1, PreOp);
+    bench.bus.start(Job::Scan, bench.now).unwrap();
+    assert_eq!(bench.bus.start(sdo(1, 0x1000, None), bench.now), Err(Busy));
+    bench.bus.cancel_job();
+    bench.now += 10 * SECOND;
+    assert_eq!(bench.bus.poll_job(bench.now), None);
+    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)));
+}
+
+/// Durations are the caller's to choose.
+#[test]
+fn timing_can_be_chosen() {
+    let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
+    let timing = Timing { scan_ns: 7 * MS, scan_slave_ns: MS, sdo_ns: 12 * MS, ..Timing::default() };
+    let mut bench = Bench { bus: SimBus::new(vec![drive(), drive()]).with_timing(timing), ..Bench::new(0) };
+    assert_eq!(bench.run(Job::Scan), (JobDone::Scan { found: 2 }, 9 * MS));
+    bench.reach(PreOp, 2);
+    assert_eq!(bench.run(sdo(1, 0x1000, None)).1, 12 * MS);
+}
+
+/// SK-4.58 A slave that cannot be what it is declared as is named with its AL status.
+#[test]
+fn configure_names_the_slave_that_refuses() {
+    let mut bench = Bench::in_state(3, PreOp);
+    assert_eq!(bench.done(configure(Role::Io)), JobDone::Configure(refused(1, 0x001D)));
+    let Job::Configure(mut config) = configure(Role::Drive(Mode::Csv)) else { unreachable!() };
+    config.slaves[2].role = Role::Hsp(Mode::Csp);
+    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(3, 0x001D)));
+    config.slaves[2].role = Role::Unused;
+    assert_eq!(bench.run(Job::Configure(config)), (JobDone::Configure(Ok(SlaveSet::EMPTY)), 30 * MS));
+    bench.handle.silence(2, true);
+    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(2, 0)), "it said nothing");
+}
+
+/// SK-3.22 Configuring tells which pulse modules have a second axis, and of which role they are it is no question.
+#[test]
+fn configure_tells_modules_of_two_channels() {
+    let hsp = |channels| Box::new(Hsp::new(HspConfig::with(channels))) as Box<dyn Slave>;
+    let slaves = vec![hsp(Channels::Two), hsp(Channels::One), Box::<Io>::default(), hsp(Channels::Two)];
+    let mut bench = Bench::of(slaves);
+    bench.done(Job::Scan);
+    bench.reach(PreOp, 4);
+    let Job::Configure(mut config) = configure(Role::Hsp(Mode::Csv)) else { unreachable!() };
+    config.slaves[2].role = Role::Io;
+    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(set(&[1, 4]))));
+    config.slaves[3].role = Role::Unused;
+    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(set(&[1]))));
+}
+
+/// SK-4.56 SK-4.57 Slaves that are not there are no error, and one that is not in the set stays where it is.
+#[test]
+fn only_the_slaves_asked_for_change() {
+    let mut bench = Bench::in_state(3, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    let job = Job::State { target: Op, slaves: set(&[1, 3, 17, 40]), timeout_ns: 10 * SECOND };
+    assert_eq!(bench.done(job), JobDone::State(Ok(())));
+    let done = bench.cycle();
+    assert_eq!((done.working_counter, done.expected_working_counter), (6, 6));
+    assert_eq!(bench.inputs.lost, SlaveSet::EMPTY);
+    assert_eq!([1, 2, 3].map(|slave| bench.position(slave)), [1000, 0, 3000]);
+}
+
+/// others have changed.
+#[test]
+fn changes_that_fail() {
+    let mut bench = Bench::in_state(3, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    bench.handle.refuse(2, Some((SafeOp, AlStatus(0x0032))));
+    let (done, took) = bench.run(state(Op, 3));
+    assert_eq!((done, took / MS), (JobDone::State(refused(2, 0x0032)), 306));
+    bench.poll();
+    assert_eq!([1, 2, 3].map(|slave| bench.position(slave)), [1000, 0, 3000], "two in SafeOP");
+    bench.handle.refuse(2, None);
+    bench.reach(Op, 3);
+
+    bench.reach(SafeOp, 3);
+    bench.handle.silence(3, true);
+    let job = Job::State { target: Op, slaves: SlaveSet::first(3), timeout_ns: 500 * MS };
+    assert_eq!(bench.run(job), (JobDone::State(refused(3, 0)), 500 * MS));
+    // It answers in time.
+    bench.bus.start(job, bench.now).unwrap();
+    bench.now += 300 * MS;
+    assert_eq!(bench.bus.poll_job(bench.now), None);
+    bench.handle.silence(3, false);
+    bench.now += 100 * MS;
+    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::State(Ok(()))));
+}
+
+/// SDO transfers take some 3 ms and end with the value, or with the slave's abort code.
+#[test]
+fn sdo_transfers() {
+    let mut bench = Bench::in_state(2, PreOp);
+    assert_eq!(bench.run(sdo(2, 0x6064, None)), (JobDone::Sdo(Ok(2000)), 3 * MS));
+    let write = Some((SdoSize::Two, 0x1234));
+    assert_eq!(bench.done(sdo(1, 0x6066, write)), JobDone::Sdo(Ok(0x1234)));
+    assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(0x1234)));
+    assert_eq!(bench.done(sdo(2, 0x6066, None)), JobDone::Sdo(Ok(10)), "the other has its own");
+    assert_eq!(bench.done(sdo(1, 0x6041, write)), JobDone::Sdo(Err(AbortCode::READ_ONLY)));
+    assert_eq!(bench.done(sdo(1, 0x7000, None)), JobDone::Sdo(Err(AbortCode::NO_OBJECT)));
+}
+
+/// behind a cut.
+#[test]
+fn sdo_timeouts() {
+    let timeout = (JobDone::Sdo(Err(AbortCode::TIMEOUT)), SECOND);
+    let mut bench = Bench::in_state(2, PreOp);
+    for absent in [0, 3, 40, 255] {
+        assert_eq!(bench.run(sdo(absent, 0x1000, None)), timeout, "slave {absent}");
+    }
+    bench.handle.silence(1, true);
+    assert_eq!(bench.run(sdo(1, 0x1000, None)), timeout, "silent");
+    bench.handle.silence(1, false);
+    bench.handle.cut_after(1);
+    assert_eq!(bench.run(sdo(2, 0x1000, None)), timeout, "cut off");
+    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)), "before the cut");
+    bench.handle.heal();
+    assert_eq!(bench.done(sdo(2, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)), "healed");
+    let mut bench = Bench::in_state(1, Init);
+    assert_eq!(bench.run(sdo(1, 0x1000, None)), timeout, "in Init");
+}
+
+/// What comes after its time is late, also if nobody asked in between.
+#[test]
+fn late_is_late() {
+    let mut bench = Bench::in_state(1, PreOp);
+    bench.done(configure(Role::Drive(Mode::Csp)));
+    bench.handle.delay_sdo(1, 2 * SECOND);
+    let short = Job::State { target: SafeOp, slaves: SlaveSet::first(1), timeout_ns: 100 * MS };
+    for (job, done) in
+        [(sdo(1, 0x1000, None), JobDone::Sdo(Err(AbortCode::TIMEOUT))), (short, JobDone::State(refused(1, 0)))]
+    {
+        bench.bus.start(job, bench.now).unwrap();
+        bench.now += 10 * SECOND;
+        assert_eq!(bench.bus.poll_job(bench.now), Some(done));
+    }
+}
+
+/// Transfers can be made slow, late or failing.
+#[test]
+fn sdo_faults() {
+    let mut bench = Bench::in_state(2, PreOp);
+    bench.handle.delay_sdo(1, 500 * MS);
+    assert_eq!(bench.run(sdo(1, 0x1000, None)), (JobDone::Sdo(Ok(0x0002_0192)), 503 * MS));
+    assert_eq!(bench.run(sdo(2, 0x1000, None)).1, 3 * MS);
+    bench.handle.delay_sdo(1, 2 * SECOND);
+    assert_eq!(bench.run(sdo(1, 0x6066, Some((SdoSize::Two, 1)))), (JobDone::Sdo(Err(AbortCode::TIMEOUT)), SECOND));
+    bench.handle.delay_sdo(1, 0);
+    assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(10)), "nothing was written");
+    bench.handle.abort_sdo(1, Some(AbortCode::HARDWARE));
+    assert_eq!(bench.done(sdo(1, 0x6066, Some((SdoSize::Two, 1)))), JobDone::Sdo(Err(AbortCode::HARDWARE)));
+    bench.handle.abort_sdo(1, None);
+    assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(10)), "nothing was written");
+    bench.handle.delay_sdo(0, MS);
+    bench.handle.delay_sdo(41, MS);
+}

@@ -1,0 +1,78 @@
+//! Recordings to a pipe: they are looked at live, and a reader that takes nothing holds nobody up.
+#![cfg(unix)]
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use ecmsk::link::{self, LinkError, Share, Wait};
+use ecmsk::recording::Recording;
+use ecmsk::sk::Frame;
+
+/// A new pipe of that name.
+fn pipe(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+    let _ = fs::remove_file(&path);
+    assert!(Command::new("mkfifo").arg(&path).status().expect("mkfifo is there").success());
+    path
+}
+
+fn uri(clock: &str, pipe: &Path) -> String {
+    format!("sim:?clock={clock}&record={}", pipe.display())
+}
+
+/// A pipe that nobody reads is refused with the next step.
+#[test]
+fn without_a_reader() {
+    let pipe = pipe("no-reader");
+    match link::open(&uri("virtual", &pipe), Share::ByName).map(|_| ()) {
+        Err(LinkError::Io { message, .. }) => assert!(message.contains("start its reader first"), "{message}"),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A reader gets every frame while the board is open.
+#[test]
+fn with_a_reader() {
+    let pipe = pipe("reader");
+    for clock in ["virtual", "real"] {
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || Recording::new(File::open(pipe).unwrap(), "pipe").unwrap().map(Result::unwrap).count()
+        });
+        // Until the reader is there.
+        let link = loop {
+            match link::open(&uri(clock, &pipe), Share::ByName) {
+                Ok(link) => break link,
+                Err(_) => std::thread::yield_now(),
+            }
+        };
+        let mut report = Frame::new();
+        (0..500).for_each(|_| {
+            link.read(&mut report, Wait::Forever).unwrap();
+        });
+        link.close();
+        assert_eq!(reader.join().unwrap(), 500);
+        assert_eq!(link.stats().record_dropped, 0);
+    }
+}
+
+/// A reader that takes nothing: calls go on, closing ends, and every frame that is not recorded is counted.
+#[test]
+fn with_a_reader_that_sleeps() {
+    for clock in ["virtual", "real"] {
+        let pipe = pipe(&format!("sleeper-{clock}"));
+        let held = File::options().read(true).write(true).open(&pipe).unwrap();
+        let link = link::open(&uri(clock, &pipe), Share::ByName).unwrap();
+        let mut report = Frame::new();
+        (0..500).for_each(|_| {
+            link.read(&mut report, Wait::Forever).unwrap();
+        });
+        link.close();
+        if clock == "virtual" {
+            // A pipe and the queue before it have room for some.
+            assert!(link.stats().record_dropped > 100, "{:?}", link.stats());
+        }
+        drop(held);
+    }
+}

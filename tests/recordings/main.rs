@@ -1,0 +1,7 @@
+//! Recordings of this project and captures of real boards: read, compared, and replayed to the model.
+
+mod any;
+mod compare;
+mod page;
+mod reader;
+mod replay;

@@ -1,0 +1,252 @@
+//! The 22 commands byte by byte, as tables 2.1 to 2.24 of the guide print them, both ways.
+
+use ecmsk::cia402::Mode;
+use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::sk::{
+    AxisTarget, CommandId, CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, SdoCommand,
+    SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize,
+};
+use vectors::rubbish;
+
+type Bytes = [u8; 12];
+
+/// The twelve bytes of a slot, in either frame; the four behind them in a wide one must be 0.
+fn check(size: SlotSize, i: usize, frame: &ecmsk::sk::Frame, wire: &Bytes, what: &dyn std::fmt::Debug) {
+    let slot = &frame.bytes()[i * size.bytes()..(i + 1) * size.bytes()];
+    assert_eq!(slot[..12], wire[..], "{what:?}");
+    assert!(slot[12..].iter().all(|byte| *byte == 0), "{what:?}");
+}
+
+fn master(wire: Bytes, command: MasterCommand) {
+    for size in SlotSize::ALL {
+        let mut frame = rubbish();
+        frame.put_master(size, &command);
+        check(size, 0, &frame, &wire, &command);
+        assert_eq!(MasterCommand::decode(&frame.slot(size, 0), size), Ok(command));
+        assert_eq!(command.id().code(), wire[0]);
+    }
+}
+
+fn slave(wire: Bytes, command: impl Into<SlotCommand>) {
+    let command = command.into();
+    for size in SlotSize::ALL {
+        for n in [1, size.max_slaves()] {
+            let mut frame = rubbish();
+            frame.put_slave(size, n, &command);
+            check(size, n, &frame, &wire, &command);
+            assert_eq!(SlotCommand::decode(&frame.slot(size, n), size), Ok(command));
+        }
+    }
+    assert_eq!(command.command.id().code(), wire[0]);
+}
+
+fn sdo(wire: Bytes, command: SdoCommand) {
+    for size in SlotSize::ALL {
+        let mut frame = rubbish();
+        frame.put_sdo(size, &command);
+        check(size, size.sdo_slot(), &frame, &wire, &command);
+        assert_eq!(SdoCommand::decode(&frame.slot(size, size.sdo_slot()), size), Ok(command));
+        assert_eq!(command.id().code(), wire[0]);
+    }
+}
+
+/// SK-4.1 There are 22 commands, with these codes and names; every other code survives as unknown.
+#[test]
+fn ids() {
+    let table = [
+        (0x00, "GET_STATUS"),
+        (0x01, "SET_STATE"),
+        (0x02, "SET_AXIS"),
+        (0x03, "SET_DC"),
+        (0x04, "SET_EX"),
+        (0x05, "SET_FIFO"),
+        (0x06, "DRIVE_MODE"),
+        (0x07, "SDO_RD"),
+        (0x08, "SDO_WR"),
+        (0x10, "ALM_CLR"),
+        (0x11, "SV_ON"),
+        (0x12, "SV_OFF"),
+        (0x13, "IO_RD"),
+        (0x14, "IO_WR"),
+        (0x15, "CSP"),
+        (0x16, "CSV"),
+        (0x17, "CST"),
+        (0x18, "GO_HOME"),
+        (0x19, "ABORT_HOME"),
+        (0x21, "LIO_RD"),
+        (0x22, "LIO_WR"),
+        (0xBB, "SW_RESET"),
+    ];
+    assert_eq!(CommandId::ALL.map(|id| (id.code(), id.name())), table);
+    for code in 0..=255 {
+        let id = CommandId::from_code(code);
+        assert_eq!(id.code(), code);
+        let known = table.iter().any(|(listed, _)| *listed == code);
+        assert_eq!(id == CommandId::Unknown(code), !known, "0x{code:02X}");
+    }
+    assert_eq!(CommandId::Csp.to_string(), "CSP");
+    assert_eq!(CommandId::Unknown(0x77).to_string(), "UNKNOWN(0x77)");
+}
+
+/// SK-4.2 GET_STATUS is all zero in any slot (SK-1.11).
+#[test]
+fn get_status() {
+    master([0; 12], MasterCommand::GetStatus);
+    slave([0; 12], SlaveCommand::GetStatus);
+    sdo([0; 12], SdoCommand::GetStatus);
+}
+
+/// SK-4.4 SET_STATE: Data1 = 1, 2, 4 or 8.
+#[test]
+fn set_state() {
+    let states = [(1, MasterState::Init), (2, MasterState::PreOp), (4, MasterState::SafeOp), (8, MasterState::Op)];
+    for (code, state) in states {
+        master([0x01, 0, 0, 0, code, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SetState(state));
+        assert_eq!(state.code(), code);
+    }
+}
+
+/// SK-4.6 SET_AXIS: byte 2 the group, nibble k of Data1 slave group * 8 + k + 1; SK-4.7 the nibbles.
+#[test]
+fn set_axis() {
+    use SlaveKind::{Drive, Hsp, Io, None, Step};
+    let kinds = [Drive, Io, Hsp, Step, None, Io, Hsp, Step];
+    master([0x02, 0, 3, 0, 0x10, 0x32, 0x1F, 0x32, 0, 0, 0, 0], MasterCommand::SetAxis { group: 3, kinds });
+}
+
+/// SK-4.11 SET_DC: Data1 = cycle time in us; SK-4.12 Data2 = 0xFFFF or 0xFFFF0000, SK-4.13 or anything else.
+#[test]
+fn set_dc() {
+    let dc = |us, shift| MasterCommand::SetDc { cycle: CycleTime::from_us(us).expect("250 * 2^n"), shift };
+    master([0x03, 0, 0, 0, 0xE8, 0x03, 0, 0, 0xFF, 0xFF, 0, 0], dc(1000, DcShift::Auto));
+    master([0x03, 0, 0, 0, 0xFA, 0x00, 0, 0, 0, 0, 0xFF, 0xFF], dc(250, DcShift::AutoHigh));
+    master([0x03, 0, 0, 0, 0x00, 0xD0, 0x07, 0, 1, 2, 3, 4], dc(512_000, DcShift::Other(0x0403_0201)));
+}
+
+/// SK-4.14 SET_EX: bit 0 = check command CRC, bit 4 = fill response CRC.
+#[test]
+fn set_ex() {
+    for (byte, check_commands, fill_responses) in
+        [(0x00, false, false), (0x01, true, false), (0x10, false, true), (0x11, true, true)]
+    {
+        let command = MasterCommand::SetEx { check_commands, fill_responses };
+        master([0x04, 0, 0, 0, byte, 0, 0, 0, 0, 0, 0, 0], command);
+    }
+}
+
+/// SK-4.15 SET_FIFO: byte 2 = 1 clear, 2 threshold = Data1.
+#[test]
+fn set_fifo() {
+    master([0x05, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SetFifo(FifoAction::Clear));
+    let threshold = MasterCommand::SetFifo(FifoAction::Threshold(0x1234_5678));
+    master([0x05, 0, 2, 0, 0x78, 0x56, 0x34, 0x12, 0, 0, 0, 0], threshold);
+}
+
+/// SK-4.16 DRIVE_MODE: Data1 = 8, 9, 10; Data2 = 0 free run, 1 DC sync.
+#[test]
+fn drive_mode() {
+    for (code, mode) in [(8, Mode::Csp), (9, Mode::Csv), (10, Mode::Cst)] {
+        for (drive_type, sync) in [(0, DriveSync::FreeRun), (1, DriveSync::DcSync)] {
+            let wire = [0x06, 5, 0, 0, code, 0, 0, 0, drive_type, 0, 0, 0];
+            slave(wire, SlaveCommand::DriveMode { mode, sync }.with_index(5));
+        }
+    }
+}
+
+/// SK-4.17 SDO_RD: Parm = slave, Data1 = index << 16 | sub-index.
+#[test]
+fn sdo_read() {
+    let object = ObjectAddress::new(0x6099, 2);
+    sdo([0x07, 0, 30, 0, 2, 0, 0x99, 0x60, 0, 0, 0, 0], SdoCommand::Read { slave: 30, object });
+}
+
+/// SK-4.18 SDO_WR: Parm low = slave, Parm high = size, Data1 as in SDO_RD, Data2 = value.
+#[test]
+fn sdo_write() {
+    let object = ObjectAddress::new(0x6099, 255);
+    for (bytes, size) in [(1, SdoSize::One), (2, SdoSize::Two), (4, SdoSize::Four)] {
+        let wire = [0x08, 0, 1, bytes, 255, 0, 0x99, 0x60, 0x44, 0x33, 0x22, 0x11];
+        sdo(wire, SdoCommand::Write { slave: 1, object, size, value: 0x1122_3344 });
+    }
+}
+
+/// SK-4.19 ALM_CLR, SK-4.21 SV_ON, SK-4.22 SV_OFF, SK-4.23 IO_RD, SK-4.28 GO_HOME, SK-4.29 ABORT_HOME: no argument,
+/// byte 1 the index.
+#[test]
+fn without_argument() {
+    for (code, command) in [
+        (0x10, SlaveCommand::AlarmClear),
+        (0x11, SlaveCommand::ServoOn),
+        (0x12, SlaveCommand::ServoOff),
+        (0x13, SlaveCommand::IoRead),
+        (0x18, SlaveCommand::GoHome),
+        (0x19, SlaveCommand::AbortHome),
+    ] {
+        slave([code, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], command);
+        slave([code, 255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], command.with_index(255));
+    }
+}
+
+/// SK-4.24 IO_WR: Data1 = outputs.
+#[test]
+fn io_write() {
+    slave([0x14, 1, 0, 0, 0xC3, 0xA5, 0, 0, 0, 0, 0, 0], SlaveCommand::IoWrite(0xA5C3).with_index(1));
+}
+
+/// SK-4.25 CSP: Data1 = target position, i32, Data2 low = outputs; SK-4.26 CSV: Data1 = target velocity, outputs alike.
+#[test]
+fn csp_and_csv() {
+    for (target, data1) in [(-2, [0xFE, 0xFF, 0xFF, 0xFF]), (i32::MAX, [0xFF, 0xFF, 0xFF, 0x7F]), (1, [1, 0, 0, 0])] {
+        let to = Motion { first: AxisTarget { target, outputs: 0x55AA }, second: AxisTarget::default() };
+        let wire = |id| [id, 0, 0, 0, data1[0], data1[1], data1[2], data1[3], 0xAA, 0x55, 0, 0];
+        slave(wire(0x15), SlaveCommand::Csp(to));
+        slave(wire(0x16), SlaveCommand::Csv(to));
+    }
+}
+
+/// SK-4.27 CST: Data1 low 16 = target torque, i16; the upper half is written 0.
+#[test]
+fn cst() {
+    slave([0x17, 0, 0, 0, 0xD4, 0xFE, 0, 0, 0, 0, 0, 0], SlaveCommand::Cst(-300));
+    slave([0x17, 0, 0, 0, 0x00, 0x80, 0, 0, 0, 0, 0, 0], SlaveCommand::Cst(i16::MIN));
+}
+
+/// SK-4.31 LIO_RD: no argument; SK-4.32 LIO_WR: Data1 = 6 output bits.
+#[test]
+fn local_io() {
+    master([0x21, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::LocalRead);
+    master([0x22, 0, 0, 0, 0x2A, 0, 0, 0, 0, 0, 0, 0], MasterCommand::LocalWrite(0b10_1010));
+}
+
+/// SK-4.33 SW_RESET: no argument.
+#[test]
+fn soft_reset() {
+    master([0xBB, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SoftReset);
+}
+
+/// SK-4.1 SK-4.2 The slots in which a command may stand: the table's column, by codes; and which slot is of which kind.
+#[test]
+fn each_command_belongs_in_one_kind_of_slot() {
+    for code in 0..=u8::MAX {
+        let expected: &[SlotKind] = match code {
+            0x00 => &SlotKind::ALL,
+            0x01..=0x05 | 0x21 | 0x22 | 0xBB => &[SlotKind::Master],
+            0x07 | 0x08 => &[SlotKind::Sdo],
+            0x06 | 0x10..=0x19 => &[SlotKind::Slave],
+            _ => &[],
+        };
+        let id = CommandId::from_code(code);
+        let found: Vec<_> = SlotKind::ALL.into_iter().filter(|slot| id.belongs_in(*slot)).collect();
+        assert_eq!(found, expected, "{id}");
+    }
+    for (size, last) in [(SlotSize::Bytes12, 41), (SlotSize::Bytes16, 31)] {
+        for slot in 0..=last {
+            let expected = match slot {
+                0 => SlotKind::Master,
+                _ if slot == last => SlotKind::Sdo,
+                _ => SlotKind::Slave,
+            };
+            assert_eq!(size.kind_of(slot), expected, "slot {slot}");
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! `examples/rust/spi_face.rs`, fed as a microcontroller's program feeds it.
+
+use std::io::{Read, Write};
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
+
+use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState};
+
+use super::frames::{SIZE, all, all_on, axes, drive, master, state, to};
+
+/// The example, until its standard input ends; ended after five minutes, should it hang.
+struct Example(Child);
+
+impl Example {
+    fn start(link: &str) -> Self {
+        let target = support::target_dir();
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args(["build", "--quiet", "--example", "spi_face", "--target-dir"]).arg(target);
+        assert!(cargo.status().expect("cargo runs").success());
+        let program = target.join("debug/examples/spi_face");
+        let mut timeout = Command::new("timeout");
+        timeout.arg("300").arg(program).arg(link).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        Self(timeout.spawn().expect("coreutils' timeout is there"))
+    }
+
+    fn exchange(&mut self, frame: &Frame) -> Frame {
+        let mut answer = Frame::new();
+        let (mosi, miso) = (self.0.stdin.as_mut().expect("a pipe"), self.0.stdout.as_mut().expect("a pipe"));
+        mosi.write_all(&frame.bytes()[..504]).expect("the example takes it");
+        miso.read_exact(&mut answer.bytes_mut()[..504]).expect("the example answers");
+        answer
+    }
+
+    /// Exchanges that frame until the answer is what is waited for, no faster than a cycle: in OP each takes an entry of the
+    /// FIFO.
+    #[track_caller]
+    fn until(&mut self, frame: &Frame, reached: impl Fn(&Frame) -> bool) -> Frame {
+        let mut answers = (0..20_000).map(|_| {
+            sleep(Duration::from_millis(2));
+            self.exchange(frame)
+        });
+        answers.find(|answer| reached(answer)).expect("it comes")
+    }
+
+    fn end(mut self) -> String {
+        drop(self.0.stdin.take());
+        let output = self.0.wait_with_output().expect("it ends");
+        assert!(output.status.success(), "{}", output.status);
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+}
+
+/// WIRE-125, WIRE-124 A program moves an axis by a path, paced by the free count alone, and not one of its frames is lost.
+#[test]
+fn a_program_feeds_the_face_through_two_pipes() {
+    const TARGETS: i32 = 2000;
+
+    let mut example = Example::start("sim:?slaves=drive&queue=1&name=spi-example");
+    let silence = Frame::new();
+    assert_eq!(example.exchange(&silence).check_crc(SIZE, CrcPolicy::Strict), Ok(()));
+    axes().for_each(|frame| {
+        example.exchange(&frame);
+    });
+    example.exchange(&to(MasterState::Op));
+    example.until(&silence, |answer| state(answer) == Some(MasterState::Op));
+    example.exchange(&all(1, CommandId::ServoOn, 1, 0));
+    example.until(&silence, |answer| all_on(answer, 1));
+    // From an empty FIFO on, as fast as the count allows: far more than one frame a cycle.
+    let mut answer = example.until(&silence, |answer| master(answer).fifo_free > 100);
+    let mut sent = 0;
+    for _ in 0..1_000_000 {
+        if sent == TARGETS {
+            break;
+        }
+        if master(&answer).fifo_free > 1 {
+            sent += 1;
+            answer = example.exchange(&all(1, CommandId::Csp, (sent % 250 + 1) as u8, sent));
+        } else {
+            // The count of an exchange that finds no room does not change; a cycle makes some.
+            sleep(Duration::from_millis(5));
+            answer = example.exchange(&silence);
+        }
+        assert_eq!(master(&answer).full_count, 0, "after {sent} frames");
+    }
+    assert_eq!(sent, TARGETS);
+    let there =
+        example.until(&silence, |answer| drive(answer, 1).position == TARGETS && master(answer).fifo_free > 100);
+    assert_eq!(master(&there).full_count, 0);
+
+    let said = example.end();
+    assert!(said.ends_with("while BUSY was high\n"), "{said}");
+}
+
+/// WIRE-125, SK-10.5 After SW_RESET the same wires answer zeros until the board has started up, and it is in PreOP then.
+#[test]
+fn the_example_finds_its_board_again_after_a_reset() {
+    let mut example = Example::start("sim:?slaves=drive&queue=1&name=spi-example-reset");
+    axes().for_each(|frame| {
+        example.exchange(&frame);
+    });
+    example.exchange(&to(MasterState::Op));
+    example.until(&Frame::new(), |answer| state(answer) == Some(MasterState::Op));
+    let mut reset = Frame::new();
+    reset.put_master(SIZE, &MasterCommand::SoftReset);
+    reset.fill_crc(SIZE);
+    example.exchange(&reset);
+    example.until(&Frame::new(), |answer| *answer == Frame::new());
+    example.until(&Frame::new(), |answer| state(answer) == Some(MasterState::PreOp));
+    let said = example.end();
+    assert!(!said.contains(" 0 of them"), "{said}");
+}

@@ -1,0 +1,64 @@
+//! For a bus of a test's own around another one.
+
+/// Calls of a [`Fieldbus`](ecmsk::fieldbus::Fieldbus) that go on to the bus inside as they are:
+/// `hand_on!(inner: room, held);` in the `impl`, where `inner` is the field that has it.
+#[macro_export]
+macro_rules! hand_on {
+    ($bus:tt: $($call:ident),+ $(,)?) => {
+        $($crate::hand_on!(@$call $bus);)+
+    };
+    (@pacing $bus:tt) => {
+        fn pacing(&self) -> ecmsk::fieldbus::Pacing {
+            self.$bus.pacing()
+        }
+    };
+    (@start $bus:tt) => {
+        fn start(&mut self, job: ecmsk::fieldbus::Job, now: ecmsk::fieldbus::Ns) -> Result<(), ecmsk::fieldbus::Busy> {
+            self.$bus.start(job, now)
+        }
+    };
+    (@poll_job $bus:tt) => {
+        fn poll_job(&mut self, now: ecmsk::fieldbus::Ns) -> Option<ecmsk::fieldbus::JobDone> {
+            self.$bus.poll_job(now)
+        }
+    };
+    (@cancel_job $bus:tt) => {
+        fn cancel_job(&mut self) {
+            self.$bus.cancel_job();
+        }
+    };
+    (@cancel_sdo $bus:tt) => {
+        fn cancel_sdo(&mut self) {
+            self.$bus.cancel_sdo();
+        }
+    };
+    (@room $bus:tt) => {
+        fn room(&self) -> u16 {
+            self.$bus.room()
+        }
+    };
+    (@held $bus:tt) => {
+        fn held(&self) -> u16 {
+            self.$bus.held()
+        }
+    };
+    (@discard_ahead $bus:tt) => {
+        fn discard_ahead(&mut self) -> u16 {
+            self.$bus.discard_ahead()
+        }
+    };
+    (@push $bus:tt) => {
+        fn push(&mut self, outputs: &ecmsk::fieldbus::Outputs) -> Result<(), ecmsk::fieldbus::BusError> {
+            self.$bus.push(outputs)
+        }
+    };
+    (@poll $bus:tt) => {
+        fn poll(
+            &mut self,
+            now: ecmsk::fieldbus::Ns,
+            inputs: &mut ecmsk::fieldbus::Inputs,
+        ) -> Option<ecmsk::fieldbus::CycleDone> {
+            self.$bus.poll(now, inputs)
+        }
+    };
+}

@@ -1,0 +1,357 @@
+//! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
+//!
+//! At the top, C and C++ programs on the library of this build: it is built once, programs are compiled against `include/`,
+//! linked with the library and run with the link that the test names.
+
+pub mod bus_wrapper;
+pub mod captures;
+pub mod dice;
+#[cfg(unix)]
+pub mod dotnet;
+pub mod examples;
+pub mod fieldbus_rig;
+pub mod heard;
+pub mod homing_tables;
+pub mod pe;
+pub mod recorded;
+pub mod recording;
+pub mod script_client;
+pub mod swift;
+#[cfg(any(unix, windows))]
+pub mod tcp;
+#[cfg(target_os = "linux")]
+pub mod usbip_client;
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+use std::{env, fs, io};
+
+use ecmsk::link::Dir;
+use ecmsk::recording::Recording;
+use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
+
+/// No program of the tests takes longer than a fraction of this, valgrind included: one that does hangs.
+const HANG: Duration = Duration::from_secs(300);
+
+/// The root of the repository.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("tests/ is in it")
+}
+
+/// Where cargo builds to, as the place of this test program in it says.
+pub fn target_dir() -> &'static Path {
+    static TARGET: OnceLock<PathBuf> = OnceLock::new();
+    TARGET.get_or_init(|| {
+        let program = env::current_exe().expect("the test knows its file");
+        // PROFILE/deps/PROGRAM
+        program.ancestors().nth(3).expect("it lies in the target folder").to_path_buf()
+    })
+}
+
+/// `include/`.
+pub fn include_dir() -> PathBuf {
+    root().join("include")
+}
+
+/// A folder of this test program's own for what it makes.
+pub fn out_dir() -> PathBuf {
+    let program = env::current_exe().expect("the test knows its file");
+    let name = program.file_stem().expect("it has a name").to_string_lossy().into_owned();
+    // Without the hash that cargo appends.
+    let name = name.rsplit_once('-').map_or(name.as_str(), |(name, _)| name);
+    let dir = target_dir().join("tmp").join(name);
+    fs::create_dir_all(&dir).expect("a folder in the target folder");
+    dir
+}
+
+/// The library as it was just built.
+pub struct Library {
+    /// `libNEXTWUSBLib.so`, as cargo names it.
+    pub shared: PathBuf,
+    /// `libNEXTWUSBLib.a`.
+    pub archive: PathBuf,
+    /// A folder with the library by the names that linker and loader look for.
+    pub dir: PathBuf,
+}
+
+/// cargo, as it is when no other cargo has started it.
+pub fn cargo() -> Command {
+    let mut cargo = Command::new(env!("CARGO"));
+    // A test is told its package by these. A build script that looks at them (ring's does) would be run again, and all that
+    // stands on it compiled again, here and the next time without a test.
+    let told = env::vars_os().map(|(name, _)| name.to_string_lossy().into_owned());
+    for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
+        cargo.env_remove(name);
+    }
+    cargo.current_dir(root());
+    cargo
+}
+
+/// Builds the library, once per test program, with the test's profile into the test's target folder.
+pub fn library() -> &'static Library {
+    static LIBRARY: OnceLock<Library> = OnceLock::new();
+    LIBRARY.get_or_init(|| {
+        let target = target_dir();
+        let mut cargo = cargo();
+        cargo.args(["build", "--quiet", "--package", "NEXTWUSBLib", "--target-dir"]).arg(target);
+        let profile = if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            cargo.arg("--release");
+            "release"
+        };
+        let built = cargo.output().expect("cargo runs");
+        assert!(built.status.success(), "the library does not build:\n{}", String::from_utf8_lossy(&built.stderr));
+
+        let shared = target.join(profile).join("libNEXTWUSBLib.so");
+        let archive = target.join(profile).join("libNEXTWUSBLib.a");
+        let dir = out_dir().join("lib");
+        fs::create_dir_all(&dir).expect("a folder in the target folder");
+        link(&shared, &dir.join("libNEXTWUSBLib.so.0"));
+        link(Path::new("libNEXTWUSBLib.so.0"), &dir.join("libNEXTWUSBLib.so"));
+        Library { shared, archive, dir }
+    })
+}
+
+#[cfg(unix)]
+fn link(to: &Path, at: &Path) {
+    match fs::remove_file(at) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => panic!("{}: {error}", at.display()),
+        _ => std::os::unix::fs::symlink(to, at).expect("a symbolic link"),
+    }
+}
+
+/// A language as a compiler's option names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Language {
+    /// C of that standard.
+    C(&'static str),
+    /// C++ of that standard.
+    Cpp(&'static str),
+}
+
+impl Language {
+    /// `gcc` or `g++` with every warning an error.
+    pub fn compiler(self) -> Command {
+        let (program, variable, standard) = match self {
+            Self::C(standard) => ("gcc", "CC", standard),
+            Self::Cpp(standard) => ("g++", "CXX", standard),
+        };
+        let mut command = Command::new(env::var_os(variable).unwrap_or_else(|| program.into()));
+        command.arg(format!("-std={standard}")).args(["-Wall", "-Wextra", "-pedantic", "-Werror", "-g", "-O1"]);
+        command.arg("-I").arg(include_dir());
+        command
+    }
+}
+
+/// Compiles a program against the shared library, once per test program.
+///
+/// # Panics
+/// If it does not compile without a warning.
+pub fn compile(source: &Path, language: Language) -> Program {
+    static DONE: Mutex<BTreeMap<PathBuf, Arc<OnceLock<()>>>> = Mutex::new(BTreeMap::new());
+    let stem = source.file_stem().expect("a file").to_string_lossy();
+    let (Language::C(standard) | Language::Cpp(standard)) = language;
+    let exe = out_dir().join(format!("{stem}-{}", standard.replace('+', "p")));
+    let once = Arc::clone(DONE.lock().unwrap_or_else(PoisonError::into_inner).entry(exe.clone()).or_default());
+    once.get_or_init(|| {
+        let mut compiler = language.compiler();
+        compiler.arg(source).arg("-o").arg(&exe).arg("-L").arg(&library().dir).args(["-lNEXTWUSBLib", "-pthread"]);
+        succeed(&mut compiler);
+    });
+    Program { exe }
+}
+
+/// Runs a command to its end and gives its standard output.
+///
+/// # Panics
+/// If it cannot be started or ends with an error, with what it said.
+pub fn succeed(command: &mut Command) -> String {
+    let output = match command.output() {
+        Ok(output) => output,
+        Err(error) => panic!("{command:?}: {error}; install the packages that CONTRIBUTING.md names"),
+    };
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{command:?}: {}\n{said}", output.status);
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// A compiled program.
+pub struct Program {
+    /// Its file.
+    pub exe: PathBuf,
+}
+
+/// How a program ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// Its exit status.
+    pub status: ExitStatus,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+impl Ended {
+    /// The standard output of a program that ended well.
+    ///
+    /// # Panics
+    /// If it did not, with all that it said.
+    pub fn success(self) -> String {
+        assert!(self.status.success(), "{}\n--- stdout\n{}\n--- stderr\n{}", self.status, self.stdout, self.stderr);
+        self.stdout
+    }
+}
+
+impl Program {
+    /// The program with the link in `ECMSK_LINK`, the library of this build, and nothing of the user's configuration.
+    pub fn command(&self, link: &str) -> Command {
+        on_library(Command::new(&self.exe), link)
+    }
+
+    /// The same under another program, such as valgrind.
+    pub fn under(&self, tool: &str, args: &[&str], link: &str) -> Command {
+        let mut command = Command::new(tool);
+        command.args(args).arg(&self.exe);
+        on_library(command, link)
+    }
+
+    /// Runs it to its end.
+    pub fn run<A: AsRef<OsStr>>(&self, link: &str, args: impl IntoIterator<Item = A>) -> Ended {
+        run(self.command(link).args(args))
+    }
+}
+
+/// What the program finds in place of libusb is none.
+pub fn without_libusb(command: &mut Command) {
+    let folder = out_dir().join("no-libusb");
+    fs::create_dir_all(&folder).expect("a folder in the target folder");
+    fs::write(folder.join("libusb-1.0.so.0"), "no library").expect("a file in the target folder");
+    let given = command.get_envs().find(|(name, _)| *name == "LD_LIBRARY_PATH").and_then(|(_, value)| value);
+    let mut folders = vec![folder];
+    folders.extend(given.map(std::env::split_paths).into_iter().flatten());
+    command.env("LD_LIBRARY_PATH", std::env::join_paths(folders).expect("no colon in it"));
+}
+
+fn on_library(mut command: Command, link: &str) -> Command {
+    let nowhere = out_dir().join("no-configuration");
+    command
+        .env("LD_LIBRARY_PATH", &library().dir)
+        .env("ECMSK_LINK", link)
+        .env("XDG_CONFIG_HOME", &nowhere)
+        .env("HOME", &nowhere)
+        .env_remove("ECMSK_LOG")
+        .current_dir(out_dir());
+    command
+}
+
+/// Runs a program under valgrind's memcheck. It must end well, use no memory that is not its own or not set, and lose
+/// none.
+///
+/// # Panics
+/// If memcheck finds something, or is not there.
+pub fn memcheck(program: &Program, link: &str, arguments: &[&str]) -> String {
+    let tool = [
+        "--quiet",
+        "--error-exitcode=99",
+        "--leak-check=full",
+        // The stack of a thread that runs when the program ends is "possibly lost".
+        "--show-leak-kinds=definite",
+        "--errors-for-leak-kinds=definite",
+        // Its threads run one at a time. By default one that never waits, a reader in virtual time, may keep all others
+        // from running.
+        "--fair-sched=yes",
+    ];
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        panic!(
+            "valgrind is not there; `apt-get install valgrind libc6-dbg`, or skip the tests in modules needs_valgrind"
+        );
+    }
+    let ended = run(program.under("valgrind", &tool, link).args(arguments));
+    assert_eq!(ended.stderr, "", "{} on {link}", program.exe.display());
+    ended.success()
+}
+
+/// Runs a command to its end.
+///
+/// # Panics
+/// If it cannot be started or does not end.
+pub fn run(command: &mut Command) -> Ended {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = match command.spawn() {
+        Ok(child) => child,
+        Err(error) => panic!("{command:?}: {error}; install the packages that CONTRIBUTING.md names"),
+    };
+    let stdout = drain(child.stdout.take().expect("piped"));
+    let stderr = drain(child.stderr.take().expect("piped"));
+    let status = wait(&mut child);
+    let [stdout, stderr] = [stdout, stderr].map(|thread| thread.join().expect("no panic"));
+    match status {
+        Some(status) => Ended { status, stdout, stderr },
+        None => panic!("{command:?} hangs\n--- stdout\n{stdout}\n--- stderr\n{stderr}"),
+    }
+}
+
+fn drain(mut from: impl Read + Send + 'static) -> thread::JoinHandle<String> {
+    thread::spawn(move || {
+        let mut bytes = Vec::new();
+        from.read_to_end(&mut bytes).expect("a pipe can be read");
+        String::from_utf8_lossy(&bytes).into_owned()
+    })
+}
+
+fn wait(child: &mut Child) -> Option<ExitStatus> {
+    let start = Instant::now();
+    while start.elapsed() < HANG {
+        if let Some(status) = child.try_wait().expect("a child can be waited for") {
+            return Some(status);
+        }
+        thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().expect("a child can be ended");
+    child.wait().expect("a child can be waited for");
+    None
+}
+
+/// Checks a program's output against `tests/snapshots/NAME.txt`, see [`kept`].
+///
+/// # Panics
+/// If they differ.
+pub fn snapshot(name: &str, actual: &str) {
+    kept(&root().join("tests/snapshots").join(format!("{name}.txt")), actual);
+}
+
+/// Checks a text against a file of the repository. With `ECMSK_BLESS` set the file is written instead.
+///
+/// # Panics
+/// If they differ.
+pub fn kept(path: &Path, actual: &str) {
+    if env::var_os("ECMSK_BLESS").is_some() {
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder of the repository");
+        fs::write(path, actual).expect("the file can be written");
+    }
+    let kept = fs::read_to_string(path).unwrap_or_default();
+    assert!(
+        kept == actual,
+        "{} differs; look at it, and if it is right run the test with ECMSK_BLESS=1\n--- kept\n{kept}\n--- now\n{actual}",
+        path.display()
+    );
+}
+
+/// In the last report of that recording drives 1 and 2 are off and the network is in PreOP.
+#[track_caller]
+pub fn both_axes_are_off_in_preop(recording: &Path) {
+    let frames = Recording::open(recording).expect("the recording").map(|recorded| recorded.expect("a frame"));
+    let last = frames.filter(|recorded| recorded.dir == Dir::Read).last().expect("a report").frame;
+    let state = MasterResponse::decode(&last.slot(SlotSize::Bytes12, 0)).state;
+    assert_eq!(state, StateByte::reached(MasterState::PreOp));
+    let word = |slave| DriveResponse::decode(&last.slot(SlotSize::Bytes12, slave)).statusword;
+    assert!(!word(1).is_enabled() && !word(2).is_enabled());
+}

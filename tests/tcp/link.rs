@@ -1,0 +1,343 @@
+//! The link `tcp:`: what it moves, who may write, what calls end with.
+#![cfg(unix)]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::ecm::{Close, Config, Ecm};
+use ecmsk::engine::Counters;
+use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share, Wait};
+use ecmsk::sk::{Frame, MasterCommand, MasterState};
+use support::tcp::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
+
+/// TCP-1 TCP-3 Frames move whole and untouched, a write is done when the board has the frame, reports are numbered from
+/// where the client came, and what the link says of the board is the board's.
+#[test]
+fn frames_move_untouched() {
+    let puppet = Puppet::new();
+    let server = serve_link(puppet.clone(), options().0);
+    puppet.report(&frame(1));
+    let mut report = Frame::new();
+    {
+        let first = connect(&server, "role=reader");
+        assert_eq!(first.info().slot, Some(SIZE));
+        assert!(!first.info().virtual_time);
+        puppet.report(&frame(2));
+        first.read(&mut report, Wait::For(LIMIT)).unwrap();
+    }
+    let link = connect(&server, "");
+    let odd = Frame::from_bytes(std::array::from_fn(|i| (i * 7) as u8));
+    link.write(&odd, Wait::For(LIMIT)).unwrap();
+    assert_eq!(puppet.taken(), [odd], "it is there when the call is back");
+    for (number, byte) in [3, 4].into_iter().enumerate() {
+        puppet.report(&frame(byte));
+        let meta = link.read(&mut report, Wait::For(LIMIT)).unwrap();
+        assert_eq!((report.clone(), meta.sequence, meta.dropped), (frame(byte), number as u64, 0));
+    }
+    // TCP-29
+    assert_eq!(link.stats().reports_dropped, 0, "what the server's link has dropped before is not this client's");
+    puppet.drop_reports(2);
+    assert_eq!(link.stats().reports_dropped, 2, "the server's link has dropped as many since");
+    assert_eq!(connect(&server, "role=reader").stats().reports_dropped, 0);
+    assert_eq!((link.stats().written, link.stats().read), (1, 2));
+}
+
+/// TCP-7 TCP-19 On virtual time a served board gives the same bytes at the same times as one in the process.
+#[test]
+fn virtual_time_is_the_same_over_the_network() {
+    let board = "sim:?slaves=drive*2&clock=virtual";
+    let run = |link: Arc<dyn Link>| {
+        let mut seen = Vec::new();
+        let mut report = Frame::new();
+        let mut command = Frame::new();
+        command.put_master(SIZE, &MasterCommand::SetState(MasterState::Init));
+        for n in 0..50 {
+            if n % 10 == 3 {
+                seen.push((link.write(&command, Wait::Forever).unwrap().0, ReadMeta::default(), Frame::new()));
+            }
+            if n % 10 == 7 {
+                let now = link.pass(Duration::from_micros(2500)).unwrap().unwrap();
+                assert_eq!(link.pass(Duration::ZERO).unwrap(), Some(now));
+                seen.push((now.0, ReadMeta::default(), Frame::new()));
+            }
+            let meta = link.read(&mut report, Wait::For(Duration::from_secs(1))).unwrap();
+            seen.push((0, meta, report.clone()));
+        }
+        let none = link.read(&mut report, Wait::Now);
+        seen.push((link.pass(Duration::ZERO).unwrap().unwrap().0, none.unwrap_or_default(), report));
+        seen
+    };
+    let (server, _) = serve(board);
+    let (here, there) = (link::open(&own(board), Share::ByName).unwrap(), connect(&server, ""));
+    assert!(there.info().virtual_time);
+    let before = here.stats().board.expect("the board's counters");
+    for (there, here) in run(Arc::clone(&there)).into_iter().zip(run(Arc::clone(&here))) {
+        assert_eq!(there, here);
+    }
+    // TCP-19 TCP-29 The board here has made a report before it was opened; what the client sees counts since it came.
+    let mut expected = here.stats();
+    let counted = expected.board.as_mut().expect("the board's counters");
+    assert_eq!((before.frames, before.reports), (0, 1), "the report of the boot");
+    counted.reports -= before.reports;
+    assert_eq!(there.stats(), expected);
+    // TCP-29 Whoever comes later has counted nothing yet, of the board's counters either.
+    let later = connect(&server, "role=reader");
+    let counted = later.stats().board.expect("the board's counters");
+    assert_eq!(counted, Counters::default(), "time stands still while nobody lets it pass");
+    there.write(&Frame::new(), Wait::Forever).unwrap();
+    let (mine, all) = (later.stats().board.unwrap(), there.stats().board.unwrap());
+    assert!(mine.frames == 1 && all.frames > 1, "{mine:?} {all:?}");
+}
+
+/// TCP-7 Readers of a board on virtual time see what its writer reads, and cannot let time pass.
+#[test]
+fn on_virtual_time_readers_look_on() {
+    let (server, _) = serve("sim:?slaves=drive*2&clock=virtual");
+    let writer = connect(&server, "");
+    let reader = connect(&server, "role=reader");
+    assert!(!reader.info().virtual_time, "for a reader time passes by itself");
+    let (mut ours, mut theirs) = (Frame::new(), Frame::new());
+    assert_eq!(reader.pass(Duration::from_secs(1)).unwrap(), None);
+    assert!(matches!(reader.read(&mut theirs, Wait::Now), Err(LinkError::Timeout { .. })));
+    for _ in 0..10 {
+        let wrote = writer.read(&mut ours, Wait::Forever).unwrap();
+        let read = reader.read(&mut theirs, Wait::For(LIMIT)).unwrap();
+        assert_eq!((wrote, &ours), (read, &theirs));
+    }
+}
+
+/// TCP-2 Several clients read, one writes; a second writer is told who that is, and may come when it is gone.
+#[test]
+fn one_writer_and_several_readers() {
+    let (server, told) = serve("sim:?slaves=drive*2");
+    let writer = connect(&server, "");
+    let readers: Vec<_> = (0..3).map(|_| connect(&server, "role=reader")).collect();
+    let second = refused(&server, "");
+    let text = second.to_string();
+    assert!(matches!(second, LinkError::InUse { .. }), "{second:?}");
+    for part in [
+        format!("PID {}", std::process::id()),
+        "at 127.0.0.1:".to_owned(),
+        "in use by tcp-".to_owned(),
+        "role=reader".to_owned(),
+    ] {
+        assert!(text.contains(&part), "{text}: no {part}");
+    }
+    told.wait("second writer");
+    let mut report = Frame::new();
+    for reader in &readers {
+        reader.read(&mut report, Wait::For(LIMIT)).unwrap();
+        let refused = reader.write(&report, Wait::For(LIMIT)).unwrap_err();
+        assert!(refused.to_string().contains("role=writer"), "{refused}");
+    }
+    writer.close();
+    let next = connect(&server, "");
+    next.write(&Frame::new(), Wait::For(LIMIT)).unwrap();
+}
+
+/// TCP-3 The limit of a write, and cancelling it, hold on the server's link: the board does not get the frame then.
+#[test]
+fn a_write_that_is_not_taken_ends() {
+    let puppet = Puppet::new();
+    let server = serve_link(puppet.clone(), options().0);
+    let link = connect(&server, "");
+    puppet.take_none(true);
+    for wait in [Wait::Now, Wait::For(Duration::from_millis(30))] {
+        let late = link.write(&frame(1), wait);
+        assert!(matches!(late, Err(LinkError::Timeout { dir: Dir::Write, .. })), "{late:?}");
+    }
+    let waiting = thread::spawn({
+        let link = Arc::clone(&link);
+        move || link.write(&frame(2), Wait::Forever)
+    });
+    until("end of the write", || {
+        link.cancel(Dir::Write);
+        waiting.is_finished().then_some(())
+    });
+    assert_eq!(waiting.join().unwrap(), Err(LinkError::Cancelled { dir: Dir::Write }));
+    puppet.take_none(false);
+    link.write(&frame(3), Wait::For(LIMIT)).unwrap();
+    assert_eq!(puppet.taken(), [frame(3)]);
+}
+
+/// TCP-3 Reads and writes of several threads at once do not disturb each other, and closing ends them all.
+#[test]
+fn closing_ends_every_wait() {
+    let puppet = Puppet::new();
+    let server = serve_link(puppet.clone(), options().0);
+    let link = connect(&server, "");
+    puppet.take_none(true);
+    let waiting: Vec<_> = (0..4)
+        .map(|n| {
+            let link = Arc::clone(&link);
+            thread::spawn(move || {
+                if n % 2 == 0 {
+                    link.read(&mut Frame::new(), Wait::Forever).err()
+                } else {
+                    link.write(&frame(1), Wait::Forever).err()
+                }
+            })
+        })
+        .collect();
+    thread::sleep(Duration::from_millis(50));
+    link.cancel(Dir::Read);
+    link.close();
+    link.close();
+    for waiting in waiting {
+        let error = waiting.join().unwrap().expect("nothing was done");
+        assert!(matches!(error, LinkError::Closed | LinkError::Cancelled { dir: Dir::Read }), "{error:?}");
+    }
+    assert_eq!(link.check(), Err(LinkError::Closed));
+    assert_eq!(link.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed));
+    assert_eq!(puppet.taken(), []);
+}
+
+/// TCP-6 A server that is stopped says so, and gives the board back.
+#[test]
+fn a_stopped_server_says_so() {
+    let puppet = Puppet::new();
+    let server = serve_link(puppet.clone(), options().0);
+    let links = [connect(&server, ""), connect(&server, "role=reader")];
+    let address = server.address();
+    server.stop();
+    assert!(puppet.is_closed());
+    for link in links {
+        let end = link.read(&mut Frame::new(), Wait::Forever).unwrap_err();
+        assert!(matches!(&end, LinkError::Lost { reason, .. } if reason.contains("stopped")), "{end:?}");
+    }
+    let gone = link::open(&format!("tcp://{address}"), Share::ByName).err().unwrap().to_string();
+    assert!(gone.contains("nobody listens") && gone.contains("ecmsk serve tcp"), "{gone}");
+}
+
+/// TCP-8 When the board behind the server is lost every client gets the reason, and the server opens it again.
+#[test]
+fn a_reset_board_comes_back() {
+    for clock in ["real", "virtual"] {
+        let (server, told) = serve(&format!("sim:?slaves=drive*2&clock={clock}"));
+        let writer = connect(&server, "");
+        let reader = connect(&server, "role=reader");
+        let mut reset = Frame::new();
+        reset.put_master(SIZE, &MasterCommand::SoftReset);
+        reset.fill_crc(SIZE);
+        writer.write(&reset, Wait::For(LIMIT)).unwrap();
+        for link in [writer, reader] {
+            let lost = until("loss", || link.read(&mut Frame::new(), Wait::For(LIMIT)).err());
+            assert!(matches!(&lost, LinkError::Lost { reason, .. } if reason.contains("SW_RESET")), "{lost:?}");
+            assert!(link.check().is_err());
+        }
+        told.wait("the board is gone");
+        told.wait("the board is back");
+        let again = connect(&server, "");
+        again.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+    }
+}
+
+/// TCP-1 The native API does on a served board what it does on one of its own, on either clock.
+#[test]
+fn a_program_moves_an_axis() {
+    for clock in ["real", "virtual"] {
+        let (server, told) = serve(&format!("sim:?slaves=drive*2&clock={clock}"));
+        let ecm = Ecm::open(&uri(&server, "")).unwrap();
+        ecm.configure(&Config::drives(2)).unwrap();
+        ecm.set_state(MasterState::Op).unwrap();
+        ecm.servo_on(&[1, 2]).unwrap();
+        let mut stream = ecm.stream(32).unwrap();
+        for n in 0..200 {
+            stream.csp(1, n * 10).unwrap();
+            stream.step().unwrap();
+        }
+        let end = stream.finish().unwrap();
+        assert_eq!(end.losses, 0);
+        let position = ecm.next_cycle(LIMIT).unwrap().position(1).unwrap();
+        assert!((1990..3500).contains(&position), "{position}");
+        ecm.close(Close::ServoOff).unwrap();
+        told.wait("has closed its link");
+        assert!(
+            !told.lines().iter().any(|line| line.contains("stand still")),
+            "TCP-10 a writer that closes is trusted"
+        );
+    }
+}
+
+/// TCP-11 A reader that does not read loses the oldest reports, which are counted, and slows nobody.
+#[test]
+fn a_slow_reader_loses_the_oldest_reports() {
+    let puppet = Puppet::new();
+    let server = serve_link(puppet.clone(), options().0);
+    let quick = connect(&server, "role=reader");
+    let slow = connect(&server, "role=reader&queue=4");
+    let mut report = Frame::new();
+    for n in 0..200_u64 {
+        puppet.report(&frame(n as u8));
+        let meta = quick.read(&mut report, Wait::For(LIMIT)).unwrap();
+        assert_eq!((meta.sequence, meta.dropped), (n, 0));
+    }
+    let meta = until("reports of the slow reader", || {
+        let meta = slow.read(&mut report, Wait::Now).ok()?;
+        Some(meta)
+    });
+    assert_eq!(meta.sequence, meta.dropped, "what is missing is counted");
+    let mut last = meta;
+    while let Ok(meta) = slow.read(&mut report, Wait::For(Duration::from_millis(200))) {
+        last = meta;
+    }
+    assert_eq!(last.sequence, 199, "the newest are kept");
+}
+
+/// TCP-18 A reader with `reconnect_ms` goes on when its server is back, and its numbers do, too; a writer has no such key.
+#[test]
+fn a_reader_connects_again() {
+    let puppet = Puppet::new();
+    let (options, _) = options();
+    let server = serve_link(puppet.clone(), options.clone());
+    let address = server.address();
+    let reader = connect(&server, "role=reader&reconnect_ms=60000");
+    let mut report = Frame::new();
+    puppet.report(&frame(1));
+    assert_eq!(reader.read(&mut report, Wait::For(LIMIT)).unwrap().sequence, 0);
+    server.stop();
+    let limited = reader.read(&mut report, Wait::For(Duration::from_millis(20)));
+    assert!(matches!(limited, Err(LinkError::Timeout { .. })), "{limited:?}");
+    // A link that is opened again counts from 0.
+    let puppet = Puppet::new();
+    let server = serve_link(puppet.clone(), ecmsk::port::tcp::ServeOptions { listen: address, ..options });
+    let is_read = Arc::new(AtomicBool::new(false));
+    let going = thread::spawn({
+        let (puppet, is_read) = (puppet.clone(), Arc::clone(&is_read));
+        move || {
+            while !is_read.load(Ordering::Relaxed) {
+                puppet.report(&frame(2));
+                thread::sleep(Duration::from_millis(10));
+            }
+        }
+    });
+    let meta = reader.read(&mut report, Wait::For(LIMIT)).unwrap();
+    is_read.store(true, Ordering::Relaxed);
+    assert_eq!((meta.sequence, report), (1, frame(2)));
+    reader.close();
+    drop(server);
+    going.join().unwrap();
+    let writer = link::open(&format!("tcp://{address}?reconnect_ms=1"), Share::ByName).err().unwrap();
+    assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
+}
+
+/// TCP-17 A client's reads and writes allocate nothing once the link is open, in either time.
+#[test]
+fn a_clients_calls_allocate_nothing() {
+    for clock in ["real", "virtual"] {
+        let (server, _told) = serve(&format!("sim:?slaves=drive*2&clock={clock}"));
+        let link = connect(&server, "");
+        let mut report = Frame::new();
+        let mut exchange = || {
+            link.write(&Frame::new(), Wait::For(LIMIT)).unwrap();
+            link.read(&mut report, Wait::For(LIMIT)).unwrap();
+            let _ = link.read(&mut report, Wait::Now);
+            link.pass(Duration::ZERO).unwrap();
+        };
+        (0..10).for_each(|_| exchange());
+        let counted = allocation_counter::measure(|| (0..200).for_each(|_| exchange()));
+        assert_eq!(counted.count_total, 0, "{clock}: {counted:?}");
+    }
+}

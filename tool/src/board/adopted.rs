@@ -1,0 +1,113 @@
+//! A network that was found running: before an axis moves, what the user says of it is compared with what it shows. With
+//! another cycle the axes would move faster or slower than told, in another mode not at all as told.
+
+use ecmsk::cia402::Mode;
+use ecmsk::coe::ObjectAddress;
+
+use super::error::BoardError;
+use super::session::Board;
+
+/// \[OURS] Cycles that are measured.
+const CYCLES: u64 = 50;
+/// \[OURS] How far the measured cycle may be off: half of the way to the next one there is, for links that stamp late.
+const TOLERANCE: f64 = 0.33;
+/// Modes of operation display.
+const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
+
+impl Board {
+    /// Whether these axes run in CSP, with the cycle that was said. A network that this board has configured does.
+    ///
+    /// # Errors
+    /// [`BoardError::Refused`]
+    pub fn check_adopted(&self, what: &str, axes: &[u8]) -> Result<(), BoardError> {
+        if !self.adopted.get() {
+            return Ok(());
+        }
+        let refused = |why, next: String| BoardError::Refused { what: what.to_owned(), why, next };
+        let said = self.known(what)?.cycle_us;
+        let limit = self.options.read_limit;
+        let first = self.ecm.next_cycle(limit)?.meta;
+        let mut last = first;
+        while last.sequence < first.sequence + CYCLES {
+            self.check_stop()?;
+            last = self.ecm.next_cycle(limit)?.meta;
+        }
+        let cycles = (last.sequence - first.sequence) as f64;
+        let measured = (last.at.0 - first.at.0) as f64 / cycles / 1e3;
+        if (measured / f64::from(said) - 1.0).abs() > TOLERANCE {
+            let why = format!("the network runs with a cycle of {measured:.0} us, not of {said} us");
+            return Err(refused(why, format!("give --cycle-us {}", nearest(measured))));
+        }
+        for slave in axes {
+            let code: u8 = self.attend("reading the mode", |ecm| ecm.sdo_read(*slave, MODE_DISPLAY))?;
+            if Mode::from_code(code) != Some(Mode::Csp) {
+                let mode = Mode::from_code(code).map_or_else(|| code.to_string(), |mode| format!("{code} ({mode})"));
+                let next = "configure the network again: `state preop`, then `state op`".to_owned();
+                return Err(refused(format!("axis {slave} is in mode {mode}, not in {}", Mode::Csp), next));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The cycle that the board has nearest to a measured one, microseconds.
+fn nearest(measured: f64) -> u32 {
+    let steps = (measured / 250.0).log2().round().clamp(0.0, 11.0);
+    250 << steps as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::board::{Args, Interrupt, Place, Use};
+    use crate::step::{Line, OnBoard};
+
+    #[derive(Parser)]
+    struct Words {
+        #[command(flatten)]
+        words: OnBoard<Nothing>,
+    }
+
+    #[derive(clap::Args)]
+    struct Nothing {}
+
+    /// Does lines on a board that stays when it is closed, and gives the error of the last one.
+    fn lines(options: &[&str], lines: &[&str]) -> Result<(), BoardError> {
+        let link = ["ecmsk", "--link", "sim:?slaves=drive*2&clock=virtual&name=adopted", "--close", "leave"];
+        let args: Args = Words::parse_from(link.iter().chain(options)).words.board;
+        let board = Board::open(&args, Use::Moves, Place::Lines, Interrupt::default())?;
+        let done = lines.iter().try_for_each(|line| match Line::parse(line) {
+            Ok(Line::Step(step)) => step.run(&board),
+            other => panic!("{line}: {other:?}"),
+        });
+        board.close(done)
+    }
+
+    /// TOOL-26 A network that was found running is moved only with the cycle and the mode that it has.
+    #[test]
+    fn what_runs_is_compared_with_what_is_said() {
+        lines(&["--cycle-us", "2000", "--slaves", "drive,drive:csv"], &["state op", "servo on all"]).unwrap();
+        let wrong = |options: &[&str], line, why: &str| {
+            let error = lines(options, &[line]).unwrap_err().to_string();
+            assert!(error.contains(why), "{error}");
+        };
+        wrong(&[], "move 1=100", "a cycle of 2000 us, not of 1000 us; give --cycle-us 2000");
+        wrong(
+            &["--cycle-us", "2000"],
+            "move 1=100 2=5",
+            "axis 2 is in mode 9 (CSV), not in CSP; configure the network again",
+        );
+        wrong(&["--slaves", "drive"], "move 2=5", "there is no slave 2");
+        lines(&["--cycle-us", "2000"], &["expect state op", "move 1=100", "expect position 1=100 --within 2"]).unwrap();
+        // What this board has configured is as it was told.
+        lines(&[], &["state preop", "state op", "servo on all", "move 1=200 2=5"]).unwrap();
+    }
+
+    /// TOOL-26 What is measured becomes a cycle that the board has.
+    #[test]
+    fn cycles() {
+        assert_eq!([100.0, 240.0, 510.0, 1990.0, 4100.0].map(nearest), [250, 250, 500, 2000, 4000]);
+    }
+}

@@ -1,0 +1,168 @@
+//! `ecmsk doctor`: what keeps a board from working on this machine, and what to do.
+
+mod folder;
+mod link;
+#[cfg(target_os = "linux")]
+mod linux;
+mod versions;
+#[cfg(windows)]
+mod windows;
+
+use std::fmt::Write as _;
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::ValueHint;
+use ecmsk::machine::findings::{Finding, State, lateness};
+use ecmsk::machine::timing::Lateness;
+use serde_json::{Map, Value, json};
+
+use super::visible::visible;
+use super::{CliError, output};
+pub use folder::FolderError;
+pub use link::not_in_build;
+#[cfg(target_os = "linux")]
+use linux as system;
+#[cfg(target_os = "linux")]
+pub use linux::RuleError;
+#[cfg(windows)]
+use windows as system;
+
+/// Check this machine for what keeps a board from working, and say what to do
+///
+/// Looks at the link that would be used, boards on USB (rights, who has them, speed, power), SPI and GPIO, real-time rights,
+/// timers and processors, and measures for a second how late threads are woken up. Nothing is opened or changed, and no right
+/// is needed; root sees more. `ok` is as it should be, `advice` would work better, `wrong` has to be put right.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk doctor
+  ecmsk doctor --quick --json | jq -r 'select(.state == \"wrong\") | .next'
+  ecmsk doctor /mnt/share/press
+  sudo ecmsk doctor --write-udev-rule")]
+pub struct Args {
+    /// Leave out what takes a second: how late threads are woken up
+    #[arg(long)]
+    quick: bool,
+
+    /// Print one JSON object for each finding, each on a line of its own
+    #[arg(long)]
+    json: bool,
+
+    #[command(flatten)]
+    system: system::SystemArgs,
+
+    /// Look at a Windows program's folder instead, also from Linux: which of its programs have which width, and whether the
+    /// NEXTWUSBLib.dll and the ecmsk.toml there fit
+    #[arg(value_name = "DIR", value_hint = ValueHint::DirPath)]
+    folder: Option<PathBuf>,
+}
+
+/// How long and how often threads sleep for the measurement: a second of cycles.
+const PERIOD: Duration = Duration::from_millis(1);
+const TIMES: usize = 1000;
+
+/// Whether states are coloured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Paint(bool);
+
+impl Paint {
+    /// On a terminal, unless the variable `NO_COLOR` is set and not empty (no-color.org) or the terminal has none.
+    fn of_stdout() -> Self {
+        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+        let dumb = set("TERM").is_some_and(|term| term == "dumb");
+        Self(std::io::stdout().is_terminal() && set("NO_COLOR").is_none() && !dumb)
+    }
+
+    fn state(self, state: State) -> String {
+        let text = format!("{state:<6}");
+        let colour = match state {
+            State::Fine => 32,
+            State::Advice => 33,
+            State::Wrong => 31,
+        };
+        if self.0 { format!("\x1b[{colour}m{text}\x1b[0m") } else { text }
+    }
+}
+
+/// # Errors
+/// [`CliError`]
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let findings = match &args.folder {
+        Some(folder) => folder::findings(folder)?,
+        None => match machine(args)? {
+            Some(findings) => findings,
+            None => return Ok(ExitCode::SUCCESS),
+        },
+    };
+    if args.json {
+        output::print(lines(&findings))?;
+    } else {
+        output::print_coloured(&text(&findings, Paint::of_stdout()))?;
+    }
+    let is_wrong = findings.iter().any(|finding| finding.state == State::Wrong);
+    Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// `None`: something else was asked for, and is done.
+fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
+    if system::is_done(&args.system)? {
+        return Ok(None);
+    }
+    let (link, wanted) = link::finding(system::root(&args.system));
+    let mut findings = vec![versions::finding(system::name(&args.system)), link];
+    findings.extend(wanted.as_ref().and_then(link::build));
+    findings.extend(system::findings(&args.system, wanted.as_ref()));
+    if !args.quick {
+        findings.push(lateness(Lateness::measure(PERIOD, TIMES)));
+    }
+    Ok(Some(findings))
+}
+
+/// What is printed of a program's folder, as text without colours and as JSON.
+///
+/// # Errors
+/// [`FolderError`]
+pub fn of_folder(folder: &std::path::Path) -> Result<[String; 2], FolderError> {
+    let findings = folder::findings(folder)?;
+    Ok([text(&findings, Paint(false)), lines(&findings)])
+}
+
+fn text(findings: &[Finding], paint: Paint) -> String {
+    let name = |finding: &Finding| match &finding.subject {
+        Some(subject) => visible(&format!("{} {subject}", finding.check)),
+        None => finding.check.to_owned(),
+    };
+    let width = findings.iter().map(|finding| name(finding).chars().count()).max().unwrap_or(0);
+    let mut text = String::new();
+    for finding in findings {
+        // Writing to a String does not fail.
+        let state = paint.state(finding.state);
+        let _ = writeln!(text, "{state}  {:<width$}  {}", name(finding), visible(&finding.found));
+        if let Some(next) = finding.next.as_ref().filter(|_| finding.state != State::Fine) {
+            let _ = writeln!(text, "{:<6}  do: {}", "", visible(next));
+        }
+    }
+    let count = |state| findings.iter().filter(|finding| finding.state == state).count();
+    let (wrong, advice) = (count(State::Wrong), count(State::Advice));
+    let _ = match wrong {
+        0 => writeln!(text, "nothing is wrong, {advice} could be better"),
+        _ => writeln!(text, "{wrong} to put right, {advice} could be better"),
+    };
+    text
+}
+
+fn lines(findings: &[Finding]) -> String {
+    let line = |finding: &Finding| {
+        let figures: Map<String, Value> =
+            finding.figures.iter().map(|(name, value)| ((*name).to_owned(), (*value).into())).collect();
+        let object = json!({
+            "verb": "doctor", "check": finding.check, "subject": finding.subject, "state": finding.state.name(),
+            "found": finding.found, "next": finding.next, "figures": figures,
+        });
+        format!("{object}\n")
+    };
+    findings.iter().map(line).collect()
+}

@@ -1,0 +1,111 @@
+//! What is in a program's folder.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use ecmsk::machine::printable;
+
+use crate::image::Image;
+
+/// The library's file.
+pub const LIBRARY: &str = "NEXTWUSBLib.dll";
+/// How the assemblies' names begin.
+const ASSEMBLY: &str = "NEXTWUSB_dotNET";
+/// Folders that have a library for each width.
+const FOLDERS: [&str; 2] = ["x86", "x64"];
+
+/// A file.
+pub struct Entry {
+    /// Its name, fit to be shown.
+    pub name: String,
+    /// What it says of itself, or why it says nothing.
+    pub image: Result<Image, String>,
+}
+
+/// A library.
+pub struct Library {
+    /// Its name, with its folder.
+    pub name: String,
+    /// The folder of a width that it is in; `None`: beside the programs.
+    pub folder: Option<&'static str>,
+    /// As an [`Entry`]'s.
+    pub image: Result<Image, String>,
+}
+
+/// All of it. Windows does not tell capitals in names apart.
+pub struct Contents {
+    pub programs: Vec<Entry>,
+    /// Libraries of .NET that may be the greater part of a program.
+    pub others: Vec<(String, Entry)>,
+    pub libraries: Vec<Library>,
+    pub assemblies: Vec<Entry>,
+}
+
+impl Contents {
+    /// Reads it.
+    pub fn of(folder: &Path) -> io::Result<Self> {
+        let names = names(folder)?;
+        let entry = |name: &String| Entry { name: printable(name), image: look(&folder.join(name)) };
+        let ends = |name: &str, end: &str| name.to_ascii_lowercase().ends_with(end);
+        let programs: Vec<&String> = names.iter().filter(|name| ends(name, ".exe")).collect();
+        let stems: Vec<String> = programs.iter().map(|name| stem(name)).collect();
+        let others = names.iter().filter(|name| ends(name, ".dll") && stems.contains(&stem(name)));
+        let assemblies = names.iter().filter(|name| {
+            let begins = name.get(..ASSEMBLY.len()).is_some_and(|start| start.eq_ignore_ascii_case(ASSEMBLY));
+            begins && ends(name, ".dll")
+        });
+        let mut libraries: Vec<Library> = library(folder, None).into_iter().collect();
+        for width in FOLDERS {
+            let inside = names.iter().find(|name| name.eq_ignore_ascii_case(width));
+            libraries.extend(inside.and_then(|inside| library(&folder.join(inside), Some(width))));
+        }
+        Ok(Self {
+            others: others.map(|name| (stem(name), entry(name))).collect(),
+            assemblies: assemblies.map(entry).collect(),
+            programs: programs.into_iter().map(entry).collect(),
+            libraries,
+        })
+    }
+}
+
+/// Whose it is, and which version.
+pub fn whose(image: &Image) -> String {
+    let whose = match &image.company {
+        _ if image.is_ours() => "this project's".to_owned(),
+        Some(company) => format!("by {company}"),
+        None => "by nobody who is named".to_owned(),
+    };
+    image.version.as_ref().map_or_else(|| whose.clone(), |version| format!("{whose}, version {version}"))
+}
+
+/// A name without what follows its last dot, in small letters.
+pub fn stem(name: &str) -> String {
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    stem.to_ascii_lowercase()
+}
+
+fn library(folder: &Path, width: Option<&'static str>) -> Option<Library> {
+    let name = names(folder).ok()?.into_iter().find(|name| name.eq_ignore_ascii_case(LIBRARY))?;
+    let image = look(&folder.join(&name));
+    let name = width.map_or_else(|| printable(&name), |width| format!("{width}\\{}", printable(&name)));
+    Some(Library { name, folder: width, image })
+}
+
+/// Sorted; those that are no text are none of Windows'.
+fn names(folder: &Path) -> io::Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        names.extend(entry?.file_name().into_string());
+    }
+    names.sort();
+    Ok(names)
+}
+
+fn look(file: &Path) -> Result<Image, String> {
+    // Opening a pipe would wait for somebody at its other end.
+    if !fs::metadata(file).is_ok_and(|data| data.is_file()) {
+        return Err("it is no file".to_owned());
+    }
+    Image::read(file).map_err(|error| error.to_string())
+}

@@ -1,0 +1,82 @@
+//! Which link would be used, and who says so.
+
+use std::path::Path;
+
+use ecmsk::link::config::{self, FILE, Platform, Source, VARIABLE};
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::machine::findings::Finding;
+
+use crate::chosen::environment;
+
+const CHECK: &str = "link";
+
+/// What is there, and the link if it is one. `root`: where `/etc` is.
+pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
+    let mut environment = environment();
+    if let Platform::Unix { etc, .. } = &mut environment.platform {
+        *etc = root.join("etc");
+    }
+    let shown = |file: &Path| match file.strip_prefix(root) {
+        Ok(inside) if cfg!(unix) => Path::new("/").join(inside),
+        _ => file.to_owned(),
+    };
+    let configured = match config::find(&environment) {
+        Ok(configured) => configured,
+        Err(error) => {
+            let (found, next) = split(&error.to_string());
+            return (Finding::wrong(CHECK, found, next), None);
+        }
+    };
+    let files = environment.files();
+    let passed_over = match &configured.source {
+        Source::Variable => Vec::new(),
+        Source::File(file) => files.iter().take_while(|other| *other != file).map(|file| shown(file)).collect(),
+        Source::Default => files.iter().map(|file| shown(file)).collect(),
+    };
+    let source = match &configured.source {
+        Source::File(file) => format!("from {}", shown(file).display()),
+        other => other.to_string(),
+    };
+    let mut found = format!("{}, {source}", configured.link);
+    if configured.source != Source::Variable {
+        found += &format!("; {VARIABLE} is not set");
+        let passed_over: Vec<String> = passed_over.iter().map(|file| file.display().to_string()).collect();
+        if !passed_over.is_empty() {
+            found += &format!(", there is no {}", passed_over.join(", "));
+        }
+    }
+    let uri = match LinkUri::parse(&configured.link) {
+        Ok(uri) => uri,
+        Err(error) => {
+            let (why, next) = split(&error.to_string());
+            return (Finding::wrong(CHECK, format!("{found}: {why}"), next), None);
+        }
+    };
+    (Finding::fine(CHECK, found), Some(uri))
+}
+
+/// What the link needs that this build does not have.
+pub fn build(wanted: &LinkUri) -> Option<Finding> {
+    let scheme = wanted.scheme();
+    let next = || format!("{}, or name another link with {VARIABLE} or in {FILE}", with_feature(scheme));
+    let finding = || Finding::wrong("build", format!("this build has no {scheme}: links"), next());
+    (!scheme.in_build()).then(finding)
+}
+
+/// What a scheme needs that this build does not have, and what to do.
+pub fn not_in_build(scheme: Scheme) -> String {
+    format!("this build has no {scheme}: links; {}", with_feature(scheme))
+}
+
+fn with_feature(scheme: Scheme) -> String {
+    format!("build it with `cargo build --release --features {scheme}`")
+}
+
+/// An error's text ends with the next step.
+pub fn split(error: &str) -> (String, String) {
+    match error.rsplit_once("; ") {
+        Some((found, next)) => (found.to_owned(), next.to_owned()),
+        None => (error.to_owned(), "see `ecmsk link help`".to_owned()),
+    }
+}

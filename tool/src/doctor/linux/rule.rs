@@ -1,0 +1,61 @@
+//! The udev rule: written, or told so that somebody else writes it.
+
+use std::fs::OpenOptions;
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+
+use ecmsk::machine::Machine;
+use ecmsk::machine::udev::{PLACE, RELOAD, RULE, by_hand};
+
+use crate::{CliError, output};
+
+/// Why the rule was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum RuleError {
+    /// This user may not.
+    #[error("{PLACE} was not written: {0}; type the lines above")]
+    Refused(io::Error),
+    /// There is another one.
+    #[error(
+        "{PLACE} is there and says something else, it was left as it is; look at it, sudo rm {PLACE}, then try again"
+    )]
+    Different,
+    /// It cannot be written.
+    #[error("{PLACE} was not written: {0}; is there udev on this machine, and room on its disk?")]
+    Failed(io::Error),
+}
+
+/// Writes it, unless something is there.
+///
+/// # Errors
+/// [`RuleError`]; and that standard output takes no more.
+pub fn write(machine: &Machine) -> Result<(), CliError> {
+    let file = machine.file(PLACE);
+    if let Ok(there) = std::fs::read(&file) {
+        if there != RULE.as_bytes() {
+            return Err(RuleError::Different.into());
+        }
+        return Ok(output::print(format!("{PLACE} is there already; to use it:\n{}", reload()))?);
+    }
+    match put(&file) {
+        Ok(()) => Ok(output::print(format!("{RULE}\nwritten to {PLACE}; to use it:\n{}", reload()))?),
+        Err(error) if matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem) => {
+            output::print(by_hand())?;
+            Err(RuleError::Refused(error).into())
+        }
+        Err(error) => Err(RuleError::Failed(error).into()),
+    }
+}
+
+/// Whole or not at all.
+fn put(file: &Path) -> io::Result<()> {
+    let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
+    opened.write_all(RULE.as_bytes()).inspect_err(|_| {
+        // The error that is told is the first one.
+        let _ = std::fs::remove_file(file);
+    })
+}
+
+fn reload() -> String {
+    RELOAD.iter().map(|line| format!("sudo {line}\n")).collect()
+}

@@ -1,0 +1,105 @@
+//! A frame on its way through a dump, and which of its slots are shown.
+
+use ecmsk::engine::Firmware;
+use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
+use ecmsk::sk::dump::{CommandDump, MAX_SLAVES, ResponseDump, SlotLine};
+use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
+
+use crate::filter::{Command, Slots};
+
+/// A frame, and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// Its number in the recording or its line in the input, from 1.
+    pub number: u64,
+    /// When it passed; bare frames have no time.
+    pub time: Option<Time>,
+    /// Which way it went.
+    pub direction: Dir,
+    /// Whether the direction is a guess.
+    pub guessed: bool,
+    /// Bytes of a slot.
+    pub size: SlotSize,
+    /// The bytes.
+    pub frame: Frame,
+}
+
+/// When a frame passed.
+#[derive(Clone, Copy, Debug)]
+pub struct Time {
+    /// Nanoseconds since the recording's first frame.
+    pub since_start_ns: i64,
+    /// Nanoseconds as recorded: since 1970-01-01, or of a virtual clock.
+    pub recorded_ns: u64,
+}
+
+impl Shown {
+    /// `command` or `response`.
+    pub const fn direction_name(&self) -> &'static str {
+        match self.direction {
+            Dir::Write => "command",
+            Dir::Read => "response",
+        }
+    }
+
+    /// Takes account of what the frame tells of the slaves.
+    pub fn tell(&self, kinds: &mut Kinds) {
+        match self.direction {
+            Dir::Write => kinds.command(&self.frame, self.size),
+            Dir::Read => kinds.response(&self.frame, self.size),
+        }
+    }
+
+    /// What byte 3 says.
+    pub fn crc(&self) -> CrcStatus {
+        self.frame.crc_status(self.size)
+    }
+}
+
+/// Which slots of a frame to show, and how to read them.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// These; empty: those that say something, slot 0 always.
+    pub slots: Vec<Slots>,
+    /// Every slot.
+    pub all: bool,
+    /// Of those only what asks for or answers one of these; empty: all.
+    pub commands: Vec<Command>,
+    /// What byte 1 of a slave's slot in a response is.
+    pub firmware: Firmware,
+}
+
+impl View {
+    /// The lines of a frame, in the order of its slots. `kinds`: of the slaves, this frame told already.
+    pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
+        let (frame, size) = (&shown.frame, shown.size);
+        match shown.direction {
+            Dir::Write => {
+                let dump = CommandDump::new(frame, size);
+                self.pick(size, |i| dump.line(i))
+            }
+            Dir::Read => {
+                let unknown = match self.firmware {
+                    Firmware::V17 => ResponseDump::new(frame, size),
+                    Firmware::V15 => ResponseDump::new(frame, size).mode_in_byte_1(),
+                };
+                // Slots of slaves of unknown kind are read by `unknown`, so what stands for them here is never used.
+                let known: [SlaveKind; MAX_SLAVES] = std::array::from_fn(|i| kinds.of(i + 1).unwrap_or_default());
+                let given = unknown.kinds(&known);
+                self.pick(size, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })
+            }
+        }
+    }
+
+    fn pick(&self, size: SlotSize, line: impl Fn(usize) -> Option<SlotLine>) -> Vec<(usize, SlotLine)> {
+        let wanted = |i: usize, line: &SlotLine| match self.slots.is_empty() {
+            true => self.all || !line.is_idle(),
+            false => self.slots.iter().any(|slots| slots.contains(i, size)),
+        };
+        let asked =
+            |line: &SlotLine| self.commands.is_empty() || self.commands.iter().any(|command| command.is_in(line));
+        let lines = (0..size.slots()).filter_map(|i| Some((i, line(i)?)));
+        lines.filter(|(i, line)| wanted(*i, line) && asked(line)).collect()
+    }
+}

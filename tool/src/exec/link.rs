@@ -1,0 +1,59 @@
+//! The link that a program is given, and its recording.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use ecmsk::link::config::{self, Environment};
+use ecmsk::link::uri::LinkUri;
+
+use super::ExecError;
+use crate::recorder;
+
+/// The link to set for `program`: that of the user, with the recording; `None` leaves the choice to the library.
+///
+/// A recording needs a link to stand in: without one it is the link that the library would choose.
+pub fn for_program(
+    link: Option<&LinkUri>,
+    record: Option<&Path>,
+    program: &Path,
+    library: &Path,
+) -> Result<Option<LinkUri>, ExecError> {
+    let link = match (link, record) {
+        (Some(link), _) => link.clone(),
+        (None, Some(_)) => configured(program, library)?,
+        (None, None) => return Ok(None),
+    };
+    if !link.scheme().in_build() {
+        return Err(ExecError::NotInBuild { link: link.to_string() });
+    }
+    record.map_or(Ok(link.clone()), |file| Ok(recorder::with_record(&link, file)?)).map(Some)
+}
+
+/// What the library would find, were it asked by the program.
+fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
+    let folder = |file: &Path| file.parent().map(Path::to_path_buf);
+    let environment = Environment {
+        program_dir: program_file(program).as_deref().and_then(folder),
+        ..Environment::from_process(folder(library))
+    };
+    Ok(LinkUri::parse(&config::find(&environment)?.link)?)
+}
+
+/// The program's own file, as the system finds it.
+pub fn program_file(program: &Path) -> Option<PathBuf> {
+    let file = if program.components().count() > 1 {
+        program.to_owned()
+    } else {
+        let folders = env::var_os("PATH")?;
+        env::split_paths(&folders).find_map(|folder| as_started(folder.join(program)))?
+    };
+    fs::canonicalize(as_started(file)?).ok()
+}
+
+/// Windows starts `press.exe` for `press`.
+fn as_started(file: PathBuf) -> Option<PathBuf> {
+    let mut whole = file.clone().into_os_string();
+    whole.push(env::consts::EXE_SUFFIX);
+    [file, whole.into()].into_iter().find(|file| file.is_file())
+}

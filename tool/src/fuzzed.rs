@@ -1,0 +1,67 @@
+//! What `fuzz/` gives anything to: what verbs make of the files that they read, without printing it.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+
+use super::board::Interrupt;
+use super::{doctor, exec, objects, plot, script, shell};
+
+/// The words behind a verb.
+#[derive(Parser)]
+#[command(no_binary_name = true)]
+struct Words<T: clap::Args> {
+    #[command(flatten)]
+    args: T,
+}
+
+fn args<T: clap::Args>(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<T, String> {
+    Words::try_parse_from(words).map(|Words { args }| args).map_err(|error| error.to_string())
+}
+
+/// The picture that `ecmsk plot` draws with these words, in the format of `-o`; no file is written.
+///
+/// # Errors
+/// What `ecmsk plot` says.
+pub fn plot(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Vec<u8>, String> {
+    plot::picture(&args(words)?).map_err(|error| error.to_string())
+}
+
+/// What `ecmsk objects from-esi` prints of an ESI file that holds this text.
+///
+/// # Errors
+/// What it says of a file that has no objects.
+pub fn objects(text: &str, device: Option<&str>) -> Result<String, String> {
+    objects::converted(text, Path::new("any"), device).map_err(|error| error.to_string())
+}
+
+/// What `ecmsk doctor FOLDER` prints, and what it prints with `--json`.
+///
+/// # Errors
+/// What it says of a folder that cannot be read.
+pub fn doctor(folder: &Path) -> Result<[String; 2], String> {
+    doctor::of_folder(folder).map_err(|error| error.to_string())
+}
+
+/// The library that `ecmsk exec --library FILE` takes.
+///
+/// # Errors
+/// What it says of a file that is none.
+pub fn library(file: &Path) -> Result<PathBuf, String> {
+    exec::find_library(Some(file), None).map_err(|error| error.to_string())
+}
+
+/// Does what `ecmsk run` does with these words, the first one being the name of the script, and this text in it. Signals are
+/// not looked for.
+///
+/// # Errors
+/// What `ecmsk run` says.
+pub fn script(text: &str, words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<(), String> {
+    script::play(text, &args(words)?, || Ok(Interrupt::default())).map_err(|error| error.to_string())
+}
+
+/// What Tab offers in `ecmsk shell` behind this text, and where the word begins that it would replace.
+pub fn complete(line: &str) -> (usize, Vec<String>) {
+    shell::complete(line)
+}

@@ -1,0 +1,131 @@
+//! The tool `ecmsk`, which runs programs on a build's library, drives boards and shows recordings: one file per verb, and
+//! what all verbs share. It is a library for `fuzz/` alone; programs use the package `ecmsk`.
+
+mod board;
+mod chosen;
+mod compare;
+mod completions;
+mod doctor;
+mod dump;
+mod error;
+mod exec;
+mod filter;
+#[doc(hidden)]
+pub mod fuzzed;
+mod image;
+mod kinds;
+mod link;
+mod list;
+mod man;
+mod monitor;
+mod objects;
+mod output;
+mod plot;
+mod reading;
+mod recorder;
+mod recording;
+mod replay;
+mod script;
+mod serve;
+mod shell;
+mod signals;
+mod slot_size;
+mod stderr;
+mod step;
+mod summary;
+mod visible;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use error::CliError;
+
+/// Shown at the end of `ecmsk --help`: scripts rely on these.
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done (also when whoever read the output has closed it)
+  1    failed; the last line on standard error says why and what to do, with --json as an object of `error` and `exit_code`
+  2    the command line is wrong
+  130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
+  compare
+       0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
+  replay
+       0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
+  list 0 if each board that was found on USB can be opened, or an SPI device if there is none
+  doctor
+       0 nothing is wrong, 1 something has to be put right
+  exec the program's own code, or 128 + n if signal n ended it; of `ecmsk exec` itself:
+       124 the program ended with 0, and its recording is not whole,
+       125 not able to start anything, 126 PROGRAM cannot be executed, 127 PROGRAM not found";
+
+/// The exit code for a command line that is wrong, as clap has it.
+const WRONG_COMMAND_LINE: u8 = 2;
+
+/// Tools for the ECM-SK, an EtherCAT master on a board, and for its software model.
+#[derive(Parser)]
+#[command(name = "ecmsk", bin_name = "ecmsk", version, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    Exec(exec::Args),
+    Dump(dump::Args),
+    Plot(plot::Args),
+    Summary(summary::Args),
+    #[command(flatten)]
+    Step(step::Verb),
+    Run(script::Args),
+    Shell(shell::Args),
+    Compare(compare::Args),
+    Replay(replay::Args),
+    Monitor(monitor::Args),
+    Link(link::Args),
+    Objects(objects::Args),
+    List(list::Args),
+    Doctor(doctor::Args),
+    Serve(serve::Args),
+    Completions(completions::Args),
+    Man(man::Args),
+}
+
+/// Runs the tool on the arguments of this process.
+pub fn main() -> ExitCode {
+    let cli = Cli::try_parse().unwrap_or_else(|error| error::wrong_command_line(&error));
+    env_logger::Builder::from_env(env_logger::Env::new().filter_or("ECMSK_LOG", "off"))
+        .target(env_logger::Target::Pipe(Box::new(stderr::Log)))
+        .init();
+    let code = match cli.verb.run() {
+        Ok(code) => code,
+        Err(error) => error.report(),
+    };
+    stderr::finish();
+    code
+}
+
+impl Verb {
+    fn run(self) -> Result<ExitCode, CliError> {
+        match self {
+            Self::Exec(args) => Ok(exec::run(&args)?),
+            Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Summary(args) => summary::run(&args),
+            Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
+            Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
+            Self::Shell(args) => Ok(shell::run(&args)?),
+            Self::Compare(args) => Ok(compare::run(&args)?),
+            Self::Replay(args) => Ok(replay::run(&args)?),
+            Self::Monitor(args) => monitor::run(&args),
+            Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Objects(args) => objects::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::List(args) => list::run(&args),
+            Self::Doctor(args) => doctor::run(&args),
+            Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Serve(args) => serve::run(&args),
+            Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The tool `ecmsk`.
+
+fn main() -> std::process::ExitCode {
+    ecmsk_tool::main()
+}

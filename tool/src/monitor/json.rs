@@ -1,0 +1,72 @@
+//! A view as one JSON object. Slots are those of `ecmsk dump --json`.
+
+use serde::Serialize;
+
+use super::watched::View;
+use crate::dump::slot_json::SlotJson;
+
+#[derive(Serialize)]
+struct ViewJson<'a> {
+    name: &'a str,
+    time_ns: i64,
+    reports: u64,
+    /// In a second of the board's time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reports_per_s: Option<f64>,
+    reports_lost: u64,
+    reports_bad_crc: u64,
+    /// The board's own counters, where the link can see them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    counters: Option<CountersJson>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trouble: Option<&'a str>,
+    slots: Vec<SlotJson>,
+    velocities: Vec<Velocity>,
+}
+
+#[derive(Serialize)]
+struct CountersJson {
+    frames: u64,
+    executed: u64,
+    full: u64,
+    crc: u64,
+    incomplete: u64,
+    rejected: u64,
+    idle_cycles: u64,
+}
+
+#[derive(Serialize)]
+struct Velocity {
+    slave: usize,
+    counts_per_s: f64,
+}
+
+/// The object and the end of its line.
+pub fn line(view: &View) -> String {
+    let axis = |(i, line): &(usize, ecmsk::sk::dump::SlotLine)| {
+        let position = super::rows::has_position(line);
+        let counts_per_s = view.velocities.get(*i).copied().flatten()?;
+        position.then_some(Velocity { slave: *i, counts_per_s })
+    };
+    let json = ViewJson {
+        name: &view.name,
+        time_ns: view.at_ns,
+        reports: view.counts.reports,
+        reports_per_s: view.rate,
+        reports_lost: view.counts.lost,
+        reports_bad_crc: view.counts.bad_crc,
+        counters: view.counters.map(|counters| CountersJson {
+            frames: counters.frames,
+            executed: counters.executed,
+            full: counters.full,
+            crc: counters.crc,
+            incomplete: counters.incomplete,
+            rejected: counters.rejected_total(),
+            idle_cycles: counters.idle_cycles,
+        }),
+        trouble: view.trouble.as_deref(),
+        slots: view.lines.iter().map(|(i, line)| SlotJson::of(*i, line)).collect(),
+        velocities: view.lines.iter().filter_map(axis).collect(),
+    };
+    serde_json::json!(json).to_string() + "\n"
+}

@@ -1,0 +1,134 @@
+//! A slave as a row of the table.
+
+use ecmsk::cia402::{DriveState, Statusword};
+use ecmsk::sk::CommandId;
+use ecmsk::sk::dump::{ByteOne, SlaveData, SlotKind, SlotLine, SlotMeaning};
+
+use super::watched::View;
+use crate::kinds;
+
+/// How a row looks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mood {
+    /// As any.
+    #[default]
+    Plain,
+    /// An axis that is on.
+    On,
+    /// A fault, or an error code.
+    Alarm,
+}
+
+/// The texts of a row; what a slave does not have is empty.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Row {
+    /// Number of the slave.
+    pub slave: String,
+    /// What it is; with a question mark if it is guessed.
+    pub kind: String,
+    /// State in words.
+    pub state: String,
+    /// 0x6041.
+    pub statusword: String,
+    /// Counts.
+    pub position: String,
+    /// Counts in a second.
+    pub velocity: String,
+    /// Percent of rated.
+    pub torque: String,
+    /// 0x603F.
+    pub error: String,
+    /// Inputs or outputs.
+    pub bits: String,
+    /// The command executed last, and its index or the mode.
+    pub answers: String,
+    /// How it looks.
+    pub mood: Mood,
+}
+
+/// The rows of a view; the second axis of a pulse module has one of its own.
+pub fn rows(view: &View) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for (i, line) in &view.lines {
+        slave(*i, line, view, &mut rows);
+    }
+    rows
+}
+
+fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
+    let SlotMeaning::SlaveResponse(reading) = &line.meaning else { return };
+    let velocity = view.velocities.get(i).copied().flatten().map_or_else(String::new, |v| format!("{v:.0}"));
+    let kind = match reading.kind {
+        SlotKind::Guessed(kind) => format!("{}?", kinds::word(kind)),
+        SlotKind::Given(kind) | SlotKind::Implied(kind) => kinds::word(kind).to_owned(),
+        SlotKind::Unknown => "?".to_owned(),
+    };
+    let answers = match reading.byte_one {
+        _ if reading.id == CommandId::GetStatus => String::new(),
+        ByteOne::Index(0) | ByteOne::Mode(0) => reading.id.to_string(),
+        ByteOne::Index(index) => format!("{} #{index}", reading.id),
+        ByteOne::Mode(mode) => format!("{} mode {mode}", reading.id),
+    };
+    let row = Row { slave: i.to_string(), kind, answers, ..Row::default() };
+    match &reading.data {
+        SlaveData::Nothing => rows.push(Row { state: "says nothing".to_owned(), ..row }),
+        SlaveData::Unread(raw) => {
+            let state = format!("{:04X} {:08X} {:08X}", raw.parm, raw.data1, raw.data2);
+            rows.push(Row { state, ..row });
+        }
+        SlaveData::Io(io) => {
+            let what = if reading.id == CommandId::IoWrite { "out" } else { "in" };
+            rows.push(Row { bits: format!("{what} 0x{:04X}", io.bits), ..row });
+        }
+        SlaveData::Drive(drive) => {
+            let torque = drive.torque;
+            let sign = if torque < 0 { "-" } else { "" };
+            let error = match drive.error_code {
+                0 => String::new(),
+                code => format!("0x{code:04X}"),
+            };
+            rows.push(Row {
+                torque: format!("{sign}{}.{} %", torque.unsigned_abs() / 10, torque.unsigned_abs() % 10),
+                error,
+                position: drive.position.to_string(),
+                velocity,
+                ..row.with(drive.statusword, drive.error_code)
+            });
+        }
+        SlaveData::Hsp(hsp) => {
+            rows.push(Row {
+                position: hsp.first.position.to_string(),
+                bits: format!("in 0x{:04X}", hsp.first.inputs),
+                velocity,
+                ..row.with(hsp.statusword, 0)
+            });
+            if hsp.second != Default::default() {
+                rows.push(Row {
+                    kind: "axis 2".to_owned(),
+                    position: hsp.second.position.to_string(),
+                    bits: format!("in 0x{:04X}", hsp.second.inputs),
+                    ..Row::default()
+                });
+            }
+        }
+    }
+}
+
+impl Row {
+    fn with(self, statusword: Statusword, error_code: u16) -> Self {
+        let state = statusword.state();
+        let mood = match state {
+            Some(DriveState::Fault | DriveState::FaultReactionActive) => Mood::Alarm,
+            _ if error_code != 0 => Mood::Alarm,
+            Some(DriveState::OperationEnabled) => Mood::On,
+            _ => Mood::Plain,
+        };
+        let state = state.map_or("no CiA 402 state", DriveState::name).to_owned();
+        Self { state, statusword: format!("0x{:04X}", statusword.0), mood, ..self }
+    }
+}
+
+/// Whether a slot has a position.
+pub fn has_position(line: &SlotLine) -> bool {
+    matches!(&line.meaning, SlotMeaning::SlaveResponse(reading) if matches!(reading.data, SlaveData::Drive(_) | SlaveData::Hsp(_)))
+}

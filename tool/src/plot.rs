@@ -1,0 +1,321 @@
+//! `ecmsk plot`: a recording as a picture, what was commanded and what the drives did.
+
+pub mod axis;
+pub mod chart;
+mod chosen;
+pub mod decimate;
+mod error;
+mod execution;
+mod file;
+mod lanes;
+mod layout;
+pub mod panel;
+mod path;
+mod png;
+mod series;
+mod speed;
+mod states;
+pub mod style;
+mod survey;
+mod svg;
+
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{ValueEnum, ValueHint};
+use ecmsk::ecm::Scale;
+use ecmsk::recording::Jumps;
+use ecmsk::recording::{Address, RecordError};
+use ecmsk::sk::{CommandId, SlotSize};
+
+use super::board::network::Scales;
+use super::error::{CliError, say};
+use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
+use super::recording::{self, Framed, Frames, InTime};
+use super::{output, slot_size};
+pub use chart::Sheet;
+use chosen::{Asked, Chosen, Diagram};
+pub use error::PlotError;
+use file::Format;
+pub use file::{check, save};
+use series::{Series, Subject};
+use survey::Survey;
+
+/// Axes that a plot can tell apart by their colours.
+pub const MAX_AXES: usize = 8;
+/// Columns of pixels that a line is thinned to: the width of a diagram.
+pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
+
+/// Plot a recording as SVG or PNG: target and actual position, states, torque, IO and FIFO level over time
+///
+/// The plot shows the time in OP; it is shaded where a drive is homing, has a fault or is not enabled, and where the FIFO was
+/// empty while an axis was moving: the board repeats the last target then. Targets stand in the cycle in which the board
+/// executed them: after they were sent they waited in the FIFO.
+/// Prints where the plot lies.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Times are seconds since the recording's first frame, as in `ecmsk dump`.
+
+Examples:
+  ecmsk plot run.pcapng
+  ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg
+  ecmsk plot run.pcapng --counts-per-unit 10000 --unit mm --xy 1,2 --title 'The square' -o square.png
+  ecmsk plot run.pcapng --panels velocity,io")]
+pub struct Args {
+    /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap)
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+
+    /// Where the plot goes, as SVG or by the ending .png as PNG; `-` is standard output, as SVG [default: FILE with the ending
+    /// .svg]
+    #[arg(short, long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
+    output: Option<PathBuf>,
+
+    /// What stands above the plot [default: the link that was recorded]
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+
+    /// Slaves to show, at most 8; comma list with ranges [default: those that were moved, else all drives; and the IO slaves of
+    /// which anything was ever 1]
+    #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = Slaves::parse)]
+    axes: Vec<Slaves>,
+
+    /// Show an axis only where its slot asks for or answers one of these commands, as CSP or GO_HOME; comma list
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
+    commands: Vec<Command>,
+
+    /// Leave out what is before this time, as 1.5, 1.5s or 1500ms
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
+    from: Option<f64>,
+
+    /// Leave out what is after this time
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
+    to: Option<f64>,
+
+    /// Show the following difference too: the target executed in a cycle minus the actual position reported by it
+    #[arg(long)]
+    difference: bool,
+
+    /// Show the way of two axes in their plane too, the first from left to right, as 1,2
+    #[arg(long, value_name = "X,Y", value_parser = chosen::plane)]
+    xy: Option<[u8; 2]>,
+
+    /// Show these diagrams alone; comma list [default: those that the recording has something for, but for difference, xy, and
+    /// velocity of axes that go by CSP]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_enum)]
+    panels: Vec<Diagram>,
+
+    /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true)]
+    counts_per_unit: Option<Scales>,
+
+    /// The unit's name, as mm [default: units]
+    #[arg(long, value_name = "NAME", requires = "counts_per_unit")]
+    unit: Option<String>,
+
+    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// Of a capture this device alone, by its bus and address, as 1.5
+    #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
+    device: Option<Address>,
+}
+
+/// Makes the plot.
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let output = args.output();
+    let (sheet, damage) = sheet(args)?;
+    let told = || damage.iter().for_each(|damage| say("note", damage));
+    if output == Path::new("-") {
+        let drawing = Format::Svg.write(&sheet)?;
+        told();
+        let mut stdout = io::stdout().lock();
+        return Ok(stdout.write_all(&drawing).and_then(|()| stdout.flush())?);
+    }
+    save(&output, "-o", &[&args.file], &sheet)?;
+    told();
+    Ok(output::print(format!("{}\n", output.display()))?)
+}
+
+/// The bytes of the picture, which are not written.
+///
+/// # Errors
+/// [`CliError`]
+pub fn picture(args: &Args) -> Result<Vec<u8>, CliError> {
+    let format = Format::of(&args.output(), "-o")?;
+    Ok(format.write(&sheet(args)?.0)?)
+}
+
+/// The picture, and why the recording ends early, if it does.
+fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
+    if args.file == Path::new("-") {
+        return Err(PlotError::Stdin.into());
+    }
+    let asked = args.asked();
+    if asked.slaves.len() > MAX_AXES {
+        return Err(PlotError::TooManyAxes { found: asked.slaves.len() }.into());
+    }
+    let output = args.output();
+    if output != Path::new("-") {
+        // Before a long recording is read twice.
+        file::check(&output, "-o", &[&args.file])?;
+    }
+    let mut survey = Survey::default();
+    let device = recording::board(&args.file, args.device)?;
+    let mut recording = Frames::open(&args.file, args.slot_size, device)?;
+    let Walked { frames, damage, jumps } = walk(&mut recording, |framed| survey.frame(framed))?;
+    recording.note_missing();
+    if let Some(jumps) = jumps {
+        say("note", &format_args!("{}: {jumps}", args.file.display()));
+    }
+    let Some(op) = survey.op() else {
+        let no_op = PlotError::NoOp { file: args.file.clone(), frames };
+        return Err(damage.map_or(no_op.into(), CliError::from));
+    };
+    let chosen = asked.choose(&survey)?;
+    let times = Times { from: args.from, to: args.to };
+    let window =
+        op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
+    let panels = args.panels(&asked, &chosen, &survey, window)?;
+    let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
+    let file = args.file.display();
+    let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
+    let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
+    let caption = chart::Caption { title, about, range: window.range(), axis: "time (s)" };
+    Ok((Sheet { panels, caption }, damage))
+}
+
+/// What a walk through the recording came by.
+struct Walked {
+    /// Its frames.
+    frames: u64,
+    /// Why it ends early, if it does: a program that was killed leaves such a recording, and what came before is whole.
+    damage: Option<RecordError>,
+    /// Where its times jump.
+    jumps: Option<Jumps>,
+}
+
+/// Shows every frame of the recording in the order of time.
+fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
+    let mut order = InTime::default();
+    let mut walked = Walked { frames: 0, damage: None, jumps: None };
+    for framed in recording {
+        match framed {
+            Ok(framed) => {
+                walked.frames += 1;
+                order.push(framed).iter().for_each(&mut show);
+            }
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    while let Some(framed) = order.pop() {
+        show(&framed);
+    }
+    walked.jumps = order.jumps();
+    Ok(walked)
+}
+
+impl Args {
+    /// Where the plot goes.
+    fn output(&self) -> PathBuf {
+        self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
+    }
+
+    fn asked(&self) -> Asked {
+        let mut slaves: Vec<u8> = self.axes.iter().flat_map(|slaves| slaves.numbers()).collect();
+        slaves.sort_unstable();
+        slaves.dedup();
+        Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane: self.xy }
+    }
+
+    /// The second look at the recording.
+    fn panels(
+        &self,
+        asked: &Asked,
+        chosen: &Chosen,
+        survey: &Survey,
+        window: Window,
+    ) -> Result<Vec<panel::Panel>, CliError> {
+        let scale = |axis: u8| self.counts_per_unit.as_ref().map_or(Scale::COUNTS, |scales| scales.of(axis));
+        let axes: Vec<(u8, Scale)> = chosen.axes.iter().map(|axis| (*axis, scale(*axis))).collect();
+        let mut series = Series::new(&Subject {
+            window,
+            axes: &axes,
+            ios: &chosen.ios,
+            plane: chosen.plane,
+            board: survey.board(),
+            cycle_ns: survey.cycle_ns(),
+            commands: self.commands.iter().map(|command| command.code()).collect(),
+        });
+        let device = recording::board(&self.file, self.device)?;
+        walk(&mut Frames::open(&self.file, self.slot_size, device)?.quiet(), |framed| series.frame(framed))?;
+        let lines = series.finish();
+        if !self.commands.is_empty() && lines.is_empty() {
+            let names = self.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());
+            let commands = names.collect::<Vec<_>>().join(", ");
+            let axes = chosen.axes.iter().chain(&chosen.ios).copied().collect();
+            return Err(PlotError::NoSuchCommand { commands, axes }.into());
+        }
+        let unit = match (&self.counts_per_unit, &self.unit) {
+            (None, _) => "counts",
+            (Some(_), None) => "units",
+            (Some(_), Some(unit)) => unit,
+        };
+        let panels = layout::panels(lines, asked, chosen.plane, &style::fitting(unit, style::TEXT, 100));
+        if panels.is_empty() {
+            let names = asked.diagrams.iter().filter_map(ValueEnum::to_possible_value);
+            let asked = names.map(|name| name.get_name().to_owned()).collect::<Vec<_>>().join(", ");
+            return Err(PlotError::NoPanel { asked }.into());
+        }
+        Ok(panels)
+    }
+}
+
+/// A stretch of time, both ends included: nanoseconds since the recording's first frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    from_ns: i64,
+    to_ns: i64,
+}
+
+impl Window {
+    /// Of commands by their numbers: they stand where seconds would.
+    pub const fn of_commands(count: u64) -> Self {
+        Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
+    }
+
+    /// From left to right; a single moment gets some room around.
+    pub fn range(self) -> std::ops::Range<f64> {
+        let (from, to) = (seconds(self.from_ns), seconds(self.to_ns));
+        panel::distinct(if to > from { from..to } else { from - 0.001..to + 0.001 })
+    }
+
+    const fn contains(self, at_ns: i64) -> bool {
+        self.from_ns <= at_ns && at_ns <= self.to_ns
+    }
+
+    /// The part between two times; `None` if nothing is left.
+    fn cut(self, times: Times) -> Option<Self> {
+        let from_ns = times.from.map_or(self.from_ns, |s| self.from_ns.max(nanoseconds(s)));
+        let to_ns = times.to.map_or(self.to_ns, |s| self.to_ns.min(nanoseconds(s)));
+        (from_ns <= to_ns).then_some(Self { from_ns, to_ns })
+    }
+}
+
+impl std::fmt::Display for Window {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.3} s to {:.3} s", seconds(self.from_ns), seconds(self.to_ns))
+    }
+}
+
+/// Where command n stands in a window of commands.
+pub const fn command_place(n: u64) -> i64 {
+    (n as i64).saturating_mul(1_000_000_000)
+}
+
+/// Nanoseconds as seconds.
+fn seconds(ns: i64) -> f64 {
+    ns as f64 / 1e9
+}

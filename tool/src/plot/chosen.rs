@@ -1,0 +1,129 @@
+//! What a plot shows: which slaves, and which diagrams.
+
+use clap::ValueEnum;
+
+use super::error::PlotError;
+use super::survey::Survey;
+use super::{MAX_AXES, style};
+use crate::error::say;
+
+/// The diagrams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Diagram {
+    /// Target and actual position of each axis
+    Position,
+    /// Velocity of the positions, and that of the targets; what CSV asks for
+    Velocity,
+    /// Following difference: the target in force minus the actual position
+    Difference,
+    /// Torque, and that which CST asks for
+    Torque,
+    /// Inputs and outputs of IO slaves
+    Io,
+    /// Free entries of the FIFO
+    Fifo,
+    /// The way of two axes in their plane
+    Xy,
+}
+
+/// What was asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Asked {
+    /// Slaves, in rising order; none: as found.
+    pub slaves: Vec<u8>,
+    /// Diagrams; none: as found.
+    pub diagrams: Vec<Diagram>,
+    /// The following difference, beside what is found.
+    pub difference: bool,
+    /// The plane of these axes, beside what is found.
+    pub plane: Option<[u8; 2]>,
+}
+
+/// What is shown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Chosen {
+    /// Slaves with a position.
+    pub axes: Vec<u8>,
+    /// IO slaves.
+    pub ios: Vec<u8>,
+    /// The axes of the plane.
+    pub plane: Option<[u8; 2]>,
+}
+
+impl Asked {
+    /// Whether a diagram is shown. `by_itself`: whether it is if none is asked for.
+    pub fn shows(&self, diagram: Diagram, by_itself: bool) -> bool {
+        match diagram {
+            Diagram::Difference if self.difference => true,
+            Diagram::Xy if self.plane.is_some() => true,
+            _ if self.diagrams.is_empty() => by_itself,
+            _ => self.diagrams.contains(&diagram),
+        }
+    }
+
+    /// The slaves: as asked, else as found.
+    pub fn choose(&self, survey: &Survey) -> Result<Chosen, PlotError> {
+        let size = survey.size();
+        let named = || self.slaves.iter().copied().chain(self.plane.into_iter().flatten());
+        if let Some(axis) = named().find(|axis| usize::from(*axis) > size.max_slaves()) {
+            return Err(PlotError::NoSuchAxis { axis, size });
+        }
+        if let Some(axis) = named().find(|axis| survey.is_empty(*axis)) {
+            return Err(PlotError::EmptyAxis { axis, axes: survey.known() });
+        }
+        if let Some(slave) = self.plane.into_iter().flatten().find(|axis| survey.is_io(*axis)) {
+            return Err(PlotError::NotAnAxis { slave });
+        }
+        let (mut ios, mut axes): (Vec<u8>, Vec<u8>) = if self.slaves.is_empty() {
+            (survey.lively_ios(), survey.axes())
+        } else {
+            self.slaves.iter().partition(|slave| survey.is_io(**slave))
+        };
+        if axes.len() > MAX_AXES {
+            let (all, shown) = (axes.len(), style::list(&axes[..MAX_AXES]));
+            say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
+            axes.truncate(MAX_AXES);
+        }
+        // Those of the plane are shown, whatever else is.
+        for axis in self.plane.into_iter().flatten().filter(|axis| !axes.contains(axis)).collect::<Vec<_>>() {
+            if axes.len() == MAX_AXES {
+                return Err(PlotError::TooManyAxes { found: MAX_AXES + 1 });
+            }
+            axes.push(axis);
+        }
+        axes.sort_unstable();
+        let room = MAX_SLAVES - axes.len();
+        if ios.len() > room {
+            let shown = style::list(&ios[..room]);
+            say(
+                "note",
+                &format_args!("{} IO slaves, of which the plot shows {shown}; choose others with --axes", ios.len()),
+            );
+            ios.truncate(room);
+        }
+        let plane = match (self.plane, &axes[..]) {
+            (plane @ Some(_), _) => plane,
+            _ if !self.diagrams.contains(&Diagram::Xy) => None,
+            (None, [x, y, ..]) => Some([*x, *y]),
+            (None, axes) => return Err(PlotError::NoPlane { found: axes.len() }),
+        };
+        Ok(Chosen { axes, ios, plane })
+    }
+}
+
+/// Axes and IO slaves of a plot, together.
+pub const MAX_SLAVES: usize = 2 * MAX_AXES;
+
+/// Reads `1,2`.
+///
+/// # Errors
+/// What is allowed.
+pub fn plane(text: &str) -> Result<[u8; 2], String> {
+    let axes: Vec<u8> = text.split(',').map_while(|axis| axis.trim().parse().ok()).collect();
+    match axes[..] {
+        [x, y] if x != y && (1..=40).contains(&x) && (1..=40).contains(&y) && text.matches(',').count() == 1 => {
+            Ok([x, y])
+        }
+        _ => Err("allowed: two axes from 1 to 40, as in 1,2; the first goes from left to right".to_owned()),
+    }
+}

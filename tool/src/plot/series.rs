@@ -1,0 +1,241 @@
+//! The second look at a recording: the lines of the plot.
+
+use ecmsk::ecm::Scale;
+use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
+use ecmsk::sk::{
+    CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, IoResponse, MasterCommand, MasterResponse, SlaveKind,
+    SlotCommand, SlotSize,
+};
+
+use super::axis::Axis;
+use super::decimate::Line;
+use super::execution::{Execution, Orders, Told};
+use super::lanes::{Lane, Lanes};
+use super::path::Path;
+use super::states::{Span, States};
+use super::{COLUMNS, Window, survey};
+use crate::recording::Framed;
+
+pub use super::axis::AxisLines;
+
+/// A line in pieces, seconds and values.
+pub type Pieces = Vec<Vec<(f64, f64)>>;
+
+/// What is looked at.
+pub struct Subject<'a> {
+    /// The time shown.
+    pub window: Window,
+    /// Slaves that are axes, and the units of each.
+    pub axes: &'a [(u8, Scale)],
+    /// Slaves that are IO.
+    pub ios: &'a [u8],
+    /// Two of the axes whose way in the plane is drawn, if they are.
+    pub plane: Option<[u8; 2]>,
+    /// The board, in a capture of several.
+    pub board: Option<(u16, u8)>,
+    /// Its cycle.
+    pub cycle_ns: i64,
+    /// Ids of the commands shown; empty: all.
+    pub commands: Vec<u8>,
+}
+
+/// What there is to draw.
+pub struct Lines {
+    /// One for each axis.
+    pub axes: Vec<AxisLines>,
+    /// One for each IO slave.
+    pub ios: Vec<(u8, Vec<Lane>)>,
+    /// The way in the plane as it was commanded, and as it was gone.
+    pub plane: Option<[Pieces; 2]>,
+    /// Free entries of the FIFO.
+    pub fifo_free: Pieces,
+    /// When the full count went up, seconds; near ones are one.
+    pub full: Vec<f64>,
+    /// Reports with a higher full count than the one before.
+    pub full_reports: u64,
+    /// When the FIFO was empty while an axis was moving.
+    pub gaps: Vec<Span>,
+}
+
+/// The lines under construction.
+pub struct Series {
+    window: Window,
+    board: Option<(u16, u8)>,
+    axes: Vec<Axis>,
+    ios: Vec<(u8, Lanes)>,
+    plane: Option<Plane>,
+    fifo_free: Line,
+    full: Line,
+    full_reports: u64,
+    full_count: Option<u16>,
+    gaps: States,
+    in_op: bool,
+    kinds: Kinds,
+    execution: Execution,
+}
+
+struct Plane {
+    /// Places of the axes in their list.
+    of: [usize; 2],
+    /// Commanded and gone.
+    paths: [Path; 2],
+}
+
+impl Series {
+    /// Lines of that.
+    pub fn new(subject: &Subject<'_>) -> Self {
+        let window = subject.window;
+        let axes = subject.axes.iter();
+        let place = |axis: u8| subject.axes.iter().position(|(number, _)| *number == axis);
+        let plane = subject.plane.and_then(|[x, y]| Some([place(x)?, place(y)?]));
+        Self {
+            window,
+            board: subject.board,
+            axes: axes.map(|(number, scale)| Axis::new(*number, *scale, window, subject.commands.clone())).collect(),
+            ios: subject.ios.iter().map(|number| (*number, Lanes::new(window))).collect(),
+            plane: plane.map(|of| Plane { of, paths: Default::default() }),
+            fifo_free: Line::new(window, COLUMNS),
+            full: Line::new(window, COLUMNS),
+            full_reports: 0,
+            full_count: None,
+            gaps: States::new(window, COLUMNS),
+            in_op: false,
+            kinds: Kinds::new(None),
+            execution: Execution::new(subject.cycle_ns),
+        }
+    }
+
+    /// The next frame, in the order of time.
+    pub fn frame(&mut self, framed: &Framed) {
+        if self.board.is_some_and(|board| board != framed.board()) {
+            return;
+        }
+        match framed.recorded.dir {
+            Dir::Write => self.command(framed),
+            Dir::Read if survey::is_op(framed) => self.report(framed),
+            Dir::Read => self.outside_op(framed),
+        }
+    }
+
+    /// The lines.
+    pub fn finish(self) -> Lines {
+        Lines {
+            axes: self.axes.into_iter().map(Axis::finish).collect(),
+            ios: self.ios.into_iter().map(|(number, lanes)| (number, lanes.finish())).collect(),
+            plane: self.plane.map(|plane| plane.paths.map(Path::finish)),
+            fifo_free: self.fifo_free.finish(),
+            full: self.full.finish().into_iter().flatten().map(|(seconds, _)| seconds).collect(),
+            full_reports: self.full_reports,
+            gaps: self.gaps.finish(),
+        }
+    }
+
+    fn command(&mut self, framed: &Framed) {
+        let (frame, size, at_ns) = (&framed.recorded.frame, framed.size, framed.time_ns);
+        self.kinds.command(frame, size);
+        if !self.in_op {
+            return;
+        }
+        let mut orders = Orders::default();
+        let slaves = self.axes.iter().map(|axis| axis.number).chain(self.ios.iter().map(|(number, _)| *number));
+        for (order, number) in orders.iter_mut().zip(slaves) {
+            *order = SlotCommand::decode(&frame.slot(size, number.into()), size).ok().map(|slot| slot.command);
+        }
+        for (axis, order) in self.axes.iter_mut().zip(&orders) {
+            axis.sent(order.as_ref());
+        }
+        let master = MasterCommand::decode(&frame.slot(size, 0), size);
+        self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
+    }
+
+    fn report(&mut self, framed: &Framed) {
+        let (frame, size, at_ns) = (&framed.recorded.frame, framed.size, framed.time_ns);
+        self.kinds.response(frame, size);
+        self.in_op = true;
+        let master = MasterResponse::decode(&frame.slot(size, 0));
+        self.fifo_free.push(at_ns, master.fifo_free.min(FIFO_ENTRIES).into());
+        if self.full_count.replace(master.full_count).is_some_and(|before| before != master.full_count) {
+            self.full_reports += u64::from(self.window.contains(at_ns));
+            self.full.push(at_ns, 0.0);
+        }
+        let certain = self.execute(at_ns, &master);
+        let aborted = answers_abort_home(frame, size);
+        for axis in &mut self.axes {
+            let number = usize::from(axis.number);
+            let drive = DriveResponse::decode(&frame.slot(size, number));
+            // An HSP has its inputs in the place of torque, and no error code.
+            let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
+            axis.report(at_ns, &drive, aborted, is_drive, certain);
+        }
+        for (number, lanes) in &mut self.ios {
+            lanes.report(at_ns, &IoResponse::decode(&frame.slot(size, usize::from(*number))));
+        }
+        if let Some(Plane { of, paths }) = self.plane.as_mut().filter(|_| self.window.contains(at_ns)) {
+            let [x, y] = of.map(|place| &self.axes[place]);
+            for (path, point) in paths.iter_mut().zip([x.commanded().zip(y.commanded()), x.stands().zip(y.stands())]) {
+                match point {
+                    Some(point) => path.push(point),
+                    None => path.interrupt(),
+                }
+            }
+        }
+    }
+
+    /// Draws what was executed until this report. Gives whether it is known.
+    fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
+        let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
+            Told::Executed { entries, idle_since_ns } => (entries, idle_since_ns),
+            Told::Later => return false,
+            Told::Unknown => {
+                self.axes.iter_mut().for_each(|axis| axis.forget_target(at_ns));
+                return true;
+            }
+        };
+        if let Some(idle_since_ns) = idle_since_ns {
+            self.axes.iter_mut().for_each(|axis| axis.idle(idle_since_ns));
+        }
+        for entry in entries {
+            let mut orders = entry.orders.iter();
+            for (axis, order) in self.axes.iter_mut().zip(&mut orders) {
+                let Some(since_ns) = order.as_ref().and_then(|order| axis.executed(entry.at_ns, order)) else {
+                    continue;
+                };
+                self.gaps.gap(since_ns, entry.at_ns);
+            }
+            for ((_, lanes), order) in self.ios.iter_mut().zip(orders) {
+                if let Some(order) = order {
+                    lanes.executed(entry.at_ns, order);
+                }
+            }
+        }
+        true
+    }
+
+    fn outside_op(&mut self, framed: &Framed) {
+        self.kinds.response(&framed.recorded.frame, framed.size);
+        if !std::mem::replace(&mut self.in_op, false) {
+            return;
+        }
+        let at_ns = framed.time_ns;
+        self.fifo_free.interrupt(at_ns);
+        self.execution.reset();
+        self.axes.iter_mut().for_each(|axis| axis.interrupt(at_ns));
+        self.ios.iter_mut().for_each(|(_, lanes)| lanes.interrupt(at_ns));
+        if let Some(plane) = &mut self.plane {
+            plane.paths.iter_mut().for_each(Path::interrupt);
+        }
+    }
+}
+
+impl Lines {
+    /// Whether nothing of any slave is drawn.
+    pub fn is_empty(&self) -> bool {
+        self.axes.iter().all(AxisLines::is_empty) && self.ios.iter().all(|(_, lanes)| lanes.is_empty())
+    }
+}
+
+/// Whether a report answers ABORT_HOME, which ends homing of all slaves in whatever slot it was.
+fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
+    (1..=size.max_slaves()).any(|n| CommandId::from_code(frame.slot(size, n).id) == CommandId::AbortHome)
+}

@@ -1,0 +1,189 @@
+//! How the plot looks: sizes, colours, numbers in words.
+
+use plotters::style::RGBColor;
+
+use crate::visible::is_plain;
+
+/// Coordinates of the drawing library are whole numbers: lines are drawn on a grid so many times finer than a pixel.
+pub const FINE: u32 = 4;
+
+/// Width of the plot.
+pub const WIDTH: u32 = 1200;
+/// Height of title and caption.
+pub const HEAD: u32 = 62;
+/// Height of the line with a panel's name and legend.
+pub const PANEL_HEAD: u32 = 26;
+/// Height of the time axis with its numbers and name.
+pub const TIME_AXIS: u32 = 46;
+/// Width of the numbers at the left.
+pub const LEFT: u32 = 116;
+/// Room at the right.
+pub const RIGHT: u32 = 28;
+
+/// Width and height of the plane of two axes.
+pub const PLANE: (u32, u32) = (560, 520);
+/// Height of the line of one input or output.
+pub const LANE: u32 = 18;
+
+/// Size of the text, in pixels.
+pub const TEXT: u32 = 13;
+/// Size of names that stand close together.
+pub const SMALL: u32 = 12;
+/// Size of the title.
+pub const TITLE: u32 = 17;
+/// The drawing library divides sizes of text by this.
+const TEXT_FACTOR: f64 = 1.24;
+/// Width of a letter, as a part of the text's size: the mean of common sans-serif faces, and some room.
+const LETTER: f64 = 0.53;
+
+/// Colours of axes, told apart also side by side; none is near the others or near white.
+const COLOURS: [RGBColor; super::MAX_AXES] = [
+    RGBColor(0x1F, 0x77, 0xB4),
+    RGBColor(0xE6, 0x6A, 0x00),
+    RGBColor(0x2C, 0x8C, 0x2C),
+    RGBColor(0xA0, 0x4E, 0xC4),
+    RGBColor(0x00, 0x9E, 0xA8),
+    RGBColor(0x8C, 0x56, 0x4B),
+    RGBColor(0xE0, 0x4F, 0xA0),
+    RGBColor(0x7A, 0x7F, 0x1A),
+];
+/// A colour for each axis: that of its number, so that it is the same in all plots, or the next free one.
+pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
+    let mut taken = Vec::new();
+    for axis in axes {
+        let own = usize::from(axis).saturating_sub(1);
+        let free =
+            (own..own + COLOURS.len()).map(|i| COLOURS[i % COLOURS.len()]).find(|colour| !taken.contains(colour));
+        // There are as many colours as axes in a plot.
+        taken.push(free.unwrap_or(INK));
+    }
+    taken
+}
+
+/// The FIFO's level.
+pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
+/// A loss.
+pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
+/// Behind the lines of a drive with a fault.
+pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
+/// Behind the lines of a drive that is homing.
+pub const HOMING: RGBColor = RGBColor(0xFF, 0xEE, 0xB8);
+/// Behind the lines of a drive that is not enabled.
+pub const NOT_ENABLED: RGBColor = RGBColor(0xE9, 0xEC, 0xEF);
+/// Behind the lines where the FIFO was empty on the way.
+pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
+/// Inputs of the machine.
+pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
+/// Outputs to the machine.
+pub const OUTPUT: RGBColor = RGBColor(0xB8, 0x4A, 0x00);
+/// Titles and names.
+pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);
+/// Numbers and captions.
+pub const SOFT_INK: RGBColor = RGBColor(0x58, 0x60, 0x68);
+/// Frames of panels.
+pub const FRAME: RGBColor = RGBColor(0xA8, 0xB0, 0xB8);
+/// Lines at the numbers.
+pub const GRID: RGBColor = RGBColor(0xE4, 0xE8, 0xEC);
+
+/// Pixels on the drawing's grid.
+pub const fn px(pixels: u32) -> u32 {
+    pixels * FINE
+}
+
+/// Pixels on the drawing's grid, as coordinates are.
+pub const fn at(pixels: u32) -> i32 {
+    px(pixels) as i32
+}
+
+/// A size of text as the drawing library wants it.
+pub fn text_size(pixels: u32) -> f64 {
+    f64::from(px(pixels)) * TEXT_FACTOR
+}
+
+/// How wide a text will be, more or less, in pixels.
+pub fn text_width(text: &str, size: u32) -> u32 {
+    (text.chars().count() as f64 * f64::from(size) * LETTER).ceil() as u32
+}
+
+/// Text that may stand in a drawing of that width: without control characters, cut if it is too long.
+pub fn fitting(text: &str, size: u32, width: u32) -> String {
+    let letters = (f64::from(width) / (f64::from(size) * LETTER)) as usize;
+    let clean: Vec<char> = text.chars().map(|c| if c.is_control() || !is_plain(c) { '\u{FFFD}' } else { c }).collect();
+    if clean.len() <= letters {
+        return clean.into_iter().collect();
+    }
+    clean[..letters.saturating_sub(1)].iter().chain(&['\u{2026}']).collect()
+}
+
+/// A number at an axis: thousands apart, no zeros at the end.
+pub fn number(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    let (whole, part) = text.split_once('.').unwrap_or((&text, ""));
+    let (sign, whole) = whole.strip_prefix('-').map_or(("", whole), |whole| ("-", whole));
+    let mut grouped = String::new();
+    for (i, digit) in whole.chars().enumerate() {
+        if i > 0 && (whole.len() - i).is_multiple_of(3) {
+            grouped.push('\u{202F}');
+        }
+        grouped.push(digit);
+    }
+    let part = part.trim_end_matches('0');
+    let sign = if grouped == "0" && part.is_empty() { "" } else { sign };
+    if part.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{part}") }
+}
+
+/// Digits behind the point that tell numbers apart at an axis of that span.
+pub fn digits(span: f64) -> usize {
+    // A span of 1 has marks 0.1 or 0.05 apart.
+    (2.0 - span.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
+}
+
+/// `1, 2, 5`.
+pub fn list(numbers: &[u8]) -> String {
+    numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Thousands stand apart, nothing stands behind the point that says nothing, and there is no negative zero.
+    #[test]
+    fn numbers() {
+        for (value, digits, text) in [
+            (0.0, 0, "0"),
+            (-0.0, 2, "0"),
+            (-0.004, 2, "0"),
+            (999.0, 0, "999"),
+            (-1000.0, 0, "-1\u{202f}000"),
+            (1_234_567.5, 1, "1\u{202f}234\u{202f}567.5"),
+            (0.25, 3, "0.25"),
+            (100.0, 1, "100"),
+        ] {
+            assert_eq!(number(value, digits), text);
+        }
+    }
+
+    /// Numbers at an axis differ, however short the axis is.
+    #[test]
+    fn digits_tell_marks_apart() {
+        for (span, mark) in [(4_000_000_000.0, 500_000_000.0), (1.0, 0.05), (0.002, 0.0002), (12.0, 1.0)] {
+            assert_ne!(number(mark, digits(span)), number(2.0 * mark, digits(span)), "{span}");
+        }
+    }
+
+    /// An axis keeps its colour from plot to plot, and no two in one plot have the same.
+    #[test]
+    fn colours_of_axes() {
+        assert_eq!(colours([3]), [COLOURS[2]]);
+        assert_eq!(colours([1, 9, 2]), [COLOURS[0], COLOURS[1], COLOURS[2]]);
+    }
+
+    /// Text that is too long ends with dots and fits.
+    #[test]
+    fn text_is_made_to_fit() {
+        assert_eq!(fitting("short\n", 10, 1000), "short\u{fffd}");
+        let cut = fitting(&"long ".repeat(100), 10, 100);
+        assert!(cut.ends_with('\u{2026}') && text_width(&cut, 10) <= 100, "{cut}");
+    }
+}

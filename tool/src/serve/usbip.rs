@@ -1,0 +1,148 @@
+//! `ecmsk serve usbip`: boards on the USB bus of any machine.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::ArgAction;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{self, Share};
+use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
+
+use crate::error::say;
+use crate::{CliError, signals, stderr};
+
+/// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, programs need no change
+///
+/// Standard output says where it listens and what it serves, standard error who comes and goes. USB/IP knows no
+/// password, so it listens on this machine alone; other machines come through a tunnel (docs/VIRTUAL-BOARD.md). A board that is lost is detached; when it is back it can be
+/// attached again, and with --attach it is. Ctrl-C and SIGTERM detach the boards and end it.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk serve usbip --link 'sim:?slaves=drive*2'
+      then, there:  sudo modprobe vhci-hcd; sudo usbip attach -r 127.0.0.1 -b 1-1
+  sudo ecmsk serve usbip --link 'sim:?slaves=drive*2' --attach
+  ecmsk serve usbip --link 'sim:?name=left' --link 'sim:?name=right' --listen 127.0.0.1:3241
+
+From another machine, through a tunnel: ssh -N -L 3240:127.0.0.1:3240 HOST, then usbip attach -r 127.0.0.1 -b 1-1")]
+pub struct Args {
+    /// Board to serve, see `ecmsk link help`; once for each board. They get the bus ids 1-1, 1-2 and so on [default: ECMSK_LINK,
+    /// else the one of ecmsk.toml]
+    #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
+    links: Vec<LinkUri>,
+
+    /// Where to listen
+    #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)))]
+    listen: SocketAddr,
+
+    /// Listen where other machines reach it, too: whoever reaches it moves the axes, USB/IP knows no password and no encryption. A
+    /// tunnel is better: docs/VIRTUAL-BOARD.md
+    #[arg(long)]
+    insecure_anyone: bool,
+
+    /// Attach the boards to this machine at once (needs root and the kernel module vhci-hcd)
+    #[arg(long)]
+    attach: bool,
+
+    /// Vendor id that the boards show, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = id, default_value = "16c0", help_heading = IDENTITY)]
+    vendor: u16,
+
+    /// Product id that the boards show, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = id, default_value = "05df", help_heading = IDENTITY)]
+    product: u16,
+
+    /// Release (bcdDevice) that the boards show, hexadecimal
+    #[arg(long, value_name = "N", value_parser = id, default_value = "0100", help_heading = IDENTITY)]
+    release: u16,
+
+    /// Name of the maker; empty: none
+    #[arg(long, value_name = "TEXT", default_value_t = Identity::default().manufacturer, help_heading = IDENTITY)]
+    manufacturer: String,
+
+    /// Name of the product; empty: none
+    #[arg(long, value_name = "TEXT", default_value_t = Identity::default().name, help_heading = IDENTITY)]
+    name: String,
+
+    /// Serial number; once for each board, in their order [default: the bus id]
+    #[arg(long, value_name = "TEXT", action = ArgAction::Append, help_heading = IDENTITY)]
+    serial: Vec<String>,
+
+    /// bInterval of the endpoints: 2^(N-1) times 125 us
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16), help_heading = IDENTITY)]
+    interval: u8,
+}
+
+const IDENTITY: &str = "How the boards show themselves";
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    // Before anything is attached.
+    let asked = signals::Asked::watch().map_err(ServeError::Signals)?;
+    stderr::queue().map_err(ServeError::Thread)?;
+    let links = links(args)?;
+    let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
+    let options = Options {
+        listen: args.listen,
+        insecure_anyone: args.insecure_anyone,
+        attach: args.attach.then(|| PathBuf::from(VHCI)),
+        ..Options::default()
+    };
+    if !args.listen.ip().is_loopback() && args.insecure_anyone {
+        say("note", &format_args!("whoever reaches {} can use the boards: USB/IP knows no password", args.listen));
+    }
+    let server = Server::start(options, boards, Arc::new(|event| say("serve", event)))?;
+
+    let mut text = format!("listening on {}\n", server.address());
+    for (bus_id, link) in server.bus_ids().zip(&links) {
+        text.push_str(&format!("{bus_id} {link}\n"));
+    }
+    super::announce(text)?;
+    let signal = asked.wait();
+    server.flush();
+    say("serve", &format_args!("stopped by {signal}"));
+    server.stop();
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The links, or the one that the library would find.
+fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
+    if !args.links.is_empty() {
+        return Ok(args.links.clone());
+    }
+    let link = super::served(None)?;
+    Ok(vec![given_link(&link.to_string()).unwrap_or(link)])
+}
+
+fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
+    let identity = Identity {
+        vendor: args.vendor,
+        product: args.product,
+        release: args.release,
+        interval: args.interval,
+        manufacturer: args.manufacturer.clone(),
+        name: args.name.clone(),
+        serial: args.serial.get(index).cloned().unwrap_or_default(),
+        ..Identity::default()
+    };
+    let uri = link.to_string();
+    // A board that comes back is the same one.
+    BoardSpec { identity, opener: Box::new(move || link::open(&uri, Share::ByUri)) }
+}
+
+/// A link; unless it says otherwise it keeps one report, the newest: the host has a queue of its own.
+fn given_link(text: &str) -> Result<LinkUri, String> {
+    let link = LinkUri::parse(text).map_err(|error| error.to_string())?;
+    let says = text.split(['?', '&']).any(|part| part.starts_with("queue="));
+    if says {
+        return Ok(link);
+    }
+    let joint = if text.contains('?') { '&' } else { '?' };
+    LinkUri::parse(&format!("{text}{joint}queue=1")).map_err(|error| error.to_string())
+}
+
+fn id(text: &str) -> Result<u16, String> {
+    let digits = text.strip_prefix("0x").unwrap_or(text);
+    u16::from_str_radix(digits, 16).map_err(|_| "allowed: 0000 to ffff".to_owned())
+}

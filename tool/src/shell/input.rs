@@ -1,0 +1,123 @@
+//! Where the shell's lines come from. A thread of its own reads them, so that a signal is seen while none comes.
+
+use std::io::{self, BufRead};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+use rustyline::completion::Completer;
+use rustyline::error::ReadlineError;
+use rustyline::history::DefaultHistory;
+use rustyline::{Editor, Helper, Highlighter, Hinter, Validator};
+
+use super::complete;
+use super::terminal::Terminal;
+use crate::board::{Board, BoardError};
+
+const PROMPT: &str = "ecmsk> ";
+/// \[OURS] How often signals are looked for while there is nothing to do.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What came.
+enum Typed {
+    Line(String),
+    /// Ctrl-C while nothing runs.
+    Nothing,
+    End,
+    Failed(io::Error),
+}
+
+/// Lines as they are typed, or as they come through a pipe.
+pub struct Input {
+    /// Asks for the next one: there is no prompt while a step runs.
+    wanted: Sender<()>,
+    typed: Receiver<Typed>,
+    terminal: Terminal,
+}
+
+impl Input {
+    /// `typed`: standard input is a terminal.
+    pub fn start(typed: bool) -> Self {
+        let terminal = Terminal::now();
+        let (wanted, asked) = mpsc::channel();
+        let (sender, lines) = mpsc::channel();
+        thread::spawn(move || {
+            let mut next: Box<dyn FnMut() -> Typed> = match typed.then(terminal_lines) {
+                Some(Ok(next)) => Box::new(next),
+                Some(Err(error)) => {
+                    let _ = sender.send(Typed::Failed(io::Error::other(error)));
+                    return;
+                }
+                None => Box::new(piped_lines()),
+            };
+            while asked.recv().is_ok() && sender.send(next()).is_ok() {}
+        });
+        Self { wanted, typed: lines, terminal }
+    }
+
+    /// The next line; `None` after the last one.
+    ///
+    /// # Errors
+    /// [`BoardError::Stopped`], [`BoardError::Input`].
+    pub fn next(&self, board: &Board) -> Result<Option<String>, BoardError> {
+        // A reader that has ended has said so.
+        let _ = self.wanted.send(());
+        loop {
+            if let Err(stopped) = board.check_stop() {
+                self.terminal.restore();
+                return Err(stopped);
+            }
+            match self.typed.recv_timeout(LOOK) {
+                Ok(Typed::Line(line)) => return Ok(Some(line)),
+                Ok(Typed::End) | Err(RecvTimeoutError::Disconnected) => return Ok(None),
+                Ok(Typed::Failed(error)) => return Err(BoardError::Input(error)),
+                Ok(Typed::Nothing) => {
+                    board.talk.note("nothing runs; type quit to leave");
+                    let _ = self.wanted.send(());
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+}
+
+fn terminal_lines() -> rustyline::Result<impl FnMut() -> Typed> {
+    let mut editor: Editor<Words, DefaultHistory> = Editor::new()?;
+    editor.set_helper(Some(Words));
+    Ok(move || match editor.readline(PROMPT) {
+        Ok(line) => {
+            // Only a history file could fail.
+            let _ = editor.add_history_entry(&line);
+            Typed::Line(line)
+        }
+        Err(ReadlineError::Interrupted) => Typed::Nothing,
+        Err(ReadlineError::Eof) => Typed::End,
+        Err(error) => Typed::Failed(io::Error::other(error)),
+    })
+}
+
+fn piped_lines() -> impl FnMut() -> Typed {
+    let mut lines = io::stdin().lock().lines();
+    move || match lines.next() {
+        Some(Ok(line)) => Typed::Line(line),
+        Some(Err(error)) => Typed::Failed(error),
+        None => Typed::End,
+    }
+}
+
+/// Completes verbs and options.
+#[derive(Helper, Highlighter, Hinter, Validator)]
+struct Words;
+
+impl Completer for Words {
+    type Candidate = String;
+
+    fn complete(
+        &self,
+        line: &str,
+        at: usize,
+        _: &rustyline::Context<'_>,
+    ) -> rustyline::Result<(usize, Vec<Self::Candidate>)> {
+        Ok(complete(line.get(..at).unwrap_or_default()))
+    }
+}

@@ -1,0 +1,97 @@
+//! `expect`: a script that checks what it has done.
+
+use clap::Subcommand;
+use ecmsk::ecm::{Config, Scale};
+use ecmsk::sk::MasterState;
+
+use super::io::{bits, io_slave};
+use super::motion::Target;
+use super::state;
+use crate::board::{Board, BoardError, Needs, find_slave, not_negative, whole};
+
+const WHAT: &str = "expect";
+
+/// Fail if the board is not as expected
+#[derive(Clone, Debug, clap::Args)]
+#[command(disable_help_subcommand = true, arg_required_else_help = true)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Clone, Debug, Subcommand)]
+enum Verb {
+    /// The network is in that state
+    State {
+        #[arg(value_name = "init|preop|safeop|op", value_parser = state::parse)]
+        state: MasterState,
+    },
+    /// Axes are at these positions: counts, or units if --counts-per-unit says so
+    Position {
+        #[arg(value_name = "AXIS=POSITION", required = true, value_parser = Target::parse)]
+        positions: Vec<Target>,
+        /// Units that each may be off
+        #[arg(long, value_name = "N", default_value = "0", value_parser = not_negative, allow_negative_numbers = true)]
+        within: f64,
+    },
+    /// An IO slave's inputs are these bits
+    Inputs {
+        #[arg(value_name = "SLAVE=BITS", value_parser = inputs)]
+        inputs: (u8, u16),
+    },
+}
+
+fn inputs(text: &str) -> Result<(u8, u16), String> {
+    let (slave, inputs) = text.split_once('=').ok_or("allowed: SLAVE=BITS, e.g. 3=0x0001")?;
+    let slave = whole(slave).and_then(|slave| u8::try_from(slave).ok()).filter(|slave| (1..=40).contains(slave));
+    Ok((slave.ok_or("allowed: a slave from 1 to 40")?, bits(inputs)?))
+}
+
+impl Args {
+    /// # Errors
+    /// A slave that is none, or of another kind.
+    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
+        match &self.verb {
+            Verb::State { .. } => Ok(()),
+            Verb::Position { positions, .. } => {
+                positions.iter().try_for_each(|position| find_slave(network, WHAT, position.slave).map(|_| ()))
+            }
+            Verb::Inputs { inputs: (slave, _) } => io_slave(network, WHAT, *slave),
+        }
+    }
+
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        let failed = |why| BoardError::Refused { what: WHAT.into(), why, next: "see what came before".into() };
+        match &self.verb {
+            Verb::State { state } => {
+                let found = board.ecm.state()?;
+                let is_it = found.state() == Some(*state) && !found.is_failed();
+                if is_it { Ok(()) } else { Err(failed(format!("the network is in {found}, not in {state}"))) }
+            }
+            Verb::Position { positions, within } => {
+                board.ready(WHAT, Needs::Op)?;
+                let snapshot = board.ecm.next_cycle(board.options.read_limit)?;
+                for Target { slave, value } in positions {
+                    let scale: Scale = board.axis(WHAT, *slave)?.scale;
+                    let found = snapshot.position(*slave).map_or(f64::NAN, |position| scale.to_units(position));
+                    if found.is_nan() || (found - value).abs() > *within {
+                        return Err(failed(format!("axis {slave} is at {found}, not at {value} within {within}")));
+                    }
+                }
+                Ok(())
+            }
+            Verb::Inputs { inputs: (slave, wanted) } => {
+                board.ready(WHAT, Needs::Op)?;
+                let found = board.attend("reading inputs", |ecm| ecm.inputs(*slave))?;
+                let is_it = found == *wanted;
+                if is_it {
+                    Ok(())
+                } else {
+                    Err(failed(format!("inputs of slave {slave} are 0x{found:04X}, not 0x{wanted:04X}")))
+                }
+            }
+        }
+    }
+}

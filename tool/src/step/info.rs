@@ -1,0 +1,192 @@
+//! `info`: what is known of the board, the link and the network.
+
+use std::fmt::Write;
+
+use ecmsk::cia402::error_name;
+use ecmsk::coe::{AbortCode, ObjectAddress};
+use ecmsk::ecm::{EcmError, Slave, SlaveView, Snapshot};
+use ecmsk::link::keys::Scheme;
+use ecmsk::sk::{FIFO_ENTRIES, MasterState};
+use serde_json::{Value, json};
+
+use crate::board::{Board, BoardError, Needs, list, shown};
+use crate::kinds;
+
+/// Show what is known of the board, the link and the network; nothing is sent
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Ask the slaves who they are, by SDOs, from slave 1 to the first that does not answer
+    #[arg(long)]
+    scan: bool,
+}
+
+impl Args {
+    /// Whether nothing is sent.
+    pub const fn only_looks(&self) -> bool {
+        !self.scan
+    }
+}
+
+/// 0x1000 and of 0x1018 vendor, product and revision.
+const IDENTITY: [(&str, ObjectAddress); 4] = [
+    ("device_type", ObjectAddress::new(0x1000, 0)),
+    ("vendor_id", ObjectAddress::new(0x1018, 1)),
+    ("product_code", ObjectAddress::new(0x1018, 2)),
+    ("revision", ObjectAddress::new(0x1018, 3)),
+];
+
+impl Args {
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        let snapshot = board.ecm.snapshot()?;
+        let (mut text, mut json) = facts(board, &snapshot)?;
+        if self.scan {
+            board.ready("info --scan", Needs::Sdo)?;
+            json["found"] = scan(board, &mut text)?.into();
+        }
+        Ok(board.talk.result(text.trim_end(), &json)?)
+    }
+}
+
+fn line(text: &mut String, name: &str, what: std::fmt::Arguments<'_>) {
+    // A string takes everything.
+    let _ = writeln!(text, "{name:<12}{what}");
+}
+
+fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardError> {
+    let slot = board.ecm.slot_size()?;
+    let (stats, link) = (board.ecm.stats()?, board.link_stats());
+    let state = snapshot.state();
+    let mut text = String::new();
+    line(&mut text, "link", format_args!("{}", board.uri));
+    line(&mut text, "slots", format_args!("of {} bytes, for up to {} slaves", slot.bytes(), slot.max_slaves()));
+    let firmware = (board.uri.scheme() == Scheme::Sim).then(|| board.uri.value("fw")).flatten();
+    match firmware {
+        Some(firmware) => line(&mut text, "firmware", format_args!("{firmware}, simulated")),
+        None => line(&mut text, "firmware", format_args!("not known: the wire does not say")),
+    }
+    line(&mut text, "state", format_args!("{state}"));
+    let why = board.why_failed(state);
+    if let Some(why) = &why {
+        line(&mut text, "", format_args!("{why}"));
+    }
+    match &board.config {
+        Some(config) => line(&mut text, "network", format_args!("{}", list(config))),
+        None => line(&mut text, "network", format_args!("not known: say it with --slaves, or ask with --scan")),
+    }
+    let fifo =
+        (state.state() == Some(MasterState::Op)).then_some((snapshot.board.fifo_free, snapshot.board.full_count));
+    match fifo {
+        Some((free, full)) => {
+            line(&mut text, "FIFO", format_args!("{free} of {FIFO_ENTRIES} entries free, full count {full}"))
+        }
+        None => line(&mut text, "FIFO", format_args!("in OP only")),
+    }
+    line(
+        &mut text,
+        "CRC errors",
+        format_args!("{} of commands (byte 1), {} of reports", snapshot.board.error, stats.bad_crc),
+    );
+    let (lost, dropped) = (stats.reports_lost, link.reports_dropped);
+    line(&mut text, "reports", format_args!("{} read, {lost} lost, {dropped} dropped by the link", stats.reports));
+    let mut slaves = Vec::new();
+    if fifo.is_some() {
+        for number in 1..=snapshot.slaves() as u8 {
+            let Some(slave) = snapshot.slave(number) else { continue };
+            let (said, mut json) = said(board, number, &slave);
+            json["slave"] = number.into();
+            if let Some(slave) = config_of(board, number) {
+                json["kind"] = kinds::word(slave.kind()).into();
+            }
+            line(&mut text, &format!("slave {number}"), format_args!("{said}"));
+            slaves.push(json);
+        }
+    }
+    if fifo.is_none() {
+        // They say nothing yet; what they are is known.
+        for (number, slave) in (1_u8..).zip(board.config.iter().flat_map(|config| &config.slaves)) {
+            slaves.push(json!({"slave": number, "kind": kinds::word(slave.kind())}));
+        }
+    }
+    let network = board.config.as_ref().map(list);
+    let mut json = json!({
+        "verb": "info", "link": board.uri.to_string(), "slot_bytes": slot.bytes(), "max_slaves": slot.max_slaves(),
+        "firmware": firmware, "state": state.state().map(MasterState::name), "failed": state.is_failed(),
+        "network": network, "fifo_free_entries": fifo.map(|(free, _)| free), "fifo_full_count": fifo.map(|(_, full)| full),
+        "error_byte": snapshot.board.error, "reports": stats.reports, "reports_bad_crc": stats.bad_crc,
+        "reports_lost": lost, "reports_dropped": dropped, "slaves": slaves,
+    });
+    if let Some(why) = why {
+        json["why"] = why.into();
+    }
+    Ok((text, json))
+}
+
+fn config_of(board: &Board, number: u8) -> Option<&Slave> {
+    board.config.as_ref()?.slaves.get(usize::from(number).checked_sub(1)?)
+}
+
+/// What a slave says in OP.
+fn said(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
+    match slave {
+        SlaveView::Drive(drive) => {
+            let word = drive.statusword;
+            let alarm = match drive.error_code {
+                0 => String::new(),
+                code => format!(", error code 0x{code:04X}: {}", error_name(code)),
+            };
+            let (position, units) = board.in_units(number, drive.position);
+            let text = format!("{}, at {position}{alarm}", shown(word));
+            let mut json =
+                json!({"statusword": word.0, "position_counts": drive.position, "error_code": drive.error_code});
+            if let Some(units) = units {
+                json["position"] = units.into();
+            }
+            (text, json)
+        }
+        SlaveView::Hsp(hsp) => {
+            let positions = [hsp.first.position, hsp.second.position];
+            let [first, second] = positions.map(|position| board.in_units(number, position));
+            let text = format!("{}, at {} and {}", shown(hsp.statusword), first.0, second.0);
+            let mut json = json!({"statusword": hsp.statusword.0, "position_counts": positions});
+            if let (Some(first), Some(second)) = (first.1, second.1) {
+                json["position"] = json!([first, second]);
+            }
+            (text, json)
+        }
+        SlaveView::Io(_) => ("io, see `io`".to_owned(), json!({})),
+    }
+}
+
+/// Asks slave after slave; the first that does not answer is behind the last one.
+fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
+    let mut found = Vec::new();
+    for slave in 1..=board.ecm.slot_size()?.max_slaves() as u8 {
+        let mut said = Vec::new();
+        let mut json = json!({"slave": slave});
+        for (name, object) in IDENTITY {
+            match board.attend("asking slaves", |ecm| ecm.sdo_read::<u32>(slave, object)) {
+                Ok(value) => {
+                    said.push(format!("{} 0x{value:08X}", name.replace('_', " ")));
+                    json[name] = value.into();
+                }
+                Err(BoardError::Ecm(EcmError::SdoAborted { code, .. })) if code != AbortCode::TIMEOUT => {}
+                Err(BoardError::Ecm(EcmError::SdoAborted { .. } | EcmError::Timeout { .. })) => {
+                    line(text, "found", format_args!("{}", slaves(found.len())));
+                    return Ok(found);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        line(text, &format!("slave {slave}"), format_args!("{}", said.join(", ")));
+        found.push(json);
+    }
+    line(text, "found", format_args!("{}", slaves(found.len())));
+    Ok(found)
+}
+
+/// `1 slave`, `3 slaves`.
+fn slaves(count: usize) -> String {
+    format!("{count} {}", if count == 1 { "slave" } else { "slaves" })
+}

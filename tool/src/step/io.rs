@@ -1,0 +1,118 @@
+//! `io`: inputs and outputs, of IO slaves and of the board itself.
+
+use ecmsk::ecm::{Config, Slave};
+use serde_json::json;
+
+use crate::board::{Board, BoardError, Needs, find_slave, whole};
+
+const WHAT: &str = "io";
+
+/// Read the inputs of an IO slave or of the board, or set outputs
+///
+/// An IO slave has 16 inputs and 16 outputs and needs OP; the board itself has six of each, in any state.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The IO slave's number, or local for the board itself
+    #[arg(value_name = "SLAVE|local", value_parser = Side::parse)]
+    side: Side,
+
+    /// Set the outputs, bit k is output k, e.g. 0x0003; they stay until they are set again
+    #[arg(long, value_name = "BITS", value_parser = bits)]
+    set: Option<u16>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    Slave(u8),
+    Local,
+}
+
+impl Side {
+    fn parse(text: &str) -> Result<Self, String> {
+        if text.eq_ignore_ascii_case("local") {
+            return Ok(Self::Local);
+        }
+        let number = text.parse().ok().filter(|number| (1..=40).contains(number));
+        number.map(Self::Slave).ok_or_else(|| "allowed: a slave from 1 to 40, or local".into())
+    }
+}
+
+/// Reads 16 bits.
+///
+/// # Errors
+/// What is allowed.
+pub fn bits(text: &str) -> Result<u16, String> {
+    let bits = whole(text).and_then(|number| u16::try_from(number).ok());
+    bits.ok_or_else(|| "allowed: 0 to 0xFFFF".into())
+}
+
+impl Args {
+    /// # Errors
+    /// A slave that is no IO slave, outputs that the board has not got.
+    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
+        match self.side {
+            Side::Slave(slave) => io_slave(network, WHAT, slave),
+            Side::Local => self.local_bits().map(|_| ()),
+        }
+    }
+
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        match self.side {
+            Side::Slave(slave) => {
+                board.ready(WHAT, Needs::Op)?;
+                let (name, json) = (format!("slave {slave}"), json!({"verb": WHAT, "slave": slave}));
+                let Some(bits) = self.set else {
+                    let inputs = board.attend("reading inputs", |ecm| ecm.inputs(slave))?;
+                    return say(board, &name, "inputs", json, inputs, 4);
+                };
+                board.attend("setting outputs", |ecm| ecm.set_outputs(slave, bits))?;
+                say(board, &name, "outputs", json, bits, 4)
+            }
+            Side::Local => {
+                let json = json!({"verb": WHAT, "slave": "local"});
+                let Some(bits) = self.local_bits()? else {
+                    let inputs = board.attend("reading inputs", |ecm| ecm.local_inputs())?;
+                    return say(board, "board", "inputs", json, inputs.into(), 2);
+                };
+                board.attend("setting outputs", |ecm| ecm.set_local_outputs(bits))?;
+                say(board, "board", "outputs", json, bits.into(), 2)
+            }
+        }
+    }
+
+    fn local_bits(&self) -> Result<Option<u8>, BoardError> {
+        match self.set {
+            None => Ok(None),
+            Some(bits @ 0..=0x3F) => Ok(Some(bits as u8)),
+            Some(bits) => Err(BoardError::Refused {
+                what: WHAT.into(),
+                why: format!("the board has six outputs, 0x{bits:X} is more"),
+                next: "set 0x00 to 0x3F".into(),
+            }),
+        }
+    }
+}
+
+/// Whether that is an IO slave.
+pub fn io_slave(network: &Config, what: &str, slave: u8) -> Result<(), BoardError> {
+    match find_slave(network, what, slave)? {
+        Slave::Io => Ok(()),
+        other => {
+            Err(BoardError::WrongKind { what: what.to_owned(), slave, found: other.to_string(), wanted: "an io slave" })
+        }
+    }
+}
+
+fn say(
+    board: &Board,
+    name: &str,
+    which: &str,
+    mut json: serde_json::Value,
+    bits: u16,
+    digits: usize,
+) -> Result<(), BoardError> {
+    json[which] = bits.into();
+    Ok(board.talk.result(format_args!("{name}: {which} 0x{bits:0digits$X}"), &json)?)
+}

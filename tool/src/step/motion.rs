@@ -1,0 +1,289 @@
+//! `move`: axes to positions, all together, with bounded speed, acceleration and jerk.
+
+mod path;
+mod target;
+
+use std::time::Duration;
+
+use ecmsk::cia402::Mode;
+use ecmsk::ecm::{Config, EcmError, Guard, Scale, Snapshot, Stream, StreamStats};
+use ecmsk::sk::{AxisTarget, SlotSize};
+use serde_json::json;
+
+use super::profile::{Along, Profile};
+use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, find_slave, in_mode, positive};
+use path::{AxisPath, Path, Speeds};
+use target::{Jerk, outside};
+pub use target::{Target, counts};
+
+const WHAT: &str = "move";
+/// \[OURS] How far ahead of the board the motion is: a program that is late by less leaves no gap.
+const AHEAD: Duration = Duration::from_millis(64);
+/// \[OURS] Frames that makes, with short and with long cycles.
+const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
+/// \[OURS] How long axes may take to settle after the last target, and how many counts off it they have.
+const SETTLE: Duration = Duration::from_millis(500);
+const WINDOW: u32 = 2;
+/// \[OURS] How long braking may take on Ctrl-C: what is left of the 2 s is for the rest of closing.
+const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
+
+/// Move axes to positions, all together
+///
+/// The axes start and arrive at the same time, on a straight line, with bounded speed, acceleration and jerk (CSP). Ctrl-C
+/// brakes on that line, within 2 s; the axes stay on.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk move 1=10000 2=-5000 --velocity 20000 --link 'sim:?slaves=drive*2' --up
+  ecmsk move 1=12.5 --velocity 5 --counts-per-unit 10000 --link 'sim:?slaves=drive' --up")]
+pub struct Args {
+    /// The axes, by the numbers of their slaves, and where to: whole counts, or units if --counts-per-unit says so, to the
+    /// nearest count
+    #[arg(value_name = "AXIS=TARGET", required = true, value_parser = Target::parse)]
+    targets: Vec<Target>,
+
+    /// The targets are distances from where the axes are
+    #[arg(long)]
+    relative: bool,
+
+    /// Speed of the fastest axis at most, units a second [default: 10000 counts a second]
+    #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
+    velocity: Option<f64>,
+
+    /// Units a second squared [default: what reaches the speed in 0.2 s]
+    #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
+    acceleration: Option<f64>,
+
+    /// Units a second cubed, or off [default: what reaches the acceleration in 0.1 s]
+    #[arg(long, value_name = "N|off", value_parser = Jerk::parse, allow_negative_numbers = true)]
+    jerk: Option<Jerk>,
+}
+
+impl Args {
+    /// # Errors
+    /// A slave that is no axis in CSP, a target outside the wire's 32 bits, a speed that the guard refuses.
+    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
+        for (index, target) in self.targets.iter().enumerate() {
+            let slave = target.slave;
+            if self.targets[..index].iter().any(|other| other.slave == slave) {
+                return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
+            }
+            let found = find_slave(network, WHAT, slave)?;
+            let Some(axis) = found.axis() else {
+                return Err(BoardError::WrongKind {
+                    what: WHAT.into(),
+                    slave,
+                    found: found.to_string(),
+                    wanted: "a drive, step or hsp",
+                });
+            };
+            in_mode(slave, WHAT, axis, Mode::Csp)?;
+            counts(WHAT, target, axis.scale)?;
+            let (velocity, ahead) = (self.speeds(axis.scale).velocity, f64::from(depth(network)));
+            let behind = velocity * ahead * f64::from(network.cycle_us) * 1e-6;
+            if let Guard::Within(limit) = axis.guard
+                && behind > f64::from(limit)
+            {
+                let why = format!(
+                    "at {velocity} counts/s the target of axis {slave} runs {behind:.0} counts ahead of it, its guard is {limit}"
+                );
+                return Err(refused(why, "lower --velocity, or widen --guard"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Limits of an axis, in counts.
+    fn speeds(&self, scale: Scale) -> Speeds {
+        let counts = scale.counts_per_unit.abs();
+        Speeds::of(
+            self.velocity.map(|units| units * counts),
+            self.acceleration.map(|units| units * counts),
+            self.jerk.map(|jerk| jerk.scaled(counts)),
+        )
+    }
+
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
+        board.ready(WHAT, Needs::On(&slaves))?;
+        board.check_adopted(WHAT, &slaves)?;
+        let config = board.known(WHAT)?;
+        let depth = depth(config);
+        // What is in the FIFO still moves the axes.
+        board.attend("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
+        let snapshot = board.ecm.snapshot()?;
+        let path = self.path(board, &snapshot)?;
+        let stream = board.ecm.stream(depth).map_err(|error| board.told(error))?;
+        let moved =
+            Run { board, path: &path, snapshot: &snapshot, cycle: f64::from(config.cycle_us) * 1e-6 }.go(stream);
+        board.talk.clear();
+        let (seconds, stats) = match moved {
+            Ok(moved) => moved,
+            Err(error) => {
+                let after = board.ecm.snapshot()?;
+                for axis in &path.axes {
+                    if let Some(position) = after.position(axis.slave) {
+                        board.talk.note(format_args!("axis {} is at {position}", axis.slave));
+                    }
+                }
+                return Err(error);
+            }
+        };
+        if stats.underruns > 0 {
+            let cycles = stats.underruns;
+            board.talk.note(format_args!("{cycles} cycles found no target in the board: the motion had gaps"));
+        }
+        let after = settled(board, &path)?;
+        for axis in &path.axes {
+            board.told_to(axis.slave, axis.end);
+            let position = after.position(axis.slave).unwrap_or_default();
+            let (text, units) = board.in_units(axis.slave, position);
+            let mut json = json!({
+                "verb": WHAT, "axis": axis.slave, "target_counts": axis.end, "position_counts": position,
+                "seconds": seconds, "underruns": stats.underruns,
+            });
+            if let Some(units) = units {
+                json["position"] = units.into();
+            }
+            board.talk.result(format_args!("axis {}: at {text}", axis.slave), &json)?;
+        }
+        for axis in &path.axes {
+            let off = axis.off(&after);
+            if off > NEAR_COUNTS {
+                let why = format!("axis {} is {off} counts off its target", axis.slave);
+                return Err(refused(why, "see its load, its limits and its tuning, or move slower"));
+            }
+        }
+        Ok(())
+    }
+
+    /// From where the axes are to their targets.
+    fn path(&self, board: &Board, snapshot: &Snapshot) -> Result<Path, BoardError> {
+        let axis = |target: &Target| {
+            let scale = board.axis(WHAT, target.slave)?.scale;
+            let start = board.rests_at(snapshot, target.slave);
+            let end = counts(WHAT, target, scale)?;
+            let end = if self.relative { start.checked_add(end) } else { Some(end) };
+            let end = end.ok_or_else(|| outside(WHAT, target))?;
+            Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(scale) })
+        };
+        let axes: Vec<AxisPath> = self.targets.iter().map(axis).collect::<Result<_, BoardError>>()?;
+        Path::new(axes).map_err(|why| refused(why, "choose a speed and an acceleration nearer to each other"))
+    }
+}
+
+/// As many steps as the native API looks back for a speed.
+const HOLD_FRAMES: usize = 9;
+
+/// A move under way.
+struct Run<'a> {
+    board: &'a Board,
+    path: &'a Path,
+    snapshot: &'a Snapshot,
+    /// Seconds.
+    cycle: f64,
+}
+
+impl Run<'_> {
+    /// One target a cycle, until all axes stand.
+    fn go(&self, mut stream: Stream<'_>) -> Result<(f64, StreamStats), BoardError> {
+        let stepped = self.steps(&mut stream);
+        // Whatever it was, what moves comes to a standstill.
+        let finished = stream.finish();
+        let seconds = stepped?;
+        self.board.check_stop()?;
+        Ok((seconds, finished.map_err(|error| self.board.told(error))?))
+    }
+
+    fn steps(&self, stream: &mut Stream<'_>) -> Result<f64, BoardError> {
+        let Some(profile) = &self.path.profile else { return Ok(0.0) };
+        let mut pace = self.board.talk.pace();
+        let mut last = Along::default();
+        for frame in 1_u64.. {
+            let time = frame as f64 * self.cycle;
+            if self.board.interrupt.signal().is_some() {
+                let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
+                let brake = brake.map_err(|why| refused(why, "the board ramps the axes to a standstill"))?;
+                self.brake(stream, &brake)?;
+                return Ok(time);
+            }
+            last = profile.at(time);
+            let done = time >= profile.seconds();
+            self.step(stream, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
+            if done {
+                self.hold(stream, |axis| axis.end)?;
+                return Ok(time);
+            }
+            if pace.due(Duration::from_secs_f64(time)) {
+                let (all, part) = (profile.seconds(), time / profile.seconds());
+                let text = format!("moving, {:.0} %, {time:.1} of {all:.1} s", part * 100.0);
+                self.board.talk.part(part, text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
+            }
+        }
+        Ok(0.0)
+    }
+
+    fn brake(&self, stream: &mut Stream<'_>, brake: &Profile) -> Result<(), BoardError> {
+        for frame in 1_u64.. {
+            let time = frame as f64 * self.cycle;
+            let along = brake.at(time).length / self.path.length;
+            self.step(stream, |axis| axis.at(along))?;
+            if time >= brake.seconds() {
+                return self.hold(stream, |axis| axis.at(along));
+            }
+        }
+        Ok(())
+    }
+
+    /// The last targets a few times more. However hard the end was: axes that have been told to stand are not ramped
+    /// any further when the stream ends.
+    fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
+        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at))
+    }
+
+    fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
+        let told = |error| self.board.told(error);
+        for axis in &self.path.axes {
+            self.aim(stream, axis.slave, at(axis)).map_err(told)?;
+        }
+        stream.step().map_err(told).map(|_| ())
+    }
+
+    /// The second channel of an HSP stays where it is.
+    fn aim(&self, stream: &mut Stream<'_>, slave: u8, target: i32) -> Result<(), EcmError> {
+        match self.snapshot.slave(slave) {
+            Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {
+                let second = AxisTarget { target: hsp.second.position, outputs: 0 };
+                stream.csp_hsp(slave, AxisTarget { target, outputs: 0 }, second)
+            }
+            _ => stream.csp(slave, target),
+        }
+    }
+}
+
+/// The first report in which all axes are where they were told to be, or the last one of the time they have for it.
+fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
+    let mut now = board.ecm.snapshot()?;
+    let end = now.meta.at.0 + SETTLE.as_nanos() as u64;
+    while path.axes.iter().any(|axis| axis.off(&now) > WINDOW) && now.meta.at.0 < end {
+        board.check_stop()?;
+        now = board.ecm.next_cycle(board.options.read_limit)?;
+    }
+    for axis in path.axes.iter().filter(|axis| axis.off(&now) > WINDOW) {
+        let (slave, counts) = (axis.slave, axis.off(&now));
+        board.talk.note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
+    }
+    Ok(now)
+}
+
+/// Frames that are ahead of the board.
+fn depth(network: &Config) -> u16 {
+    let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
+    frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16
+}
+
+fn refused(why: String, next: &str) -> BoardError {
+    BoardError::Refused { what: WHAT.into(), why, next: next.into() }
+}

@@ -1,0 +1,209 @@
+//! Objects by number or name, and their types.
+
+use std::fmt;
+
+use ecmsk::coe::ObjectAddress;
+
+use crate::board::whole;
+
+/// A type that an SDO can move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Type {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+}
+
+use Type::{I8, I16, I32, U8, U16, U32};
+
+impl Type {
+    const ALL: [(&str, Self); 6] = [("u8", U8), ("i8", I8), ("u16", U16), ("i16", I16), ("u32", U32), ("i32", I32)];
+
+    /// Reads `u8` to `i32`.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let known = Self::ALL.into_iter().find(|(name, _)| name.eq_ignore_ascii_case(text));
+        known.map(|(_, of)| of).ok_or_else(|| "allowed: u8, i8, u16, i16, u32, i32".into())
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::ALL.into_iter().find(|(_, of)| *of == self).map_or("u32", |(name, _)| name)
+    }
+
+    /// 8, 16 or 32.
+    pub const fn bits(self) -> u32 {
+        match self {
+            U8 | I8 => 8,
+            U16 | I16 => 16,
+            U32 | I32 => 32,
+        }
+    }
+
+    /// Whether a value fits: a number of the type, or its bits as 0x.
+    pub fn takes(self, value: Value) -> bool {
+        let (low, high) = match self {
+            U8 | U16 | U32 => (0, (1_i64 << self.bits()) - 1),
+            I8 | I16 | I32 => (-(1_i64 << (self.bits() - 1)), (1_i64 << (self.bits() - 1)) - 1),
+        };
+        (low..=high).contains(&value.number) || value.is_bits && (0..1_i64 << self.bits()).contains(&value.number)
+    }
+
+    /// The number of what an object holds.
+    pub const fn number(self, raw: u32) -> i64 {
+        match self {
+            U8 | U16 | U32 => raw as i64,
+            I8 => raw as u8 as i8 as i64,
+            I16 => raw as u16 as i16 as i64,
+            I32 => raw as i32 as i64,
+        }
+    }
+}
+
+/// A value to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Value {
+    pub number: i64,
+    /// Written as 0x: the bits of a signed type may be meant.
+    is_bits: bool,
+}
+
+impl Value {
+    /// Reads a decimal number or one with 0x.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let number = whole(text).ok_or("allowed: a whole number, decimal or with 0x")?;
+        Ok(Self { number, is_bits: text.starts_with("0x") || text.starts_with("0X") })
+    }
+}
+
+/// An object as it was named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Object {
+    pub address: ObjectAddress,
+    /// Its name and type, if it is one of those that every drive has.
+    pub known: Option<(&'static str, Type)>,
+}
+
+/// Objects of ETG.1000.6 and CiA 402 that have names here.
+pub const KNOWN: [(&str, u16, u8, Type); 41] = [
+    ("device_type", 0x1000, 0, U32),
+    ("error_register", 0x1001, 0, U8),
+    ("vendor_id", 0x1018, 1, U32),
+    ("product_code", 0x1018, 2, U32),
+    ("revision", 0x1018, 3, U32),
+    ("serial_number", 0x1018, 4, U32),
+    ("error_code", 0x603F, 0, U16),
+    ("controlword", 0x6040, 0, U16),
+    ("statusword", 0x6041, 0, U16),
+    ("quick_stop_option", 0x605A, 0, I16),
+    ("fault_reaction_option", 0x605E, 0, I16),
+    ("mode", 0x6060, 0, I8),
+    ("mode_display", 0x6061, 0, I8),
+    ("position_actual", 0x6064, 0, I32),
+    ("following_error_window", 0x6065, 0, U32),
+    ("following_error_time", 0x6066, 0, U16),
+    ("position_window", 0x6067, 0, U32),
+    ("position_window_time", 0x6068, 0, U16),
+    ("velocity_actual", 0x606C, 0, I32),
+    ("target_torque", 0x6071, 0, I16),
+    ("max_torque", 0x6072, 0, U16),
+    ("torque_actual", 0x6077, 0, I16),
+    ("target_position", 0x607A, 0, I32),
+    ("home_offset", 0x607C, 0, I32),
+    ("software_limit_min", 0x607D, 1, I32),
+    ("software_limit_max", 0x607D, 2, I32),
+    ("max_profile_velocity", 0x607F, 0, U32),
+    ("max_motor_speed", 0x6080, 0, U32),
+    ("profile_velocity", 0x6081, 0, U32),
+    ("profile_acceleration", 0x6083, 0, U32),
+    ("profile_deceleration", 0x6084, 0, U32),
+    ("quick_stop_deceleration", 0x6085, 0, U32),
+    ("homing_method", 0x6098, 0, I8),
+    ("homing_speed_switch", 0x6099, 1, U32),
+    ("homing_speed_zero", 0x6099, 2, U32),
+    ("homing_acceleration", 0x609A, 0, U32),
+    ("following_error", 0x60F4, 0, I32),
+    ("digital_inputs", 0x60FD, 0, U32),
+    ("digital_outputs", 0x60FE, 1, U32),
+    ("target_velocity", 0x60FF, 0, I32),
+    ("supported_modes", 0x6502, 0, U32),
+];
+
+impl Object {
+    /// Reads `0x6064`, `0x6099:1` or a name.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        if let Some((name, index, sub, of)) = KNOWN.into_iter().find(|(name, ..)| name.eq_ignore_ascii_case(text)) {
+            return Ok(Self { address: ObjectAddress::new(index, sub), known: Some((name, of)) });
+        }
+        let (index, sub) = text.split_once(':').unwrap_or((text, "0"));
+        // Indices are written in hexadecimal everywhere, with 0x or without: read as decimal, 6041 would be 0x1799. What has too
+        // many digits for that, such as 24641, is decimal.
+        let is_bare = index.contains(|digit: char| digit.is_ascii_digit()) && !index.starts_with('+');
+        if is_bare && u16::from_str_radix(index, 16).is_ok_and(|index| index > 0) {
+            let sub = text.strip_prefix(index).unwrap_or_default();
+            return Err(format!(
+                "did you mean `0x{index}{sub}`? allowed: an index with 0x, such as 0x6064 or 0x6099:1"
+            ));
+        }
+        let index = whole(index).and_then(|index| u16::try_from(index).ok()).filter(|index| *index > 0);
+        let sub = whole(sub).and_then(|sub| u8::try_from(sub).ok());
+        let Some((index, sub)) = index.zip(sub) else {
+            let names = KNOWN.map(|(name, ..)| name);
+            let near = names.into_iter().filter(|name| strsim::jaro_winkler(name, text) > 0.8).take(3);
+            let near: Vec<_> = near.map(|name| format!("`{name}`")).collect();
+            let near = if near.is_empty() { String::new() } else { format!("did you mean {}? ", near.join(", ")) };
+            return Err(format!("{near}allowed: an index such as 0x6064 or 0x6099:1, or a name such as statusword"));
+        };
+        let known = KNOWN.into_iter().find(|(_, i, s, _)| (*i, *s) == (index, sub)).map(|(name, .., of)| (name, of));
+        Ok(Self { address: ObjectAddress::new(index, sub), known })
+    }
+}
+
+impl fmt::Display for Object {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.known {
+            Some((name, _)) => write!(f, "{name} ({})", self.address),
+            None => self.address.fmt(f),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-9 An object by number or by name, decimal or with 0x; a wrong name is told with what is near.
+    #[test]
+    fn objects() {
+        let statusword = Object::parse("statusword").unwrap();
+        assert_eq!(statusword, Object::parse("0x6041").unwrap());
+        assert_eq!(statusword, Object::parse("24641:0").unwrap());
+        assert_eq!(Object::parse("0x6099:1").unwrap().to_string(), "homing_speed_switch (0x6099:1)");
+        assert_eq!(Object::parse("0x2000:0x10").unwrap().address, ObjectAddress::new(0x2000, 16));
+        for wrong in ["", "0", "0x10000", "0x6041:256", "0x6041:", ":1", "-1", "0x", "0x+1"] {
+            assert!(Object::parse(wrong).is_err(), "{wrong}");
+        }
+        assert!(Object::parse("statuswrod").unwrap_err().contains("did you mean `statusword`?"));
+    }
+
+    /// TOOL-9 A value is checked against its type; 0x means the bits of a signed one.
+    #[test]
+    fn values() {
+        let takes = |of: Type, text| of.takes(Value::parse(text).unwrap());
+        assert!(takes(I8, "-128") && takes(I8, "127") && takes(I8, "0xFF") && !takes(I8, "128") && !takes(I8, "0x100"));
+        assert!(takes(U16, "65535") && !takes(U16, "65536") && !takes(U16, "-1") && !takes(U16, "-0x1"));
+        assert!(takes(U32, "0xFFFFFFFF") && takes(I32, "-2147483648") && !takes(I32, "2147483648"));
+        assert_eq!((I8.number(0xFF), I16.number(0x8000), I32.number(u32::MAX), U8.number(0xFF)), (-1, -32768, -1, 255));
+    }
+}

@@ -1,0 +1,150 @@
+//! `sdo`: reads and writes objects of slaves.
+
+use clap::Subcommand;
+use ecmsk::coe::AbortCode;
+use ecmsk::ecm::{Ecm, EcmError};
+use serde_json::json;
+
+use super::object::{Object, Type, Value};
+use crate::board::{Board, BoardError, Needs, find_slave};
+
+/// Read or write an object of a slave (SDO)
+#[derive(Clone, Debug, clap::Args)]
+#[command(disable_help_subcommand = true, arg_required_else_help = true)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Clone, Debug, Subcommand)]
+enum Verb {
+    /// Read an object
+    Read(Which),
+    /// Write an object
+    Write {
+        #[command(flatten)]
+        which: Which,
+        /// Decimal, or with 0x
+        #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Value::parse)]
+        value: Value,
+    },
+}
+
+#[derive(Clone, Debug, clap::Args)]
+struct Which {
+    /// The slave
+    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
+    slave: u8,
+    /// 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
+    #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
+    object: Object,
+    /// u8, i8, u16, i16, u32, i32 [default: the object's own, where that is known]
+    #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
+    of: Option<Type>,
+}
+
+impl Which {
+    fn of(&self) -> Option<Type> {
+        self.of.or(self.object.known.map(|(_, of)| of))
+    }
+}
+
+impl Args {
+    /// # Errors
+    /// A value without or outside its type.
+    pub fn check(&self) -> Result<(), BoardError> {
+        let Verb::Write { which, value } = &self.verb else { return Ok(()) };
+        let refused = |why, next: &str| BoardError::Refused { what: "sdo write".into(), why, next: next.into() };
+        match which.of() {
+            None => Err(refused(
+                format!("the type of {} is not known", which.object),
+                "name it with --type, e.g. --type u16",
+            )),
+            Some(of) if !of.takes(*value) => {
+                let why = format!("{} is {} {}, {} does not fit", which.object, article(of), of.name(), value.number);
+                Err(refused(why, "correct the value, or --type"))
+            }
+            Some(_) => Ok(()),
+        }
+    }
+
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        self.check()?;
+        match &self.verb {
+            Verb::Read(which) => read(board, which),
+            Verb::Write { which, value } => write(board, which, *value),
+        }
+    }
+}
+
+const fn article(of: Type) -> &'static str {
+    match of {
+        Type::U8 | Type::U16 | Type::U32 => "a",
+        Type::I8 | Type::I16 | Type::I32 => "an",
+    }
+}
+
+fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
+    board.ready("sdo read", Needs::Sdo)?;
+    let (slave, object) = (which.slave, which.object);
+    let raw = board.attend("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object.address));
+    let raw = raw.map_err(|error| answered(board, "sdo read", slave, error))?;
+    let mut json = json!({
+        "verb": "sdo read", "slave": slave, "index": object.address.index, "sub": object.address.sub, "raw": raw,
+    });
+    let Some(of) = which.of() else {
+        return Ok(board.talk.result(format_args!("0x{raw:X} ({raw}); the type of {object} is not known"), &json)?);
+    };
+    if of.bits() < 32 && raw >> of.bits() != 0 {
+        let (object, bits) = (object.address, of.bits());
+        return Err(EcmError::SdoTooWide { slave, object, value: raw, bits }.into());
+    }
+    let value = of.number(raw);
+    json["type"] = of.name().into();
+    json["value"] = value.into();
+    let digits = of.bits() as usize / 4;
+    Ok(board.talk.result(format_args!("{value} (0x{raw:0digits$X})"), &json)?)
+}
+
+fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
+    board.ready("sdo write", Needs::Sdo)?;
+    let (slave, object, number) = (which.slave, which.object, value.number);
+    let of = which.of().unwrap_or(Type::U32);
+    let sent = board.attend("an SDO write", |ecm| send(ecm, slave, object, of, number));
+    sent.map_err(|error| answered(board, "sdo write", slave, error))?;
+    let json = json!({
+        "verb": "sdo write", "slave": slave, "index": object.address.index, "sub": object.address.sub,
+        "type": of.name(), "value": of.number(number as u32),
+    });
+    Ok(board.talk.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
+}
+
+/// A slave that is not there does not answer: then that is said, as far as it is known what the network is. Before, nobody
+/// has to have said it.
+fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardError {
+    let silent = matches!(&error, BoardError::Ecm(EcmError::SdoAborted { code, .. }) if *code == AbortCode::TIMEOUT);
+    match &board.config {
+        Some(config) if silent => find_slave(config, what, slave).map_or_else(|none| none, |_| error),
+        None if silent => BoardError::Refused {
+            what: what.to_owned(),
+            why: format!("slave {slave} does not answer"),
+            next: "see which slaves there are with `info --scan`, and check its cable and power".into(),
+        },
+        _ => error,
+    }
+}
+
+/// The value was checked: it fits, or its bits do.
+fn send(ecm: &Ecm, slave: u8, object: Object, of: Type, number: i64) -> Result<(), EcmError> {
+    let object = object.address;
+    match of {
+        Type::U8 => ecm.sdo_write(slave, object, number as u8),
+        Type::I8 => ecm.sdo_write(slave, object, number as i8),
+        Type::U16 => ecm.sdo_write(slave, object, number as u16),
+        Type::I16 => ecm.sdo_write(slave, object, number as i16),
+        Type::U32 => ecm.sdo_write(slave, object, number as u32),
+        Type::I32 => ecm.sdo_write(slave, object, number as i32),
+    }
+}

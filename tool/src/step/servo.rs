@@ -1,0 +1,75 @@
+//! `servo`: switches axes on and off, clears alarms.
+
+use clap::ValueEnum;
+use ecmsk::cia402::DriveState;
+use ecmsk::ecm::Config;
+use serde_json::json;
+
+use crate::board::{Board, BoardError, Needs, SlaveList, shown};
+
+/// Switch axes on or off, or clear their alarms
+///
+/// An axis that is switched off without a brake drops if it hangs. All axes of the list change in the same cycle.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// What to do
+    #[arg(value_enum)]
+    verb: What,
+    /// The axes, by the numbers of their slaves, e.g. 1,2 or all
+    #[arg(value_name = "AXES", required = true, value_parser = SlaveList::parse)]
+    axes: Vec<SlaveList>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum What {
+    /// Into Operation enabled: the motor holds its position
+    On,
+    /// Out of Operation enabled: the motor is free
+    Off,
+    /// Reset alarms; the axes are off then
+    Clear,
+}
+
+impl What {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::On => "servo on",
+            Self::Off => "servo off",
+            Self::Clear => "servo clear",
+        }
+    }
+}
+
+impl Args {
+    /// # Errors
+    /// A slave that is none or no axis.
+    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
+        SlaveList::axes(&self.axes, network, self.verb.name()).map(|_| ())
+    }
+
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        let what = self.verb.name();
+        board.ready(what, Needs::Op)?;
+        let axes = SlaveList::axes(&self.axes, board.known(what)?, what)?;
+        board.forget_targets();
+        board.attend(what, |ecm| match self.verb {
+            What::On => ecm.servo_on(&axes),
+            What::Off => ecm.servo_off(&axes),
+            What::Clear => ecm.clear_alarm(&axes),
+        })?;
+        let snapshot = board.ecm.snapshot()?;
+        for slave in axes {
+            let word = board.statusword(&snapshot, slave);
+            let state = word.state();
+            // Of a motor that is free "Switched on" reads like the contrary.
+            let is_on = state == Some(DriveState::OperationEnabled);
+            let motor = if is_on { "on" } else { "off" };
+            let state = state.map(|state| state.name());
+            let json = json!({"verb": what, "axis": slave, "on": is_on, "state": state, "statusword": word.0});
+            board.talk.result(format_args!("axis {slave}: {motor}, {}", shown(word)), &json)?;
+        }
+        Ok(())
+    }
+}

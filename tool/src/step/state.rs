@@ -1,0 +1,68 @@
+//! `state`: shows or changes the network's state.
+
+use ecmsk::sk::MasterState;
+use serde_json::json;
+
+use crate::board::{Board, BoardError, named};
+
+/// Show or change the network's state
+///
+/// Going up from PreOP the network is configured first (SET_AXIS, SET_DC, DRIVE_MODE), as --slaves or a sim: link says it
+/// is. No axis is switched on. Leaving OP switches the axes off.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The state to go to; without it the state is shown
+    #[arg(value_name = "init|preop|safeop|op", value_parser = parse)]
+    to: Option<MasterState>,
+}
+
+impl Args {
+    /// Whether nothing is sent.
+    pub const fn only_looks(&self) -> bool {
+        self.to.is_none()
+    }
+}
+
+const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
+
+/// # Errors
+/// What is allowed.
+pub fn parse(text: &str) -> Result<MasterState, String> {
+    let state = STATES.into_iter().find(|state| state.name().eq_ignore_ascii_case(text));
+    state.ok_or_else(|| "allowed: init, preop, safeop, op".into())
+}
+
+impl Args {
+    /// # Errors
+    /// [`BoardError`]
+    pub fn run(&self, board: &Board) -> Result<(), BoardError> {
+        if let Some(to) = self.to {
+            leave_op(board, to)?;
+            board.go_to(to)?;
+        }
+        let state = board.ecm.state()?;
+        let failed = state.is_failed();
+        let name = state.state().map(MasterState::name);
+        let why = board.why_failed(state);
+        let text = why.as_ref().map_or_else(|| state.to_string(), |why| format!("{state}: {why}"));
+        let mut json = json!({"verb": "state", "state": name, "failed": failed});
+        if let Some(why) = why {
+            json["why"] = why.into();
+        }
+        Ok(board.talk.result(text, &json)?)
+    }
+}
+
+/// Says which axes go off: one without a brake drops.
+fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
+    let snapshot = board.ecm.snapshot()?;
+    if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) || board.config.is_none() {
+        return Ok(());
+    }
+    let on: Vec<u8> = board.axes("state")?;
+    let on: Vec<u8> = on.into_iter().filter(|slave| board.statusword(&snapshot, *slave).is_enabled()).collect();
+    if !on.is_empty() {
+        board.talk.note(format_args!("leaving OP switches off {}", named("axis", "axes", &on)));
+    }
+    Ok(())
+}

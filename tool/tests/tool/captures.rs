@@ -1,0 +1,276 @@
+//! The tool on captures: those of usbmon in the guest of the wire tests, see README.md, and the same with other headers.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::common::svg::{ALARM, Plot};
+use crate::common::{Ran, run};
+use support::captures::convert::{Event, Parts, USB_LINUX, USB_LINUX_MMAPPED, USBPCAP, events, pcap, pcapng};
+use support::captures::{captured, kept};
+use support::recorded::Program;
+
+const MODEL: &str = "sim:?slaves=drive,hsp2,io";
+/// Targets of each axis in the fixtures.
+const TARGETS: u32 = 12;
+/// SET_AXIS, SET_DC, an SDO, SET_STATE, SV_ON; the targets; IO_WR and SET_STATE.
+const COMMANDS: u32 = 5 + TARGETS + 2;
+
+/// What usbmon captured of a program on a board of that slot size.
+fn fixture(slot: u32) -> Vec<u8> {
+    let file = support::root().join(format!("tests/recordings/usbmon_{slot}.pcap"));
+    fs::read(file).expect("the fixture")
+}
+
+struct Files {
+    folder: TempDir,
+}
+
+impl Files {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().expect("a folder") }
+    }
+
+    fn keep(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let file = self.folder.path().join(name);
+        fs::write(&file, bytes).expect("a file");
+        file
+    }
+
+    /// The fixture as it is, and as files of other kinds.
+    fn all(&self, slot: u32) -> Vec<PathBuf> {
+        let captured = fixture(slot);
+        let events = events(&captured);
+        assert_eq!(pcap(&events, USB_LINUX, Parts::Two, 65_536), captured, "the converter loses nothing");
+        vec![
+            self.keep("usbmon.pcap", &captured),
+            self.keep("mapped.pcapng", &pcapng(&events, USB_LINUX_MMAPPED)),
+            self.keep("windows.pcapng", &pcapng(&events, USBPCAP)),
+            self.keep("older.pcap", &pcap(&events, USBPCAP, Parts::Three, 65_535)),
+        ]
+    }
+}
+
+fn tool(verb: &str, file: &Path, options: &[&str]) -> Ran {
+    run([&[verb, file.to_str().expect("UTF-8")], options].concat())
+}
+
+/// WIRE-100, WIRE-101 A capture of a real kernel, in slots of either size: the board is found by its descriptor, its frames are
+/// shown, and it is the same whichever system the file is of.
+#[test]
+fn a_capture_is_dumped() {
+    for slot in [12, 16] {
+        let files = Files::new();
+        let dumps: Vec<String> = files.all(slot).iter().map(|file| tool("dump", file, &[]).quiet()).collect();
+        let first = &dumps[0];
+        assert!(first.starts_with("# bus 1, device "), "{first}");
+        for words in
+            ["SET_AXIS group 0: 1 DRIVE, 2 HSP, 3 IO", "SDO_RD slave 1 0x6502:0 = ", "state OP", "HSP statusword"]
+        {
+            assert!(first.contains(words), "{slot}: `{words}` is missing in {first}");
+        }
+        for n in 1..=TARGETS {
+            assert_eq!(first.matches(&format!("slave 1  CSP #{n} target {}\n", 10 * n)).count(), 1, "{first}");
+        }
+        assert!(dumps.iter().all(|dump| dump == first), "{slot}");
+        let json = tool("dump", &files.folder.path().join("windows.pcapng"), &["--json"]).quiet();
+        assert!(json.lines().all(|line| line.contains(&format!("\"slot_bytes\":{slot}"))), "{json}");
+    }
+}
+
+/// WIRE-100 A capture is plotted, and compared with itself as another system would have saved it.
+#[test]
+fn a_capture_is_plotted_and_compared() {
+    let files = Files::new();
+    let all = files.all(16);
+    for file in &all {
+        let svg = files.folder.path().join("x.svg");
+        tool("plot", file, &["-o", svg.to_str().expect("UTF-8")]).quiet();
+        let plot = Plot::parse(&fs::read_to_string(svg).expect("a plot"));
+        assert!(plot.panel_names().iter().any(|name| name.starts_with("Axis 1")), "{:?}", plot.panel_names());
+    }
+    for other in &all[1..] {
+        let found = tool("compare", &all[0], &[other.to_str().expect("UTF-8")]).quiet();
+        assert!(found.contains("\nequal: "), "{found}");
+    }
+}
+
+/// WIRE-104 The model answers as it answered the program through the kernel's USB code.
+#[test]
+fn a_capture_of_the_model_is_its_replay() {
+    for slot in [12, 16] {
+        let files = Files::new();
+        for file in files.all(slot) {
+            let found = tool("replay", &file, &["--link", MODEL]).quiet();
+            assert!(found.starts_with(&format!("A is {} (device 1.", file.display())), "{found}");
+            let slot_key = if slot == 16 { "&slot=16" } else { "" };
+            assert!(found.contains(&format!("\nB is {MODEL}{slot_key}\n")), "{found}");
+            assert!(found.contains(&format!("\nequal: {COMMANDS} commands and ")), "{found}");
+        }
+    }
+}
+
+/// WIRE-103 Without any CRC the slots tell the size.
+#[test]
+fn without_crc_the_slots_tell_the_size() {
+    for slot in [12, 16] {
+        let mut events = events(&fixture(slot));
+        for data in events.iter_mut().filter_map(|event| event.data.as_mut()).filter(|data| data.len() == 512) {
+            data[3] = 0;
+        }
+        let files = Files::new();
+        let file = files.keep("x.pcap", &pcap(&events, USB_LINUX, Parts::Two, 65_535));
+        let json = tool("dump", &file, &["--json"]).quiet();
+        assert!(json.lines().all(|line| line.contains(&format!("\"slot_bytes\":{slot}"))), "{slot}");
+        let other = (28 - slot).to_string();
+        let forced = tool("dump", &file, &["--json", "--slot-size", &other]).quiet();
+        assert!(forced.lines().all(|line| line.contains(&format!("\"slot_bytes\":{other}"))), "{slot}");
+    }
+}
+
+/// The same board twice, on one bus.
+fn two_boards() -> Vec<Event> {
+    let one = events(&fixture(12));
+    let mut both: Vec<Event> = one.clone();
+    both.extend(one.into_iter().map(|mut event| {
+        event.device += 40;
+        event.id ^= 1 << 60;
+        event
+    }));
+    both.sort_by_key(|event| event.at_us);
+    both
+}
+
+/// WIRE-101 Of several boards one is chosen; `dump` shows all, one after the other.
+#[test]
+fn one_of_two_boards_is_chosen() {
+    let both = two_boards();
+    let addresses = {
+        let mut devices: Vec<u8> = both.iter().filter(|event| event.length == 512).map(|event| event.device).collect();
+        devices.sort_unstable();
+        devices.dedup();
+        devices.iter().map(|device| format!("1.{device}")).collect::<Vec<_>>()
+    };
+    assert_eq!(addresses.len(), 2, "{addresses:?}");
+    let files = Files::new();
+    let file = files.keep("two.pcapng", &pcapng(&both, USBPCAP));
+    let choose = format!("--device {}", addresses[0]);
+    tool("replay", &file, &["--link", MODEL]).failed(2, &[&addresses[0], &addresses[1], "16c0:05df"], "");
+    assert!(tool("replay", &file, &["--link", MODEL]).err.trim_end().ends_with(&choose));
+    assert!(tool("plot", &file, &[]).err.trim_end().ends_with(&choose));
+    assert!(tool("compare", &file, &[file.to_str().expect("UTF-8")]).err.trim_end().ends_with(&choose));
+    for address in &addresses {
+        assert!(tool("replay", &file, &["--link", MODEL, "--device", address]).quiet().contains("\nequal: "));
+        let dump = tool("dump", &file, &["--device", address]).quiet();
+        assert_eq!(dump.matches("# bus").count(), 1, "{dump}");
+    }
+    let path = file.to_str().expect("UTF-8");
+    let compared = tool("compare", &file, &[path, "--device", &addresses.join(",")]).quiet();
+    assert!(compared.contains("\nequal: "), "{compared}");
+    tool("compare", &file, &[path, "--device", "1.1,1.2,1.3"]).failed(2, &["3 devices"], "as 1.5,1.6");
+    let dump = tool("dump", &file, &[]).quiet();
+    assert!(addresses.iter().all(|address| dump.contains(&format!("# bus 1, device {}\n", &address[2..]))));
+    tool("replay", &file, &["--link", MODEL, "--device", "1.99"]).failed(2, &["no frames of device 1.99"], "--device");
+    tool("replay", &file, &["--link", MODEL, "--device", "five"]).misused(&["five", "1.5"]);
+}
+
+fn json(ran: &Ran) -> Value {
+    assert_eq!(ran.out.lines().count(), 1, "{}", ran.out);
+    serde_json::from_str(&ran.out).expect("one JSON object")
+}
+
+/// WIRE-105 Exit codes, words, JSON and picture of a board that does otherwise than the model.
+#[test]
+fn a_board_that_does_otherwise() {
+    let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
+    let capture = kept(&captured(&run.file), USB_LINUX);
+    let model = ["--link", "sim:?slaves=drive*2,io"];
+    let ran = tool("replay", &capture.file, &model);
+    assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
+    let first =
+        ran.out.lines().find(|line| line.contains(" in A, ") && line.contains("slave 2 error code")).expect("it");
+    assert!(first.contains("0x7500 in A, 0x0000 in B"), "{first}");
+    assert!(ran.out.contains("\nanswers to "), "{}", ran.out);
+
+    let svg = capture.file.with_extension("svg");
+    let options = [&model[..], &["--json", "--plot", svg.to_str().expect("UTF-8")]].concat();
+    let found = json(&tool("replay", &capture.file, &options));
+    assert_eq!((&found["equal"], &found["a"]["commands"]), (&false.into(), &304.into()));
+    let what = found["first"]["what"].as_array().expect("a list");
+    let code = what.iter().find(|what| what["of"] == "error_code").expect("one of them");
+    assert_eq!((&code["slave"], &code["values"][0], &code["values"][1]), (&2.into(), &0x7500.into(), &0.into()));
+    assert_eq!(
+        (&found["left_out"]["frames_taken_back"], &found["left_out"]["frames_before_start"]),
+        (&0.into(), &0.into())
+    );
+    let plot = Plot::parse(&fs::read_to_string(&svg).expect("a picture"));
+    assert!(plot.panel_names().contains(&"Difference: B minus A (counts)"), "{:?}", plot.panel_names());
+    assert!(!plot.panel("Axis 2").samples(ALARM, false).is_empty());
+
+    let same = capture.file.to_str().expect("UTF-8");
+    tool("replay", &capture.file, &[&model[..], &["--plot", same]].concat()).failed(
+        2,
+        &["would replace"],
+        "with --plot",
+    );
+    // A recording brings its model, and what that has of files if they may be opened.
+    tool("replay", &run.file, &[]).failed(2, &["names a file (script=", "--allow-files"], "with --link");
+    let found = tool("replay", &run.file, &["--allow-files"]).quiet();
+    assert!(found.contains("\nequal: 304 commands"), "{found}");
+}
+
+/// WIRE-106 What cannot be replayed is 2, with the next step; what was left out is said.
+#[test]
+fn what_cannot_be_replayed() {
+    let files = Files::new();
+    let captured = fixture(12);
+    let whole = files.keep("x.pcap", &captured);
+    tool("replay", &whole, &[]).failed(2, &["which slaves the board has"], "--link 'sim:");
+    tool("replay", &whole, &["--link", "usb:"]).failed(2, &["`usb:` is no model"], "");
+    tool("replay", Path::new("-"), &["--link", MODEL]).failed(2, &["standard input"], "save it to a file");
+    tool("replay", Path::new("/no/such/file"), &["--link", MODEL]).failed(2, &["/no/such/file"], "check the path");
+    tool("replay", &whole, &["--link", "sim:?slaves=lamp"]).misused(&["lamp"]);
+
+    // In the packet of the fourth command.
+    let all = events(&captured);
+    let is_command = |event: &Event| (event.what, event.endpoint, event.length) == (b'S', 0x02, 512);
+    let commands: Vec<usize> = (0..all.len()).filter(|i| is_command(&all[*i])).collect();
+    let whole_packets = pcap(&all[..=commands[3]], USB_LINUX, Parts::Two, 65_535);
+    let cut = files.keep("cut.pcap", &whole_packets[..whole_packets.len() - 100]);
+    let ran = tool("replay", &cut, &["--link", MODEL]);
+    // Equal as far as it goes is not that the model answers as the board did.
+    assert!(ran.code == Some(2) && ran.err.starts_with("note: A: ") && ran.err.contains("in the middle"), "{ran:?}");
+    let ran = tool("replay", &cut, &["--link", MODEL, "--allow-incomplete"]);
+    assert!(ran.code == Some(0) && ran.err.starts_with("note: A: ") && ran.err.contains("in the middle"), "{ran:?}");
+
+    let snapped = files.keep("snap.pcap", &pcap(&events(&captured), USBPCAP, Parts::Two, 96));
+    for verb in ["dump", "plot"] {
+        tool(verb, &snapped, &[]).failed(1, &["captured to 69 of 512 bytes"], "snap length 0");
+    }
+    tool("replay", &snapped, &["--link", MODEL]).failed(2, &["captured to 69 of 512 bytes"], "snap length 0");
+
+    let mut others = events(&captured);
+    others.retain(|event| event.length != 512);
+    let others = files.keep("others.pcap", &pcap(&others, USB_LINUX, Parts::Two, 65_535));
+    for (verb, options, code) in [("dump", &[][..], 1), ("plot", &[], 1), ("replay", &["--link", MODEL], 2)] {
+        tool(verb, &others, options).failed(code, &["no frames of a board", "16c0:05df"], "while the program runs");
+    }
+}
+
+/// WIRE-102 A frame that the board did not take is no frame, and a note says so.
+#[test]
+fn a_frame_taken_back_is_told() {
+    let mut traffic = captured(&Program { short: true, ..Program::default() }.record().file);
+    let at_us = traffic.events.last().expect("an event").at_us;
+    let back = traffic.submitted(7, &[0xEE; 512]);
+    traffic.completed(7, back, support::captures::traffic::TAKEN_BACK, 0);
+    traffic.events.iter_mut().rev().take(2).for_each(|event| event.at_us = at_us);
+    let capture = kept(&traffic, USBPCAP);
+    let said = "left out: 1 frames that the board did not take; look at them in Wireshark\n";
+    for (verb, options) in [("dump", &[][..]), ("replay", &["--link", "sim:?slaves=drive*2,io"])] {
+        let ran = tool(verb, &capture.file, options);
+        assert!(ran.code == Some(0) && ran.err.ends_with(said) && ran.err.lines().count() == 1, "{verb}: {ran:?}");
+    }
+}

@@ -1,0 +1,164 @@
+//! What all verbs of the tool share: help, version, completions, and outputs that end early.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::process::Stdio;
+
+use crate::common::{Ran, ecmsk, run, run_with_input};
+
+/// `--help` documents the exit codes, every verb has a help of its own, and lines fit a terminal.
+#[test]
+fn help() {
+    let help = run(["--help"]).quiet();
+    for code in ["0 ", "1 ", "2 ", "130 ", "143 ", "125 ", "126 ", "127 ", "128 + n"] {
+        assert!(help.contains(code), "{code} is missing in {help}");
+    }
+    for verb in [
+        "exec",
+        "dump",
+        "plot",
+        "compare",
+        "replay",
+        "monitor",
+        "info",
+        "state",
+        "sdo",
+        "io",
+        "servo",
+        "home",
+        "move",
+        "run",
+        "shell",
+        "link",
+        "list",
+        "doctor",
+        "completions",
+        "man",
+    ] {
+        assert!(help.contains(&format!("\n  {verb} ")), "{verb} is missing in {help}");
+        let about = run([verb, "--help"]).quiet();
+        assert!(about.contains(&format!("Usage: ecmsk {verb}")), "{about}");
+        assert!(run([verb, "-h"]).quiet().len() <= about.len());
+    }
+}
+
+/// `--version` is the version of the package.
+#[test]
+fn version() {
+    assert_eq!(run(["--version"]).quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+/// A wrong command line is told with the next step, and is 2.
+#[test]
+fn wrong_command_lines() {
+    run(["frobnicate"]).misused(&["frobnicate"]);
+    run(["plot"]).misused(&["<FILE>"]);
+    run(["link", "frobnicate"]).misused(&["frobnicate"]);
+    let bare: [&str; 0] = [];
+    assert_eq!(run(bare).code, Some(2));
+    assert_eq!(run(["link"]).code, Some(2));
+}
+
+/// LINK-3 `ecmsk link help` is the library's own table: every key that an error may name stands in it.
+#[test]
+fn link_help() {
+    let help = run(["link", "help"]).quiet();
+    assert_eq!(help, ecmsk::link::keys::help());
+    for key in ecmsk::link::keys::KEYS {
+        assert!(help.contains(&format!("{}=", key.name)), "{} is missing", key.name);
+    }
+}
+
+/// Every shell gets a script that names the verbs and their options.
+#[test]
+fn completions() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = run(["completions", shell]).quiet();
+        for word in [
+            "exec",
+            "dump",
+            "plot",
+            "compare",
+            "replay",
+            "monitor",
+            "tolerance",
+            "slot-size",
+            "record",
+            "difference",
+            "servo",
+            "counts-per-unit",
+            "write-udev-rule",
+            "keep-going",
+        ] {
+            assert!(script.contains(word), "{shell}: {word} is missing");
+        }
+    }
+    run(["completions", "abacus"]).misused(&["abacus", "bash"]);
+}
+
+/// bash itself takes the script and completes a verb and an option.
+#[test]
+#[cfg(target_os = "linux")]
+fn completions_work_in_bash() {
+    let script = "eval \"$1\"; COMP_WORDS=(ecmsk du); COMP_CWORD=1; _ecmsk ecmsk du ecmsk; echo ${COMPREPLY[*]};
+        COMP_WORDS=(ecmsk dump --kin); COMP_CWORD=2; _ecmsk ecmsk --kin dump; echo ${COMPREPLY[*]}";
+    let completions = run(["completions", "bash"]).quiet();
+    let bash = std::process::Command::new("bash").args(["-c", script, "bash", &completions]).output();
+    assert_eq!(Ran::from(bash.expect("bash starts")).quiet(), "dump\n--kinds\n");
+}
+
+/// Whoever reads the output may stop: no panic, no message, no failure.
+#[test]
+fn closed_pipe() {
+    let zeros = format!("{}\n", "00".repeat(504)).repeat(2000);
+    for (arguments, input) in [
+        (&["dump", "--hex", "--all"][..], zeros.as_str()),
+        (&["dump", "--hex", "--json"], &zeros),
+        (&["completions", "bash"], ""),
+        (&["link", "help"], ""),
+        (&["--help"], ""),
+        (&["run", "-", "--link", "sim:?slaves=drive&clock=virtual"], &"info\nstate\n".repeat(2000)),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("input");
+        std::fs::write(&file, input).expect("a file");
+        let mut command = ecmsk(arguments);
+        command.stdin(File::open(&file).expect("a file")).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut tool = command.spawn().expect("the tool starts");
+        let mut reader = BufReader::with_capacity(16, tool.stdout.take().expect("a pipe"));
+        let mut line = Vec::new();
+        reader.read_until(b'\n', &mut line).expect("a line");
+        drop(reader);
+        let mut said = String::new();
+        tool.stderr.take().expect("a pipe").read_to_string(&mut said).expect("UTF-8");
+        assert_eq!((tool.wait().expect("it ends").code(), said.as_str()), (Some(0), ""), "{arguments:?}");
+    }
+}
+
+/// A disk that is full is an error with the next step.
+#[test]
+#[cfg(target_os = "linux")]
+fn full_disk() {
+    let board = "sim:?slaves=drive&clock=virtual";
+    for arguments in [&["link", "help"][..], &["completions", "fish"], &["info", "--link", board]] {
+        let full = File::options().write(true).open("/dev/full").expect("Linux has it");
+        let ran = Ran::from(ecmsk(arguments).stdout(full).output().expect("the tool starts"));
+        ran.failed(1, &["cannot write to standard output", "No space left"], "send it to a place with room");
+    }
+}
+
+/// Nobody may be listening at standard error either.
+#[test]
+fn closed_standard_error() {
+    let mut command = ecmsk(["dump", "/no/such/file"]);
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    assert_eq!(command.stderr(writer).status().expect("the tool starts").code(), Some(1));
+}
+
+/// Nothing is logged unless `ECMSK_LOG` asks.
+#[test]
+fn nothing_is_logged() {
+    let zeros = "00".repeat(504);
+    assert!(run_with_input(&["dump", "--hex"], &zeros).quiet().contains("GET_STATUS"));
+}

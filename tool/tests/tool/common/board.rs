@@ -1,0 +1,102 @@
+//! What the tests of the verbs that talk to a board share: transcripts, and what a recording of a run shows.
+
+use std::path::{Path, PathBuf};
+
+use ecmsk::cia402::Statusword;
+use ecmsk::link::Dir;
+use ecmsk::recording::Recording;
+use ecmsk::sk::{CommandId, DriveResponse, Frame, MasterResponse, MasterState, SlotSize};
+
+use crate::common::{Ran, run, run_with_input};
+
+pub const SIZE: SlotSize = SlotSize::Bytes12;
+/// Two drives and an IO slave on virtual time.
+pub const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
+
+/// A command line and how it ended, as somebody in front of it sees it: what was said on standard error comes first.
+pub fn transcript(lines: &[&[&str]]) -> String {
+    lines.iter().map(|words| told(words, &run(*words))).collect()
+}
+
+/// One of them.
+pub fn told(words: &[&str], ran: &Ran) -> String {
+    let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
+    let said: String = ran.err.lines().map(|line| format!("! {line}\n")).collect();
+    let code = ran.code.map_or("no exit code".to_owned(), |code| format!("exit code {code}"));
+    format!("$ ecmsk {}\n{said}{}({code})\n\n", quoted.join(" "), ran.out)
+}
+
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+*".contains(c);
+    if word.chars().all(plain) && !word.contains('*') { word.to_owned() } else { format!("'{word}'") }
+}
+
+/// A file of the test's own.
+pub fn file(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("tool-{}-{name}", std::process::id()))
+}
+
+/// A text in a file of its own.
+pub fn text(name: &str, text: &str) -> String {
+    let file = file(name);
+    std::fs::write(&file, text).expect("a file in the target folder");
+    file.display().to_string()
+}
+
+/// Runs a script that comes on standard input.
+pub fn script(board: &str, lines: &str) -> Ran {
+    run_with_input(&["run", "-", "--link", board], lines)
+}
+
+/// What went over a link that was recorded.
+pub struct Tape {
+    pub written: Vec<Frame>,
+    pub reports: Vec<Frame>,
+    size: SlotSize,
+}
+
+impl Tape {
+    pub fn read(file: &Path) -> Self {
+        Self::of_size(file, SIZE)
+    }
+
+    pub fn of_size(file: &Path, size: SlotSize) -> Self {
+        let (mut written, mut reports) = (Vec::new(), Vec::new());
+        for recorded in Recording::open(file).expect("the recording") {
+            let recorded = recorded.expect("a frame");
+            if recorded.dir == Dir::Write { written.push(recorded.frame) } else { reports.push(recorded.frame) }
+        }
+        Self { written, reports, size }
+    }
+
+    /// Targets of CSP for a slave, in the order they were sent.
+    pub fn targets(&self, slave: usize) -> Vec<i32> {
+        let slots = self.written.iter().map(|frame| frame.slot(self.size, slave));
+        slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect()
+    }
+
+    /// Whether that command was sent to that slot.
+    pub fn sent(&self, slot: usize, id: CommandId) -> bool {
+        self.written.iter().any(|frame| frame.slot(self.size, slot).id == id.code())
+    }
+
+    /// What the drive said last.
+    pub fn last(&self, slave: usize) -> DriveResponse {
+        DriveResponse::decode(&self.reports.last().expect("a report").slot(self.size, slave))
+    }
+
+    /// The board's state in the last report.
+    pub fn state(&self) -> Option<MasterState> {
+        MasterResponse::decode(&self.reports.last().expect("a report").slot(self.size, 0)).state.state()
+    }
+
+    pub fn is_on(&self, slave: usize) -> bool {
+        let Statusword(word) = self.last(slave).statusword;
+        Statusword(word).is_enabled()
+    }
+
+    /// Positions of a drive, report by report.
+    pub fn positions(&self, slave: usize) -> Vec<i32> {
+        self.reports.iter().map(|frame| DriveResponse::decode(&frame.slot(self.size, slave)).position).collect()
+    }
+}

@@ -1,0 +1,70 @@
+//! What the tests of `ecmsk exec` share: a place with something that looks like the library.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tempfile::TempDir;
+
+use crate::common::{Ran, ecmsk};
+
+/// What the library does when a program opens a board.
+pub const OPENS: &str = ": > \"$ECMSK_OPENED\";";
+
+/// A folder with something that looks like the library, and one for temporary files.
+pub struct Place {
+    folder: TempDir,
+}
+
+impl Place {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        fs::create_dir(folder.path().join("tmp")).expect("a folder");
+        symlink(env!("CARGO_BIN_EXE_ecmsk"), folder.path().join("libNEXTWUSBLib.so")).expect("a link");
+        Self { folder }
+    }
+
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub fn tmp(&self) -> PathBuf {
+        self.path().join("tmp")
+    }
+
+    /// `ecmsk exec` with this library, in this folder.
+    pub fn exec(&self, options: &[&str]) -> Command {
+        let mut command = ecmsk(["exec", "--library"]);
+        command.arg(self.path()).args(options).env("TMPDIR", self.tmp()).current_dir(self.path());
+        command
+    }
+
+    /// Runs a shell script that does as the library does when a board is opened, to its end; nothing is left behind.
+    pub fn run(&self, options: &[&str], script: &str) -> Ran {
+        let script = format!("{OPENS} {script}");
+        let ran = self.exec(options).args(["--", "sh", "-c", &script]).output().expect("the tool starts").into();
+        self.is_clean();
+        ran
+    }
+
+    /// A file with these permissions.
+    pub fn program(&self, name: &str, text: &str, mode: &str) {
+        let source = self.path().join("source");
+        fs::write(&source, text).expect("a file");
+        install(&source, &self.path().join(name), mode);
+    }
+
+    #[track_caller]
+    pub fn is_clean(&self) {
+        let left: Vec<_> = fs::read_dir(self.tmp()).expect("a folder").flatten().map(|entry| entry.path()).collect();
+        assert_eq!(left, Vec::<PathBuf>::new(), "left behind");
+    }
+}
+
+/// A copy to be executed. Another process makes it: while this one has it open for writing, a program that another test
+/// starts holds it too for a moment, and a file open for writing cannot be executed.
+pub fn install(from: &Path, to: &Path, mode: &str) {
+    let status = Command::new("install").args(["-m", mode]).args([from, to]).status().expect("install starts");
+    assert!(status.success(), "install {}", to.display());
+}

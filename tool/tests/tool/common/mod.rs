@@ -1,0 +1,120 @@
+//! What the tests of the tool share: running it, and recordings to run it on.
+
+pub mod board;
+#[cfg(unix)]
+pub mod exec;
+#[cfg(target_os = "linux")]
+pub mod machine;
+pub mod motion;
+pub mod plots;
+pub mod recordings;
+pub mod svg;
+
+use std::ffi::OsStr;
+use std::io::Write;
+use std::process::{Command, Output, Stdio};
+
+/// The tool, in an environment that names no link and no library.
+pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecmsk"));
+    command.args(arguments).stdin(Stdio::null());
+    for variable in ["ECMSK_LINK", "ECMSK_LOG", "LD_LIBRARY_PATH", "CLICOLOR_FORCE"] {
+        command.env_remove(variable);
+    }
+    command
+}
+
+/// The same with signals as a shell at a terminal leaves them: whoever runs the tests may ignore some (`nohup`).
+pub fn undisturbed(inner: &Command) -> Command {
+    let mut command = Command::new("env");
+    command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());
+    for (name, value) in inner.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    command.stdin(Stdio::null());
+    command
+}
+
+/// How a run of the tool ended.
+#[derive(Debug)]
+pub struct Ran {
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl From<Output> for Ran {
+    fn from(output: Output) -> Self {
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("output is UTF-8");
+        Self { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+    }
+}
+
+impl Ran {
+    /// It did what it was asked and had nothing to say about it; gives its output.
+    #[track_caller]
+    pub fn quiet(self) -> String {
+        assert_eq!((self.code, self.err.as_str()), (Some(0), ""), "{}", self.out);
+        self.out
+    }
+
+    /// It failed with this code and one line that has these words, and ends with this next step.
+    #[track_caller]
+    pub fn failed(&self, code: i32, words: &[&str], next_step: &str) {
+        assert_eq!(self.code, Some(code), "{self:?}");
+        assert_eq!(self.err.lines().count(), 1, "{}", self.err);
+        let error = self.error(code);
+        for word in words {
+            assert!(error.contains(word), "`{word}` is missing in: {error}");
+        }
+        let last = error.trim_end().rsplit("; ").next().unwrap_or_default();
+        assert!(last.contains(next_step), "the next step is `{last}`, not `{next_step}`");
+    }
+
+    /// What is said of the error, which stands behind `error: ` or, of `--json`, in an object with the exit code.
+    #[track_caller]
+    fn error(&self, code: i32) -> String {
+        if let Some(error) = self.err.strip_prefix("error: ") {
+            return error.to_owned();
+        }
+        let object: serde_json::Value = serde_json::from_str(&self.err).expect("an error, in words or as JSON");
+        assert_eq!(object["exit_code"], code, "{}", self.err);
+        object["error"].as_str().expect("words").to_owned()
+    }
+
+    /// The command line was wrong: these words are said of it, and where to read more.
+    #[track_caller]
+    pub fn misused(&self, words: &[&str]) {
+        assert_eq!(self.code, Some(2), "{self:?}");
+        assert!(self.out.is_empty(), "{self:?}");
+        let error = self.error(2);
+        for word in words {
+            assert!(error.contains(word), "`{word}` is missing in: {error}");
+        }
+        assert!(self.err.contains("--help") || self.err.contains("ecmsk link help"), "{}", self.err);
+    }
+}
+
+/// Runs the tool to its end.
+pub fn run(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Ran {
+    ecmsk(arguments).output().expect("the tool starts").into()
+}
+
+/// Runs the tool with this on standard input.
+pub fn run_with_input(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
+    let mut command = ecmsk(arguments);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut tool = command.spawn().expect("the tool starts");
+    let mut stdin = tool.stdin.take().expect("a pipe");
+    let input = input.as_ref().to_owned();
+    let writer = std::thread::spawn(move || {
+        // A tool that has found an error reads no further.
+        let _ = stdin.write_all(&input);
+    });
+    let output = tool.wait_with_output().expect("the tool ends");
+    writer.join().expect("the writer ends");
+    output.into()
+}

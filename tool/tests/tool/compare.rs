@@ -1,0 +1,149 @@
+//! `ecmsk compare`: exit codes, words, JSON and picture of two recordings.
+
+use std::fs;
+use std::path::Path;
+
+use crate::common::svg::{ALARM, COLOURS, Plot};
+use crate::common::{Ran, run};
+use serde_json::Value;
+use support::recorded::{BEFORE, Program, Run, TARGETS};
+
+fn compare(a: &Run, b: &Run, options: &[&str]) -> Ran {
+    run([&["compare", a.path(), b.path()], options].concat())
+}
+
+/// TOOL-60 Exit codes are those of diff: 0 equal, 1 different, 2 not compared, and a wrong command line is 2 too.
+#[test]
+fn exit_codes() {
+    let a = Program::default().record();
+    let slower = Program { keys: "&host_us=400".into(), polls: 1, ..Program::default() }.record();
+    let other = Program { other_target: Some((7, 1)), ..Program::default() }.record();
+    let out = compare(&a, &slower, &[]).quiet();
+    assert!(out.contains("\nequal: 308 commands and 30"), "{out}");
+    let different = compare(&a, &other, &[]);
+    assert_eq!((different.code, different.err.as_str()), (Some(1), ""));
+    run(["compare", a.path(), "/no/such/file"]).failed(2, &["/no/such/file"], "check the path");
+    run(["compare", a.path(), "-"]).failed(2, &["standard input"], "save it to a file");
+    run(["compare", a.path()]).misused(&["<B>"]);
+    compare(&a, &a, &["--statusword-mask", "x"]).misused(&["--statusword-mask", "0x006F"]);
+    let nothing = a.file.with_file_name("nothing.pcapng");
+    fs::write(&nothing, "no recording").expect("a file");
+    run(["compare", a.path(), nothing.to_str().expect("UTF-8")]).failed(2, &["neither a pcapng"], "with Wireshark");
+    let help = run(["--help"]).quiet();
+    assert!(help.contains("0 the recordings are equal, 1 they differ, 2 they could not be compared"), "{help}");
+}
+
+/// TOOL-61 The words: both files and what is in them, the commands before, the difference, what comes after.
+#[test]
+fn words() {
+    let a = Program::default().record();
+    let b = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
+    let ran = compare(&a, &b, &[]);
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    let lines: Vec<_> = ran.out.lines().collect();
+    assert_eq!(lines[0], format!("A is {}", a.path()));
+    assert_eq!(lines[1], format!("B is {}", b.path()));
+    assert!(
+        lines[2].starts_with("A: 308 commands, 0 polls, ") && lines[3].starts_with("B: 304 commands, "),
+        "{}",
+        ran.out
+    );
+    assert_eq!(lines[4], "first difference:");
+    assert!(lines[5..8].iter().all(|line| line.starts_with("  command ") && line.ends_with(": equal")), "{}", ran.out);
+    let first = lines[8];
+    for words in [
+        "(slave 2 CSP #",
+        " s in A, ",
+        " s in B: slave 2 statusword 0x1",
+        "(Operation enabled) in A, 0x",
+        "0x7500 in B",
+    ] {
+        assert!(first.contains(words), "`{words}` is missing in: {first}");
+    }
+    assert!(lines[9].starts_with("answers to ") && lines[9].ends_with(" later commands differ too"), "{}", ran.out);
+    assert_eq!(lines[10], "B ends early: 304 of 308 commands");
+    // The frame is found again.
+    let json = json(&compare(&a, &b, &["--json"]));
+    let frame = json["first"]["frames"][1].as_u64().expect("a number");
+    let dump = run(["dump", b.path(), "--slots", "2", "--commands", "CSP"]).quiet();
+    let number = json["first"]["text"].as_str().expect("a text").replace("slave 2 ", "");
+    let place = dump.find(&format!("frame {frame} ")).expect("the frame");
+    assert!(dump[place..].lines().nth(1).expect("a line").contains(&number), "{number}");
+}
+
+fn json(ran: &Ran) -> Value {
+    assert_eq!(ran.out.lines().count(), 1, "{}", ran.out);
+    serde_json::from_str(&ran.out).expect("one JSON object")
+}
+
+/// TOOL-62 The same as one JSON object, with numbers for programs.
+#[test]
+fn as_json() {
+    let a = Program::default().record();
+    let b = Program { other_target: Some((100, 5)), ..Program::default() }.record();
+    let found = json(&compare(&a, &b, &["--json"]));
+    assert_eq!((&found["equal"], &found["first"]["command"]), (&false.into(), &(BEFORE + 101).into()));
+    assert_eq!(found["first"]["what"][0]["of"], "command");
+    assert_eq!(found["context"].as_array().expect("a list").len(), 3);
+    assert_eq!((&found["a"]["commands"], &found["a"]["file"]), (&308.into(), &a.path().into()));
+    let b = Program { home_offset: 5, ..Program::default() }.record();
+    let found = json(&compare(&a, &b, &["--json"]));
+    assert_eq!(found["first"]["text"], "SDO SDO_WR slave 1 0x607C:0 u32 = 0", "{found}");
+    let b = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
+    let found = json(&compare(&a, &b, &["--json"]));
+    let what = &found["first"]["what"][0];
+    assert_eq!((&what["of"], &what["slave"], &what["values"][0]), (&"statusword".into(), &2.into(), &0x1237.into()));
+    assert_eq!(found["ends_early"], "b");
+    let equal = json(&compare(&a, &a, &["--json"]));
+    assert_eq!((&equal["equal"], &equal["first"], &equal["ends_early"]), (&true.into(), &Value::Null, &Value::Null));
+}
+
+/// TOOL-63 The picture: positions of both over the commands, their difference, a mark where it begins.
+#[test]
+fn picture() {
+    let a = Program::default().record();
+    let b = Program { other_target: Some((100, 500)), ..Program::default() }.record();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("difference.svg");
+    let ran = compare(&a, &b, &["--plot", file.to_str().expect("UTF-8")]);
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    assert!(ran.out.ends_with(&format!("\npicture: {}\n", file.display())), "{}", ran.out);
+    let plot = Plot::parse(&fs::read_to_string(&file).expect("a picture"));
+    assert_eq!(
+        plot.panel_names(),
+        ["Axis 1: position (counts)", "Axis 2: position (counts)", "Difference: B minus A (counts)"]
+    );
+    let command = (BEFORE + 101) as f64;
+    for name in ["Axis 1", "Axis 2", "Difference"] {
+        let marks = plot.panel(name).samples(ALARM, false);
+        let upright: Vec<_> = marks.iter().filter(|(at, _)| (at - command).abs() < 0.5).collect();
+        assert_eq!(upright.len(), 2, "{name}: {marks:?}");
+    }
+    // What was commanded is what is shown, in both.
+    let end = BEFORE as f64 + f64::from(TARGETS);
+    for pale in [true, false] {
+        let position = plot.panel("Axis 2").at(COLOURS[1], pale, end);
+        assert!((position - 6000.0).abs() < 60.0, "{position}");
+    }
+    let difference = plot.panel("Difference").samples(COLOURS[1], false);
+    let largest = difference.iter().map(|(_, counts)| *counts).fold(0.0, f64::max);
+    assert!(largest > 50.0, "{largest}");
+    assert!(difference.iter().filter(|(at, _)| *at < command - 1.0).all(|(_, counts)| counts.abs() < 5.0));
+    assert!(plot.texts().contains(&"first difference: command 105"), "{:?}", plot.texts());
+    compare(&a, &b, &["--plot", a.path()]).failed(2, &["would replace the recording"], "with --plot");
+    compare(&a, &b, &["--plot", "/no/such/folder/x.svg"]).failed(2, &["cannot write"], "with --plot");
+    assert!(Path::new(a.path()).exists());
+}
+
+/// TOOL-61 A recording that is cut off is compared as far as it goes, and a note says so.
+#[test]
+fn cut_off() {
+    let a = Program::default().record();
+    let bytes = fs::read(&a.file).expect("a recording");
+    let cut = a.file.with_file_name("cut.pcapng");
+    fs::write(&cut, &bytes[..bytes.len() / 2 + 1]).expect("a file");
+    let ran = run(["compare", a.path(), cut.to_str().expect("UTF-8")]);
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.err.starts_with("note: B: ") && ran.err.contains("ends in the middle"), "{}", ran.err);
+    assert!(ran.out.contains("B ends early: "), "{}", ran.out);
+}

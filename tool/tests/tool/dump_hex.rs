@@ -1,0 +1,235 @@
+//! `ecmsk dump --hex`: bare frames in words and as JSON.
+
+use crate::common::{Ran, run, run_with_input};
+use ecmsk::sk::SlotSize;
+use serde_json::Value;
+use vectors::{Vector, vector_named, vectors};
+
+/// Hexadecimal digits of some bytes.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A line of input with its direction.
+fn line(vector: &Vector) -> String {
+    format!("{} {} # {}\n", if vector.is_response() { '<' } else { '>' }, hex(&vector.bytes), vector.name)
+}
+
+fn dump(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
+    run_with_input(&[&["dump", "--hex"], arguments].concat(), input)
+}
+
+/// Every line of a JSON dump.
+fn json_lines(ran: Ran) -> Vec<Value> {
+    ran.quiet().lines().map(|line| serde_json::from_str(line).expect("a line is one JSON object")).collect()
+}
+
+/// Every golden frame in words, as it has been read through by hand.
+#[test]
+fn golden_frames_in_words() {
+    let input: String = vectors().iter().map(|vector| format!("# {}\n{}", vector.name, line(vector))).collect();
+    support::snapshot("dump_hex", &dump(&[], &input).quiet());
+    support::snapshot("dump_hex_json", &dump(&["--json"], &input).quiet());
+}
+
+/// SK-1.1, SK-1.2, SK-1.4 All slots of every golden frame carry the numbers of its vector, the slot size is found.
+#[test]
+fn json_has_the_numbers_of_the_golden_frames() {
+    for vector in vectors() {
+        let size = vector.size.bytes().to_string();
+        let frames = json_lines(dump(&["--json", "--all", "--slot-size", &size], line(&vector)));
+        let [frame] = &frames[..] else { panic!("one line gives one object, not {}", frames.len()) };
+        assert_eq!(frame["slot_bytes"], vector.size.bytes(), "{}", vector.name);
+        let slots = frame["slots"].as_array().expect("slots are a list");
+        assert_eq!(slots.len(), vector.size.slots(), "{}", vector.name);
+        for (i, (slot, expected)) in slots.iter().zip(&vector.slots).enumerate() {
+            let raw = &slot["raw"];
+            let number = |name: &str| raw[name].as_u64().unwrap_or_default() as u32;
+            let parm = number("parm") & if i == 0 { 0xFF } else { 0xFFFF };
+            let found = (number("id"), number("index"), parm, number("data1"), number("data2"), number("data3"));
+            let expected = (expected.id, expected.index, expected.parm, expected.data1, expected.data2, expected.data3);
+            let expected =
+                (expected.0.into(), expected.1.into(), expected.2.into(), expected.3, expected.4, expected.5);
+            assert_eq!(found, expected, "{}, slot {i}", vector.name);
+            assert_eq!(slot["slot"], i);
+            assert_eq!(raw.get("data3").is_some(), vector.size == SlotSize::Bytes16);
+        }
+    }
+}
+
+/// What byte 3 says: right, absent, wrong, and right although 0.
+#[test]
+fn json_tells_the_crc() {
+    for (name, status) in
+        [("set-state-preop", "right"), ("resp-preop-nocrc", "absent"), ("crc-wrong", "wrong"), ("crc-is-zero", "right")]
+    {
+        let vector = vector_named(name);
+        let frame = &json_lines(dump(&["--json"], line(&vector)))[0];
+        assert_eq!(frame["crc"]["status"], status, "{name}");
+        assert_eq!(frame["crc"]["found"], vector.bytes[3], "{name}");
+        if let Some(crc) = vector.crc8 {
+            assert_eq!(frame["crc"]["expected"], crc, "{name}");
+        }
+    }
+}
+
+/// Fields have names with units, so that a script needs no byte offsets.
+#[test]
+fn json_has_typed_fields() {
+    let slot = |name: &str, slot: &str, arguments: &[&str]| {
+        let arguments = [&["--json", "--slots", slot], arguments].concat();
+        json_lines(dump(&arguments, line(&vector_named(name))))[0]["slots"][0].clone()
+    };
+    let csp = slot("csp-index-7", "1", &[]);
+    assert_eq!((&csp["role"], &csp["id"], &csp["index"]), (&"slave".into(), &"CSP".into(), &7.into()));
+    assert_eq!(csp["target_counts"], -1_234_567);
+    let drive = slot("resp-op-fw17", "1", &["--kinds", "drive,io"]);
+    assert_eq!((&drive["kind"], &drive["kind_from"]), (&"drive".into(), &"given".into()));
+    assert_eq!((&drive["statusword"], &drive["position_counts"]), (&0x1637.into(), &(-1_234_560).into()));
+    assert_eq!((&drive["torque_permille"], &drive["index"]), (&37.into(), &7.into()));
+    assert_eq!(slot("resp-op-fw17", "1", &[])["kind_from"], "guessed");
+    assert_eq!(slot("resp-op-fw17", "2", &[])["kind_from"], "implied");
+    let old = slot("resp-op-fw15", "1", &["--fw", "1.5"]);
+    assert_eq!((&old["mode"], old.get("index")), (&8.into(), None));
+    let master = slot("resp-op-fw17", "0", &[]);
+    assert_eq!((&master["state"], &master["state_code"]), (&"OP".into(), &8.into()));
+    assert_eq!((&master["fifo_free_entries"], &master["full_count"]), (&159.into(), &1.into()));
+    let abort = slot("resp-sdo-abort", "41", &[]);
+    assert_eq!((&abort["object"]["index"], &abort["abort_code"]), (&0x5FFF.into(), &0x0602_0000.into()));
+    let hsp = slot("resp-hsp-2ch-16", "1", &["--kinds", "hsp"]);
+    assert_eq!((&hsp["position_counts"], &hsp["axis2"]["position_counts"]), (&70_000.into(), &(-70_000).into()));
+    assert_eq!(slot("set-dc-2000", "0", &[])["cycle_us"], 2000);
+    assert_eq!(slot("set-fifo-threshold", "0", &[])["threshold_entries"], 120);
+    assert_eq!(slot("cst-negative", "1", &[])["target_torque_permille"], -300);
+    assert_eq!(slot("io-wr", "2", &[])["outputs"], 0xA5C3);
+}
+
+/// What a line without a prefix is, is a guess, and the output says so; a flag or a prefix settles it.
+#[test]
+fn direction() {
+    for vector in vectors() {
+        let frame = &json_lines(dump(&["--json"], hex(&vector.bytes)))[0];
+        let expected = if vector.is_response() { "response" } else { "command" };
+        assert_eq!(
+            (&frame["direction"], &frame["direction_guessed"]),
+            (&expected.into(), &true.into()),
+            "{}",
+            vector.name
+        );
+    }
+    let digits = hex(&vector_named("set-state-preop").bytes);
+    assert!(dump(&[], &digits).quiet().starts_with("line 1    command (guessed)\n"));
+    assert!(dump(&["--command"], &digits).quiet().starts_with("line 1    command\n"));
+    assert!(dump(&["--response"], &digits).quiet().starts_with("line 1    response\n"));
+    assert!(dump(&["--response"], format!(">{digits}")).quiet().starts_with("line 1    command\n"));
+    assert!(dump(&["--command"], format!(" < {digits}")).quiet().starts_with("line 1    response\n"));
+}
+
+/// Blanks, comments and upper case do not matter; lines keep their numbers.
+#[test]
+fn layout_of_a_line_is_free() {
+    let vector = vector_named("csp-index-7");
+    let spaced: String = vector.bytes.iter().map(|byte| format!(" {byte:02X}\t")).collect();
+    let input = format!("# a comment\n\n  \t\n>{spaced}# the first\r\n> {}", hex(&vector.bytes));
+    let out = dump(&["--slots", "1"], &input).quiet();
+    let expected = "line 4    command\n  slave 1  CSP #7 target -1234567\n\
+                    line 5    command\n  slave 1  CSP #7 target -1234567\n";
+    assert_eq!(out, expected);
+}
+
+/// SK-9.6 A 12-byte frame in 512 bytes: the first 504 count, the rest is filler. Its CRC tells the slot size, here as for 16-byte slots.
+#[test]
+fn slot_size_is_found_by_the_crc() {
+    let padded = |mut bytes: Vec<u8>| {
+        bytes.resize(512, 0xCC);
+        hex(&bytes)
+    };
+    let narrow = padded(vector_named("csp-all-40").bytes);
+    let wide = hex(&vector_named("csp-hsp-2ch-16").bytes);
+    let sizes = |input: &str| -> Vec<_> {
+        json_lines(dump(&["--json"], input)).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
+    };
+    assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
+    let all = |digits: &str| dump(&["--json", "--all"], digits).quiet();
+    assert_eq!(all(&narrow), all(&hex(&vector_named("csp-all-40").bytes)));
+    // A frame without a CRC is taken for one of its neighbours' board.
+    assert_eq!(sizes(&format!("{wide}\n{}", "00".repeat(512))), [Some(16), Some(16)]);
+}
+
+/// Nothing tells the slot size: the default is taken, and a note says so, once.
+#[test]
+fn slot_size_that_nothing_tells() {
+    let zeros = "00".repeat(512);
+    let ran = dump(&["--json"], format!("{zeros}\n{zeros}\n"));
+    assert_eq!(ran.code, Some(0));
+    assert_eq!(ran.out.matches("\"slot_bytes\":12").count(), 2);
+    assert_eq!(
+        ran.err,
+        "note: line 1: no CRC tells the slot size, taken as 12 bytes; if it is not, give --slot-size\n"
+    );
+    let out = dump(&["--json", "--slot-size", "16"], &zeros).quiet();
+    assert!(out.contains("\"slot_bytes\":16"), "{out}");
+}
+
+/// The kinds of slaves are those of the last SET_AXIS, where no list is given.
+#[test]
+fn set_axis_tells_the_kinds() {
+    let (axes, response) = (line(&vector_named("set-axis-group0")), line(&vector_named("resp-hsp-12")));
+    let alone = dump(&["--slots", "1,3"], &response).quiet();
+    assert!(alone.contains("CSP #2 DRIVE? statusword"), "{alone}");
+    let after = dump(&["--slots", "1,3"], format!("{axes}{response}")).quiet();
+    assert!(after.contains("CSP #2 DRIVE statusword"), "{after}");
+    let given = dump(&["--slots", "1", "--kinds", "hsp"], format!("{axes}{response}")).quiet();
+    assert!(given.contains("CSP #2 HSP statusword") && given.contains("inputs 0x00A5"), "{given}");
+    let reset = line(&vector_named("sw-reset"));
+    let forgotten = dump(&["--slots", "1"], format!("{axes}{reset}{response}")).quiet();
+    assert!(forgotten.contains("CSP #2 DRIVE? statusword"), "{forgotten}");
+}
+
+/// A wrong line ends the dump with its number and what is wrong; what came before it is out.
+#[test]
+fn wrong_lines() {
+    let good = line(&vector_named("set-state-preop"));
+    let digits = hex(&vector_named("set-state-preop").bytes);
+    for (input, words) in [
+        (format!("{good}hello\n"), ["line 2: `h` is no hexadecimal digit", ""]),
+        (format!("{good}{}", &digits[..1006]), ["line 2: 1006 hexadecimal digits are 503 bytes", "504 to 512"]),
+        (format!("{good}{}", &digits[..1007]), ["503 and a half", "1008 digits to 1024"]),
+        (format!("{good}{}", "0".repeat(1026)), ["513 bytes", "expected 504 to 512"]),
+        (format!("{good}>\n"), ["0 hexadecimal digits are 0 bytes", ""]),
+        (format!("{good}> {digits} <"), ["`<` is no", ""]),
+        (format!("{good}\u{e4}{digits}"), ["`\u{e4}` is no", ""]),
+    ] {
+        let ran = dump(&[], &input);
+        ran.failed(1, &words, "put `#` before what is no frame");
+        assert_eq!(ran.out, "line 1    command\n  ECM      SET_STATE PreOP, CRC 0xE7 ok\n", "{input}");
+    }
+    dump(&[], b"\xff\xfe\n").failed(1, &["line 1", "is no hexadecimal digit"], "put `#` before");
+    dump(&[], vec![0; 1 << 20]).failed(1, &["line 1 is longer than 65536 bytes"], "one frame a line");
+    dump(&["--slot-size", "16"], &digits).failed(1, &["504 bytes", "512"], "leave out --slot-size 16");
+    let wide = hex(&vector_named("all-zero-16").bytes);
+    dump(&["--slots", "32"], &wide).failed(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
+}
+
+/// No input, or nothing but comments, is nothing to show and no failure.
+#[test]
+fn empty_input() {
+    assert_eq!(dump(&[], "").quiet(), "");
+    assert_eq!(dump(&["--json"], "# nothing\n\n").quiet(), "");
+}
+
+/// What contradicts itself on the command line is refused by name.
+#[test]
+fn wrong_command_lines() {
+    run(["dump"]).misused(&["<FILE>"]);
+    run(["dump", "--hex", "file.pcapng"]).misused(&["--hex", "[FILE]"]);
+    run(["dump", "f", "--command"]).misused(&["--command", "[FILE]"]);
+    run(["dump", "--hex", "--command", "--response"]).misused(&["--command", "--response"]);
+    run(["dump", "--hex", "--slots", "1", "--all"]).misused(&["--slots", "--all"]);
+    run(["dump", "--hex", "--slot-size", "14"]).misused(&["'14'", "--slot-size", "allowed: 12, 16"]);
+    run(["dump", "--hex", "--fw", "2"]).misused(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
+    run(["dump", "--hex", "--kinds", "drive*2,dog"])
+        .misused(&["kind `dog` is unknown; allowed: drive, io, hsp, hsp2, step, none"]);
+    run(["dump", "--hex", "--kinds", "drive*0"]).misused(&["in `drive*0` a number from 1 to 40"]);
+    run(["dump", "--hex", "--kinds", "drive*40,io"]).misused(&["41 slaves, allowed: at most 40"]);
+}

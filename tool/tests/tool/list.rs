@@ -1,0 +1,189 @@
+//! `ecmsk list` on machines of files: which boards there are, and why some cannot be opened.
+#![cfg(target_os = "linux")]
+
+use crate::common::Ran;
+use crate::common::machine::{BOARD, RELAY, Tree, objects, page_block};
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::uri::LinkUri;
+use serde_json::Value;
+
+/// What stands on standard error, without what is said of this build.
+fn notes(ran: &Ran) -> String {
+    ran.err
+        .lines()
+        .filter(|line| !line.starts_with("note: this build has no "))
+        .map(|line| format!("{line}\n"))
+        .collect()
+}
+
+/// The exit code is 0 in builds that can open the links.
+fn opens(ran: &Ran, scheme: Scheme) {
+    let missing = ran.err.contains(&format!("note: this build has no {scheme}: links; build it with"));
+    assert_eq!((ran.code, missing), (Some(i32::from(!scheme.in_build())), !scheme.in_build()), "{ran:?}");
+}
+
+fn row(tree: &Tree, path: &str) -> Value {
+    let rows = objects(&tree.run(&["list", "--json"]).out);
+    rows.into_iter().find(|row| row["path"] == path).unwrap_or_else(|| panic!("{path} is not in the list"))
+}
+
+/// Boards of every kind: one that opens, one that is denied, one that is slow, one that sleeps; another device with their
+/// ids; SPI devices.
+fn several() -> Tree {
+    let tree = Tree::good();
+    tree.hub("1-2", "e0");
+    tree.board("1-2.3", 5, "8");
+    tree.deny("/dev/bus/usb/001/005");
+    tree.remove("/etc/udev/rules.d/60-ecmsk.rules");
+    tree.board("1-3", 6, "9");
+    tree.usb("1-3", "speed", "12");
+    tree.usb("1-3", "power/control", "auto");
+    tree.device("1-4", 7, &RELAY);
+    tree.usb("1-4", "product", "Relay");
+    tree.device("2-1", 8, &BOARD);
+    tree.process(812, "old_program", "/dev/bus/usb/001/008");
+    tree.spi("spidev0.1");
+    tree.deny("/dev/spidev0.1");
+    tree
+}
+
+/// TOOL-96, TOOL-98, TOOL-23 Every board with its link, what keeps it from being opened, and what to do; other devices with
+/// the reason why they are none. In words and as JSON.
+#[test]
+fn boards_of_every_kind() {
+    let tree = several();
+    let text = tree.run(&["list"]);
+    let json = tree.run(&["list", "--json"]);
+    for ran in [&text, &json] {
+        assert_eq!((ran.code, notes(ran).as_str()), (Some(1), ""), "{ran:?}");
+    }
+    let json = json.out.replace("\"in_build\":true", "\"in_build\":false");
+    support::snapshot("tool_list", &format!("{}\n{json}", text.out));
+}
+
+/// TOOL-96 What docs/TOOL.md shows of it is what it prints.
+#[test]
+fn the_page() {
+    let printed = several().run(&["list"]).out;
+    let shown = page_block("usb:?path=1-1 ");
+    assert!(shown.len() >= 5, "{shown:?}");
+    for line in shown {
+        assert!(printed.lines().any(|printed| printed == line), "`{line}` is not in\n{printed}");
+    }
+}
+
+/// TOOL-96 What it prints as a link is one.
+#[test]
+fn links_are_links() {
+    let links: Vec<String> = objects(&several().run(&["list", "--json"]).out)
+        .iter()
+        .filter_map(|row| row["link"].as_str().map(str::to_owned))
+        .collect();
+    let expected = [
+        "usb:?path=1-1",
+        "usb:?path=1-2.3",
+        "usb:?path=1-3",
+        "usb:?path=2-1",
+        "spi:/dev/spidev0.0",
+        "spi:/dev/spidev0.1",
+    ];
+    assert_eq!(links, expected);
+    for link in links {
+        assert_eq!(LinkUri::parse(&link).expect("a link").to_string().split('&').next(), Some(link.as_str()));
+    }
+}
+
+/// TOOL-96 The exit code is 0 when each board that is there can be opened; an SPI device counts if there is no board on USB.
+#[test]
+fn exit_codes() {
+    let tree = Tree::bare();
+    let ran = tree.run(&["list"]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""));
+    assert!(ran.err.starts_with("note: no board on USB and no SPI device; plug it in, set CONFIG0 to USB"), "{ran:?}");
+    assert_eq!(tree.run(&["list", "--json"]).out, "");
+
+    tree.device("1-4", 7, &RELAY);
+    let ran = tree.run(&["list"]);
+    assert_eq!(ran.code, Some(1));
+    assert!(
+        ran.out.starts_with("-  a device at 1-4: no board: its HID interface has no interrupt endpoints"),
+        "{ran:?}"
+    );
+    assert!(ran.err.starts_with("note: no board on USB"), "{ran:?}");
+
+    tree.spi("spidev0.0");
+    opens(&tree.run(&["list"]), Scheme::Spi);
+    tree.board("1-1", 4, "7");
+    opens(&tree.run(&["list"]), Scheme::Usb);
+    tree.deny("/dev/spidev0.0");
+    opens(&tree.run(&["list"]), Scheme::Usb);
+    tree.deny("/dev/bus/usb/001/004");
+    assert_eq!(tree.run(&["list"]).code, Some(1));
+}
+
+/// TOOL-98 Each thing that keeps a board from being opened, with what to do.
+#[test]
+fn obstacles() {
+    type Change = fn(&Tree);
+    const CHANGES: [(Change, &str, &str); 8] = [
+        (|tree| tree.deny("/dev/bus/usb/001/004"), "may not open /dev/bus/usb/001/004", "plug the board in again"),
+        (|tree| tree.remove("/dev/bus/usb/001/004"), "there is no /dev/bus/usb/001/004", "/dev/bus/usb"),
+        (|tree| tree.remove("/sys/bus/usb/devices/1-1/devnum"), "does not say where it is", "plug it in again"),
+        (|tree| tree.usb("1-1", "authorized", "0"), "does not allow the device", "devices/1-1/authorized"),
+        (
+            |tree| tree.usb("1-1", "bConfigurationValue", ""),
+            "does not give the power (it asks for 100mA)",
+            "power supply",
+        ),
+        (|tree| tree.driver("1-1", "usbfs"), "a program that this user cannot see has it", "sudo ecmsk doctor"),
+        (|tree| tree.process(7, "demo", "/dev/hidraw4"), "another program has it: PID 7 (demo)", "ecmsk serve tcp"),
+        (
+            |tree| {
+                tree.remove("/sys/bus/usb/devices/1-1/driver");
+                tree.link("/sys/bus/usb/devices/1-1/driver", "../../drivers/usbip-host");
+            },
+            "given to another machine by usbip",
+            "sudo usbip unbind -b 1-1",
+        ),
+    ];
+    for (change, reason, next) in CHANGES {
+        let tree = Tree::good();
+        let fine = row(&tree, "1-1");
+        assert_eq!(
+            (&fine["can_open"], &fine["reason"], &fine["next"]),
+            (&true.into(), &Value::Null, &Value::Array(vec![]))
+        );
+        change(&tree);
+        let found = row(&tree, "1-1");
+        assert_eq!((&found["can_open"], &found["board"]), (&false.into(), &true.into()), "{reason}: {found}");
+        assert!(found["reason"].as_str().is_some_and(|text| text.contains(reason)), "{reason}: {found}");
+        assert!(found["next"][0].as_str().is_some_and(|text| text.contains(next)), "{next}: {found}");
+        let text = tree.run(&["list"]).out;
+        assert!(text.contains("cannot be opened: ") && text.contains("\n") && text.contains("  do: "), "{text}");
+    }
+}
+
+/// TOOL-97 A device whose files are missing or nonsense is shown as far as it is known; what it says controls no terminal.
+#[test]
+fn hostile_devices() {
+    let tree = Tree::bare();
+    tree.board("1-1", 4, "\x1b[2J7");
+    assert_eq!(row(&tree, "1-1")["serial"], "\u{FFFD}[2J7");
+    assert!(!tree.run(&["list"]).out.contains('\x1b'));
+    tree.file("/sys/bus/usb/devices/1-1/descriptors", &BOARD[..40]);
+    assert_eq!(row(&tree, "1-1")["board"], false);
+    tree.file("/sys/bus/usb/devices/1-1/descriptors", [0xFF; 4000]);
+    assert_eq!(row(&tree, "1-1")["reason"], "its descriptors cannot be read");
+    tree.usb("1-1", "idVendor", "nonsense");
+    assert_eq!(tree.run(&["list", "--json"]).out, "");
+}
+
+/// TOOL-96 On the machine that it runs on the list can be read, too, whatever is there.
+#[test]
+fn on_this_machine() {
+    let ran = crate::common::run(["list", "--json"]);
+    assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
+    for row in objects(&ran.out) {
+        assert_eq!(row["verb"], "list", "{row}");
+    }
+}

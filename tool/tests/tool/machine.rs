@@ -1,0 +1,130 @@
+//! Files of a machine that `ecmsk list` and `ecmsk doctor` read, however bad they are, and the one that doctor writes: the udev
+//! rule.
+#![cfg(target_os = "linux")]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+
+use crate::common::machine::{Tree, objects};
+use crate::common::{Ran, run};
+
+/// TOOL-108 The rule is written where udev looks, once; what is there already is left.
+#[test]
+fn the_udev_rule() {
+    let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
+    let tree = Tree::bare();
+    fs::set_permissions(tree.path("/etc/udev/rules.d"), fs::Permissions::from_mode(0o777)).expect("our own folder");
+    let written = tree.path("/etc/udev/rules.d/60-ecmsk.rules");
+    let first = tree.run(&["doctor", "--write-udev-rule"]).quiet();
+    assert_eq!(fs::read_to_string(&written).expect("it is written"), kept);
+    assert!(first.starts_with(&kept), "it is shown: {first}");
+    assert!(first.contains("\nsudo udevadm control --reload\nsudo udevadm trigger "), "{first}");
+    let again = tree.run(&["doctor", "--write-udev-rule"]).quiet();
+    assert!(again.starts_with("/etc/udev/rules.d/60-ecmsk.rules is there already"), "{again}");
+    tree.file("/etc/udev/rules.d/60-ecmsk.rules", "# mine\n");
+    let ran = tree.run(&["doctor", "--write-udev-rule"]);
+    ran.failed(1, &["says something else, it was left as it is", "sudo rm "], "look at it");
+    assert_eq!(fs::read_to_string(&written).expect("it is there"), "# mine\n");
+    tree.remove("/etc/udev");
+    let ran = tree.run(&["doctor", "--write-udev-rule"]);
+    ran.failed(1, &["was not written"], "is there udev on this machine");
+    run(["doctor", "--write-udev-rule", "--json"]).misused(&["--json"]);
+}
+
+/// TOOL-108 Who may not write it gets lines to type, which do.
+#[test]
+fn the_udev_rule_by_hand() {
+    let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
+    let tree = Tree::bare();
+    fs::set_permissions(tree.path("/etc/udev/rules.d"), fs::Permissions::from_mode(0o555)).expect("our own folder");
+    let ran = tree.run(&["doctor", "--write-udev-rule"]);
+    ran.failed(1, &["was not written: Permission denied"], "type the lines above");
+    assert!(!tree.path("/etc/udev/rules.d/60-ecmsk.rules").exists());
+    // As root would, on this machine of files.
+    let typed = tree.path("/typed");
+    let script = ran.out.replace("/etc/udev/rules.d/60-ecmsk.rules", typed.to_str().expect("UTF-8"));
+    let script = format!("sudo() {{ case $1 in tee) \"$@\";; *) echo \"$@\";; esac; }}\n{script}");
+    let bash = std::process::Command::new("bash").args(["-c", &script]).output().expect("bash starts");
+    let said = Ran::from(bash).quiet();
+    assert_eq!(fs::read_to_string(typed).expect("it is written"), kept);
+    assert!(said.starts_with("udevadm control --reload\nudevadm trigger --subsystem-match=usb"), "{said}");
+}
+
+/// TOOL-108 The rule: one line for the device, one for hidraw, by the board's ids; before the file that acts on uaccess.
+#[test]
+fn what_the_rule_says() {
+    let rule = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
+    let lines: Vec<&str> = rule.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).collect();
+    for subsystem in ["usb", "hidraw"] {
+        let start = format!("SUBSYSTEM==\"{subsystem}\", ");
+        let of = |line: &&&str| line.starts_with(&start) && line.contains("TAG+=\"uaccess\"");
+        let line = lines.iter().find(of).unwrap_or_else(|| panic!("no line for {subsystem}"));
+        assert!(line.contains("{idVendor}==\"16c0\", ") && line.contains("{idProduct}==\"05df\", "), "{line}");
+    }
+    for (subsystem, group) in [("spidev", "spi"), ("gpio", "gpio")] {
+        let start = format!("SUBSYSTEM==\"{subsystem}\", ");
+        assert!(lines.iter().any(|line| line.starts_with(&start) && line.contains(&format!("GROUP=\"{group}\""))));
+    }
+}
+
+/// TOOL-97 Files that are missing, empty, nonsense, endless, not for this user, or no files: each time a report, and never a
+/// panic.
+#[test]
+fn hostile_files() {
+    type Spoil = fn(&Tree, &str);
+    let spoils: [(&str, Spoil); 6] = [
+        ("missing", |_, _| {}),
+        ("empty", |tree, file| tree.file(file, "")),
+        ("nonsense", |tree, file| {
+            tree.file(file, [&b"\xff\x1b[2J-99999999999999999999\0\n"[..], &[0x07; 300]].concat())
+        }),
+        ("endless", |tree, file| tree.file(file, vec![b'1'; (1 << 20) + 1])),
+        ("not for this user", |tree, file| {
+            tree.file(file, "1\n");
+            tree.deny(file);
+        }),
+        ("a folder", |tree, file| tree.dir(file)),
+    ];
+    let tree = Tree::good();
+    tree.process(9, "demo", "/dev/bus/usb/001/004");
+    let files = tree.files();
+    assert!(files.len() > 25, "{files:?}");
+    for (name, spoil) in spoils {
+        let tree = Tree::good();
+        tree.process(9, "demo", "/dev/bus/usb/001/004");
+        for file in &files {
+            tree.remove(file);
+            spoil(&tree, file);
+        }
+        reads(&tree, &format!("all files are {name}"));
+    }
+    for file in &files {
+        let tree = Tree::good();
+        tree.process(9, "demo", "/dev/bus/usb/001/004");
+        tree.remove(file);
+        tree.file(file, b"\xff\x1b[2J-99999999999999999999\0\n");
+        reads(&tree, &format!("nonsense in {file}"));
+    }
+}
+
+/// TOOL-97 A pipe that nobody writes to is not waited for.
+#[test]
+fn pipes_are_not_files() {
+    let tree = Tree::good();
+    tree.remove("/sys/bus/usb/devices/1-1/speed");
+    let pipe = tree.path("/sys/bus/usb/devices/1-1/speed");
+    let made = std::process::Command::new("mkfifo").arg(pipe).status().expect("it starts");
+    assert!(made.success());
+    assert_eq!(tree.finding("usb:", "usb-speed")["state"], "wrong");
+}
+
+fn reads(tree: &Tree, how: &str) {
+    for words in [&["doctor", "--quick"][..], &["doctor", "--quick", "--json"], &["list"], &["list", "--json"]] {
+        let ran = tree.run(words);
+        assert!(matches!(ran.code, Some(0 | 1)), "{how}: {words:?}: {ran:?}");
+        assert!(!ran.out.contains('\x1b') && !ran.err.contains("panicked"), "{how}: {words:?}: {ran:?}");
+        if words.contains(&"--json") {
+            objects(&ran.out);
+        }
+    }
+}

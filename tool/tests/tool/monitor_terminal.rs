@@ -1,0 +1,255 @@
+//! `ecmsk monitor` on a terminal: it draws, scrolls, and leaves the terminal as it was, however it ends.
+#![cfg(target_os = "linux")]
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::num::NonZero;
+use std::os::fd::OwnedFd;
+use std::process::{Child, Command};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use crate::common::{ecmsk, undisturbed};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{Action, ControlModes, LocalModes, Termios, Winsize, tcflow, tcgetattr, tcsetwinsize};
+
+const ROWS: NonZero<u16> = NonZero::new(20).expect("not 0");
+const COLUMNS: NonZero<u16> = NonZero::new(90).expect("not 0");
+
+/// A terminal with the tool on it.
+struct Terminal {
+    keyboard: File,
+    /// Keeps the terminal alive, and is asked for its settings.
+    line: File,
+    screen: Arc<Mutex<vt100::Parser>>,
+    before: Termios,
+    tool: Child,
+    /// Ends the thread that reads what is drawn, which keeps the terminal open too.
+    end: Arc<AtomicBool>,
+    reader: thread::JoinHandle<()>,
+}
+
+/// Whose terminal it is.
+#[derive(Clone, Copy, PartialEq)]
+enum Owner {
+    /// The tool's: when it is closed the tool gets SIGHUP.
+    Tool,
+    /// Nobody's: the tool is not told.
+    Nobody,
+}
+
+impl Terminal {
+    fn start(arguments: &[&str]) -> Self {
+        Self::start_as(arguments, Owner::Tool)
+    }
+
+    fn start_as(arguments: &[&str], owner: Owner) -> Self {
+        let keyboard = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).expect("a terminal");
+        grantpt(&keyboard).expect("a terminal");
+        unlockpt(&keyboard).expect("a terminal");
+        let name = ptsname(&keyboard, Vec::new()).expect("a name").into_string().expect("UTF-8");
+        let line = OpenOptions::new().read(true).write(true).open(name).expect("a terminal");
+        let size = Winsize { ws_row: ROWS.get(), ws_col: COLUMNS.get(), ws_xpixel: 0, ws_ypixel: 0 };
+        tcsetwinsize(&line, size).expect("a terminal has a size");
+        let before = tcgetattr(&line).expect("settings");
+        let inner = ecmsk(arguments);
+        // The terminal has to be the tool's own, whatever these tests run on.
+        let mut command = Command::new("setsid");
+        if owner == Owner::Tool {
+            command.arg("--ctty");
+        }
+        command.arg(inner.get_program()).args(inner.get_args()).env("TERM", "xterm-256color");
+        let mut command = undisturbed(&command);
+        let side = || OwnedFd::from(line.try_clone().expect("a file"));
+        let tool = command.stdin(side()).stdout(side()).stderr(side()).spawn().expect("setsid starts");
+        let screen = Arc::new(Mutex::new(vt100::Parser::new(ROWS, COLUMNS, 0)));
+        let keyboard = File::from(keyboard);
+        let (mut output, drawn) = (keyboard.try_clone().expect("a file"), Arc::clone(&screen));
+        let end = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&end);
+        let reader = thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while !ends.load(Ordering::Relaxed) {
+                let mut asked = [PollFd::new(&output, PollFlags::IN)];
+                let soon = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
+                if poll(&mut asked, Some(&soon)).expect("it can be asked") == 0 {
+                    continue;
+                }
+                let Ok(n @ 1..) = output.read(&mut bytes) else { return };
+                drawn.lock().expect("no panic").process(&bytes[..n]);
+            }
+        });
+        Self { keyboard, line, screen, before, tool, end, reader }
+    }
+
+    /// Closes the terminal, as its window does; gives the tool.
+    fn hang_up(self) -> Child {
+        self.end.store(true, Ordering::Relaxed);
+        self.reader.join().expect("no panic");
+        self.tool
+    }
+
+    fn text(&self) -> String {
+        self.screen.lock().expect("no panic").screen().contents()
+    }
+
+    /// Waits until the screen is so.
+    #[track_caller]
+    fn until(&self, what: &str, so: impl Fn(&vt100::Screen) -> bool) {
+        for _ in 0..2000 {
+            if so(self.screen.lock().expect("no panic").screen()) {
+                return;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        panic!("never: {what}\n{}", self.text());
+    }
+
+    fn type_keys(&mut self, keys: &[u8]) {
+        self.keyboard.write_all(keys).expect("typed");
+    }
+
+    fn is_raw(&self) -> bool {
+        let now = tcgetattr(&self.line).expect("settings");
+        !now.local_modes.intersects(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
+    }
+
+    fn signal(&self, signal: Signal) {
+        let pid = Pid::from_raw(self.tool.id() as i32).expect("a process");
+        kill_process(pid, signal).expect("a signal is sent");
+    }
+
+    /// The tool has ended, and the terminal is as it was before it.
+    #[track_caller]
+    fn ended(mut self) -> Option<i32> {
+        let code = ends(&mut self.tool);
+        self.until("the screen of before", |screen| !screen.alternate_screen() && !screen.hide_cursor());
+        let after = tcgetattr(&self.line).expect("settings");
+        assert_eq!(after.local_modes, self.before.local_modes);
+        assert_eq!(after.input_modes, self.before.input_modes);
+        assert_eq!(after.output_modes, self.before.output_modes);
+        // All but the speeds, which a terminal of this kind does not have.
+        let modes = ControlModes::CSIZE | ControlModes::CSTOPB | ControlModes::CREAD | ControlModes::PARENB;
+        assert_eq!(after.control_modes & modes, self.before.control_modes & modes);
+        code
+    }
+}
+
+const BOARD: &[&str] = &["monitor", "--link", "sim:?slaves=drive*38,io*2", "--interval", "20ms"];
+
+fn started() -> Terminal {
+    started_as(Owner::Tool)
+}
+
+fn started_as(owner: Owner) -> Terminal {
+    let terminal = Terminal::start_as(BOARD, owner);
+    terminal.until("the table", |screen| screen.contents().contains("rows 1 to "));
+    let screen = terminal.screen.lock().expect("no panic");
+    assert!(screen.screen().alternate_screen() && screen.screen().hide_cursor());
+    drop(screen);
+    assert!(terminal.is_raw());
+    terminal
+}
+
+/// TOOL-69 q and Ctrl-C end it with 0, and the terminal is as it was.
+#[test]
+fn keys_end_it() {
+    for key in [b"q" as &[u8], b"\x03", b"Q"] {
+        let mut terminal = started();
+        terminal.type_keys(key);
+        assert_eq!(terminal.ended(), Some(0), "{key:?}");
+    }
+}
+
+/// TOOL-69 After SIGTERM, SIGINT and SIGHUP the terminal is as it was, and the exit code tells the signal.
+#[test]
+fn signals_end_it() {
+    for (signal, code) in [(Signal::TERM, 143), (Signal::INT, 130), (Signal::HUP, 129)] {
+        let terminal = started();
+        terminal.signal(signal);
+        assert_eq!(terminal.ended(), Some(code), "{signal:?}");
+    }
+}
+
+/// The exit code of a process that has to end by itself; one that does not is ended, and that is a failure.
+#[track_caller]
+fn ends(tool: &mut Child) -> Option<i32> {
+    for _ in 0..2000 {
+        if let Some(status) = tool.try_wait().expect("it is ours") {
+            return status.code();
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+    tool.kill().expect("it is ours");
+    tool.wait().expect("it is ours");
+    panic!("it goes on");
+}
+
+/// TOOL-137 It ends when its terminal is closed, also where no signal tells it so: nobody is there any more.
+#[test]
+fn a_closed_terminal_ends_it() {
+    for owner in [Owner::Tool, Owner::Nobody] {
+        let mut tool = started_as(owner).hang_up();
+        assert_eq!(ends(&mut tool), Some(129));
+    }
+}
+
+/// TOOL-137 SIGTERM ends it though the terminal takes no output, and its modes are as they were.
+#[test]
+fn a_stalled_terminal_does_not_keep_it() {
+    let mut terminal = started();
+    tcflow(&terminal.line, Action::OOff).expect("output stops");
+    // What is drawn in the meantime waits in the terminal, and nobody takes it.
+    terminal.type_keys(b"jjjj");
+    terminal.signal(Signal::TERM);
+    assert_eq!(ends(&mut terminal.tool), Some(143));
+    assert_eq!(tcgetattr(&terminal.line).expect("settings").local_modes, terminal.before.local_modes);
+}
+
+/// TOOL-69 --seconds ends it by itself.
+#[test]
+fn it_ends_by_itself() {
+    let terminal = Terminal::start(&[BOARD, &["--seconds", "0.3"]].concat());
+    assert_eq!(terminal.ended(), Some(0));
+}
+
+/// TOOL-66 The table is live, and keys scroll through forty slaves; a board that is gone leaves its last values.
+#[test]
+fn it_scrolls() {
+    let mut terminal = started();
+    // 20 lines, 7 above the rows and one below.
+    terminal.until("the first rows", |screen| screen.contents().contains("rows 1 to 12 of 40"));
+    for (keys, rows) in [
+        (b"\x1b[B" as &[u8], "rows 2 to 13 of 40"),
+        (b"\x1b[6~", "rows 12 to 23 of 40"),
+        (b"\x1b[F", "rows 29 to 40 of 40"),
+        (b"\x1b[B", "rows 29 to 40 of 40"),
+        (b"\x1b[A", "rows 28 to 39 of 40"),
+        (b"\x1b[5~", "rows 18 to 29 of 40"),
+        (b"\x1b[H", "rows 1 to 12 of 40"),
+        (b"G?", "rows 1 to 12 of 40"),
+        (b"jj", "rows 3 to 14 of 40"),
+        (b"k", "rows 2 to 13 of 40"),
+    ] {
+        terminal.type_keys(keys);
+        terminal.until(rows, |screen| screen.contents().contains(rows));
+    }
+    let reports = |text: &str| {
+        let begin = text.find("reports ").expect("a count") + "reports ".len();
+        text[begin..].split(',').next().and_then(|n| n.parse::<u64>().ok()).expect("a number")
+    };
+    let first = reports(&terminal.text());
+    terminal.until("more reports", |screen| reports(&screen.contents()) > first + 10);
+    terminal.type_keys(b"q");
+    assert_eq!(terminal.ended(), Some(0));
+
+    let mut lost = Terminal::start(&["monitor", "--link", "sim:?fault.disconnect_ms=200", "--interval", "20ms"]);
+    lost.until("the loss", |screen| screen.contents().contains("is gone"));
+    lost.until("its last state", |screen| screen.contents().contains("state PreOP"));
+    lost.type_keys(b"q");
+    assert_eq!(lost.ended(), Some(0));
+}

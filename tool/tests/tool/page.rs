@@ -1,0 +1,92 @@
+//! docs/TOOL.md, and what README shows of it: their commands are run as they stand there, in one shell, and print what stands there.
+#![cfg(target_os = "linux")]
+
+use std::net::{Ipv4Addr, TcpListener};
+use std::path::Path;
+use std::process::Command;
+
+/// The pages, and how many commands they have at least.
+const PAGES: [(&str, usize); 2] = [("docs/TOOL.md", 20), ("README.md", 3)];
+
+/// A command of a page with what it prints.
+#[derive(Debug, PartialEq, Eq)]
+struct Shown {
+    command: String,
+    output: String,
+}
+
+/// The commands of all `console` blocks: lines after `$ `, going on after `> `; what follows is their output.
+fn commands(page: &str) -> Vec<Shown> {
+    let mut shown: Vec<Shown> = Vec::new();
+    let mut inside = false;
+    for line in page.lines() {
+        match (inside, line) {
+            (false, "```console") => inside = true,
+            (true, "```") => inside = false,
+            (true, line) => match (line.strip_prefix("$ "), line.strip_prefix("> "), shown.last_mut()) {
+                (Some(command), ..) => shown.push(Shown { command: command.to_owned(), output: String::new() }),
+                (None, Some(more), Some(last)) => last.command += &format!("\n{more}"),
+                (None, None, Some(last)) => last.output += &format!("{line}\n"),
+                (None, _, None) => panic!("output before the first command: {line}"),
+            },
+            (false, _) => {}
+        }
+    }
+    shown
+}
+
+fn page(file: &str) -> Vec<Shown> {
+    commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
+}
+
+/// Runs them in one shell, in an empty folder, and gives what each prints.
+fn run(shown: &[Shown], keys: &str) -> Vec<String> {
+    const MARK: &str = "-- end of a command --";
+    let folder = tempfile::tempdir().expect("a folder");
+    let script: String = shown.iter().map(|shown| format!("{}\necho '{MARK}'\n", shown.command)).collect();
+    let script = script.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
+    // Another board may be served on this machine.
+    let port = free_port().to_string();
+    let script = script.replace("serve tcp ", &format!("serve tcp --listen 127.0.0.1:{port} ")).replace("4711", &port);
+    let tool = Path::new(env!("CARGO_BIN_EXE_ecmsk")).parent().expect("its folder");
+    let path = format!("{}:{}", tool.display(), std::env::var("PATH").expect("it is set"));
+    let mut bash = Command::new("bash");
+    bash.args(["-c", &format!("exec 2>&1\n{script}")]).current_dir(folder.path()).env("PATH", path);
+    let output = bash.env_remove("ECMSK_LOG").output().expect("bash starts");
+    let text = String::from_utf8(output.stdout).expect("UTF-8").replace(keys, "").replace(&port, "4711");
+    // How often it is said how far something is goes by the machine.
+    let text: String = text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect();
+    let mut said: Vec<String> = text.split(&format!("{MARK}\n")).map(str::to_owned).collect();
+    assert_eq!(said.pop().as_deref(), Some(""), "the shell ended early: {text}");
+    said
+}
+
+/// A port that was free a moment ago.
+fn free_port() -> u16 {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("there is one");
+    listener.local_addr().expect("it has one").port()
+}
+
+/// Every command of the pages prints what they say, on virtual time to the byte.
+#[test]
+fn the_pages_are_true() {
+    for (file, least) in PAGES {
+        let shown = page(file);
+        assert!(shown.len() >= least, "{shown:?}");
+        for (shown, said) in shown.iter().zip(run(&shown, "&clock=virtual")) {
+            assert_eq!(said, shown.output, "{file}: $ {}", shown.command);
+        }
+    }
+}
+
+/// As they stand there, on the real clock, the commands that should succeed do.
+#[test]
+fn the_pages_work_on_the_real_clock() {
+    for (file, _) in PAGES {
+        let shown = page(file);
+        for (shown, said) in shown.iter().zip(run(&shown, "&clock=real")) {
+            let has_error = |text: &str| text.lines().any(|line| line.starts_with("error: "));
+            assert_eq!(has_error(&said), has_error(&shown.output), "{file}: $ {}\n{said}", shown.command);
+        }
+    }
+}

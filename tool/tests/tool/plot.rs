@@ -1,0 +1,430 @@
+//! `ecmsk plot`: recordings as pictures, read back from the SVG by the numbers at their axes.
+
+use std::fs;
+use std::path::Path;
+
+use crate::common::motion::Run;
+use crate::common::plots::{Recorded, near, two_axes};
+use crate::common::recordings::make_capture;
+use crate::common::run;
+use crate::common::svg::{ALARM, COLOURS, FIFO, Plot};
+use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlaveKind, SlotSize};
+
+/// TOOL-146 Positions stand where the reports have them, targets in the cycle in which the board executed them, eight cycles
+/// after they were sent; the legend says so.
+#[test]
+fn targets_and_positions() {
+    let (run, cycles) = two_axes();
+    let plot = Recorded::new(&run).plot(&[]);
+    assert_eq!(
+        plot.panel_names(),
+        ["Axis 1: position (counts)", "Axis 2: position (counts)", "Torque (% of rated)", "FIFO: free entries of 160"]
+    );
+    for (axis, colour) in [(0, COLOURS[0]), (1, COLOURS[1])] {
+        let panel = plot.panel(&format!("Axis {}", axis + 1));
+        let whole = f64::from(10_000 * (axis as i32 + 1));
+        for cycle in cycles.iter().skip(1).step_by(50) {
+            near(panel.at(colour, false, cycle.seconds), cycle.position[axis].into(), whole);
+            // What was sent by then is eight cycles further, 0.8 % of the whole: what is near has to be nearer.
+            near(panel.at(colour, true, cycle.seconds), cycle.target[axis].into(), whole / 4.0);
+        }
+    }
+    let texts = plot.texts();
+    for text in [
+        "sim:?slaves=drive*3&clock=virtual",
+        "time (s)",
+        "target, when executed",
+        "actual",
+        "axis 1",
+        "axis 2",
+        "free entries",
+    ] {
+        assert!(texts.contains(&text), "`{text}` is missing in {texts:?}");
+    }
+}
+
+/// Torque in percent of rated, as the drive reports it in 0.1 %.
+#[test]
+fn torque() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    for i in 0..200 {
+        board.send(&[if i < 100 { 0 } else { 8000 }]);
+        board.cycle();
+    }
+    let plot = Recorded::new(&board).plot(&[]);
+    let highest =
+        plot.panel("Torque").samples(COLOURS[0], false).into_iter().map(|(_, torque)| torque).fold(0.0, f64::max);
+    // 8000 counts away, a tenth of them gone at once, a quarter as 0.1 %.
+    near(highest, 7200.0 / 4.0 / 10.0, 180.0);
+}
+
+/// An HSP has its inputs where a drive has its torque.
+#[test]
+fn an_hsp_has_no_torque() {
+    let mut board = Run::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
+    for i in 0..100 {
+        board.send(&[100 * i]);
+        board.cycle();
+    }
+    let plot = Recorded::new(&board).plot(&[]);
+    assert_eq!(plot.panel_names(), ["Axis 1: position (counts)", "FIFO: free entries of 160"]);
+}
+
+/// The FIFO's level, and the moments when commands were lost.
+#[test]
+fn fifo() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut levels = Vec::new();
+    for i in 0..300 {
+        for _ in 0..if i == 100 { 175 } else { 1 } {
+            board.send(&[i]);
+        }
+        board.cycle();
+        levels.push((board.seconds(), 160 - board.waiting()));
+    }
+    let plot = Recorded::new(&board).plot(&[]);
+    let panel = plot.panel("FIFO");
+    for (seconds, free) in levels.iter().skip(1).step_by(20) {
+        near(panel.at(FIFO, false, *seconds), f64::from(*free), 160.0);
+    }
+    let full = panel.lines(ALARM, false);
+    // One report after the burst, then one for each command that was sent to a full FIFO: the board counts those too.
+    assert!(!full.is_empty() && full.iter().all(|line| line[0].0 == line[1].0), "{full:?}");
+    let first = panel.samples(ALARM, false).into_iter().map(|(seconds, _)| seconds).fold(f64::MAX, f64::min);
+    near(first, levels[100].0, 0.3);
+    assert!(plot.texts().iter().any(|text| text.starts_with("commands lost: the full count went up in ")));
+}
+
+/// No loss, no word of one.
+#[test]
+fn no_loss() {
+    let plot = Recorded::new(&two_axes().0).plot(&[]);
+    assert_eq!(plot.panel("FIFO").lines(ALARM, false).len(), 0);
+    assert!(!plot.texts().iter().any(|text| text.contains("lost")));
+}
+
+/// A target that is sent once stays until the next one: the line has a step, no slope.
+#[test]
+fn targets_are_held() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    for i in 0..400 {
+        if i == 100 {
+            board.send(&[1000]);
+        } else if i == 300 {
+            board.send(&[3000]);
+        }
+        board.cycle();
+    }
+    let plot = Recorded::new(&board).plot(&[]);
+    let panel = plot.panel("Axis 1");
+    let end = board.seconds();
+    for (seconds, target) in [(end - 0.25, 1000.0), (end - 0.15, 1000.0), (end - 0.05, 3000.0), (end - 0.001, 3000.0)] {
+        near(panel.at(COLOURS[0], true, seconds), target, 3000.0);
+    }
+}
+
+/// One cycle out of thousands is still seen, and a line has no more points than a picture can show.
+#[test]
+fn long_recordings_are_thinned_without_loss() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    for i in 0..30_000 {
+        if i == 12_345 {
+            board.positions[0] = 100_000;
+        }
+        board.cycle();
+        board.positions[0] = 0;
+    }
+    let recorded = Recorded::new(&board);
+    let svg = recorded.try_plot(&["-o", "-"]).quiet();
+    assert!(svg.len() < 500_000, "{} bytes", svg.len());
+    let plot = Plot::parse(&svg);
+    let samples = plot.panel("Axis 1").samples(COLOURS[0], false);
+    assert!(samples.len() <= 4 * 1200, "{} points", samples.len());
+    let (at, highest) = samples.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).expect("samples");
+    near(highest, 90_000.0, 90_000.0);
+    near(at, board.seconds() - 17.654, 30.0);
+}
+
+/// The axes and the time that were asked for.
+#[test]
+fn a_part_of_it() {
+    let (run, cycles) = two_axes();
+    let recorded = Recorded::new(&run);
+    let plot = recorded.plot(&["--axes", "2", "--from", "0.4", "--to", "0.5"]);
+    assert_eq!(plot.panel_names()[..2], ["Axis 2: position (counts)", "Torque (% of rated)"]);
+    let panel = plot.panel("Axis 2");
+    let samples = panel.samples(COLOURS[1], false);
+    assert!(samples.iter().all(|(seconds, _)| (0.3995..0.5005).contains(seconds)), "{samples:?}");
+    for cycle in cycles.iter().filter(|cycle| (0.402..0.498).contains(&cycle.seconds)) {
+        near(panel.at(COLOURS[1], false, cycle.seconds), cycle.position[1].into(), 2000.0);
+        near(panel.at(COLOURS[1], true, cycle.seconds), f64::from(cycle.target[1]), 2000.0);
+    }
+    assert!(plot.texts().iter().any(|text| text.starts_with("0.4 to 0.5 s of ")), "{:?}", plot.texts());
+}
+
+/// Eight axes in eight colours; more are named and left out.
+#[test]
+fn eight_axes_and_more() {
+    let board = |axes: usize| {
+        let mut board = Run::new(SlotSize::Bytes12, axes);
+        for i in 0..50 {
+            board.send(&vec![i; axes]);
+            board.cycle();
+        }
+        Recorded::new(&board)
+    };
+    let plot = board(8).plot(&["--difference"]);
+    for (axis, colour) in (1..).zip(COLOURS) {
+        assert!(!plot.panel(&format!("Axis {axis}")).lines(colour, false).is_empty(), "axis {axis}");
+        assert!(!plot.panel("Torque").lines(colour, false).is_empty(), "axis {axis}");
+        assert!(!plot.panel("Following").lines(colour, false).is_empty(), "axis {axis}");
+    }
+    let ten = board(10);
+    let ran = ten.try_plot(&["-o", "-"]);
+    assert_eq!(ran.code, Some(0));
+    assert_eq!(ran.err, "note: 10 axes, of which the plot shows 1, 2, 3, 4, 5, 6, 7, 8; choose others with --axes\n");
+    assert_eq!(Plot::parse(&ran.out).panel_names().len(), 8 + 2);
+    let plot = ten.plot(&["--axes", "10,1"]);
+    assert_eq!(plot.panel_names()[..2], ["Axis 1: position (counts)", "Axis 10: position (counts)"]);
+    ten.try_plot(&["--axes", "1,2,3,4,5,6,7,8,9"]).failed(1, &["9 axes", "at most 8"], "--axes");
+}
+
+/// No text lies on another one or beyond the picture, whatever the numbers are.
+#[test]
+fn labels_do_not_overlap() {
+    for (axes, scale, options) in
+        [(1, 0, &[][..]), (2, 1, &["--difference"]), (8, 250_000_000, &["--difference"]), (3, 7, &["--to", "0.0095"])]
+    {
+        let mut board = Run::new(SlotSize::Bytes12, axes);
+        for i in 0..200 {
+            for _ in 0..if i == 20 { 170 } else { 1 } {
+                board.send(&(1..=axes as i32).map(|axis| (i % 9 - 4) * axis * (scale / 8)).collect::<Vec<_>>());
+            }
+            board.cycle();
+        }
+        let plot = Recorded::of_link(&board, &format!("sim:?name={}", "n".repeat(60))).plot(options);
+        assert!((800.0..=1600.0).contains(&plot.page.0) && (300.0..=2000.0).contains(&plot.page.1), "{:?}", plot.page);
+        for (i, label) in plot.labels.iter().enumerate() {
+            let (left, top, right, bottom) = label.place();
+            assert!(left >= 0.0 && top >= 0.0 && right <= plot.size.0 && bottom <= plot.size.1, "{label:?} is cut");
+            for other in &plot.labels[i + 1..] {
+                let (l, t, r, b) = other.place();
+                assert!(right <= l || r <= left || bottom <= t || b <= top, "{label:?}\n{other:?}");
+            }
+        }
+    }
+}
+
+/// 16-byte slots and a firmware whose full count counts words make no difference.
+#[test]
+fn wide_slots() {
+    let mut board = Run::new(SlotSize::Bytes16, 2);
+    for i in 0..100 {
+        board.send(&[100 * i, -100 * i]);
+        board.cycle();
+    }
+    let plot = Recorded::of_link(&board, "sim:?slot=16&fw=1.5").plot(&[]);
+    near(plot.panel("Axis 2").at(COLOURS[1], false, board.seconds()), board.positions[1].into(), 10_000.0);
+}
+
+/// A report that was read late belongs to the moment when it was made: the plot is the same.
+#[test]
+fn reports_read_late() {
+    let (mut board, _) = two_axes();
+    let plot = || -> Vec<_> {
+        let plot = Recorded::new(&board).plot(&["--difference"]);
+        plot.lines.into_iter().map(|line| (line.colour, line.pale, line.points)).collect()
+    };
+    let in_time = plot();
+    board.script.read_late(60);
+    let late = Recorded::new(&board).plot(&["--difference"]);
+    let late: Vec<_> = late.lines.into_iter().map(|line| (line.colour, line.pale, line.points)).collect();
+    assert_eq!(late, in_time);
+}
+
+/// Of a capture of two boards the one that is in OP is plotted.
+#[test]
+fn several_boards() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    for i in 0..20 {
+        board.send(&[1000 * i]);
+        board.cycle();
+    }
+    // 4 frames on the way to OP, then a command and a report for each cycle.
+    let (own, frames) = (board.positions[0], 4 + 2 * 20);
+    for _ in 0..20 {
+        board.positions[0] = -5000;
+        board.cycle();
+    }
+    let recorded = Recorded::new(&board);
+    let devices: Vec<u8> = (0..frames + 20).map(|k| if k < frames { 7 } else { 8 }).collect();
+    make_capture(&recorded.file, &devices);
+    let samples = recorded.plot(&[]).panel("Axis 1").samples(COLOURS[0], false);
+    assert!(samples.iter().all(|(_, position)| *position > -500.0), "{samples:?}");
+    near(samples.last().expect("samples").1, own.into(), 20_000.0);
+}
+
+/// A note is said once, although the recording is read twice.
+#[test]
+fn notes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("run.pcapng");
+    // Without an axis and without CRCs nothing tells the slot size.
+    let mut board = Run::new(SlotSize::Bytes12, 0);
+    board.cycle();
+    board.script.leave_crc_out();
+    board.script.record(&file, "usb:", None);
+    let ran = run([Path::new("plot"), &file]);
+    assert_eq!(ran.code, Some(0));
+    assert_eq!(ran.err.matches("no CRC tells the slot size").count(), 1, "{}", ran.err);
+}
+
+/// Leaving OP ends the lines, coming back starts new ones.
+#[test]
+fn outside_op_there_is_a_gap() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    for part in 0..2 {
+        for i in 0..100 {
+            board.send(&[1000 * part + i]);
+            board.cycle();
+        }
+        for _ in 0..100 {
+            board.report(MasterState::SafeOp);
+        }
+    }
+    let plot = Recorded::new(&board).plot(&["--difference"]);
+    assert_eq!(plot.panel("Axis 1").lines(COLOURS[0], false).len(), 2);
+    assert_eq!(plot.panel("Axis 1").lines(COLOURS[0], true).len(), 2);
+    assert_eq!(plot.panel("FIFO").lines(FIFO, false).len(), 2);
+}
+
+/// Without -o the plot lies beside the recording; its name is printed.
+#[test]
+fn where_the_plot_lies() {
+    let recorded = Recorded::new(&two_axes().0);
+    let beside = recorded.file.with_extension("svg");
+    assert_eq!(recorded.try_plot(&[]).quiet(), format!("{}\n", beside.display()));
+    let other = recorded.file.with_file_name("other.svg");
+    let name = other.to_str().expect("UTF-8");
+    assert_eq!(recorded.try_plot(&["-o", name]).quiet(), format!("{name}\n"));
+    let read = |file: &Path| fs::read_to_string(file).expect("a plot");
+    assert_eq!(read(&beside), read(&other));
+    assert_eq!(read(&beside), recorded.try_plot(&["-o", "-"]).quiet());
+}
+
+/// Whatever stands in a link or a file's name, the SVG stays one.
+#[test]
+fn strange_names() {
+    let (board, _) = two_axes();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("<a & \"b\">\u{1}\u{7f}'.pcapng");
+    board.script.record(&file, "usb:?serial=</svg>&x=]]>", None);
+    let plot = Plot::parse(&run([Path::new("plot"), &file, Path::new("-o"), Path::new("-")]).quiet());
+    assert!(plot.texts().iter().any(|text| text.contains("<a & \"b\">\u{fffd}\u{fffd}'.pcapng")), "{:?}", plot.texts());
+}
+
+/// What cannot be plotted, and what to do.
+#[test]
+fn errors() {
+    let (board, _) = two_axes();
+    let recorded = Recorded::new(&board);
+    let end = format!("in OP from 0.002 s to {:.3} s", board.seconds());
+    recorded.try_plot(&["--from", "9"]).failed(1, &["asked for 9 s and later", &end], "change --from or --to");
+    recorded.try_plot(&["--to", "-1"]).failed(1, &["asked for all until -1 s", &end], "change --from or --to");
+    recorded.try_plot(&["--from", "0.5", "--to", "0.4"]).failed(1, &["0.5 s to 0.4 s"], "change --from or --to");
+    recorded.try_plot(&["--axes", "0"]).misused(&["--axes"]);
+    recorded.try_plot(&["--axes", "41"]).misused(&["--axes"]);
+    recorded.try_plot(&["--axes", "31", "--slot-size", "16"]).failed(
+        1,
+        &["axis 31", "16-byte"],
+        "from 1 to 30 with --axes",
+    );
+    recorded.try_plot(&["-o", "/no/such/folder/x.svg"]).failed(1, &["cannot write /no/such/folder/x.svg"], "with -o");
+    let same = recorded.file.to_str().expect("UTF-8");
+    recorded.try_plot(&["-o", same]).failed(1, &["would replace the recording"], "with -o");
+    run(["plot", "-"]).failed(1, &["cannot read standard input"], "name a file");
+    run(["plot", "/no/such/file"]).failed(1, &["/no/such/file: No such file"], "check the path");
+    assert!(!recorded.file.with_extension("svg").exists(), "an error leaves nothing behind");
+}
+
+/// A recording that never gets to OP has nothing to plot.
+#[test]
+fn no_op() {
+    let mut board = Run::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
+    for _ in 0..20 {
+        board.report(MasterState::PreOp);
+    }
+    let recorded = Recorded::new(&board);
+    recorded.try_plot(&[]).failed(1, &["no response in OP (22 frames)"], "look at this one with `ecmsk dump`");
+}
+
+/// A recording that was cut off is plotted as far as it goes, and a note says so.
+#[test]
+fn truncated() {
+    let (board, cycles) = two_axes();
+    let recorded = Recorded::new(&board);
+    let whole = fs::read(&recorded.file).expect("a recording");
+    fs::write(&recorded.file, &whole[..whole.len() / 2 + 1]).expect("a file");
+    let ran = recorded.try_plot(&["-o", "-"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(ran.err.starts_with("note: ") && ran.err.contains("ends in the middle of the block"), "{}", ran.err);
+    let early = &cycles[300];
+    let plot = Plot::parse(&ran.out);
+    near(plot.panel("Axis 1").at(COLOURS[0], false, early.seconds), early.position[0].into(), 10_000.0);
+    fs::write(&recorded.file, &whole[..1500]).expect("a file");
+    recorded.try_plot(&[]).failed(1, &["ends in the middle of the block"], "before copying its file");
+}
+
+/// SET_FIFO's clear is a command for slot 0 with an argument in byte 2, whatever else the frame holds.
+#[test]
+fn a_clear_is_a_command_too() {
+    let mut board = Run::new(SlotSize::Bytes12, 1);
+    board.master(&MasterCommand::SetFifo(FifoAction::Threshold(120)));
+    for _ in 0..10 {
+        board.cycle();
+    }
+    assert_eq!(Recorded::new(&board).plot(&[]).panel_names().len(), 3);
+}
+
+/// TOOL-111 An axis that the network does not have is an error, and the text names those that there are, whether they were
+/// moved or not: also in a recording of the native API, whose frames count in all slots.
+#[test]
+fn axes_that_are_not_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("three.pcapng");
+    let link = format!("sim:?slaves=drive*3&clock=virtual&record={}", file.display());
+    let moved = run(["move", "1=500", "2=30", "--up", "--link", &link]);
+    assert_eq!(moved.code, Some(0), "{moved:?}");
+    let picture = folder.path().join("three.svg");
+    let plot = |axes: &str| {
+        let words = [file.as_os_str(), "-o".as_ref(), picture.as_os_str(), "--axes".as_ref(), axes.as_ref()];
+        run(["plot".as_ref()].into_iter().chain(words))
+    };
+    for axes in ["7", "1,4", "40"] {
+        plot(axes).failed(1, &["is empty: no slave has its slot in OP"], "name some of 1, 2, 3 with --axes");
+        assert!(!picture.exists());
+    }
+    plot("1-3").quiet();
+}
+
+/// An axis that the recording says nothing of is an error, and the text names those that there are.
+#[test]
+fn empty_axes() {
+    let (board, _) = two_axes();
+    let recorded = Recorded::new(&board);
+    recorded.try_plot(&["--axes", "1,9"]).failed(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
+    recorded.plot(&["--axes", "2"]);
+}
+
+/// A time is a finite number.
+#[test]
+fn times_that_are_none() {
+    let (board, _) = two_axes();
+    let recorded = Recorded::new(&board);
+    for option in ["--from", "--to"] {
+        for none in ["nan", "inf", "-1e999", "NaN", "1e999"] {
+            recorded.try_plot(&[option, none]).misused(&[option, none, "not a time"]);
+        }
+        recorded.try_plot(&[option, "soon"]).misused(&[option, "soon", "not a time; write it as in 3.5"]);
+    }
+}

@@ -1,0 +1,114 @@
+//! Recordings that were not ended, in every verb that reads one; and what `exec` says of the one it made.
+#![cfg(unix)]
+
+use std::fs;
+use std::path::PathBuf;
+
+use crate::common::exec::Place;
+use crate::common::run;
+use serde_json::Value;
+use support::recorded::{Program, Run};
+
+/// A run's recording up to a block, as a killed program leaves it: so many frames.
+fn cut_after(run: &Run, frames: usize) -> PathBuf {
+    let bytes = fs::read(&run.file).expect("a recording");
+    let length = (0..2 + frames)
+        .fold(0, |at, _| at + u32::from_le_bytes(bytes[at + 4..at + 8].try_into().expect("four bytes")) as usize);
+    let cut = run.file.with_file_name(format!("cut-{frames}.pcapng"));
+    fs::write(&cut, &bytes[..length]).expect("a file");
+    cut
+}
+
+/// TOOL-139 A recording that was not ended says so in `dump`, `plot`, `compare`, `replay` and `monitor`, and in what they
+/// print as JSON; that it is equal as far as it goes is no success, unless that was asked for.
+#[test]
+fn every_verb_says_so() {
+    const SAID: &str = "was not ended";
+    let whole = Program::default().record();
+    let cut = cut_after(&whole, 900);
+    let cut = cut.to_str().expect("UTF-8");
+    let svg = whole.file.with_extension("svg");
+    for arguments in [
+        &["dump", cut][..],
+        &["dump", cut, "--json"],
+        &["plot", cut, "-o", svg.to_str().expect("UTF-8")],
+        &["monitor", "--recording", cut, "--once"],
+        &["monitor", "--recording", cut, "--json"],
+    ] {
+        let ran = run(arguments);
+        assert_eq!(ran.code, Some(0), "{arguments:?}: {}", ran.err);
+        assert!(ran.err.starts_with("note: ") && ran.err.contains(SAID), "{arguments:?}: {}", ran.err);
+        assert_eq!(ran.err.lines().count(), 1, "{arguments:?}: {}", ran.err);
+        if arguments.contains(&"--json") {
+            let last: Value = serde_json::from_str(ran.out.lines().last().expect("a line")).expect("an object");
+            assert!(last.to_string().contains(SAID), "{last}");
+        }
+        let whole = arguments.iter().map(|word| if *word == cut { whole.path() } else { *word });
+        let ran = run(whole);
+        assert!(ran.code == Some(0) && ran.err.is_empty() && !ran.out.contains(SAID), "{arguments:?}: {}", ran.err);
+    }
+    for arguments in [&["compare", cut, cut][..], &["replay", cut]] {
+        let ran = run(arguments);
+        assert_eq!(ran.code, Some(2), "{}", ran.out);
+        assert!(ran.err.contains(SAID) && ran.out.contains("not whole (--allow-incomplete"), "{ran:?}");
+        let json = run([arguments, &["--json"]].concat());
+        let found: Value = serde_json::from_str(&json.out).expect("an object");
+        assert_eq!((json.code, &found["equal"], &found["a"]["whole"]), (Some(2), &false.into(), &false.into()));
+        assert!(found["a"]["lacks"].to_string().contains(SAID), "{found}");
+        let allowed = run([arguments, &["--allow-incomplete"]].concat());
+        assert!(allowed.code == Some(0) && allowed.err.contains(SAID), "{allowed:?}");
+    }
+    // A difference is one, whatever is missing behind it.
+    let ran = run(["compare", whole.path(), cut]);
+    assert!(ran.code == Some(1) && ran.err.starts_with("note: B: ") && ran.out.contains("B ends early"), "{ran:?}");
+}
+
+/// TOOL-139 A file that was cut after its first command is no run that the model answers as the board did.
+#[test]
+fn one_command_is_no_run() {
+    let whole = Program::default().record();
+    // The first report comes some frames later; without one there is nothing to compare.
+    for frames in [5, 8] {
+        let cut = cut_after(&whole, frames);
+        let ran = run(["replay", cut.to_str().expect("UTF-8")]);
+        assert_eq!(ran.code, Some(2), "{frames}: {ran:?}");
+    }
+}
+
+/// TOOL-138 TOOL-144 `exec` with a program whose recording is not whole: killed, without its end, or on a disk that is full.
+/// It says what is missing; where the program itself ended with 0 the code is 124. A recording that is there is not
+/// replaced unasked.
+#[test]
+fn exec_tells_of_its_recording() {
+    let place = Place::new();
+    let tool = env!("CARGO_BIN_EXE_ecmsk");
+    let file = place.path().join("run.pcapng");
+    let options = ["--link", "sim:?slaves=drive&clock=virtual", "--record", "run.pcapng"];
+    let moves = format!("{tool} move 1=100000 --up >/dev/null 2>moved");
+    place.run(&options, &moves).quiet();
+    let whole = fs::read(&file).expect("a recording");
+    assert!(whole.len() > 100_000, "{}", whole.len());
+
+    let refused = place.run(&options, "echo started");
+    refused.failed(125, &["cannot record to run.pcapng", "is there already", "--overwrite"], "with --record");
+    assert!(refused.out.is_empty() && fs::read(&file).expect("a recording") == whole);
+    let again = [&options[..], &["--overwrite"]].concat();
+
+    // The disk is full after 64 KiB: the program ends well, and its recording is ended too.
+    let full = place.run(&again, &format!("trap '' XFSZ; ulimit -f 128; {moves}; cat moved >&2"));
+    assert_eq!(full.code, Some(124), "{full:?}");
+    assert!(full.err.contains("has stopped: File too large"), "{}", full.err);
+    let last = full.err.lines().last().expect("a line");
+    assert!(last.starts_with("warning: ") && last.contains("frames are missing: File too large"), "{last}");
+    let dumped = run(["dump", file.to_str().expect("UTF-8"), "--slots", "ecm"]);
+    assert!(dumped.code == Some(0) && dumped.err.contains("frames are missing: File too large"), "{}", dumped.err);
+
+    // As a program that was killed leaves it; the code of one that failed is its own.
+    let killed = place.run(&again, &format!("{moves}; truncate -s -60 run.pcapng; exit 3"));
+    assert!(killed.code == Some(3) && killed.err.contains("was not ended"), "{killed:?}");
+    let cut = place.run(&again, &format!("{moves}; truncate -s -52 run.pcapng"));
+    assert!(cut.code == Some(124) && cut.err.contains("was not ended"), "{cut:?}");
+    // Nothing was recorded, and nothing is left of what was there.
+    place.run(&again, ":").quiet();
+    assert!(!file.exists());
+}

@@ -1,0 +1,156 @@
+//! `ecmsk serve usbip`: what it says, what it refuses, how it ends.
+#![cfg(target_os = "linux")]
+
+use std::io::{BufRead, BufReader, Read};
+use std::net::SocketAddr;
+use std::process::{Child, ChildStdout, Stdio};
+
+use crate::common::{Ran, ecmsk};
+use ecmsk::link::Dir;
+use ecmsk::recording::Recording;
+use rustix::process::{Pid, Signal, kill_process};
+use support::usbip_client::{Client, Reply};
+
+/// The tool at work.
+struct Serving {
+    child: Child,
+    out: BufReader<ChildStdout>,
+    address: SocketAddr,
+}
+
+impl Serving {
+    fn start(arguments: &[&str]) -> Self {
+        let mut command = ecmsk(["serve", "usbip", "--listen", "127.0.0.1:0"]);
+        let mut child =
+            command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+        let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
+        let mut line = String::new();
+        out.read_line(&mut line).expect("it says where it listens");
+        let address = line.trim_end().strip_prefix("listening on ").expect(&line).parse().expect(&line);
+        Self { child, out, address }
+    }
+
+    /// The next line of standard output.
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.out.read_line(&mut line).expect("a line");
+        line
+    }
+
+    /// Sends a signal and gives what it said on standard error.
+    fn end_by(mut self, signal: Signal) -> String {
+        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
+        let mut said = String::new();
+        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+        assert_eq!(self.child.wait().expect("it ends").code(), Some(0), "{said}");
+        said
+    }
+}
+
+fn run(arguments: &[&str]) -> Ran {
+    ecmsk([&["serve", "usbip"][..], arguments].concat()).output().expect("the tool starts").into()
+}
+
+/// WIRE-14, WIRE-15 Where, what, who comes and goes, and an end in order; the link keeps one report.
+#[test]
+fn it_says_what_it_serves_and_who_comes() {
+    for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
+        let mut serving = Serving::start(&["--link", "sim:?slaves=io", "--link", "sim:?name=b&queue=7"]);
+        assert_eq!(serving.line(), "1-1 sim:?slaves=io&queue=1\n");
+        assert_eq!(serving.line(), "1-2 sim:?name=b&queue=7\n");
+        let mut client = Client::attached(serving.address);
+        let given = client.give(&[0; 512]);
+        assert_eq!(client.reply(), Reply::done(given, 512));
+        let host = client.stream.local_addr().expect("it is connected");
+        let said = serving.end_by(signal);
+        let expected = format!(
+            "serve: 1-1: attached by {host}\nserve: stopped by {name}\nserve: 1-1: the server stops; 1 frames out, 0 \
+             reports in\n"
+        );
+        assert_eq!(said, expected);
+        assert!(client.is_cut());
+    }
+}
+
+/// WIRE-16 What is set is shown.
+#[test]
+fn the_board_shows_itself_as_it_is_told() {
+    let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";
+    let mut arguments = vec!["--link", "sim:"];
+    arguments.extend(options.split(' '));
+    let serving = Serving::start(&arguments);
+    let mut client = Client::attached(serving.address);
+    let (_, device) = client.control([0x80, 6, 0, 1, 0, 0, 18, 0], &[]);
+    assert_eq!(device[8..14], [0x34, 0x12, 0xCD, 0xAB, 0x03, 0x02]);
+    let (_, configuration) = client.control([0x80, 6, 0, 2, 0, 0, 41, 0], &[]);
+    assert_eq!(configuration[40], 4);
+    let (_, serial) = client.control([0x80, 6, 3, 3, 9, 4, 255, 0], &[]);
+    assert_eq!(serial, [6, 3, b'S', 0, b'1', 0]);
+    serving.end_by(Signal::TERM);
+}
+
+/// WIRE-2 The recording of its link has the frames of the host.
+#[test]
+fn what_a_host_sends_is_recorded() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("run.pcapng");
+    let serving = Serving::start(&["--link", &format!("sim:?slaves=io&record={}", file.display())]);
+    let mut client = Client::attached(serving.address);
+    for _ in 0..20 {
+        let given = client.give(&[0; 512]);
+        assert_eq!(client.reply(), Reply::done(given, 512));
+    }
+    serving.end_by(Signal::INT);
+    let recording = Recording::new(std::fs::File::open(&file).expect("it is there"), "run").expect("it is one");
+    let frames = recording.filter(|frame| frame.as_ref().expect("it is whole").dir == Dir::Write);
+    assert_eq!(frames.count(), 20);
+}
+
+/// WIRE-14 Whoever reaches it can use the boards: without a word that everybody may, such an address is refused with the next
+/// step, and nothing listens.
+#[test]
+fn listening_to_others_is_refused() {
+    for listen in ["0.0.0.0:0", "192.0.2.1:3240", "[::]:0"] {
+        let ran = run(&["--link", "sim:", "--listen", listen]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{ran:?}");
+        for part in ["no password", "127.0.0.1", "ssh -N -L", "docs/VIRTUAL-BOARD.md", "--insecure-anyone"] {
+            assert!(ran.err.contains(part), "{listen}: no {part}: {ran:?}");
+        }
+    }
+    run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).failed(1, &["in use"], "name=");
+}
+
+/// WIRE-14 Whoever reaches it can use the boards: that is said.
+#[test]
+fn listening_to_others_is_warned_of() {
+    let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the tool starts");
+    let mut line = String::new();
+    BufReader::new(child.stderr.take().expect("a pipe")).read_line(&mut line).expect("a line");
+    assert!(line.starts_with("note: ") && line.contains("no password"), "{line}");
+    child.kill().expect("it runs");
+    child.wait().expect("it ends");
+}
+
+/// WIRE-13, WIRE-15, TOOL-113 What cannot be is said with the next step.
+#[test]
+fn what_cannot_be_served_is_said() {
+    let listen = ["--listen", "127.0.0.1:0"];
+    // An address of nobody (RFC 5737); the note before is that it is not this machine alone.
+    let elsewhere = run(&["--listen", "192.0.2.1:3240", "--insecure-anyone", "--link", "sim:"]);
+    assert_eq!((elsewhere.code, elsewhere.err.lines().count()), (Some(1), 2), "{elsewhere:?}");
+    assert!(elsewhere.err.contains("cannot listen on 192.0.2.1:3240: "), "{elsewhere:?}");
+    assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");
+    run(&[&listen[..], &["--link", "sim:?clock=virtual"]].concat()).failed(1, &["virtual clock"], "clock=virtual");
+    run(&[&listen[..], &["--link", "sim:", "--link", "sim:"]].concat()).failed(1, &["in use"], "name=");
+    run(&["--link", "sim:?slaves=whale"]).misused(&["slaves"]);
+    run(&["--link", "sim:", "--vendor", "12345"]).misused(&["allowed: 0000 to ffff"]);
+    run(&["--link", "sim:", "--interval", "17"]).misused(&["17"]);
+    run(&[]).misused(&["--link"]);
+    if !std::path::Path::new(ecmsk::port::usbip::VHCI).exists() {
+        run(&[&listen[..], &["--link", "sim:", "--attach"]].concat()).failed(1, &["vhci_hcd"], "modprobe vhci-hcd");
+    }
+}

@@ -1,0 +1,27 @@
+//! A state that has failed is explained wherever the tool shows it.
+
+use crate::common::board::{script, text};
+use crate::common::run;
+
+/// TOOL-158 A change of state that fails says which slave refused and why; on the wire nobody could see it.
+#[test]
+fn a_drive_declared_as_io() {
+    let ran = run(["state", "op", "--link", "sim:?slaves=drive*2&clock=virtual", "--slaves", "drive,io"]);
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    for words in ["OP was not reached", "slave 2 refused", "IO (nibble 1)", "no SET_AXIS has declared", "0x001D"] {
+        assert!(ran.err.contains(words), "{words}: {}", ran.err);
+    }
+}
+
+/// TOOL-158 `state` and `info` say why beside the state, and `--json` in a field of its own.
+#[test]
+fn a_slave_that_fell_out() {
+    let falls = text("falls.ecmscript", "at 2s mute 2\n");
+    let link = format!("sim:?slaves=drive*2&clock=virtual&script={falls}");
+    let ran = script(&link, "state op\nwait 3s\nstate\ninfo\n");
+    let why = "slave 2 fell out of the network; look at its power and its cable, then send SET_STATE to bring it back";
+    assert!(ran.out.contains(&format!("OP (a slave failed): {why}")), "{}\n{}", ran.out, ran.err);
+    assert_eq!(ran.out.matches(why).count(), 2, "{}", ran.out);
+    let ran = crate::common::run_with_input(&["run", "-", "--json", "--link", &link], "state op\nwait 3s\nstate\n");
+    assert!(ran.out.contains(&format!("\"why\":\"{why}\"")), "{}\n{}", ran.out, ran.err);
+}

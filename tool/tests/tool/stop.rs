@@ -1,0 +1,202 @@
+//! Ctrl-C and other signals, on the real clock: what moves is braked on its line and stays on, and nothing hangs.
+#![cfg(target_os = "linux")]
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::PathBuf;
+use std::process::{Child, ChildStderr, Stdio};
+
+use crate::common::board::{Tape, file, text};
+use crate::common::ecmsk;
+use ecmsk::sk::{CommandId, MasterState};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// The tool at work.
+struct Work {
+    child: Child,
+    said: BufReader<ChildStderr>,
+    /// What it has said on standard error.
+    err: String,
+}
+
+impl Work {
+    fn start(words: &[&str]) -> Self {
+        let mut command = ecmsk(words);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+        let said = BufReader::new(child.stderr.take().expect("a pipe"));
+        Self { child, said, err: String::new() }
+    }
+
+    /// Waits until it says a line with this.
+    fn until(&mut self, words: &str) {
+        let before = self.err.len();
+        while !self.err[before..].contains(words) {
+            let read = self.said.read_line(&mut self.err).expect("UTF-8");
+            assert!(read > 0, "it ended without `{words}`: {}", self.err);
+        }
+    }
+
+    fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
+    }
+
+    /// Waits until no signal is on its way: two of a kind on their way are one.
+    fn until_delivered(&self) {
+        let status = format!("/proc/{}/status", self.child.id());
+        let pending =
+            |line: &str| line.strip_prefix("ShdPnd:").is_some_and(|mask| !mask.trim().trim_matches('0').is_empty());
+        while std::fs::read_to_string(&status).expect("it runs").lines().skip(1).any(pending) {
+            std::thread::yield_now();
+        }
+    }
+
+    /// Its exit code; `err` then has all it has said.
+    fn end(mut self) -> (Option<i32>, String) {
+        self.said.read_to_string(&mut self.err).expect("UTF-8");
+        (self.child.wait().expect("it ends").code(), self.err)
+    }
+}
+
+fn recorded(name: &str, keys: &str) -> (String, PathBuf) {
+    let file = file(name);
+    (format!("sim:?{keys}&record={}", file.display()), file)
+}
+
+/// How fast targets change, and how fast that does.
+fn steps(targets: &[i32]) -> (Vec<i32>, Vec<i32>) {
+    let differences = |of: &[i32]| of.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
+    let steps = differences(targets);
+    let changes = differences(&steps);
+    (steps, changes)
+}
+
+/// TOOL-16, TOOL-25 Ctrl-C in a move brakes both axes on their line with the move's own acceleration; they stay on, in OP.
+/// The exit code is 130, of SIGTERM 143.
+#[test]
+fn ctrl_c_brakes_a_move() {
+    for (name, signal, code, why) in
+        [("int", Signal::INT, 130, "stopped by Ctrl-C"), ("term", Signal::TERM, 143, "stopped by SIGTERM")]
+    {
+        let (board, file) = recorded(name, "slaves=drive*2");
+        let line = ["move", "1=900000", "2=-300000", "--velocity", "100000", "--acceleration", "200000"];
+        let mut work = Work::start(&[&line[..], &["--up", "--link", &board]].concat());
+        work.until("progress: moving");
+        work.signal(signal);
+        let (ended, said) = work.end();
+        assert_eq!(ended, Some(code), "{said}");
+        assert!(
+            said.contains(&format!("error: {why}; no axis moves, those that were on stay on; run it again")),
+            "{said}"
+        );
+
+        let tape = Tape::read(&file);
+        let (first, second) = (tape.targets(1), tape.targets(2));
+        let (speed, change) = steps(&first);
+        // 100 counts a cycle; 0.2 more or less in the next one, and a count for rounding.
+        assert!(speed.contains(&100) && speed.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
+        assert!(change.iter().all(|change| change.abs() <= 2), "{change:?}");
+        assert!(speed.ends_with(&[0]) || speed.ends_with(&[1]), "it came to rest: {:?}", &speed[speed.len() - 5..]);
+        let full = speed.iter().rposition(|step| *step >= 99).expect("it was fast");
+        // 0.5 s at full acceleration, 0.1 s to get there and 0.1 s back.
+        let brake: Vec<i32> = speed[full..].windows(101).map(|window| window[0] - window[100]).collect();
+        assert!(brake.iter().all(|change| *change <= 22) && brake.iter().any(|change| *change >= 18), "{brake:?}");
+        assert!(speed.len() - full <= 800, "{} frames to rest", speed.len() - full);
+        assert!(*first.last().unwrap() < 900_000);
+        for (a, b) in first.iter().zip(&second) {
+            assert!((f64::from(*b) + f64::from(*a) / 3.0).abs() <= 1.0, "off the line: {a}, {b}");
+        }
+        assert_eq!(tape.state(), Some(MasterState::Op));
+        assert!(tape.is_on(1) && tape.is_on(2));
+        assert!(tape.last(1).position.abs_diff(*first.last().unwrap()) <= 2, "it stands where it was told to");
+    }
+}
+
+/// TOOL-16 A move that would brake for longer than that brakes harder: it is at rest within 1.5 s.
+#[test]
+fn a_slow_brake_is_cut_short() {
+    let (board, file) = recorded("slow", "slaves=drive");
+    let line = ["move", "1=9000000", "--velocity", "100000", "--acceleration", "25000"];
+    let mut work = Work::start(&[&line[..], &["--up", "--link", &board]].concat());
+    work.until("progress: moving");
+    work.until("progress: moving");
+    work.signal(Signal::INT);
+    assert_eq!(work.end().0, Some(130));
+    let tape = Tape::read(&file);
+    let (speed, change) = steps(&tape.targets(1));
+    let fastest = speed.iter().position(|step| step == speed.iter().max().unwrap()).unwrap();
+    assert!(speed[fastest] > 25 && change.iter().all(|change| change.abs() <= 2));
+    assert!(speed.len() - fastest <= 1700, "{} frames to rest", speed.len() - fastest);
+    assert!(tape.is_on(1) && *speed.last().unwrap() <= 1);
+}
+
+/// TOOL-17 A second Ctrl-C ends the program at once.
+#[test]
+fn a_second_ctrl_c_leaves() {
+    let (board, _) = recorded("twice", "slaves=drive");
+    let line = ["move", "1=9000000", "--velocity", "100000", "--acceleration", "25000"];
+    let mut work = Work::start(&[&line[..], &["--up", "--link", &board]].concat());
+    work.until("progress: moving");
+    work.until("progress: moving");
+    work.signal(Signal::INT);
+    work.until_delivered();
+    // It brakes now, for 1.5 s.
+    work.signal(Signal::INT);
+    let (code, said) = work.end();
+    assert_eq!(code, Some(130));
+    assert!(!said.contains("stopped by"), "it had no time to say so: {said}");
+}
+
+/// TOOL-18 Ctrl-C ends homing with ABORT_HOME; the axis stands and stays on.
+#[test]
+fn ctrl_c_aborts_homing() {
+    let (board, file) = recorded("home", "slaves=drive*2");
+    let mut work = Work::start(&["home", "2", "--method", "1", "--up", "--link", &board]);
+    work.until("progress: homing axis 2: moving");
+    work.signal(Signal::INT);
+    let (code, said) = work.end();
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.ends_with("run it again to go on\n"), "{said}");
+    let tape = Tape::read(&file);
+    assert!(tape.sent(2, CommandId::GoHome) && tape.sent(2, CommandId::AbortHome));
+    let positions = tape.positions(2);
+    let rest = &positions[positions.len() - 3..];
+    assert!(rest[0] < -1000 && rest.iter().all(|position| position.abs_diff(rest[0]) <= 2), "{rest:?}");
+    assert!(tape.is_on(2) && !tape.is_on(1));
+}
+
+/// TOOL-19 Ctrl-C ends what waits: a change of state that hangs, an SDO without answer, `wait`.
+#[test]
+fn ctrl_c_ends_every_wait() {
+    let events = text("hangs.ecmscript", "sdo-delay 1 1000s\nmute 1\n");
+    let hangs = format!("sim:?slaves=drive&script={events}&state_timeout_ms=3600000&sdo_timeout_ms=3600000");
+    for line in [
+        &["state", "op", "--timeout", "1h", "--link", &hangs][..],
+        &["state", "op", "--timeout", "3600s", "--link", &hangs],
+        &["sdo", "read", "1", "statusword", "--timeout", "3600", "--link", &hangs],
+        &["run", "-", "--link", "sim:?slaves=drive"],
+    ] {
+        let mut work = if line[0] == "run" { waiting_script(line) } else { Work::start(line) };
+        if line.contains(&"1h") {
+            assert_eq!(work.end().0, Some(2), "a wrong time");
+            continue;
+        }
+        work.until("progress: ");
+        work.signal(Signal::INT);
+        let (code, said) = work.end();
+        assert_eq!(code, Some(130), "{line:?}: {said}");
+    }
+}
+
+fn waiting_script(line: &[&str]) -> Work {
+    let script = text("wait.ecm", "state op\nservo on 1\nwait 3600s\n");
+    Work::start(&["run", &script, line[2], line[3]])
+}
+
+/// TOOL-19 A board that is gone silent ends a move by itself, with what to do.
+#[test]
+fn a_board_that_falls_silent() {
+    let events = text("silent.ecmscript", "at 900ms silent\n");
+    let (board, _) = recorded("silent", &format!("slaves=drive&clock=virtual&script={events}"));
+    let (code, said) = Work::start(&["move", "1=900000", "--velocity", "100000", "--up", "--link", &board]).end();
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.lines().any(|line| line.starts_with("error: ") && line.contains("check the cable")), "{said}");
+}

@@ -1,0 +1,98 @@
+//! What a server knows of the slaves and their units, its clients know too.
+#![cfg(unix)]
+
+use std::io::{BufRead as _, BufReader};
+use std::process::{Child, Command, Stdio};
+
+use crate::common::{ecmsk, run};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
+use ecmsk::link::{self, KnownNetwork, Share};
+use ecmsk::port::tcp::{ServeOptions, Server};
+use serde_json::Value;
+use support::tcp::{Puppet, connect, options, serve, serve_link, uri};
+
+fn known(slaves: &str, counts_per_unit: &str) -> Option<KnownNetwork> {
+    Some(KnownNetwork { slaves: slaves.to_owned(), counts_per_unit: counts_per_unit.to_owned() })
+}
+
+/// TCP-27 Clients are told the slaves: those of a simulated board, those that a client has configured with their modes, and what
+/// the server was told, which counts more; a server of a server hands it on. Of a board that nobody knows nothing is said.
+#[test]
+fn clients_know_what_the_server_knows() {
+    let (server, _) = serve("sim:?slaves=drive*2,io");
+    let writer = connect(&server, "");
+    assert_eq!(writer.network(), known("drive*2,io", ""));
+    writer.close();
+    let ecm = Ecm::open(&uri(&server, "")).unwrap();
+    let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Io];
+    ecm.configure(&Config { slaves, ..Config::default() }).unwrap();
+    assert_eq!(connect(&server, "role=reader").network(), known("drive,drive:csv,io", ""));
+    let again = uri(&server, "role=reader&reconnect_ms=1000");
+    let second = Server::start(move || link::open(&again, Share::ByName), options().0).unwrap();
+    assert_eq!(connect(&second, "role=reader&fault.drop=0.5").network(), known("drive,drive:csv,io", ""));
+    ecm.close(Close::Leave).unwrap();
+
+    assert_eq!(connect(&serve_link(Puppet::new(), options().0), "").network(), None);
+    let network = known("drive*40", "1=5000,2=131072/360").unwrap();
+    let told = serve_link(Puppet::new(), ServeOptions { network: network.clone(), ..options().0 });
+    assert_eq!(connect(&told, "").network(), Some(network));
+    let network = known(&"drive,io,".repeat(40), "7").unwrap();
+    let long = serve_link(Puppet::new(), ServeOptions { network, ..options().0 });
+    assert_eq!(connect(&long, "").network(), known("", "7"), "half a list would be another one");
+}
+
+/// The tool serving, and where; it ends when it is dropped.
+struct Serving(Child, String);
+
+impl Serving {
+    fn start(mut command: Command) -> Self {
+        command.env_remove("ECMSK_TCP_SECRET");
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let place = line.strip_prefix("listening on ").and_then(|rest| rest.split([';', '\n']).next());
+        let link = format!("tcp://{}", place.unwrap_or_else(|| panic!("{line}")));
+        Self(child, link)
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// TCP-27 The tool shows kinds over the network without being told them, and moves in the units that the server was told.
+#[test]
+fn the_tool_shows_kinds_and_units() {
+    let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2,io"]);
+    command.args(["--counts-per-unit", "1=1000"]);
+    let serving = Serving::start(command);
+    let link = serving.1.as_str();
+    let info: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).quiet()).unwrap();
+    assert_eq!(info["network"], "1 drive, 2 drive, 3 io");
+    let seen: Value = serde_json::from_str(&run(["monitor", "--once", "--json", "--link", link]).quiet()).unwrap();
+    let kinds: Vec<_> = (1..=3).map(|slot| (&seen["slots"][slot]["kind"], &seen["slots"][slot]["kind_is"])).collect();
+    assert!(kinds.iter().zip(["drive", "drive", "io"]).all(|((kind, _), expected)| **kind == expected), "{kinds:?}");
+    assert_eq!(run(["move", "1=2.5", "2=30", "--up", "--link", link]).code, Some(0));
+    let moved: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).quiet()).unwrap();
+    let at = |slave: usize| moved["slaves"][slave]["position_counts"].as_i64().unwrap();
+    assert!((at(0) - 2500).abs() < 64 && (at(1) - 30).abs() < 64, "{moved}");
+}
+
+/// TOOL-165 `serve` takes the board of ECMSK_LINK where no --link is given, on TCP and on USB/IP; without any it serves nothing.
+#[test]
+fn the_board_of_the_environment_is_served() {
+    for port in ["tcp", "usbip"] {
+        let mut command = ecmsk(["serve", port, "--listen", "127.0.0.1:0"]);
+        command.env("ECMSK_LINK", "sim:?slaves=drive,io");
+        let serving = Serving::start(command);
+        if port == "tcp" {
+            assert_eq!(link::open(&serving.1, Share::ByName).unwrap().network(), known("drive,io", ""));
+        }
+        run(["serve", port, "--listen", "127.0.0.1:0"]).misused(&["--link", "ECMSK_LINK"]);
+        let wrong = ecmsk(["serve", port]).env("ECMSK_LINK", "whale:").output().unwrap();
+        assert!(String::from_utf8_lossy(&wrong.stderr).contains("whale"), "{wrong:?}");
+    }
+}

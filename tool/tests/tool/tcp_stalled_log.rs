@@ -1,0 +1,162 @@
+//! Servers whose log nobody reads: a pipe that is full, a function that does not return. Axes, clients and the end of the server
+//! wait for none of it.
+#![cfg(target_os = "linux")]
+
+use std::io::{BufRead as _, BufReader, PipeReader, PipeWriter, Read as _, Write as _};
+use std::net::SocketAddr;
+use std::process::{Child, ChildStdout, Stdio};
+use std::sync::{Arc, Mutex, mpsc};
+use std::thread;
+
+use crate::common::ecmsk;
+use ecmsk::ecm::{Axis, Config, Ecm, Slave};
+use ecmsk::link::{self, Share, Wait};
+use ecmsk::port::tcp::ServeOptions;
+use ecmsk::sk::{Frame, MasterState};
+use rustix::fs::{OFlags, fcntl_setfl};
+use rustix::process::{Pid, Signal, kill_process};
+use support::tcp::proxy::Cable;
+use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
+
+/// A pipe that takes no byte more until somebody reads it.
+fn full_pipe() -> (PipeReader, PipeWriter) {
+    let (reader, mut writer) = std::io::pipe().unwrap();
+    fcntl_setfl(&writer, OFlags::NONBLOCK).unwrap();
+    while writer.write(&[b'.'; 4096]).is_ok() {}
+    while writer.write(b".").is_ok() {}
+    fcntl_setfl(&writer, OFlags::empty()).unwrap();
+    (reader, writer)
+}
+
+/// The tool at work, with a standard error that nobody reads.
+fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {
+    let (reader, writer) = full_pipe();
+    let mut command = ecmsk(arguments);
+    command.envs(keys.iter().copied()).env_remove("ECMSK_TCP_SECRET");
+    let mut child = command.stdout(Stdio::piped()).stderr(writer).spawn().unwrap();
+    let mut out = BufReader::new(child.stdout.take().unwrap());
+    let mut line = String::new();
+    out.read_line(&mut line).unwrap();
+    let address = line.strip_prefix("listening on ").and_then(|line| line.split([';', '\n']).next());
+    let address = address.unwrap_or_else(|| panic!("{line}")).to_owned();
+    (child, out, address, reader)
+}
+
+fn ends(child: &mut Child) {
+    kill_process(Pid::from_child(child), Signal::TERM).unwrap();
+    let status = until("the end", || child.try_wait().unwrap());
+    assert_eq!(status.code(), Some(0));
+}
+
+/// Strangers come and are refused; a writer whose axes move is cut off: the axes stand, one in CSP and one in CSV, and new
+/// clients get in, a writer too.
+fn a_writer_vanishes(server: SocketAddr) {
+    for _ in 0..50 {
+        Raw::dial_to(server).send(b"GET / HTTP/1.1\r\n\r\n");
+    }
+    let cable = Cable::to(server);
+    let ecm = Ecm::open(&format!("tcp://{}", cable.address)).unwrap();
+    let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV)];
+    ecm.configure(&Config { slaves, ..Config::default() }).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    ecm.servo_on(&[1, 2]).unwrap();
+    let mut stream = ecm.stream(16).unwrap();
+    for n in 0..300 {
+        stream.csp(1, n * 10).unwrap();
+        stream.csv(2, 100_000).unwrap();
+        stream.step().unwrap();
+    }
+    cable.cut();
+    let reader = link::open(&format!("tcp://{server}?role=reader"), Share::ByName).unwrap();
+    let mut report = Frame::new();
+    let (mut last, mut still) = ([0; 2], 0);
+    until("a standstill", || {
+        reader.read(&mut report, Wait::For(LIMIT)).unwrap();
+        let now = [1, 2].map(|slave| report.slot(SIZE, slave).data1 as i32);
+        // A held axis may tremble by a count.
+        let stands = (0..2).all(|axis| i32::abs(now[axis] - last[axis]) < 3);
+        still = if stands { still + 1 } else { 0 };
+        last = now;
+        (still == 100).then_some(())
+    });
+    until("place for a writer", || link::open(&format!("tcp://{server}"), Share::ByName).ok()).close();
+}
+
+/// TCP-25 TCP-9 With a standard error that takes nothing, `ecmsk serve tcp` brakes the axes of a writer that is cut off, takes
+/// clients in and ends by SIGTERM; the same with its log at its most talkative.
+#[test]
+fn a_full_pipe_stops_nothing() {
+    for level in ["off", "trace"] {
+        let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
+        let (mut child, _out, address, _unread) = serving(&arguments, &[("ECMSK_LOG", level)]);
+        a_writer_vanishes(address.parse().unwrap());
+        ends(&mut child);
+    }
+}
+
+/// TCP-25 A pipe that is read again gets the newest lines, and how many are missing.
+#[test]
+fn a_pipe_that_is_read_again() {
+    let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
+    let (mut child, _out, address, mut unread) = serving(&arguments, &[("ECMSK_LOG", "off")]);
+    let uri = format!("tcp://{address}");
+    // Each writer is two lines at least.
+    for _ in 0..700 {
+        link::open(&uri, Share::ByName).unwrap().close();
+    }
+    a_writer_vanishes(address.parse().unwrap());
+    let text = thread::spawn(move || {
+        let mut text = String::new();
+        unread.read_to_string(&mut text).unwrap();
+        text
+    });
+    ends(&mut child);
+    let text = text.join().unwrap();
+    assert!(text.contains("lines were dropped") || text.contains("more times"), "{text}");
+    assert!(text.contains("axes stand still after") && text.contains("stopped by SIGTERM"), "{text}");
+}
+
+/// TCP-25 WIRE-14 Standard output too may take nothing: the server serves, and ends by SIGTERM.
+#[test]
+fn nobody_reads_where_it_listens() {
+    for port in ["tcp", "usbip"] {
+        let (_unread, writer) = full_pipe();
+        let (said, err) = std::io::pipe().unwrap();
+        let mut command = ecmsk(["serve", port, "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"]);
+        let mut child = command.env_remove("ECMSK_TCP_SECRET").stdout(writer).stderr(err).spawn().unwrap();
+        drop(command);
+        let mut line = String::new();
+        BufReader::new(said).read_line(&mut line).unwrap();
+        assert!(line.contains("standard output takes nothing"), "{line}");
+        ends(&mut child);
+    }
+}
+
+/// WIRE-14 `ecmsk serve usbip` too ends by SIGTERM when nobody reads what it says.
+#[test]
+fn usbip_ends_with_a_full_pipe() {
+    let arguments = ["serve", "usbip", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
+    let (mut child, _out, address, _unread) = serving(&arguments, &[("ECMSK_LOG", "trace")]);
+    for _ in 0..50 {
+        Raw::dial_to(address.parse().unwrap()).send(&[7; 8]);
+    }
+    ends(&mut child);
+}
+
+/// TCP-25 TCP-9 A function of the program's that never returns is called by a thread of its own: axes are braked, clients come
+/// in and the server can be stopped.
+#[test]
+fn a_stuck_function_stops_nothing() {
+    let (goes_on, stuck) = mpsc::channel::<()>();
+    let stuck = Mutex::new(stuck);
+    let tell = Arc::new(move |_: &str| assert!(stuck.lock().unwrap().recv().is_err(), "nobody sends"));
+    let server = serve_with("sim:?slaves=drive*2", ServeOptions { tell, ..options().0 });
+    a_writer_vanishes(server.address());
+    let (done, stopped) = mpsc::channel();
+    thread::spawn(move || {
+        server.stop();
+        done.send(()).unwrap();
+    });
+    stopped.recv_timeout(LIMIT).expect("it stops while the function does not return");
+    drop(goes_on);
+}

@@ -1,0 +1,109 @@
+//! Options that mean the same in every verb: the slot size, slots, the recording; and how much is told on the way.
+
+use std::fs;
+
+use crate::common::run;
+use support::recorded::Program;
+
+const LINK: &str = "sim:?slaves=drive&clock=virtual";
+
+/// TOOL-163 `--slot-size` is the size and `--slots` are slots in every verb.
+#[test]
+fn each_word_means_one_thing() {
+    let program = Program { short: true, ..Program::default() }.record();
+    let file = program.path();
+    for arguments in [
+        &["dump", file, "--slot-size", "12"][..],
+        &["dump", file, "--slots", "12"],
+        &["compare", file, file, "--slot-size", "12"],
+        &["replay", file, "--slot-size", "12"],
+        &["monitor", "--recording", file, "--once", "--slot-size", "12"],
+        &["info", "--link", LINK, "--slot-size", "12"],
+    ] {
+        assert!(!run(arguments).quiet().is_empty(), "{arguments:?}");
+    }
+}
+
+/// TOOL-163 `--slot` is understood where it can be but one of them, and the hint says how it is written; where it may be either it
+/// is an error that names both.
+#[test]
+fn the_old_word_is_understood_where_it_is_clear() {
+    let program = Program { short: true, ..Program::default() }.record();
+    let file = program.path();
+    for (arguments, new, hint) in [
+        (&["dump", file, "--slot", "0,3-5"][..], &["dump", file, "--slots", "0,3-5"][..], "--slots"),
+        (&["dump", file, "--slot", "12,13"], &["dump", file, "--slots", "12,13"], "--slots"),
+        (&["compare", file, file, "--slot", "12"], &["compare", file, file, "--slot-size", "12"], "--slot-size 12"),
+        (&["replay", file, "--slot", "12"], &["replay", file, "--slot-size", "12"], "--slot-size 12"),
+        (
+            &["monitor", "--recording", file, "--once", "--slot", "12"],
+            &["monitor", "--recording", file, "--once", "--slot-size", "12"],
+            "--slot-size 12",
+        ),
+        (&["info", "--link", LINK, "--slot", "12"], &["info", "--link", LINK, "--slot-size", "12"], "--slot-size 12"),
+    ] {
+        let (old, new) = (run(arguments), run(new));
+        assert_eq!((old.code, &old.out), (new.code, &new.out), "{arguments:?}");
+        let said = format!("note: --slot is understood here as {hint}; ");
+        assert!(old.err.starts_with(&said) && old.err.lines().count() == 1, "{arguments:?}: {}", old.err);
+    }
+    for size in ["12", "16"] {
+        let ran = run(["dump", file, "--slot", size]);
+        ran.misused(&[&format!("--slots {size}"), &format!("--slot-size {size}")]);
+    }
+    run(["info", "--link", LINK, "--slot", "12", "--slot-size", "12"]).misused(&["--slot", "--slot-size"]);
+    run(["monitor", "--recording", file, "--once", "--slot", "3"]).misused(&["allowed: 12, 16"]);
+}
+
+/// TOOL-164 Verbs that talk to a board record it as `exec` does, scripts and the shell too; a recording that is there is replaced
+/// only if that is asked for, and a file that is none in no case.
+#[test]
+fn every_verb_records() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let script = folder.path().join("script");
+    fs::write(&script, "move 1=100\n").expect("a file");
+    let script = script.to_str().expect("UTF-8");
+    for (n, verb) in
+        [&["move", "1=100"][..], &["home", "1"], &["servo", "on", "1"], &["run", script], &["info"]].iter().enumerate()
+    {
+        let file = folder.path().join(format!("{n}.pcapng"));
+        let file = file.to_str().expect("UTF-8");
+        let with = |more: &[&str]| run([*verb, &["--link", LINK, "--up", "--record", file], more].concat());
+        let verb_is_up = verb[0] != "info";
+        let arguments = [*verb, &["--link", LINK, "--record", file][..]].concat();
+        let ran = if verb_is_up { with(&[]) } else { run(arguments) };
+        assert_eq!(ran.code, Some(0), "{verb:?}: {}", ran.err);
+        assert!(run(["dump", file]).quiet().contains("response"), "{verb:?}");
+        let before = fs::read(file).expect("a recording");
+        let ran = with(&[]);
+        ran.failed(
+            1,
+            &["cannot record to", &format!("{n}.pcapng"), "is there already", "--overwrite"],
+            "with --record",
+        );
+        assert_eq!(fs::read(file).expect("a recording"), before);
+        assert_eq!(with(&["--overwrite"]).code, Some(0), "{verb:?}");
+        assert!(!fs::exists(format!("{file}.1")).expect("a folder"));
+        fs::write(file, "a letter").expect("a file");
+        with(&["--overwrite"]).failed(1, &["no recording of ecmsk"], "with --record");
+        assert_eq!(fs::read(file).expect("a letter"), b"a letter");
+    }
+    run(["move", "1=1", "--link", LINK, "--overwrite"]).misused(&["--record"]);
+    run(["move", "1=1", "--link", "sim:?record=a", "--record", "b"]).failed(
+        1,
+        &["`record` is given twice"],
+        "link help",
+    );
+}
+
+/// TOOL-24 A minute on the virtual clock, with nobody at a terminal, is some twelve lines of progress, ten minutes were fifteen, the same at every
+/// run.
+#[test]
+fn progress_on_a_virtual_clock_is_short() {
+    let ran = run(["move", "1=6400", "--velocity", "100", "--up", "--link", LINK]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let lines: Vec<_> = ran.err.lines().filter(|line| line.starts_with("progress: ")).collect();
+    assert!((11..=13).contains(&lines.len()), "{lines:?}");
+    let again = run(["move", "1=6400", "--velocity", "100", "--up", "--link", LINK]);
+    assert_eq!((again.err, again.out), (ran.err, ran.out));
+}

@@ -12,57 +12,57 @@
 #include <stdint.h>
 
 /**
- * Done.
+ * The call has succeeded.
  */
 #define ECMSK_OK 0
 
 /**
- * An argument is NULL, of length 0, or not what the function takes; a URI that is wrong.
+ * An argument is NULL, has the length 0 or an invalid value, or the URI is invalid.
  */
 #define ECMSK_ERROR_ARGUMENT -1
 
 /**
- * The handle is of no open board.
+ * No open board has this handle.
  */
 #define ECMSK_ERROR_HANDLE -2
 
 /**
- * The limit of the wait has passed.
+ * The call has reached its timeout.
  */
 #define ECMSK_ERROR_TIMEOUT -3
 
 /**
- * On a virtual clock: no report will come by waiting.
+ * On a link with virtual time: no report will come however long the program waits.
  */
 #define ECMSK_ERROR_SILENT -4
 
 /**
- * The board is gone: close it and open it again.
+ * The board was unplugged or does not answer any more. Close it and open it again.
  */
 #define ECMSK_ERROR_LOST -5
 
 /**
- * The board was closed, by this or another thread, or never opened.
+ * The board is not open, or was closed during the call.
  */
 #define ECMSK_ERROR_CLOSED -6
 
 /**
- * No board answers.
+ * There is no board that the link could open.
  */
 #define ECMSK_ERROR_NO_BOARD -7
 
 /**
- * Somebody else has the board.
+ * Another program uses the board.
  */
 #define ECMSK_ERROR_IN_USE -8
 
 /**
- * This build, or this link, cannot do that.
+ * This build of the library, or this link, does not support the call.
  */
 #define ECMSK_ERROR_UNSUPPORTED -9
 
 /**
- * The operating system said no.
+ * A call of the operating system has failed.
  */
 #define ECMSK_ERROR_IO -10
 
@@ -72,75 +72,75 @@
 #define ECMSK_ERROR_INTERNAL -11
 
 /**
- * A timeout: wait until it is done, the board is lost or closed.
+ * As a timeout: wait until the call is done or the board is lost or closed.
  */
 #define ECMSK_WAIT_FOREVER -1
 
 /**
- * A timeout: as the link says, by `read_timeout_ms` and `write_timeout_ms`.
+ * As a timeout: that of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
  */
 #define ECMSK_WAIT_LINK -2
 
 /**
- * Room for kinds of rejection: more than there are, so that a later version can count more.
+ * The number of entries of `rejected` in `ecmsk_counters`. There are fewer reasons, so that a later version can add some.
  */
 #define ECMSK_REJECT_KINDS 16
 
 /**
- * An open board. Never followed as a pointer: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
+ * A handle of an open board. It is no address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
  */
 typedef struct ecmsk_board ecmsk_board;
 
 /**
- * How a call ended: `ECMSK_OK`, or a negative number, and then `ecmsk_last_error` says why in words.
+ * The result of a call: `ECMSK_OK`, or a negative error code. `ecmsk_last_error` has a text for every error.
  */
 typedef int32_t ecmsk_result;
 
 /**
- * Faults that a link injected in one direction (`fault.` keys), since it was opened.
+ * The faults that a link has injected in one direction since it was opened (keys `fault.` of its URI).
  */
 typedef struct {
   /**
-   * Frames lost on the way.
+   * Frames that were dropped.
    */
   uint64_t dropped;
   /**
-   * Frames with a bit turned over.
+   * Frames in which a bit was inverted.
    */
   uint64_t corrupted;
   /**
-   * Frames that arrived twice.
+   * Frames that were delivered twice.
    */
   uint64_t duplicated;
   /**
-   * Frames that were held up.
+   * Frames that were delayed.
    */
   uint64_t delayed;
 } ecmsk_faults;
 
 /**
- * What a link moved since it was opened. Set `size` to sizeof of the structure before the call; afterwards it is the
- * number of bytes filled in.
+ * The statistics of a link since it was opened. Set `size` to the sizeof of the structure before the call; afterwards it is
+ * the number of bytes that were filled in.
  */
 typedef struct {
   /**
-   * Bytes of this structure.
+   * The size of this structure in bytes.
    */
   uint32_t size;
   /**
-   * 0.
+   * Always 0.
    */
   uint32_t reserved;
   /**
-   * Frames written.
+   * Command frames written.
    */
   uint64_t written;
   /**
-   * Reports handed out.
+   * Reports read.
    */
   uint64_t read;
   /**
-   * Reports dropped because nobody read them; the oldest goes first.
+   * Reports dropped because nobody read them in time. The oldest is dropped first.
    */
   uint64_t reports_dropped;
   /**
@@ -152,7 +152,7 @@ typedef struct {
    */
   uint64_t read_errors;
   /**
-   * Frames that a recording could not take.
+   * Frames missing in a recording because it could not be written fast enough.
    */
   uint64_t record_dropped;
   /**
@@ -164,41 +164,41 @@ typedef struct {
    */
   ecmsk_faults read_faults;
   /**
-   * 1: a fault took the board away; else 0.
+   * 1 if an injected fault has disconnected the board, otherwise 0.
    */
   uint64_t disconnected;
 } ecmsk_stats;
 
 /**
- * What happened to commands on the board since it booted. `size` as in `ecmsk_stats`.
+ * What the board has done with commands since it booted. `size` is used as in `ecmsk_stats`.
  */
 typedef struct {
   /**
-   * Bytes of this structure.
+   * The size of this structure in bytes.
    */
   uint32_t size;
   /**
-   * 0.
+   * Always 0.
    */
   uint32_t reserved;
   /**
-   * Command frames that arrived.
+   * Command frames received.
    */
   uint64_t frames;
   /**
-   * Reports made.
+   * Reports sent.
    */
   uint64_t reports;
   /**
-   * Commands rejected, by reason; `ecmsk_reject_name` names the reasons.
+   * Commands rejected, by reason. `ecmsk_reject_name` names the reason of an index.
    */
   uint64_t rejected[ECMSK_REJECT_KINDS];
   /**
-   * Commands that came for a slave while it was homing.
+   * Commands for a slave that were ignored because it was homing.
    */
   uint64_t ignored_homing;
   /**
-   * Targets that came before Operation enabled.
+   * Targets discarded because the drive was not in Operation enabled yet.
    */
   uint64_t discarded_before_enabled;
   /**
@@ -206,15 +206,15 @@ typedef struct {
    */
   uint64_t cleared;
   /**
-   * Frames that found the FIFO full.
+   * Command frames lost because the FIFO was full.
    */
   uint64_t full;
   /**
-   * Frames with a wrong CRC.
+   * Command frames refused because of a wrong CRC.
    */
   uint64_t crc;
   /**
-   * Frames that did not arrive completely.
+   * Command frames of which only a part was received.
    */
   uint64_t incomplete;
   /**
@@ -222,19 +222,19 @@ typedef struct {
    */
   uint64_t executed;
   /**
-   * Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
+   * Cycles in OP that executed no entry: the FIFO was empty, or below its threshold.
    */
   uint64_t idle_cycles;
   /**
-   * Command frames that arrived while the board booted; not among `frames`.
+   * Command frames lost because the board was booting; not counted in `frames`.
    */
   uint64_t while_booting;
   /**
-   * Commands for slaves that were lost.
+   * Commands for slaves that had left the network.
    */
   uint64_t for_lost;
   /**
-   * Times the mode after homing could not be written back: the drive has stayed in mode 6.
+   * How often the mode of operation could not be written back after homing, so that the drive stays in mode 6.
    */
   uint64_t modes_not_restored;
 } ecmsk_counters;
@@ -244,16 +244,18 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Opens the board of a link such as `sim:?slaves=drive*2` or `usb:` and puts its handle into `*board` (NULL if it
- * fails). A simulated board is shared by its `name=` only; one that is open already gives `ECMSK_ERROR_IN_USE`.
+ * Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`, and writes its handle to `*board`, or
+ * NULL if it fails. Two links to simulated boards lead to the same board only if they have the same `name=`. A board that is
+ * open already gives `ECMSK_ERROR_IN_USE`.
  *
  * # Safety
  * `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
  */
-ecmsk_result ecmsk_open(const char *uri, ecmsk_board **board);
+ecmsk_result ecmsk_open(const char *uri,
+                        ecmsk_board **board);
 
 /**
- * Closes a board. Calls under way in other threads end with `ECMSK_ERROR_CLOSED`; the handle is of no use afterwards.
+ * Closes a board. Calls under way in other threads end with `ECMSK_ERROR_CLOSED`. The handle is invalid afterwards.
  *
  * # Safety
  * None: any value may be passed.
@@ -261,8 +263,8 @@ ecmsk_result ecmsk_open(const char *uri, ecmsk_board **board);
 ecmsk_result ecmsk_close(ecmsk_board *board);
 
 /**
- * The board of `OpenECMUSB` as a handle for the functions below. Always the same value; while that board is not open
- * they give `ECMSK_ERROR_CLOSED`.
+ * A handle of the board of `OpenECMUSB`, for the functions below. It always has the same value; while that board is not open
+ * they return `ECMSK_ERROR_CLOSED`.
  *
  * # Safety
  * None.
@@ -270,17 +272,20 @@ ecmsk_result ecmsk_close(ecmsk_board *board);
 ecmsk_board *ecmsk_vendor_board(void);
 
 /**
- * Writes a command frame of `length` bytes: of more than 512 the first 512, fewer are filled up with 0.
- * `timeout_ms`: 0 does not wait, else that many milliseconds, `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`.
+ * Writes a command frame of `length` bytes. Of more than 512 the first 512 are written; fewer are filled up with 0.
+ * `timeout_ms` is the longest wait in milliseconds, where 0 does not wait, or `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`.
  *
  * # Safety
  * `data` is NULL or points to `length` readable bytes (512 if it is more). `board` may be any value.
  */
-ecmsk_result ecmsk_write(ecmsk_board *board, const unsigned char *data, size_t length, int64_t timeout_ms);
+ecmsk_result ecmsk_write(ecmsk_board *board,
+                         const unsigned char *data,
+                         size_t length,
+                         int64_t timeout_ms);
 
 /**
- * Waits for a report and copies its first `length` bytes (at most 512) to `data`, which is left as it was if there is
- * none. `timeout_ms` as for `ecmsk_write`.
+ * Waits for a report and copies its first `length` bytes, at most 512, to `data`, which is unchanged if the call fails.
+ * `timeout_ms` is used as in `ecmsk_write`.
  *
  * # Safety
  * `data` is NULL or points to `length` writable bytes (512 if it is more). `board` may be any value.
@@ -288,7 +293,7 @@ ecmsk_result ecmsk_write(ecmsk_board *board, const unsigned char *data, size_t l
 ecmsk_result ecmsk_read(ecmsk_board *board, unsigned char *data, size_t length, int64_t timeout_ms);
 
 /**
- * The version of this library, as `0.1.0`.
+ * The version of this library, such as `0.1.0`.
  *
  * # Safety
  * None. The text lives as long as the library.
@@ -296,17 +301,18 @@ ecmsk_result ecmsk_read(ecmsk_board *board, unsigned char *data, size_t length, 
 const char *ecmsk_version(void);
 
 /**
- * Why the last call of this thread that failed did so, in words, those of the vendor's functions included; if none
- * failed in this thread, why OpenECMUSB failed last in any; else an empty text. A call that succeeds changes nothing.
+ * The error text of the last call of this thread that failed, including calls of the vendor's functions. If no call of this
+ * thread has failed it is the text of the last OpenECMUSB that failed in any thread, or else an empty text. A call that
+ * succeeds does not change it.
  *
  * # Safety
- * None. The text is at one address for as long as the thread lives, at most 2047 bytes; the next call of this thread
- * that fails writes its own text there.
+ * None. The text has at most 2047 bytes and stays at the same address as long as the thread lives; the next call of this
+ * thread that fails overwrites it.
  */
 const char *ecmsk_last_error(void);
 
 /**
- * Statistics of the link since it was opened.
+ * Gets the statistics of a board's link since it was opened.
  *
  * # Safety
  * `stats` is NULL or points to `stats->size` writable bytes. `board` may be any value.
@@ -314,8 +320,8 @@ const char *ecmsk_last_error(void);
 ecmsk_result ecmsk_get_stats(ecmsk_board *board, ecmsk_stats *stats);
 
 /**
- * The board's own counters since it booted. A link that does not see them, such as `usb:`, gives
- * `ECMSK_ERROR_UNSUPPORTED`.
+ * Gets the counters of the board since it booted. Only the modelled board has them; on other links, such as `usb:`, the
+ * result is `ECMSK_ERROR_UNSUPPORTED`.
  *
  * # Safety
  * `counters` is NULL or points to `counters->size` writable bytes. `board` may be any value.
@@ -323,7 +329,7 @@ ecmsk_result ecmsk_get_stats(ecmsk_board *board, ecmsk_stats *stats);
 ecmsk_result ecmsk_get_counters(ecmsk_board *board, ecmsk_counters *counters);
 
 /**
- * The name of a reason for rejection, an index into `rejected` of `ecmsk_counters`, or NULL if there is none.
+ * The name of the reason with index `kind` in `rejected` of `ecmsk_counters`; NULL if there is no such reason.
  *
  * # Safety
  * None. The text lives as long as the library.
@@ -331,8 +337,8 @@ ecmsk_result ecmsk_get_counters(ecmsk_board *board, ecmsk_counters *counters);
 const char *ecmsk_reject_name(uint32_t kind);
 
 /**
- * Copies the link's URI in its normal form to `buffer`, at most `length` bytes, the last of them 0; a longer one is cut.
- * The bytes that it needs whole, the 0 included, go to `*needed` if that is not NULL.
+ * Copies the URI of a board's link, in its normal form and with a terminating 0, to the `length` bytes at `buffer`; a longer
+ * URI is cut. The number of bytes that the whole URI needs, the 0 included, is written to `*needed` unless that is NULL.
  *
  * # Safety
  * `buffer` is NULL (then `length` must be 0) or points to `length` writable bytes. `needed` is NULL or points to room

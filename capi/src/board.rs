@@ -1,4 +1,4 @@
-//! An open board, and the one that the vendor's functions speak of without naming it.
+//! An open board, and the one board that the vendor's functions use.
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -8,25 +8,24 @@ use ecmsk::link::{Link, Wait};
 use ecmsk::sk::{Frame, SlotSize};
 
 use crate::error::{CallError, lock};
-use crate::module::Stay;
-use crate::shutdown::Busy;
+use crate::module::ModuleReference;
+use crate::shutdown::MayHoldLock;
 
-/// A link with the limits that its URI gave it.
+/// An open link with the default timeouts of its URI.
 pub struct OpenBoard {
-    /// The link.
     pub link: Arc<dyn Link>,
-    /// Limit of a read that names none.
+    /// The default timeout of a read.
     pub read_wait: Wait,
-    /// Limit of a write that names none.
+    /// The default timeout of a write.
     pub write_wait: Wait,
     closed: AtomicBool,
-    /// Bytes of a frame of this board, if the link knows; 0: it does not, or a program has been told.
+    /// The length of this board's frames in bytes; 0 if the link does not know it, or after a warning about it.
     frame_len: AtomicUsize,
-    /// The link's threads run in this library.
-    stay: Mutex<Option<Stay>>,
+    /// Keeps this library loaded, since the link's threads run in it.
+    module: Mutex<Option<ModuleReference>>,
 }
 
-/// Boards open in this process.
+/// How many boards are open in this process.
 static OPEN: AtomicUsize = AtomicUsize::new(0);
 
 /// Whether any board is open.
@@ -35,7 +34,7 @@ pub fn any_open() -> bool {
 }
 
 impl OpenBoard {
-    /// Takes a link over.
+    /// Wraps a link that was just opened.
     pub fn new(link: Arc<dyn Link>) -> Arc<Self> {
         let info = link.info();
         OPEN.fetch_add(1, Ordering::Relaxed);
@@ -45,45 +44,44 @@ impl OpenBoard {
             write_wait: info.write_wait,
             closed: AtomicBool::new(false),
             frame_len: AtomicUsize::new(info.slot.map_or(0, SlotSize::frame_len)),
-            stay: Mutex::new(Some(Stay::begin())),
+            module: Mutex::new(Some(ModuleReference::begin())),
         })
     }
 
-    /// Closes the link.
+    /// Closes the board.
     pub fn close(&self) {
         self.end(|link| link.close());
     }
 
-    /// Gives the board back at the end of a program that has not closed it ([`Link::vanish`]).
+    /// Releases the board at the end of a process that has not closed it ([`Link::vanish`]).
     #[cfg(unix)]
     pub fn vanish(&self) {
         self.end(|link| link.vanish());
     }
 
     fn end(&self, end: impl FnOnce(&dyn Link)) {
-        let _busy = Busy::begin();
+        let _may_hold_lock = MayHoldLock::begin();
         if !self.closed.swap(true, Ordering::Relaxed) {
             OPEN.fetch_sub(1, Ordering::Relaxed);
         }
         end(self.link.as_ref());
-        lock(&self.stay).take();
+        lock(&self.module).take();
     }
 
-    /// A program that writes frames of the other slot size means other slots than the board: it is told once, in the
-    /// log.
-    fn look_at_length(&self, length: usize) {
+    /// Warns once, in the log, if the program writes frames of the other slot size than the board's.
+    fn check_length(&self, length: usize) {
         let expected = self.frame_len.load(Ordering::Relaxed);
         if expected == length || expected == 0 {
             return;
         }
         self.frame_len.store(0, Ordering::Relaxed);
         let size_of = |length| SlotSize::ALL.into_iter().find(|size| size.frame_len() == length);
-        if let (Some(theirs), Some(ours)) = (size_of(length), size_of(expected)) {
+        if let (Some(of_program), Some(of_board)) = (size_of(length), size_of(expected)) {
             log::warn!(
                 "the program writes frames of {length} bytes, the board's are {expected} ({}-byte slots); \
                  if its answers make no sense, set the link's slot= to the program's, {}",
-                ours.bytes(),
-                theirs.bytes()
+                of_board.bytes(),
+                of_program.bytes()
             );
         }
     }
@@ -91,46 +89,45 @@ impl OpenBoard {
 
 /// The board of OpenECMUSB.
 ///
-/// A call works on its own reference and holds no lock while it waits, so that reader, writer and closer may be any
-/// number of threads. Closing ends their waits. A thread keeps its reference from call to call, so that a call costs
-/// little more than the link's own: one that was closed is let go with the thread's next call, or with the thread.
+/// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read, write
+/// and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap; the
+/// reference to a board that was closed is dropped with the thread's next call, or with the thread.
 pub struct VendorBoard {
-    /// Held by a thread that opens or closes, so that two do not open the board twice, and none finds it in use by a
-    /// link that is just being closed.
+    /// Held by a thread that opens or closes, so that two threads do not open the board twice and a link that is just being
+    /// closed does not count as in use.
     changing: Mutex<()>,
     current: Mutex<Option<Arc<OpenBoard>>>,
-    /// Number of what is in `current`, never the same twice in a process; 0: nothing.
+    /// The number of the board in `current`, which is never used again in this process; 0 if there is none.
     number: AtomicU64,
 }
 
-/// Numbers given to boards so far.
+/// The last number that was given to a board.
 static NUMBERS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
     /// The board that this thread used last.
-    static USED: RefCell<Option<(u64, Arc<OpenBoard>)>> = const { RefCell::new(None) };
+    static BOARD_OF_THREAD: RefCell<Option<(u64, Arc<OpenBoard>)>> = const { RefCell::new(None) };
 }
 
 impl VendorBoard {
-    /// Not open.
+    /// A board that is not open.
     pub const fn new() -> Self {
         Self { changing: Mutex::new(()), current: Mutex::new(None), number: AtomicU64::new(0) }
     }
 
-    /// Opens the board by `connect`. Does nothing if it is open and there; a board that was lost is given back and
-    /// opened anew.
+    /// Opens the board with `connect`. Does nothing if it is open already; a board that was lost is closed and opened again.
     ///
     /// # Errors
-    /// What `connect` says.
+    /// Those of `connect`.
     pub fn open(&self, connect: impl FnOnce() -> Result<Arc<dyn Link>, Box<CallError>>) -> Result<(), Box<CallError>> {
-        let _busy = Busy::begin();
-        let _one_at_a_time = lock(&self.changing);
+        let _may_hold_lock = MayHoldLock::begin();
+        let _changing = lock(&self.changing);
         if let Ok(board) = self.get() {
             match board.link.check() {
                 Ok(()) => return Ok(()),
-                Err(gone) => log::info!("opening again: {gone}"),
+                Err(lost) => log::info!("opening again: {lost}"),
             }
-            self.give_back();
+            self.close_current();
         }
         let board = OpenBoard::new(connect()?);
         let mut current = lock(&self.current);
@@ -141,12 +138,12 @@ impl VendorBoard {
 
     /// Closes the board; reads and writes under way end with an error.
     pub fn close(&self) {
-        let _busy = Busy::begin();
-        let _one_at_a_time = lock(&self.changing);
-        self.give_back();
+        let _may_hold_lock = MayHoldLock::begin();
+        let _changing = lock(&self.changing);
+        self.close_current();
     }
 
-    /// For the end of a process that has not closed the board; does not wait for a thread that is just opening.
+    /// Releases the board at the end of a process. Does not wait for a thread that is just opening it.
     #[cfg(unix)]
     pub fn vanish(&self) {
         if let Some(board) = self.take() {
@@ -154,7 +151,7 @@ impl VendorBoard {
         }
     }
 
-    fn give_back(&self) {
+    fn close_current(&self) {
         if let Some(board) = self.take() {
             board.close();
         }
@@ -171,17 +168,20 @@ impl VendorBoard {
     /// # Errors
     /// [`CallError::NotOpen`].
     pub fn get(&self) -> Result<Arc<OpenBoard>, Box<CallError>> {
-        let _busy = Busy::begin();
+        let _may_hold_lock = MayHoldLock::begin();
         lock(&self.current).clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
-    /// Works with the open board, by the reference that this thread keeps.
-    fn with<T>(&self, mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>) -> Result<T, Box<CallError>> {
-        let kept = USED.try_with(|used| {
+    /// Runs `work` on the open board, using the reference that this thread keeps.
+    fn with_board<T>(
+        &self,
+        mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>,
+    ) -> Result<T, Box<CallError>> {
+        let kept = BOARD_OF_THREAD.try_with(|used| {
             let mut used = used.try_borrow_mut().ok()?;
             let number = self.number.load(Ordering::Acquire);
             if used.as_ref().is_none_or(|(kept, _)| *kept != number) {
-                let _busy = Busy::begin();
+                let _may_hold_lock = MayHoldLock::begin();
                 let current = lock(&self.current);
                 *used = current.clone().map(|board| (self.number.load(Ordering::Acquire), board));
             }
@@ -192,18 +192,18 @@ impl VendorBoard {
         });
         match kept {
             Ok(Some(result)) => result,
-            // The thread is ending and keeps nothing any more.
+            // The thread is ending and keeps no reference.
             _ => work(&*self.get()?),
         }
     }
 
-    /// Hands a command frame to the board, of which the program gave `length` bytes.
+    /// Writes a command frame, of which the program has given `length` bytes.
     ///
     /// # Errors
     /// [`CallError::NotOpen`], [`CallError::Link`].
     pub fn write(&self, frame: &Frame, length: usize) -> Result<(), Box<CallError>> {
-        self.with(|board| {
-            board.look_at_length(length);
+        self.with_board(|board| {
+            board.check_length(length);
             Ok(board.link.write(frame, board.write_wait).map(|_| ())?)
         })
     }
@@ -211,9 +211,9 @@ impl VendorBoard {
     /// Waits for a report.
     ///
     /// # Errors
-    /// [`CallError::NotOpen`], [`CallError::Link`]; `report` is as it was then.
+    /// [`CallError::NotOpen`], [`CallError::Link`]; `report` is unchanged then.
     pub fn read(&self, report: &mut Frame) -> Result<(), Box<CallError>> {
-        self.with(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
+        self.with_board(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
     }
 }
 

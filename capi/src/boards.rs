@@ -1,4 +1,4 @@
-//! Boards by URI: several at once, each behind a handle.
+//! The exported functions for boards that are opened by URI, several at once if need be, and the result codes.
 
 use std::ffi::{c_char, c_uchar};
 use std::sync::Arc;
@@ -12,55 +12,56 @@ use crate::buffer::{ReportBuffer, fill_frame, text_from};
 use crate::entry::{entry, guard};
 use crate::error::CallError;
 use crate::handles::Handles;
-use crate::module::{self, Leaving, leaving};
+use crate::module::{self, CloseResult, close_and_unload};
 use crate::{connect, shutdown, vendor};
 
-/// How a call ended: `ECMSK_OK`, or a negative number, and then `ecmsk_last_error` says why in words.
+/// The result of a call: `ECMSK_OK`, or a negative error code. `ecmsk_last_error` has a text for every error.
 pub type EcmskResult = i32;
 
-/// Done.
+/// The call has succeeded.
 pub const ECMSK_OK: i32 = 0;
-/// An argument is NULL, of length 0, or not what the function takes; a URI that is wrong.
+/// An argument is NULL, has the length 0 or an invalid value, or the URI is invalid.
 pub const ECMSK_ERROR_ARGUMENT: i32 = -1;
-/// The handle is of no open board.
+/// No open board has this handle.
 pub const ECMSK_ERROR_HANDLE: i32 = -2;
-/// The limit of the wait has passed.
+/// The call has reached its timeout.
 pub const ECMSK_ERROR_TIMEOUT: i32 = -3;
-/// On a virtual clock: no report will come by waiting.
+/// On a link with virtual time: no report will come however long the program waits.
 pub const ECMSK_ERROR_SILENT: i32 = -4;
-/// The board is gone: close it and open it again.
+/// The board was unplugged or does not answer any more. Close it and open it again.
 pub const ECMSK_ERROR_LOST: i32 = -5;
-/// The board was closed, by this or another thread, or never opened.
+/// The board is not open, or was closed during the call.
 pub const ECMSK_ERROR_CLOSED: i32 = -6;
-/// No board answers.
+/// There is no board that the link could open.
 pub const ECMSK_ERROR_NO_BOARD: i32 = -7;
-/// Somebody else has the board.
+/// Another program uses the board.
 pub const ECMSK_ERROR_IN_USE: i32 = -8;
-/// This build, or this link, cannot do that.
+/// This build of the library, or this link, does not support the call.
 pub const ECMSK_ERROR_UNSUPPORTED: i32 = -9;
-/// The operating system said no.
+/// A call of the operating system has failed.
 pub const ECMSK_ERROR_IO: i32 = -10;
 /// A defect of this library.
 pub const ECMSK_ERROR_INTERNAL: i32 = -11;
 
-/// An open board. Never followed as a pointer: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
+/// A handle of an open board. It is no address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
 pub struct EcmskBoard {
     _private: [u8; 0],
 }
 
-/// A timeout: wait until it is done, the board is lost or closed.
+/// As a timeout: wait until the call is done or the board is lost or closed.
 pub const ECMSK_WAIT_FOREVER: i64 = -1;
-/// A timeout: as the link says, by `read_timeout_ms` and `write_timeout_ms`.
+/// As a timeout: that of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
 pub const ECMSK_WAIT_LINK: i64 = -2;
 
-/// The handle that `ecmsk_vendor_board` gives.
+/// The handle that `ecmsk_vendor_board` returns.
 const VENDOR: usize = 1;
 const _: () = assert!(VENDOR < crate::handles::FIRST);
 
 static HANDLES: Handles = Handles::new();
 
-/// Opens the board of a link such as `sim:?slaves=drive*2` or `usb:` and puts its handle into `*board` (NULL if it
-/// fails). A simulated board is shared by its `name=` only; one that is open already gives `ECMSK_ERROR_IN_USE`.
+/// Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`, and writes its handle to `*board`, or
+/// NULL if it fails. Two links to simulated boards lead to the same board only if they have the same `name=`. A board that is
+/// open already gives `ECMSK_ERROR_IN_USE`.
 ///
 /// # Safety
 /// `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
@@ -72,7 +73,7 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
         }
         // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
         unsafe { board.write(std::ptr::null_mut()) };
-        // SAFETY: as this function's own; the text is not kept.
+        // SAFETY: the caller's promise for `uri`; the text is not kept.
         let uri = unsafe { text_from(uri, "uri") }?;
         shutdown::end_at_exit();
         let handle = HANDLES.insert(OpenBoard::new(connect::named(uri)?));
@@ -82,17 +83,17 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
     }))
 }
 
-/// Closes a board. Calls under way in other threads end with `ECMSK_ERROR_CLOSED`; the handle is of no use afterwards.
+/// Closes a board. Calls under way in other threads end with `ECMSK_ERROR_CLOSED`. The handle is invalid afterwards.
 ///
 /// # Safety
 /// None: any value may be passed.
 #[unsafe(no_mangle)]
 #[cfg_attr(windows, unsafe(naked))]
 pub extern "C" fn ecmsk_close(board: *mut EcmskBoard) -> EcmskResult {
-    leaving!(close, board)
+    close_and_unload!(close, board)
 }
 
-extern "C" fn close(board: *mut EcmskBoard) -> Leaving {
+extern "C" fn close(board: *mut EcmskBoard) -> CloseResult {
     let handle = board.addr();
     let call = || match handle {
         VENDOR => {
@@ -107,8 +108,8 @@ extern "C" fn close(board: *mut EcmskBoard) -> Leaving {
     module::close(|| code(guard(format_args!("ecmsk_close(handle={handle})"), call)))
 }
 
-/// The board of `OpenECMUSB` as a handle for the functions below. Always the same value; while that board is not open
-/// they give `ECMSK_ERROR_CLOSED`.
+/// A handle of the board of `OpenECMUSB`, for the functions below. It always has the same value; while that board is not open
+/// they return `ECMSK_ERROR_CLOSED`.
 ///
 /// # Safety
 /// None.
@@ -117,8 +118,8 @@ pub extern "C" fn ecmsk_vendor_board() -> *mut EcmskBoard {
     std::ptr::without_provenance_mut(VENDOR)
 }
 
-/// Writes a command frame of `length` bytes: of more than 512 the first 512, fewer are filled up with 0.
-/// `timeout_ms`: 0 does not wait, else that many milliseconds, `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`.
+/// Writes a command frame of `length` bytes. Of more than 512 the first 512 are written; fewer are filled up with 0.
+/// `timeout_ms` is the longest wait in milliseconds, where 0 does not wait, or `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`.
 ///
 /// # Safety
 /// `data` is NULL or points to `length` readable bytes (512 if it is more). `board` may be any value.
@@ -132,7 +133,7 @@ pub unsafe extern "C" fn ecmsk_write(
     let handle = board.addr();
     code(entry!(ecmsk_write(handle, length, timeout_ms), {
         let mut frame = Frame::new();
-        // SAFETY: as this function's own.
+        // SAFETY: the caller's promise for `data`.
         unsafe { fill_frame(&mut frame, data, length) }?;
         let board = find(handle)?;
         board.link.write(&frame, wait(timeout_ms, board.write_wait)?)?;
@@ -140,8 +141,8 @@ pub unsafe extern "C" fn ecmsk_write(
     }))
 }
 
-/// Waits for a report and copies its first `length` bytes (at most 512) to `data`, which is left as it was if there is
-/// none. `timeout_ms` as for `ecmsk_write`.
+/// Waits for a report and copies its first `length` bytes, at most 512, to `data`, which is unchanged if the call fails.
+/// `timeout_ms` is used as in `ecmsk_write`.
 ///
 /// # Safety
 /// `data` is NULL or points to `length` writable bytes (512 if it is more). `board` may be any value.
@@ -154,7 +155,7 @@ pub unsafe extern "C" fn ecmsk_read(
 ) -> EcmskResult {
     let handle = board.addr();
     code(entry!(ecmsk_read(handle, length, timeout_ms), {
-        // SAFETY: as this function's own.
+        // SAFETY: the caller's promise for `data`.
         let buffer = unsafe { ReportBuffer::new(data, length) }?;
         let board = find(handle)?;
         let mut report = Frame::new();
@@ -175,7 +176,7 @@ pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
     }
 }
 
-/// Gives every board back that this process has not closed, at its end.
+/// Releases all boards that this process has not closed, when it ends.
 #[cfg(unix)]
 pub fn vanish_all() {
     vendor::BOARD.vanish();
@@ -196,7 +197,7 @@ fn wait(timeout_ms: i64, link: Wait) -> Result<Wait, Box<CallError>> {
     }
 }
 
-/// The code of a result; the error itself is kept already.
+/// The result code of a call, whose error is kept for `ecmsk_last_error` already.
 pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
     match result {
         Ok(_) => ECMSK_OK,

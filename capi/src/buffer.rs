@@ -1,4 +1,4 @@
-//! The caller's memory: the only place where its pointers are followed.
+//! Access to frames and texts in the caller's memory.
 
 use std::ffi::{CStr, c_char};
 
@@ -6,9 +6,9 @@ use ecmsk::sk::{FRAME_LEN, Frame};
 
 use crate::error::CallError;
 
-/// Makes `frame` of the first `length` bytes at `data`: more than 512 count as 512, the rest of fewer is 0.
+/// Copies the `length` bytes at `data`, at most 512, into `frame` and sets the rest of it to 0.
 ///
-/// \[OURS] The vendor's library fills with 0xCC and takes a length of 0 for one of those frames.
+/// \[OURS] The vendor's library fills the rest with 0xCC, and accepts a length of 0 as a frame of nothing else.
 ///
 /// # Errors
 /// [`CallError::Null`], [`CallError::NoBytes`].
@@ -17,13 +17,13 @@ use crate::error::CallError;
 /// `data` is NULL or points to `length` readable bytes (512 of them if it is more).
 pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> Result<(), Box<CallError>> {
     let length = checked(data, length)?;
-    // SAFETY: not NULL, and the caller vouches for `length` bytes; bytes have no alignment. The slice lives in this
-    // statement alone.
+    // SAFETY: not NULL, and the caller vouches for `length` bytes, which need no alignment. The slice is used in this statement
+    // only.
     frame.set_prefix(unsafe { std::slice::from_raw_parts(data, length) });
     Ok(())
 }
 
-/// Room for a report at `data`, of at most 512 bytes.
+/// The caller's buffer for a report, of at most 512 bytes.
 pub struct ReportBuffer {
     data: *mut u8,
     length: usize,
@@ -41,10 +41,10 @@ impl ReportBuffer {
         Ok(Self { data, length: checked(data, length)? })
     }
 
-    /// Copies the report into it, as much as there is room for.
+    /// Copies as much of the report into the buffer as it has room for.
     pub fn fill(self, report: &Frame) {
-        // SAFETY: `new`'s caller vouches for `length` writable bytes, which is at most 512, the size of the report;
-        // the report is ours, so the two do not overlap.
+        // SAFETY: the caller of `new` vouches for `length` writable bytes, and `length` is at most 512, the size of the report.
+        // The report is not in the caller's memory, so the two do not overlap.
         unsafe { std::ptr::copy_nonoverlapping(report.bytes().as_ptr(), self.data, self.length) }
     }
 }

@@ -1,10 +1,9 @@
-//! Threads that the program cancels (`pthread_cancel`): what a call does meanwhile is done whole. A thread is ended at the
-//! first function of the system that may wait, by unwinding, which Rust code does not survive; a lock that it held, or a
-//! board that it was about to open or close, would stay as it was then. So every call puts the cancellation off, and the
-//! thread ends at the first such function of the program's own after the call.
+//! Cancellation of threads (`pthread_cancel`). A cancelled thread ends by unwinding, at the first function of the system that
+//! is a cancellation point. Rust code must not be unwound that way, and a lock that the thread holds would never be released.
+//! So every call defers the cancellation, and the thread ends at the first cancellation point after the call.
 
-/// The caller's state; it is put back when this is dropped.
-pub use state::Uncancelled;
+/// Cancellation is deferred until this is dropped, which restores the caller's state.
+pub use state::CancellationDeferred;
 
 #[cfg(all(unix, not(target_os = "android")))]
 mod state {
@@ -19,36 +18,34 @@ mod state {
     /// `PTHREAD_CANCEL_DISABLE`
     const DISABLE: c_int = if cfg!(target_vendor = "apple") { 0 } else { 1 };
 
-    pub struct Uncancelled {
+    pub struct CancellationDeferred {
         before: c_int,
     }
 
-    impl Uncancelled {
-        /// Puts cancellations off.
+    impl CancellationDeferred {
+        /// Defers cancellation from now on.
         pub fn begin() -> Self {
             let mut before = DISABLE;
-            // SAFETY: the state is one of the two that there are; `before` takes the other one, or the same.
+            // SAFETY: the state is a valid one; `before` receives the present one.
             unsafe { pthread_setcancelstate(DISABLE, &raw mut before) };
             Self { before }
         }
     }
 
-    impl Drop for Uncancelled {
+    impl Drop for CancellationDeferred {
         fn drop(&mut self) {
-            // SAFETY: it is the state of this thread before: the guard stays in the call that made it.
+            // SAFETY: the state came from this thread, since the guard does not leave the call that made it.
             unsafe { pthread_setcancelstate(self.before, null_mut()) };
         }
     }
 }
 
-/// Android's and Windows' threads are not cancelled.
+/// Android and Windows have no cancellation of threads.
 #[cfg(not(all(unix, not(target_os = "android"))))]
 mod state {
-    /// Nothing is to be done.
-    pub struct Uncancelled;
+    pub struct CancellationDeferred;
 
-    impl Uncancelled {
-        /// Nothing is to be done.
+    impl CancellationDeferred {
         pub const fn begin() -> Self {
             Self
         }

@@ -1,4 +1,4 @@
-//! Where a link comes from: the user's configuration, or a URI of the program's.
+//! Opens the link that the user's configuration names, or one whose URI the program gives.
 
 use std::fs::OpenOptions;
 use std::io::ErrorKind;
@@ -12,32 +12,32 @@ use ecmsk::summary::teller;
 use crate::error::CallError;
 use crate::module;
 
-/// The link that `ECMSK_LINK` or a configuration file names, else `usb:`. The C ABI's board of the same URI is found
-/// again as it was left.
+/// Opens the link that `ECMSK_LINK` or a configuration file names, or else `usb:`. A simulated board that was opened with the
+/// same URI before continues as it was left.
 ///
 /// # Errors
 /// [`CallError::Link`], [`CallError::Configured`].
 pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
-    say_opened();
+    report_opened();
     let configured = config::find(&Environment::from_process(module::folder())).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
-    // Who is to be told how many reports were lost is told all of them.
+    // For `ecmsk exec` all lost reports have to be counted.
     let open = if teller::of_process().is_some() { link::open } else { link::open_uncounted };
     open(&configured.link, Share::ByUri)
         .map(watched)
         .map_err(|error| CallError::Configured { from: configured.source, error: error.into() }.into())
 }
 
-/// The link of that URI. Boards are shared by their `name=` only.
+/// Opens the link with this URI. Simulated boards are shared only if they have the same `name=`.
 ///
 /// # Errors
 /// [`CallError::Link`].
 pub fn named(uri: &str) -> Result<Arc<dyn Link>, Box<CallError>> {
-    say_opened();
+    report_opened();
     Ok(watched(link::open(uri, Share::ByName)?))
 }
 
-/// With a look at what goes by, for `ecmsk exec` if that started the program.
+/// The link, with its frames watched if `ecmsk exec` has started the program.
 fn watched(link: Arc<dyn Link>) -> Arc<dyn Link> {
     match teller::of_process() {
         Some(teller) => teller.watch(link),
@@ -45,19 +45,20 @@ fn watched(link: Arc<dyn Link>) -> Arc<dyn Link> {
     }
 }
 
-/// Tells `ecmsk exec`, if that started the program.
-fn say_opened() {
+/// Reports to `ecmsk exec`, if that has started the program, that the program opens a board: creates the file that it has
+/// named.
+fn report_opened() {
     if let Some(file) = config::variable(config::OPENED) {
-        make(Path::new(&file));
+        create(Path::new(&file));
     }
 }
 
-/// Makes the file. One that is there stays as it is, and no link is followed.
-fn make(file: &Path) {
+/// Creates an empty file. An existing one is left as it is, and symbolic links are not followed.
+fn create(file: &Path) {
     match OpenOptions::new().write(true).create_new(true).open(file) {
-        // The tool looks whether it is there: the program has opened a board before.
+        // The program has opened a board before.
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-        // Nobody but the tool asks for it, and its folder may be gone by now.
+        // Only the tool needs the file, and the tool may have ended and removed its folder.
         Err(error) => log::debug!("{}: {error}", file.display()),
         Ok(_) => {}
     }
@@ -74,18 +75,18 @@ mod tests {
     fn no_file_is_cut_short() {
         let folder = tempfile::tempdir().expect("a folder");
         let in_folder = |name: &str| folder.path().join(name);
-        make(&in_folder("new"));
+        create(&in_folder("new"));
         assert_eq!(fs::read(in_folder("new")).expect("it was made"), b"");
         fs::write(in_folder("kept"), "kept").expect("a file");
-        make(&in_folder("kept"));
+        create(&in_folder("kept"));
         assert_eq!(fs::read(in_folder("kept")).expect("it is there"), b"kept");
         #[cfg(unix)]
         for (to, link) in [("kept", "to_kept"), ("nothing", "to_nothing")] {
             std::os::unix::fs::symlink(in_folder(to), in_folder(link)).expect("a symbolic link");
-            make(&in_folder(link));
+            create(&in_folder(link));
             assert_eq!(fs::read(in_folder("kept")).expect("it is there"), b"kept");
             assert!(!in_folder("nothing").exists());
         }
-        make(&in_folder("no folder").join("file"));
+        create(&in_folder("no folder").join("file"));
     }
 }

@@ -1,4 +1,4 @@
-//! The way into every exported function.
+//! What every exported function runs in.
 
 use std::any::Any;
 use std::fmt::{Arguments, Debug};
@@ -8,17 +8,17 @@ use std::sync::Once;
 use ecmsk::summary::teller;
 
 use crate::board;
-use crate::cancellation::Uncancelled;
+use crate::cancellation::CancellationDeferred;
 use crate::error::{self, CallError};
-use crate::floats::FloatingPoint;
+use crate::floating_point::FloatingPoint;
 use crate::logger;
 use crate::module::{Call, LastError};
-use crate::shutdown::{self, Busy};
+use crate::shutdown::{self, MayHoldLock};
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
 ///
-/// The body gives `Result<T, Box<CallError>>`, and so does the macro. A panic in it becomes [`CallError::Panic`]; an error
-/// is kept for `ecmsk_last_error`; the call is traced with the arguments named, pointers left out.
+/// The body returns a `Result<T, Box<CallError>>`, and so does the macro. A panic in the body becomes [`CallError::Panic`]. An
+/// error is kept for `ecmsk_last_error`. The call is traced with the named arguments, which must not be pointers.
 macro_rules! entry {
     ($name:ident($($argument:ident),*), $body:block) => {
         $crate::entry::enter(
@@ -29,38 +29,39 @@ macro_rules! entry {
 }
 pub(crate) use entry;
 
-/// What [`entry!`] stands for.
+/// The function behind [`entry!`].
 pub fn enter<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
-    let _under_way = Call::begin();
+    let _call = Call::begin();
     guard(call, body)
 }
 
-/// As [`entry!`], for a call that [`module::close`](crate::module::close) counts as one under way.
+/// The same as [`entry!`], for a call that [`module::close`](crate::module::close) counts itself.
 pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
     if shutdown::is_forked() {
-        // Nothing here takes a lock: also those of the log and of memory for its lines may be the parent's.
+        // No lock may be taken here, not even that of the log: a thread of the parent may hold it, and the child has no such
+        // thread.
         let error = Box::new(CallError::Forked);
         error::remember(&error);
         return Err(error);
     }
-    let _busy = (!board::any_open()).then(Busy::begin);
-    // The first to begin is the last to end.
-    let _whole = Uncancelled::begin();
+    let _may_hold_lock = (!board::any_open()).then(MayHoldLock::begin);
+    // These guards end in the reverse order.
+    let _cancellation = CancellationDeferred::begin();
     let _last_error = LastError::keep();
-    let _ours = FloatingPoint::begin();
+    let _floating_point = FloatingPoint::begin();
     set_up();
-    let result =
-        catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(CallError::Panic(said(&*payload)).into()));
+    let result = catch_unwind(AssertUnwindSafe(body))
+        .unwrap_or_else(|payload| Err(CallError::Panic(panic_message(&*payload)).into()));
     match &result {
         Ok(value) => log::trace!("{call} -> {value:?}"),
         Err(error) => {
-            let _busy = Busy::begin();
+            let _may_hold_lock = MayHoldLock::begin();
             error::remember(error);
             match **error {
                 CallError::Panic(_) => log::error!("{call} -> {error}"),
@@ -69,7 +70,7 @@ pub fn guard<T: Debug>(
             if !board::any_open()
                 && let Some(teller) = teller::of_process()
             {
-                // The thread that would do so runs while a board is open.
+                // No thread writes them, since it runs only while a board is open.
                 teller.write_all();
             }
         }
@@ -77,18 +78,18 @@ pub fn guard<T: Debug>(
     result
 }
 
-/// Once per process: the log, and silence of panics, which are errors of calls here.
+/// Sets up the log once per process, and has panics logged instead of printed: here they are errors of calls.
 fn set_up() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         logger::set_up();
-        // The tests of this crate want to see theirs.
+        // The tests of this crate print theirs.
         #[cfg(not(test))]
         std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));
     });
 }
 
-fn said(payload: &(dyn Any + Send)) -> String {
+fn panic_message(payload: &(dyn Any + Send)) -> String {
     let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())
 }

@@ -1,4 +1,4 @@
-//! Why a call failed, and the text of it that a program can ask for.
+//! Why a call failed, and the error text that a program can get.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::c_char;
@@ -12,7 +12,7 @@ use crate::shutdown;
 /// Why a call of the C ABI failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CallError {
-    /// A pointer that must point somewhere.
+    /// A pointer is NULL.
     #[error("`{argument}` is NULL; pass the address of {expected}")]
     Null {
         /// Name of the argument.
@@ -20,30 +20,30 @@ pub enum CallError {
         /// What it should point to.
         expected: &'static str,
     },
-    /// A buffer of no bytes.
+    /// The length of a buffer is 0.
     #[error("the length is 0; pass that of a frame, 504 or 512")]
     NoBytes,
-    /// Text that is not UTF-8.
+    /// A text is not UTF-8.
     #[error("`{argument}` is not UTF-8")]
     NotText {
         /// Name of the argument.
         argument: &'static str,
     },
-    /// A structure whose `size` is not set.
+    /// The `size` of a structure is not set.
     #[error("`size` of the structure is {found}, less than {least}; set it to sizeof of the structure before the call")]
     StructSize {
-        /// What the caller wrote there.
+        /// The value that the caller has set.
         found: u32,
-        /// The least that makes sense.
+        /// The least valid value.
         least: usize,
     },
-    /// A timeout that is none.
+    /// A timeout is negative and none of the constants.
     #[error("a timeout of {found} ms; pass 0 or more, ECMSK_WAIT_FOREVER (-1) or ECMSK_WAIT_LINK (-2)")]
     Timeout {
-        /// What the caller passed.
+        /// The value that the caller has passed.
         found: i64,
     },
-    /// The vendor's functions, before OpenECMUSB or after CloseECMUSB.
+    /// The vendor's functions were called before OpenECMUSB or after CloseECMUSB.
     #[error("no board is open; call OpenECMUSB first and look whether it returns true")]
     NotOpen,
     /// The process was forked while a board was open, or was being opened or closed.
@@ -52,27 +52,27 @@ pub enum CallError {
          before OpenECMUSB, or let the child exec"
     )]
     Forked,
-    /// A handle that no board has, or no longer.
+    /// No open board has this handle.
     #[error("no open board has the handle {handle:#x}; it was closed, or never came from ecmsk_open")]
     Handle {
-        /// The value passed.
+        /// The value that the caller has passed.
         handle: usize,
     },
-    /// The link sees no counters of the board.
+    /// The link does not know the counters of the board.
     #[error("`{link}` does not show the board's counters; a simulated board does")]
     NoCounters {
-        /// Name of the link.
+        /// The URI of the link.
         link: String,
     },
-    /// The link that the configuration names does not open.
+    /// The link that the configuration names cannot be opened.
     #[error("link {from}: {error}")]
     Configured {
-        /// Who named it.
+        /// Where the link is configured.
         from: Source,
-        /// Why.
+        /// Why it cannot be opened.
         error: Box<LinkError>,
     },
-    /// The link failed.
+    /// A call of the link failed.
     #[error(transparent)]
     Link(LinkError),
     /// A defect of this library.
@@ -80,33 +80,33 @@ pub enum CallError {
     Panic(String),
 }
 
-/// Boxed wherever it is handed on: a call that succeeds then moves a pointer from function to function.
+/// Errors are boxed, so that a call that succeeds returns no more than a pointer from function to function.
 impl From<LinkError> for Box<CallError> {
     fn from(error: LinkError) -> Self {
         Self::new(CallError::Link(error))
     }
 }
 
-/// Room for the text of an error, its 0 included; a longer one is cut.
+/// Room for an error text with its terminating 0; a longer text is cut.
 const TEXT_LEN: usize = 2048;
 
-/// A text as C has it.
+/// A C string.
 type Text = [u8; TEXT_LEN];
 
 thread_local! {
-    /// What this thread is told. It stays where it is until the thread ends.
-    static THIS_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
-    /// Whether that is an error of its own.
-    static OWN: Cell<bool> = const { Cell::new(false) };
+    /// The text that this thread gets. Its address is the same until the thread ends.
+    static TEXT_OF_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
+    /// Whether a call of this thread has failed, so that the text is of its own error.
+    static HAS_OWN_ERROR: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What the last OpenECMUSB that failed said, whichever thread it was.
+/// The text of the last OpenECMUSB that failed in any thread.
 static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 
 /// Keeps the error for [`last`].
 pub fn remember(error: &CallError) {
-    THIS_THREAD.with_borrow_mut(|text| write(text, error));
-    OWN.set(true);
+    TEXT_OF_THREAD.with_borrow_mut(|text| write(text, error));
+    HAS_OWN_ERROR.set(true);
 }
 
 /// Keeps the error of an OpenECMUSB for every thread.
@@ -114,14 +114,15 @@ pub fn remember_open(error: &CallError) {
     write(&mut lock(&LAST_OPEN), error);
 }
 
-/// The text of this thread's last error; if it had none, of the last OpenECMUSB that failed; else empty.
+/// The text of this thread's last error. If it had none it is that of the last OpenECMUSB that failed in any thread, or else
+/// empty.
 ///
-/// Always at the same place for a thread, where its next error is written too and, before it has one, what the next
-/// call of this tells.
+/// The address is always the same for a thread. The text there changes with the thread's next error and, before its first
+/// error, with each call of this function.
 pub fn last() -> *const c_char {
-    THIS_THREAD.with(|text| {
-        // In a child of fork nobody may be left to release the lock.
-        if !OWN.get() && !shutdown::is_forked() {
+    TEXT_OF_THREAD.with(|text| {
+        // In a child of fork the lock may be held by a thread that does not exist there.
+        if !HAS_OWN_ERROR.get() && !shutdown::is_forked() {
             *text.borrow_mut() = *lock(&LAST_OPEN);
         }
         text.as_ptr().cast_const().cast()
@@ -129,13 +130,14 @@ pub fn last() -> *const c_char {
 }
 
 fn write(text: &mut Text, error: &CallError) {
-    let said = error.to_string().replace('\0', "");
-    let length = said.floor_char_boundary(TEXT_LEN - 1);
-    text[..length].copy_from_slice(&said.as_bytes()[..length]);
+    let message = error.to_string().replace('\0', "");
+    let length = message.floor_char_boundary(TEXT_LEN - 1);
+    text[..length].copy_from_slice(&message.as_bytes()[..length]);
     text[length..].fill(0);
 }
 
-/// Locks, also after a panic of another holder: what these locks guard is whole between any two statements.
+/// Locks the mutex, also after a panic of another thread that held it: the data behind these locks are consistent between any
+/// two statements.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! The boards that programs opened by URI.
+//! The table of the boards that a program has opened by URI.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -6,10 +6,10 @@ use std::sync::{Arc, PoisonError, RwLock};
 use crate::board::OpenBoard;
 use crate::error::CallError;
 
-/// Handles are numbers and no addresses: one that was closed or made up is looked up in vain and harms nothing. None is
-/// given out twice until all numbers of the machine's word are used up.
+/// The table of open boards by their handles. A handle is a number and no address, so that one which was closed or made up is
+/// not found and does no harm. No number is used again until all are used up.
 pub struct Handles {
-    live: RwLock<Table>,
+    table: RwLock<Table>,
 }
 
 struct Table {
@@ -17,18 +17,18 @@ struct Table {
     next: usize,
 }
 
-/// The first handle given out; those below are kept for boards that have a name of their own.
+/// The first handle in the table. Those below are reserved, such as that of the vendor's board.
 pub(crate) const FIRST: usize = 0x10;
 
 impl Handles {
-    /// No board.
+    /// An empty table.
     pub const fn new() -> Self {
-        Self { live: RwLock::new(Table { boards: BTreeMap::new(), next: FIRST }) }
+        Self { table: RwLock::new(Table { boards: BTreeMap::new(), next: FIRST }) }
     }
 
-    /// Gives a board a handle.
+    /// Adds a board and returns its handle.
     pub fn insert(&self, board: Arc<OpenBoard>) -> usize {
-        let mut table = self.live.write().unwrap_or_else(PoisonError::into_inner);
+        let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         while table.boards.contains_key(&table.next) {
             table.next = after(table.next);
         }
@@ -43,23 +43,23 @@ impl Handles {
     /// # Errors
     /// [`CallError::Handle`].
     pub fn get(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
-        let table = self.live.read().unwrap_or_else(PoisonError::into_inner);
+        let table = self.table.read().unwrap_or_else(PoisonError::into_inner);
         table.boards.get(&handle).cloned().ok_or_else(|| CallError::Handle { handle }.into())
     }
 
-    /// Takes the board of a handle out.
+    /// Removes the board of a handle and returns it.
     ///
     /// # Errors
     /// [`CallError::Handle`].
     pub fn remove(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
-        let mut table = self.live.write().unwrap_or_else(PoisonError::into_inner);
+        let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         table.boards.remove(&handle).ok_or_else(|| CallError::Handle { handle }.into())
     }
 
-    /// Takes all boards out.
+    /// Removes all boards and returns them.
     #[cfg(unix)]
     pub fn drain(&self) -> Vec<Arc<OpenBoard>> {
-        let mut table = self.live.write().unwrap_or_else(PoisonError::into_inner);
+        let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         std::mem::take(&mut table.boards).into_values().collect()
     }
 }

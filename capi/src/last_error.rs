@@ -1,40 +1,40 @@
-//! What Windows' GetLastError gives after a call of the vendor's four functions. Programs look at it: the vendor's library
-//! leaves there what Windows' own functions said to it.
+//! What GetLastError of Windows returns after a call of the vendor's four functions. Programs read it, because the vendor's
+//! library leaves there the error of the function of Windows that failed.
 
 use ecmsk::link::LinkError;
 
 use crate::error::CallError;
 use crate::module::set_last_error;
 
-/// OpenECMUSB that gives true leaves no error.
+/// `ERROR_SUCCESS`, after OpenECMUSB has succeeded.
 const NO_ERROR: u32 = 0;
-/// `ERROR_ACCESS_DENIED`: what a handle says whose device is gone, or that is closed under a call.
+/// `ERROR_ACCESS_DENIED`: the device was unplugged, or the board was closed during the call.
 const ACCESS_DENIED: u32 = 5;
-/// `ERROR_INVALID_HANDLE`: nothing is open.
+/// `ERROR_INVALID_HANDLE`: no board is open.
 const INVALID_HANDLE: u32 = 6;
-/// `ERROR_GEN_FAILURE`: the device did not do it.
+/// `ERROR_GEN_FAILURE`: the device did not do what it was asked for.
 const GEN_FAILURE: u32 = 31;
 /// `ERROR_INVALID_PARAMETER`
 const INVALID_PARAMETER: u32 = 87;
 
-/// After OpenECMUSB.
+/// Sets the code after OpenECMUSB.
 pub fn after_open(result: &Result<(), Box<CallError>>) {
     if result.is_ok() {
         set_last_error(NO_ERROR);
     }
-    // \[OURS] One that fails leaves the last error as it was: what the vendor's leaves there is not known.
+    // \[OURS] A failure leaves the last error unchanged, since it is not known what the vendor's library leaves there.
 }
 
-/// After ECMUSBWrite and ECMUSBRead; their success leaves the last error as it was.
+/// Sets the code after ECMUSBWrite and ECMUSBRead. Success leaves the last error unchanged.
 pub fn after_transfer(result: &Result<(), Box<CallError>>) {
     if let Err(error) = result {
         set_last_error(code(error));
     }
 }
 
-/// Not open, gone, closed, and a write that was given up: as the vendor's library. \[OURS] A length of 0 and NULL, which the
-/// vendor's takes, are an invalid parameter; what the vendor's library has not, such as the limit of a read, is the same
-/// failure as a write that was given up.
+/// The code of a failure. For a board that is not open, unplugged or closed, and for a write that timed out, it is that of the
+/// vendor's library. \[OURS] A length of 0 and NULL, which the vendor's library accepts, are an invalid parameter. Failures
+/// that the vendor's library does not know, such as a read that timed out, have the code of a write that timed out.
 fn code(error: &CallError) -> u32 {
     match error {
         CallError::NotOpen | CallError::Forked => INVALID_HANDLE,

@@ -1,9 +1,22 @@
-//! The drop-in `NEXTWUSBLib`: the four functions that existing programs call (`vendor`) and the `ecmsk_*` functions
-//! beside them (`boards`, `facts`).
+//! The drop-in `NEXTWUSBLib`: the four functions of the vendor's library, which existing programs call, and the `ecmsk_*`
+//! functions beside them.
 //!
-//! Every exported function runs inside `entry`: a boundary that no panic crosses, and a trace of calls for
-//! `ECMSK_LOG`. What the functions do lies behind them in safe code: `board` is one open board, `handles` the table
-//! of those opened by URI.
+//! A new exported function goes into `boards.rs` or `info.rs` and into `exports.txt`; `include/ecmsk.h` is generated. How to
+//! read this crate:
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `vendor.rs` | `OpenECMUSB`, `CloseECMUSB`, `ECMUSBWrite`, `ECMUSBRead` |
+//! | `boards.rs` | `ecmsk_open`, `ecmsk_write` and others: several boards, named by URIs; the result codes |
+//! | `info.rs` | `ecmsk_last_error`, counters and other information |
+//! | `entry.rs` | what every exported function runs in: no panic leaves it, calls are traced for `ECMSK_LOG` |
+//! | `buffer.rs` | the caller's memory |
+//! | `board.rs`, `handles.rs` | an open board, and the table of those opened by URI |
+//! | `connect.rs` | which link is opened |
+//! | `error.rs`, `last_error.rs` | why a call failed, as text and for Windows' GetLastError |
+//! | `logger.rs` | the log |
+//! | `module/` | the library as a file: its folder, and how it is unloaded on Windows |
+//! | `shutdown.rs`, `cancellation.rs`, `floating_point.rs` | the end of the process, fork, cancelled threads, the caller's floating-point state |
 #![allow(non_snake_case, reason = "the library is named as the vendor's is")]
 
 mod board;
@@ -13,9 +26,9 @@ mod cancellation;
 mod connect;
 mod entry;
 mod error;
-mod facts;
-mod floats;
+mod floating_point;
 mod handles;
+mod info;
 mod last_error;
 mod logger;
 mod module;
@@ -23,7 +36,7 @@ mod shutdown;
 mod vendor;
 
 use boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};
-use facts::{
+use info::{
     ecmsk_get_counters, ecmsk_get_link_name, ecmsk_get_stats, ecmsk_last_error, ecmsk_reject_name, ecmsk_version,
 };
 use vendor::{CloseECMUSB, ECMUSBRead, ECMUSBWrite, OpenECMUSB};

@@ -1,12 +1,12 @@
-//! Where the log goes: to standard error, as far as `ECMSK_LOG` asks for it, and its warnings to `ecmsk exec`, if that
-//! started the program. Without either the library says nothing, as the vendor's: standard error is the program's.
+//! The log. It is written to standard error as far as `ECMSK_LOG` asks for it, and its warnings go to `ecmsk exec` if that has
+//! started the program. Without either the library prints nothing, like the vendor's library.
 
 use ecmsk::link::config;
 use ecmsk::summary::teller::{self, Teller};
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
-/// Makes this the log of the process. A program in Rust that links the static library may have one of its own, which then is
-/// used.
+/// Installs the log of the process. A Rust program that links the static library may have installed its own before, which is
+/// used then.
 pub fn set_up() {
     let wanted = config::variable("ECMSK_LOG").and_then(|wanted| wanted.into_string().ok());
     let shown = wanted.filter(|wanted| !wanted.is_empty());
@@ -30,7 +30,7 @@ impl Logger {
         self.shown.as_ref().is_some_and(|shown| shown.enabled(metadata))
     }
 
-    /// Warnings of ours: what other crates warn of is for who looks for it.
+    /// Whether `ecmsk exec` gets the message: warnings of this project, and none of other crates.
     fn tells(&self, metadata: &Metadata<'_>) -> bool {
         let of_ours = || ["ecmsk", "NEXTWUSBLib"].iter().any(|name| metadata.target().starts_with(name));
         self.teller.is_some() && metadata.level() <= Level::Warn && of_ours()

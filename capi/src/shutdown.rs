@@ -1,6 +1,8 @@
-//! The end of a program that does not close its boards: their threads are stopped, a recording is complete, and a board
-//! that is served is left as by a program that has vanished, whatever the exit code. And its fork: a child has the boards
-//! without their threads, and so none.
+//! The end of a process that has not closed its boards, and fork.
+//!
+//! When the process ends the boards' threads are stopped and recordings completed, and a server of a board is told that the
+//! program has vanished, whatever the exit code. A child of fork has no threads of its parent, so it cannot use the boards
+//! that were open.
 
 #[cfg(unix)]
 use std::process;
@@ -11,42 +13,42 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 #[cfg(unix)]
 use crate::board;
 
-/// This process was forked while a board was open, or while one was being opened or closed.
+/// Set in a child that was forked while a board was open or a call was under way.
 static FORKED: AtomicBool = AtomicBool::new(false);
 
-/// Whether this process was forked while a board was open, or while a call was under way: boards and locks are its
-/// parent's.
+/// Whether this process was forked while a board was open or a call was under way, so that boards and locks belong to its
+/// parent.
 pub fn is_forked() -> bool {
     FORKED.load(Ordering::Relaxed)
 }
 
-/// Calls that may hold a lock of this library while no board is open.
-static BUSY: AtomicUsize = AtomicUsize::new(0);
+/// How many calls are under way that may hold a lock of this library while no board is open.
+static CALLS_THAT_MAY_HOLD_LOCK: AtomicUsize = AtomicUsize::new(0);
 
-/// A call that may hold a lock of this library while no board is open. A child that is forked meanwhile has that lock
-/// without the thread that would release it: it has no board.
-pub struct Busy;
+/// Marks a call that may hold a lock of this library while no board is open. In a child that is forked meanwhile the lock is
+/// held and the thread that would release it does not exist, so that child must not use this library.
+pub struct MayHoldLock;
 
-impl Busy {
-    /// Before the first lock is taken.
+impl MayHoldLock {
+    /// To be called before the first lock is taken.
     pub fn begin() -> Self {
-        BUSY.fetch_add(1, Ordering::SeqCst);
+        CALLS_THAT_MAY_HOLD_LOCK.fetch_add(1, Ordering::SeqCst);
         Self
     }
 }
 
-impl Drop for Busy {
+impl Drop for MayHoldLock {
     fn drop(&mut self) {
-        BUSY.fetch_sub(1, Ordering::SeqCst);
+        CALLS_THAT_MAY_HOLD_LOCK.fetch_sub(1, Ordering::SeqCst);
     }
 }
 
-/// The process that opened boards; 0: none has.
+/// The id of the process that opened boards; 0 if none has.
 #[cfg(unix)]
 static OWNER: AtomicU32 = AtomicU32::new(0);
 
-/// Has all boards given back when this process exits, after everything the program itself does then: its global objects
-/// may still send what brings the machine to rest, and close. Called before each board is opened.
+/// Has all boards released when this process exits, after the exit handlers of the program, whose global objects may still
+/// stop the machine and close the board. Called before each board is opened.
 pub fn end_at_exit() {
     #[cfg(unix)]
     OWNER.store(process::id(), Ordering::Relaxed);
@@ -57,13 +59,13 @@ pub fn end_at_exit() {
     }
 }
 
-/// The functions here run before main, or when the library is loaded.
+/// Functions in this section run before main, or when the library is loaded.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".init_array")]
 static AT_START: extern "C" fn() = watch_forks;
 
-/// The functions here run when exit handlers and the destructors of the program's global objects are done.
+/// Functions in this section run after the exit handlers and the destructors of the program's global objects.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".fini_array")]
@@ -71,7 +73,7 @@ static AT_EXIT: extern "C" fn() = at_exit;
 
 #[cfg(target_os = "linux")]
 extern "C" fn at_exit() {
-    // A child of fork has the boards without their threads: they are the parent's to give back.
+    // A child of fork must not release the boards, which belong to its parent.
     if process::id() == OWNER.load(Ordering::Relaxed) && !is_forked() {
         let _ = std::panic::catch_unwind(crate::boards::vanish_all);
     }
@@ -80,13 +82,13 @@ extern "C" fn at_exit() {
 #[cfg(unix)]
 extern "C" fn watch_forks() {
     extern "C" fn in_child() {
-        // What was so in the parent stays so in the child's own children.
-        if board::any_open() || BUSY.load(Ordering::SeqCst) > 0 {
+        // FORKED is never cleared, so that it holds in children of the child too.
+        if board::any_open() || CALLS_THAT_MAY_HOLD_LOCK.load(Ordering::SeqCst) > 0 {
             FORKED.store(true, Ordering::Relaxed);
         }
     }
 
-    // SAFETY: the function takes and returns nothing, does no more than look at two atomics and set another, and the
-    // library stays in memory (`nodelete`). Without room for it nothing is watched.
+    // SAFETY: the function only reads two atomics and sets another one, and the library stays in memory (`nodelete`). If the
+    // system has no memory for the registration forks are not noticed.
     unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
 }

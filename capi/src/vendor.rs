@@ -1,6 +1,7 @@
-//! The four functions of the vendor's library. Existing programs link these names.
+//! The four functions of the vendor's library, which existing programs link by these names.
 //!
-//! Their `bool` is returned as a `u32` of 0 or 1: C++ looks at the lowest byte alone, .NET at one byte or all four.
+//! Their `bool` is returned as a `u32` of 0 or 1: C++ programs look at the lowest byte only, .NET programs at one byte or all
+//! four.
 
 use std::cell::Cell;
 use std::ffi::{c_uchar, c_ulong};
@@ -12,15 +13,15 @@ use crate::boards::ECMSK_OK;
 use crate::buffer::{ReportBuffer, fill_frame};
 use crate::entry::{entry, guard};
 use crate::error::{CallError, remember_open};
-use crate::module::{self, Leaving, leaving};
+use crate::module::{self, CloseResult, close_and_unload};
 use crate::{connect, last_error, shutdown};
 
-/// The board of these four functions.
+/// The board that these four functions use.
 pub static BOARD: VendorBoard = VendorBoard::new();
 
-/// Opens the board that `ECMSK_LINK`, an `ecmsk.toml` or the default `usb:` names. 1 if it is open, also if it was
-/// already; 0 if not (`ecmsk_last_error` says why). A board that was lost is opened anew, without CloseECMUSB. On Windows
-/// GetLastError gives 0 after success.
+/// Opens the board that `ECMSK_LINK` or an `ecmsk.toml` names, or else `usb:`. Returns 1 if it is open, also if it was open
+/// before, and 0 if not (`ecmsk_last_error` says why). A board that was lost is opened again without CloseECMUSB. On Windows
+/// GetLastError returns 0 after success.
 ///
 /// Source: UG17 4.2.1.
 #[unsafe(no_mangle)]
@@ -35,21 +36,21 @@ pub extern "system" fn OpenECMUSB() -> u32 {
         remember_open(error);
     }
     last_error::after_open(&result);
-    truth(&result)
+    as_bool(&result)
 }
 
-/// Closes the board. Reads and writes under way in other threads return 0 at once. Harmless when nothing is open.
+/// Closes the board. Reads and writes under way in other threads return 0 at once. Does nothing if no board is open.
 ///
 /// Source: UG17 4.2.2.
 #[unsafe(no_mangle)]
 #[cfg_attr(windows, unsafe(naked))]
 pub extern "system" fn CloseECMUSB() {
-    leaving!(close_board)
+    close_and_unload!(close_board)
 }
 
-extern "C" fn close_board() -> Leaving {
+extern "C" fn close_board() -> CloseResult {
     module::close(|| {
-        // Nothing in it fails, and the caller would not learn of it.
+        // Closing cannot fail, and the function returns nothing.
         let _ = guard(format_args!("CloseECMUSB()"), || {
             BOARD.close();
             Ok(())
@@ -58,10 +59,10 @@ extern "C" fn close_board() -> Leaving {
     })
 }
 
-/// Writes a command frame of `dwlength` bytes: of more than 512 the first 512, fewer are filled up with 0. 1 if the
-/// board took it; 0 if `data` is NULL, `dwlength` 0, nothing is open, the board is lost, or does not take it within
-/// the link's `write_timeout_ms`. On Windows GetLastError then gives 6 if nothing is open, 5 if the board is lost, 31 if it
-/// did not take the frame, 87 for `data` and `dwlength`; after success it gives what it gave before.
+/// Writes a command frame of `dwlength` bytes. Of more than 512 the first 512 are written; fewer are filled up with 0.
+/// Returns 1 if the board took the frame, and 0 if `data` is NULL, `dwlength` is 0, no board is open, the board is lost, or
+/// it did not take the frame within the link's `write_timeout_ms`. On Windows GetLastError then returns 6 if no board is
+/// open, 5 if the board is lost, 31 if it did not take the frame, 87 for `data` and `dwlength`; success does not change it.
 ///
 /// Source: UG17 4.2.3.
 ///
@@ -71,20 +72,20 @@ extern "C" fn close_board() -> Leaving {
 pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulong) -> u32 {
     let result = entry!(ECMUSBWrite(dwlength), {
         with_frame(|frame| {
-            // SAFETY: as this function's own.
+            // SAFETY: the caller's promise for `data`.
             unsafe { fill_frame(frame, data, length(dwlength)) }?;
             BOARD.write(frame, length(dwlength))
         })
     });
     last_error::after_transfer(&result);
-    truth(&result)
+    as_bool(&result)
 }
 
-/// Waits for a report and copies its first `dwlength` bytes (at most 512) to `data`. 1 if there was one; 0, and `data`
-/// as it was, if `data` is NULL, `dwlength` 0, nothing is open, the board is lost or closed meanwhile, or the link's
-/// `read_timeout_ms` has passed (by default there is no limit). On Windows GetLastError then gives 6 if nothing is open, 5 if
-/// the board is lost or closed meanwhile, 31 after the limit, 87 for `data` and `dwlength`; after success it gives what it
-/// gave before.
+/// Waits for a report and copies its first `dwlength` bytes, at most 512, to `data`. Returns 1 if there was one, and 0 with
+/// `data` unchanged if `data` is NULL, `dwlength` is 0, no board is open, the board is lost or closed meanwhile, or the
+/// link's `read_timeout_ms` has passed (by default there is no limit). On Windows GetLastError then returns 6 if no board is
+/// open, 5 if the board is lost or closed meanwhile, 31 after the limit, 87 for `data` and `dwlength`; success does not
+/// change it.
 ///
 /// Source: UG17 4.2.4.
 ///
@@ -93,7 +94,7 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) -> u32 {
     let result = entry!(ECMUSBRead(dwlength), {
-        // SAFETY: as this function's own.
+        // SAFETY: the caller's promise for `data`.
         let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
         with_frame(|report| {
             BOARD.read(report)?;
@@ -102,22 +103,23 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
         })
     });
     last_error::after_transfer(&result);
-    truth(&result)
+    as_bool(&result)
 }
 
-/// Works with a frame of this thread's, whatever stands in it: a new one would have to be cleared.
+/// Runs `work` with a frame that this thread keeps, whose content is undefined. A new frame would have to be cleared at each
+/// call.
 fn with_frame<T>(work: impl FnOnce(&mut Frame) -> T) -> T {
     thread_local! {
         static FRAME: Cell<Option<Box<Frame>>> = const { Cell::new(None) };
     }
     let mut frame = FRAME.try_with(Cell::take).ok().flatten().unwrap_or_default();
     let result = work(&mut frame);
-    // A thread that is ending keeps nothing any more.
+    // This fails in a thread that is ending, which needs the frame no more.
     let _ = FRAME.try_with(|kept| kept.set(Some(frame)));
     result
 }
 
-fn truth(result: &Result<(), Box<CallError>>) -> u32 {
+fn as_bool(result: &Result<(), Box<CallError>>) -> u32 {
     u32::from(result.is_ok())
 }
 

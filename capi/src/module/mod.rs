@@ -1,18 +1,21 @@
-//! This library as a file that a program has loaded: where it lies and how long it stays.
+//! This library as a file that a program has loaded: its folder, and how long it stays in memory. `unloadable.rs` is for
+//! Windows, where a program may unload it at any time; `permanent.rs` is for systems that never unload it.
 
 #[cfg(not(windows))]
-mod forever;
+mod permanent;
 #[cfg(windows)]
-mod stay;
+mod unloadable;
 
 use std::path::PathBuf;
 
-#[cfg(not(windows))]
-use forever as stay;
 #[cfg(windows)]
-pub use stay::UNLOAD;
-pub(crate) use stay::leaving;
-pub use stay::{Call, LastError, Leaving, Stay, close, set_last_error};
+pub use imp::UNLOAD;
+pub(crate) use imp::close_and_unload;
+pub use imp::{Call, CloseResult, LastError, ModuleReference, close, set_last_error};
+#[cfg(not(windows))]
+use permanent as imp;
+#[cfg(windows)]
+use unloadable as imp;
 
 /// The folder that this library was loaded from, as the loader names it; for the static library the program's.
 #[cfg(unix)]
@@ -22,14 +25,14 @@ pub fn folder() -> Option<PathBuf> {
 
     let mut info = std::mem::MaybeUninit::<libc::Dl_info>::zeroed();
     let here = folder as *const ();
-    // SAFETY: `here` is an address of this library, `info` has room for the answer.
+    // SAFETY: `here` is an address in this library, `info` receives the answer.
     let found = unsafe { libc::dladdr(here.cast(), info.as_mut_ptr()) } != 0;
-    // SAFETY: zeroed is a valid `Dl_info`, and `dladdr` leaves a valid one.
+    // SAFETY: a zeroed `Dl_info` is valid, and so is what `dladdr` writes.
     let info = unsafe { info.assume_init() };
     if !found || info.dli_fname.is_null() {
         return None;
     }
-    // SAFETY: the loader's own text, which lives as long as the library is loaded.
+    // SAFETY: the loader's text lives as long as the library is loaded.
     let file = unsafe { CStr::from_ptr(info.dli_fname) };
     let file = std::path::absolute(OsStr::from_bytes(file.to_bytes())).ok()?;
     Some(file.parent()?.to_path_buf())
@@ -43,17 +46,17 @@ pub fn folder() -> Option<PathBuf> {
 
     use windows_sys::Win32::System::LibraryLoader::GetModuleFileNameW;
 
-    /// No path of Windows is longer.
-    const LONGEST: usize = 0x8000;
+    /// The length of the longest path in Windows, in UTF-16 units.
+    const PATH_LEN_MAX: usize = 0x8000;
 
-    let mut path = vec![0_u16; LONGEST];
+    let mut path = vec![0_u16; PATH_LEN_MAX];
     // SAFETY: the buffer has room for as many characters as it says.
-    let length = unsafe { GetModuleFileNameW(stay::this_module()?, path.as_mut_ptr(), LONGEST as u32) };
+    let length = unsafe { GetModuleFileNameW(imp::this_module()?, path.as_mut_ptr(), PATH_LEN_MAX as u32) };
     path.truncate(length as usize);
     Some(PathBuf::from(OsString::from_wide(&path)).parent()?.to_path_buf())
 }
 
-/// The folder of this library, where the system's loader tells it.
+/// Other systems do not tell the folder.
 #[cfg(not(any(unix, windows)))]
 pub fn folder() -> Option<PathBuf> {
     None

@@ -1,4 +1,4 @@
-//! What the library and an open board say of themselves: version, last error, counters, name of the link.
+//! The exported functions that return information: version, last error, counters, name of the link.
 
 use std::ffi::{CStr, CString, c_char};
 
@@ -9,21 +9,21 @@ use crate::boards::{EcmskBoard, EcmskResult, code, find};
 use crate::entry::entry;
 use crate::error::{self, CallError};
 
-/// Room for kinds of rejection: more than there are, so that a later version can count more.
+/// The number of entries of `rejected` in `ecmsk_counters`. There are fewer reasons, so that a later version can add some.
 pub const ECMSK_REJECT_KINDS: usize = 16;
 const _: () = assert!(Reason::KINDS <= ECMSK_REJECT_KINDS);
 
-/// Faults that a link injected in one direction (`fault.` keys), since it was opened.
+/// The faults that a link has injected in one direction since it was opened (keys `fault.` of its URI).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct EcmskFaults {
-    /// Frames lost on the way.
+    /// Frames that were dropped.
     pub dropped: u64,
-    /// Frames with a bit turned over.
+    /// Frames in which a bit was inverted.
     pub corrupted: u64,
-    /// Frames that arrived twice.
+    /// Frames that were delivered twice.
     pub duplicated: u64,
-    /// Frames that were held up.
+    /// Frames that were delayed.
     pub delayed: u64,
 }
 
@@ -33,87 +33,88 @@ impl From<FaultCounts> for EcmskFaults {
     }
 }
 
-/// What a link moved since it was opened. Set `size` to sizeof of the structure before the call; afterwards it is the
-/// number of bytes filled in.
+/// The statistics of a link since it was opened. Set `size` to the sizeof of the structure before the call; afterwards it is
+/// the number of bytes that were filled in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct EcmskStats {
-    /// Bytes of this structure.
+    /// The size of this structure in bytes.
     pub size: u32,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
-    /// Frames written.
+    /// Command frames written.
     pub written: u64,
-    /// Reports handed out.
+    /// Reports read.
     pub read: u64,
-    /// Reports dropped because nobody read them; the oldest goes first.
+    /// Reports dropped because nobody read them in time. The oldest is dropped first.
     pub reports_dropped: u64,
     /// Writes that ended with an error.
     pub write_errors: u64,
     /// Reads that ended with an error.
     pub read_errors: u64,
-    /// Frames that a recording could not take.
+    /// Frames missing in a recording because it could not be written fast enough.
     pub record_dropped: u64,
     /// Faults injected into command frames.
     pub write_faults: EcmskFaults,
     /// Faults injected into reports.
     pub read_faults: EcmskFaults,
-    /// 1: a fault took the board away; else 0.
+    /// 1 if an injected fault has disconnected the board, otherwise 0.
     pub disconnected: u64,
 }
 
-/// What happened to commands on the board since it booted. `size` as in `ecmsk_stats`.
+/// What the board has done with commands since it booted. `size` is used as in `ecmsk_stats`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct EcmskCounters {
-    /// Bytes of this structure.
+    /// The size of this structure in bytes.
     pub size: u32,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
-    /// Command frames that arrived.
+    /// Command frames received.
     pub frames: u64,
-    /// Reports made.
+    /// Reports sent.
     pub reports: u64,
-    /// Commands rejected, by reason; `ecmsk_reject_name` names the reasons.
+    /// Commands rejected, by reason. `ecmsk_reject_name` names the reason of an index.
     pub rejected: [u64; ECMSK_REJECT_KINDS],
-    /// Commands that came for a slave while it was homing.
+    /// Commands for a slave that were ignored because it was homing.
     pub ignored_homing: u64,
-    /// Targets that came before Operation enabled.
+    /// Targets discarded because the drive was not in Operation enabled yet.
     pub discarded_before_enabled: u64,
     /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
-    /// Frames that found the FIFO full.
+    /// Command frames lost because the FIFO was full.
     pub full: u64,
-    /// Frames with a wrong CRC.
+    /// Command frames refused because of a wrong CRC.
     pub crc: u64,
-    /// Frames that did not arrive completely.
+    /// Command frames of which only a part was received.
     pub incomplete: u64,
     /// FIFO entries executed.
     pub executed: u64,
-    /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
+    /// Cycles in OP that executed no entry: the FIFO was empty, or below its threshold.
     pub idle_cycles: u64,
-    /// Command frames that arrived while the board booted; not among `frames`.
+    /// Command frames lost because the board was booting; not counted in `frames`.
     pub while_booting: u64,
-    /// Commands for slaves that were lost.
+    /// Commands for slaves that had left the network.
     pub for_lost: u64,
-    /// Times the mode after homing could not be written back: the drive has stayed in mode 6.
+    /// How often the mode of operation could not be written back after homing, so that the drive stays in mode 6.
     pub modes_not_restored: u64,
 }
 
 /// A structure that begins with its own size.
 ///
 /// # Safety
-/// `repr(C)`, made of integers without padding; the first four bytes are the `size`, set to that of the type.
+/// The type is `repr(C)` and consists of integers without padding. Its first four bytes are `size`, which holds the size of
+/// the type.
 unsafe trait Versioned: Copy {}
 // SAFETY: see the declarations: u32, u32, then u64 and structures of u64 only; `size` is set where they are made.
 unsafe impl Versioned for EcmskStats {}
 // SAFETY: as above.
 unsafe impl Versioned for EcmskCounters {}
 
-/// `size` and `reserved`: with less than that a structure holds nothing.
+/// The bytes of `size` and `reserved`, the least that a caller has to have room for.
 const HEAD: usize = 8;
 
-/// The version of this library, as `0.1.0`.
+/// The version of this library, such as `0.1.0`.
 ///
 /// # Safety
 /// None. The text lives as long as the library.
@@ -126,18 +127,19 @@ pub extern "C" fn ecmsk_version() -> *const c_char {
     VERSION.as_ptr()
 }
 
-/// Why the last call of this thread that failed did so, in words, those of the vendor's functions included; if none
-/// failed in this thread, why OpenECMUSB failed last in any; else an empty text. A call that succeeds changes nothing.
+/// The error text of the last call of this thread that failed, including calls of the vendor's functions. If no call of this
+/// thread has failed it is the text of the last OpenECMUSB that failed in any thread, or else an empty text. A call that
+/// succeeds does not change it.
 ///
 /// # Safety
-/// None. The text is at one address for as long as the thread lives, at most 2047 bytes; the next call of this thread
-/// that fails writes its own text there.
+/// None. The text has at most 2047 bytes and stays at the same address as long as the thread lives; the next call of this
+/// thread that fails overwrites it.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecmsk_last_error() -> *const c_char {
     std::panic::catch_unwind(error::last).unwrap_or(c"".as_ptr())
 }
 
-/// Statistics of the link since it was opened.
+/// Gets the statistics of a board's link since it was opened.
 ///
 /// # Safety
 /// `stats` is NULL or points to `stats->size` writable bytes. `board` may be any value.
@@ -146,7 +148,7 @@ pub unsafe extern "C" fn ecmsk_get_stats(board: *mut EcmskBoard, stats: *mut Ecm
     let handle = board.addr();
     code(entry!(ecmsk_get_stats(handle), {
         let link = find(handle)?.link.stats();
-        let ours = EcmskStats {
+        let value = EcmskStats {
             size: size_of::<EcmskStats>() as u32,
             reserved: 0,
             written: link.written,
@@ -159,13 +161,13 @@ pub unsafe extern "C" fn ecmsk_get_stats(board: *mut EcmskBoard, stats: *mut Ecm
             read_faults: link.faults.read.into(),
             disconnected: link.faults.disconnected.into(),
         };
-        // SAFETY: as this function's own.
-        unsafe { give(ours, stats, "stats") }
+        // SAFETY: the caller's promise for `stats`.
+        unsafe { copy_out(value, stats, "stats") }
     }))
 }
 
-/// The board's own counters since it booted. A link that does not see them, such as `usb:`, gives
-/// `ECMSK_ERROR_UNSUPPORTED`.
+/// Gets the counters of the board since it booted. Only the modelled board has them; on other links, such as `usb:`, the
+/// result is `ECMSK_ERROR_UNSUPPORTED`.
 ///
 /// # Safety
 /// `counters` is NULL or points to `counters->size` writable bytes. `board` may be any value.
@@ -179,7 +181,7 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
         };
         let mut rejected = [0; ECMSK_REJECT_KINDS];
         rejected[..Reason::KINDS].copy_from_slice(&board.rejected);
-        let ours = EcmskCounters {
+        let value = EcmskCounters {
             size: size_of::<EcmskCounters>() as u32,
             reserved: 0,
             frames: board.frames,
@@ -197,12 +199,12 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
             for_lost: board.for_lost,
             modes_not_restored: board.modes_not_restored,
         };
-        // SAFETY: as this function's own.
-        unsafe { give(ours, counters, "counters") }
+        // SAFETY: the caller's promise for `counters`.
+        unsafe { copy_out(value, counters, "counters") }
     }))
 }
 
-/// The name of a reason for rejection, an index into `rejected` of `ecmsk_counters`, or NULL if there is none.
+/// The name of the reason with index `kind` in `rejected` of `ecmsk_counters`; NULL if there is no such reason.
 ///
 /// # Safety
 /// None. The text lives as long as the library.
@@ -214,8 +216,8 @@ pub extern "C" fn ecmsk_reject_name(kind: u32) -> *const c_char {
     name.ok().flatten().map_or(std::ptr::null(), |name| name.as_ptr())
 }
 
-/// Copies the link's URI in its normal form to `buffer`, at most `length` bytes, the last of them 0; a longer one is cut.
-/// The bytes that it needs whole, the 0 included, go to `*needed` if that is not NULL.
+/// Copies the URI of a board's link, in its normal form and with a terminating 0, to the `length` bytes at `buffer`; a longer
+/// URI is cut. The number of bytes that the whole URI needs, the 0 included, is written to `*needed` unless that is NULL.
 ///
 /// # Safety
 /// `buffer` is NULL (then `length` must be 0) or points to `length` writable bytes. `needed` is NULL or points to room
@@ -239,8 +241,8 @@ pub unsafe extern "C" fn ecmsk_get_link_name(
         }
         if length > 0 {
             let cut = name.floor_char_boundary(length - 1);
-            // SAFETY: `cut` is at most `length - 1`, so text and 0 fit into the `length` bytes vouched for; the name is
-            // a local of ours.
+            // SAFETY: `cut` is at most `length - 1`, so text and 0 fit into the `length` bytes that the caller vouches for;
+            // `name` is local.
             unsafe {
                 std::ptr::copy_nonoverlapping(name.as_ptr(), buffer.cast(), cut);
                 buffer.add(cut).write(0);
@@ -250,24 +252,24 @@ pub unsafe extern "C" fn ecmsk_get_link_name(
     }))
 }
 
-/// Copies as much of `ours` as the caller has room for, in whole counters.
+/// Copies as much of `value` as the caller has room for, in whole counters.
 ///
 /// # Safety
-/// `theirs` is NULL or points to a `u32` with the number of writable bytes there.
-unsafe fn give<T: Versioned>(ours: T, theirs: *mut T, argument: &'static str) -> Result<(), Box<CallError>> {
-    if theirs.is_null() {
+/// `target` is NULL or points to a `u32` that holds the number of writable bytes there.
+unsafe fn copy_out<T: Versioned>(value: T, target: *mut T, argument: &'static str) -> Result<(), Box<CallError>> {
+    if target.is_null() {
         return Err(CallError::Null { argument, expected: "a structure whose `size` is set" }.into());
     }
-    let size = theirs.cast::<u32>();
-    // SAFETY: not NULL; the caller vouches for the `size` in front, at whatever address.
+    let size = target.cast::<u32>();
+    // SAFETY: not NULL, and the caller vouches for the leading `size`, which need not be aligned.
     let found = unsafe { size.read_unaligned() };
     let filled = (found as usize).min(size_of::<T>()) / HEAD * HEAD;
     if filled < HEAD {
         return Err(CallError::StructSize { found, least: HEAD }.into());
     }
-    // SAFETY: `filled` is within `ours` and within the bytes that the caller vouches for; `ours` is a local.
+    // SAFETY: `filled` is at most the size of `value` and the number of bytes that the caller vouches for; `value` is local.
     unsafe {
-        std::ptr::copy_nonoverlapping((&raw const ours).cast::<u8>(), theirs.cast::<u8>(), filled);
+        std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), target.cast::<u8>(), filled);
         size.write_unaligned(filled as u32);
     }
     Ok(())

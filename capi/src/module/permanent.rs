@@ -1,0 +1,49 @@
+//! For systems where this library is never unloaded, because it is linked with `nodelete`: the same items as in
+//! `unloadable.rs`, without effect.
+
+/// On Windows a reference to this library's module.
+pub struct ModuleReference;
+
+impl ModuleReference {
+    pub const fn begin() -> Self {
+        Self
+    }
+}
+
+/// On Windows a call of this library that is under way.
+pub struct Call;
+
+impl Call {
+    pub const fn begin() -> Self {
+        Self
+    }
+}
+
+/// On Windows the caller's last error. Elsewhere a caller looks at `errno` only after a call that is documented to set it.
+pub struct LastError;
+
+impl LastError {
+    pub const fn keep() -> Self {
+        Self
+    }
+}
+
+pub const fn set_last_error(_code: u32) {}
+
+/// What an exported function that closes a board returns: a result code of the C ABI.
+pub type CloseResult = i32;
+
+pub fn close(close: impl FnOnce() -> i32) -> CloseResult {
+    close()
+}
+
+/// The body of an exported function that closes a board by calling `$close`.
+macro_rules! close_and_unload {
+    ($close:path) => {{
+        $close();
+    }};
+    ($close:path, $argument:ident) => {
+        $close($argument)
+    };
+}
+pub(crate) use close_and_unload;

@@ -163,7 +163,7 @@
 //! - `docs/GUIDE-CPP.md`: the four functions of the board's library, in C++;
 //! - `docs/TOOL.md`: the command-line tool; `docs/RECORDINGS.md`: what a recording tells;
 //! - `docs/SAFETY.md`: what stops when a program dies or a cable breaks;
-//! - `docs/RULES.md`: what the board does, rule by rule with its source. Comments in the code refer to these rules as `SK-5.6`;
+//! - `docs/rules/board.md`: what the board does, rule by rule with its source. Comments in the code name a rule as `SK-5.6`;
 //! - `examples/rust/`: complete programs.
 #![cfg_attr(not(feature = "std"), no_std)]
 

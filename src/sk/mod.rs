@@ -23,7 +23,7 @@
 //! - "40 (30)": the number for slots of 12 bytes and, in brackets, that for slots of 16 bytes.
 //! - `UG17 2.1.3`: the chapter of NEXTW's *ECM-SK User Guide* V1.7.4; `UG15`: the quick start for firmware 1.5; `OBS`:
 //!   seen in programs that work with real boards; `[OURS]`: a decision of this project, where no source says anything.
-//! - `SK-5.6`: the row of `docs/RULES.md` in the project's repository that states the rule and its source; a bare
+//! - `SK-5.6`: the row of `docs/rules/board.md` in the project's repository that states the rule and its source; a bare
 //!   `SK-5` is that section.
 //!
 //! ```

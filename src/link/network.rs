@@ -64,7 +64,7 @@ mod tests {
         let of_sim = |name| KnownNetwork::of_sim(name).slaves;
         assert_eq!(of_sim("sim:?slaves=drive*2,drive:start@5,io,hsp2,step&clock=virtual"), "drive*3,io,hsp2,step");
         assert_eq!((of_sim("usb:"), of_sim("puppet:")), (String::new(), String::new()));
-        let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CSV), Slave::Unused];
+        let slaves = [Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CSV), Slave::Unused];
         let words = slaves.iter().map(Slave::to_string);
         assert_eq!(KnownNetwork::of_slaves(words).slaves, "drive,drive:csv*2,none");
     }

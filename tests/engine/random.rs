@@ -26,7 +26,7 @@ trait Throws {
 
 impl Throws for Dice {
     fn noise(&mut self) -> RawSlot {
-        let (a, b) = (self.next(), self.next());
+        let (a, b) = (self.roll(), self.roll());
         RawSlot {
             id: a as u8,
             index: (a >> 8) as u8,
@@ -65,7 +65,7 @@ impl Throws for Dice {
     fn frame(&mut self, size: SlotSize) -> Frame {
         let mut frame = Frame::new();
         match self.below(10) {
-            0 => frame.bytes_mut().iter_mut().for_each(|byte| *byte = self.next() as u8),
+            0 => frame.bytes_mut().iter_mut().for_each(|byte| *byte = self.roll() as u8),
             1 => {}
             _ => {
                 for slot in 0..size.slots() {

@@ -91,7 +91,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     let server = Unwired::new(Arc::clone(&eyes) as Arc<dyn Link>, options);
     let readers: Vec<Caller<'_>> = (0..dice.below(3)).map(|_| server.join(false).expect("a reader")).collect();
     let caller = server.join(true).expect("the writer");
-    let mut writer = Writer::new(caller, Arc::clone(&eyes), &units, size, cycle, Dice(dice.next()));
+    let mut writer = Writer::new(caller, Arc::clone(&eyes), &units, size, cycle, Dice(dice.roll()));
     if checks {
         writer = writer.spoiling(spoils);
     }

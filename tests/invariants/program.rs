@@ -254,7 +254,7 @@ impl Program {
                 // A command that has no business there.
                 let id = self.dice.pick(&[0x13, 0x14, 0x06, 0x21, 0x77, 0xBF]);
                 let mut frame = Frame::new();
-                frame.put(size, slave, &RawSlot { id, data1: self.dice.next() as u32, ..RawSlot::ZERO });
+                frame.put(size, slave, &RawSlot { id, data1: self.dice.roll() as u32, ..RawSlot::ZERO });
                 self.send(frame);
             }
             22 if self.dice.one_in(20) => {

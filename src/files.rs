@@ -1,51 +1,52 @@
-//! Small files that a person names: configuration, scripts, secrets. What is no regular file is refused before it is opened,
-//! since opening a FIFO waits for its writer and opening a device may do something to it; so is what is far too long.
+//! Reads small files that a user names: configuration, scripts, secrets. Files that are no regular files are refused without
+//! opening them, since opening a FIFO waits for its writer and opening a device may have an effect. Files that are too long
+//! are refused as well.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read as _};
 use std::path::Path;
 
-/// What a small file holds.
+/// The content of a small file.
 #[derive(Debug)]
 pub(crate) struct SmallFile {
     /// All of its bytes.
     pub(crate) bytes: Vec<u8>,
-    /// Owner, mode and size of the very file that the bytes were read from, whatever the path names by now.
+    /// Owner, mode and size of the file that the bytes were read from, even if the path names another file by now.
     #[cfg_attr(
         not(all(unix, feature = "tcp")),
-        allow(dead_code, reason = "owner and mode of a secret are looked at, on Unix alone")
+        allow(dead_code, reason = "only used on Unix, to check owner and mode of a secret")
     )]
     pub(crate) metadata: Metadata,
 }
 
-/// Why a small file was not read. The texts name no path: the caller's do.
+/// Why a small file was not read. The texts do not name the path, which the caller adds.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FileError {
-    /// The system's words: it is not there ([`io::ErrorKind::NotFound`]), or this user may not read it.
+    /// An error of the system, such as [`io::ErrorKind::NotFound`] or a missing permission.
     #[error("{0}")]
     Io(#[from] io::Error),
     /// It is no regular file.
     #[error("it is {kind}, and only regular files are read; copy what it holds into one")]
     Kind {
-        /// What it is, with its article.
+        /// What it is, with an article: `a folder`.
         kind: &'static str,
     },
-    /// It is longer than such a file may be.
+    /// The file is too long.
     #[error("it has more than {size_max} bytes; is it the right file?")]
     Size {
-        /// Bytes that it may have.
+        /// How many bytes it may have.
         size_max: u64,
     },
 }
 
-/// Reads the regular file at `path`, of at most `size_max` bytes. Never waits for another program: a FIFO, a socket, a device
-/// and a folder are refused, and a link to one of them too.
+/// Reads the regular file at `path`, of at most `size_max` bytes. It never waits for another program: a FIFO, a socket, a device
+/// or a folder is refused, and so is a link to one of them.
 ///
 /// # Errors
 /// [`FileError`].
 pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileError> {
-    // Opening a device may rewind a tape or arm a watchdog, so it is looked at before; and once more when it is open, since
-    // the path may name something else by then.
+    // Opening a device may rewind a tape or arm a watchdog, so the kind of the file is checked before. It is checked again
+    // after opening, since the path may name another file by then.
     check_kind(&fs::metadata(path)?)?;
     let file = open(path)?;
     let metadata = file.metadata()?;
@@ -54,7 +55,7 @@ pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileEr
         return Err(FileError::Size { size_max });
     }
     let mut bytes = Vec::new();
-    // A file may grow meanwhile, and those of /proc say that they are empty.
+    // The file may grow meanwhile, and files in /proc have a length of 0.
     (&file).take(size_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > size_max {
         return Err(FileError::Size { size_max });
@@ -62,7 +63,7 @@ pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileEr
     Ok(SmallFile { bytes, metadata })
 }
 
-/// Opens a file so that neither this nor a read waits, should it have become a FIFO meanwhile.
+/// Opens a file so that neither opening nor reading waits, even if it was replaced by a FIFO meanwhile.
 fn open(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true);

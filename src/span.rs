@@ -1,26 +1,26 @@
-//! Times in messages: as exact as somebody reads them.
+//! Durations in messages, rounded to what a reader needs.
 
 use std::fmt;
 use std::time::Duration;
 
-/// A time, rounded to three digits, in the unit that suits it: `1.23s`, `500ms`, `58us`, `7ns`.
+/// A duration whose `Display` is rounded to three digits, in the unit that fits: `1.23s`, `500ms`, `58us`, `7ns`.
 pub(crate) struct Span(pub Duration);
 
-/// Units with their nanoseconds, the largest first.
+/// The units with their lengths in nanoseconds, the longest first.
 const UNITS: [(&str, u128); 4] = [("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000), ("ns", 1)];
-/// Digits that are shown.
+/// How many digits are shown.
 const DIGITS: u32 = 3;
 
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let exact = self.0.as_nanos();
-        // Of seconds all whole ones are shown: 3600s.
+        // Whole seconds are never rounded away: 3601s.
         let digits = exact.checked_ilog10().unwrap_or(0) + 1;
         let step = 10_u128.pow(digits.saturating_sub(DIGITS).min(9));
         let rounded = (exact + step / 2) / step * step;
         let (name, unit) = UNITS.into_iter().find(|(_, unit)| rounded >= *unit).unwrap_or(("s", 1_000_000_000));
         write!(f, "{}", rounded / unit)?;
-        // Nine digits are those of a nanosecond in a second.
+        // The fraction with nine digits, of which trailing zeros are removed.
         let fraction = format!("{:09}", rounded % unit * (1_000_000_000 / unit));
         let fraction = fraction.trim_end_matches('0');
         if !fraction.is_empty() {

@@ -1,51 +1,52 @@
-//! The threads that this crate starts in a program that is not its own.
+//! Starts and ends the threads of this crate, which run in programs that others have written.
 
 use std::io;
 use std::thread::{self, Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// How often is looked whether a thread has ended.
-const LOOK_EVERY: Duration = Duration::from_millis(1);
+/// How often [`end_within`] checks whether a thread has ended.
+const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Starts a thread that no signal of the program is delivered to: its handlers run in its own threads, and a signal that
-/// it has blocked in all of them, to take it from a signalfd or by sigwait, finds none of ours to end the process in.
+/// Starts a thread with all signals blocked. So the program's signal handlers run in its own threads, and a signal that the
+/// program has blocked in all its threads, to receive it by signalfd or sigwait, is not delivered to one of this crate, which
+/// would end the process.
 ///
 /// # Errors
-/// The system's, if it gives no thread.
+/// That of the system, if it gives no thread.
 pub(crate) fn spawn<T: Send + 'static>(
     name: &str,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> io::Result<JoinHandle<T>> {
     #[cfg(unix)]
-    let _restored = Blocked::all()?;
-    // A thread begins with the mask of the one that starts it.
+    let _restored = SignalsBlocked::all()?;
+    // A new thread inherits the signal mask.
     Builder::new().name(name.to_owned()).spawn(work)
 }
 
-/// Waits for the end of a thread that may hang in the system, but not for longer than that; whether it has ended.
+/// Waits for at most `limit` for the end of a thread that may hang in a call of the system; returns whether it has ended.
 ///
-/// A program may unload this library next. One that hangs keeps it in memory as long as the process lives: its code must be
-/// there when the system lets it go.
+/// The program may unload this library next. If the thread hangs the library is kept in memory until the process ends,
+/// because the thread continues in its code when the call returns.
 pub(crate) fn end_within(thread: JoinHandle<()>, limit: Duration) -> bool {
     let began = Instant::now();
     while !thread.is_finished() {
         if began.elapsed() >= limit {
-            stay_for_good();
+            keep_library_loaded();
             return false;
         }
-        thread::sleep(LOOK_EVERY);
+        thread::sleep(CHECK_INTERVAL);
     }
-    // That it panicked cannot be told to anybody here.
+    // A panic of the thread cannot be reported from here.
     let _ = thread.join();
     true
 }
 
-/// No shared library of this crate is unloaded here.
+/// Only Windows unloads a shared library of this crate.
 #[cfg(not(windows))]
-const fn stay_for_good() {}
+const fn keep_library_loaded() {}
 
 #[cfg(windows)]
-fn stay_for_good() {
+fn keep_library_loaded() {
     use std::ffi::c_void;
     use std::ptr::null_mut;
 
@@ -58,44 +59,44 @@ fn stay_for_good() {
     }
 
     let mut module = null_mut();
-    let here = stay_for_good as *const ();
-    // SAFETY: the address is one of this module; `module` has room for the answer, which is of no interest.
+    let here = keep_library_loaded as *const ();
+    // SAFETY: the address is in this module; `module` receives the answer, which is not needed.
     unsafe { GetModuleHandleExW(PIN_BY_ADDRESS, here.cast(), &raw mut module) };
 }
 
-/// Does something in this thread that may start threads of its own: no signal of the program is delivered to them either.
+/// Runs `work` with all signals blocked, so that threads which it starts have them blocked too.
 ///
 /// # Errors
-/// The system's, if it does not say which signals are blocked; nothing was done then.
+/// That of the system, if the signals cannot be blocked; `work` was not run then.
 #[cfg(all(feature = "usb", unix))]
-pub(crate) fn quietly<T>(work: impl FnOnce() -> T) -> io::Result<T> {
-    let _restored = Blocked::all()?;
+pub(crate) fn with_signals_blocked<T>(work: impl FnOnce() -> T) -> io::Result<T> {
+    let _restored = SignalsBlocked::all()?;
     Ok(work())
 }
 
-/// Signals blocked in this thread; as they were when it is dropped.
+/// Signals are blocked in this thread until this is dropped, which restores its signal mask.
 #[cfg(unix)]
-struct Blocked {
+struct SignalsBlocked {
     before: nix::sys::signal::SigSet,
 }
 
 #[cfg(unix)]
-impl Blocked {
+impl SignalsBlocked {
     fn all() -> io::Result<Self> {
         use nix::sys::signal::Signal::{SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGSYS, SIGTRAP};
         use nix::sys::signal::{SigSet, SigmaskHow};
 
         let mut signals = SigSet::all();
-        // A thread brings these on itself; blocked, they would end the process without its handler.
-        [SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGSYS, SIGTRAP].into_iter().for_each(|own| signals.remove(own));
+        // A fault of the thread raises these. If they were blocked the process would end without its handler.
+        [SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGSYS, SIGTRAP].into_iter().for_each(|fault| signals.remove(fault));
         Ok(Self { before: signals.thread_swap_mask(SigmaskHow::SIG_BLOCK)? })
     }
 }
 
 #[cfg(unix)]
-impl Drop for Blocked {
+impl Drop for SignalsBlocked {
     fn drop(&mut self) {
-        // A mask that was in force a moment ago is a valid one.
+        // The mask was in force before, so it is valid.
         let _ = self.before.thread_set_mask();
     }
 }

@@ -1,4 +1,4 @@
-//! What is right or wrong with a machine for a board, and what to do about it.
+//! A finding: what was checked on this machine, whether it is right for a board, and what to do if not.
 
 mod timing;
 
@@ -6,19 +6,19 @@ use std::fmt;
 
 pub use timing::{lateness, timer};
 
-/// How it is.
+/// Whether something is right for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// As it should be, or of no use here.
+    /// It is right, or not needed.
     Fine,
-    /// It works, and would work better.
+    /// It works, and could be improved.
     Advice,
-    /// It has to be put right.
+    /// It has to be corrected.
     Wrong,
 }
 
 impl State {
-    /// Its name: `ok`, `advice`, `wrong`.
+    /// The name in the output of `ecmsk doctor`: `ok`, `advice` or `wrong`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Fine => "ok",
@@ -34,62 +34,62 @@ impl fmt::Display for State {
     }
 }
 
-/// One thing that was looked at.
+/// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What was looked at: a name that stays.
+    /// The name of the check, which does not change between versions.
     pub check: &'static str,
-    /// Of which device: `1-2.3`, `/dev/spidev0.0`.
+    /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if it is not about a device.
     pub subject: Option<String>,
-    /// How it is.
+    /// Whether it is right.
     pub state: State,
-    /// What is there.
+    /// What was found, as a text.
     pub found: String,
-    /// What to do; `None`: nothing.
+    /// What to do about it; `None` if nothing has to be done.
     pub next: Option<String>,
-    /// The device cannot be opened as it is.
+    /// Whether the device cannot be opened because of it.
     pub blocks: bool,
-    /// Figures by their names, with units.
+    /// Measured values by their names, which contain the unit.
     pub figures: Vec<(&'static str, i64)>,
 }
 
 impl Finding {
-    /// All is well.
+    /// A finding that is right.
     pub fn fine(check: &'static str, found: impl Into<String>) -> Self {
         let found = found.into();
         Self { check, subject: None, state: State::Fine, found, next: None, blocks: false, figures: Vec::new() }
     }
 
-    /// It works, and this would make it better.
+    /// A finding that could be improved by `next`.
     pub fn advice(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         Self { state: State::Advice, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
-    /// It is wrong, and this puts it right.
+    /// A finding that is wrong and corrected by `next`.
     pub fn wrong(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         Self { state: State::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
-    /// Wrong where that matters, else just said.
+    /// A finding that is wrong if it `matters`, and otherwise only mentioned.
     pub fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         if matters { Self::wrong(check, found, next) } else { Self::fine(check, found) }
     }
 
-    /// Of that device, or file.
+    /// Sets the device that was checked.
     #[must_use]
     pub fn of(mut self, subject: &str) -> Self {
         self.subject = Some(subject.to_owned());
         self
     }
 
-    /// With it the device does not open.
+    /// Marks that the device cannot be opened because of it.
     #[must_use]
     pub fn blocking(mut self) -> Self {
         self.blocks = true;
         self
     }
 
-    /// With a figure, by its name and unit.
+    /// Adds a measured value, whose name contains the unit.
     #[must_use]
     pub fn figure(mut self, name: &'static str, value: i64) -> Self {
         self.figures.push((name, value));

@@ -1,7 +1,11 @@
-//! What this machine has to reach a board with. Nothing is opened for good, and no right is needed.
+//! Whether this machine is set up for a board: the boards that are connected, permissions, drivers, real-time limits. It
+//! needs no special rights and leaves nothing open.
 //!
-//! [`Machine`] reads facts, of Linux or of Windows; [`findings`] says what is right or wrong with them, and what to do;
-//! [`timing`] measures.
+//! [`Machine`] reads the facts from Linux or Windows and judges them; a [`Finding`](findings::Finding) is one judgement, with
+//! what to do about it. [`timing`] measures how exactly the machine wakes threads.
+//!
+//! How to read it: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `udev`, `limits`,
+//! `holders`; `linux/findings/` judges them), `windows/` (the same for Windows), `timing.rs`.
 
 pub mod findings;
 #[cfg(target_os = "linux")]
@@ -15,10 +19,10 @@ pub use linux::{Access, Machine, gpio, holders, limits, spi, udev, usb};
 #[cfg(windows)]
 pub use windows::{Board, Machine};
 
-/// \[OURS] Characters that are shown of a text that a device or a file says, as many as a USB string has at most.
+/// \[OURS] How many characters are shown of a text from a device or a file: as many as a USB string can have.
 const SHOWN_MAX: usize = 126;
 
-/// A text from outside as it may stand on a terminal: without what controls one, and not endless.
+/// A text from outside that is safe to print: without control characters, and of limited length.
 pub fn printable(text: &str) -> String {
     let shown = text.chars().take(SHOWN_MAX);
     shown.map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()

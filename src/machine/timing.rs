@@ -1,4 +1,4 @@
-//! How exactly this machine wakes a thread up: what cycles that a program keeps by itself depend on.
+//! Measures how exactly this machine wakes threads, which limits the cycles that a program can keep by itself.
 
 #[cfg(target_os = "linux")]
 mod linux;
@@ -15,32 +15,33 @@ use windows as system;
 pub use system::timer_resolution;
 pub(crate) use system::{COARSE, FINER};
 
-/// How late a thread was woken up, against what it asked for.
+/// By how much a thread was woken later than it asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lateness {
     /// How long it slept each time.
     pub period: Duration,
-    /// Half of the times it was less late.
+    /// The median.
     pub p50: Duration,
-    /// 99 of 100 times it was less late.
+    /// The 99th percentile.
     pub p99: Duration,
-    /// The latest.
+    /// The greatest value.
     pub max: Duration,
 }
 
 impl Lateness {
-    /// From how late it was each time; `None`: it never slept.
+    /// The percentiles of the measured values; `None` if there are none.
     pub fn of(period: Duration, mut late: Vec<Duration>) -> Option<Self> {
         late.sort_unstable();
         let max = *late.last()?;
-        // The nearest rank, so that each figure is one that was measured.
+        // The nearest rank, so that each percentile is a measured value.
         let rank = |percent: usize| late[(late.len() * percent).div_ceil(100).max(1) - 1];
         Some(Self { period, p50: rank(50), p99: rank(99), max })
     }
 
-    /// Sleeps so many times, one period after the other, each to a deadline of its own as the runners of boards do.
+    /// Measures by sleeping `times` times for one period, as the runner of a modelled board does. `None` if the system gives
+    /// no thread.
     pub fn measure(period: Duration, times: usize) -> Option<Self> {
-        // What makes its sleeps exact is a thread's own, and this one's stays as it is.
+        // In a thread of its own, because the setting that makes sleeps exact belongs to the thread.
         let sleeper = move || system::late(period, times);
         let late = crate::threads::spawn("ecmsk-sleeper", sleeper).ok()?.join().ok()?;
         Self::of(period, late)

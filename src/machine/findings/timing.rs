@@ -1,4 +1,4 @@
-//! How well the machine keeps cycles: timers.
+//! Findings about how exactly the machine can keep cycles: the resolution of its timers, and how late threads are woken.
 
 use std::time::Duration;
 
@@ -6,9 +6,10 @@ use super::Finding;
 use crate::machine::timing::{COARSE, FINER, Lateness};
 use crate::span::Span;
 
-/// \[OURS] What is woken up later than this, one time of a hundred, is advised real-time priority: half a cycle of 1 ms.
-const LATE: Duration = Duration::from_micros(500);
-/// How fine timers are.
+/// \[OURS] If one wake-up in a hundred is later than this, half a cycle of 1 ms, real-time priority is advised.
+const P99_LATENESS_MAX: Duration = Duration::from_micros(500);
+
+/// Judges the resolution of the machine's timers.
 pub fn timer(resolution: Duration) -> Finding {
     const CHECK: &str = "timer";
     let nanoseconds = i64::try_from(resolution.as_nanos()).unwrap_or(i64::MAX);
@@ -21,7 +22,7 @@ pub fn timer(resolution: Duration) -> Finding {
     finding.figure("resolution_ns", nanoseconds)
 }
 
-/// What a lateness means for cycles.
+/// Judges how late threads are woken; `None` if it could not be measured.
 pub fn lateness(measured: Option<Lateness>) -> Finding {
     const CHECK: &str = "wake-up";
     let Some(Lateness { period, p50, p99, max }) = measured else {
@@ -36,7 +37,7 @@ pub fn lateness(measured: Option<Lateness>) -> Finding {
         Span(max),
         Span(period)
     );
-    let finding = if p99 <= LATE {
+    let finding = if p99 <= P99_LATENESS_MAX {
         Finding::fine(CHECK, found)
     } else {
         Finding::advice(CHECK, found, "give the program real-time priority, or the machine less to do")

@@ -1,25 +1,25 @@
-//! GPIO chips, for the lines BUSY and RESET of a board on SPI.
+//! GPIO chips, for the BUSY and the reset line of a board on SPI.
 
 use super::{Access, Machine};
 
-/// The chips.
+/// The folder of all GPIO chips.
 const CHIPS: &str = "/sys/bus/gpio/devices";
-/// What a line without a name is called in a device tree; and an empty text, too.
+/// Names in a device tree that stand for a line without a name, as an empty one does.
 const NO_NAME: [&str; 2] = ["NC", "-"];
 
 /// A GPIO chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpioChip {
-    /// `gpiochip0`, as a link names it.
+    /// The name that a link uses, such as `gpiochip0`.
     pub name: String,
     /// Whether this user may use its lines.
     pub access: Access,
-    /// Lines that have a name (of the device tree): number and name.
+    /// The offsets and names of the lines that have a name in the device tree.
     pub named_lines: Vec<(usize, String)>,
 }
 
 impl Machine {
-    /// All chips. Names of lines are known where a device tree gives them.
+    /// All GPIO chips.
     pub fn gpio_chips(&self) -> Vec<GpioChip> {
         let is_chip = |name: &String| {
             let number = name.strip_prefix("gpiochip");
@@ -34,7 +34,7 @@ impl Machine {
         names.map(chip).collect()
     }
 
-    /// A list of texts, each with a zero behind it.
+    /// The named lines of a chip. The device tree has them as a list of texts that end with zeros.
     fn named_lines(&self, chip: &str) -> Vec<(usize, String)> {
         let text = self.text(&format!("{CHIPS}/{chip}/of_node/gpio-line-names")).unwrap_or_default();
         let lines = text.split_terminator('\0').map(super::printable).enumerate();

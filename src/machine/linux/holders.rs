@@ -1,29 +1,29 @@
-//! Who has a file open: the open files of all processes, as `/proc` shows them.
+//! Which processes have a device file open, from `/proc`.
 
 use super::Machine;
 
 /// A process that has one of the files open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// Its number.
+    /// The process id.
     pub pid: u32,
-    /// Its program; `None`: it does not say.
+    /// The name of its program; `None` if `/proc` does not tell.
     pub program: Option<String>,
-    /// The file.
+    /// The file that it has open.
     pub file: String,
 }
 
-/// Who has files open.
+/// The processes that have one of several files open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Holders {
-    /// In the order of their numbers.
+    /// Ordered by process id.
     pub found: Vec<Holder>,
-    /// Processes that this user may not look into.
+    /// How many processes have open files that this user may not see.
     pub hidden: usize,
 }
 
 impl Holders {
-    /// Those of some of the files, `PID 812 (program)` each.
+    /// The processes that have one of these files open, each as `PID 812 (program)`.
     pub fn of(&self, files: &[String]) -> Vec<String> {
         let mut shown: Vec<String> = Vec::new();
         for holder in self.found.iter().filter(|holder| files.contains(&holder.file)) {
@@ -31,7 +31,7 @@ impl Holders {
                 Some(program) => format!("PID {} ({program})", holder.pid),
                 None => format!("PID {}", holder.pid),
             };
-            // By both of its files, or twice.
+            // A process may have several of the files open.
             if !shown.contains(&text) {
                 shown.push(text);
             }
@@ -41,7 +41,7 @@ impl Holders {
 }
 
 impl Machine {
-    /// Who has one of these files open, besides this process.
+    /// The processes besides this one that have one of these files open.
     pub fn holders(&self, files: &[String]) -> Holders {
         let mut holders = Holders::default();
         if files.is_empty() {

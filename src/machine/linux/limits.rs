@@ -1,33 +1,34 @@
-//! What this process may take of the machine: real-time priority and locked memory.
+//! The limits of this process that matter for real time: real-time priority, locked memory, and the processors' frequency
+//! governors.
 
 use super::Machine;
 
-/// Bits of capabilities (capabilities(7)).
+// Numbers of capabilities (capabilities(7)).
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
 /// A limit of this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// A capability sets it aside.
+    /// A capability of the process overrides it.
     Capability,
-    /// There is none.
+    /// There is no limit.
     Unlimited,
-    /// As much.
+    /// The limit has this value.
     Value(u64),
 }
 
-/// Limits of this process; `None`: the kernel does not say.
+/// Limits of this process; `None` where the kernel does not tell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
     /// RLIMIT_RTPRIO: the highest real-time priority.
     pub realtime_priority: Option<Limit>,
-    /// RLIMIT_MEMLOCK, bytes.
+    /// RLIMIT_MEMLOCK: how many bytes may be locked in memory.
     pub locked_memory: Option<Limit>,
 }
 
 impl Machine {
-    /// Those of this process.
+    /// The limits of this process.
     pub fn limits(&self) -> Limits {
         let limits = self.text("/proc/self/limits").unwrap_or_default();
         let capabilities = self.capabilities();
@@ -44,14 +45,14 @@ impl Machine {
         }
     }
 
-    /// Those that are in force; none if the kernel does not say.
+    /// The effective capabilities of this process as a mask; 0 if the kernel does not tell.
     fn capabilities(&self) -> u64 {
         let status = self.text("/proc/self/status").unwrap_or_default();
         let mask = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
         mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
     }
 
-    /// The governors of the processors' speed, each once; none where the machine shows none.
+    /// The frequency governors of the processors, each once; empty if the kernel has none.
     pub fn governors(&self) -> Vec<String> {
         const CPUS: &str = "/sys/devices/system/cpu";
         let names = self.names(CPUS);
@@ -63,7 +64,7 @@ impl Machine {
         governors
     }
 
-    /// The kernel's release: `6.1.0-18-amd64`.
+    /// The kernel's release, such as `6.1.0-18-amd64`.
     pub fn kernel(&self) -> Option<String> {
         self.attribute("/proc/sys/kernel/osrelease")
     }

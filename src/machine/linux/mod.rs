@@ -1,8 +1,7 @@
-//! A machine with Linux, as its own files tell it: `/sys`, `/proc`, `/dev`, `/etc`. libusb is not needed: so it can be told
-//! why a board does not open.
+//! A machine with Linux, read from its files in `/sys`, `/proc`, `/dev` and `/etc`. libusb is not used, so that this also works
+//! where a board cannot be opened.
 //!
-//! [`Machine`] reads facts ([`usb`], [`spi`], [`gpio`], [`holders`], [`limits`], [`udev`]); its findings say what is right or
-//! wrong with them.
+//! [`Machine`] reads the facts ([`usb`], [`spi`], [`gpio`], [`holders`], [`limits`], [`udev`]); `findings/` judges them.
 
 mod findings;
 pub mod gpio;
@@ -20,10 +19,10 @@ use rustix::fs::Access as Wanted;
 
 use super::printable;
 
-/// \[OURS] Bytes that are read of a file at most: those of the system are far shorter, what is longer is no such file.
+/// \[OURS] The longest file that is read. The system's files are far shorter.
 const FILE_MAX: u64 = 1 << 20;
 
-/// A machine: the folder that its files are below.
+/// A machine, whose files are below a folder: `/`, or another one in tests.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Machine {
     root: PathBuf,
@@ -32,11 +31,11 @@ pub struct Machine {
 /// Whether this user may read and write a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// It may.
+    /// The user may.
     Granted,
-    /// It may not.
+    /// The user may not.
     Denied,
-    /// There is no such file.
+    /// The file does not exist.
     Missing,
 }
 
@@ -46,12 +45,12 @@ impl Machine {
         Self::below("/")
     }
 
-    /// A machine whose `/sys`, `/proc`, `/dev` and `/etc` are in that folder.
+    /// A machine whose `/sys`, `/proc`, `/dev` and `/etc` are in the folder `root`.
     pub fn below(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
     }
 
-    /// Where a file of that name is, e.g. `/sys/bus/usb`.
+    /// The path of one of the machine's files, such as `/sys/bus/usb`.
     pub fn file(&self, name: &str) -> PathBuf {
         self.root.join(name.trim_start_matches('/'))
     }
@@ -61,7 +60,7 @@ impl Machine {
         fs::symlink_metadata(self.file(name)).is_ok()
     }
 
-    /// Whether this user may read and write it, as the kernel says (its mode, its groups, its access list).
+    /// Whether this user may read and write a file, by its mode, groups and access list.
     pub fn access(&self, name: &str) -> Access {
         let file = self.file(name);
         match rustix::fs::access(&file, Wanted::READ_OK | Wanted::WRITE_OK) {
@@ -71,35 +70,35 @@ impl Machine {
         }
     }
 
-    /// The bytes of a file; `None`: it is not there, cannot be read, or is no file of the system.
+    /// The bytes of a file; `None` if it does not exist, cannot be read, is no regular file or is too long.
     fn bytes(&self, name: &str) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
         let file = self.file(name);
-        // Opening a pipe would wait for somebody at its other end.
+        // Opening a pipe would wait for a process at its other end.
         let is_file = fs::metadata(&file).is_ok_and(|data| data.is_file());
         let file = if is_file { File::open(file).ok()? } else { return None };
         file.take(FILE_MAX + 1).read_to_end(&mut bytes).ok()?;
         (bytes.len() as u64 <= FILE_MAX).then_some(bytes)
     }
 
-    /// The text of a file, line by line; as [`Machine::bytes`].
+    /// The text of a file; `None` as in [`Machine::bytes`].
     fn text(&self, name: &str) -> Option<String> {
         Some(String::from_utf8_lossy(&self.bytes(name)?).into_owned())
     }
 
-    /// What an attribute says: its first line, fit to be shown; `None`: nothing.
+    /// The first line of a file, safe to print; `None` if there is none.
     fn attribute(&self, name: &str) -> Option<String> {
         let text = self.text(name)?;
         let line = printable(text.lines().next()?.trim());
         (!line.is_empty()).then_some(line)
     }
 
-    /// The number that an attribute says.
+    /// The number in the first line of a file.
     fn number(&self, name: &str) -> Option<i64> {
         self.attribute(name)?.parse().ok()
     }
 
-    /// The hexadecimal number that an attribute says.
+    /// The hexadecimal number in the first line of a file.
     fn hexadecimal(&self, name: &str) -> Option<u16> {
         u16::from_str_radix(&self.attribute(name)?, 16).ok()
     }
@@ -112,13 +111,13 @@ impl Machine {
         names
     }
 
-    /// The name that a link leads to: `usbhid` of `../../bus/usb/drivers/usbhid`.
+    /// The file name of a symbolic link's target: `usbhid` for `../../bus/usb/drivers/usbhid`.
     fn link_name(&self, name: &str) -> Option<String> {
         let target = fs::read_link(self.file(name)).ok()?;
         Some(printable(target.file_name()?.to_str()?))
     }
 
-    /// A shared library by its name, where libraries usually are: also in folders of a machine's kind.
+    /// The path of a shared library in the usual folders, including those of an architecture such as `x86_64-linux-gnu`.
     fn library(&self, name: &str) -> Option<String> {
         const FOLDERS: [&str; 5] = ["/usr/local/lib", "/usr/lib", "/lib", "/usr/lib64", "/lib64"];
         let kinds = |folder: &str| {
@@ -129,7 +128,7 @@ impl Machine {
         folders.map(|folder| format!("{folder}/{name}")).find(|file| self.has(file))
     }
 
-    /// Where a link leads to, as it stands there.
+    /// The target of a symbolic link, unresolved.
     fn link(&self, file: &Path) -> Option<String> {
         fs::read_link(file).ok()?.into_os_string().into_string().ok()
     }

@@ -1,57 +1,57 @@
-//! SPI devices that a program may use: spidev.
+//! SPI devices for programs: those of the kernel's driver spidev.
 
 use super::{Access, Machine};
 
-/// The SPI devices.
+/// The folder of all spidev devices.
 const CLASS: &str = "/sys/class/spidev";
-/// The kernel's module.
+/// The folder of the kernel module spidev.
 const MODULE: &str = "/sys/module/spidev";
 
-/// Bytes of the longest frame: one exchange moves it whole (SK-10).
+/// The length of the longest frame in bytes, which one exchange has to transfer (SK-10).
 pub const FRAME_LEN: i64 = 512;
 
-/// An SPI device.
+/// A spidev device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiDevice {
-    /// `/dev/spidev0.0`.
+    /// The device file, such as `/dev/spidev0.0`.
     pub file: String,
     /// Whether this user may open it.
     pub access: Access,
 }
 
 impl SpiDevice {
-    /// The link that opens it.
+    /// The URI of the link that opens this device.
     pub fn link(&self) -> String {
         format!("spi:{}", self.file)
     }
 }
 
-/// The longest exchange that the kernel's module allows.
+/// The parameter `bufsiz` of spidev: the longest exchange that it allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bufsiz {
-    /// Bytes.
+    /// The length in bytes.
     pub bytes: i64,
-    /// The module is a part of the kernel, and takes its parameters from the kernel's command line.
+    /// Whether spidev is built into the kernel, so that the parameter has to be set on the kernel's command line.
     pub is_built_in: bool,
 }
 
 impl Machine {
-    /// All SPI devices.
+    /// All spidev devices.
     pub fn spi_devices(&self) -> Vec<SpiDevice> {
         let names = self.names(CLASS).into_iter().filter(|name| is_device(name));
         let files = names.map(|name| format!("/dev/{name}"));
         files.map(|file| SpiDevice { access: self.access(&file), file }).collect()
     }
 
-    /// `None`: there is no such module, or it does not say.
+    /// The longest exchange that spidev allows; `None` if it is not loaded.
     pub fn bufsiz(&self) -> Option<Bufsiz> {
         let bytes = self.number(&format!("{MODULE}/parameters/bufsiz"))?;
-        // Modules alone have a state of their loading.
+        // Only a loadable module has the attribute `initstate`.
         Some(Bufsiz { bytes, is_built_in: !self.has(&format!("{MODULE}/initstate")) })
     }
 }
 
-/// `spidev0.0`.
+/// Whether a name is that of a device, such as `spidev0.0`.
 fn is_device(name: &str) -> bool {
     let numbers = name.strip_prefix("spidev").and_then(|rest| rest.split_once('.'));
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());

@@ -1,18 +1,18 @@
-//! The rule that lets users open a board: ours, and whether there is one.
+//! The udev rule that lets users open a board: the one that this project ships, and whether one is installed.
 
 use super::Machine;
 
-/// The rule, as it is shipped: `share/udev/60-ecmsk.rules`.
+/// The rule that this project ships, `share/udev/60-ecmsk.rules`.
 pub const RULE: &str = include_str!("../../../share/udev/60-ecmsk.rules");
-/// Where it goes. Before 73-seat-late.rules, which acts on the tag uaccess.
+/// The file where the rule is installed. Its number has to be below that of 73-seat-late.rules, which acts on the tag uaccess.
 pub const PLACE: &str = "/etc/udev/rules.d/60-ecmsk.rules";
-/// What makes udev use it, for devices that are there already, too.
+/// The commands that make udev apply new rules, also to devices that are connected already.
 pub const RELOAD: [&str; 2] = [
     "udevadm control --reload",
     "udevadm trigger --subsystem-match=usb --subsystem-match=hidraw --subsystem-match=spidev --subsystem-match=gpio",
 ];
 
-/// Where udev looks for rules (udev(7)).
+/// The folders that udev reads rules from (udev(7)).
 const FOLDERS: [&str; 5] = [
     "/etc/udev/rules.d",
     "/run/udev/rules.d",
@@ -21,21 +21,21 @@ const FOLDERS: [&str; 5] = [
     "/lib/udev/rules.d",
 ];
 
-/// A rule for the board's ids.
+/// The installed rule for the board's ids, with its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rule {
-    /// There is none.
+    /// No rule is installed.
     None,
-    /// Ours, as this version ships it.
+    /// The rule that this version ships.
     Ours(String),
-    /// That of another version, or one that was changed.
+    /// The rule of another version of this project, or a changed one.
     OtherVersion(String),
-    /// Somebody's own.
+    /// A rule that somebody else wrote.
     Other(String),
 }
 
 impl Machine {
-    /// The rule that there is for the board's ids, with its file.
+    /// Searches the installed rules for one with the board's ids.
     pub fn udev_rule(&self) -> Rule {
         let mut other = None;
         for folder in FOLDERS {
@@ -53,13 +53,13 @@ impl Machine {
     }
 }
 
-/// Whether a line that is no comment has both ids.
+/// Whether a line of the file contains both ids and is no comment.
 fn is_for_the_board(text: &str) -> bool {
     let rules = text.lines().map(str::trim_start).filter(|line| !line.starts_with('#'));
     rules.map(str::to_ascii_lowercase).any(|line| line.contains("16c0") && line.contains("05df"))
 }
 
-/// What a user types who may not write the rule: it is written, and used at once.
+/// The shell commands that install and apply the rule, for a user who is not root.
 pub fn by_hand() -> String {
     let reload: Vec<String> = RELOAD.iter().map(|line| format!("sudo {line}\n")).collect();
     format!("sudo tee {PLACE} >/dev/null <<'END'\n{RULE}END\n{}", reload.concat())

@@ -1,5 +1,5 @@
-//! Devices on USB that may be a board: by sysfs, so that they are seen by users who may not open them, and in builds
-//! without libusb. What counts as a board is what the link `usb:` takes for one (WIRE-17).
+//! Devices on USB that may be a board, read from sysfs, so that they are also seen by users who may not open them and in builds
+//! without libusb. The same devices count as boards as for the link `usb:` (WIRE-17).
 
 mod descriptors;
 
@@ -9,70 +9,70 @@ use super::Machine;
 pub use crate::io::descriptors::{NotTheBoard, ReportInterface};
 use crate::sk::BOARD_IDS;
 
-/// The devices that the kernel knows.
+/// The folder of all USB devices.
 const DEVICES: &str = "/sys/bus/usb/devices";
-/// What the kernel says of a device at high speed, Mbit/s.
+/// The attribute `speed` of a device at high speed, in Mbit/s.
 const HIGH_SPEED: &str = "480";
-/// Bit of a configuration's attributes: it has power of its own (USB 2.0 table 9-10).
+/// The bit of a configuration's bmAttributes for self-powered devices (USB 2.0 table 9-10).
 const SELF_POWERED: u16 = 0x40;
 
-/// A device with the board's ids.
+/// A device with the board's vendor and product id.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UsbDevice {
-    /// Bus and ports, as Linux names it: `1-2.3`.
+    /// Bus and ports as Linux names them, such as `1-2.3`.
     pub path: String,
-    /// Its name.
+    /// The product name.
     pub name: Option<String>,
-    /// Its serial number.
+    /// The serial number.
     pub serial: Option<String>,
-    /// Its maker.
+    /// The manufacturer.
     pub manufacturer: Option<String>,
-    /// Where its reports move, or why it is another device.
+    /// The interface of its reports, or why it cannot be a board.
     pub shape: Result<ReportInterface, NotTheBoard>,
-    /// The file that is opened to talk to it: `/dev/bus/usb/001/004`; `None`: the kernel does not say.
+    /// The device file that libusb opens, such as `/dev/bus/usb/001/004`; `None` if the kernel does not tell it.
     pub node: Option<String>,
-    /// Its speed in Mbit/s, as the kernel says it: `480` is high speed.
+    /// The speed in Mbit/s; `480` is high speed.
     pub speed: Option<String>,
-    /// Whether the kernel has given it a configuration: without one it does nothing.
+    /// Whether the kernel has chosen a configuration, without which a device cannot be used.
     pub configured: bool,
-    /// Whether the machine's rules let it be used at all (`authorized`).
+    /// Whether the kernel allows the device to be used (`authorized`).
     pub authorized: bool,
-    /// The most current that it takes, as it says: `100mA`.
+    /// The most current that the device asks for, such as `100mA`.
     pub max_power: Option<String>,
-    /// Drivers that have it, or its interfaces.
+    /// The drivers of the device and of its interfaces.
     pub drivers: Vec<Driver>,
-    /// The kernel's own files for its reports: `/dev/hidraw0`.
+    /// The hidraw files of the device, such as `/dev/hidraw0`.
     pub hidraw: Vec<String>,
-    /// When the kernel puts it to sleep.
+    /// Whether the kernel suspends the device.
     pub autosuspend: Autosuspend,
-    /// The hub it is behind; `None`: it is in a port of the machine itself.
+    /// The hub that the device is connected to; `None` for a port of the machine itself.
     pub hub: Option<Hub>,
-    /// How often its port took too much current.
+    /// How often its port had an over-current.
     pub over_current: u64,
 }
 
-/// A driver and what it has.
+/// A driver of a device or of one of its interfaces.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Driver {
-    /// The interface: `1-2.3:1.0`; or the whole device: `1-2.3`.
+    /// The interface, such as `1-2.3:1.0`, or the device, such as `1-2.3`.
     pub interface: String,
-    /// The driver: `usbhid`; `usbfs` is a program that uses libusb.
+    /// The name of the driver, such as `usbhid`. `usbfs` stands for a program that uses libusb.
     pub name: String,
 }
 
-/// What the kernel does with a device that nobody uses.
+/// Whether the kernel suspends a device that no program uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Autosuspend {
-    /// `power/control`: `on` never sleeps, `auto` may.
+    /// `power/control`: `on` for never, `auto` for after the delay.
     pub control: Option<String>,
-    /// After so many milliseconds; below 0 never.
+    /// The delay in milliseconds; never if it is negative.
     pub delay_ms: Option<i64>,
-    /// `power/runtime_status`: `active`, `suspended` ..
+    /// `power/runtime_status`, such as `active` or `suspended`.
     pub status: Option<String>,
 }
 
 impl Autosuspend {
-    /// Whether it may be put to sleep.
+    /// Whether the kernel may suspend the device.
     pub fn may_sleep(&self) -> bool {
         self.control.as_deref() == Some("auto") && self.delay_ms.is_none_or(|delay| delay >= 0)
     }
@@ -81,29 +81,29 @@ impl Autosuspend {
 /// A hub.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hub {
-    /// Bus and ports.
+    /// Bus and ports, such as `1-2`.
     pub path: String,
-    /// Whether it has power of its own; `None`: it does not say.
+    /// Whether it has its own power supply; `None` if its descriptors cannot be read.
     pub self_powered: Option<bool>,
 }
 
 impl UsbDevice {
-    /// The link that opens it.
+    /// The URI of the link that opens this device.
     pub fn link(&self) -> String {
         format!("usb:?path={}", self.path)
     }
 
-    /// Whether it runs at high speed.
+    /// Whether the device runs at high speed, 480 Mbit/s.
     pub fn is_high_speed(&self) -> bool {
         self.speed.as_deref() == Some(HIGH_SPEED)
     }
 
-    /// The files by which programs have it.
+    /// The device files by which programs may have opened it.
     pub fn files(&self) -> Vec<String> {
         self.node.iter().chain(&self.hidraw).cloned().collect()
     }
 
-    /// Name and serial number: `ECM-SK, serial 7`.
+    /// Name and serial number, such as `ECM-SK, serial 7`; `None` if it has neither.
     pub fn shown(&self) -> Option<String> {
         match (&self.name, &self.serial) {
             (Some(name), Some(serial)) => Some(format!("{name}, serial {serial}")),
@@ -115,12 +115,12 @@ impl UsbDevice {
 }
 
 impl Machine {
-    /// Whether the kernel has USB at all.
+    /// Whether the kernel supports USB.
     pub fn has_usb(&self) -> bool {
         self.has(DEVICES)
     }
 
-    /// All devices with the board's ids, sorted by their paths as `usb:` sorts them.
+    /// All devices with the board's ids, sorted by their paths as the link `usb:` sorts them.
     pub fn usb_devices(&self) -> Vec<UsbDevice> {
         let names = self.names(DEVICES);
         let devices = names.iter().filter(|name| is_device(name) && self.has_ids(name));
@@ -173,12 +173,12 @@ impl Machine {
     }
 
     fn driver(&self, interface: &str) -> Option<Driver> {
-        // A device as a whole has the driver `usb` unless something took it away.
+        // A whole device usually has the driver `usb`, which does not count.
         let name = self.link_name(&format!("{DEVICES}/{interface}/driver")).filter(|name| name != "usb")?;
         Some(Driver { interface: interface.to_owned(), name })
     }
 
-    /// The HID device of an interface has a folder of its own there, and that one a folder `hidraw`.
+    /// The hidraw files of an interface. Its folder contains one for the HID device, and that one a folder `hidraw`.
     fn hidraw(&self, interface: &str) -> Vec<String> {
         let folders = self.names(&format!("{DEVICES}/{interface}"));
         let devices = folders.iter().flat_map(|hid| self.names(&format!("{DEVICES}/{interface}/{hid}/hidraw")));
@@ -197,7 +197,7 @@ fn is_interface(name: &str, path: &str) -> bool {
     name.strip_prefix(path).is_some_and(|rest| rest.starts_with(':'))
 }
 
-/// The hub that a path leads through last.
+/// The path of the hub that the device at `path` is connected to.
 fn hub_of(path: &str) -> Option<&str> {
     path.rsplit_once('.').map(|(hub, _)| hub)
 }

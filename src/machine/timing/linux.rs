@@ -1,4 +1,4 @@
-//! Linux's clock and sleeps.
+//! Clock and sleeps of Linux.
 
 use std::num::NonZeroU64;
 use std::time::Duration;
@@ -6,15 +6,15 @@ use std::time::Duration;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_getres, clock_gettime};
 
-/// \[OURS] Timers that are coarser are no high-resolution timers: those of a kernel's tick begin at 1 ms.
+/// \[OURS] The coarsest resolution of high-resolution timers. Without those it is a tick of the kernel, 1 ms or more.
 pub const COARSE: Duration = Duration::from_micros(100);
-/// What to do about timers that are coarse.
+/// What to do about coarser timers.
 pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)";
 
-/// How late this thread was each time.
+/// Sleeps `times` times; how late this thread was woken each time.
 pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     let now = || duration(clock_gettime(rustix::time::ClockId::Monotonic));
-    // As the runner's thread: an ordinary one may sleep 50 us longer than it asked for.
+    // Like the runner's thread. With the default timer slack Linux may let a thread sleep 50 us longer.
     let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
     let mut late = Vec::with_capacity(times);
     for _ in 0..times {
@@ -29,7 +29,7 @@ pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     late
 }
 
-/// How fine the timers of this machine are; without high-resolution timers it is a tick of the kernel, 1 to 10 ms.
+/// The resolution of this machine's timers; without high-resolution timers a tick of the kernel, 1 to 10 ms.
 pub fn timer_resolution() -> Duration {
     duration(clock_getres(rustix::time::ClockId::Monotonic))
 }

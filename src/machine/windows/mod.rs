@@ -1,4 +1,4 @@
-//! A machine with Windows, as its HID driver tells it: nothing is to be installed, and no right is needed.
+//! A machine with Windows, by what its HID driver tells. Nothing has to be installed, and no special rights are needed.
 
 use super::findings::{Finding, State, timer};
 use super::printable;
@@ -8,7 +8,7 @@ use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::sk::BOARD_IDS;
 
-/// What is looked at.
+// Names of checks.
 const USB: &str = "usb";
 const BOARD: &str = "usb-board";
 
@@ -16,34 +16,34 @@ const BOARD: &str = "usb-board";
 #[derive(Clone, Copy, Debug)]
 pub struct Machine;
 
-/// A device with the board's ids.
+/// A device with the board's vendor and product id.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Board {
-    /// Windows' name of its instance, as `path=` takes it.
+    /// The name of its instance in Windows, as the key `path=` of a link takes it.
     pub path: String,
-    /// Its name, fit to be shown.
+    /// The product name, safe to print.
     pub name: Option<String>,
-    /// Its serial number, fit to be shown.
+    /// The serial number, safe to print.
     pub serial: Option<String>,
-    /// Why it is another device with the same ids.
+    /// Why it cannot be a board; `None` if it is one.
     pub not_one: Option<NotTheBoard>,
-    /// Why Windows does not open it.
+    /// Why Windows does not open it; `None` if it does.
     pub refused: Option<UsbError>,
 }
 
 impl Board {
-    /// The link that opens it.
+    /// The URI of the link that opens this device.
     pub fn link(&self) -> String {
         format!("usb:?path={}", self.path)
     }
 
-    /// Its name and serial number: `ECM-SK, serial 7`.
+    /// Name and serial number, such as `ECM-SK, serial 7`.
     pub fn shown(&self) -> String {
         let name = self.name.as_deref().unwrap_or("a board without a name");
         self.serial.as_ref().map_or_else(|| name.to_owned(), |serial| format!("{name}, serial {serial}"))
     }
 
-    /// What keeps it from being opened; who has it Windows tells nobody.
+    /// Why the device cannot be opened, and what to do; `None` if it can. Windows does not tell which program uses it.
     pub fn obstacle(&self) -> Option<Finding> {
         let (found, next) = match self.refused? {
             UsbError::Busy => (
@@ -67,10 +67,10 @@ impl Machine {
         Self
     }
 
-    /// All devices with the board's ids. Each is opened as a link would open it, and closed; nothing is sent.
+    /// All devices with the board's ids. Each is opened as a link opens it and closed again; nothing is sent.
     ///
     /// # Errors
-    /// Why there is no telling; the text ends with the next step.
+    /// Why the devices cannot be listed, as a text that ends with the next step.
     pub fn boards(&self) -> Result<Vec<Board>, String> {
         let bus = Bus::open().map_err(|error| error.to_string())?;
         let (vendor, product) = BOARD_IDS;
@@ -92,8 +92,8 @@ impl Machine {
             .collect())
     }
 
-    /// All that can be told without waiting. What is missing for the link that is `wanted` is wrong; for another one it
-    /// is just said.
+    /// The results of all checks that need no waiting. What is missing for the link `wanted` is wrong; what is missing for other
+    /// links is only mentioned.
     pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let mut all = self.usb_findings(wanted.is_some_and(|link| link.scheme() == Scheme::Usb));
         if wanted.is_some_and(|link| link.scheme() == Scheme::Spi) {

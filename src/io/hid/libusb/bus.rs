@@ -52,7 +52,8 @@ impl Bus {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` receives the new context. libusb starts a thread of its own here, which must receive no signals of the
         // program either.
-        let code = threads::quietly(|| unsafe { (api.init)(&raw mut raw) }).map_err(|_| UsbError::NotSupported)?;
+        let code = threads::with_signals_blocked(|| unsafe { (api.init)(&raw mut raw) })
+            .map_err(|_| UsbError::NotSupported)?;
         UsbError::check(code)?;
         Ok(Arc::new(Self { api, raw: NonNull::new(raw).ok_or(UsbError::NoMemory)? }))
     }

@@ -1,9 +1,9 @@
-//! How well the machine keeps cycles: rights of real time, processors.
+//! Judges whether the machine can keep cycles: limits for real time, frequency governors.
 
 use super::{Finding, Machine};
 use crate::machine::limits::Limit;
 
-/// \[OURS] Where limits for users go.
+/// \[OURS] The file that users are advised to write their limits to.
 const LIMITS: &str = "/etc/security/limits.d/90-ecmsk.conf";
 
 impl Machine {

@@ -1,4 +1,4 @@
-//! What is right or wrong with a machine with Linux.
+//! Judges a machine with Linux.
 
 mod host;
 mod spi;
@@ -10,8 +10,8 @@ use crate::machine::findings::{Finding, timer};
 use crate::machine::timing::timer_resolution;
 
 impl Machine {
-    /// All that can be told without waiting. What is missing for the link that is `wanted` is wrong; for another one it
-    /// is just said.
+    /// The results of all checks that need no waiting. What is missing for the link `wanted` is wrong; what is missing for other
+    /// links is only mentioned.
     pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let mut all = self.usb_findings(wanted);
         all.extend(self.spi_findings(wanted));

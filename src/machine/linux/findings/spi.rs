@@ -1,4 +1,4 @@
-//! What a board on SPI needs: a device, exchanges long enough, lines.
+//! Judges what a board on SPI needs: a spidev device, exchanges that are long enough, GPIO lines.
 
 use super::{Finding, Machine};
 use crate::link::keys::Scheme;
@@ -7,7 +7,7 @@ use crate::machine::Access;
 use crate::machine::gpio::GpioChip;
 use crate::machine::spi::{Bufsiz, FRAME_LEN, SpiDevice};
 
-/// Where a driver's module gets its parameters.
+/// The file that users are advised to write spidev's parameter to.
 const PARAMETERS: &str = "/etc/modprobe.d/ecmsk.conf";
 
 impl Machine {
@@ -26,7 +26,7 @@ impl Machine {
             None if devices.is_empty() => all.push(Finding::fine("spi", "no SPI device for programs (spidev)")),
             _ => {}
         }
-        // Of others than the link's nobody knows whether they are used.
+        // Whether other devices than the link's are meant for a board is not known.
         let matters = |device: &SpiDevice| file.as_ref() == Some(&device.file);
         all.extend(devices.iter().map(|device| spi_permission(device, matters(device))));
         if wanted || !devices.is_empty() {
@@ -36,7 +36,7 @@ impl Machine {
         all
     }
 
-    /// What keeps the SPI device from being opened, and what to do.
+    /// Why the SPI device cannot be opened, and what to do; `None` if it can.
     pub fn spi_obstacle(&self, device: &SpiDevice) -> Option<Finding> {
         [spi_permission(device, true), self.bufsiz_finding(true)].into_iter().find(|finding| finding.blocks)
     }
@@ -59,7 +59,7 @@ fn spi_permission(device: &SpiDevice, matters: bool) -> Finding {
     finding.of(&device.file)
 }
 
-/// What gives users SPI and its lines.
+/// How users get access to SPI and GPIO.
 const GROUPS: &str = "sudo ecmsk doctor --write-udev-rule; then sudo usermod -aG spi,gpio $USER (a group that does not exist: \
                       sudo groupadd -r spi), and log in again";
 

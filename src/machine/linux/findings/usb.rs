@@ -1,4 +1,4 @@
-//! Boards on USB: from what keeps one from being opened to what makes it slow.
+//! Judges boards on USB: why one cannot be opened, and what makes it slow.
 
 use super::{Finding, Machine};
 use crate::link::keys::Scheme;
@@ -8,13 +8,13 @@ use crate::machine::holders::Holders;
 use crate::machine::udev::{RELOAD, Rule};
 use crate::machine::usb::UsbDevice;
 
-/// The library by the name that programs ask for.
+/// The file name of the library that the link `usb:` loads.
 const LIBUSB: &str = "libusb-1.0.so.0";
-/// The driver of the kernel for HID devices.
+/// The kernel's driver for HID devices.
 const HID: &str = "usbhid";
-/// The driver that stands for a program that uses libusb.
+/// The driver name that stands for a program that uses libusb.
 const PROGRAM: &str = "usbfs";
-/// The driver that gives a device away to another machine.
+/// The driver that exports a device to another machine.
 const EXPORTED: &str = "usbip-host";
 
 impl Machine {
@@ -34,7 +34,7 @@ impl Machine {
         all
     }
 
-    /// Of one board; those that keep it from being opened come first.
+    /// The results of all checks of one board. Reasons why it cannot be opened come first.
     pub fn board_findings(&self, board: &UsbDevice, holders: &Holders, rule: &Rule) -> Vec<Finding> {
         let all = [
             configured(board),
@@ -94,7 +94,7 @@ impl Machine {
         }
     }
 
-    /// The system's library, by which the link `usb:` reaches boards.
+    /// Whether libusb is installed, which the link `usb:` needs.
     fn libusb(&self, wanted: bool) -> Finding {
         const CHECK: &str = "libusb";
         match self.library(LIBUSB) {
@@ -127,7 +127,7 @@ impl Machine {
     }
 }
 
-/// What lets a user open a board.
+/// What to do so that a user may open a board.
 fn allow(rule: &Rule) -> String {
     match rule {
         Rule::None => "sudo ecmsk doctor --write-udev-rule".to_owned(),

@@ -1,22 +1,22 @@
-//! The descriptors of a USB device, as the kernel keeps them and as libusb reads them, too: the file `descriptors` of the
-//! device in sysfs. USB 2.0 9.6; numbers are little endian.
+//! The descriptors of a USB device, from the file `descriptors` in its folder in sysfs, which libusb reads as well. Format:
+//! USB 2.0 chapter 9.6; numbers are little endian.
 
 use super::{NotTheBoard, ReportInterface};
 use crate::io::descriptors::{HID, TO_HOST, carries_reports};
 
-/// Kinds of descriptors, USB 2.0 table 9-5.
+// bDescriptorType, USB 2.0 table 9-5.
 const DEVICE: u8 = 1;
 const CONFIGURATION: u8 = 2;
 const INTERFACE: u8 = 4;
 const ENDPOINT: u8 = 5;
 
-/// Bytes of a device descriptor.
+/// The length of a device descriptor in bytes.
 const DEVICE_LEN: usize = 18;
 
-/// Where a board's reports move: in the configuration of that number, without one in the first.
+/// Finds the interface of a board's reports in the configuration with this number, or in the first one if it is `None`.
 ///
 /// # Errors
-/// Why it is no board.
+/// Why the device cannot be a board.
 pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface, NotTheBoard> {
     let mut rest = bytes.split_at_checked(DEVICE_LEN).ok_or(NotTheBoard::Descriptors).and_then(|(device, rest)| {
         let is_device = usize::from(device[0]) == DEVICE_LEN && device[1] == DEVICE;
@@ -26,7 +26,7 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface,
     let mut setting = None;
     let mut why = NotTheBoard::NoHid;
     while let [len, kind, ..] = *rest {
-        // A length of 0 or 1 would never end, one beyond the end is a lie.
+        // A length of 0 or 1 would make this loop endless, and one beyond the end of the file is wrong.
         let len = usize::from(len);
         let (descriptor, after) = rest.split_at_checked(len).filter(|_| len >= 2).ok_or(NotTheBoard::Descriptors)?;
         rest = after;
@@ -56,23 +56,21 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface,
                 }
             }
             (CONFIGURATION | INTERFACE | ENDPOINT, _) => return Err(NotTheBoard::Descriptors),
-            // What belongs to a class.
+            // Descriptors of a class, such as HID.
             _ => {}
         }
     }
     if wanted == Selection::Inside && rest.len() != 1 { Err(why) } else { Err(NotTheBoard::Descriptors) }
 }
 
-/// Where the walk is.
+/// Whether the descriptors being read belong to the wanted configuration.
 #[derive(PartialEq)]
 enum Selection {
-    /// Before the wanted configuration.
     Before,
-    /// Inside.
     Inside,
 }
 
-/// A setting of a HID interface.
+/// A HID interface in one of its settings, and its endpoints so far.
 struct Setting {
     interface: u8,
     input: Option<u8>,
@@ -82,7 +80,7 @@ struct Setting {
 impl Setting {
     fn take(&mut self, address: u8) {
         let end = if address & TO_HOST == 0 { &mut self.output } else { &mut self.input };
-        // The first one counts.
+        // The first endpoint of each direction counts.
         end.get_or_insert(address);
     }
 

@@ -87,6 +87,16 @@ impl Axis {
         }
     }
 
+    /// Whether SV_ON is under way, or waits for the end of an SV_OFF.
+    pub(super) const fn is_rising(&self) -> bool {
+        matches!(self.asked.power, Power::Rising | Power::Turning)
+    }
+
+    /// Whether it follows targets now.
+    pub(super) fn follows(&self) -> bool {
+        self.enabled && self.asked.power == Power::Up
+    }
+
     /// Whether the drive is in Operation enabled by SV_ON, in whatever mode.
     pub(super) fn is_up(&self) -> bool {
         self.asked.power == Power::Up
@@ -119,7 +129,7 @@ impl Axis {
 
     /// Takes a target if the axis follows targets now; false: it is not in Operation enabled by the board's own SV_ON.
     pub(super) fn aim(&mut self, target: i32) -> bool {
-        let follows = self.enabled && self.asked.power == Power::Up;
+        let follows = self.follows();
         if follows {
             self.asked.out.target = target;
         }

@@ -177,7 +177,7 @@ impl Board {
         self.forget_partial();
         self.drop_late(at);
         self.now = at;
-        self.next_cycle = at + self.engine.period_ns();
+        self.next_cycle = self.engine.next_cycle(at);
         self.cycles += 1;
         if self.engine.counters().reports > reports || !self.engine.talks() {
             self.last_report = at;

@@ -138,6 +138,8 @@ pub struct Counters {
     pub idle_cycles: u64,
     /// SDO requests that repeat the one under way, as programs send them that poll: they are one with it, and nothing is lost.
     pub sdo_repeated: u64,
+    /// Cycles whose answers a bus that takes outputs ahead has lost: they made no report.
+    pub answers_lost: u64,
     /// SDO transfers of the host that the slave has refused with an abort code, or that nobody answered in time.
     pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
@@ -182,6 +184,32 @@ pub enum Event {
     },
     /// A slave in SafeOP or OP does not answer any more (SK-4).
     SlaveLost {
+        /// When, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+    },
+    /// Fewer slaves answered a cycle in OP than should, and the bus does not name those that did not. Told once, until a
+    /// cycle is whole again.
+    WorkingCounter {
+        /// When, in board time.
+        at: Ns,
+        /// The working counter.
+        counted: u16,
+        /// What it is when every slave answers.
+        expected: u16,
+    },
+    /// A bus that takes outputs ahead has lost answers, because they were not polled in time; the slots showed none of
+    /// them.
+    AnswersLost {
+        /// When, in board time.
+        at: Ns,
+        /// Cycles in a row.
+        cycles: u32,
+    },
+    /// A slave has left OP because the bus configured others; it comes back with them, with its motors and outputs off
+    /// (SK-4 \[OURS]).
+    SlaveDisturbed {
         /// When, in board time.
         at: Ns,
         /// Slave, from 1.
@@ -301,6 +329,24 @@ impl fmt::Display for Event {
                 f,
                 "slave {slave} is in a lower state than the others since a change that failed, seen at {} us: send SET_STATE \
                  to bring it back",
+                at / 1000
+            ),
+            Self::WorkingCounter { at, counted, expected } => write!(
+                f,
+                "working counter {counted} instead of {expected} at {} us: not every slave answers; look at the cable and at \
+                 the slaves' power",
+                at / 1000
+            ),
+            Self::AnswersLost { at, cycles } => write!(
+                f,
+                "the answers of {cycles} cycles before {} us are lost: this machine did not look in time; outputs were sent \
+                 all the same",
+                at / 1000
+            ),
+            Self::SlaveDisturbed { at, slave } => write!(
+                f,
+                "slave {slave} left OP at {} us because the bus configured others: its motors and outputs are off until they \
+                 are switched on again",
                 at / 1000
             ),
             Self::SlaveLost { at, slave } => write!(

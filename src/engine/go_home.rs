@@ -121,7 +121,6 @@ impl Engine {
     /// What the answer of a cycle means for homing.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
         let (heard, period_ns) = (self.heard, self.period_ns());
-        self.heard = done.outputs.or(self.heard);
         if self.v.homers.is_empty() {
             return;
         }

@@ -6,7 +6,8 @@ use super::{Axis, Engine, Event, Head, StateFailure};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
-    AlState, AxisOut, BusConfig, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role, SlaveConfig, SlaveSet,
+    AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role,
+    SlaveConfig, SlaveSet,
 };
 use crate::sk::{DriveSync, MasterState, SlaveKind};
 
@@ -102,7 +103,7 @@ impl Engine {
                 self.fail_state(why, now);
                 continue;
             }
-            if !self.may_begin(step, bus) {
+            if !self.may_begin(step) {
                 return;
             }
             self.v.network.begin(step);
@@ -271,13 +272,16 @@ impl Engine {
                 self.v.network.scanned(found.min(self.config.slot.max_slaves() as u8));
                 self.v.failure = (found == 0).then_some(StateFailure::NoSlave);
             }
-            (Step::Configure | Step::Reconfigure, JobDone::Configure(Ok(second_axes))) => {
+            (Step::Configure | Step::Reconfigure, JobDone::Configure(Ok(Configured { second_axes, disturbed }))) => {
                 let others = match step {
                     Step::Reconfigure => self.v.second_axes.difference(self.v.network.returning()),
                     _ => SlaveSet::EMPTY,
                 };
                 self.set_second_axes(others.union(second_axes));
                 self.step_done(step, now);
+                if step == Step::Reconfigure {
+                    self.note_disturbed(disturbed, now);
+                }
             }
             (_, JobDone::State(Ok(()))) => self.step_done(step, now),
             (
@@ -325,6 +329,10 @@ impl Engine {
             self.leave_homing_with_op(now);
             self.forget_commanded();
             self.v.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
+            if was_op && self.unknown() > 0 {
+                // What lies ahead has not been executed.
+                self.v.heads = self.shown;
+            }
             self.v.heads.iter_mut().for_each(Head::outputs_off);
             self.shown = self.v.heads;
         }
@@ -335,6 +343,7 @@ impl Engine {
         if !was_op && self.v.network.in_op() {
             // What SafeOP has shown goes into the first outputs: they hold every axis where it is.
             self.answer_axes();
+            self.begin_outputs();
         }
     }
 

@@ -7,7 +7,7 @@ use super::network::Step;
 use super::outputs::used_axes;
 use super::{Engine, Event};
 use crate::cia402::Mode;
-use crate::fieldbus::{Fieldbus, MAX_ANSWER_DELAY, MAX_SLAVES, Ns, Pacing, SlaveSet};
+use crate::fieldbus::{CycleDone, MAX_SLAVES, Ns, Pacing, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
 /// Since when answers of each slave are newer than its newest move: those that a bus had still under way then say
@@ -29,10 +29,32 @@ impl Engine {
         self.counters.for_lost += u64::from(unreached.len());
     }
 
+    /// The bus knows only now who was lost: commands that went to them meanwhile have not reached them.
+    fn count_unreached_since_loss(&mut self, news: SlaveSet) {
+        let Some(from) = self.inputs.lost_from.take() else { return };
+        let end = self.heard.map_or(0, |id| id + 1);
+        let n = self.executed.len() as u64;
+        for id in from.max(self.next_output_id.saturating_sub(n))..end {
+            let unreached = self.executed[(id % n) as usize].commanded.intersection(news);
+            self.counters.for_lost += u64::from(unreached.len());
+        }
+    }
+
+    /// Says once that slaves do not answer, while the bus does not name them.
+    pub(super) fn note_short_answers(&mut self, done: &CycleDone) {
+        let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
+        let short = counted < expected && self.inputs.lost.is_empty();
+        if short && !self.answers_short {
+            self.log.push(Event::WorkingCounter { at, counted, expected });
+        }
+        self.answers_short = short;
+    }
+
     /// Slaves that are not in the network's state although no change moves any: one that failed has left them in a lower
     /// one, while others refused it.
     fn left_behind(&self) -> SlaveSet {
-        if self.job.is_some_and(|work| matches!(work.step, Step::Move(_))) {
+        // A bus says at the end of a Configure whom it has disturbed.
+        if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::Reconfigure)) {
             return SlaveSet::EMPTY;
         }
         match self.v.network.state() {
@@ -70,6 +92,7 @@ impl Engine {
             return;
         }
         self.v.network.lose(news);
+        self.count_unreached_since_loss(news);
         for slave in news.iter() {
             self.v.failure = Some(super::StateFailure::Lost { slave });
             self.lose_slave(slave.into(), at);
@@ -83,6 +106,16 @@ impl Engine {
         {
             self.cancel_job = true;
         }
+    }
+
+    /// Slaves that have left OP because the bus configured others: they come back with those, as lost ones do.
+    pub(super) fn note_disturbed(&mut self, disturbed: SlaveSet, at: Ns) {
+        let disturbed = disturbed.intersection(self.used_slaves());
+        for slave in self.present(disturbed).iter() {
+            self.lose_slave(slave.into(), at);
+            self.log.push(Event::SlaveDisturbed { at, slave });
+        }
+        self.v.network.disturb(disturbed);
     }
 
     /// What was under way for a slave ends with its loss.
@@ -167,14 +200,13 @@ impl Engine {
 
     /// Whether a step may begin. Lost slaves go to OP only when a bus that takes outputs ahead has none left from
     /// before their loss: no motor starts and no output comes on by what was sent for another time \[OURS].
-    pub(super) fn may_begin(&mut self, step: Step, bus: &dyn Fieldbus) -> bool {
+    pub(super) fn may_begin(&mut self, step: Step) -> bool {
         if step != Step::Return(MasterState::Op) {
             return true;
         }
-        let unsent = self.next_output_id - u64::from(bus.held());
         let alone = self.present(self.used_slaves()).is_empty();
         // A bus repeats the newest ones that it has sent, unless nobody was left in OP.
-        let oldest = if alone { unsent } else { unsent.saturating_sub(1) };
+        let oldest = if alone { self.unsent_from } else { self.unsent_from.saturating_sub(1) };
         let n = self.executed.len() as u64;
         let returning = self.v.network.returning();
         let at_rest = (oldest..self.next_output_id).all(|id| {
@@ -185,8 +217,10 @@ impl Engine {
             })
         });
         // With nobody in OP a bus may send nothing, and there is nobody to take it from.
-        self.discard_ahead |= alone && !at_rest;
-        at_rest
+        if alone && !at_rest {
+            self.clear_ahead();
+        }
+        at_rest && !self.is_clearing()
     }
 
     /// A step has moved slaves.
@@ -198,7 +232,8 @@ impl Engine {
         };
         let fresh_from = match self.pacing {
             Pacing::Runner => 0,
-            Pacing::Bus { .. } => now.saturating_add((MAX_ANSWER_DELAY as Ns + 1) * self.longest_period_ns()),
+            // Its clock is not quite ours.
+            Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
         };
         who.iter().for_each(|slave| self.v.fresh_from[usize::from(slave) - 1] = fresh_from);
         if step == Step::Return(MasterState::Op) {

@@ -52,7 +52,7 @@ pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 pub use unexecuted::Unexecuted;
 
-use crate::fieldbus::{Fieldbus, Inputs, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
+use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use axis::{Axis, Driven};
 use counters::EventLog;
@@ -107,6 +107,19 @@ struct Executed {
     test: test_mode::Test,
 }
 
+impl Executed {
+    fn new() -> Self {
+        Self {
+            heads: [Head::default(); MAX_SLAVES],
+            axes: [[Driven::default(); MAX_SLAVES]; MAX_AXES],
+            homers: SlaveSet::EMPTY,
+            homing: [[AxisHoming::default(); MAX_AXES]; MAX_SLAVES],
+            commanded: SlaveSet::EMPTY,
+            test: test_mode::Test::default(),
+        }
+    }
+}
+
 /// The EC01M.
 pub struct Engine {
     config: EngineConfig,
@@ -120,27 +133,41 @@ pub struct Engine {
     transfer: Option<jobs::Transfer>,
     cancel_job: bool,
     cancel_transfer: bool,
-    discard_ahead: bool,
+    clearing: outputs::Clearing,
     outputs: Outputs,
     /// The bus has not taken them.
     outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,
+    /// All outputs before these are known to be sent; what was cleared gives its ids back.
+    unsent_from: u64,
+    /// The first outputs of this OP.
+    op_from: u64,
     /// The newest outputs that a polled cycle carried.
     heard: Option<u64>,
     /// Slaves that were homing when the frame under execution began.
     homing_before: SlaveSet,
     /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
     executed: Vec<Executed>,
-    /// FIFO entries whose outputs have not been sent yet.
+    /// How OP began, for a clear before any outputs were sent.
+    begun: Box<Executed>,
+    /// FIFO entries whose outputs are not known to be sent yet.
     ahead: VecDeque<outputs::Ahead>,
+    /// Sets of outputs not known to be sent that can be kept track of.
+    most_unknown: u64,
     /// Slaves that a command of the entries executed since the newest outputs is for.
     commanded: SlaveSet,
     /// Heads that the report shows: those of the newest outputs that were sent.
     shown: [Head; MAX_SLAVES],
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
+    /// When the bus would like the next cycle.
+    next_deadline: Option<Ns>,
+    /// Fewer slaves answered the newest cycle than should, and the bus names none that is lost.
+    answers_short: bool,
     local_inputs: u8,
+    /// The chip's outputs as the bus was told them last.
+    local_outputs_told: u8,
     muted: bool,
     boots: u64,
     counters: Counters,
@@ -150,10 +177,13 @@ pub struct Engine {
 impl Engine {
     /// A board that was just switched on, over a bus of that pacing.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // A cycle that we run is answered at once.
-        let (depth, delay) = match pacing {
+        // A cycle that we run is answered at once. Else some outputs are held, some were sent since the newest look, and
+        // some wait for their answer. A loss may be known as much later than an answer.
+        let (most_unknown, answered) = match pacing {
             Pacing::Runner => (1, 0),
-            Pacing::Bus { depth } => (usize::from(depth), MAX_ANSWER_DELAY),
+            Pacing::Bus { depth, answer_delay } => {
+                (2 * usize::from(depth) + usize::from(answer_delay), usize::from(answer_delay))
+            }
         };
         Self {
             config,
@@ -165,29 +195,26 @@ impl Engine {
             transfer: None,
             cancel_job: false,
             cancel_transfer: false,
-            discard_ahead: false,
+            clearing: outputs::Clearing::No,
             outputs: Outputs::default(),
             outputs_left: false,
             inputs: Inputs::default(),
             next_output_id: 0,
+            unsent_from: 0,
+            op_from: 0,
             heard: None,
             homing_before: SlaveSet::EMPTY,
-            executed: vec![
-                Executed {
-                    heads: [Head::default(); MAX_SLAVES],
-                    axes: [[Driven::default(); MAX_SLAVES]; MAX_AXES],
-                    homers: SlaveSet::EMPTY,
-                    homing: [[AxisHoming::default(); MAX_AXES]; MAX_SLAVES],
-                    commanded: SlaveSet::EMPTY,
-                    test: test_mode::Test::default(),
-                };
-                depth + delay + 1
-            ],
-            ahead: VecDeque::with_capacity(depth + 1),
+            executed: vec![Executed::new(); most_unknown + answered + 1],
+            begun: Box::new(Executed::new()),
+            ahead: VecDeque::with_capacity(most_unknown + 1),
+            most_unknown: most_unknown as u64,
             commanded: SlaveSet::EMPTY,
             shown: [Head::default(); MAX_SLAVES],
             last_passed: 0,
+            next_deadline: None,
+            answers_short: false,
             local_inputs: 0,
+            local_outputs_told: 0,
             muted: false,
             boots: 1,
             counters: Counters::default(),
@@ -333,15 +360,16 @@ impl Engine {
         self.counters.incomplete += 1;
     }
 
-    /// Runs one cycle at `now`: the bus's jobs, one FIFO entry, process data, and the report, which goes to `report`
-    /// with the time it belongs to. Says whether a cycle of the bus passed at all: with the cable cut before the first
+    /// Runs one cycle at `now`: the bus's jobs, FIFO entries, process data, and the report, which goes to `report` with
+    /// the time it belongs to. Says whether a cycle of the bus passed at all: with the cable cut before the first
     /// slave none does. In OP there is no report then; before OP the board makes its reports by its own cycle, whatever
     /// the bus does (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
-        self.run_jobs(now, bus);
-        if std::mem::take(&mut self.discard_ahead) {
-            self.withdraw_ahead(bus, now);
+        if let Some(bits) = bus.local_inputs() {
+            self.set_local_inputs(bits);
         }
+        self.run_jobs(now, bus);
+        self.run_clear(now, bus);
         if self.config.test {
             self.run_test(now);
         }
@@ -351,8 +379,9 @@ impl Engine {
         let (in_op, mut passed) = (self.v.network.in_op(), false);
         while let Some(done) = bus.poll(now, &mut self.inputs) {
             passed = true;
-            self.note_sent(bus.held(), done.at);
+            self.note_sent(&done);
             self.last_passed = done.at;
+            self.next_deadline = done.next_deadline;
             self.complete(&done);
             if in_op {
                 self.give_report(done.at, report);
@@ -371,7 +400,20 @@ impl Engine {
             }
             self.give_report(now, report);
         }
+        if self.v.local_outputs != self.local_outputs_told {
+            self.local_outputs_told = self.v.local_outputs;
+            bus.set_local_outputs(self.v.local_outputs);
+        }
         passed
+    }
+
+    /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, half a period
+    /// sooner or later at most \[OURS].
+    pub(super) fn next_cycle(&mut self, now: Ns) -> Ns {
+        let period = self.period_ns();
+        let planned = now + period;
+        let asked = self.next_deadline.take().unwrap_or(planned);
+        asked.clamp(planned - period / 2, planned + period / 2)
     }
 
     fn give_report(&mut self, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
@@ -382,11 +424,11 @@ impl Engine {
     }
 
     /// Time without a cycle of the bus that is no silence. A bus that owns its cycle passes none in some of ours: by its
-    /// phase, by jitter, and when the cycle changes \[OURS: two of its longest cycles].
+    /// phase, by jitter, and when the cycle changes \[OURS: two of its longest cycles], and answers come later still.
     pub(crate) fn patience_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,
-            Pacing::Bus { .. } => 2 * self.longest_period_ns(),
+            Pacing::Bus { answer_delay, .. } => (2 + Ns::from(answer_delay)) * self.longest_period_ns(),
         }
     }
 
@@ -399,7 +441,8 @@ impl Engine {
     /// boot has reached PreOP.
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
-        self.discard_ahead = true;
+        self.clear_ahead();
+        self.forget_held();
         self.set_second_axes(SlaveSet::EMPTY);
         self.v = Volatile::new(self.remembered);
         (self.cancel_job, self.cancel_transfer) = (true, true);
@@ -410,7 +453,7 @@ impl Engine {
 
     fn clear_fifo(&mut self) {
         self.counters.cleared += u64::from(self.fifo.clear());
-        self.discard_ahead = true;
+        self.clear_ahead();
     }
 
     /// How many axes a slave has in its role: those that SV_ON, SV_OFF and ALM_CLR act on, whatever the size of a slot

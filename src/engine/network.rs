@@ -158,6 +158,19 @@ impl Network {
         self.lost = self.lost.union(slaves);
     }
 
+    /// Slaves have fallen from the network's state because others were configured, which are on their way back: these go
+    /// with them.
+    pub(super) fn disturb(&mut self, slaves: SlaveSet) {
+        if slaves.is_empty() {
+            return;
+        }
+        self.lose(slaves);
+        if let Some(change) = &mut self.change {
+            self.returning = self.returning.union(slaves);
+            change.awaited = Some(change.awaited.unwrap_or(SlaveSet::EMPTY).union(slaves));
+        }
+    }
+
     /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
     ///
     /// A request during a change replaces its target, and with `declared_otherwise` what is to be configured. One that

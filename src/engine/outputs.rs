@@ -1,10 +1,37 @@
 //! Outputs on their way: from the command FIFO into the process image, to the bus, and back again when SET_FIFO clears
 //! what a bus has taken ahead.
+//!
+//! **What was sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. Entries count as
+//! executed, and what they hold for the board itself acts, when their outputs are known to be sent.
+//!
+//! **How much lies ahead** can only be estimated: every cycle since the newest one polled has taken one set. That
+//! estimate decides what is worth pushing, never what was sent.
+//!
+//! **An axis that is being switched on** is held where it was measured last. Outputs that lie ahead hold it where it was
+//! before that: one that sags while its brake opens would be pulled back to there when it is enabled, however deep the bus
+//! is. So while an axis is on its way to Operation enabled hardly anything is pushed ahead \[OURS]: [`AHEAD_AT_REST`], or
+//! [`AHEAD_IN_MOTION`] while other axes follow targets, which are not to stand still for it.
 
 use super::volatile::Volatile;
-use super::{Engine, Executed};
-use crate::fieldbus::{Fieldbus, Ns, Outputs, Pacing, SlaveSet};
+use super::{Engine, Event, Executed};
+use crate::cia402::Mode;
+use crate::fieldbus::{Cleared, CycleDone, Fieldbus, Ns, Outputs, Pacing, SlaveSet};
 use crate::sk::RawSlot;
+
+/// Sets of outputs that may lie ahead while an axis is being switched on and none follows targets \[OURS].
+const AHEAD_AT_REST: u64 = 1;
+/// And while others follow targets \[OURS]: enough that a look which is a few cycles late leaves no gap in their motion.
+const AHEAD_IN_MOTION: u64 = 4;
+
+/// Whether what lies ahead is being thrown away. Nothing is pushed meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Clearing {
+    No,
+    /// With the next cycle.
+    Wanted,
+    /// The bus is at it.
+    UnderWay,
+}
 
 /// A FIFO entry on its way.
 #[derive(Clone, Copy, Debug)]
@@ -27,11 +54,18 @@ pub(super) struct Held {
 impl Engine {
     /// Hands the bus what it takes: one FIFO entry in each set of outputs.
     pub(super) fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        if self.is_clearing() {
+            return;
+        }
+        let most = self.most_ahead();
         for _ in 0..bus.room() {
+            let ahead = self.lies_ahead(now);
+            if ahead >= most || self.unknown() >= self.most_unknown {
+                return;
+            }
             let (has_entry, held) = self.take_entry(now);
             // A bus that owns its cycle repeats the last outputs by itself.
-            let repeats =
-                self.pacing != Pacing::Runner && (bus.held() > 0 || !self.outputs_left && !self.outputs_changed());
+            let repeats = self.pacing != Pacing::Runner && (ahead > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
                 return;
             }
@@ -77,19 +111,51 @@ impl Engine {
         }
     }
 
-    /// Entries whose outputs the bus has sent: all but the newest `held` outputs.
-    fn entries_sent(&mut self, held: u16, at: Ns) -> u64 {
-        let unsent = self.next_output_id - u64::from(held);
-        let mut entries = 0;
-        while let Some(Ahead { held, .. }) = self.ahead.pop_front_if(|ahead| ahead.id < unsent) {
-            entries += 1;
-            // A board that has booted since has forgotten them.
-            if self.talks() {
-                self.act(held, at);
-            }
+    /// Sets of outputs pushed that are not known to be sent.
+    pub(super) const fn unknown(&self) -> u64 {
+        self.next_output_id - self.unsent_from
+    }
+
+    /// Sets of outputs that the bus seems to hold.
+    fn lies_ahead(&self, now: Ns) -> u64 {
+        let passed = match self.pacing {
+            Pacing::Runner => 0,
+            Pacing::Bus { .. } => now.saturating_sub(self.last_passed) / self.period_ns(),
+        };
+        self.unknown().saturating_sub(passed)
+    }
+
+    /// Sets of outputs that may lie ahead.
+    fn most_ahead(&self) -> u64 {
+        let found = usize::from(self.v.network.found());
+        let axes = || self.v.axes[..found].iter().enumerate();
+        let rises = |(n, axes): (usize, &[super::Axis; 2])| {
+            axes.iter().any(super::Axis::is_rising) && self.v.roles[n].mode() == Some(Mode::Csp)
+        };
+        if self.pacing == Pacing::Runner || !axes().any(rises) {
+            u64::MAX
+        } else if axes().flat_map(|(_, axes)| axes).any(super::Axis::follows) {
+            AHEAD_IN_MOTION
+        } else {
+            AHEAD_AT_REST
         }
+    }
+
+    /// The outputs before that id have been sent: their entries are executed. Says how many entries those are.
+    fn entries_sent(&mut self, unsent_from: u64, at: Ns) -> u64 {
+        let mut entries = 0;
+        while let Some(Ahead { held, .. }) = self.ahead.pop_front_if(|ahead| ahead.id < unsent_from) {
+            entries += 1;
+            self.act(held, at);
+        }
+        self.unsent_from = self.unsent_from.max(unsent_from);
         self.counters.executed += entries;
         entries
+    }
+
+    /// SW_RESET: entries whose outputs are on their way do nothing any more for the board itself.
+    pub(super) fn forget_held(&mut self) {
+        self.ahead.iter_mut().for_each(|ahead| ahead.held = None);
     }
 
     /// Whether the axes ask for something else than the outputs pushed last.
@@ -98,41 +164,88 @@ impl Engine {
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// A cycle has passed, and the newest `held` outputs are still to be sent.
-    pub(super) fn note_sent(&mut self, held: u16, at: Ns) {
-        let entries = self.entries_sent(held, at);
+    /// A cycle has passed: what it says of outputs that were sent.
+    pub(super) fn note_sent(&mut self, done: &CycleDone) {
+        let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
+        let entries = self.entries_sent(sent, done.at);
         if entries == 0 && self.v.network.in_op() {
             self.counters.idle_cycles += 1;
         }
+        if done.answers_lost > 0 {
+            self.counters.answers_lost += u64::from(done.answers_lost);
+            self.log.push(Event::AnswersLost { at: done.at, cycles: done.answers_lost });
+        }
     }
 
-    /// The outputs that the bus has taken and not sent go: their entries count as cleared, and the axes are driven as by
-    /// the newest outputs that were sent.
-    pub(super) fn withdraw_ahead(&mut self, bus: &mut dyn Fieldbus, at: Ns) {
-        let withdrawn = bus.discard_ahead();
-        let unsent = self.next_output_id - u64::from(withdrawn);
-        self.entries_sent(withdrawn, at);
-        self.counters.cleared += self.ahead.len() as u64;
-        self.ahead.clear();
-        if withdrawn == 0 || unsent == 0 || !self.talks() {
-            return;
-        }
-        let n = self.executed.len() as u64;
-        let sent = &self.executed[((unsent - 1) % n) as usize];
-        let lost = self.v.network.lost();
-        for (slave, (head, then)) in (1..).zip(self.v.heads.iter_mut().zip(&sent.heads)) {
-            if !lost.contains(slave) {
-                *head = *then;
+    /// OP begins: its first outputs are the next ones.
+    pub(super) fn begin_outputs(&mut self) {
+        self.op_from = self.next_output_id;
+        let begun = &mut self.begun;
+        begun.heads = self.v.heads;
+        begun.test = self.v.test;
+        begun.homers = SlaveSet::EMPTY;
+        for (n, axes) in self.v.axes.iter().enumerate() {
+            for (driven, axis) in begun.axes.iter_mut().zip(axes) {
+                driven[n] = axis.driven();
             }
         }
-        if !self.v.network.in_op() {
-            return;
+    }
+
+    pub(super) fn is_clearing(&self) -> bool {
+        self.clearing != Clearing::No
+    }
+
+    /// What the bus has taken and not sent is to go. One clear that is under way is enough: nothing was pushed since.
+    pub(super) fn clear_ahead(&mut self) {
+        if self.clearing == Clearing::No && self.unknown() > 0 {
+            self.clearing = Clearing::Wanted;
         }
+    }
+
+    /// Starts a clear, and takes its end.
+    pub(super) fn run_clear(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        if self.clearing == Clearing::Wanted {
+            bus.clear_ahead(now);
+            self.clearing = Clearing::UnderWay;
+        }
+        if self.clearing == Clearing::UnderWay
+            && let Some(cleared) = bus.poll_clear(now)
+        {
+            self.clearing = Clearing::No;
+            self.cleared(cleared, now);
+        }
+    }
+
+    /// The outputs that were not sent are gone: their entries count as cleared, the axes are driven as by the newest
+    /// outputs that were sent, and the next ones have the ids that come after those.
+    fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
+        let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unsent_from, self.next_output_id);
+        self.entries_sent(next, at);
+        self.counters.cleared += self.ahead.len() as u64;
+        self.ahead.clear();
+        // What was pushed in an earlier OP has nothing to do with this one.
+        let takes_back = self.v.network.in_op() && self.next_output_id > next.max(self.op_from);
+        self.next_output_id = next;
+        self.op_from = self.op_from.min(next);
+        if takes_back {
+            self.take_back();
+        }
+    }
+
+    /// Goes back to how the newest outputs that were sent have left it.
+    fn take_back(&mut self) {
+        let n = self.executed.len() as u64;
+        let sent = match self.next_output_id.checked_sub(1) {
+            Some(newest) if newest >= self.op_from => &self.executed[(newest % n) as usize],
+            _ => &*self.begun,
+        };
+        let lost = self.v.network.lost();
         self.v.test = sent.test;
         for (slave, (n, axes)) in (1..).zip(self.v.axes.iter_mut().enumerate()) {
             if lost.contains(slave) {
                 continue;
             }
+            self.v.heads[n] = sent.heads[n];
             let then = sent.axes.iter().map(|axes| &axes[n]).zip(&sent.homing[n]);
             for (axis, (then, homing)) in axes.iter_mut().zip(then).take(used_axes(self.v.second_axes, slave)) {
                 axis.go_back_to(then, sent.homers.contains(slave).then_some(homing));

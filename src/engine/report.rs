@@ -9,17 +9,22 @@ use crate::sk::{
 impl Engine {
     /// A cycle has passed: `self.inputs` holds what the slaves sent.
     pub(super) fn complete(&mut self, done: &CycleDone) {
+        let carried = done.outputs.filter(|id| Some(*id) > self.heard && *id < self.next_output_id);
         self.note_lost(done.at);
-        if let Some(id) = done.outputs {
+        if let Some(id) = carried {
             self.count_unreached(id);
-            self.show_heads(id);
+            if id >= self.op_from {
+                self.show_heads(id);
+            }
         }
         if self.v.network.in_op() {
             self.answer_axes();
             self.answer_homing(done);
             self.refresh_slave_slots();
             self.refresh_response();
+            self.note_short_answers(done);
         }
+        self.heard = carried.or(self.heard);
     }
 
     /// All of the response but the slaves' slots in OP.

@@ -5,7 +5,7 @@ use super::jobs::{Transfer, mode_object};
 use super::{Engine, Event};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{Fieldbus, Job, MAX_ANSWER_DELAY, MAX_AXES, MAX_SLAVES, Ns, Pacing, SdoRequest, SlaveSet};
+use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, Pacing, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
 /// A transfer that fails is tried so often \[OURS]; then the drive stays in mode 6, which is counted and logged.
@@ -121,7 +121,7 @@ impl Engine {
         // The mode has changed: there is nothing to wait for, and nothing to write back.
         let delay = match self.pacing {
             Pacing::Runner => 0,
-            Pacing::Bus { .. } => MAX_ANSWER_DELAY as i64,
+            Pacing::Bus { answer_delay, .. } => answer_delay.into(),
         };
         let homing = &mut self.v.axes[usize::from(slave) - 1][axis].homing;
         homing.wait_no_more();

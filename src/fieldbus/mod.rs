@@ -7,8 +7,9 @@
 //!
 //! - [`Pacing::Runner`]: our runner decides when a cycle is; one [`Outputs`] goes in, one [`CycleDone`] comes out.
 //! - [`Pacing::Bus`]: the bus runs its own cycle and takes outputs ahead, up to a depth. One poll may find that any
-//!   number of cycles have passed, and the inputs of a cycle belong to outputs pushed some cycles ago, whose id rides
-//!   along.
+//!   number of cycles have passed, and the inputs of a cycle belong to outputs pushed some cycles ago. What was sent is
+//!   known by the ids that come back in [`CycleDone::outputs`] and by nothing else: how full such a bus is it knows only
+//!   as of some exchanges ago. Throwing away what lies ahead takes a while, too: [`Fieldbus::clear_ahead`].
 
 #[cfg(feature = "sim")]
 pub mod sim;
@@ -21,18 +22,19 @@ pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
 /// Axes of one slave at most: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
-/// How many cycles later than its outputs were sent an answer is polled at most \[OURS].
-pub const MAX_ANSWER_DELAY: usize = 16;
 
 /// Who owns the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pacing {
     /// Our runner: one push and one poll a cycle.
     Runner,
-    /// The bus, which takes up to `depth` outputs ahead.
+    /// The bus, which takes outputs ahead.
     Bus {
-        /// Outputs the bus can hold.
+        /// Sets of outputs that it holds at most, whatever process data are configured. What holds now is said by
+        /// [`Fieldbus::room`].
         depth: u16,
+        /// Cycles after which the answer of a cycle is polled at the latest, and after which a lost slave is named.
+        answer_delay: u16,
     },
 }
 
@@ -136,13 +138,22 @@ pub enum JobDone {
         /// Slaves.
         found: u8,
     },
-    /// The slaves are configured, or the first one that refused. In the set are the slaves of [`Role::Hsp`] that have a
-    /// second axis: those whose controlword 0x6840 can be read by SDO \[OURS].
-    Configure(Result<SlaveSet, Refusal>),
+    /// The slaves are configured, or the first one that refused.
+    Configure(Result<Configured, Refusal>),
     /// The slaves are in the state asked for, or the first one that is not.
     State(Result<(), Refusal>),
     /// The value (read: zero-extended; written: as requested), or the abort code.
     Sdo(Result<u32, AbortCode>),
+}
+
+/// What has become of the slaves in a [`Job::Configure`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Configured {
+    /// Slaves of [`Role::Hsp`] that have a second axis: those whose controlword 0x6840 can be read by SDO \[OURS].
+    pub second_axes: SlaveSet,
+    /// Slaves that were not to be configured and have left OP all the same, because the bus can configure none without
+    /// them. Their mapping is as it was, and they stay below OP until a [`Job::State`] brings them back.
+    pub disturbed: SlaveSet,
 }
 
 /// A slave that does not follow.
@@ -215,6 +226,9 @@ pub struct Inputs {
     /// state they were brought to. The engine takes one such cycle for a loss, so a bus on which single frames may go
     /// astray waits before it names a slave.
     pub lost: SlaveSet,
+    /// The first outputs that slaves named in `lost` for the first time have not got, where the bus knows that later
+    /// than they were sent; `None`: those of this cycle.
+    pub lost_from: Option<u64>,
     /// Slaves that took no outputs in this cycle because they are not in OP, as far as the bus knows: on the way down
     /// some leave it before others.
     pub deaf: SlaveSet,
@@ -225,34 +239,41 @@ pub struct Inputs {
 impl Default for Inputs {
     fn default() -> Self {
         let slaves = [[AxisIn::default(); MAX_AXES]; MAX_SLAVES];
-        Self { slaves, lost: SlaveSet::EMPTY, deaf: SlaveSet::EMPTY, mute: SlaveSet::EMPTY }
+        Self { slaves, lost: SlaveSet::EMPTY, lost_from: None, deaf: SlaveSet::EMPTY, mute: SlaveSet::EMPTY }
     }
 }
 
 /// A cycle that has passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CycleDone {
-    /// When it was, in board time.
+    /// When it was, in board time: not when its answer came.
     pub at: Ns,
-    /// The outputs that this cycle carried; `None`: the bus had none and repeated the last ones.
+    /// The newest outputs that were sent by then: the cycle carried them, as new ones or once more. Those with a lower
+    /// id have been sent before. `None`: none yet, or the cycle repeated them on a bus that loses no answers.
     pub outputs: Option<u64>,
+    /// Cycles right before this one whose answers are lost, because they were not polled in time.
+    pub answers_lost: u32,
     /// Working counter of the process data.
     pub working_counter: u16,
-    /// The working counter if every slave answers.
+    /// The working counter if every slave answers; 0 on a bus that does not say it.
     pub expected_working_counter: u16,
-    /// When the bus would like the next cycle (distributed clocks may nudge our runner); `None`: as planned.
+    /// When the bus would like the next cycle to run (distributed clocks nudge our runner); `None`: as planned.
     pub next_deadline: Option<Ns>,
+}
+
+/// What was left of the outputs that a bus had taken when [`Fieldbus::clear_ahead`] has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cleared {
+    /// The newest outputs that were sent; those after them never will be. `None`: none were.
+    pub newest_sent: Option<u64>,
 }
 
 /// Why a bus takes no outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
     /// No room: [`Fieldbus::room`] was 0.
-    #[error("the bus takes no more outputs ahead (it holds {held}); push again when a cycle has passed")]
-    Full {
-        /// Outputs held.
-        held: u16,
-    },
+    #[error("the bus takes no more outputs now; push again when a cycle has passed")]
+    Full,
     /// There is no bus: cable cut before the first slave, interface down.
     #[error("the bus is down; check the cable to the first slave")]
     Down,
@@ -266,7 +287,7 @@ pub trait Fieldbus: Send {
     /// Starts a job.
     ///
     /// # Errors
-    /// [`Busy`] while another one is under way: any one but for an SDO beside a change of state.
+    /// [`Busy`] while another one is under way; a bus may take an SDO beside a change of state, or refuse it, too.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
 
     /// The end of a job under way, once; of two, one after the other.
@@ -278,14 +299,16 @@ pub trait Fieldbus: Send {
     /// Gives up the SDO under way, if any; it then never ends.
     fn cancel_sdo(&mut self);
 
-    /// Sets of outputs the bus would take now. [`Pacing::Runner`]: 1, or 0 while the bus is down.
+    /// Sets of outputs the bus takes now, as far as it knows: it may take more, never less. [`Pacing::Runner`]: 1, or 0
+    /// while the bus is down.
     fn room(&self) -> u16;
 
-    /// Sets of outputs taken and not yet sent.
-    fn held(&self) -> u16;
+    /// Starts to throw away the outputs that were taken and not sent. Cycles may go on sending them until it has ended,
+    /// and nothing is pushed meanwhile.
+    fn clear_ahead(&mut self, now: Ns);
 
-    /// Throws away the outputs held and says how many they were.
-    fn discard_ahead(&mut self) -> u16;
+    /// The end of the clear under way, once; also while the bus is down.
+    fn poll_clear(&mut self, now: Ns) -> Option<Cleared>;
 
     /// Hands outputs over.
     ///
@@ -301,4 +324,13 @@ pub trait Fieldbus: Send {
     fn reference_clock(&self) -> Option<u8> {
         None
     }
+
+    /// The six inputs at the chip that runs the bus, bit k is input k (SK-8). `None`: it has none, and they are those that
+    /// the board is told.
+    fn local_inputs(&self) -> Option<u8> {
+        None
+    }
+
+    /// Sets the six outputs at the chip that runs the bus. Called when they change.
+    fn set_local_outputs(&mut self, _bits: u8) {}
 }

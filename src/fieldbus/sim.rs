@@ -23,7 +23,8 @@ pub use handle::{Shafts, SimHandle};
 pub use timing::Timing;
 
 use super::{
-    AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing, SlaveSet,
+    AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
+    SlaveSet,
 };
 use crate::slave::Slave;
 use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
@@ -47,6 +48,8 @@ pub struct SimBus {
     lost: SlaveSet,
     outputs: Outputs,
     held: bool,
+    /// The newest outputs that a frame has carried.
+    sent: Option<u64>,
     /// The time that has passed in the slaves.
     clock: Ns,
     /// What is under way that is no SDO.
@@ -67,6 +70,7 @@ impl SimBus {
             lost: SlaveSet::EMPTY,
             outputs: Outputs::default(),
             held: false,
+            sent: None,
             clock: 0,
             job: None,
             sdo: None,
@@ -143,7 +147,15 @@ impl SimBus {
         }
         (inputs.lost, inputs.deaf, inputs.mute) = (self.lost, deaf, mute);
         let outputs = std::mem::take(&mut self.held).then_some(self.outputs.id);
-        CycleDone { at: self.clock, outputs, working_counter, expected_working_counter, next_deadline: None }
+        self.sent = outputs.or(self.sent);
+        CycleDone {
+            at: self.clock,
+            outputs,
+            answers_lost: 0,
+            working_counter,
+            expected_working_counter,
+            next_deadline: None,
+        }
     }
 
     /// Slaves that lose their power forget what they were told: they are in Init when they answer again.
@@ -220,12 +232,12 @@ impl Fieldbus for SimBus {
         u16::from(!self.held && !self.is_down())
     }
 
-    fn held(&self) -> u16 {
-        self.held.into()
+    fn clear_ahead(&mut self, _now: Ns) {
+        self.held = false;
     }
 
-    fn discard_ahead(&mut self) -> u16 {
-        std::mem::take(&mut self.held).into()
+    fn poll_clear(&mut self, _now: Ns) -> Option<Cleared> {
+        Some(Cleared { newest_sent: self.sent })
     }
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
@@ -233,7 +245,7 @@ impl Fieldbus for SimBus {
             return Err(BusError::Down);
         }
         if self.held {
-            return Err(BusError::Full { held: 1 });
+            return Err(BusError::Full);
         }
         self.outputs.clone_from(outputs);
         self.held = true;

@@ -1,108 +1,374 @@
-//! A bus that owns its cycle and takes outputs ahead, as an ECM-XF does: the seam carries one.
+//! A bus that owns its cycle and takes outputs ahead, as an ECM-XF does: as kind as such a bus can be, or as honest as one
+//! is.
 
 use std::collections::VecDeque;
+use std::fmt;
 
 use ecmsk::fieldbus::{
-    AlState, BusError, Busy, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SlaveSet,
+    AlState, BusConfig, BusError, Busy, Cleared, Configured, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns,
+    Outputs, Pacing, Role, SlaveSet,
 };
 use ecmsk::sk::CycleTime;
 
+use crate::dice::Dice;
+
 /// How a bus differs from another.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Ahead {
-    /// Outputs it takes ahead.
+    /// Outputs it takes ahead at most.
     pub depth: u16,
-    /// Cycles between outputs being sent and their answer being seen.
+    /// Cycles between outputs being sent and their answer being seen, at least.
     pub pipeline: usize,
     /// When its first cycle is: its clock is its own.
     pub phase: Ns,
     /// How much slower its clock is: so much longer than it was told is a cycle.
     pub slower: Ns,
+    pub honesty: Honesty,
 }
 
-/// Another bus behind a FIFO of outputs and a pipeline of answers.
+impl fmt::Debug for Ahead {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { depth, pipeline, phase, slower, honesty } = self;
+        match honesty.seed {
+            0 => write!(f, "depth {depth}, pipeline {pipeline}, phase {phase}, slower {slower}"),
+            _ => write!(f, "depth {depth}, pipeline {pipeline}, phase {phase}, slower {slower}, {honesty:?}"),
+        }
+    }
+}
+
+/// What a real one does besides. Zero everywhere: nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Honesty {
+    pub seed: u64,
+    /// So many cycles more than `pipeline` an answer may take; it varies.
+    pub jitter: usize,
+    /// Looks that its fill level is old.
+    pub stale_looks: usize,
+    /// Bytes of its FIFO, which holds so many sets of outputs less the more each has; 0: `depth`, whatever is configured.
+    pub bytes: u32,
+    /// Looks that a clear takes; half of them pass before it acts.
+    pub clear_looks: u32,
+    /// One look in so many finds no cycle, and the next one finds them all; 0: each finds what has passed.
+    pub blind: u64,
+    /// Answers that it keeps until they are polled; the oldest goes first. 0: all.
+    pub keeps: usize,
+    /// One answer in so many goes although there is room; 0: none.
+    pub loses: u64,
+    /// Takes no SDO beside a change of state.
+    pub refuses_sdo: bool,
+    /// Cycles that a slave has been silent when it is named as lost.
+    pub loss_delay: u64,
+    /// A Configure of some slaves throws the others out of OP.
+    pub disturbs: bool,
+    /// It tells no working counter.
+    pub uncounted: bool,
+}
+
+/// The most by which an answer of an honest bus is late.
+const ANSWER_DELAY: u16 = 64;
+
+impl Ahead {
+    /// A bus that hides nothing and does everything at once.
+    pub const fn kind(depth: u16, pipeline: usize, phase: Ns, slower: Ns) -> Self {
+        let honesty = Honesty {
+            seed: 0,
+            jitter: 0,
+            stale_looks: 0,
+            bytes: 0,
+            clear_looks: 0,
+            blind: 0,
+            keeps: 0,
+            loses: 0,
+            refuses_sdo: false,
+            loss_delay: 0,
+            disturbs: false,
+            uncounted: false,
+        };
+        Self { depth, pipeline, phase, slower, honesty }
+    }
+
+    #[allow(dead_code, reason = "for what follows")]
+    /// One that is like a chip at the end of an SPI: all of it, as the seed has it.
+    pub fn honest(seed: u64) -> Self {
+        let mut dice = Dice(seed ^ 0x686F_6E65_7374_2121);
+        let pipeline = dice.pick(&[0, 1, 2, 2, 3, 5, 20]);
+        let honesty = Honesty {
+            seed,
+            jitter: dice.pick(&[0, 1, 2, 4, 40]),
+            stale_looks: dice.below(3) as usize,
+            bytes: dice.pick(&[0, 512, 0x4000]),
+            clear_looks: dice.below(9) as u32,
+            blind: dice.pick(&[0, 3, 10, 50]),
+            keeps: 64,
+            loses: dice.pick(&[0, 0, 50, 1000]),
+            refuses_sdo: dice.one_in(2),
+            loss_delay: dice.pick(&[0, 1, 5, 40]),
+            disturbs: dice.one_in(2),
+            uncounted: dice.one_in(2),
+        };
+        let phase = dice.below(1_000_000);
+        Self { depth: dice.pick(&[16, 32, 64]), pipeline, phase, slower: dice.pick(&[0, 100, 2500]), honesty }
+    }
+}
+
+/// A slave that is silent.
+#[derive(Clone, Copy)]
+struct Silence {
+    /// The cycle in which it began, and the outputs of that cycle.
+    since: u64,
+    outputs: Option<u64>,
+}
+
+/// What it does at a clear.
+struct Clear {
+    looks: u32,
+    acts_at: u32,
+    done: Option<Cleared>,
+}
+
+/// Another bus behind a FIFO of outputs and a queue of answers.
 pub struct AheadBus<B> {
     inner: B,
     how: Ahead,
+    dice: Dice,
     queue: VecDeque<Outputs>,
+    /// Sets of outputs that it holds with the process data that are configured.
+    depth: u16,
     last: Outputs,
+    /// The newest outputs sent, and those among them that slaves in OP have now.
+    sent: Option<u64>,
+    carried: Option<u64>,
     /// What the slaves sent in the newest cycle.
     newest: Inputs,
     answers: VecDeque<(CycleDone, Inputs)>,
+    /// Answers that are held back now.
+    late: usize,
+    lost: u32,
+    cycles: u64,
+    silent: [Option<Silence>; MAX_SLAVES],
     next: Ns,
+    /// The time of the newest look, and whether it finds anything.
+    looked: Ns,
+    finds: bool,
+    /// Fill levels at the newest looks, and the sets pushed since the newest one.
+    levels: VecDeque<usize>,
+    pushed: VecDeque<usize>,
+    clear: Option<Clear>,
     cycle_in_op: CycleTime,
     /// Slaves that it brought to OP.
     in_op: SlaveSet,
+    /// Its job, if that is no SDO.
     moving: Option<(AlState, SlaveSet)>,
+    /// Slaves that leave OP before these are configured.
+    before: Option<(SlaveSet, BusConfig)>,
+    disturbed: SlaveSet,
 }
 
 impl<B: Fieldbus> AheadBus<B> {
     pub fn new(inner: B, how: Ahead) -> Self {
+        let looks = how.honesty.stale_looks + 1;
         Self {
             inner,
             how,
+            dice: Dice(how.honesty.seed ^ 0x6469_6365_2121_2121),
             queue: VecDeque::with_capacity(how.depth.into()),
+            depth: how.depth,
             last: Outputs::default(),
+            sent: None,
+            carried: None,
             newest: Inputs::default(),
-            answers: VecDeque::with_capacity(how.pipeline + 1),
+            answers: VecDeque::with_capacity(256),
+            late: how.pipeline,
+            lost: 0,
+            cycles: 0,
+            silent: [None; MAX_SLAVES],
             next: how.phase,
+            looked: 0,
+            finds: true,
+            levels: VecDeque::from(vec![0; looks]),
+            pushed: VecDeque::from(vec![0; looks]),
+            clear: None,
             cycle_in_op: CycleTime::DEFAULT,
             in_op: SlaveSet::EMPTY,
             moving: None,
+            before: None,
+            disturbed: SlaveSet::EMPTY,
         }
     }
 
-    /// Its next cycle passes; `None`: none does, the cable is cut.
-    fn pass(&mut self) -> Option<CycleDone> {
+    /// The cycles that are due by then pass, and what can be seen of the bus is looked at.
+    fn look(&mut self, now: Ns) {
+        if now <= self.looked {
+            return;
+        }
+        self.looked = now;
+        while self.next <= now {
+            self.pass();
+        }
+        let Honesty { jitter, blind, .. } = self.how.honesty;
+        self.finds = blind == 0 || !self.dice.one_in(blind);
+        if jitter > 0 {
+            let change = self.dice.below(3);
+            let most = self.how.pipeline + jitter;
+            self.late = (self.late + change as usize).saturating_sub(1).clamp(self.how.pipeline, most);
+        }
+        self.levels.pop_front();
+        self.levels.push_back(self.queue.len());
+        self.pushed.pop_front();
+        self.pushed.push_back(0);
+        self.clear_on();
+    }
+
+    /// The next cycle passes; none does while the cable is cut.
+    fn pass(&mut self) {
         let at = self.next;
         self.next += if self.in_op.is_empty() { CycleTime::DEFAULT } else { self.cycle_in_op }.ns() + self.how.slower;
-        let mut id = None;
         if !self.in_op.is_empty() && self.inner.room() > 0 {
             if let Some(outputs) = self.queue.pop_front() {
-                id = Some(outputs.id);
+                (self.sent, self.carried) = (Some(outputs.id), Some(outputs.id));
                 self.last = outputs;
             }
             self.inner.push(&self.last).expect("there is room");
         }
-        let done = self.inner.poll(at, &mut self.newest)?;
-        Some(CycleDone { outputs: id, ..done })
+        let Some(done) = self.inner.poll(at, &mut self.newest) else { return };
+        self.cycles += 1;
+        let mut seen = self.newest.clone();
+        self.hide_losses(&mut seen);
+        let carried = if self.in_op.is_empty() { None } else { self.carried };
+        let mut done = CycleDone { at, outputs: carried, ..done };
+        let Honesty { keeps, loses, uncounted, .. } = self.how.honesty;
+        if uncounted {
+            (done.working_counter, done.expected_working_counter) = (0, 0);
+        }
+        self.answers.push_back((done, seen));
+        if keeps > 0 && self.answers.len() > keeps || loses > 0 && self.dice.one_in(loses) {
+            self.lose_answer();
+        }
     }
-}
 
-impl<B: Fieldbus> Fieldbus for AheadBus<B> {
-    fn pacing(&self) -> Pacing {
-        Pacing::Bus { depth: self.how.depth }
+    /// The oldest answer that is kept goes.
+    fn lose_answer(&mut self) {
+        let Some((done, _)) = self.answers.pop_front() else { return };
+        let lost = done.answers_lost + 1;
+        match self.answers.front_mut() {
+            Some((next, _)) => next.answers_lost += lost,
+            None => self.lost += lost,
+        }
     }
 
-    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+    /// A slave that does not answer is named as lost when it has been silent for long enough.
+    fn hide_losses(&mut self, seen: &mut Inputs) {
+        let delay = self.how.honesty.loss_delay;
+        for (slave, silent) in (1..).zip(&mut self.silent) {
+            if !seen.lost.contains(slave) {
+                *silent = None;
+                continue;
+            }
+            let began = Silence { since: self.cycles, outputs: self.carried };
+            let Silence { since, outputs } = *silent.get_or_insert(began);
+            let known = self.cycles - since;
+            if known < delay {
+                seen.lost.remove(slave);
+            } else if known < delay + u64::from(ANSWER_DELAY) && delay > 0 {
+                seen.lost_from = seen.lost_from.into_iter().chain(outputs).min();
+            }
+        }
+    }
+
+    /// A clear goes on by a look.
+    fn clear_on(&mut self) {
+        let Some(clear) = &mut self.clear else { return };
+        if clear.looks == clear.acts_at {
+            self.queue.clear();
+            clear.done = Some(Cleared { newest_sent: self.sent });
+        }
+        clear.looks = clear.looks.saturating_sub(1);
+    }
+
+    fn is_down(&self) -> bool {
+        self.inner.room() == 0
+    }
+
+    fn start_inner(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         self.inner.start(job, now)?;
         match job {
-            Job::Configure(config) => self.cycle_in_op = config.cycle,
             Job::State { target, slaves, .. } => self.moving = Some((target, slaves)),
+            Job::Configure(config) => self.configured(&config),
             Job::Scan => self.in_op = SlaveSet::EMPTY,
             Job::Sdo(_) => {}
         }
         Ok(())
     }
 
+    /// The process data are mapped: of larger ones it holds fewer.
+    fn configured(&mut self, config: &BusConfig) {
+        self.cycle_in_op = config.cycle;
+        let bytes: u32 = config.slaves.iter().filter(|slave| slave.role != Role::Unused).map(|_| 6).sum();
+        if let Some(holds) = self.how.honesty.bytes.checked_div(bytes)
+            && holds > 0
+        {
+            self.depth = (holds.max(8) as u16).min(self.how.depth);
+        }
+    }
+}
+
+impl<B: Fieldbus> Fieldbus for AheadBus<B> {
+    fn pacing(&self) -> Pacing {
+        let Honesty { jitter, keeps, .. } = self.how.honesty;
+        let answer_delay = if jitter > 0 || keeps > 0 { ANSWER_DELAY } else { self.how.pipeline as u16 };
+        Pacing::Bus { depth: self.how.depth, answer_delay }
+    }
+
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        if self.before.is_some() || self.how.honesty.refuses_sdo && self.moving.is_some() {
+            return Err(Busy);
+        }
+        if let Job::Configure(config) = job
+            && self.how.honesty.disturbs
+        {
+            let others = self.in_op.difference(config.who);
+            if !others.is_empty() {
+                let leave = Job::State { target: AlState::SafeOp, slaves: others, timeout_ns: 1_000_000_000 };
+                self.start_inner(leave, now)?;
+                self.before = Some((others, config));
+                return Ok(());
+            }
+        }
+        self.start_inner(job, now)
+    }
+
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        let done = self.inner.poll_job(now)?;
-        if let (JobDone::State(Ok(())), Some((target, slaves))) = (done, self.moving) {
-            if target != AlState::Op {
+        self.look(now);
+        let mut done = self.inner.poll_job(now)?;
+        if let JobDone::State(ended) = done
+            && let Some((target, slaves)) = self.moving.take()
+        {
+            if ended.is_err() {
+                // Who has moved all the same shows by its answers.
+            } else if target != AlState::Op {
                 self.in_op = self.in_op.difference(slaves);
             } else if self.in_op.is_empty() {
                 // What was sent before the slaves left OP is not meant for now.
-                self.last = Outputs::default();
+                (self.last, self.carried) = (Outputs::default(), None);
                 self.in_op = slaves;
             } else {
                 self.in_op = self.in_op.union(slaves);
             }
+            if let Some((others, config)) = self.before.take() {
+                self.disturbed = others;
+                self.start_inner(Job::Configure(config), now).expect("nothing else is under way");
+                return None;
+            }
+        }
+        if let JobDone::Configure(Ok(Configured { disturbed, .. })) = &mut done {
+            *disturbed = std::mem::take(&mut self.disturbed);
         }
         Some(done)
     }
 
     fn cancel_job(&mut self) {
         self.inner.cancel_job();
+        (self.moving, self.before, self.disturbed) = (None, None, SlaveSet::EMPTY);
     }
 
     fn cancel_sdo(&mut self) {
@@ -110,42 +376,51 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     }
 
     fn room(&self) -> u16 {
-        if self.inner.room() == 0 { 0 } else { self.how.depth - self.held() }
+        let pushed: usize = self.pushed.iter().sum();
+        let seems_held = self.levels[0] + pushed;
+        if self.is_down() { 0 } else { self.depth.saturating_sub(seems_held as u16) }
     }
 
-    fn held(&self) -> u16 {
-        self.queue.len() as u16
+    fn clear_ahead(&mut self, now: Ns) {
+        self.look(now);
+        let looks = self.how.honesty.clear_looks;
+        assert!(self.clear.is_none(), "one clear at a time");
+        self.clear = Some(Clear { looks, acts_at: looks / 2, done: None });
+        if looks == 0 {
+            self.clear_on();
+        }
     }
 
-    fn discard_ahead(&mut self) -> u16 {
-        let held = self.held();
-        self.queue.clear();
-        held
+    fn poll_clear(&mut self, now: Ns) -> Option<Cleared> {
+        self.look(now);
+        let clear = self.clear.take_if(|clear| clear.looks == 0)?;
+        // What was pushed before it is known to be gone.
+        self.levels.iter_mut().for_each(|level| *level = 0);
+        self.pushed.iter_mut().for_each(|pushed| *pushed = 0);
+        clear.done
     }
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        if self.inner.room() == 0 {
+        assert!(self.clear.is_none(), "nothing is pushed while it clears");
+        if self.is_down() {
             return Err(BusError::Down);
         }
-        if self.room() == 0 {
-            return Err(BusError::Full { held: self.held() });
+        if self.queue.len() >= self.depth.into() {
+            return Err(BusError::Full);
         }
         self.queue.push_back(outputs.clone());
+        *self.pushed.back_mut().expect("there is a newest look") += 1;
         Ok(())
     }
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        while self.next <= now {
-            let at = self.next;
-            let Some(done) = self.pass() else { continue };
-            self.answers.push_back((done, self.newest.clone()));
-            // The first cycles after the start have no answer yet.
-            if self.answers.len() > self.how.pipeline {
-                let (answered, seen) = self.answers.pop_front()?;
-                inputs.clone_from(&seen);
-                return Some(CycleDone { at, ..answered });
-            }
+        self.look(now);
+        if !self.finds || self.answers.len() <= self.late {
+            return None;
         }
-        None
+        let (mut done, seen) = self.answers.pop_front()?;
+        done.answers_lost += std::mem::take(&mut self.lost);
+        inputs.clone_from(&seen);
+        Some(done)
     }
 }

@@ -130,7 +130,7 @@ fn what_goes_wrong_allocates_nothing() {
 /// SK-5.3 Nor does a bus that takes outputs ahead make the engine allocate.
 #[test]
 fn outputs_ahead_allocate_nothing() {
-    let mut host = in_op(AheadBus::new(network(), Ahead { depth: 64, pipeline: 4, phase: 333_333, slower: 700 }));
+    let mut host = in_op(AheadBus::new(network(), Ahead::kind(64, 4, 333_333, 700)));
     allocates_nothing("outputs ahead", || {
         for n in 0..100 {
             host.arrive(&targets(SlotSize::Bytes12, n));

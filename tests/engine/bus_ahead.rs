@@ -109,7 +109,7 @@ fn reports_are_right_however_cycles_and_polls_fall() {
         let (mut several, mut none) = (0, 0);
         rig.target();
         rig.drained();
-        rig.checked = true;
+        rig.check_reports();
         for _ in 0..3000 {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let random = seed >> 16;
@@ -140,10 +140,10 @@ fn clear_takes_back_what_lies_ahead() {
         let before = *rig.engine.counters();
         (0..100).for_each(|_| rig.target());
         rig.run(20);
-        let reached = *rig.puppet.targets().last().unwrap();
-        assert!((18..=20).contains(&reached), "{how:?}: {reached}");
         rig.send(|frame| frame.put_master(SIZE, &clear()));
         rig.run(300);
+        let reached = *rig.puppet.targets().last().unwrap();
+        assert!((18..=20).contains(&reached), "{how:?}: {reached}");
         let after = *rig.engine.counters();
         let (executed, cleared) = (after.executed - before.executed, after.cleared - before.cleared);
         assert_eq!((executed, cleared), (reached as u64 + 1, 100 - reached as u64), "{how:?}");
@@ -194,7 +194,8 @@ fn a_threshold_holds_back_what_could_lie_ahead() {
         rig.target();
         rig.run(20);
         let free = rig.answer().fifo_free;
-        assert!((117..=119).contains(&free), "{how:?}: one entry a cycle, {free} free");
+        let late = how.pipeline as u16;
+        assert!((117 - late..=119).contains(&free), "{how:?}: one entry a cycle, {free} free");
         rig.drained();
         assert_eq!(rig.puppet.targets(), (0..=60).collect::<Vec<_>>(), "{how:?}");
     }
@@ -282,7 +283,7 @@ fn a_walk_needs_no_more_frames() {
 }
 
 /// SK-5.25 Leaving OP drops what lies ahead; SK-4.44 it is counted.
-/// SK-4.66 The slot keeps its last values: those of the last entry that was sent.
+/// SK-4.66 The slot keeps its last values: those of the last entry that was answered.
 /// SK-4.33 SW_RESET forgets it all.
 #[test]
 fn leaving_op_drops_what_lies_ahead() {
@@ -295,7 +296,9 @@ fn leaving_op_drops_what_lies_ahead() {
         let reached = rig.puppet.strings().sent.last().unwrap().target;
         let gone = after.executed - before.executed + after.cleared - before.cleared;
         assert_eq!((gone, after.executed - before.executed), (151, reached as u64), "{how:?}");
-        assert_eq!(rig.drive(1).head.index, reached as u8, "{how:?}");
+        // The newest that was answered in OP.
+        let answered = reached - rig.drive(1).head.index as i32;
+        assert!((0..=how.pipeline as i32 + 1).contains(&answered), "{how:?}");
 
         rig.go(MasterState::Op);
         assert_eq!((rig.answer().fifo_free, rig.drive(1).head.index), (FIFO_ENTRIES, 0), "{how:?}: SET_STATE's frame");

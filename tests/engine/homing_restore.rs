@@ -136,7 +136,7 @@ fn a_program_may_write_the_mode_itself() {
                         && host.board.engine().homing_phase(1) == HomingPhase::Idle
                 });
                 let what = format!("{firmware:?} {how:?} {wait}");
-                home.host.cycles(3);
+                home.host.cycles(30);
                 let here = home.drive().position();
                 home.host.cycles(200);
                 assert_eq!((home.drive().jump(), home.drive().mode()), (0, 8), "{what}");
@@ -305,7 +305,7 @@ fn forty_slaves_are_restored() {
 /// SK-7.25 Homing, its end, restoring and a transfer that fails allocate nothing.
 #[test]
 fn homing_allocates_nothing() {
-    for how in [None, Some(Ahead { depth: 64, pipeline: 4, phase: 333_333, slower: 700 })] {
+    for how in [None, Some(Ahead::kind(64, 4, 333_333, 700))] {
         let mut home = Home::ready_of(8, Firmware::V17, how);
         home.network.abort_sdo(3, Some(AbortCode(0x0800_0022)));
         let counted = measure(|| {

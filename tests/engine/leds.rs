@@ -112,7 +112,7 @@ fn the_reference_clock() {
         board.snapshot().reference_clock
     };
     assert_eq!([clock(0, 2), clock(1, 1), clock(3, 2), clock(2, 0)], [Some(1), Some(2), Some(4), None]);
-    let how = Ahead { depth: 4, pipeline: 1, phase: 1, slower: 0 };
+    let how = Ahead::kind(4, 1, 1, 0);
     assert_eq!(AheadBus::new(SimBus::new(drives(1)), how).reference_clock(), None, "a bus that does not say");
 }
 

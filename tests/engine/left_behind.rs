@@ -142,7 +142,7 @@ struct Slow {
 }
 
 impl Fieldbus for Slow {
-    hand_on!(bus: pacing, cancel_sdo, room, held, discard_ahead, push, poll);
+    hand_on!(bus: pacing, cancel_sdo, room, clear_ahead, poll_clear, push, poll);
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         if self.ended.is_some() { Err(Busy) } else { self.bus.start(job, now) }

@@ -218,7 +218,7 @@ fn commands_for_a_lost_slave() {
 #[test]
 fn a_slave_that_is_back_shows_what_has_reached_it() {
     for cleared in [false, true] {
-        let how = Ahead { depth: 16, pipeline: 0, phase: 1, slower: 0 };
+        let how = Ahead::kind(16, 0, 1, 0);
         let mut net = Net::new(Some(how), 2);
         net.host.master(slow()).go(Op).drained().servo_on(2).cycles(20);
         (0..10).for_each(|_| net.target());
@@ -386,7 +386,7 @@ fn all_lost_with_outputs_ahead() {
 #[test]
 fn old_answers_are_no_new_loss() {
     for pipeline in [1, 8, 16] {
-        let how = Ahead { depth: 4, pipeline, phase: 1, slower: 0 };
+        let how = Ahead::kind(4, pipeline, 1, 0);
         let mut net = Net::new(Some(how), 2);
         net.host.master(slow()).go(Op).drained();
         for _ in 0..3 {

@@ -19,7 +19,7 @@ pub fn buses() -> impl Iterator<Item = Option<Ahead>> {
 
 /// Two of them, for what takes long.
 pub fn two_buses() -> [Option<Ahead>; 2] {
-    [None, Some(Ahead { depth: 8, pipeline: 2, phase: 333_333, slower: 700 })]
+    [None, Some(Ahead::kind(8, 2, 333_333, 700))]
 }
 
 pub fn set(slaves: &[u8]) -> SlaveSet {

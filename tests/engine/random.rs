@@ -340,15 +340,15 @@ fn random_frames_in_16_byte_slots() {
 /// SK-4.44 SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 SK-5.7 SK-5.8 The same over buses that take outputs ahead.
 #[test]
 fn random_frames_over_a_bus_that_takes_ahead() {
-    run(SlotSize::Bytes12, Some(Ahead { depth: 64, pipeline: 4, phase: 333_333, slower: 700 }));
-    run(SlotSize::Bytes16, Some(Ahead { depth: 8, pipeline: 1, phase: 999_999, slower: 0 }));
+    run(SlotSize::Bytes12, Some(Ahead::kind(64, 4, 333_333, 700)));
+    run(SlotSize::Bytes16, Some(Ahead::kind(8, 1, 999_999, 0)));
 }
 
 /// SK-4.44 SK-2.9 SK-2.20 SK-4.59 SK-4.61 SK-4.62 The same while the cable is cut and healed and slaves come and go: the
 /// state is always a legal one, and every frame is executed or counted.
 #[test]
 fn random_frames_on_a_network_that_breaks() {
-    for ahead in [None, Some(Ahead { depth: 16, pipeline: 3, phase: 333_333, slower: 700 })] {
+    for ahead in [None, Some(Ahead::kind(16, 3, 333_333, 700))] {
         run_all(SlotSize::Bytes12, ahead, true).at_least(&[500, 100, 25, 100, 1, 200, 100]);
     }
 }

@@ -28,7 +28,7 @@ struct Network {
     breaks: bool,
 }
 
-const AHEAD: Option<Ahead> = Some(Ahead { depth: 64, pipeline: 4, phase: 333_333, slower: 700 });
+const AHEAD: Option<Ahead> = Some(Ahead::kind(64, 4, 333_333, 700));
 
 const fn network(
     name: &'static str,
@@ -53,11 +53,11 @@ const NETWORKS: [Network; 14] = [
     network("all kinds", (Bytes16, Firmware::V15), &MODELS, 30),
     Network { ahead: AHEAD, ..network("a bus that takes ahead", (Bytes12, Firmware::V15), &MODELS, 10) },
     Network {
-        ahead: Some(Ahead { depth: 8, pipeline: 1, phase: 999_999, slower: 0 }),
+        ahead: Some(Ahead::kind(8, 1, 999_999, 0)),
         ..network("a bus that takes ahead", (Bytes16, Firmware::V17), &[Hsp2, Servo], 4)
     },
     Network {
-        ahead: Some(Ahead { depth: 16, pipeline: 3, phase: 333_333, slower: 700 }),
+        ahead: Some(Ahead::kind(16, 3, 333_333, 700)),
         breaks: true,
         ..network("a bus that takes ahead and breaks", (Bytes12, Firmware::V17), &MODELS, 5)
     },

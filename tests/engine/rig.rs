@@ -3,7 +3,7 @@
 
 use ecmsk::engine::{Engine, EngineConfig};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{Fieldbus, Ns};
+use ecmsk::fieldbus::{AxisOut, Fieldbus, Ns};
 use ecmsk::sk::{
     DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind,
     SlotSize, StateByte,
@@ -20,7 +20,7 @@ pub fn ahead() -> impl Iterator<Item = Ahead> {
     let clocks = [(0, 333_333, 0), (1, 1, 100), (2, 999_999, 2500), (4, 500_000, 300)];
     [1, 8, 64]
         .into_iter()
-        .flat_map(move |depth| clocks.map(|(pipeline, phase, slower)| Ahead { depth, pipeline, phase, slower }))
+        .flat_map(move |depth| clocks.map(|(pipeline, phase, slower)| Ahead::kind(depth, pipeline, phase, slower)))
 }
 
 pub struct Rig {
@@ -36,8 +36,9 @@ pub struct Rig {
     pub news: usize,
     /// Targets sent so far; the n-th one is n.
     pub targets: i32,
-    /// Whether nothing but targets is sent, so that every report can be checked.
-    pub checked: bool,
+    /// Nothing but targets is sent from now on, and every report is checked. The cycle that the next one answers, as an
+    /// index into what the slave was sent.
+    checked: Option<usize>,
 }
 
 impl Rig {
@@ -46,7 +47,7 @@ impl Rig {
         let bus = AheadBus::new(SimBus::new(vec![puppet.boxed(), other.boxed()]), how);
         let engine = Engine::new(EngineConfig::default(), bus.pacing());
         let report = Frame::new();
-        let mut rig = Self { engine, bus, how, puppet, other, now: 0, report, news: 0, targets: 0, checked: false };
+        let mut rig = Self { engine, bus, how, puppet, other, now: 0, report, news: 0, targets: 0, checked: None };
         rig.until("PreOP", |rig| rig.engine.talks());
         let kinds = [SlaveKind::Drive; 8];
         rig.send(|frame| frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds }));
@@ -96,10 +97,16 @@ impl Rig {
         engine.cycle(self.now, bus, &mut |frame, _| {
             *news += 1;
             report.clone_from(frame);
-            if *checked {
-                check(*how, frame, *targets, &puppet.strings().sent.iter().map(|out| out.target).collect::<Vec<_>>());
+            if let Some(cycle) = checked {
+                check(*how, frame, *targets, *cycle, &puppet.strings().sent);
+                *cycle += 1;
             }
         });
+    }
+
+    /// Nothing but targets is sent from now on, and every report is checked.
+    pub fn check_reports(&mut self) {
+        self.checked = Some(self.puppet.strings().sent.len() - self.how.pipeline);
     }
 
     /// That many polls, one a cycle.
@@ -133,17 +140,14 @@ impl Rig {
     }
 }
 
-/// A report while nothing but targets 1, 2, 3.. was sent, `accepted` of them; `sent` is what the slave got in each cycle.
-fn check(how: Ahead, report: &Frame, accepted: i32, sent: &[i32]) {
-    let newest = *sent.last().expect("a cycle has passed");
+/// A report while nothing but targets 1, 2, 3.. was sent, `accepted` of them; `sent` is what the slave got in each cycle,
+/// and the report answers the one at `cycle`.
+fn check(how: Ahead, report: &Frame, accepted: i32, cycle: usize, sent: &[AxisOut]) {
+    let newest = sent[cycle].target;
     let free = MasterResponse::decode(&report.slot(SIZE, 0)).fifo_free;
-    assert_eq!(i32::from(free) + accepted - newest, FIFO_ENTRIES.into(), "{how:?}: free + not yet sent");
-    // The report answers the cycle that was `pipeline` cycles ago; what it measured is what the one before has done.
-    if let Some(answered) = sent.len().checked_sub(how.pipeline + 1)
-        && answered > 0
-    {
-        let drive = DriveResponse::decode(&report.slot(SIZE, 1));
-        let expected = (sent[answered] as u8, sent[answered - 1]);
-        assert_eq!((drive.head.index, drive.position), expected, "{how:?}: an answer belongs to its outputs");
-    }
+    assert_eq!(i32::from(free) + accepted - newest, FIFO_ENTRIES.into(), "{how:?}: free + not known to be sent");
+    // What a cycle measured is what the one before has done.
+    let drive = DriveResponse::decode(&report.slot(SIZE, 1));
+    let expected = (newest as u8, sent[cycle - 1].target);
+    assert_eq!((drive.head.index, drive.position), expected, "{how:?}: an answer belongs to its outputs");
 }

@@ -94,7 +94,7 @@ fn the_normal_mode() {
 #[test]
 fn a_host_ends_the_walk() {
     for how in two_buses() {
-        for wait in [10, 2100, 4000] {
+        for wait in [10, 2100, 4100] {
             let (mut host, puppets, _) = board(how, 3);
             host.until("OP", |host| host.state().0 == 8).cycles(wait);
             // Nothing but IO_WR ends it.
@@ -122,7 +122,7 @@ fn a_host_ends_the_walk() {
 /// SK-4.72 [OURS] A write that SET_FIFO clears before it is sent ends nothing.
 #[test]
 fn a_write_that_is_cleared() {
-    let how = Ahead { depth: 64, pipeline: 1, phase: 1, slower: 0 };
+    let how = Ahead::kind(64, 1, 1, 0);
     let (mut host, puppets, _) = board(Some(how), 1);
     host.until("OP", |host| host.state().0 == 8).cycles(100);
     let mut write = Frame::new();

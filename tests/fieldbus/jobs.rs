@@ -3,7 +3,7 @@
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::fieldbus::sim::{SimBus, Timing};
-use ecmsk::fieldbus::{AlState, Busy, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
+use ecmsk::fieldbus::{AlState, Busy, Configured, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
 use ecmsk::slave::{AlStatus, Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use support::fieldbus_rig::{Bench, MS, SECOND, configure, refused, sdo, set, state};
 
@@ -138,9 +138,14 @@ fn configure_names_the_slave_that_refuses() {
     config.slaves[2].role = Role::Hsp(Mode::Csp);
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(3, 0x001D)));
     config.slaves[2].role = Role::Unused;
-    assert_eq!(bench.run(Job::Configure(config)), (JobDone::Configure(Ok(SlaveSet::EMPTY)), 30 * MS));
+    assert_eq!(bench.run(Job::Configure(config)), (JobDone::Configure(Ok(Configured::default())), 30 * MS));
     bench.handle.silence(2, true);
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(2, 0)), "it said nothing");
+}
+
+/// A Configure that has ended well, with these as modules of two channels.
+fn configured(second_axes: &[u8]) -> JobDone {
+    JobDone::Configure(Ok(Configured { second_axes: set(second_axes), ..Configured::default() }))
 }
 
 /// SK-3.22 Configuring tells which pulse modules have a second axis, and of which role they are it is no question.
@@ -153,9 +158,9 @@ fn configure_tells_modules_of_two_channels() {
     bench.reach(PreOp, 4);
     let Job::Configure(mut config) = configure(Role::Hsp(Mode::Csv)) else { unreachable!() };
     config.slaves[2].role = Role::Io;
-    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(set(&[1, 4]))));
+    assert_eq!(bench.done(Job::Configure(config)), configured(&[1, 4]));
     config.slaves[3].role = Role::Unused;
-    assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(set(&[1]))));
+    assert_eq!(bench.done(Job::Configure(config)), configured(&[1]));
 }
 
 /// SK-4.56 SK-4.57 Slaves that are not there are no error, and one that is not in the set stays where it is.

@@ -4,8 +4,8 @@ use ecmsk::cia402::{Controlword, DriveState, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{
-    AlState, BusConfig, BusError, Fieldbus, Job, JobDone, Ns, Pacing, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut,
-    SlaveSet,
+    AlState, BusConfig, BusError, Cleared, Configured, Fieldbus, Job, JobDone, Ns, Pacing, Refusal, Role, SlaveConfig,
+    SlaveIn, SlaveOut, SlaveSet,
 };
 use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, SdoValue, Slave};
 use support::fieldbus_rig::{Bench, MS, SECOND, configure, sdo, set, state};
@@ -44,13 +44,13 @@ fn process_data_by_state() {
 #[test]
 fn outputs_are_taken_one_at_a_time() {
     let mut bench = Bench::enabled(1);
-    assert_eq!((bench.bus.pacing(), bench.bus.room(), bench.bus.held()), (Pacing::Runner, 1, 0));
+    assert_eq!((bench.bus.pacing(), bench.bus.room()), (Pacing::Runner, 1));
+    let sent = bench.cycle().outputs;
     *bench.target(1) += 10;
     bench.bus.push(&bench.outputs).unwrap();
-    assert_eq!((bench.bus.room(), bench.bus.held()), (0, 1));
-    assert_eq!(bench.bus.push(&bench.outputs), Err(BusError::Full { held: 1 }));
-    assert_eq!(bench.bus.discard_ahead(), 1);
-    assert_eq!((bench.bus.room(), bench.bus.held(), bench.bus.discard_ahead()), (1, 0, 0));
+    assert_eq!((bench.bus.room(), bench.bus.push(&bench.outputs)), (0, Err(BusError::Full)));
+    bench.bus.clear_ahead(0);
+    assert_eq!((bench.bus.room(), bench.bus.poll_clear(0)), (1, Some(Cleared { newest_sent: sent })));
     bench.cycle();
     for _ in 0..200 {
         assert_eq!(bench.poll().map(|done| done.outputs), Some(None));
@@ -337,7 +337,7 @@ fn a_slave_without_power() {
     let who = set(&[2]);
     assert_eq!(
         bench.run(Job::Configure(BusConfig { who, ..config })),
-        (JobDone::Configure(Ok(SlaveSet::EMPTY)), 10 * MS)
+        (JobDone::Configure(Ok(Configured::default())), 10 * MS)
     );
     bench.cycle();
     assert_eq!(bench.done(back(Op)), JobDone::State(Ok(())));

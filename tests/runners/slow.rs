@@ -21,7 +21,7 @@ use support::hand_on;
 pub struct Hooked<F>(pub SimBus, pub F);
 
 impl<F: FnMut() + Send> Fieldbus for Hooked<F> {
-    hand_on!(0: pacing, start, poll_job, cancel_job, cancel_sdo, room, held, discard_ahead, push);
+    hand_on!(0: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         (self.1)();

@@ -4,7 +4,8 @@ use super::SimBus;
 use crate::cia402::{CONTROLWORD, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
-    AlState, BusConfig, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest, SlaveSet,
+    AlState, BusConfig, Configured, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest,
+    SlaveSet,
 };
 use crate::slave::AlStatus;
 
@@ -76,7 +77,7 @@ impl SimBus {
                     *next += 1;
                     *due += self.timing.configure_slave_ns;
                 }
-                Some(JobDone::Configure(Ok(*second_axes)))
+                Some(JobDone::Configure(Ok(Configured { second_axes: *second_axes, ..Configured::default() })))
             }
             Running::State { target, slaves, due, deadline } => {
                 while now >= *due && *due <= *deadline {

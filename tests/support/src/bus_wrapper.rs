@@ -1,7 +1,7 @@
 //! For a bus of a test's own around another one.
 
 /// Calls of a [`Fieldbus`](ecmsk::fieldbus::Fieldbus) that go on to the bus inside as they are:
-/// `hand_on!(inner: room, held);` in the `impl`, where `inner` is the field that has it.
+/// `hand_on!(inner: room, push);` in the `impl`, where `inner` is the field that has it.
 #[macro_export]
 macro_rules! hand_on {
     ($bus:tt: $($call:ident),+ $(,)?) => {
@@ -37,14 +37,14 @@ macro_rules! hand_on {
             self.$bus.room()
         }
     };
-    (@held $bus:tt) => {
-        fn held(&self) -> u16 {
-            self.$bus.held()
+    (@clear_ahead $bus:tt) => {
+        fn clear_ahead(&mut self, now: ecmsk::fieldbus::Ns) {
+            self.$bus.clear_ahead(now);
         }
     };
-    (@discard_ahead $bus:tt) => {
-        fn discard_ahead(&mut self) -> u16 {
-            self.$bus.discard_ahead()
+    (@poll_clear $bus:tt) => {
+        fn poll_clear(&mut self, now: ecmsk::fieldbus::Ns) -> Option<ecmsk::fieldbus::Cleared> {
+            self.$bus.poll_clear(now)
         }
     };
     (@push $bus:tt) => {

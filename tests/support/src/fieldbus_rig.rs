@@ -5,8 +5,8 @@ use ecmsk::coe::ObjectAddress;
 use ecmsk::coe::SdoSize;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{
-    AlState, BusConfig, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest,
-    SlaveConfig, SlaveSet,
+    AlState, BusConfig, Configured, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Refusal, Role,
+    SdoRequest, SlaveConfig, SlaveSet,
 };
 use ecmsk::sk::{CycleTime, DriveSync};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
@@ -49,7 +49,7 @@ impl Bench {
             bench.reach(PreOp, drives);
         }
         if state >= SafeOp {
-            assert_eq!(bench.done(configure(Role::Drive(Mode::Csp))), JobDone::Configure(Ok(SlaveSet::EMPTY)));
+            assert_eq!(bench.done(configure(Role::Drive(Mode::Csp))), JobDone::Configure(Ok(Configured::default())));
             bench.reach(state, drives);
         }
         bench

@@ -46,7 +46,7 @@ pub struct Honesty {
     pub stale_looks: usize,
     /// Bytes of its FIFO, which holds so many sets of outputs less the more each has; 0: `depth`, whatever is configured.
     pub bytes: u32,
-    /// Looks that a clear takes; half of them pass before it acts.
+    /// Looks that a clear takes; after half of them it acts.
     pub clear_looks: u32,
     /// One look in so many finds no cycle, and the next one finds them all; 0: each finds what has passed.
     pub blind: u64,
@@ -87,7 +87,6 @@ impl Ahead {
         Self { depth, pipeline, phase, slower, honesty }
     }
 
-    #[allow(dead_code, reason = "for what follows")]
     /// One that is like a chip at the end of an SPI: all of it, as the seed has it.
     pub fn honest(seed: u64) -> Self {
         let mut dice = Dice(seed ^ 0x686F_6E65_7374_2121);
@@ -278,7 +277,7 @@ impl<B: Fieldbus> AheadBus<B> {
     /// A clear goes on by a look.
     fn clear_on(&mut self) {
         let Some(clear) = &mut self.clear else { return };
-        if clear.looks == clear.acts_at {
+        if clear.looks == clear.acts_at && clear.done.is_none() {
             self.queue.clear();
             clear.done = Some(Cleared { newest_sent: self.sent });
         }
@@ -375,6 +374,18 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         self.inner.cancel_sdo();
     }
 
+    fn local_inputs(&self) -> Option<u8> {
+        self.inner.local_inputs()
+    }
+
+    fn set_local_outputs(&mut self, bits: u8) {
+        self.inner.set_local_outputs(bits);
+    }
+
+    fn reference_clock(&self) -> Option<u8> {
+        self.inner.reference_clock()
+    }
+
     fn room(&self) -> u16 {
         let pushed: usize = self.pushed.iter().sum();
         let seems_held = self.levels[0] + pushed;
@@ -385,7 +396,7 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         self.look(now);
         let looks = self.how.honesty.clear_looks;
         assert!(self.clear.is_none(), "one clear at a time");
-        self.clear = Some(Clear { looks, acts_at: looks / 2, done: None });
+        self.clear = Some(Clear { looks, acts_at: looks.div_ceil(2), done: None });
         if looks == 0 {
             self.clear_on();
         }

@@ -8,6 +8,8 @@ use ecmsk::sk::{
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 
+use crate::ahead_bus::{Ahead, AheadBus};
+
 /// What a write takes: one USB microframe.
 pub const MICROFRAME: Ns = 125_000;
 /// No boot in these tests takes longer.
@@ -22,6 +24,14 @@ pub struct Host {
     pub report: Frame,
     /// Reports so far.
     pub reports: u64,
+}
+
+/// A board that has booted over that bus, or with that bus behind one that takes outputs ahead.
+pub fn on(how: Option<Ahead>, config: EngineConfig, bus: impl Fieldbus + 'static) -> Host {
+    match how {
+        None => Host::new(config, bus),
+        Some(how) => Host::new(config, AheadBus::new(bus, how)),
+    }
 }
 
 impl Host {

@@ -39,7 +39,7 @@ pub struct Strings {
     pub objects: BTreeMap<(u16, u8), (u8, u32)>,
     /// Objects read so far.
     pub uploads: Vec<ObjectAddress>,
-    reflex: Option<Reflex>,
+    pub reflex: Option<Reflex>,
 }
 
 impl Strings {

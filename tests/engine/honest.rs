@@ -1,0 +1,247 @@
+//! What a bus does that is other hardware, one thing at a time: it loses answers, knows a lost slave late, cannot configure
+//! a slave without the others, takes no SDO beside a change of state, has inputs and outputs of its own.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+
+use MasterState::{Op, PreOp, SafeOp};
+use ecmsk::coe::ObjectAddress;
+use ecmsk::engine::{Board, EngineConfig, Event};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::{CycleDone, Fieldbus, Inputs, Ns};
+use ecmsk::sk::{
+    FIFO_ENTRIES, Frame, MasterCommand, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand, StateByte,
+};
+
+use crate::ahead_bus::{Ahead, Honesty};
+use crate::bus_wrapper::hand_on;
+use crate::host::Host;
+use crate::network_rig::{Net, buses, set};
+use crate::puppet::Puppet;
+
+/// A bus that is kind but for one thing.
+fn but(honesty: Honesty) -> Ahead {
+    Ahead { honesty: Honesty { seed: 1, ..honesty }, ..Ahead::kind(16, 2, 333_333, 100) }
+}
+
+fn events(net: &Net, mark: u64) -> Vec<Event> {
+    net.host.board.engine().events_since(mark).collect()
+}
+
+/// SK-12.4 Answers that a bus has lost make no report and are counted and logged; no entry is lost by it, and a later
+/// answer stands for those before it. SK-12.1
+#[test]
+fn lost_answers_are_counted() {
+    let mut net = Net::on(Some(but(Honesty { loses: 7, ..Honesty::default() })), 2);
+    let (before, mark) = (net.host.counters(), net.host.mark());
+    net.stream(300).settle();
+    let after = net.host.counters();
+    assert!(after.answers_lost - before.answers_lost > 20);
+    assert_eq!((after.executed - before.executed, after.cleared, net.host.answer().fifo_free), (300, 0, FIFO_ENTRIES));
+    assert_eq!(net.received(1), (0..=300).collect::<Vec<_>>());
+    let told: Vec<Event> = events(&net, mark);
+    assert!(told.iter().all(|event| matches!(event, Event::AnswersLost { cycles: 1.., .. })), "{told:?}");
+    assert!(told[0].to_string().contains("are lost"), "{}", told[0]);
+}
+
+/// SK-12.4 Also when nobody looks for a while, so that the bus has no room for more answers.
+#[test]
+fn answers_of_a_long_pause_are_lost() {
+    let how = but(Honesty { keeps: 20, ..Honesty::default() });
+    let mut rig = crate::rig::Rig::new(how);
+    let before = rig.engine.counters().answers_lost;
+    (0..10).for_each(|_| rig.target());
+    rig.run(1);
+    rig.poll_after(100_000_000);
+    assert!((75..=85).contains(&(rig.engine.counters().answers_lost - before)));
+    rig.drained();
+    assert_eq!(rig.puppet.targets(), (0..=10).collect::<Vec<_>>());
+    assert_eq!(rig.answer().fifo_free, FIFO_ENTRIES);
+}
+
+/// SK-12.5 A slave that is known to be lost only later: what was sent to it meanwhile is counted as for a lost one, to the
+/// command, and the others go on. SK-12.6 That not all answer is said at once, and once.
+#[test]
+fn a_loss_known_late() {
+    for loss_delay in [0, 1, 5, 40] {
+        let mut net = Net::on(Some(but(Honesty { loss_delay, keeps: 64, ..Honesty::default() })), 2);
+        net.stream(50);
+        let mark = net.host.mark();
+        net.network.silence(2, true);
+        net.stream(100).settle();
+        assert_eq!((net.host.state().0, net.lost()), (0x18, set(&[2])), "{loss_delay}");
+        let reached = *net.received(2).last().unwrap();
+        assert_eq!(net.host.counters().for_lost, 150 - reached as u64, "{loss_delay}");
+        assert_eq!(net.received(1), (0..=150).collect::<Vec<_>>());
+        let told = events(&net, mark);
+        match &told[..] {
+            [Event::SlaveLost { slave: 2, .. }] => assert_eq!(loss_delay, 0),
+            [Event::WorkingCounter { at, counted: 3, expected: 6 }, Event::SlaveLost { at: then, slave: 2 }] => {
+                assert_eq!((then - at).div_ceil(1_000_200), loss_delay);
+                assert!(told[0].to_string().contains("working counter 3 instead of 6"), "{}", told[0]);
+            }
+            _ => panic!("{loss_delay}: {told:?}"),
+        }
+        net.network.silence(2, false);
+        net.ask(Op, StateByte(8)).host.servo_on(2);
+    }
+}
+
+/// SK-12.7 A bus that configures no slave without the others: bringing one back throws them out of OP. That is logged, their
+/// motors stay off until they are switched on, and one SET_STATE brings all back. SK-4.62
+#[test]
+fn configuring_one_disturbs_the_others() {
+    for honesty in [Honesty::default(), Honesty { clear_looks: 6, jitter: 20, keeps: 64, ..Honesty::default() }] {
+        let mut net = Net::on(Some(but(Honesty { disturbs: true, ..honesty })), 3);
+        net.stream(20);
+        net.network.lose(2);
+        net.until_state(0x18);
+        net.stream(20);
+        net.network.find(2);
+        net.puppets.iter().for_each(Puppet::forget);
+        let mark = net.host.mark();
+        net.ask(Op, StateByte(8));
+        net.host.cycles(100);
+        assert_eq!((net.host.state().0, net.lost().is_empty()), (8, true));
+        let told = events(&net, mark);
+        let disturbed = |event: &&Event| matches!(event, Event::SlaveDisturbed { slave: 1 | 3, .. });
+        assert_eq!((told.iter().filter(disturbed).count(), told.len()), (2, 2), "{told:?}");
+        for slave in [1, 2, 3] {
+            assert!(!net.host.drive(slave).statusword.is_enabled(), "slave {slave} is off");
+            assert_eq!(net.puppets[slave - 1].last().controlword.0, 0);
+        }
+        assert_eq!(net.puppets[1].controlwords(), [0], "and has been from the first outputs on");
+        (1..=3).for_each(|slave| drop(net.host.servo_on(slave)));
+        net.puppets.iter().for_each(Puppet::forget);
+        let from = net.targets;
+        net.stream(50).settle();
+        for slave in [1, 2, 3] {
+            assert_eq!(*net.received(slave).last().unwrap(), from + 50);
+        }
+    }
+}
+
+/// SK-12.10 A bus may refuse an SDO beside a change of state: it waits for the end of the change, and is answered then.
+#[test]
+fn an_sdo_waits_for_the_end_of_a_change() {
+    let mut net = Net::new(Some(but(Honesty { refuses_sdo: true, ..Honesty::default() })), 3);
+    net.puppets[0].strings().objects.insert((0x2000, 0), (4, 77));
+    net.host.go(SafeOp);
+    net.network.silence(2, true);
+    net.host.master(MasterCommand::SetState(Op)).cycles(50);
+    net.host.sdo(SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x2000, 0) }).cycles(3000);
+    assert_eq!((net.host.state().0, net.host.sdo_answer()), (4, SdoResponse::Empty));
+    net.network.silence(2, false);
+    net.host.until("OP", |host| host.state().0 == 8).cycles(50);
+    assert!(matches!(net.host.sdo_answer(), SdoResponse::Done { value: 77, .. }), "{:?}", net.host.sdo_answer());
+    net.host.go(PreOp);
+}
+
+/// A bus whose chip has inputs and outputs of its own.
+struct WithPins<B> {
+    bus: B,
+    inputs: Arc<AtomicU8>,
+    outputs: Arc<AtomicU8>,
+}
+
+impl<B: Fieldbus> Fieldbus for WithPins<B> {
+    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push, poll);
+
+    fn local_inputs(&self) -> Option<u8> {
+        Some(self.inputs.load(Relaxed))
+    }
+
+    fn set_local_outputs(&mut self, bits: u8) {
+        assert_ne!(self.outputs.swap(bits, Relaxed), bits, "it is told changes");
+    }
+}
+
+/// SK-12.8 LIO_RD gives the inputs of the bus's chip and LIO_WR sets its outputs, in every state; SW_RESET switches them off.
+#[test]
+fn local_io_is_that_of_the_bus() {
+    for how in buses() {
+        let (inputs, outputs) = (Arc::new(AtomicU8::new(0)), Arc::new(AtomicU8::new(0)));
+        let pins = WithPins {
+            bus: SimBus::new(vec![Puppet::obedient().boxed()]),
+            inputs: Arc::clone(&inputs),
+            outputs: Arc::clone(&outputs),
+        };
+        let mut host = crate::host::on(how, EngineConfig::default(), pins);
+        host.declare_drives(1);
+        for (n, state) in [PreOp, SafeOp, Op].into_iter().enumerate() {
+            host.go(state);
+            let bits = 0x15 + n as u8;
+            inputs.store(bits, Relaxed);
+            host.master(MasterCommand::LocalWrite(bits ^ 0x3F)).cycles(30);
+            host.master(MasterCommand::LocalRead).cycles(30);
+            assert_eq!((host.answer().result, outputs.load(Relaxed)), (bits.into(), bits ^ 0x3F), "{how:?} {state}");
+        }
+        host.soft_reset();
+        assert_eq!(outputs.load(Relaxed), 0, "{how:?}");
+    }
+}
+
+/// A bus that would like every cycle so much later than planned.
+struct Nudging(SimBus, i64);
+
+impl Fieldbus for Nudging {
+    hand_on!(0: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        let done = self.0.poll(now, inputs)?;
+        Some(CycleDone { next_deadline: (now + 1_000_000).checked_add_signed(self.1), ..done })
+    }
+}
+
+/// SK-12.9 A bus with distributed clocks nudges the next cycle, by half a period at most.
+#[test]
+fn a_bus_nudges_the_next_cycle() {
+    for (wish, period) in
+        [(0, 1_000_000), (-700, 999_300), (12_000, 1_012_000), (900_000, 1_500_000), (-900_000, 500_000)]
+    {
+        let bus = Nudging(SimBus::new(vec![Puppet::obedient().boxed()]), wish);
+        let mut board = Board::new(EngineConfig::default(), Box::new(bus));
+        assert!(board.boot(60_000_000_000));
+        for _ in 0..5 {
+            let at = board.next_cycle();
+            board.cycle(&mut |_, _| {});
+            assert_eq!(board.next_cycle() - at, period, "{wish}");
+        }
+    }
+}
+
+/// SK-12.2 A clear that takes a while: cycles go on sending meanwhile, and what they send counts as executed; the rest counts
+/// as cleared, and the axis stays where the newest that was sent has put it. Frames that come meanwhile are executed after
+/// it, once and in order. SK-5.22
+#[test]
+fn a_clear_takes_a_while() {
+    for clear_looks in [0, 1, 2, 3, 8, 20] {
+        for jitter in [0, 20] {
+            let how = but(Honesty { clear_looks, jitter, keeps: 64, stale_looks: 2, ..Honesty::default() });
+            let mut net = Net::on(Some(how), 1);
+            let before = net.host.counters();
+            (0..100).for_each(|_| net.target());
+            net.host.cycles(20);
+            let clear = MasterCommand::SetFifo(ecmsk::sk::FifoAction::Clear);
+            let mut frame = Frame::new();
+            frame.put_master(net.host.size, &clear);
+            net.host.arrive(&frame).cycle();
+            let last = *net.received(1).last().unwrap();
+            for k in 1..=5 {
+                let mut frame = Frame::new();
+                frame.put_slave(net.host.size, 1, &SlaveCommand::Csp(Motion::to(1000 + k)).into());
+                net.host.arrive(&frame).cycle();
+            }
+            net.host.cycles(60 + jitter);
+            let after = net.host.counters();
+            let received = net.received(1);
+            let reached = *received.iter().filter(|target| **target < 1000).max().unwrap();
+            let what = format!("{how:?}");
+            assert!((0..=clear_looks as i32 / 2 + 1).contains(&(reached - last)), "{what}: {last}, {reached}");
+            assert_eq!(received, (0..=reached).chain(1001..=1005).collect::<Vec<_>>(), "{what}");
+            let counted = (after.executed - before.executed, after.cleared - before.cleared);
+            assert_eq!(counted, (reached as u64 + 6, 100 - reached as u64), "{what}");
+            assert_eq!(net.host.answer().fifo_free, FIFO_ENTRIES, "{what}");
+        }
+    }
+}

@@ -42,6 +42,7 @@ pub enum Says<'a> {
 
 /// What a server has sent to a client. Requests have numbers: 1 is the first thing that a client says, 2 the next one.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "they are looked at one by one and never stored in bulk")]
 pub enum Sent {
     /// A request was done, with the board's time.
     Done {

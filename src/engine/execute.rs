@@ -96,6 +96,12 @@ pub(super) const fn suits(command: &SlaveCommand, role: Role) -> Result<(), Reas
     }
 }
 
+#[inline]
+fn admit_in(state: Option<MasterState>, id: CommandId, slot: SlotKind) -> Result<(), Reason> {
+    let needed = slot_bit(slot) | state.map_or(u8::MAX, state_bit);
+    if ADMITTED[usize::from(id.code())] & needed == needed { Ok(()) } else { Err(why_not_admitted(id, slot)) }
+}
+
 #[cold]
 fn why_not_admitted(id: CommandId, slot: SlotKind) -> Reason {
     match id {
@@ -132,10 +138,16 @@ impl Engine {
         }
     }
 
-    /// Executes slot 0 of a FIFO entry: what acted on arrival does not act again.
+    /// Executes slot 0 of a FIFO entry: what acted on arrival does not act again. That an entry was sent may be known when
+    /// OP is over already; it allows then what OP allows.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
-        if !acts_on_arrival(CommandId::from_code(slot.id)) {
-            self.execute_master(slot, at);
+        let id = CommandId::from_code(slot.id);
+        if acts_on_arrival(id) {
+            return;
+        }
+        match admit_in(Some(MasterState::Op), id, SlotKind::Master) {
+            Ok(()) => self.execute_master(slot, at),
+            Err(reason) => self.reject(0, id, reason, at),
         }
     }
 
@@ -337,8 +349,7 @@ impl Engine {
 
     #[inline]
     pub(super) fn admit(&self, id: CommandId, slot: SlotKind) -> Result<(), Reason> {
-        let needed = slot_bit(slot) | self.v.network.state().map_or(u8::MAX, state_bit);
-        if ADMITTED[usize::from(id.code())] & needed == needed { Ok(()) } else { Err(why_not_admitted(id, slot)) }
+        admit_in(self.v.network.state(), id, slot)
     }
 
     pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {

@@ -105,9 +105,13 @@ impl Engine {
     }
 
     fn act(&mut self, held: Option<Held>, at: Ns) {
-        if let Some(Held { master, sdo }) = held {
-            self.execute_queued_master(&master, at);
-            self.execute_sdo(&sdo, at);
+        let Some(Held { master, sdo }) = held else { return };
+        let shown = (self.v.master_id, self.v.master_result);
+        self.execute_queued_master(&master, at);
+        self.execute_sdo(&sdo, at);
+        if !self.v.network.in_op() {
+            // Known to be sent when OP is over already: slot 0 answers what has come since.
+            (self.v.master_id, self.v.master_result) = shown;
         }
     }
 

@@ -15,7 +15,6 @@ use ecmsk::sk::{
 
 use crate::ahead_bus::{Ahead, Honesty};
 use crate::bus_wrapper::hand_on;
-use crate::host::Host;
 use crate::network_rig::{Net, buses, set};
 use crate::puppet::Puppet;
 
@@ -111,7 +110,9 @@ fn configuring_one_disturbs_the_others() {
             assert_eq!(net.puppets[slave - 1].last().controlword.0, 0);
         }
         assert_eq!(net.puppets[1].controlwords(), [0], "and has been from the first outputs on");
-        (1..=3).for_each(|slave| drop(net.host.servo_on(slave)));
+        for slave in [1, 2, 3] {
+            net.host.servo_on(slave);
+        }
         net.puppets.iter().for_each(Puppet::forget);
         let from = net.targets;
         net.stream(50).settle();

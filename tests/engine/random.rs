@@ -352,3 +352,12 @@ fn random_frames_on_a_network_that_breaks() {
         run_all(SlotSize::Bytes12, ahead, true).at_least(&[500, 100, 25, 100, 1, 200, 100]);
     }
 }
+
+/// SK-4.44 SK-2.9 SK-4.61 SK-4.62 SK-12.1 SK-12.2 The same over buses that are as honest as real ones.
+#[test]
+fn random_frames_over_honest_buses() {
+    for seed in 1..=4 {
+        let size = if seed % 2 == 0 { SlotSize::Bytes12 } else { SlotSize::Bytes16 };
+        run_all(size, Some(Ahead::honest(seed)), true).at_least(&[100, 100, 0, 0, 1, 0, 0]);
+    }
+}

@@ -12,11 +12,11 @@ use ecmsk::sk::{
     SlaveCommand,
 };
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
 use crate::network_rig::Net;
 use crate::puppet::Puppet;
 use crate::rig::ahead;
+use support::ahead_bus::{Ahead, AheadBus};
 use support::hand_on;
 
 /// Buses that take several outputs ahead.

@@ -6,12 +6,12 @@ use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{FifoAction, Frame, MasterCommand, SlaveCommand};
 use ecmsk::slave::{DeviceFault, Drive, DriveConfig};
 
-use crate::ahead_bus::AheadBus;
 use crate::drives::board;
 use crate::host::Host;
 use crate::probe::{Bench, drives};
 use crate::puppet::{DISABLED, ENABLED, FAULT, FAULT_REACTION, NOT_READY, Puppet, QUICK_STOP, READY, SWITCHED_ON};
 use crate::rig::ahead;
+use support::ahead_bus::AheadBus;
 
 const BIT_7: u16 = 0x80;
 

@@ -13,8 +13,8 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{DeviceFault, Drive, DriveConfig, Slave};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
+use support::ahead_bus::{Ahead, AheadBus};
 
 const DRIVES: usize = 40;
 

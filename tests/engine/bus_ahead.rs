@@ -10,10 +10,10 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
 use crate::puppet::Puppet;
 use crate::rig::{Rig, ahead};
+use support::ahead_bus::{Ahead, AheadBus};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 

@@ -12,10 +12,10 @@ use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Fieldbus, Ns, Refusal, Role, Sla
 use ecmsk::sk::{Frame, SlaveCommand};
 use ecmsk::slave::{AlStatus, SdoValue, Slave};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
 use crate::puppet::{DISABLED, ENABLED, READY, SWITCHED_ON};
 use crate::watch::{Spans, Watch};
+use support::ahead_bus::{Ahead, AheadBus};
 
 pub const BIT_4: u16 = 0x10;
 pub const BIT_10: u16 = 1 << 10;

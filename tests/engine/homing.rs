@@ -4,10 +4,10 @@ use ecmsk::coe::SdoSize;
 use ecmsk::engine::{Firmware, HomingEnd, HomingPhase, Reason};
 use ecmsk::sk::{CommandId, FifoAction, Frame, MasterCommand, Motion, SlaveCommand};
 
-use crate::ahead_bus::Ahead;
 use crate::homer::{BIT_4, BIT_10, BIT_12, BIT_13, Home, Script};
 use crate::puppet::{DISABLED, FAULT};
 use crate::rig::ahead;
+use support::ahead_bus::Ahead;
 
 const PROFILES: [Firmware; 2] = [Firmware::V17, Firmware::V15];
 /// On and homing: Enable operation with bit 4.

@@ -7,10 +7,10 @@ use ecmsk::engine::{Event, Firmware, HomingPhase, Reason};
 use ecmsk::fieldbus::Ns;
 use ecmsk::sk::{CommandId, DriveSync, Frame, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand};
 
-use crate::ahead_bus::Ahead;
 use crate::homer::{BIT_13, Home, Script};
 use crate::puppet::FAULT;
 use crate::rig::ahead;
+use support::ahead_bus::Ahead;
 
 const PROFILES: [Firmware; 2] = [Firmware::V17, Firmware::V15];
 const MS: Ns = 1_000_000;

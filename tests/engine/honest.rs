@@ -13,10 +13,10 @@ use ecmsk::sk::{
     FIFO_ENTRIES, Frame, MasterCommand, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand, StateByte,
 };
 
-use crate::ahead_bus::{Ahead, Honesty};
-use crate::bus_wrapper::hand_on;
 use crate::network_rig::{Net, buses, set};
 use crate::puppet::Puppet;
+use support::ahead_bus::{Ahead, Honesty};
+use support::hand_on;
 
 /// A bus that is kind but for one thing.
 fn but(honesty: Honesty) -> Ahead {

@@ -8,7 +8,7 @@ use ecmsk::sk::{
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 
-use crate::ahead_bus::{Ahead, AheadBus};
+use support::ahead_bus::{Ahead, AheadBus};
 
 /// What a write takes: one USB microframe.
 pub const MICROFRAME: Ns = 125_000;

@@ -11,10 +11,10 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{AlStatus, Channels, HomeSwitch, Hsp, HspConfig, SdoValue, Slave, Travel};
 
-use crate::ahead_bus::AheadBus;
 use crate::homer::{BIT_4, BIT_13, Homer, Script};
 use crate::host::Host;
 use crate::rig::ahead;
+use support::ahead_bus::AheadBus;
 
 const SECOND: u16 = 0x800;
 

@@ -10,11 +10,11 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{Channels, Hsp, HspConfig, Slave};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
 use crate::network_rig::buses;
 use crate::puppet::Puppet;
 use crate::rig::ahead;
+use support::ahead_bus::{Ahead, AheadBus};
 
 const FAILED_OP: u8 = 0x18;
 

@@ -7,11 +7,11 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
 
-use crate::ahead_bus::AheadBus;
 use crate::host::Host;
 use crate::probe::Bench;
 use crate::puppet::Puppet;
 use crate::rig::ahead;
+use support::ahead_bus::AheadBus;
 
 const PATTERNS: [u16; 6] = [0x0001, 0x8000, 0xFFFF, 0x5AA5, 0x1234, 0x0000];
 

@@ -9,10 +9,10 @@ use ecmsk::link::{Link, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, SlaveKind, StateByte};
 use ecmsk::slave::{AlStatus, Io, Slave};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::BOOT_LIMIT;
 use crate::network_rig::{Net, set, two_buses};
 use crate::probe::drives;
+use support::ahead_bus::{Ahead, AheadBus};
 
 const OFF_OFF: (bool, bool) = (false, false);
 const ON_OFF: (bool, bool) = (true, false);

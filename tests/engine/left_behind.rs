@@ -8,10 +8,10 @@ use ecmsk::fieldbus::{AlState, Busy, Fieldbus, Job, JobDone, Ns};
 use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, StateByte};
 use ecmsk::slave::{AlStatus, Io, Slave};
 
-use crate::ahead_bus::AheadBus;
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::drives;
+use support::ahead_bus::AheadBus;
 use support::hand_on;
 
 const REFUSAL: AlStatus = AlStatus(0x0011);

@@ -11,12 +11,12 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{AlStatus, Io, Slave};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::homer::{Homer, Script};
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::{any_slaves, drives};
 use crate::puppet::{Puppet, READY};
+use support::ahead_bus::{Ahead, AheadBus};
 
 const FAILED_OP: u8 = 0x18;
 

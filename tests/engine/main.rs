@@ -1,6 +1,5 @@
 //! The EC01M model against the specification, over simulated slaves.
 
-mod ahead_bus;
 mod ahead_entries;
 mod alarms;
 mod allocation;

@@ -6,11 +6,11 @@ use ecmsk::fieldbus::SlaveSet;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, Motion, RawSlot, SlaveCommand, StateByte};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
 use crate::puppet::Puppet;
 use crate::rig::ahead;
 use crate::watch::{Spans, Watch};
+use support::ahead_bus::{Ahead, AheadBus};
 
 /// Every kind of bus: `None` is one that our runner paces.
 pub fn buses() -> impl Iterator<Item = Option<Ahead>> {

@@ -5,10 +5,10 @@ use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::crc::crc8;
 use crate::host::{BOOT_LIMIT, MICROFRAME};
 use crate::probe::{any_slaves, drives};
+use support::ahead_bus::{Ahead, AheadBus};
 use support::dice::Dice;
 use support::swift::SWIFT;
 

@@ -8,10 +8,10 @@ use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::SlotSize::{self, Bytes12, Bytes16};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::models::MODELS;
 use crate::models::Model::{self, *};
 use crate::random::{Run, Totals};
+use support::ahead_bus::{Ahead, AheadBus};
 use support::dice::Dice;
 use support::swift::SWIFT;
 

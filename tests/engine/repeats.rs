@@ -4,10 +4,10 @@ use ecmsk::cia402::Mode;
 use ecmsk::engine::{Firmware, HomingPhase};
 use ecmsk::sk::{DriveSync, SlaveCommand};
 
-use crate::ahead_bus::Ahead;
 use crate::homer::{BIT_4, Home, Script};
 use crate::puppet::{DISABLED, FAULT};
 use crate::rig::ahead;
+use support::ahead_bus::Ahead;
 
 /// One drive, on and in mode 6, whose targets in its own mode do not follow where it is.
 fn ready(firmware: Firmware, how: Ahead) -> Home {

@@ -9,8 +9,8 @@ use ecmsk::sk::{
     SlotSize, StateByte,
 };
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::puppet::Puppet;
+use support::ahead_bus::{Ahead, AheadBus};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 const CYCLE: Ns = 1_000_000;

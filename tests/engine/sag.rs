@@ -4,9 +4,9 @@ use ecmsk::cia402::{Controlword, Statusword};
 use ecmsk::fieldbus::{AxisIn, AxisOut};
 use ecmsk::sk::{Frame, MasterState, Motion, SlaveCommand};
 
-use crate::ahead_bus::Ahead;
 use crate::network_rig::Net;
 use crate::puppet::{DISABLED, ENABLED, READY, SWITCHED_ON};
+use support::ahead_bus::Ahead;
 
 /// Counts that the load sags in a cycle, and cycles that the brake takes to open.
 const SAG: i32 = 50;

@@ -6,11 +6,11 @@ use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::link::{self, Wait};
 use ecmsk::sk::{FifoAction, Frame, MasterCommand, MasterState, RawSlot, SlaveCommand, SlaveKind, SlotSize, StateByte};
 
-use crate::ahead_bus::{Ahead, AheadBus};
 use crate::host::Host;
 use crate::network_rig::two_buses;
 use crate::probe::drives;
 use crate::puppet::Puppet;
+use support::ahead_bus::{Ahead, AheadBus};
 
 const ON: EngineConfig = EngineConfig {
     slot: SlotSize::Bytes12,

@@ -3,6 +3,7 @@
 //! At the top, C and C++ programs on the library of this build: it is built once, programs are compiled against `include/`,
 //! linked with the library and run with the link that the test names.
 
+pub mod ahead_bus;
 pub mod bus_wrapper;
 pub mod captures;
 pub mod dice;

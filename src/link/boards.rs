@@ -1,7 +1,8 @@
-//! Boards of this process that outlive their links: a simulated board stays switched on when its link is closed, as a
-//! real one does.
+//! The simulated boards of this process that outlive their links. Like a real board, a simulated one stays powered when
+//! its link is closed.
 //!
-//! A board that is not open is parked: plain state and the moment it was parked, no thread.
+//! A board without a link is parked: its state and the time of parking are kept, and no thread runs for it. On the real
+//! clock, the next link advances it by the time that has passed (`catch_up_ms=`).
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -11,19 +12,20 @@ use super::options::SimOptions;
 use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 
-/// How a board is found again.
+/// How a later link finds a board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Key {
     /// By its `name=`.
     Name(String),
-    /// By what it is.
+    /// By the options of its link.
     Options(Box<SimOptions>),
 }
 
+/// Whether a link has the board.
 enum Place {
     /// A link has it.
     Open,
-    /// Nobody has it.
+    /// It is not open and waits for the next link.
     Parked { board: Box<Board>, network: SimHandle, since: Instant },
 }
 
@@ -39,11 +41,11 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
     BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A board that was parked, its network, and since when.
+/// A parked board, its network, and when it was parked.
 pub(super) type Parked = (Board, SimHandle, Instant);
 
-/// Takes the board of that key out of its place; or keeps the place for a new one (`None`). `uri` is what messages call
-/// it.
+/// Reserves the board with that key for a link. Returns the parked board, or `None` if there is none yet and the caller
+/// has to make one. `uri` is the name of the link in error messages.
 pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Parked>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
@@ -68,19 +70,19 @@ pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
     }
 }
 
-/// Puts a board (back) to its place.
+/// Parks the board of a link that was closed.
 pub(super) fn park(key: &Key, board: Board, network: SimHandle) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
         entry.place = Place::Parked { board: Box::new(board), network, since: Instant::now() };
     }
 }
 
-/// Gives a claimed place up without a board.
+/// Cancels a reservation for which there is no board.
 pub(super) fn forget(key: &Key) {
     boards().retain(|entry| entry.key != *key);
 }
 
-/// Throws the boards of this process away that nobody has open: the next link finds a new one. Says how many are open.
+/// Discards all parked boards of this process, so that the next link finds a new one. Returns how many boards are open.
 #[doc(hidden)]
 pub fn forget_parked() -> usize {
     let mut boards = boards();

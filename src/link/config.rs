@@ -1,16 +1,18 @@
-//! Which link to open when the program does not say: the C functions and the tool without `--link`.
+//! Which link is opened when a program does not name one, as the C functions and the tool without `--link` do.
 //!
-//! The first of these that names one: the variable `ECMSK_LINK`; then `ecmsk.toml`, looked for beside the program,
-//! beside the library, in the user's configuration folder and in the system's. The tool looks in the folder that it is
-//! started in first ([`Environment::working_dir`]): there a program and its `ecmsk.toml` stand side by side. Nothing names one: `usb:`, a real board;
-//! a program never gets a simulated one unless somebody asked for it.
+//! The first of these that names a link decides: the environment variable `ECMSK_LINK`; then a file `ecmsk.toml` in the
+//! folder of the program, in the folder of the library, in the user's configuration folder, in the system's
+//! configuration folder. The tool looks in its working directory before these folders ([`Environment::working_dir`]),
+//! where somebody who develops a program has its `ecmsk.toml`. If nothing names a link it is `usb:`, a real board: a
+//! program never gets a simulated board unless somebody has asked for one.
 //!
 //! ```toml
 //! # ecmsk.toml
 //! link = "sim:?slaves=drive*2"
 //! ```
 //!
-//! A program with more rights than the user who starts it is not told by that user: see [`is_privileged`].
+//! A program with more rights than the user who starts it does not let that user choose the link: see
+//! [`is_privileged`].
 
 mod privilege;
 
@@ -25,45 +27,48 @@ use serde::Deserialize;
 use super::keys::WHERE_TO_LOOK;
 use crate::files::{FileError, read_small};
 
-/// The variable that names a link.
+/// The environment variable that names a link.
 pub const VARIABLE: &str = "ECMSK_LINK";
-/// The variable that names a file which the library makes when a program opens a board, whether that succeeds or not:
-/// `ecmsk exec` sees by it whether the program came to the library at all. A file that is there stays as it is.
+/// The environment variable that names a marker file. The library creates this file when a program opens a board,
+/// whether or not that succeeds, so that `ecmsk exec` can tell whether the program has called the library at all. An
+/// existing file is left unchanged.
 pub const OPENED: &str = "ECMSK_OPENED";
-/// The file that names a link.
+/// The name of the file that names a link.
 pub const FILE: &str = "ecmsk.toml";
-/// The link when nothing names one.
+/// The link if nothing names one.
 pub const DEFAULT_LINK: &str = "usb:";
 
-/// The longest file that is read \[OURS].
-const LONGEST_BYTES: u64 = 1 << 16;
+/// The largest size of the file \[OURS].
+const FILE_SIZE_MAX_BYTES: u64 = 1 << 16;
 
-/// What the file may hold, for an error.
+/// The allowed content of the file, for error messages.
 const ALLOWED: &str = "allowed: one line, link = \"sim:?slaves=drive*2\"";
 
-/// What the search looks at: variables and folders of a process. A folder that is not known is passed over.
+/// The environment variables and folders that the search uses. A folder that is `None` is skipped.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Environment {
-    /// `ECMSK_LINK`.
+    /// The value of `ECMSK_LINK`.
     pub link: Option<OsString>,
-    /// The folder that somebody works in, for the tool: a program is none's who happens to stand there.
+    /// The working directory, which only the tool searches. A program may be started anywhere, and a file that happens
+    /// to lie there is not meant for it.
     pub working_dir: Option<PathBuf>,
-    /// The folder of the program.
+    /// The folder of the executable.
     pub program_dir: Option<PathBuf>,
-    /// The folder of the library that the program has loaded.
+    /// The folder of the shared library that the program has loaded.
     pub library_dir: Option<PathBuf>,
-    /// The user's and the system's folders.
+    /// The configuration folders of the user and of the system.
     pub platform: Platform,
-    /// Whether a file counts only if nobody but root can have written it: see [`made_by_others`].
+    /// Whether only files count that nobody but root can have written: see [`made_by_others`].
     pub privileged: bool,
 }
 
-/// Folders for configuration, by the customs of the operating system.
+/// The configuration folders of the user and of the system, which depend on the operating system.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Platform {
-    /// Linux and its like: `$XDG_CONFIG_HOME/ecmsk/ecmsk.toml`, else `~/.config/ecmsk/ecmsk.toml`; `/etc/ecmsk.toml`.
+    /// Linux and other Unix systems: `$XDG_CONFIG_HOME/ecmsk/ecmsk.toml`, or else `~/.config/ecmsk/ecmsk.toml`; then
+    /// `/etc/ecmsk.toml`.
     Unix {
-        /// `XDG_CONFIG_HOME`; a relative path does not count (XDG Base Directory Specification).
+        /// `XDG_CONFIG_HOME`; a relative path is ignored (XDG Base Directory Specification).
         xdg_config_home: Option<PathBuf>,
         /// `HOME`.
         home: Option<PathBuf>,
@@ -80,33 +85,33 @@ pub enum Platform {
 }
 
 impl Default for Platform {
-    /// Linux with no variable set.
+    /// A Unix system on which neither variable is set.
     fn default() -> Self {
         Self::Unix { xdg_config_home: None, home: None, etc: PathBuf::from("/etc") }
     }
 }
 
-/// The link to open.
+/// The link to open, and where its name comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Configured {
-    /// Its URI, as it was written.
+    /// The URI as it was written.
     pub link: String,
-    /// Who named it.
+    /// Where the URI comes from.
     pub source: Source,
 }
 
-/// Who named the link.
+/// Where the name of a link comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The variable `ECMSK_LINK`.
+    /// The environment variable `ECMSK_LINK`.
     Variable,
-    /// This file.
+    /// The file with this path.
     File(PathBuf),
-    /// Nobody.
+    /// Neither a variable nor a file names a link: [`DEFAULT_LINK`].
     Default,
 }
 
-/// For messages: `from /etc/ecmsk.toml`.
+/// Writes the source for a message: `from /etc/ecmsk.toml`.
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -117,52 +122,47 @@ impl fmt::Display for Source {
     }
 }
 
-/// Why it cannot be told which link to open.
+/// Why it is not clear which link to open.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ConfigError {
-    /// `ECMSK_LINK` is no text.
+    /// `ECMSK_LINK` is not UTF-8.
     #[error(
         "{VARIABLE} is `{found}`, which is not UTF-8; allowed: a link such as sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     NotUtf8 {
-        /// Its value, as far as it can be shown.
+        /// Its value, with a replacement character for each invalid part.
         found: String,
     },
-    /// The file is there and cannot be read.
+    /// The file exists but cannot be read.
     #[error("{}: {message}; make it readable or take it away", .path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The system's words.
-        message: String,
-    },
-    /// The program has more rights than the user who started it, and the file may be that user's.
+    Unreadable { path: PathBuf, message: String },
+    /// The program has more rights than the user who started it, and that user or another one may have written the
+    /// file.
     #[error(
         "{}: not read, since this program runs with more rights than the user who started it and {reason}; \
          have the file and its folder belong to root and be writable by nobody else, or take the file away",
         .path.display()
     )]
     MadeByOthers {
-        /// The file.
         path: PathBuf,
         /// Who else can have written it.
         reason: String,
     },
-    /// The file holds something else.
+    /// The content of the file is invalid.
     #[error("{}, line {line}: {message}; {ALLOWED}; {WHERE_TO_LOOK}", .path.display())]
     Content {
-        /// The file.
         path: PathBuf,
-        /// Where, from 1.
+        /// The line, counted from 1.
         line: usize,
-        /// What is wrong.
         message: String,
     },
 }
 
 impl Environment {
-    /// That of this process; `library_dir` is the folder of the library, if the caller is one. In a process with more
-    /// rights than the user who started it ([`is_privileged`]) no variable counts, and so no folder of a user.
+    /// The environment of this process. `library_dir` is the folder of the shared library, if it is one that calls
+    /// this. In a process with more rights than the user who started it ([`is_privileged`]) environment variables are
+    /// ignored, and with them the user's configuration folder.
     pub fn from_process(library_dir: Option<PathBuf>) -> Self {
         let dir = |name: &str| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let platform = if cfg!(windows) {
@@ -181,7 +181,7 @@ impl Environment {
         }
     }
 
-    /// The files that may name a link, in the order they are looked at.
+    /// The files that may name a link, in the order of the search.
     pub fn files(&self) -> Vec<PathBuf> {
         let beside =
             [&self.working_dir, &self.program_dir, &self.library_dir].into_iter().flatten().map(|dir| dir.join(FILE));
@@ -200,10 +200,10 @@ impl Environment {
     }
 }
 
-/// Which link to open.
+/// Finds the link to open.
 ///
-/// \[OURS] An `ECMSK_LINK` that is empty counts as not set. A file that is there and wrong is an error, never passed
-/// over: the program would get another board than the one somebody has named.
+/// \[OURS] An empty `ECMSK_LINK` counts as not set. A file that exists but is invalid is an error and never skipped:
+/// the program would get another board than the one that somebody has named.
 ///
 /// # Errors
 /// [`ConfigError`], which names the file and the line.
@@ -220,7 +220,7 @@ pub fn find(environment: &Environment) -> Result<Configured, ConfigError> {
         {
             return Err(ConfigError::MadeByOthers { path, reason });
         }
-        let message = match read_small(&path, LONGEST_BYTES) {
+        let message = match read_small(&path, FILE_SIZE_MAX_BYTES) {
             Ok(file) => match String::from_utf8(file.bytes) {
                 Ok(text) => return Ok(Configured { link: read_link(&path, &text)?, source: Source::File(path) }),
                 Err(_) => io::Error::from(ErrorKind::InvalidData).to_string(),

@@ -1,4 +1,4 @@
-//! The link to an EC01M in this process: the engine over a bus, on the real clock or on a virtual one.
+//! The link to a board in this process: the engine with a simulated network, on the real clock or on a virtual one.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -10,26 +10,26 @@ use crate::engine::{Board, Counters, Rate, RealTime, Stepped, Stop, Threaded};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// What takes the board when its link is closed: a real board does not vanish with the program either. `None`: there is
-/// none any more, a defect has ended its thread.
+/// Called with the board when its link is closed, so that the board can be kept: a real board does not vanish with the
+/// program either. `None`: the board no longer exists because a panic has ended its thread.
 pub type Keeper = Box<dyn Fn(Option<Board>) + Send + Sync>;
 
-/// How a board's host interface is run.
+/// How the host interface of a board is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RunOptions {
-    /// Time passes by calls only.
+    /// Whether time is virtual: it then advances only inside calls.
     pub virtual_time: bool,
-    /// What a write takes of the board's time: one USB microframe.
+    /// How long a write takes in the board's time, in nanoseconds; by default one USB microframe.
     pub host_ns: Ns,
-    /// Reports kept while nobody reads.
+    /// How many unread reports are kept.
     pub queue: usize,
-    /// Limit of a read that names none.
+    /// The time limit of a read for callers that do not choose one.
     pub read_wait: Wait,
-    /// Limit of a write that names none.
+    /// The time limit of a write for callers that do not choose one.
     pub write_wait: Wait,
-    /// What the runner asks of the system (real clock only).
+    /// The real-time priority and memory locking of the cyclic thread (real clock only).
     pub real_time: RealTime,
-    /// How fast the board's time passes (real clock only).
+    /// The speed of the board's time (real clock only).
     pub rate: Rate,
 }
 
@@ -58,15 +58,15 @@ pub struct EngineLink {
     runner: Runner,
     keeper: Option<Keeper>,
     closed: AtomicBool,
-    /// The board's counters when the link was closed.
+    /// The board's counters, and the number of dropped reports, when the link was closed.
     last: OnceLock<(Counters, u64)>,
     counts: Counts,
-    told: Mutex<Told>,
+    logged: Mutex<Logged>,
 }
 
-/// What the log was told of the board.
-struct Told {
-    /// Events so far (on virtual time; a thread hands them over once).
+/// Which of the board's events have been logged.
+struct Logged {
+    /// How many events have been logged (virtual time only; a cyclic thread hands over each event once).
     events: u64,
     rejections: RejectionLog,
 }
@@ -80,11 +80,12 @@ struct Counts {
 }
 
 impl EngineLink {
-    /// Opens the host interface of a board that talks. `name` is what messages call it; `keeper` gets the board back.
+    /// Opens the host interface of a board that has started up. `name` is the name of the link in messages. `keeper`
+    /// gets the board when the link is closed.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`] if the board does not talk: it goes to `keeper` then. [`LinkError::Io`] if the system
-    /// gives no thread.
+    /// [`LinkError::NoBoard`] if the board has not started up; `keeper` gets it then. [`LinkError::Io`] if the system
+    /// provides no thread.
     pub fn open(name: &str, board: Board, options: RunOptions, keeper: Option<Keeper>) -> Result<Self, LinkError> {
         if !board.engine().talks() {
             let reason = if board.engine().state().is_failed() {
@@ -105,8 +106,8 @@ impl EngineLink {
             read_wait: options.read_wait,
             write_wait: options.write_wait,
         };
-        let told =
-            Told { events: board.engine().events_total(), rejections: RejectionLog::new(board.engine().counters()) };
+        let logged =
+            Logged { events: board.engine().events_total(), rejections: RejectionLog::new(board.engine().counters()) };
         let runner = if options.virtual_time {
             Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
         } else {
@@ -123,11 +124,11 @@ impl EngineLink {
             closed: AtomicBool::new(false),
             last: OnceLock::new(),
             counts: Counts::default(),
-            told: Mutex::new(told),
+            logged: Mutex::new(logged),
         })
     }
 
-    /// How late the cycles were so far; `None` on virtual time, where none is.
+    /// How late the cycles have been so far; `None` on virtual time, where no cycle can be late.
     pub fn lateness(&self) -> Option<crate::engine::Lateness> {
         match &self.runner {
             Runner::Threaded(threaded) => Some(threaded.lateness()),
@@ -135,7 +136,8 @@ impl EngineLink {
         }
     }
 
-    /// The board as of its last cycle: LEDs, link, lost slaves; `None` on virtual time once the link is closed.
+    /// The state of the board after its last cycle: LEDs, link state, lost slaves. `None` on virtual time once the link
+    /// is closed.
     pub fn snapshot(&self) -> Option<crate::engine::Snapshot> {
         match &self.runner {
             Runner::Threaded(threaded) => Some(threaded.snapshot()),
@@ -162,35 +164,36 @@ impl EngineLink {
         }
     }
 
-    /// Logs what the board did not execute, from the host's thread: the cyclic path does not log.
+    /// Logs which commands the board did not execute. The thread of the host does this, because the cyclic thread must
+    /// not wait for a log.
     fn log_events(&self) {
         if !log::log_enabled!(log::Level::Warn) {
             return;
         }
-        // Nobody who wants the board or this waits for the log.
+        // The lines are written after the locks are released, so that no other thread waits for the log.
         let mut lines = Vec::new();
         let mut say = |level, line| lines.push((level, line));
-        let mut told = self.told();
-        let Told { events: seen, rejections } = &mut *told;
+        let mut logged = self.logged();
+        let Logged { events: seen, rejections } = &mut *logged;
         match &self.runner {
             Runner::Threaded(threaded) => {
                 let (events, counters, now) = threaded.take_events();
-                rejections.tell(events, &counters, now, &mut say);
+                rejections.log(events, &counters, now, &mut say);
             }
             Runner::Stepped(stepped) => {
                 stepped.look(|board, _| {
                     let engine = board.engine();
                     let from = std::mem::replace(seen, engine.events_total());
-                    rejections.tell(engine.events_since(from), engine.counters(), board.now(), &mut say);
+                    rejections.log(engine.events_since(from), engine.counters(), board.now(), &mut say);
                 });
             }
         }
-        drop(told);
+        drop(logged);
         write_log(lines);
     }
 
-    fn told(&self) -> MutexGuard<'_, Told> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    fn logged(&self) -> MutexGuard<'_, Logged> {
+        self.logged.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn board_counters(&self) -> Option<(Counters, u64)> {
@@ -269,7 +272,7 @@ impl Link for EngineLink {
     }
 
     fn cancel(&self, dir: Dir) {
-        // On virtual time no call waits.
+        // On virtual time calls do not wait, so there is nothing to cancel.
         if let Runner::Threaded(threaded) = &self.runner {
             match dir {
                 Dir::Write => threaded.cancel_writes(),
@@ -288,14 +291,14 @@ impl Link for EngineLink {
                 let dropped = stepped.look(|_, dropped| dropped).unwrap_or_default();
                 (stepped.close(), dropped)
             }
-            // Its thread makes reports until the end.
+            // Its thread makes reports until it has ended, so the dropped ones are counted after that.
             Runner::Threaded(threaded) => (threaded.close(), threaded.counters().1),
         };
         if let Some(board) = &board {
             if log::log_enabled!(log::Level::Warn) {
                 let mut lines = Vec::new();
                 let (counters, now) = (board.engine().counters(), board.now());
-                self.told().rejections.end(counters, now, &mut |level, line| lines.push((level, line)));
+                self.logged().rejections.end(counters, now, &mut |level, line| lines.push((level, line)));
                 write_log(lines);
             }
             // Closing happens once, so the cell is empty.

@@ -1,54 +1,58 @@
-//! What the log says of commands that were not executed without being rejected: one line when it begins, one with the
-//! count when it has ended.
+//! What the log says of commands that the board did not execute although it did not reject them, for example because
+//! its FIFO was full. A period in which such commands occur is an episode: one line when it begins, and one line with
+//! their number when it has ended.
 
 use log::Level;
 
 use crate::engine::{Counters, Unexecuted};
 use crate::fieldbus::Ns;
 
-/// Nothing more was lost for so long of the board's time: it has ended \[OURS].
+/// An episode has ended when its counter has not changed for this long, in the board's time \[OURS].
 const QUIET_NS: Ns = 1_000_000_000;
 
-/// A run of losses of one kind.
+/// A period in which commands of one kind were not executed.
 #[derive(Clone, Copy)]
 struct Episode {
-    /// When the first and the newest were seen.
+    /// When the first one was seen.
     from: Ns,
+    /// When the latest one was seen.
     to: Ns,
-    /// The counter before the first.
+    /// The value of the counter before the first one.
     before: u64,
 }
 
+/// The state of one counter.
 #[derive(Clone, Copy)]
-struct Kind {
-    /// The counter when it was looked at last.
+struct Tracker {
+    /// The value of the counter when it was last looked at.
     seen: u64,
     episode: Option<Episode>,
 }
 
-/// What was told so far.
+/// The episodes of all kinds.
 pub(super) struct Episodes {
-    kinds: [Kind; Unexecuted::KINDS],
+    kinds: [Tracker; Unexecuted::KINDS],
 }
 
 impl Episodes {
-    /// From a board on that has counted so much before.
+    /// Tracks what happens after the board has counted this much.
     pub(super) fn new(counters: &Counters) -> Self {
-        Self { kinds: Unexecuted::ALL.map(|what| Kind { seen: what.of(counters), episode: None }) }
+        Self { kinds: Unexecuted::ALL.map(|what| Tracker { seen: what.of(counters), episode: None }) }
     }
 
-    /// Whether a run of that kind is under way.
+    /// Whether an episode of that kind is in progress.
     pub(super) fn is_running(&self, what: Unexecuted) -> bool {
         let kinds = self.kinds.iter().zip(Unexecuted::ALL);
         kinds.filter(|(_, of)| *of == what).any(|(kind, _)| kind.episode.is_some())
     }
 
-    /// Tells what has begun, but for what was `told` already, and what has ended; `now` is the board's time.
-    pub(super) fn tell(
+    /// Logs which episodes have begun, except those for which `is_logged` says that the log has them already, and which
+    /// have ended. `now` is the board's time.
+    pub(super) fn log(
         &mut self,
         counters: &Counters,
         now: Ns,
-        told: impl Fn(Unexecuted) -> bool,
+        is_logged: impl Fn(Unexecuted) -> bool,
         say: &mut dyn FnMut(Level, String),
     ) {
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
@@ -63,7 +67,7 @@ impl Episodes {
                 Some(_) => {}
                 None if count > before => {
                     kind.episode = Some(Episode { from: now, to: now, before });
-                    if !told(what) {
+                    if !is_logged(what) {
                         say(level(what), begun(what, count - before, now));
                     }
                 }
@@ -72,9 +76,9 @@ impl Episodes {
         }
     }
 
-    /// Tells the counts of what has not ended: the link is closed.
+    /// Logs the numbers of all episodes in progress, when the link is closed.
     pub(super) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
-        self.tell(counters, now, |_| false, say);
+        self.log(counters, now, |_| false, say);
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
             if let Some(episode) = kind.episode.take() {
                 say(level(what), ended(what, &episode, kind.seen));
@@ -83,7 +87,7 @@ impl Episodes {
     }
 }
 
-/// What a program has asked for is no warning.
+/// The level of a line: commands that the program itself has discarded are no reason for a warning.
 const fn level(what: Unexecuted) -> Level {
     if what.is_asked_for() { Level::Info } else { Level::Warn }
 }
@@ -114,7 +118,7 @@ mod tests {
         }
 
         fn look(&mut self, counters: &Counters, at: Ns) {
-            self.episodes.tell(counters, at, |_| false, &mut |level, line| self.lines.push((level, line)));
+            self.episodes.log(counters, at, |_| false, &mut |level, line| self.lines.push((level, line)));
         }
 
         fn end(&mut self, counters: &Counters, at: Ns) {

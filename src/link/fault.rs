@@ -1,5 +1,5 @@
-//! Faults on demand: a [`Link`] around any link that loses, turns over, doubles and holds up frames, and takes the board
-//! away, so that a program's handling of errors can be tested without breaking a cable.
+//! Fault injection: a [`Link`] around any link that loses, corrupts, duplicates and delays frames and disconnects the
+//! board, so that the error handling of a program can be tested without pulling a cable.
 //!
 //! ```
 //! use ecmsk::link::{self, LinkError, Share, Wait};
@@ -18,23 +18,25 @@
 //! # Ok::<(), LinkError>(())
 //! ```
 //!
-//! What happens to which frame is fixed by the seed, for each direction by itself: with one calling thread on a virtual
-//! clock a program sees the same every time. Every fault is counted in [`LinkStats::faults`] and logged. A recording is
-//! around the faults: it holds what the program has seen and not what the board has.
+//! The seed determines which frame gets which fault, separately for each direction: a program with one calling thread
+//! on a virtual clock sees the same faults in every run. Every fault is counted in [`LinkStats::faults`] and logged. A
+//! recording wraps the fault injection, so it holds what the program has seen and not what the board has.
 //!
-//! \[OURS] How each fault looks to a program:
-//! - *drop*: a write succeeds and the board gets nothing; a report never comes, and leaves a gap in the sequence.
-//! - *corrupt*: one bit of a frame is turned over, anywhere in its slots.
+//! \[OURS] What a program sees of each fault:
+//! - *drop*: a write succeeds and the board gets nothing; a report never arrives and leaves a gap in the sequence
+//!   numbers.
+//! - *corrupt*: one bit of a frame is flipped, anywhere in its slots.
 //! - *duplicate*: the board takes a frame twice; a report is read twice, with the same sequence number.
-//! - *delay*: a write takes that much longer, or reaches its limit and the frame was not taken; a report is held up with
-//!   those behind it, and comes with a later read if the limit of this one is reached. None overtakes another.
-//! - *disconnect*: [`LinkError::Lost`] from every call, and every wait ends with it, until the link is opened again. With
-//!   `fault.disconnect_after` that many calls succeed. `fault.disconnect_ms` is time of the machine, on a virtual clock
-//!   time of the board.
+//! - *delay*: a write takes longer by the delay, or reaches its time limit, in which case the frame was not taken. A
+//!   report and those behind it arrive later; if the limit of a read has passed by then, a later read gets them.
+//!   Reports keep their order.
+//! - *disconnect*: every call fails with [`LinkError::Lost`] and every wait ends with it, until the link is opened
+//!   again. With `fault.disconnect_after` that many calls succeed before. `fault.disconnect_ms` is time of the machine,
+//!   or on a virtual clock time of the board.
 
 mod clock;
-mod dice;
 mod options;
+mod random;
 mod stats;
 
 use std::collections::VecDeque;
@@ -49,58 +51,58 @@ pub use stats::{FaultCounts, FaultStats};
 
 use super::{Dir, Fraction, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::{Frame, SlotSize};
-use clock::{Call, Clock, LOOK};
-use dice::Dice;
+use clock::{Call, Clock, POLL_TIME};
+use random::FaultSequence;
 use stats::{Counters, count, read};
 
-/// Reports that may be held up at once. One reading thread has two at most, one and its double.
-const HELD_MAX: usize = 64;
+/// The largest number of delayed reports. One reading thread causes at most two, a report and its duplicate.
+const PENDING_MAX: usize = 64;
 
-/// A report that is on its way.
-struct Held {
+/// A report that was read from the inner link and is not yet due.
+struct PendingReport {
     frame: Frame,
     meta: ReadMeta,
-    /// When it comes, since the link was opened.
+    /// When the program gets it, as time since the link was opened.
     due: Duration,
 }
 
-/// A link with faults.
+/// A link that injects faults.
 pub struct FaultLink {
     inner: Arc<dyn Link>,
     info: LinkInfo,
     options: FaultOptions,
     clock: Clock,
-    dice: [Mutex<Dice>; 2],
-    held: Mutex<VecDeque<Held>>,
+    sequences: [Mutex<FaultSequence>; 2],
+    pending: Mutex<VecDeque<PendingReport>>,
     writes: Counters,
     reads: Counters,
-    /// Why the board is gone: the key that took it away.
-    gone: OnceLock<&'static str>,
-    /// The program has closed it.
+    /// The key that disconnected the board, once it is disconnected.
+    disconnected: OnceLock<&'static str>,
+    /// Whether the program has closed the link.
     closed: AtomicBool,
 }
 
 impl FaultLink {
-    /// Puts faults between a program and `inner`.
+    /// A link that passes frames on to `inner` and injects faults.
     pub fn new(inner: Arc<dyn Link>, options: FaultOptions) -> Self {
         let info = inner.info();
         let bits = info.slot.unwrap_or(SlotSize::Bytes12).frame_len() * 8;
-        let dice = |dir, rates| Mutex::new(Dice::new(options.seed, dir, rates, bits));
+        let sequence = |dir, rates| Mutex::new(FaultSequence::new(options.seed, dir, rates, bits));
         Self {
             clock: Clock::new(Arc::clone(&inner), &info),
             inner,
             info,
             options,
-            dice: [dice(Dir::Write, options.write), dice(Dir::Read, options.read)],
-            held: Mutex::new(VecDeque::with_capacity(HELD_MAX)),
+            sequences: [sequence(Dir::Write, options.write), sequence(Dir::Read, options.read)],
+            pending: Mutex::new(VecDeque::with_capacity(PENDING_MAX)),
             writes: Counters::default(),
             reads: Counters::default(),
-            gone: OnceLock::new(),
+            disconnected: OnceLock::new(),
             closed: AtomicBool::new(false),
         }
     }
 
-    /// Ends a call: counts it, and takes the board away if its frame was the last one.
+    /// Counts a call, and disconnects the board if `fault.disconnect_after` is reached.
     fn finish<T>(&self, counters: &Counters, done: Result<T, LinkError>) -> Result<T, LinkError> {
         match done {
             Ok(done) => {
@@ -113,30 +115,30 @@ impl FaultLink {
             }
             Err(error) => {
                 count(&counters.failed);
-                Err(self.lost().unwrap_or(error))
+                Err(self.lost_error().unwrap_or(error))
             }
         }
     }
 
-    /// Takes the board away. The link to it is closed, which ends every wait.
+    /// Disconnects the board: closes the inner link, which ends every wait.
     fn disconnect(&self, key: &'static str) {
-        if self.gone.set(key).is_ok() {
+        if self.disconnected.set(key).is_ok() {
             log::warn!("fault: `{}` is disconnected ({key})", self.info.name);
-            self.clock.end();
+            self.clock.close();
             self.inner.close();
         }
     }
 
-    /// The error of a board that is gone; `None` while it is there, and once the program has closed it.
-    fn lost(&self) -> Option<LinkError> {
-        let reason = *self.gone.get()?;
+    /// The error of a disconnected board; `None` if it is connected or the program has closed the link.
+    fn lost_error(&self) -> Option<LinkError> {
+        let reason = *self.disconnected.get()?;
         let closed = self.closed.load(Ordering::Acquire);
         (!closed).then(|| LinkError::Lost { name: self.info.name.clone(), reason: reason.into() })
     }
 
-    /// Whether the board is there.
-    fn alive(&self) -> Result<(), LinkError> {
-        if let Some(lost) = self.lost() {
+    /// Fails if the board is disconnected. Disconnects it if `fault.disconnect_ms` has passed.
+    fn check_connected(&self) -> Result<(), LinkError> {
+        if let Some(lost) = self.lost_error() {
             return Err(lost);
         }
         if let Some(limit) = self.options.disconnect_at
@@ -144,47 +146,47 @@ impl FaultLink {
         {
             self.disconnect("fault.disconnect_ms");
         }
-        self.lost().map_or(Ok(()), Err)
+        self.lost_error().map_or(Ok(()), Err)
     }
 
     fn write_frame(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        self.alive()?;
+        self.check_connected()?;
         let call = self.clock.call(Dir::Write, wait)?;
-        let lot = self.dice[0].lock().roll();
+        let faults = self.sequences[0].lock().next_frame();
         let until = self.options.disconnect_at;
-        if lot.delay {
+        if faults.delay {
             count(&self.writes.delayed);
             log::info!("fault: a command frame is held up for {:?}", self.options.delay);
             let due = self.clock.now()? + self.options.delay;
-            let come = self.clock.wait_until(&call, until.map_or(due, |until| due.min(until)))?;
-            self.alive()?;
-            if !come {
+            let is_due = self.clock.wait_until(&call, until.map_or(due, |until| due.min(until)))?;
+            self.check_connected()?;
+            if !is_due {
                 return Err(timeout(Dir::Write, wait, "the frame is held up (fault.delay)"));
             }
         }
-        if lot.drop {
+        if faults.drop {
             count(&self.writes.dropped);
-            // It takes its time on the wire all the same.
-            self.inner.pass(LOOK)?;
+            // A lost frame takes its time on the wire, too.
+            self.inner.pass(POLL_TIME)?;
             let at = self.clock.stamp(self.clock.now()?);
             log::info!("fault: a command frame is dropped at {} us", at.0 / 1000);
             return Ok(at);
         }
-        let turned = lot.corrupt.map(|bit| {
+        let corrupted = faults.corrupt.map(|bit| {
             count(&self.writes.corrupted);
-            log::info!("fault: bit {} of byte {} of a command frame is turned over", bit % 8, bit / 8);
-            turn_over(frame, bit)
+            log::info!("fault: bit {} of byte {} of a command frame is flipped", bit % 8, bit / 8);
+            flip_bit(frame, bit)
         });
-        let frame = turned.as_ref().unwrap_or(frame);
-        let left = if lot.delay || until.is_some() { self.clock.left(&call, until)? } else { wait };
+        let frame = corrupted.as_ref().unwrap_or(frame);
+        let left = if faults.delay || until.is_some() { self.clock.remaining(&call, until)? } else { wait };
         let at = match self.inner.write(frame, left) {
             Err(LinkError::Timeout { .. }) => {
-                self.alive()?;
+                self.check_connected()?;
                 return Err(timeout(Dir::Write, wait, "the board takes no more frames"));
             }
             done => done?,
         };
-        if lot.duplicate && self.inner.write(frame, self.clock.left(&call, until)?).is_ok() {
+        if faults.duplicate && self.inner.write(frame, self.clock.remaining(&call, until)?).is_ok() {
             count(&self.writes.duplicated);
             log::info!("fault: the command frame of {} us arrives twice", at.0 / 1000);
         }
@@ -192,52 +194,52 @@ impl FaultLink {
     }
 
     fn read_report(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        self.alive()?;
+        self.check_connected()?;
         let call = self.clock.call(Dir::Read, wait)?;
         let begin = self.clock.now()?;
         let mut frame = Frame::new();
         loop {
             self.clock.check(&call)?;
-            if let Some(meta) = self.take_held(&call, wait, out)? {
+            if let Some(meta) = self.take_pending(&call, wait, out)? {
                 return Ok(meta);
             }
-            let left = self.clock.left(&call, self.options.disconnect_at)?;
+            let left = self.clock.remaining(&call, self.options.disconnect_at)?;
             let meta = match self.inner.read(&mut frame, left) {
                 Err(LinkError::Timeout { .. }) => {
-                    self.alive()?;
+                    self.check_connected()?;
                     return Err(timeout(Dir::Read, wait, "no report came"));
                 }
                 done => done?,
             };
-            self.alive()?;
-            let lot = self.dice[1].lock().roll();
-            if lot.drop {
+            self.check_connected()?;
+            let faults = self.sequences[1].lock().next_frame();
+            if faults.drop {
                 count(&self.reads.dropped);
                 log::info!("fault: report {} of {} us is dropped", meta.sequence, meta.at.0 / 1000);
                 self.refuse_an_endless_read(wait, begin)?;
                 continue;
             }
-            if let Some(bit) = lot.corrupt {
+            if let Some(bit) = faults.corrupt {
                 count(&self.reads.corrupted);
                 let (bit_of_byte, byte) = (bit % 8, bit / 8);
-                log::info!("fault: bit {bit_of_byte} of byte {byte} of report {} is turned over", meta.sequence);
-                frame = turn_over(&frame, bit);
+                log::info!("fault: bit {bit_of_byte} of byte {byte} of report {} is flipped", meta.sequence);
+                frame = flip_bit(&frame, bit);
             }
-            self.hold(&frame, meta, lot)?;
+            self.queue(&frame, meta, faults)?;
         }
     }
 
-    /// Puts a report behind those that are on their way.
-    fn hold(&self, frame: &Frame, meta: ReadMeta, lot: dice::Lot) -> Result<(), LinkError> {
+    /// Queues a report behind the delayed ones; twice if it is duplicated.
+    fn queue(&self, frame: &Frame, meta: ReadMeta, faults: random::FrameFaults) -> Result<(), LinkError> {
         let now = self.clock.now()?;
-        let mut held = self.held.lock();
-        let due = if lot.delay { now + self.options.delay } else { now };
-        let copies = if lot.duplicate && held.len() + 2 <= HELD_MAX { 2 } else { 1 };
+        let mut pending = self.pending.lock();
+        let due = if faults.delay { now + self.options.delay } else { now };
+        let copies = if faults.duplicate && pending.len() + 2 <= PENDING_MAX { 2 } else { 1 };
         for _ in 0..copies {
-            held.push_back(Held { frame: frame.clone(), meta, due });
+            pending.push_back(PendingReport { frame: frame.clone(), meta, due });
         }
-        drop(held);
-        if lot.delay {
+        drop(pending);
+        if faults.delay {
             count(&self.reads.delayed);
             log::info!("fault: report {} is held up for {:?}", meta.sequence, self.options.delay);
         }
@@ -248,14 +250,14 @@ impl FaultLink {
         Ok(())
     }
 
-    /// The oldest report that is on its way, once it comes; `None`: there is none.
-    fn take_held(&self, call: &Call, wait: Wait, out: &mut Frame) -> Result<Option<ReadMeta>, LinkError> {
+    /// The oldest delayed report, once it is due; `None` if there is none.
+    fn take_pending(&self, call: &Call, wait: Wait, out: &mut Frame) -> Result<Option<ReadMeta>, LinkError> {
         loop {
             let due = {
-                let mut held = self.held.lock();
-                let Some(due) = held.front().map(|first| first.due) else { return Ok(None) };
+                let mut pending = self.pending.lock();
+                let Some(due) = pending.front().map(|first| first.due) else { return Ok(None) };
                 if due <= self.clock.now()?
-                    && let Some(first) = held.pop_front()
+                    && let Some(first) = pending.pop_front()
                 {
                     out.clone_from(&first.frame);
                     return Ok(Some(first.meta));
@@ -263,15 +265,15 @@ impl FaultLink {
                 due
             };
             let limit = self.options.disconnect_at.map_or(due, |limit| due.min(limit));
-            let come = self.clock.wait_until(call, limit)?;
-            self.alive()?;
-            if !come {
+            let is_due = self.clock.wait_until(call, limit)?;
+            self.check_connected()?;
+            if !is_due {
                 return Err(timeout(Dir::Read, wait, "the report is held up (fault.delay)"));
             }
         }
     }
 
-    /// On a virtual clock a read without a limit would go on for ever in a single call if every report is lost.
+    /// Fails a read that would never end: on a virtual clock, without a time limit, when every report is dropped.
     fn refuse_an_endless_read(&self, wait: Wait, begin: Duration) -> Result<(), LinkError> {
         let endless = wait == Wait::Forever && self.clock.is_virtual() && self.options.disconnect_at.is_none();
         if endless && self.options.read.drop == Fraction::ONE {
@@ -282,10 +284,10 @@ impl FaultLink {
     }
 }
 
-fn turn_over(frame: &Frame, bit: usize) -> Frame {
-    let mut turned = frame.clone();
-    turned.bytes_mut()[bit / 8] ^= 1 << (bit % 8);
-    turned
+fn flip_bit(frame: &Frame, bit: usize) -> Frame {
+    let mut corrupted = frame.clone();
+    corrupted.bytes_mut()[bit / 8] ^= 1 << (bit % 8);
+    corrupted
 }
 
 fn timeout(dir: Dir, wait: Wait, what: &'static str) -> LinkError {
@@ -314,7 +316,7 @@ impl Layer for FaultLink {
     }
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
-        self.alive()?;
+        self.check_connected()?;
         self.inner.pass(time)
     }
 
@@ -325,18 +327,18 @@ impl Layer for FaultLink {
 
     fn close(&self) {
         self.closed.store(true, Ordering::Release);
-        self.clock.end();
+        self.clock.close();
         self.inner.close();
     }
 
     fn vanish(&self) {
         self.closed.store(true, Ordering::Release);
-        self.clock.end();
+        self.clock.close();
         self.inner.vanish();
     }
 
     fn check(&self) -> Result<(), LinkError> {
-        self.alive()?;
+        self.check_connected()?;
         self.inner.check()
     }
 
@@ -349,7 +351,7 @@ impl Layer for FaultLink {
             faults: FaultStats {
                 write: self.writes.faults(),
                 read: self.reads.faults(),
-                disconnected: self.gone.get().is_some(),
+                disconnected: self.disconnected.get().is_some(),
             },
             ..self.inner.stats()
         }

@@ -1,31 +1,31 @@
-//! A part of a whole as links write it: `0.01`.
+//! Numbers from 0 to 1 as links write them: `0.01`.
 
 use std::fmt;
 
-/// Digits that a fraction has after the point at most.
+/// The largest number of digits after the decimal point.
 const DIGITS: usize = 9;
 
-/// A number from 0 to 1 in billionths: a probability, or the rate of a clock.
+/// A number from 0 to 1 with a resolution of one billionth: a probability, or the rate of a clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Fraction(u32);
 
 impl Fraction {
-    /// 0.
+    /// The number 0.
     pub const ZERO: Self = Self(0);
-    /// 1.
+    /// The number 1.
     pub const ONE: Self = Self(1_000_000_000);
 
-    /// That many billionths; more than a billion count as one.
+    /// The number of this many billionths; values above a billion become 1.
     pub const fn from_billionths(billionths: u32) -> Self {
         if billionths > Self::ONE.0 { Self::ONE } else { Self(billionths) }
     }
 
-    /// The number in billionths, 0..=1 000 000 000.
+    /// The number in billionths: 0..=1 000 000 000.
     pub const fn billionths(self) -> u32 {
         self.0
     }
 
-    /// Reads `0.01`, `1`, `1.0` or `.5`: at most 9 digits after the point; `None` if it is none.
+    /// Parses `0.01`, `1`, `1.0` or `.5` with at most 9 digits after the point; `None` if the text is invalid.
     pub fn parse(text: &str) -> Option<Self> {
         let (whole, decimals) = text.split_once('.').unwrap_or((text, "0"));
         let whole = if whole.is_empty() && text.starts_with('.') { "0" } else { whole };
@@ -40,7 +40,7 @@ impl Fraction {
     }
 }
 
-/// The shortest form: `0`, `0.01`, `1`.
+/// Writes the shortest form: `0`, `0.01`, `1`.
 impl fmt::Display for Fraction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (whole, decimals) = (self.0 / Self::ONE.0, self.0 % Self::ONE.0);

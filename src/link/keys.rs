@@ -1,4 +1,5 @@
-//! The schemes and keys of a link URI: the one table that the parser, the defaults and [`help`] are made from.
+//! The schemes and keys of a link's URI. The parser, the defaults and [`help`] are all made from one table,
+//! `keys/table.rs`: a new key is a new row there.
 
 mod table;
 
@@ -8,10 +9,10 @@ use super::fraction::Fraction;
 use super::slaves;
 pub use table::KEYS;
 
-/// Where every error about a link points to.
+/// The end of every error message about a link.
 pub(super) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
 
-/// What stands before the colon: how the board is reached.
+/// How the board is reached: the word before the colon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scheme {
     /// A simulated board in this process.
@@ -20,15 +21,15 @@ pub enum Scheme {
     Usb,
     /// A real ECM-SK on SPI.
     Spi,
-    /// A board that another machine serves.
+    /// A board that another process or machine serves.
     Tcp,
 }
 
 impl Scheme {
-    /// Every scheme, whether it is in this build or not.
+    /// All schemes, including those that this build cannot open.
     pub const ALL: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
 
-    /// What stands before the colon.
+    /// The word before the colon.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Sim => "sim",
@@ -38,12 +39,12 @@ impl Scheme {
         }
     }
 
-    /// The scheme of that name.
+    /// The scheme with that name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link: each scheme is a feature, and `spi:` is of Linux alone.
+    /// Whether this build can open such a link: each scheme is a feature, and `spi:` exists on Linux only.
     pub const fn in_build(self) -> bool {
         match self {
             Self::Sim => cfg!(feature = "sim"),
@@ -53,7 +54,7 @@ impl Scheme {
         }
     }
 
-    /// What stands between the colon and the question mark; `None`: nothing may.
+    /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
     pub const fn path(self) -> Option<&'static str> {
         match self {
             Self::Sim | Self::Usb => None,
@@ -78,40 +79,40 @@ impl fmt::Display for Scheme {
     }
 }
 
-/// What a key's value looks like.
+/// The syntax of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Syntax {
     /// One of these words.
     Choice(&'static [&'static str]),
-    /// A whole decimal number in this range, both ends included.
+    /// A decimal integer in this range, both ends included.
     Number(u64, u64),
     /// A decimal number in this range, both ends included, with at most 9 digits after the point.
     Fraction(Fraction, Fraction),
-    /// A path of a file.
+    /// The path of a file.
     File,
     /// 1 to 64 letters, digits, `-`, `_` and `.`.
     Name,
-    /// A text of a USB device: 1 to 126 characters.
+    /// A USB string descriptor: 1 to 126 characters.
     Text,
-    /// A frequency in this range, Hz, both ends included: a whole number, `k` or `M` may stand behind it.
+    /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
     Hertz(u64, u64),
-    /// A line of a GPIO chip: `CHIP/LINE`.
+    /// A GPIO line: `CHIP/LINE`.
     Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
 }
 
-/// Longest text of a USB device (USB 2.0 9.6.7).
+/// The longest USB string descriptor, in characters (USB 2.0 9.6.7).
 const TEXT_MAX: usize = 126;
 
-/// Longest name of a board. \[OURS]
+/// The longest name of a board, in characters. \[OURS]
 const NAME_MAX: usize = 64;
 
 impl Syntax {
     /// The value in its normal form.
     ///
     /// # Errors
-    /// Why it is none and what is allowed.
+    /// Why the value is invalid, and what is allowed.
     pub fn normal(self, value: &str) -> Result<String, String> {
         let normal = match self {
             Self::Choice(words) => words.contains(&value).then(|| value.to_owned()),
@@ -142,7 +143,7 @@ impl Syntax {
         normal.ok_or_else(|| self.allowed())
     }
 
-    /// `allowed: ` and what is, for an error.
+    /// `allowed: ` and the allowed values, for an error message.
     pub fn allowed(self) -> String {
         match self {
             Self::Choice(words) => format!("allowed: {}", words.join(", ")),
@@ -163,7 +164,7 @@ impl Syntax {
         }
     }
 
-    /// What stands for the value in the help.
+    /// The placeholder for the value in the help.
     fn placeholder(self) -> String {
         match self {
             Self::Choice(words) => words.join("|"),
@@ -179,7 +180,7 @@ impl Syntax {
     }
 }
 
-/// A frequency as links write it, Hz.
+/// Parses a frequency as links write it, in Hz.
 pub(super) fn hertz(value: &str) -> Option<u64> {
     let (digits, unit) = match value.strip_suffix('M') {
         Some(digits) => (digits, 1_000_000),
@@ -189,7 +190,7 @@ pub(super) fn hertz(value: &str) -> Option<u64> {
     digits.parse::<u64>().ok().filter(|_| plain)?.checked_mul(unit)
 }
 
-/// The shortest way to write it.
+/// The shortest text for a frequency in Hz.
 fn hertz_text(number: u64) -> String {
     match number {
         0 => "0".to_owned(),
@@ -199,37 +200,37 @@ fn hertz_text(number: u64) -> String {
     }
 }
 
-/// One key of a link URI.
+/// One key of a link's URI.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// Its name.
+    /// The name of the key.
     pub name: &'static str,
-    /// The schemes that take it.
+    /// The schemes that have the key.
     pub schemes: &'static [Scheme],
-    /// What its value looks like.
+    /// The syntax of its value.
     pub syntax: Syntax,
-    /// The value that holds where the key is not given, in normal form; `None`: there is none, and `meaning` says what
-    /// that means.
+    /// The value that applies if the key is not given, in normal form; `None` if there is none, in which case `meaning`
+    /// says what happens.
     pub default: Option<&'static str>,
-    /// A value it takes, other than the default.
+    /// A valid value other than the default.
     pub example: &'static str,
-    /// What it does, with the unit.
+    /// What the key does, with the unit of its value.
     pub meaning: &'static str,
 }
 
 impl Key {
-    /// The row for a key of a link of that scheme.
+    /// The row of a key in links of that scheme.
     pub fn find(scheme: Scheme, name: &str) -> Option<&'static Self> {
         Self::of(scheme).find(|key| key.name == name)
     }
 
-    /// The keys that a link of that scheme takes, in the order of the table.
+    /// The keys of links of that scheme, in the order of the table.
     pub fn of(scheme: Scheme) -> impl Iterator<Item = &'static Self> {
         KEYS.iter().filter(move |key| key.schemes.contains(&scheme))
     }
 }
 
-/// The text of `ecmsk link help`: what a link looks like, every scheme, every key with its default.
+/// The text of `ecmsk link help`: the form of a link, every scheme, and every key with its default.
 pub fn help() -> String {
     use fmt::Write as _;
 

@@ -1,14 +1,16 @@
-//! A link that stands before another one.
+//! Links that wrap another link and change or watch its traffic.
 
 use std::time::Duration;
 
 use super::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link before another one. It says itself only what it does otherwise; everything else the inner link does, so that none
-/// forgets [`Link::vanish`], for which [`Link`] has a default that no layer may have. Every layer is a [`Link`].
+/// A link around another link. An implementation defines only the calls that it changes; all others go to
+/// [`Layer::inner`]. Every layer is a [`Link`].
+///
+/// This also makes sure that no layer forgets [`Link::vanish`]: its default in [`Link`] would close the inner link.
 pub trait Layer: Send + Sync {
-    /// The link behind this one.
+    /// The wrapped link.
     fn inner(&self) -> &dyn Link;
 
     /// [`Link::info`].

@@ -1,4 +1,4 @@
-//! The objects of makers that a link gives its simulated slaves: `slaves=drive:objects@FILE`.
+//! Manufacturer-specific objects of simulated slaves, read from the file named in a link: `slaves=drive:objects@FILE`.
 
 use std::path::Path;
 
@@ -7,26 +7,26 @@ use super::slaves::{MakersSpec, SlaveSpec};
 use crate::files::read_small;
 use crate::slave::{MAKERS_BYTES_MAX, MakersObjects};
 
-/// Why there are no objects of a file.
+/// A file of manufacturer-specific objects cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cannot take the objects of {file}: {message}; name another file or mend it, {WHERE_TO_LOOK}")]
 pub struct MakersError {
-    /// The file.
+    /// The path of the file.
     pub file: String,
-    /// Why, with the line.
+    /// What is wrong, with the number of the line.
     pub message: String,
 }
 
-/// Reads a file of objects.
+/// Reads a file of manufacturer-specific objects.
 ///
 /// # Errors
-/// [`MakersError`]
+/// [`MakersError`] if the file cannot be read or a line is invalid.
 pub fn load(file: &Path) -> Result<MakersObjects, MakersError> {
     let text = read_text(file, MAKERS_BYTES_MAX)?;
     MakersObjects::parse(&text).map_err(|error| wrong(file, error))
 }
 
-/// Reads a regular file of text, of at most so many bytes.
+/// Reads a regular file of UTF-8 text of at most `size_max` bytes.
 ///
 /// # Errors
 /// [`MakersError`]
@@ -39,11 +39,8 @@ fn wrong(file: &Path, message: impl ToString) -> MakersError {
     MakersError { file: file.display().to_string(), message: message.to_string() }
 }
 
-/// The objects of each slave's maker, in the order of the slaves, `None` where nothing is said of them; each file is read once. Says in the log what a simulated
-/// slave has that it would not have by itself.
-///
-/// # Errors
-/// [`MakersError`]
+/// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. Each file is read
+/// once. Logs which simulated slaves have such objects.
 pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<MakersObjects>>, MakersError> {
     let mut read: Vec<(&str, MakersObjects)> = Vec::new();
     let mut objects = Vec::with_capacity(slaves.len());

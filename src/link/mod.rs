@@ -1,4 +1,23 @@
-//! How a host talks to one ECM: the seam [`Link`], the URI that names one, and the links and wrappers there are.
+//! How a host program reaches one ECM-SK board: the trait [`Link`], the URI that names a link, and every link there is.
+//!
+//! A link exchanges whole 512-byte frames with one board: command frames out, reports in. The same trait covers a
+//! simulated board in this process (`sim:`), a real board on USB (`usb:`) or SPI (`spi:`), and a board that another
+//! process or machine serves (`tcp:`). Links that change or record the traffic wrap another link ([`Layer`]).
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `mod.rs`: [`Link`], [`LinkError`], [`open`]
+//! - `uri.rs`, `keys.rs`, `keys/table.rs`: the URI `scheme:path?key=value`; the table of all keys with their defaults
+//! - `options.rs`, `slaves.rs`, `travel.rs`, `fraction.rs`: the values of the keys as Rust types
+//! - `config.rs`: which link is opened when a program names none (`ECMSK_LINK`, `ecmsk.toml`)
+//! - `sim.rs`, `engine.rs`, `boards.rs`: `sim:`, the link to a board in this process, and the boards that outlive their
+//!   links
+//! - `makers.rs`, `script.rs`: manufacturer-specific objects of simulated slaves, and scripts of events (`script=`)
+//! - `rejections.rs`, `episodes.rs`: what the log says of commands that a simulated board did not execute
+//! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
+//!   board
+//! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
+//! - `network.rs`: what is known of the slaves behind a link, for programs that ask the server of a board
 
 #[cfg(feature = "sim")]
 mod boards;
@@ -48,190 +67,181 @@ pub use crate::sk::Dir;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Span;
 
-/// How long a call may wait.
+/// How long a call may wait for the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
-    /// Until it is done, the board is lost or the link is closed.
+    /// Until the call has succeeded, the board is lost, or the link is closed.
     Forever,
-    /// At most that long.
+    /// At most this long.
     For(Duration),
-    /// Not at all.
+    /// Not at all: the call succeeds at once or fails with [`LinkError::Timeout`].
     Now,
 }
 
-/// What a link says of itself.
+/// What a link is: its name, its slot size, its clock and its default time limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LinkInfo {
     /// The URI in its normal form.
     pub name: String,
-    /// The board's slot size, if the link knows it.
+    /// The slot size of the board's frames; `None` if neither the URI nor the board has told it.
     pub slot: Option<SlotSize>,
-    /// Whether time is virtual: it passes by calls only, and no wait takes real time.
+    /// Whether the board's time is virtual: it advances only inside calls to the link, and no wait takes real time.
     pub virtual_time: bool,
-    /// When the link was opened, on its own clock.
+    /// When the link was opened, on the link's own clock.
     pub opened_at: Stamp,
-    /// Default limit of a read, from `read_timeout_ms`.
+    /// The limit of a read for callers that do not choose one, from the key `read_timeout_ms`.
     pub read_wait: Wait,
-    /// Default limit of a write, from `write_timeout_ms`.
+    /// The limit of a write for callers that do not choose one, from the key `write_timeout_ms`.
     pub write_wait: Wait,
 }
 
-/// When a command frame was handed over: nanoseconds on the link's clock.
+/// A moment on a link's clock, in nanoseconds: when a command frame was handed over, or when a report was made. Where
+/// zero lies depends on the link; see [`LinkInfo::opened_at`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Stamp(pub u64);
 
 /// What is known of a report besides its bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadMeta {
-    /// When it was made, on the link's clock; of a real board when the link took it: on SPI the begin of the exchange, on
-    /// USB the moment that the system handed it over, which between two reads is up to 1 ms after it came (WIRE-94).
+    /// When the report was made, on the link's clock. A real board does not tell, so there it is when the link received
+    /// the report: on SPI the start of the exchange, on USB the moment at which the operating system handed it over,
+    /// which between two reads is up to 1 ms after its arrival (WIRE-94).
     pub at: Stamp,
-    /// Its number since the link was opened, from 0; a gap means reports that were dropped.
+    /// The number of the report, counted from 0 since the link was opened. A gap means that reports were dropped.
     pub sequence: u64,
-    /// Reports dropped so far because nobody read them.
+    /// How many reports have been dropped so far because the program did not read them in time.
     pub dropped: u64,
 }
 
 /// Counters of a link since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkStats {
-    /// Frames written.
+    /// Command frames written.
     pub written: u64,
-    /// Reports handed out.
+    /// Reports handed to the program.
     pub read: u64,
-    /// Reports dropped because nobody read them (the oldest goes first).
+    /// Reports dropped because the program did not read them in time; the oldest are dropped first.
     pub reports_dropped: u64,
     /// Writes that ended with an error.
     pub write_errors: u64,
     /// Reads that ended with an error.
     pub read_errors: u64,
-    /// Reports that were no whole ones and were skipped: empty or short transfers on USB.
+    /// Incomplete reports that were skipped: empty or short transfers on USB.
     pub reports_short: u64,
-    /// Transfers that failed on the wire, and were begun again.
+    /// USB transfers that failed on the wire and were started again.
     pub transfers_failed: u64,
-    /// Frames that a recording could not take.
+    /// Frames missing from the recording because the file could not be written fast enough or at all.
     pub record_dropped: u64,
-    /// Faults that were put in on the way, `fault.*`.
+    /// Faults injected by the keys `fault.*`.
     pub faults: fault::FaultStats,
-    /// The board's own counters, where the link can see them (the engine's links).
+    /// The board's own counters; `None` for a real board, which does not report them.
     pub board: Option<crate::engine::Counters>,
-    /// Why the board's state has failed, where the link can see it (the engine's links); `None`: it has not, or nobody
-    /// knows. [`StateFailure::explain`](crate::engine::StateFailure::explain) makes the text.
+    /// Why the board's last change of state failed, known for a board in this process only; `None` if it did not fail
+    /// or the link cannot know. [`StateFailure::explain`](crate::engine::StateFailure::explain) turns it into text.
     pub state_failure: Option<crate::engine::StateFailure>,
 }
 
-/// Why a link call failed. Every variant says what happened, to what, and what to do.
+/// Why a link call failed. The message of every variant says what happened, on which link, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum LinkError {
-    /// The URI or one of its keys is wrong.
+    /// The URI or one of its keys is invalid.
     #[error(transparent)]
     Uri(#[from] uri::UriError),
-    /// The file that names the link cannot be used.
+    /// The configuration file that names the link cannot be used.
     #[error(transparent)]
     Config(#[from] config::ConfigError),
-    /// The objects of a simulated slave's maker are wrong.
+    /// The file with a simulated slave's manufacturer-specific objects is invalid.
     #[cfg(feature = "sim")]
     #[error(transparent)]
     Makers(#[from] makers::MakersError),
-    /// The script is wrong.
+    /// The script is invalid.
     #[cfg(feature = "sim")]
     #[error(transparent)]
     Script(#[from] script::ScriptError),
-    /// The link is not part of this build, or not yet of any.
+    /// This build cannot open links of that scheme.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {
-        /// Scheme.
         scheme: String,
-        /// What to do.
+        /// What to do instead.
         hint: String,
     },
     /// No board answers.
     #[error("no board at `{name}`: {reason}")]
     NoBoard {
-        /// Which link.
         name: String,
         /// What was found instead and what to do.
         reason: String,
     },
-    /// The link was told another slot size than the board's reports have.
+    /// The slot size in the URI differs from that of the board's reports.
     #[error(
         "`{name}` says slot={}, but slots of the board's reports have {} bytes (CONFIG2 {}); write slot={} into the link, \
          and use a program for slots of that size",
         given.bytes(), found.bytes(), config2(*found), found.bytes()
     )]
     WrongSlot {
-        /// Which link.
         name: String,
-        /// What the link says.
+        /// The slot size in the URI.
         given: SlotSize,
-        /// What the reports have.
+        /// The slot size of the reports.
         found: SlotSize,
     },
-    /// Somebody else has it open.
+    /// Another program, or another link of this program, has the board open.
     #[error("`{name}` is in use{by}; close it there, or {instead}")]
     InUse {
-        /// Which link.
         name: String,
-        /// By whom, ` by ...`, where known.
+        /// The user of the board in the form ` by ...`, or empty if unknown.
         by: String,
-        /// What else can be done.
+        /// What can be done instead of closing it there.
         instead: &'static str,
     },
-    /// The wait's limit has passed.
+    /// The time limit of a call has passed.
     #[error("{dir} {}: {what}", how_long(*waited))]
     Timeout {
-        /// Which call.
         dir: Dir,
-        /// The limit.
+        /// The limit; zero for a call that was not to wait.
         waited: Duration,
-        /// What was waited for.
+        /// What the call was waiting for.
         what: &'static str,
     },
-    /// No report will come by itself: on a virtual clock nothing else can happen while one waits.
+    /// The board makes no reports, and on a virtual clock nothing can happen during the read that would change this,
+    /// because time advances only inside calls.
     #[error(
         "the board has been silent since {} of its time ({cycles} cycles); plug the cable to the first slave, then read again",
         Span(Duration::from_nanos(*.since_ns))
     )]
     Silent {
-        /// When the last report was made.
+        /// The board's time of its last report, in nanoseconds.
         since_ns: u64,
-        /// Cycles without one.
+        /// Cycles without a report since then.
         cycles: u64,
     },
-    /// The board went away (unplugged, SW_RESET).
+    /// The board is gone: it was unplugged, or reset by SW_RESET.
     #[error("the board at `{name}` is gone: {reason}; open it again")]
-    Lost {
-        /// Which link.
-        name: String,
-        /// Why.
-        reason: Cow<'static, str>,
-    },
-    /// The connection to the board's server ended while a frame was on its way.
+    Lost { name: String, reason: Cow<'static, str> },
+    /// The connection to the board's server ended while a frame was on its way, so it is not known whether the board
+    /// has taken it.
     #[error(
         "the connection to `{name}` ended while a frame was on its way ({reason}): whether the board took it is not \
          known; open it again and look at the board before you send anything twice"
     )]
     Unsure {
-        /// Which link.
         name: String,
         /// How it ended.
         reason: String,
     },
-    /// The link was closed, by this or another thread.
+    /// The link was closed, by this thread or another one.
     #[error("the link is closed; open it first")]
     Closed,
-    /// The call was ended by [`Link::cancel`].
+    /// [`Link::cancel`] ended the call.
     #[error("the {dir} was cancelled")]
-    Cancelled {
-        /// Which call.
-        dir: Dir,
-    },
-    /// The operating system said no.
+    Cancelled { dir: Dir },
+    /// The operating system reported an error.
     #[error("{what}: {message}")]
     Io {
-        /// What was tried, on what.
+        /// The operation that failed, and on what.
         what: String,
-        /// The system's words.
+        /// The system's message.
         message: String,
     },
 }
@@ -247,72 +257,78 @@ fn how_long(waited: Duration) -> String {
     if waited.is_zero() { "did not wait".to_owned() } else { format!("timed out after {}", Span(waited)) }
 }
 
-/// A way to exchange frames with one ECM.
+/// A way to exchange frames with one ECM-SK board.
 ///
-/// Frames move whole and untouched. Reader, writer and closer may be three threads; every wait ends by its limit, by
-/// loss of the board or by [`Link::close`].
+/// Frames are passed on whole and unchanged. Reading, writing and closing may happen in three different threads. Every
+/// wait ends: by its time limit, by the loss of the board, or by [`Link::close`].
 pub trait Link: Send + Sync {
-    /// What the link is.
+    /// Name, slot size, clock and default limits of the link.
     fn info(&self) -> LinkInfo;
 
-    /// What whoever serves the link knows of the network; `None`: nothing is known. Nothing is asked of the board.
+    /// What the server of the board knows of the slaves behind it; `None` if nothing is known. The board itself is not
+    /// asked.
     fn network(&self) -> Option<KnownNetwork> {
         None
     }
 
-    /// Hands a command frame to the board.
+    /// Hands a command frame to the board and returns when that happened.
     ///
     /// # Errors
-    /// [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`], [`LinkError::Cancelled`], [`LinkError::Io`];
-    /// [`LinkError::WrongSlot`]; the frame was not taken then. [`LinkError::Unsure`] on a network: nobody knows.
+    /// The board has not taken the frame: [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`],
+    /// [`LinkError::Cancelled`], [`LinkError::WrongSlot`], [`LinkError::Io`]. Only after [`LinkError::Unsure`], which
+    /// occurs on a network, it may have taken it or not.
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
 
-    /// The oldest report not yet read; `out` is left alone if there is none.
+    /// Stores the oldest unread report in `out`; without one, `out` is left as it is.
     ///
     /// # Errors
-    /// As [`Link::write`], and [`LinkError::Silent`] on a virtual clock.
+    /// Those of [`Link::write`], and [`LinkError::Silent`] on a virtual clock.
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError>;
 
-    /// Lets that much time pass on a link of virtual time ([`LinkInfo::virtual_time`]) and says what time it is then:
-    /// reports made meanwhile are kept or dropped as if nobody had read. A link on the real clock does nothing, its time
-    /// passes by itself, and says `None`. One call lets [`PASS_MAX`] pass at most, in steps, so that [`Link::close`] of another
-    /// thread ends it.
+    /// Advances the time of a board on a virtual clock ([`LinkInfo::virtual_time`]) and returns the time reached.
+    /// Reports that the board makes meanwhile are queued or dropped as if the program had not read. On the real clock
+    /// the call does nothing and returns `None`.
+    ///
+    /// One call advances at most [`PASS_MAX`], and does so in steps, so that [`Link::close`] from another thread ends
+    /// it.
     ///
     /// # Errors
-    /// [`LinkError::Lost`], [`LinkError::Closed`]; [`LinkError::Io`] for more than [`PASS_MAX`], nothing has passed then.
+    /// [`LinkError::Lost`], [`LinkError::Closed`]; [`LinkError::Io`] for more than [`PASS_MAX`], in which case no time
+    /// has passed.
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
         let _ = time;
         Ok(None)
     }
 
-    /// Ends the waits under way in one direction, at once; later calls are not touched.
+    /// Ends at once the calls that are now waiting in one direction; they fail with [`LinkError::Cancelled`]. Later
+    /// calls are not affected.
     fn cancel(&self, dir: Dir);
 
-    /// Ends every wait and gives the board back. Closing twice is harmless.
+    /// Ends every wait and releases the board. A second call does nothing.
     fn close(&self);
 
-    /// As [`Link::close`], for a program that ends without having closed its link: it has vanished. The server of a board
-    /// on the network brings to a standstill what it moves (`ecmsk serve tcp`), as it does when a program is killed; a
-    /// recording is complete all the same.
+    /// Closes the link of a program that ends without having closed it properly, for example by a crash. In contrast to
+    /// [`Link::close`], the server of a board on the network then brings the axes that the program has moved to a
+    /// standstill (`ecmsk serve tcp`), as it does when a program is killed. A recording is completed in either case.
     fn vanish(&self) {
         self.close();
     }
 
-    /// Whether the board is still there. Nothing is read, written or waited for.
+    /// Whether the board is still connected. Nothing is read or written, and the call does not wait.
     ///
     /// # Errors
     /// [`LinkError::Lost`] once the board is gone, [`LinkError::Closed`] after [`Link::close`].
     fn check(&self) -> Result<(), LinkError>;
 
-    /// Counters since the link was opened.
+    /// The counters since the link was opened.
     fn stats(&self) -> LinkStats;
 }
 
-/// What one call of [`Link::pass`] lets pass at most: a day. \[OURS] It takes minutes of computing; 2^63 ns would take
-/// centuries, and nobody can have meant that.
+/// The longest time that one call of [`Link::pass`] advances: a day. \[OURS] Simulating a day takes minutes of
+/// computing; larger values, up to the 2^63 ns that the type can hold, can only be a mistake.
 pub const PASS_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Refuses to let more than [`PASS_MAX`] pass.
+/// Returns an error for a time longer than [`PASS_MAX`].
 #[cfg_attr(
     not(any(feature = "sim", feature = "tcp")),
     allow(dead_code, reason = "no link of virtual time is in the build")
@@ -327,16 +343,18 @@ pub(crate) fn check_pass(time: Duration) -> Result<(), LinkError> {
     })
 }
 
-/// LIB: what a failed open costs a board on virtual time \[OURS], so that a loop that opens again after SW_RESET ends.
+/// How far a failed attempt to open a board advances its virtual clock \[OURS], so that a program that opens the board
+/// again and again after SW_RESET sees it start up.
 pub(crate) const FAILED_OPEN: Duration = Duration::from_millis(50);
 
-/// Which boards of this process a link finds again.
+/// How [`open`] decides whether a simulated board that this process already has is used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Share {
-    /// Those with the same `name=`: a link without a name is a board of its own, which ends with it.
+    /// A board is found again by the same `name=`. A link without a name gets a board of its own, which ends with the
+    /// link.
     ByName,
-    /// Those with the same name or, without one, with the same options: the library for applications, where a program
-    /// that closes and opens again finds its board as it was.
+    /// A board is found again by the same `name=` or, without a name, by the same options. The C library does this, so
+    /// that a program that closes and opens its link again finds its board as it left it.
     ByUri,
 }
 
@@ -360,12 +378,12 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     open_with(uri, share, false)
 }
 
-/// As [`open`], for a caller to whom it does not matter how many reports nobody has read: on Windows a board on USB takes
-/// frames faster while none is read, and [`LinkStats::reports_dropped`] then says less than were dropped. A link that
-/// records does as ever.
+/// As [`open`], for callers that do not need an exact [`LinkStats::reports_dropped`]. On Windows a board on USB takes
+/// frames faster while its reports are not read, and reports that are dropped then are not counted. A link with a
+/// recording behaves as with [`open`].
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     open_with(uri, share, true)
 }
@@ -377,18 +395,18 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     if options.fault.any() {
         link = Arc::new(fault::FaultLink::new(link, options.fault));
     }
-    // The recording is around the faults: it holds what the program has seen.
+    // The recording wraps the fault injection, so it holds what the program has seen.
     let Some(path) = &options.record else { return Ok(link) };
     let info = link.info();
     let meta = RecordMeta::now(&info, info.opened_at);
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 
-/// The board of a `sim:` link without the link: just switched on, on a time that passes by its caller alone. Of the link's
-/// keys those count that say what the board and its network are.
+/// The simulated board of a `sim:` link without a link around it. It has just been switched on, and its time advances
+/// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
 ///
 /// # Errors
-/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::NoBoard`].
+/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::Makers`], [`LinkError::NoBoard`].
 #[cfg(feature = "sim")]
 pub fn model(uri: &uri::LinkUri) -> Result<crate::engine::Board, LinkError> {
     sim::model(uri)

@@ -1,19 +1,20 @@
-//! What somebody who serves a link knows of its network, in the words of the tool's options.
+//! What the server of a board knows of the slaves behind it, in the syntax of the tool's options.
 
 use super::options::SimOptions;
 use super::uri::LinkUri;
 
-/// Slaves and units, as `--slaves` and `--counts-per-unit` of the tool take them. A text that is empty is not known.
+/// Slaves and units of a network, in the syntax of the tool's `--slaves` and `--counts-per-unit`. An empty text means
+/// unknown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct KnownNetwork {
-    /// The slaves in the order of the cable: `drive*2,io`.
+    /// The slaves in network order: `drive*2,io`.
     pub slaves: String,
-    /// Counts of one unit, of all axes or of some: `1=5000,2=131072/360`.
+    /// Counts per unit, for all axes or for some: `1=5000,2=131072/360`.
     pub counts_per_unit: String,
 }
 
 impl KnownNetwork {
-    /// What is said here, and what `other` says where nothing is.
+    /// These values, with those of `other` where a value is unknown.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         let or = |this: String, other: String| if this.is_empty() { other } else { this };
@@ -25,21 +26,21 @@ impl KnownNetwork {
         self.slaves.is_empty() && self.counts_per_unit.is_empty()
     }
 
-    /// What the name of a `sim:` link says; nothing for any other.
+    /// The slaves in the URI of a `sim:` link; unknown for any other link.
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
         let options = LinkUri::parse(name).ok().and_then(|uri| SimOptions::from_uri(&uri).ok());
         Self::of_slaves(options.iter().flat_map(|options| &options.slaves).map(|slave| slave.model.name().to_owned()))
     }
 
-    /// Slaves by their words, in the order of the cable.
+    /// The network of these slaves, given by their words in network order.
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
         Self { slaves: list(words), ..Self::default() }
     }
 }
 
-/// Words, those that repeat with their number: `drive*2,io`.
+/// The words as a list in which neighbours that are equal are counted: `drive*2,io`.
 #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
 fn list(words: impl Iterator<Item = String>) -> String {
     let mut runs: Vec<(String, usize)> = Vec::new();

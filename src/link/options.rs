@@ -1,4 +1,4 @@
-//! What a link's URI says, as types: the options of any link and those of `sim:`.
+//! The keys of a link's URI as Rust types: those of any link, and those of `sim:`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -13,28 +13,28 @@ use crate::engine::Firmware;
 pub use crate::recording::Clock;
 use crate::sk::SlotSize;
 
-/// Options of any link.
+/// Options that every link has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommonOptions {
-    /// Slot size; `None` if the link does not say. A link to a modelled board always does.
+    /// The slot size (`slot=`); `None` if the URI does not give one. For a board in this process it is always given.
     pub slot: Option<SlotSize>,
-    /// Reports kept while nobody reads, the newest ones: 1 or more.
+    /// How many unread reports are kept (`queue=`), 1 or more. When the queue is full the oldest report is dropped.
     pub queue: usize,
-    /// File to record to.
+    /// The file to record to (`record=`).
     pub record: Option<PathBuf>,
-    /// Limit of a read; `None`: it waits until there is a report.
+    /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
     pub read_timeout: Option<Duration>,
-    /// Limit of a write that the board does not accept.
+    /// The time limit of a write that the board does not accept (`write_timeout_ms=`).
     pub write_timeout: Duration,
-    /// Faults on the way, `fault.*`.
+    /// Faults to inject (`fault.*`).
     pub fault: FaultOptions,
 }
 
 impl CommonOptions {
-    /// The options of that link, defaults filled in.
+    /// The options in a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::BadValue`] if a value does not fit this machine's integers.
+    /// [`UriError::BadValue`] if a value does not fit the type of its option.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         Ok(Self {
             slot: uri.typed("slot", slot_size)?,
@@ -46,12 +46,12 @@ impl CommonOptions {
         })
     }
 
-    /// Limit of a read, as the seam wants it.
+    /// The time limit of a read as a [`Wait`].
     pub fn read_wait(&self) -> Wait {
         self.read_timeout.map_or(Wait::Forever, Wait::For)
     }
 
-    /// Limit of a write, as the seam wants it.
+    /// The time limit of a write as a [`Wait`].
     pub const fn write_wait(&self) -> Wait {
         Wait::For(self.write_timeout)
     }
@@ -60,41 +60,41 @@ impl CommonOptions {
 /// Options of `sim:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimOptions {
-    /// The slaves on the network, in order: 0..=40 (30 with 16-byte slots).
+    /// The slaves in network order: 0..=40, or 0..=30 with 16-byte slots.
     pub slaves: Vec<SlaveSpec>,
-    /// CONFIG2.
+    /// The slot size, which the board's jumper CONFIG2 selects.
     pub slot: SlotSize,
     /// Real or virtual time.
     pub clock: Clock,
-    /// The firmware modelled.
+    /// The version of the firmware to simulate.
     pub firmware: Firmware,
-    /// CONFIG1: whether the board is in test mode.
+    /// Whether the board is in test mode, which the jumper CONFIG1 selects.
     pub test: bool,
-    /// The board's own name: links with the same name are the same board.
+    /// The name of the board: links with the same name open the same board.
     pub name: Option<String>,
-    /// How long a write takes, microseconds: 0..=1 000 000.
+    /// How long a write takes, in microseconds of the board's time: 0..=1 000 000.
     pub host_us: u32,
-    /// How long a change of state may take.
+    /// How long a change of the EtherCAT state may take.
     pub state_timeout: Duration,
-    /// How long a slave may take for an SDO.
+    /// How long a slave may take to answer an SDO request.
     pub sdo_timeout: Duration,
-    /// Real-time priority (SCHED_FIFO) of the cycle's thread: 1..=99; `None`: an ordinary thread.
+    /// The real-time priority (SCHED_FIFO) of the cyclic thread, 1..=99; `None`: an ordinary thread.
     pub priority: Option<u8>,
-    /// Whether to keep the process in memory (`mlockall`).
+    /// Whether the process is locked into memory (`mlockall`), so that no cycle waits for a page.
     pub lock_memory: bool,
-    /// How much of the time that the board was closed it runs through when it is opened again.
+    /// How much of the time during which a board was closed is simulated when it is opened again.
     pub catch_up: Duration,
-    /// How fast board time passes on the real clock: 0.001..=1.
+    /// The speed of the board's time on the real clock: 0.001..=1.
     pub rate: Fraction,
-    /// What happens when.
+    /// A file of events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
 }
 
 impl SimOptions {
-    /// The options of that link, defaults filled in.
+    /// The options in a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is no `sim:` link.
+    /// [`UriError::OtherScheme`] if it is not a `sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         if uri.scheme() != Scheme::Sim {
             return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Sim });

@@ -1,5 +1,6 @@
-//! What the log says of commands that were not executed: a program that sends a wrong one every cycle does not drown all
-//! else, and nothing is lost without a word.
+//! What the log says of commands that the board rejected. The first rejections of each kind are logged one by one and
+//! further ones are summed up, so that a program that sends a wrong command in every cycle does not fill the log, and
+//! every rejection is accounted for.
 
 use log::Level;
 
@@ -7,73 +8,74 @@ use super::episodes::Episodes;
 use crate::engine::{Counters, Event, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 
-/// Rejections of one kind that are told one by one within [`WINDOW_NS`] of board time \[OURS]; the others are summed up.
-/// SDO transfers that a slave has aborted count as a kind.
-const TOLD_EACH: u32 = 5;
+/// How many rejections of one kind are logged one by one within [`WINDOW_NS`] \[OURS]; further ones are summed up. SDO
+/// transfers that a slave has aborted count as a kind.
+const LINES_PER_WINDOW_MAX: u32 = 5;
 /// One second of the board's time \[OURS].
 const WINDOW_NS: Ns = 1_000_000_000;
 
+/// Limits the lines in the log for one kind of rejection.
 #[derive(Clone, Copy, Default)]
-struct Kind {
-    /// When the window began.
+struct Throttle {
+    /// When the current window began.
     since: Ns,
-    /// Lines in this window.
+    /// Lines logged in this window.
     lines: u32,
-    /// Of the board's counter, what was told, each or summed up.
-    told: u64,
+    /// How many rejections of the board's counter are in the log already, one by one or summed up.
+    logged: u64,
 }
 
-impl Kind {
-    /// Whether one more that happened at `at` is told by itself.
-    fn takes_line(&mut self, at: Ns) -> bool {
+impl Throttle {
+    /// Whether one more rejection, at time `at`, gets a line of its own.
+    fn is_logged(&mut self, at: Ns) -> bool {
         if at.saturating_sub(self.since) >= WINDOW_NS || self.lines == 0 {
             (self.since, self.lines) = (at, 0);
         }
-        let takes = self.lines < TOLD_EACH;
+        let takes = self.lines < LINES_PER_WINDOW_MAX;
         self.lines += u32::from(takes);
         takes
     }
 }
 
-/// What was told so far.
+/// Which rejections have been logged so far.
 pub(super) struct RejectionLog {
-    kinds: [Kind; Reason::KINDS],
-    aborts: Kind,
+    kinds: [Throttle; Reason::KINDS],
+    aborts: Throttle,
     episodes: Episodes,
 }
 
 impl RejectionLog {
-    /// From a board on that has counted so much before.
+    /// Logs what happens after the board has counted this much.
     pub(super) fn new(counters: &Counters) -> Self {
-        let kinds = counters.rejected.map(|told| Kind { told, ..Kind::default() });
-        Self { kinds, aborts: Kind::default(), episodes: Episodes::new(counters) }
+        let kinds = counters.rejected.map(|logged| Throttle { logged, ..Throttle::default() });
+        Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
     }
 
-    /// Tells events and what the board's counters say; `now` is its time.
-    pub(super) fn tell(
+    /// Logs events, and what the board's counters show besides them; `now` is the board's time.
+    pub(super) fn log(
         &mut self,
         events: impl IntoIterator<Item = Event>,
         counters: &Counters,
         now: Ns,
         say: &mut dyn FnMut(Level, String),
     ) {
-        let mut told = [false; Unexecuted::KINDS];
+        let mut logged = [false; Unexecuted::KINDS];
         for event in events {
             let is_told = match event {
                 Event::Rejected(rejection) => {
                     let kind = &mut self.kinds[rejection.reason.kind()];
-                    let takes_line = kind.takes_line(rejection.at);
-                    kind.told += u64::from(takes_line);
-                    takes_line
+                    let is_logged = kind.is_logged(rejection.at);
+                    kind.logged += u64::from(is_logged);
+                    is_logged
                 }
-                // The line that says what came is the one that begins.
+                // The line with the number of bytes replaces the one that says that an episode begins.
                 Event::Incomplete { .. } => {
                     let begins = !self.episodes.is_running(Unexecuted::Incomplete);
-                    begins && !std::mem::replace(&mut told[Unexecuted::Incomplete as usize], true)
+                    begins && !std::mem::replace(&mut logged[Unexecuted::Incomplete as usize], true)
                 }
                 Event::SdoAborted { at, .. } => {
-                    told[Unexecuted::SdoAborted as usize] = true;
-                    self.aborts.takes_line(at)
+                    logged[Unexecuted::SdoAborted as usize] = true;
+                    self.aborts.is_logged(at)
                 }
                 _ => true,
             };
@@ -82,10 +84,10 @@ impl RejectionLog {
             }
         }
         self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
-        self.episodes.tell(counters, now, |what| told[what as usize], say);
+        self.episodes.log(counters, now, |what| logged[what as usize], say);
     }
 
-    /// Tells how many were left out, at the end.
+    /// Logs the rejections that have not been logged yet, when the link is closed.
     pub(super) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
         self.sum_up(&counters.rejected, |_| true, say);
         self.episodes.end(counters, now, say);
@@ -94,13 +96,13 @@ impl RejectionLog {
     fn sum_up(
         &mut self,
         rejected: &[u64; Reason::KINDS],
-        is_over: impl Fn(&Kind) -> bool,
+        is_over: impl Fn(&Throttle) -> bool,
         say: &mut dyn FnMut(Level, String),
     ) {
         for ((kind, rejected), name) in self.kinds.iter_mut().zip(rejected).zip(Reason::NAMES) {
-            let more = rejected.saturating_sub(kind.told);
+            let more = rejected.saturating_sub(kind.logged);
             if more > 0 && is_over(kind) {
-                kind.told += more;
+                kind.logged += more;
                 let since = kind.since / 1000;
                 say(Level::Warn, format!("{more} more rejected as {name} since {since} us; look at the first ones"));
             }
@@ -139,14 +141,14 @@ mod tests {
                 events.push(rejected(n * MS, Reason::NoSlave));
             }
             counters.rejected[Reason::SdoBusy.kind()] = 0;
-            log.tell(events, &counters, n * MS, &mut |_, line| said.push(line));
+            log.log(events, &counters, n * MS, &mut |_, line| said.push(line));
         }
         assert_eq!(said.len(), 6, "{said:?}");
         assert!(said[5].contains("no slave at that place"), "{said:?}");
         let counters = counted(&[(Reason::WrongMode, 507), (Reason::NoSlave, 1)]);
-        log.tell([], &counters, 999 * MS, &mut |_, line| said.push(line));
+        log.log([], &counters, 999 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 6, "{said:?}");
-        log.tell([], &counters, 1000 * MS, &mut |_, line| said.push(line));
+        log.log([], &counters, 1000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said[6..], ["495 more rejected as wrong_mode since 0 us; look at the first ones"]);
         log.end(&counters, 2000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 7, "{said:?}");
@@ -159,9 +161,7 @@ mod tests {
         let mut said = Vec::new();
         for n in 0..20 {
             let counters = counted(&[(Reason::NoSlave, n + 1)]);
-            log.tell([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |_, line| {
-                said.push(line)
-            });
+            log.log([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |_, line| said.push(line));
         }
         assert_eq!(said.iter().filter(|line| line.contains("CSP in slot 1")).count(), 10, "{said:?}");
         log.end(&counted(&[(Reason::NoSlave, 20)]), 2000 * MS, &mut |_, line| said.push(line));
@@ -184,7 +184,7 @@ mod tests {
             let aborted = Event::SdoAborted { at: n * MS, slave: 2, object, write: true, code };
             let dropped = Event::Incomplete { at: n * MS, bytes: 100 };
             let counters = Counters { sdo_aborted: n + 1, incomplete: n + 1, ..Counters::default() };
-            log.tell([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
+            log.log([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
         }
         assert_eq!(said.len(), 6, "{said:?}");
         let aborts = said.iter().filter(|line| line.contains("SDO_WR of slave 2, 0x2101:0")).count();

@@ -65,21 +65,15 @@ const LONGEST_BYTES: u64 = 1 << 20;
 
 /// Why a script is none.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ScriptError {
     /// The file cannot be read.
     #[error("cannot read the script {file}: {message}; name another file with script= or leave it out")]
-    Unreadable {
-        /// The file.
-        file: String,
-        /// Why.
-        message: String,
-    },
+    Unreadable { file: String, message: String },
     /// A line that says nothing that could happen.
     #[error("{file}, line {line}, column {column}: {message}; {WHERE_TO_LOOK}")]
     Line {
-        /// The file.
         file: String,
-        /// Its line, from 1.
         line: u32,
         /// The character in it, from 1.
         column: usize,

@@ -1,4 +1,4 @@
-//! The link `sim:`: an EC01M with simulated slaves in this process.
+//! The link `sim:`: the model of an EC01M with simulated slaves in this process.
 
 use std::time::Duration;
 
@@ -16,14 +16,14 @@ use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{MAX_AXES, Ns};
 use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, MakersObjects, Slave, Travel};
 
-/// How long a board may take to boot before it counts as one that finds no slave, in its own time.
+/// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 
-/// Opens the board that the URI describes: one that this process has already, if `share` finds it, else a new one that
-/// has been switched on long ago.
+/// Opens the board that the URI describes: one that this process has already, as `share` decides, or else a new one
+/// that has finished starting up.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
-    // Before anything moves.
+    // Errors in these files are found before any board is claimed or moved.
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
     let makers = makers::of_slaves(&options.slaves)?;
     let name = uri.to_string();
@@ -64,7 +64,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     link
 }
 
-/// The board that the URI describes, by itself: it was just switched on and talks, and nothing happens to it but by calls.
+/// The board that the URI describes, without a link: it has just started up, and its time advances only by calls.
 pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
@@ -124,7 +124,7 @@ fn build(spec: &SlaveSpec) -> Box<dyn Slave> {
     }
 }
 
-/// The usual travel with what a link says of it.
+/// The travel of a kind of slave, with the values that the link gives replaced.
 fn travel(said: &TravelSpec, usual: Travel) -> Travel {
     let home = |span: Span| match span {
         Span { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
@@ -142,12 +142,12 @@ fn travel(said: &TravelSpec, usual: Travel) -> Travel {
     }
 }
 
-/// What happened to a board while nobody had it.
+/// Advances a board by the time during which no link had it.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
     let away = match (options.clock, board.engine().talks()) {
         (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
-        // However little it is to catch up with: it boots, or it would never open again.
+        // Whatever the limit for catching up, the board has to finish its start-up, or it could never be opened again.
         (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
         (Clock::Virtual, true) => 0,
         (Clock::Virtual, false) => FAILED_OPEN.as_nanos() as Ns,

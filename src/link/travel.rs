@@ -1,32 +1,33 @@
-//! What is along the way of a simulated axis, as a link writes it behind the kind of a slave:
-//! `drive:limits@-200000..300000:home@-500..500:index@12345`.
+//! The travel of a simulated axis: its start position, limit switches, home switch, index pulse and end stops. A link
+//! gives it behind the kind of a slave: `drive:limits@-200000..300000:home@-500..500:index@12345`.
 //!
-//! Every part is a word, `@` and a place, in counts of the shaft (pulses of an hsp); what is not named is as the kind has
-//! it by default. Neither shells nor URIs have a meaning for these characters.
+//! Every part is a word, `@` and a position in counts of the motor shaft (pulses for an hsp). Parts that are not given
+//! have the default of the kind. The characters have no special meaning in shells and URIs.
 
 use std::fmt;
 
 use super::uri::suggestion;
 
-/// Places that can be named, either way \[OURS]: those that object 0x6064 can show.
-const FARTHEST: i64 = i32::MAX as i64;
+/// The largest position in either direction \[OURS]: those that object 0x6064 can show.
+const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
 
-/// The word for a part that is not there.
+/// The word for a part that does not exist.
 const NONE: &str = "none";
 
-/// Places from one to another, both among them; an end that is not there has no bound. One of the two is there.
+/// A range of positions in counts, both ends included. One of the two ends may be missing; the range is then unlimited
+/// in that direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Span {
-    /// The lowest place.
+    /// The lowest position.
     pub from: Option<i64>,
-    /// The highest place.
+    /// The highest position.
     pub to: Option<i64>,
 }
 
 impl Span {
     fn parse(text: &str) -> Option<Self> {
         let (from, to) = text.split_once("..")?;
-        let end = |text: &str| if text.is_empty() { Some(None) } else { place(text).map(Some) };
+        let end = |text: &str| if text.is_empty() { Some(None) } else { position(text).map(Some) };
         let span = Self { from: end(from)?, to: end(to)? };
         let in_order = match (span.from, span.to) {
             (Some(from), Some(to)) => from <= to,
@@ -43,33 +44,33 @@ impl fmt::Display for Span {
     }
 }
 
-/// What a link says of the travel of a slave's axes: of both if it has two. `None`: as the kind of the slave has it by
-/// default; `Some(None)`: it is not there.
+/// What a link says of the travel of a slave's axes; it applies to both axes if the slave has two. `None`: the default
+/// of the kind of slave. `Some(None)`: the part does not exist.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct TravelSpec {
-    /// Where the axis stands at power-on; 0 if nothing is said.
+    /// The position at power-on; 0 if not given.
     pub start: Option<i64>,
-    /// The limit switches: the negative one at the first place and below, the positive one at the second and above.
+    /// The limit switches: the negative one is active at `from` and below, the positive one at `to` and above.
     pub limits: Option<Option<Span>>,
-    /// Where the home switch is active: a cam, or a step up or down if one end is left out.
+    /// Where the home switch is active: a cam, or, if one end is missing, everything beyond the other one.
     pub home: Option<Option<Span>>,
-    /// Where the index pulse is: there, and once a turn.
+    /// A position of the index pulse, which repeats every turn.
     pub index: Option<Option<u32>>,
-    /// Mechanical end stops, which the shaft cannot leave.
+    /// Mechanical end stops that the shaft cannot pass.
     pub stops: Option<Span>,
-    /// How far a homing run may go, there and back.
+    /// How far a homing run may search for its reference.
     pub search: Option<u64>,
 }
 
-/// One part.
+/// One part of the syntax.
 struct Part {
     word: &'static str,
-    /// What stands behind the `@`.
+    /// The form of the value behind the `@`.
     form: &'static str,
     meaning: &'static str,
-    /// Takes the value; false: it is none.
+    /// Stores the value in a [`TravelSpec`]; returns false if the value is invalid.
     read: fn(&mut TravelSpec, &str) -> bool,
-    /// The value, if there is one.
+    /// The value as text, if the [`TravelSpec`] has one.
     write: fn(&TravelSpec) -> Option<String>,
 }
 
@@ -79,7 +80,7 @@ const PARTS: [Part; 6] = [
         form: "N",
         meaning: "where the axis stands at power-on",
         read: |travel, text| {
-            travel.start = place(text);
+            travel.start = position(text);
             travel.start.is_some()
         },
         write: |travel| travel.start.filter(|start| *start != 0).map(|start| start.to_string()),
@@ -109,7 +110,7 @@ const PARTS: [Part; 6] = [
         form: "N|none",
         meaning: "an index pulse at N, and once a turn",
         read: |travel, text| {
-            let index = |text: &str| u32::try_from(place(text)?).ok();
+            let index = |text: &str| u32::try_from(position(text)?).ok();
             travel.index = unless_none(text, index);
             travel.index.is_some()
         },
@@ -131,7 +132,7 @@ const PARTS: [Part; 6] = [
         form: "N",
         meaning: "a homing run gives up after N counts",
         read: |travel, text| {
-            travel.search = place(text).and_then(|way| u64::try_from(way).ok()).filter(|way| *way > 0);
+            travel.search = position(text).and_then(|way| u64::try_from(way).ok()).filter(|way| *way > 0);
             travel.search.is_some()
         },
         write: |travel| travel.search.map(|search| search.to_string()),
@@ -139,10 +140,10 @@ const PARTS: [Part; 6] = [
 ];
 
 impl TravelSpec {
-    /// Reads the parts behind a kind, `:` between them.
+    /// Parses the parts behind a kind, which are separated by `:`.
     ///
     /// # Errors
-    /// Why they are none and what is allowed.
+    /// Why a part is invalid, and what is allowed.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let mut travel = Self::default();
         let mut seen = Vec::new();
@@ -158,7 +159,7 @@ impl TravelSpec {
             seen.push(word);
             if !(part.read)(&mut travel, value) {
                 return Err(format!(
-                    "`{value}` in `{item}` is no value; allowed: {}@{}, places from -{FARTHEST} to {FARTHEST}, the lower \
+                    "`{value}` in `{item}` is no value; allowed: {}@{}, places from -{POSITION_MAX_COUNTS} to {POSITION_MAX_COUNTS}, the lower \
                      one first",
                     part.word, part.form
                 ));
@@ -180,7 +181,7 @@ impl TravelSpec {
     }
 }
 
-/// `:` and each part, in the order of the table; nothing if nothing is said.
+/// Writes `:` and each part that is given, in the order of the table.
 impl fmt::Display for TravelSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         PARTS.iter().try_for_each(|part| match (part.write)(self) {
@@ -190,7 +191,7 @@ impl fmt::Display for TravelSpec {
     }
 }
 
-/// The parts, for the help.
+/// The parts, for `ecmsk link help`.
 pub(super) fn help() -> String {
     let mut text = String::from(
         "Behind a kind with axes may stand what is along their way, in counts of the shaft (pulses of an hsp), e.g.\n\
@@ -209,12 +210,12 @@ fn allowed() -> String {
     ) + ", objects@FILE|any"
 }
 
-/// A whole number with or without a minus.
-fn place(text: &str) -> Option<i64> {
+/// Parses an integer position with an optional minus sign.
+fn position(text: &str) -> Option<i64> {
     let digits = text.strip_prefix('-').unwrap_or(text);
     // `parse` alone would let a plus sign pass.
     let plain = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
-    text.parse().ok().filter(|place: &i64| plain && place.abs() <= FARTHEST)
+    text.parse().ok().filter(|place: &i64| plain && place.abs() <= POSITION_MAX_COUNTS)
 }
 
 fn unless_none<T>(text: &str, read: impl FnOnce(&str) -> Option<T>) -> Option<Option<T>> {

@@ -1,7 +1,8 @@
 //! The URI that names a link: `scheme:path?key=value&key=value`.
 //!
-//! Parsing yields only what is valid: known keys, each once, each with a value its row of the table ([`KEYS`]) allows.
-//! What is kept is the normal form, so two URIs that mean the same are equal and print the same:
+//! Parsing accepts only valid URIs: known keys, each at most once, each with a value that its row in the table of keys
+//! ([`KEYS`]) allows. A parsed URI is kept in its normal form, so two URIs with the same meaning are equal and print
+//! the same text:
 //!
 //! ```
 //! use ecmsk::link::uri::LinkUri;
@@ -22,127 +23,88 @@ use super::keys::{Key, Scheme, WHERE_TO_LOOK};
 use super::slaves;
 use crate::sk::SlotSize;
 
-/// What is written as `%XX` between colon and question mark.
+/// Characters that are written as `%XX` between the colon and the question mark.
 const IN_PATH: &AsciiSet = &CONTROLS.add(b' ').add(b'"').add(b'#').add(b'%').add(b'<').add(b'>').add(b'?').add(b'`');
-/// What is written as `%XX` in a key or a value.
+/// Characters that are written as `%XX` in a key or a value.
 const IN_VALUE: &AsciiSet = &IN_PATH.add(b'&').add(b'=').add(b'\'').add(b'{').add(b'}').add(b'|').add(b'^');
 
-/// A link's name, in normal form.
+/// The URI of a link in its normal form.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct LinkUri {
     scheme: Scheme,
     path: String,
-    /// In the order of the table, without those that have their default.
+    /// In the order of the table, without keys that have their default value.
     keys: Vec<(String, String)>,
 }
 
-/// What is wrong with a link's URI.
+/// Why the URI of a link is invalid. The messages name the key, its value and what is allowed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum UriError {
-    /// There is no colon.
+    /// The text has no colon.
     #[error("link `{text}` has no scheme; allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}")]
-    NoScheme {
-        /// The link.
-        text: String,
-        /// Every scheme.
-        allowed: String,
-    },
-    /// A scheme nobody knows.
+    NoScheme { text: String, allowed: String },
+    /// The word before the colon is not a scheme.
     #[error(
         "link `{text}`: unknown scheme `{scheme}`;{suggestion} allowed: {allowed}, e.g. sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     UnknownScheme {
-        /// The link.
         text: String,
-        /// What stands before the colon.
         scheme: String,
-        /// ` did you mean ..?` or nothing.
+        /// ` did you mean ..?`, or empty.
         suggestion: String,
-        /// Every scheme.
         allowed: String,
     },
-    /// The typed options of one scheme were asked of a link of another.
+    /// The options of one scheme were requested from a link of another scheme.
     #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
-    OtherScheme {
-        /// The link.
-        uri: String,
-        /// What it should be.
-        expected: Scheme,
-    },
-    /// Something stands before the question mark where nothing may.
+    OtherScheme { uri: String, expected: Scheme },
+    /// Text stands between the colon and the question mark, where this scheme allows none.
     #[error("`{scheme}:` takes nothing but keys, found `{path}`; allowed: {scheme}:?key=value; {WHERE_TO_LOOK}")]
-    UnexpectedPath {
-        /// Scheme.
-        scheme: Scheme,
-        /// What was found.
-        path: String,
-    },
-    /// What stands before the question mark is not what the scheme takes there.
+    UnexpectedPath { scheme: Scheme, path: String },
+    /// The text between the colon and the question mark is not one that this scheme allows.
     #[error("`{scheme}:` does not take `{}` as its place; allowed: {allowed}; {WHERE_TO_LOOK}", visible(.path))]
-    BadPath {
-        /// Scheme.
-        scheme: Scheme,
-        /// What was found.
-        path: String,
-        /// What is allowed.
-        allowed: &'static str,
-    },
-    /// A part of the query without `=`.
+    BadPath { scheme: Scheme, path: String, allowed: &'static str },
+    /// A part of the query has no `=`.
     #[error("`{part}` in a `{scheme}:` link is no `key=value`; {hint}; {WHERE_TO_LOOK}")]
     NotKeyValue {
-        /// Scheme.
         scheme: Scheme,
-        /// The part.
         part: String,
-        /// The values of that key or all keys.
+        /// The allowed values of the key, or all keys.
         hint: String,
     },
-    /// A key that links of this scheme do not have.
+    /// Links of this scheme do not have that key.
     #[error("`{scheme}:` has no key `{key}` (value `{value}`);{hint} allowed: {allowed}; {WHERE_TO_LOOK}")]
     UnknownKey {
-        /// Scheme.
         scheme: Scheme,
-        /// Key.
         key: String,
-        /// Its value.
         value: String,
-        /// ` did you mean ..?`, why it is not there, or nothing.
+        /// ` did you mean ..?`, the reason why the key does not exist, or empty.
         hint: String,
-        /// Every key.
         allowed: String,
     },
-    /// A key given twice.
+    /// A key is given twice.
     #[error("key `{key}` is given twice, with `{first}` and `{second}`; allowed: once; {WHERE_TO_LOOK}")]
-    DuplicateKey {
-        /// Key.
-        key: String,
-        /// Its first value.
-        first: String,
-        /// Its second value.
-        second: String,
-    },
-    /// A value that the key does not take.
+    DuplicateKey { key: String, first: String, second: String },
+    /// The key does not allow that value.
     #[error("key `{key}` does not take `{}`; {}; {WHERE_TO_LOOK}", visible(.value), visible(.why))]
     BadValue {
-        /// Key.
         key: String,
-        /// Its value.
         value: String,
         /// Why not, and what is allowed.
         why: String,
     },
-    /// Percent-encoded bytes that are no text.
+    /// The percent-encoded bytes are not UTF-8.
     #[error("`{part}` is not UTF-8 once %XX are decoded; allowed: UTF-8; {WHERE_TO_LOOK}")]
     NotUtf8 {
-        /// The part as it stands in the link.
+        /// The part as it is written in the link.
         part: String,
     },
 }
 
 impl LinkUri {
-    /// Reads a URI; white space around it does not count.
+    /// Parses a URI; white space around it is ignored.
     ///
-    /// A scheme that is not in this build is no error here: opening the link says so.
+    /// A scheme that is not in this build is accepted here, and refused when the link is opened.
     ///
     /// # Errors
     /// [`UriError`], which names the key, its value and what is allowed.
@@ -174,28 +136,28 @@ impl LinkUri {
         Ok(uri)
     }
 
-    /// How the board is reached.
+    /// The scheme: how the board is reached.
     pub const fn scheme(&self) -> Scheme {
         self.scheme
     }
 
-    /// What stands between the colon and the question mark, decoded; empty for `sim:`.
+    /// The decoded text between the colon and the question mark; empty for `sim:`.
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// The keys that do not have their default, decoded, in the order of the normal form.
+    /// The keys that do not have their default value, decoded, in the order of the normal form.
     pub fn keys(&self) -> impl Iterator<Item = (&str, &str)> {
         self.keys.iter().map(|(key, value)| (key.as_str(), value.as_str()))
     }
 
-    /// The value of a key: as given, else its default.
+    /// The value of a key: the given one, or else its default.
     pub fn value(&self, key: &str) -> Option<&str> {
         let given = self.keys().find(|(name, _)| *name == key).map(|(_, value)| value);
         given.or_else(|| Key::find(self.scheme, key)?.default)
     }
 
-    /// The value of a key, read as a type; `None` if it is not given and has no default.
+    /// The value of a key, converted by `read`; `None` if it is not given and has no default.
     pub(super) fn typed<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>, UriError> {
         let Some(value) = self.value(key) else { return Ok(None) };
         // The table has let this value pass: the type can hold less than the table allows only if the two disagree.
@@ -233,7 +195,8 @@ impl LinkUri {
         Ok(())
     }
 
-    /// Wider slots leave room for fewer slaves.
+    /// Checks the number of slaves against the slot size: with 16-byte slots a frame has room for 30 slaves instead of
+    /// 40.
     fn check_slaves(&self) -> Result<(), UriError> {
         let Some(list) = self.value("slaves") else { return Ok(()) };
         let slot = self.typed("slot", slot_size)?.unwrap_or_default();
@@ -244,7 +207,7 @@ impl LinkUri {
         Ok(())
     }
 
-    /// \[OURS] What only means something on the real clock is refused on a virtual one, where it would be without effect.
+    /// \[OURS] Refuses keys on a virtual clock that have an effect on the real clock only.
     fn check_clock(&self) -> Result<(), UriError> {
         if self.value("clock") != Some("virtual") {
             return Ok(());
@@ -285,7 +248,7 @@ impl FromStr for LinkUri {
     }
 }
 
-/// The normal form: keys in the order of the table, defaults left out. It parses back to the same.
+/// Writes the normal form: keys in the order of the table, defaults left out. Parsing it gives the same URI.
 impl fmt::Display for LinkUri {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.scheme, utf8_percent_encode(&self.path, IN_PATH))?;
@@ -297,14 +260,14 @@ impl fmt::Display for LinkUri {
     }
 }
 
-/// Keys that are without effect on a virtual clock, and why.
+/// Keys without effect on a virtual clock, each with the reason.
 const REAL_CLOCK_ONLY: &[(&str, &str)] = &[
     ("rate", "with clock=virtual time passes by calls alone, at no rate"),
     ("priority", "with clock=virtual there is no thread of the cycle"),
     ("lock_memory", "with clock=virtual no cycle has a time to keep"),
 ];
 
-/// A slot size as links write it.
+/// Parses a slot size as links write it, in bytes.
 pub(crate) fn slot_size(value: &str) -> Option<SlotSize> {
     SlotSize::from_bytes(value.parse().ok()?)
 }
@@ -322,7 +285,7 @@ fn key_names(scheme: Scheme) -> String {
     Key::of(scheme).map(|row| row.name).collect::<Vec<_>>().join(", ")
 }
 
-/// A text of the user's in a message, with what nobody can see in it, such as a NUL, by its code.
+/// The text with invisible characters, such as NUL, replaced by their codes, so that a message shows them.
 pub(super) fn visible(message: &str) -> String {
     let mut shown = String::with_capacity(message.len());
     for character in message.chars() {
@@ -336,12 +299,12 @@ pub(super) fn visible(message: &str) -> String {
     shown
 }
 
-/// Words longer than this get no suggestion: comparing takes time that grows with the square of the length.
-const LONGEST_TYPO: usize = 64;
+/// Longer words get no suggestion, because the time of the comparison grows with the square of the length.
+const SUGGESTION_LEN_MAX: usize = 64;
 
-/// ` did you mean ..?` if one of the words is near: at most every third letter differs. \[OURS]
+/// ` did you mean ..?` if one of the known words is similar: at most every third letter differs. \[OURS]
 pub(super) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
-    if word.len() > LONGEST_TYPO {
+    if word.len() > SUGGESTION_LEN_MAX {
         return String::new();
     }
     let word = word.to_lowercase();

@@ -1,12 +1,12 @@
-//! What to do about an address that cannot be listened on.
+//! What to do about an address on which a server cannot listen.
 
 use std::io::{Error, ErrorKind};
 use std::net::SocketAddr;
 
-/// The first port that every user may listen on, unless the machine says otherwise.
+/// The lowest port on which every user may listen, unless the machine is configured otherwise.
 const FIRST_FREE: u16 = 1024;
 
-/// The next step.
+/// What the user can do about the error.
 pub(super) fn advice(address: SocketAddr, error: &Error) -> &'static str {
     match error.kind() {
         ErrorKind::PermissionDenied if address.port() < FIRST_FREE => {

@@ -1,5 +1,10 @@
-//! Ports: what makes a board reachable for other processes and machines. A port serves whatever is behind a
-//! [`Link`](crate::link::Link) and knows nothing of it.
+//! Servers that make a board reachable for other processes and machines. A server works with any
+//! [`Link`](crate::link::Link): a simulated board, a real one, or one that is itself served elsewhere.
+//!
+//! - `tcp`: the server for links `tcp://host:port`
+//! - `usbip`: a virtual board on the USB bus of any machine
+//! - `spi`: a virtual board on SPI
+//! - `notes`: the queue of log lines of a server
 
 mod listen;
 pub mod notes;

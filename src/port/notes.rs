@@ -1,7 +1,7 @@
-//! What a server tells a person: a bounded queue, and a thread of its own that hands on what is in it.
+//! The log of a server: a bounded queue of notes, and a thread that passes them on.
 //!
-//! Whoever notes something never waits, however slow or stuck the reader of a log is: what moves or stops axes, takes
-//! clients in or ends a server notes and goes on. What is not taken in time is dropped, the oldest first, and counted.
+//! Adding a note never waits, however slow the reader of the log is or even if it has stalled, because the threads that
+//! stop axes or accept clients add notes. When the queue is full the oldest note is dropped and counted.
 
 use std::collections::VecDeque;
 use std::io;
@@ -12,22 +12,22 @@ use parking_lot::{Condvar, Mutex};
 
 use crate::threads;
 
-/// Notes kept while nobody takes them, the newest. \[OURS]
+/// The largest number of notes in the queue. \[OURS]
 const KEPT_MAX: usize = 1024;
-/// How long the end of a server waits for what is not told yet: a reader that is there takes it in a moment, one that has
-/// stalled never does. \[OURS]
+/// How long the end of a server waits until the remaining notes are passed on. A reader that works takes them at once,
+/// one that has stalled never does. \[OURS]
 pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 
-/// What a queue hands on.
+/// What the queue passes on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note<T> {
     /// A note.
     Told(T),
-    /// So many notes were dropped here, because those before them were not taken in time.
+    /// This many notes were dropped here, because the notes before them were not taken in time.
     Dropped(u64),
 }
 
-/// A queue of notes. Clones are the same queue.
+/// A queue of notes. Clones share the same queue.
 pub struct Notes<T>(Arc<Queue<T>>);
 
 struct Queue<T> {
@@ -38,7 +38,7 @@ struct Queue<T> {
 struct State<T> {
     kept: VecDeque<T>,
     dropped: u64,
-    /// The thread is handing one on.
+    /// Whether the thread is passing a note on.
     is_telling: bool,
     is_over: bool,
 }
@@ -57,7 +57,7 @@ impl<T> Default for Notes<T> {
 }
 
 impl<T> Notes<T> {
-    /// Puts a note into the queue; never waits.
+    /// Adds a note; never waits.
     pub fn tell(&self, note: T) {
         let mut state = self.0.state.lock();
         if state.is_over {
@@ -72,7 +72,7 @@ impl<T> Notes<T> {
         self.0.changed.notify_all();
     }
 
-    /// The oldest note, for who has no thread that is told.
+    /// Takes the oldest note, for callers that have no [`Teller`].
     pub fn take(&self) -> Option<Note<T>> {
         self.0.state.lock().next()
     }
@@ -91,26 +91,26 @@ impl<T> State<T> {
     }
 }
 
-/// The thread that hands notes on, until this is dropped.
+/// The thread that passes notes on, until this value is dropped.
 pub struct Teller<T> {
     notes: Notes<T>,
 }
 
 impl<T: Send + 'static> Teller<T> {
-    /// Starts the thread: it calls `tell` for each note, one after the other. While `tell` waits nobody else does.
+    /// Starts the thread. It calls `tell` for each note, one after the other; no other thread waits for `tell`.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system provides no thread.
     pub fn start(notes: &Notes<T>, tell: impl FnMut(Note<T>) + Send + 'static) -> io::Result<Self> {
         let queue = Arc::clone(&notes.0);
-        // It is never joined: `tell` may be stuck for good.
+        // The thread is never joined, because `tell` may never return.
         threads::spawn("ecmsk-notes", move || run(&queue, tell))?;
         Ok(Self { notes: notes.clone() })
     }
 }
 
 impl<T> Teller<T> {
-    /// Waits until what was noted so far has been told, at most [`FLUSH_LIMIT`].
+    /// Waits until the notes added so far have been passed on, at most [`FLUSH_LIMIT`].
     pub fn flush(&self) {
         let until = Instant::now() + FLUSH_LIMIT;
         let mut state = self.notes.0.state.lock();
@@ -121,8 +121,8 @@ impl<T> Teller<T> {
         }
     }
 
-    /// Flushes and ends the thread: nothing that is noted later is told. A thread that is stuck in `tell` is left to itself, and
-    /// ends when that returns.
+    /// Flushes the queue and ends the thread; later notes are discarded. If the thread is stuck in `tell`, it ends when
+    /// `tell` returns.
     pub fn end(&self) {
         self.flush();
         let mut state = self.notes.0.state.lock();

@@ -1,16 +1,18 @@
-//! Programs that run with more rights than the user who starts them: set-user-ID, set-group-ID, file capabilities. A link
-//! may have a file made (`record=`) or read (`script=`), so what that user makes or sets decides nothing there.
+//! Programs that run with more rights than the user who starts them: set-user-ID, set-group-ID, file capabilities. A
+//! link may create a file (`record=`) or read one (`script=`), so nothing that this user can write or set may choose
+//! the link.
 //!
-//! \[OURS] The rule: no variable counts that this library reads, and an `ecmsk.toml` counts only if nobody but root can have
-//! written it ([`made_by_others`]).
+//! \[OURS] The rule: the library ignores its environment variables, and an `ecmsk.toml` counts only if nobody but root
+//! can have written it ([`made_by_others`]).
 
 use std::env;
 use std::ffi::OsString;
 use std::path::Path;
 
-/// Whether this process has more rights than the user who started it. It stays so, whatever rights it gives up.
+/// Whether this process was started with more rights than its user has. The answer stays the same when the process
+/// gives up rights.
 ///
-/// Source: `AT_SECURE` of getauxval(3) on Linux, which is what the dynamic linker and `secure_getenv` go by.
+/// Source: `AT_SECURE` of getauxval(3) on Linux, which the dynamic linker and `secure_getenv` use as well.
 pub fn is_privileged() -> bool {
     #[cfg(any(target_os = "linux", target_os = "android"))]
     {
@@ -28,7 +30,8 @@ pub fn is_privileged() -> bool {
     }
 }
 
-/// A variable of the environment; in a privileged process none is set. The library reads its variables by this alone.
+/// The value of an environment variable; always `None` in a privileged process. The library reads environment variables
+/// only through this function.
 pub fn variable(name: &str) -> Option<OsString> {
     variable_for(is_privileged(), name)
 }
@@ -37,12 +40,11 @@ fn variable_for(privileged: bool, name: &str) -> Option<OsString> {
     if privileged { None } else { env::var_os(name) }
 }
 
-/// Why somebody else than root can have written a file which is there, or decided which file of root's that is; `None`:
-/// nobody can.
+/// Why somebody other than root can have written an existing file or chosen which file it is; `None` if nobody can.
 ///
-/// The file has to be a regular one (no link: who made it would choose the file), it and its folder must be root's and
-/// writable by root alone. The folders above have to be root's; they may be writable by others if these can neither rename
-/// nor remove what is in them (the sticky bit, as `/tmp` has it).
+/// The file has to be a regular file, not a symbolic link, whose creator could choose the target. The file and its
+/// folder must belong to root and be writable by root alone. The folders above must belong to root; others may write to
+/// them only if they can neither rename nor remove what is in them (sticky bit, as `/tmp` has it).
 #[cfg(unix)]
 pub fn made_by_others(file: &Path) -> Option<String> {
     use std::fs::symlink_metadata;
@@ -51,7 +53,7 @@ pub fn made_by_others(file: &Path) -> Option<String> {
     const WRITABLE_BY_OTHERS: u32 = 0o022;
     const STICKY: u32 = 0o1000;
 
-    // Below folders that are root's alone nothing changes between this look and the reading of the file.
+    // In folders that only root can change, nothing changes between this check and the reading of the file.
     let folder = match file.parent().map(Path::canonicalize) {
         Some(Ok(folder)) => folder,
         _ => return Some("its folder cannot be looked at".to_owned()),
@@ -77,7 +79,7 @@ pub fn made_by_others(file: &Path) -> Option<String> {
     None
 }
 
-/// There are no such programs.
+/// Always `None`: this system has no privileged programs.
 #[cfg(not(unix))]
 pub fn made_by_others(_: &Path) -> Option<String> {
     None

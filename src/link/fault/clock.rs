@@ -1,4 +1,4 @@
-//! The wrapper's time and waits: since the link was opened, on the clock that the link lives in.
+//! Time and waits of the fault injection: time since the link was opened, on the clock of the inner link.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,36 +7,39 @@ use parking_lot::{Condvar, Mutex};
 
 use crate::link::{Dir, Link, LinkError, LinkInfo, Stamp, Wait};
 
-/// What a look at a virtual clock costs, so that a program that polls does not stop it \[OURS]: one USB microframe, as the
-/// board has it.
-pub(super) const LOOK: Duration = Duration::from_micros(125);
+/// How far a call that does not wait advances a virtual clock, so that a program that polls makes progress \[OURS]: one
+/// USB microframe, as for a write to a simulated board.
+pub(super) const POLL_TIME: Duration = Duration::from_micros(125);
 
-/// Cancels so far, by direction.
+/// What ends waits early.
 #[derive(Clone, Copy, Default)]
-struct Ends {
+struct Cancellation {
+    /// The number of cancellations so far, by direction.
     cancels: [u64; 2],
-    over: bool,
+    /// Whether the link is closed.
+    closed: bool,
 }
 
-/// Time since the link was opened, and waits that [`Clock::cancel`] and [`Clock::end`] end.
+/// The time since the link was opened, and waits that [`Clock::cancel`] and [`Clock::close`] end.
 pub(super) struct Clock {
     inner: Arc<dyn Link>,
     virtual_time: bool,
     opened_at: Stamp,
     opened: Instant,
-    ends: Mutex<Ends>,
-    bell: Condvar,
+    cancellation: Mutex<Cancellation>,
+    changed: Condvar,
 }
 
-/// A call under way.
+/// A call to the link that may wait.
 #[derive(Clone, Copy)]
 pub(super) struct Call {
     pub(super) dir: Dir,
+    /// The number of cancellations in its direction when it began.
     cancels: u64,
-    /// When its wait ends; `None`: it does not.
-    end: Option<Duration>,
-    /// It was not to wait.
-    at_once: bool,
+    /// When its time limit ends; `None`: never.
+    deadline: Option<Duration>,
+    /// Whether it is not to wait at all.
+    no_wait: bool,
 }
 
 impl Clock {
@@ -46,8 +49,8 @@ impl Clock {
             virtual_time: info.virtual_time,
             opened_at: info.opened_at,
             opened: Instant::now(),
-            ends: Mutex::default(),
-            bell: Condvar::new(),
+            cancellation: Mutex::default(),
+            changed: Condvar::new(),
         }
     }
 
@@ -55,7 +58,7 @@ impl Clock {
         self.virtual_time
     }
 
-    /// Time since the link was opened.
+    /// The time since the link was opened.
     pub(super) fn now(&self) -> Result<Duration, LinkError> {
         match self.inner.pass(Duration::ZERO)? {
             Some(Stamp(now)) => Ok(Duration::from_nanos(now.saturating_sub(self.opened_at.0))),
@@ -63,72 +66,75 @@ impl Clock {
         }
     }
 
-    /// That time since the link was opened, as the link's frames show it.
+    /// A time since the link was opened as a time stamp of the link's frames.
     pub(super) fn stamp(&self, now: Duration) -> Stamp {
         Stamp(self.opened_at.0.saturating_add(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// A call begins that may wait that long.
+    /// Begins a call with that time limit.
     pub(super) fn call(&self, dir: Dir, wait: Wait) -> Result<Call, LinkError> {
-        let cancels = self.ends.lock().cancels[place(dir)];
-        let end = match wait {
+        let cancels = self.cancellation.lock().cancels[index(dir)];
+        let deadline = match wait {
             Wait::Forever => None,
             Wait::For(limit) => self.now()?.checked_add(limit),
             Wait::Now => Some(self.now()?),
         };
-        Ok(Call { dir, cancels, end, at_once: wait == Wait::Now || wait == Wait::For(Duration::ZERO) })
+        Ok(Call { dir, cancels, deadline, no_wait: wait == Wait::Now || wait == Wait::For(Duration::ZERO) })
     }
 
-    /// Whether the call may go on.
+    /// Fails if the call was cancelled or the link closed.
     pub(super) fn check(&self, call: &Call) -> Result<(), LinkError> {
-        let ends = *self.ends.lock();
-        if ends.over {
+        let cancellation = *self.cancellation.lock();
+        if cancellation.closed {
             return Err(LinkError::Closed);
         }
-        let cancelled = ends.cancels[place(call.dir)] != call.cancels;
+        let cancelled = cancellation.cancels[index(call.dir)] != call.cancels;
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
-    /// How long the call may still wait, and not beyond `latest`.
-    pub(super) fn left(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
-        let end = call.end.into_iter().chain(latest).min();
+    /// How long the call may still wait, and no longer than until `latest`.
+    pub(super) fn remaining(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
+        let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };
         let left = end.saturating_sub(self.now()?);
-        Ok(if call.at_once || left.is_zero() { Wait::Now } else { Wait::For(left) })
+        Ok(if call.no_wait || left.is_zero() { Wait::Now } else { Wait::For(left) })
     }
 
-    /// Waits until that time, but not beyond the call's end. Says whether the time has come.
+    /// Waits until `time`, or until the call's deadline if that is earlier. Returns whether `time` is reached.
     pub(super) fn wait_until(&self, call: &Call, time: Duration) -> Result<bool, LinkError> {
-        let to = call.end.map_or(time, |end| end.min(time));
+        let to = call.deadline.map_or(time, |end| end.min(time));
         if self.virtual_time {
             let left = to.saturating_sub(self.now()?);
-            self.inner.pass(if call.at_once { LOOK } else { left })?;
+            self.inner.pass(if call.no_wait { POLL_TIME } else { left })?;
         } else {
-            let mut ends = self.ends.lock();
-            while self.opened.elapsed() < to && !ends.over && ends.cancels[place(call.dir)] == call.cancels {
+            let mut cancellation = self.cancellation.lock();
+            while self.opened.elapsed() < to
+                && !cancellation.closed
+                && cancellation.cancels[index(call.dir)] == call.cancels
+            {
                 let left = to.saturating_sub(self.opened.elapsed());
-                self.bell.wait_for(&mut ends, left);
+                self.changed.wait_for(&mut cancellation, left);
             }
-            drop(ends);
+            drop(cancellation);
             self.check(call)?;
         }
         Ok(self.now()? >= time)
     }
 
-    /// Ends the waits under way in one direction.
+    /// Ends the waits in one direction that are in progress.
     pub(super) fn cancel(&self, dir: Dir) {
-        self.ends.lock().cancels[place(dir)] += 1;
-        self.bell.notify_all();
+        self.cancellation.lock().cancels[index(dir)] += 1;
+        self.changed.notify_all();
     }
 
-    /// Ends every wait now and to come.
-    pub(super) fn end(&self) {
-        self.ends.lock().over = true;
-        self.bell.notify_all();
+    /// Ends every wait, now and in future.
+    pub(super) fn close(&self) {
+        self.cancellation.lock().closed = true;
+        self.changed.notify_all();
     }
 }
 
-const fn place(dir: Dir) -> usize {
+const fn index(dir: Dir) -> usize {
     match dir {
         Dir::Write => 0,
         Dir::Read => 1,

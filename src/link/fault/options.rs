@@ -1,4 +1,4 @@
-//! What the keys `fault.*` say, as types.
+//! The keys `fault.*` as Rust types.
 
 use std::time::Duration;
 
@@ -6,38 +6,38 @@ use crate::link::Fraction;
 use crate::link::options::millis;
 use crate::link::uri::{LinkUri, UriError};
 
-/// What befalls frames of one direction. Each is the share of frames, 0 to 1.
+/// How often each fault happens in one direction, as a fraction of the frames, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultRates {
-    /// Lost on the way.
+    /// Frames that are lost.
     pub drop: Fraction,
-    /// One bit is turned over.
+    /// Frames in which one bit is flipped.
     pub corrupt: Fraction,
-    /// They arrive twice.
+    /// Frames that arrive twice.
     pub duplicate: Fraction,
-    /// They are held up for [`FaultOptions::delay`].
+    /// Frames that are delayed by [`FaultOptions::delay`].
     pub delay: Fraction,
 }
 
-/// Faults of a link.
+/// The faults that a link injects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultOptions {
-    /// Which sequence of random faults.
+    /// The seed of the pseudorandom sequences.
     pub seed: u64,
-    /// Of command frames.
+    /// Faults of command frames.
     pub write: FaultRates,
-    /// Of reports.
+    /// Faults of reports.
     pub read: FaultRates,
-    /// How long a frame is held up.
+    /// How long a delayed frame is held back.
     pub delay: Duration,
-    /// The board is lost after that many frames in both directions: 1 or more.
+    /// The board is disconnected after that many frames in both directions together: 1 or more.
     pub disconnect_after: Option<u64>,
-    /// The board is lost that long after the link was opened.
+    /// The board is disconnected that long after the link was opened.
     pub disconnect_at: Option<Duration>,
 }
 
 impl Default for FaultOptions {
-    /// None.
+    /// No faults.
     fn default() -> Self {
         Self {
             seed: 1,
@@ -51,10 +51,10 @@ impl Default for FaultOptions {
 }
 
 impl FaultOptions {
-    /// The faults of that link.
+    /// The faults in a URI.
     ///
     /// # Errors
-    /// [`UriError`] if the table of keys and these types disagree.
+    /// [`UriError`] if the table of keys allows a value that these types do not.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let share = |kind: &str, direction: &str| {
             let both = uri.required(&format!("fault.{kind}"), Fraction::parse)?;
@@ -79,7 +79,7 @@ impl FaultOptions {
         })
     }
 
-    /// Whether there is any fault at all.
+    /// Whether any fault can happen.
     pub fn any(&self) -> bool {
         let quiet = FaultRates::default();
         self.write != quiet || self.read != quiet || self.disconnect_after.is_some() || self.disconnect_at.is_some()

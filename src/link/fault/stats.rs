@@ -1,32 +1,32 @@
-//! How many faults there were.
+//! Counters of injected faults.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Faults in one direction.
+/// Injected faults in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultCounts {
-    /// Frames lost on the way.
+    /// Frames that were lost.
     pub dropped: u64,
-    /// Frames with a bit turned over.
+    /// Frames in which one bit was flipped.
     pub corrupted: u64,
     /// Frames that arrived twice.
     pub duplicated: u64,
-    /// Frames that were held up.
+    /// Frames that were delayed.
     pub delayed: u64,
 }
 
-/// Faults of a link since it was opened.
+/// Injected faults of a link since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultStats {
-    /// Of command frames.
+    /// Faults of command frames.
     pub write: FaultCounts,
-    /// Of reports.
+    /// Faults of reports.
     pub read: FaultCounts,
-    /// Whether the board was taken away.
+    /// Whether the board was disconnected.
     pub disconnected: bool,
 }
 
-/// The counters of one direction.
+/// Counters of the calls and faults in one direction.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     /// Calls that succeeded.

@@ -1,15 +1,15 @@
-//! The table of keys.
+//! The table of all keys of link URIs.
 
 use super::{Fraction, Key, Scheme, Syntax};
 
-/// An hour and a day: the largest limits of time. \[OURS]
+/// The largest values of keys in milliseconds: an hour, a day. \[OURS]
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
-/// Links to a board that somebody else has set up.
+/// Links to a board that exists already, so its slot size can only be checked.
 const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
-/// The slowest clock of a board: a cycle of 250 us takes a quarter of a second. \[OURS]
-const SLOWEST: Fraction = Fraction::from_billionths(1_000_000);
+/// The slowest rate of a board's clock: a cycle of 250 us then takes a quarter of a second. \[OURS]
+const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
 const SIM: &[Scheme] = &[Scheme::Sim];
 const SPI: &[Scheme] = &[Scheme::Spi];
 const TCP: &[Scheme] = &[Scheme::Tcp];
@@ -17,12 +17,11 @@ const USB: &[Scheme] = &[Scheme::Usb];
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
-/// Every key, in the order of a URI's normal form.
+/// All keys, in the order of a URI's normal form.
 ///
-/// Values without a source are \[OURS]: `slaves`, `host_us` (one USB microframe), `state_timeout_ms` (SK-4),
-/// `sdo_timeout_ms` (SK-6), `catch_up_ms`, `transfers`, `speed`'s least,
-/// `prefill`, `fault.seed`,
-/// `fault.delay_ms`, those of `tcp:`, and the ends of every range.
+/// These values have no source and are \[OURS]: the defaults of `slaves`, `host_us` (one USB microframe),
+/// `state_timeout_ms` (SK-4), `sdo_timeout_ms` (SK-6), `catch_up_ms`, `transfers`, `prefill`, `fault.seed`,
+/// `fault.delay_ms` and of the keys of `tcp:`; the lower limit of `speed`; and the limits of all ranges.
 pub const KEYS: &[Key] = &[
     Key {
         name: "slaves",
@@ -142,7 +141,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "rate",
         schemes: SIM,
-        syntax: Syntax::Fraction(SLOWEST, Fraction::ONE),
+        syntax: Syntax::Fraction(RATE_MIN, Fraction::ONE),
         default: Some("1"),
         example: "0.1",
         meaning: "how fast the board's time passes on clock=real, e.g. 0.1: ten times slower than the machine's, for \
@@ -325,24 +324,30 @@ pub const KEYS: &[Key] = &[
         example: "7",
         meaning: "which of all sequences of random faults; the same seed gives the same sequence in either direction",
     },
-    probability("fault.drop", "share of frames that are lost on the way, both directions"),
-    one_way(
+    fault_rate("fault.drop", "share of frames that are lost on the way, both directions"),
+    fault_rate_one_direction(
         "fault.drop.write",
         "share of command frames that are lost: the write succeeds, the board gets nothing; not given: that for both",
     ),
-    one_way("fault.drop.read", "share of reports that are lost; not given: that for both"),
-    probability("fault.corrupt", "share of frames in which one bit is turned over, both directions"),
-    one_way("fault.corrupt.write", "share of command frames with a bit turned over; not given: that for both"),
-    one_way("fault.corrupt.read", "share of reports with a bit turned over; not given: that for both"),
-    probability("fault.duplicate", "share of frames that arrive twice, both directions"),
-    one_way("fault.duplicate.write", "share of command frames that arrive twice; not given: that for both"),
-    one_way("fault.duplicate.read", "share of reports that arrive twice; not given: that for both"),
-    probability("fault.delay", "share of frames that are held up for fault.delay_ms, both directions"),
-    one_way(
+    fault_rate_one_direction("fault.drop.read", "share of reports that are lost; not given: that for both"),
+    fault_rate("fault.corrupt", "share of frames in which one bit is turned over, both directions"),
+    fault_rate_one_direction(
+        "fault.corrupt.write",
+        "share of command frames with a bit turned over; not given: that for both",
+    ),
+    fault_rate_one_direction("fault.corrupt.read", "share of reports with a bit turned over; not given: that for both"),
+    fault_rate("fault.duplicate", "share of frames that arrive twice, both directions"),
+    fault_rate_one_direction(
+        "fault.duplicate.write",
+        "share of command frames that arrive twice; not given: that for both",
+    ),
+    fault_rate_one_direction("fault.duplicate.read", "share of reports that arrive twice; not given: that for both"),
+    fault_rate("fault.delay", "share of frames that are held up for fault.delay_ms, both directions"),
+    fault_rate_one_direction(
         "fault.delay.write",
         "share of command frames that are held up: the write takes longer, or reaches its limit; not given: that for both",
     ),
-    one_way(
+    fault_rate_one_direction(
         "fault.delay.read",
         "share of reports that are held up, and those behind them; none overtakes another; not given: that for both",
     ),
@@ -373,14 +378,14 @@ pub const KEYS: &[Key] = &[
     },
 ];
 
-/// A key for the share of frames in both directions that a fault befalls.
-const fn probability(name: &'static str, meaning: &'static str) -> Key {
+/// A key for the fraction of frames, in both directions, that a fault affects.
+const fn fault_rate(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
     Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
 }
 
-/// The same for one direction, instead of what holds for both.
-const fn one_way(name: &'static str, meaning: &'static str) -> Key {
+/// As [`fault_rate`], for one direction; it replaces the value for both directions.
+const fn fault_rate_one_direction(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
     Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }
 }

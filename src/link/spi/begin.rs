@@ -1,4 +1,4 @@
-//! The first exchanges with a board, which show whether it is one and whether the wires are right.
+//! The first exchanges with a board. They show whether there is a board, and whether the wires are right.
 
 use std::time::{Duration, Instant};
 
@@ -8,20 +8,24 @@ use crate::io::spi::{WireError, Wires};
 use crate::link::LinkError;
 use crate::sk::{CommandId, Frame, MasterCommand, MasterResponse, MasterState, RawSlot};
 
-/// RESETN is low for longer than the 32 us that it takes (SK-10). \[OURS]
+/// How long RESETN is held low; the board needs 32 us (SK-10). \[OURS]
 const RESET_LOW: Duration = Duration::from_micros(100);
-/// Good answers in a row before the board counts as there. \[OURS]
-const GOOD: u32 = 2;
-/// Answers that are none, without one that is, before a wire counts as lying, unless the board may still start up. \[OURS]
-const BAD: u32 = 8;
-/// Answers without a CRC that have the form of one, and among them none to LIO_RD, before they count as none. \[OURS]
-const UNSURE: u32 = 12;
-/// Between two of the first exchanges: more than a cycle below OP, and than what is needed without BUSY. \[OURS]
-const BETWEEN: Duration = Duration::from_micros(1500);
-/// What the first frames carry in a place that no board answers: a wire that repeats them shows it. \[OURS]
-const MARK: u8 = 0x5A;
+/// How many valid answers in a row show that the board is there. \[OURS]
+const VALID_ANSWERS_MIN: u32 = 2;
+/// After how many invalid answers, without a valid one in between, a wire counts as faulty, unless the board may still
+/// be starting up. \[OURS]
+const INVALID_ANSWERS_MAX: u32 = 8;
+/// After how many answers without a CRC that have the form of a report, but none of which answers LIO_RD, the answers
+/// count as invalid. \[OURS]
+const UNCONFIRMED_ANSWERS_MAX: u32 = 12;
+/// The pause between two of the first exchanges: longer than a cycle below OP, and longer than exchanges without BUSY
+/// need. \[OURS]
+const EXCHANGE_INTERVAL: Duration = Duration::from_micros(1500);
+/// A byte that the first frames carry at a place where no board answers it. If it comes back, MISO is connected to
+/// MOSI. \[OURS]
+const ECHO_MARK: u8 = 0x5A;
 
-/// Brings the wires to where exchanges can go on; says what the board answered last.
+/// Exchanges frames until the board answers reliably; returns its latest answer.
 pub(super) fn begin(
     name: &str,
     wires: &mut dyn Wires,
@@ -32,28 +36,28 @@ pub(super) fn begin(
     let began = Instant::now();
     wires.reset(RESET_LOW).map_err(|error| refused(name, error))?;
     let mut answer = Frame::new();
-    let (mut asked, mut good, mut bad, mut rises) = (0, 0, 0, false);
-    // Answers that have slipped may have the form of right ones: what those said that have not is not forgotten.
-    let mut named = Lie::Garbled;
+    let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
+    // Answers shifted by some bits may look valid, so the fault that an earlier invalid answer has shown is kept.
+    let mut known_fault = Lie::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
         if !wires.wait_ready(left).map_err(|error| refused(name, error))? {
             return Err(no_board(busy_is_high(options.open_limit)));
         }
-        let question = question(options, asked);
+        let question = question(options, exchanges);
         let length = options.slot.frame_len();
         wires
             .exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length])
             .map_err(|error| refused(name, error))?;
-        asked += 1;
+        exchanges += 1;
         let lie = match judge.look(&answer) {
             Ok(_) if answer.wire(options.slot) == question.wire(options.slot) => Some(Lie::Echo),
             Ok(response) => {
-                (good, bad) = (good + 1, 0);
+                (valid, invalid) = (valid + 1, 0);
                 let sure = judge.fills_crc()
                     || response.state.state() == Some(MasterState::Op)
                     || response.id == CommandId::LocalRead.code();
-                if good >= GOOD && sure {
+                if valid >= VALID_ANSWERS_MIN && sure {
                     if !wires.wait_ready(options.busy_limit).map_err(|error| refused(name, error))? {
                         return Err(no_board(busy_is_high(options.busy_limit)));
                     }
@@ -63,43 +67,43 @@ pub(super) fn begin(
                     }
                     return Ok(response);
                 }
-                (good >= UNSURE).then_some(named)
+                (valid >= UNCONFIRMED_ANSWERS_MAX).then_some(known_fault)
             }
             Err(_) => {
                 let lie = judge.explain();
                 if lie != Lie::Garbled {
-                    named = lie;
+                    known_fault = lie;
                 }
                 Some(lie)
             }
         };
         if let Some(lie) = lie {
-            bad += 1;
-            // Without BUSY zeros are what a board answers while it starts up.
+            invalid += 1;
+            // Without BUSY, a board that is starting up answers zeros.
             let may_start = lie == Lie::Zeros && !wires.has_busy();
-            if (bad >= BAD && !may_start) || began.elapsed() >= options.open_limit {
+            if (invalid >= INVALID_ANSWERS_MAX && !may_start) || began.elapsed() >= options.open_limit {
                 return Err(no_board(lie.to_string()));
             }
         }
-        // Answers are one cycle old.
-        std::thread::sleep(BETWEEN);
+        // Each answer reports the cycle before it, so the next one is only new after a cycle.
+        std::thread::sleep(EXCHANGE_INTERVAL);
     }
 }
 
-/// GET_STATUS in every slot; at times LIO_RD for the board itself, so that answers differ: without a CRC only one that
-/// has its id shows that no bit has slipped.
+/// A frame with GET_STATUS in every slot. In some of the frames slot 0 has LIO_RD instead, so that the answers differ:
+/// without a CRC, only an answer with that command id shows that no bit is shifted.
 fn question(options: &SpiOptions, number: u32) -> Frame {
     let mut frame = Frame::new();
-    if number >= GOOD && number / 2 % 2 == 1 {
+    if number >= VALID_ANSWERS_MIN && number / 2 % 2 == 1 {
         frame.put_master(options.slot, &MasterCommand::LocalRead);
     }
-    let slot = RawSlot { id: CommandId::GetStatus.code(), index: MARK, ..RawSlot::ZERO };
+    let slot = RawSlot { id: CommandId::GetStatus.code(), index: ECHO_MARK, ..RawSlot::ZERO };
     frame.put(options.slot, options.slot.sdo_slot(), &slot);
     frame.fill_crc(options.slot);
     frame
 }
 
-/// BUSY does not go low.
+/// The reason of a failure if BUSY does not go low.
 pub(super) fn busy_is_high(limit: Duration) -> String {
     format!(
         "BUSY has been high for {limit:?}: the board starts up, finds no slave or hangs (switch it off and on), or busy= \
@@ -107,11 +111,11 @@ pub(super) fn busy_is_high(limit: Duration) -> String {
     )
 }
 
-/// BUSY does not go high.
+/// The reason of a failure if BUSY does not go high.
 pub(super) const BUSY_IS_LOW: &str = "BUSY does not go high in an exchange: busy= names another line than that of BUSY \
                                       (J3/J2 pin 5), or it is not connected; correct it, or leave busy= out";
 
-/// A wire that cannot be used.
+/// The error of a link whose wires cannot be used.
 pub(super) fn refused(name: &str, error: WireError) -> LinkError {
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
     match error {

@@ -1,22 +1,37 @@
-//! The link `spi:`: a real ECM-SK on spidev, with BUSY and RESETN on lines of a GPIO chip.
+//! The link `spi:`: a real ECM-SK on a spidev device, with BUSY and RESETN on lines of a GPIO chip.
 //!
-//! On SPI every exchange is a command frame: a report costs one, and in OP an entry of the board's FIFO. So that a program
-//! sees what it sees on USB, one report a cycle whether it writes or not, the link has a thread with a [`Pacer`]. Each
-//! cycle it exchanges the oldest frame that the program has written, or else GET_STATUS. What that costs: a program that
-//! has no frame ready for a cycle (it *starves*) puts an entry without targets between two with them, one cycle in which
-//! the axes stand still. A program that writes ahead never does; against one that is late at times there is the key
-//! `prefill=`: so many entries wait in the board's FIFO, and while they last, no GET_STATUS goes between.
+//! On SPI every exchange carries a command frame: the board sends a report only while it receives a frame, and in OP
+//! that frame takes an entry of the board's FIFO. A program nevertheless sees what it would see on USB, one report per
+//! cycle whether it writes or not, because the link has a thread that makes one exchange per cycle, timed by a
+//! [`Pacer`]. An exchange carries the oldest frame that the program has written, or else a frame of GET_STATUS
+//! commands.
 //!
-//! The free count in a report is what the program may still write: 160 less its own entries in the board's FIFO and less
-//! its frames that the link holds. Entries that the link has put in itself are none that a program knows of.
+//! The price: if the program has no frame ready for a cycle, the GET_STATUS frame puts an entry without targets between
+//! two entries with targets, and the axes stand still for one cycle. This does not happen to a program that writes
+//! ahead. For a program that is late now and then there is the key `prefill=`: that many entries wait in the board's
+//! FIFO, and while they last the link sends no GET_STATUS in between.
+//!
+//! The number of free FIFO entries in a report is what the program may still write: 160 less its own entries in the
+//! board's FIFO and less its frames that the link has not sent yet. Entries that the link has added itself are not
+//! counted.
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `options.rs`: the keys of `spi:` as Rust types, and which combinations are refused
+//! - `queues.rs`: the frames and reports that the program's threads and the link's thread pass to each other
+//! - `runner.rs`: the link's thread
+//! - `pacer.rs`: when the next exchange is due and what it carries
+//! - `sent_frames.rs`: what was sent, to show the program the answers to its own commands
+//! - `judge.rs`: whether an answer is valid, and if not, which wire is faulty
+//! - `begin.rs`: the first exchanges, which test the wires
 
 mod begin;
-mod desk;
 mod judge;
 mod options;
 mod pacer;
+mod queues;
 mod runner;
-mod sent;
+mod sent_frames;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -32,8 +47,8 @@ pub use self::options::SpiOptions;
 pub use self::pacer::{Carry, Held, Pacer, PacerCounts, PacerOptions, Plan};
 
 use self::begin::{begin, refused};
-use self::desk::{Desk, Refused};
 use self::options::PERIOD_WITHOUT_BUSY;
+use self::queues::{CallError, FrameQueues};
 use self::runner::{Runner, Shared};
 use super::options::CommonOptions;
 use super::uri::LinkUri;
@@ -42,10 +57,10 @@ use crate::io::spi::{Device, Wires};
 use crate::sk::{CycleTime, Frame, MasterCommand, MasterState};
 use crate::threads;
 
-/// How long closing lets frames go out that were written before. \[OURS]
+/// How long closing the link waits until the frames written before have been sent. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
-/// A board on SPI.
+/// A link to a board on SPI.
 pub struct SpiLink {
     info: LinkInfo,
     options: SpiOptions,
@@ -58,22 +73,23 @@ pub struct SpiLink {
     read_errors: AtomicU64,
 }
 
-/// What a link on SPI has done, besides what every link counts.
+/// Counters of a link on SPI, besides those that every link has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiStats {
-    /// Of its exchanges.
+    /// Counters of its exchanges.
     pub pacer: PacerCounts,
-    /// Answers that were none and were not handed on.
+    /// Invalid answers, which were not passed on as reports.
     pub garbled: u64,
-    /// Frames of the host that were taken back by a later one: SET_FIFO clear, leaving OP, SW_RESET.
+    /// Frames of the program that were discarded before they were sent, because of a later SET_FIFO clear, a change of
+    /// state out of OP, or SW_RESET.
     pub cleared: u64,
-    /// Frames of the host that did not go out because the board was lost or the link was closed.
+    /// Frames of the program that were not sent because the board was lost or the link was closed.
     pub unsent: u64,
-    /// Frames of the host that wait now.
+    /// Frames of the program that are waiting to be sent.
     pub held: usize,
 }
 
-/// Opens the board that the URI names.
+/// Opens the board in the URI.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let (options, places) = SpiOptions::from_uri(uri)?;
     let name = uri.to_string();
@@ -82,11 +98,11 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link
 }
 
 impl SpiLink {
-    /// A link over these wires; `name` is what messages call it. Resets the board if there is a wire for that, and waits
-    /// until it answers.
+    /// A link over these wires; `name` is the name of the link in messages. Resets the board if RESETN is connected,
+    /// and waits until the board answers.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`], which says which wire lies and what to do; [`LinkError::Io`].
+    /// [`LinkError::NoBoard`], which says which wire is faulty and what to do; [`LinkError::Io`].
     pub fn over(
         name: &str,
         mut wires: Box<dyn Wires>,
@@ -106,15 +122,15 @@ impl SpiLink {
         pacer.answered(&first, false, 0);
         let shared = Arc::new(Shared {
             name: name.to_owned(),
-            desk: Desk::new(common.queue),
+            queues: FrameQueues::new(common.queue),
             opened: Instant::now(),
             counts: Mutex::default(),
             cycle_us: AtomicU64::new(options.cycle.us().into()),
             garbled: AtomicU64::new(0),
         });
-        // The last of the first exchanges was a moment ago.
+        // The last exchange of `begin` has just ended.
         pacer.ended(shared.now());
-        let runner = Runner { shared: shared.clone(), wires, options: options.clone(), pacer, judge, doubt: 0 };
+        let runner = Runner { shared: shared.clone(), wires, options: options.clone(), pacer, judge, reset_doubt: 0 };
         let thread = threads::spawn("ecmsk-spi", move || runner.run()).map_err(|error| LinkError::Io {
             what: format!("start the thread of `{name}`"),
             message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
@@ -140,19 +156,19 @@ impl SpiLink {
         })
     }
 
-    /// What it has done.
+    /// The counters of this link.
     pub fn spi_stats(&self) -> SpiStats {
-        let desk = self.shared.desk.counts();
+        let queues = self.shared.queues.counts();
         SpiStats {
             pacer: *self.shared.counts.lock(),
             garbled: self.shared.garbled.load(Ordering::Relaxed),
-            cleared: desk.cleared,
-            unsent: desk.unsent,
-            held: desk.held,
+            cleared: queues.cleared,
+            unsent: queues.unsent,
+            held: queues.held,
         }
     }
 
-    /// Whether the wires are too slow for the cycle that a frame sets or begins.
+    /// Refuses a frame that sets or begins a cycle for which the wires are too slow.
     fn refuse(&self, frame: &Frame) -> Result<(), LinkError> {
         let size = self.options.slot;
         let cycle = match MasterCommand::decode(&frame.slot(size, 0), size) {
@@ -171,16 +187,16 @@ impl SpiLink {
         }
     }
 
-    fn error(&self, dir: Dir, refused: Refused) -> LinkError {
-        match refused {
-            Refused::Timeout(waited) => {
+    fn error(&self, dir: Dir, error: CallError) -> LinkError {
+        match error {
+            CallError::Timeout(waited) => {
                 let what = match dir {
                     Dir::Read => "the board sent no report",
                     Dir::Write => "the board takes no more frames",
                 };
                 LinkError::Timeout { dir, waited, what }
             }
-            Refused::Error(error) => error,
+            CallError::Error(error) => error,
         }
     }
 }
@@ -200,8 +216,8 @@ impl Link for SpiLink {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let taken = self.refuse(frame).and_then(|()| {
-            let done = self.shared.desk.write(frame, self.options.slot, limit(wait));
-            done.map_err(|refused| self.error(Dir::Write, refused))
+            let done = self.shared.queues.write(frame, self.options.slot, limit(wait));
+            done.map_err(|error| self.error(Dir::Write, error))
         });
         let counter = if taken.is_ok() { &self.written } else { &self.write_errors };
         counter.fetch_add(1, Ordering::Relaxed);
@@ -209,22 +225,22 @@ impl Link for SpiLink {
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let got = self.shared.desk.read(out, limit(wait)).map_err(|refused| self.error(Dir::Read, refused));
+        let got = self.shared.queues.read(out, limit(wait)).map_err(|error| self.error(Dir::Read, error));
         let counter = if got.is_ok() { &self.read } else { &self.read_errors };
         counter.fetch_add(1, Ordering::Relaxed);
         got.map(|(at, sequence, dropped)| ReadMeta { at: Stamp(at), sequence, dropped })
     }
 
     fn cancel(&self, dir: Dir) {
-        self.shared.desk.cancel(dir);
+        self.shared.queues.cancel(dir);
     }
 
     fn close(&self) {
-        self.shared.desk.close(Instant::now() + CLOSE_LIMIT);
+        self.shared.queues.close(Instant::now() + CLOSE_LIMIT);
         if let Some(thread) = self.thread.lock().take() {
-            // A panic in it would have no one to hear of it.
+            // The result of a thread that has panicked holds nothing that could be reported here.
             let _ = thread.join();
-            let unsent = self.shared.desk.counts().unsent;
+            let unsent = self.shared.queues.counts().unsent;
             if unsent > 0 {
                 log::warn!(
                     "{}: {unsent} frames that were written did not go out before the link ended",
@@ -235,7 +251,7 @@ impl Link for SpiLink {
     }
 
     fn check(&self) -> Result<(), LinkError> {
-        self.shared.desk.check()
+        self.shared.queues.check()
     }
 
     fn stats(&self) -> LinkStats {
@@ -243,7 +259,7 @@ impl Link for SpiLink {
         LinkStats {
             written: count(&self.written),
             read: count(&self.read),
-            reports_dropped: self.shared.desk.counts().dropped,
+            reports_dropped: self.shared.queues.counts().dropped,
             write_errors: count(&self.write_errors),
             read_errors: count(&self.read_errors),
             ..LinkStats::default()

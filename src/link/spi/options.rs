@@ -1,4 +1,4 @@
-//! What a URI `spi:` says, as types, and what cannot go together.
+//! The keys of `spi:` as Rust types, and which of their values exclude each other.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,31 +8,31 @@ use crate::link::keys::{self, Scheme};
 use crate::link::uri::{LinkUri, UriError, slot_size};
 use crate::sk::{CycleTime, SlotSize};
 
-/// SK-10: without BUSY exchanges are never sooner after one another.
+/// SK-10: the shortest time between the starts of two exchanges without BUSY.
 pub(super) const PERIOD_WITHOUT_BUSY: Duration = Duration::from_micros(800);
-/// SK-10: without BUSY no cycle is shorter.
+/// SK-10: the shortest cycle without BUSY.
 const LEAST_CYCLE_WITHOUT_BUSY_US: u32 = 1000;
-/// SK-10: 24 MHz for 250 us, 6 MHz for 1 ms; between and beyond them in proportion \[OURS].
+/// SK-10: a cycle of 250 us needs 24 MHz, one of 1 ms 6 MHz; other cycles in proportion \[OURS].
 const LEAST_CLOCKS_PER_CYCLE: u64 = 6000;
-/// How long a board may start up when it is opened. \[OURS]
+/// How long a board may take to start up when its link is opened. \[OURS]
 const OPEN_LIMIT: Duration = Duration::from_secs(3);
-/// How long BUSY may be high for one frame. \[OURS]
+/// How long BUSY may stay high after a frame. \[OURS]
 const BUSY_LIMIT: Duration = Duration::from_secs(1);
 
 /// How the wires are used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiOptions {
-    /// Slot size: an exchange has 504 or 512 bytes.
+    /// The slot size; an exchange has 504 bytes for 12-byte slots and 512 bytes for 16-byte slots.
     pub slot: SlotSize,
-    /// Clock, Hz.
+    /// The frequency of SCLK.
     pub speed_hz: u32,
-    /// The cycle in OP before a SET_DC passes.
+    /// The cycle time in OP until a SET_DC command sets another one.
     pub cycle: CycleTime,
-    /// Entries kept in the board's FIFO: 0..=120.
+    /// How many entries are kept in the board's FIFO: 0..=120.
     pub prefill: u16,
-    /// How long a board may start up when it is opened.
+    /// How long a board may take to start up when its link is opened.
     pub open_limit: Duration,
-    /// How long BUSY may be high for one frame.
+    /// How long BUSY may stay high after a frame.
     pub busy_limit: Duration,
 }
 
@@ -50,11 +50,11 @@ impl Default for SpiOptions {
 }
 
 impl SpiOptions {
-    /// The options of that link and where its wires are, defaults filled in.
+    /// The options in a URI, and which devices are its wires. Keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is no `spi:` link; [`UriError::BadPath`] without a device;
-    /// [`UriError::BadValue`] for a cycle that there is not, or not with these wires.
+    /// [`UriError::OtherScheme`] if it is not an `spi:` link; [`UriError::BadPath`] without a device;
+    /// [`UriError::BadValue`] for a cycle time that does not exist or is too short for these wires.
     pub fn from_uri(uri: &LinkUri) -> Result<(Self, SpiSettings), UriError> {
         if uri.scheme() != Scheme::Spi {
             return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Spi });
@@ -90,12 +90,12 @@ impl SpiOptions {
         };
         match options.refuses(options.cycle, places.busy.is_some()) {
             Some(why) if options.cycle != CycleTime::DEFAULT => Err(bad_cycle(uri, why)),
-            // Below OP the default cycle needs nothing.
+            // The default cycle is checked when OP is requested: below OP these wires may be sufficient.
             _ => Ok((options, places)),
         }
     }
 
-    /// Why OP with that cycle does not work over these wires, and what to do.
+    /// Why OP with that cycle time does not work over these wires, and what to do; `None` if it works.
     pub(super) fn refuses(&self, cycle: CycleTime, busy: bool) -> Option<String> {
         if !busy && cycle.us() < LEAST_CYCLE_WITHOUT_BUSY_US {
             return Some(format!(
@@ -115,7 +115,7 @@ impl SpiOptions {
         })
     }
 
-    /// How long a frame is on the wires.
+    /// How long the transfer of a frame takes.
     pub(super) fn on_the_wires(&self) -> Duration {
         let bits = self.slot.frame_len() as u64 * 8;
         Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.speed_hz.max(1)))

@@ -1,12 +1,13 @@
-//! When the next exchange is due and what it carries. Plain state and pure steps; time is an argument.
+//! Decides when the next exchange is due and what it carries. The pacer is plain state: it neither reads a clock nor
+//! waits, and time is an argument.
 //!
-//! On SPI every exchange is a command frame, and in OP every command frame takes an entry of the board's FIFO, out of
-//! which one goes each cycle. So one exchange goes with each cycle, on this machine's clock, and what the two clocks
-//! differ by shows in the FIFO's level as reports tell it: a level above what is wanted passes an exchange over, a level
-//! below makes the next frames of the host go out sooner. Reports are a little old (SPI's answer is that of the exchange
-//! before), so after each such step some are not believed.
+//! On SPI every exchange carries a command frame. In OP each of them takes an entry of the board's FIFO, from which the
+//! board removes one entry per cycle. So the link makes one exchange per cycle, timed by this machine's clock. That
+//! clock and the board's clock differ a little, which shows as a rising or falling level of the FIFO in the reports. If
+//! the level is above the target, an exchange is skipped; if it is below, the next frames of the program are sent
+//! earlier. Reports lag behind by about one exchange, so after each such correction some reports are ignored.
 
-use super::sent::Sent;
+use super::sent_frames::SentFrames;
 use crate::sk::{
     CommandId, CycleTime, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlotSize,
 };
@@ -14,138 +15,142 @@ use crate::sk::{
 /// Nanoseconds since the link was opened.
 pub type Ns = u64;
 
-/// The level that is wanted where no prefill asks for more: one entry, so that an exchange that comes a little late finds
-/// the FIFO not empty. \[OURS]
-const LEVEL: u16 = 1;
-/// A level this far above the wanted one passes exchanges over: one more or less is the phase between the clocks. \[OURS]
-const SLACK: u16 = 2;
-/// Exchanges passed over in a row at most, so that reports go on. \[OURS]
-const PASSED_OVER: u16 = 8;
-/// Regular reports that are not believed after a step. \[OURS]
-const SETTLE: u8 = 2;
-/// From this level on frames of the host wait in the link. \[OURS]
-const FULL: u16 = FIFO_ENTRIES - 2;
-/// The most entries that are kept because this machine is late at times. \[OURS]
-const RESERVE: u16 = 32;
-/// Regular exchanges without a late one after which one entry less is kept. \[OURS]
-const CALM: u32 = 2000;
-/// Entries that the newest answer may not know of. \[OURS]
-const NOT_REPORTED: u16 = 2;
-/// Cycles that an answer is old at most. \[OURS]
-const OLD: Ns = 2;
-/// The highest level that is wanted, whatever threshold a program sets. \[OURS]
-const HIGHEST: u16 = FIFO_ENTRIES - 5;
+/// The target level without prefill: one entry, so that the FIFO is not empty when an exchange comes a little late.
+/// \[OURS]
+const LEVEL_MIN: u16 = 1;
+/// Exchanges are skipped if the level is this far above the target. A difference of one is only the phase between the
+/// two clocks. \[OURS]
+const LEVEL_SLACK: u16 = 2;
+/// The largest number of exchanges skipped in a row, so that reports continue. \[OURS]
+const SKIPPED_IN_A_ROW_MAX: u16 = 8;
+/// How many regular reports are ignored after a correction. \[OURS]
+const IGNORED_REPORTS: u8 = 2;
+/// At this level frames of the program wait in the link. \[OURS]
+const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
+/// The largest number of extra entries that are kept because this machine is late at times. \[OURS]
+const RESERVE_MAX: u16 = 32;
+/// After this many regular exchanges without a late one, the reserve shrinks by one entry. \[OURS]
+const RESERVE_DECAY_EXCHANGES: u32 = 2000;
+/// How many entries the newest answer may not include yet. \[OURS]
+const UNREPORTED_ENTRIES_MAX: u16 = 2;
+/// The largest age of an answer in cycles. \[OURS]
+const ANSWER_AGE_MAX_CYCLES: Ns = 2;
+/// The largest target level, whatever threshold a program sets. \[OURS]
+const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
 
 /// What an exchange carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Carry {
-    /// The oldest frame of the host that the link holds.
+    /// The oldest frame of the program that the link has not sent yet.
     Host,
     /// GET_STATUS in every slot.
     Status,
-    /// SET_FIFO with the threshold of the prefill.
+    /// SET_FIFO with the threshold for the prefill: the board executes nothing until that many entries have arrived.
     Prefill,
-    /// SET_FIFO with the default threshold: what is in the FIFO goes although there is less than the prefill.
+    /// SET_FIFO with the default threshold: the board executes what is in its FIFO although the prefill is not
+    /// complete.
     Release,
 }
 
-/// What to do now.
+/// What the link's thread has to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plan {
-    /// Nothing before that time, unless the host writes.
+    /// Nothing before that time, unless the program writes a frame.
     Wait(Ns),
-    /// An exchange.
+    /// An exchange is due now.
     Exchange {
         /// What it carries.
         carry: Carry,
-        /// Whether it is one more than the cycle's own.
+        /// Whether it comes in addition to the regular exchange of the cycle.
         extra: bool,
     },
 }
 
-/// The frames of the host that wait in the link.
+/// The frames of the program that are waiting to be sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Held {
-    /// How many.
+    /// The number of frames.
     pub frames: usize,
-    /// Whether the oldest moves something (CSP, CSV, CST).
+    /// Whether the oldest contains a motion command (CSP, CSV or CST).
     pub motion: bool,
-    /// Whether the link is being closed: no more will come, and these go out as fast as they may.
+    /// Whether the link is being closed: no more frames will follow, and these are sent as fast as possible.
     pub last: bool,
 }
 
-/// What a pacer goes by.
+/// Settings of a pacer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacerOptions {
-    /// Slot size.
+    /// The board's slot size.
     pub slot: SlotSize,
-    /// The cycle in OP before a SET_DC passes.
+    /// The cycle time in OP until a SET_DC command sets another one.
     pub cycle: CycleTime,
-    /// Entries kept in the FIFO.
+    /// How many entries are kept in the FIFO.
     pub prefill: u16,
-    /// Time between the begin of an exchange and the next one's; 0 where BUSY says it.
+    /// The shortest time between the starts of two exchanges, in nanoseconds; 0 if BUSY tells when the board is ready.
     pub period_ns: Ns,
-    /// How long a frame is on the wires.
+    /// How long the transfer of a frame takes, in nanoseconds.
     pub wires_ns: Ns,
 }
 
-/// Whether the prefill's threshold was set.
+/// The progress of the prefill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Arm {
-    /// Not yet, since OP was reached or the FIFO was cleared.
-    Not,
-    /// So many entries were sent since, and the FIFO waits for more.
+enum PrefillState {
+    /// The threshold is not set since OP was reached or the FIFO was cleared.
+    Unset,
+    /// The threshold is set, this many entries have been sent since, and the board waits for more.
     Waiting(u16),
-    /// It has fired, or a program sets thresholds of its own.
+    /// The FIFO was filled up to the threshold, or the program sets thresholds itself.
     Done,
 }
 
-/// Counts of a pacer.
+/// Counters of a pacer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PacerCounts {
-    /// Exchanges.
+    /// All exchanges.
     pub exchanges: u64,
-    /// Of these, with a frame of the host.
+    /// Exchanges with a frame of the program.
     pub host: u64,
-    /// Of these, beyond one a cycle.
+    /// Exchanges in addition to one per cycle.
     pub extra: u64,
-    /// Cycles passed over because the FIFO's level was too high: the clocks differ.
+    /// Cycles in which the exchange was skipped because the FIFO's level was too high, as the clocks differ.
     pub passed_over: u64,
-    /// Cycles passed over because the host had no frame and the prefill lasts.
+    /// Cycles in which the exchange was skipped because the program had no frame and the prefill was not used up.
     pub spared: u64,
-    /// Commands of the host for slaves that no answer has shown: rejected ones, and such as were executed between two answers.
+    /// Commands of the program for slaves that no answer has shown, because they were rejected or were executed between
+    /// two answers.
     pub unseen: u64,
 }
 
 /// The pacer of one link.
 pub struct Pacer {
     options: PacerOptions,
-    /// The cycle in OP.
+    /// The cycle time in OP.
     cycle: CycleTime,
     state: Option<MasterState>,
     /// When the next regular exchange is due.
     tick: Ns,
-    /// When one may begin at the soonest.
+    /// The earliest time for any exchange.
     not_before: Ns,
-    /// The level that is wanted, after an entry was taken out.
-    wanted: u16,
-    /// The FIFO's level now, as far as it is known.
+    /// The level that the FIFO should have after the board has taken an entry out.
+    target_level: u16,
+    /// The present level of the FIFO as far as it is known.
     level: u16,
-    /// The FIFO's level in the newest answer.
+    /// The level of the FIFO in the newest answer.
     reported: u16,
-    /// Whether there was an exchange beyond the cycle's own since that one.
+    /// Whether there was an extra exchange since the last regular one.
     had_extra: bool,
-    /// The most cycles that this machine was late by, not long ago.
+    /// By how many cycles this machine has recently been late at most.
     reserve: u16,
-    /// Regular exchanges since it was.
-    calm: u32,
-    /// Exchanges to pass over.
-    over: u16,
-    /// Exchanges that may be made beyond one a cycle.
+    /// Regular exchanges since it was last late.
+    on_time: u32,
+    /// How many regular exchanges to skip.
+    to_skip: u16,
+    /// How many extra exchanges may be made.
     extra: u16,
-    settle: u8,
-    arm: Arm,
-    sent: Sent,
+    /// How many further reports to ignore.
+    ignored_reports: u8,
+    prefill: PrefillState,
+    sent: SentFrames,
     counts: PacerCounts,
 }
 
@@ -158,111 +163,113 @@ impl Pacer {
             state: None,
             tick: 0,
             not_before: 0,
-            wanted: options.prefill.max(LEVEL),
+            target_level: options.prefill.max(LEVEL_MIN),
             level: 0,
             reported: 0,
             had_extra: false,
             reserve: 0,
-            calm: 0,
-            over: 0,
+            on_time: 0,
+            to_skip: 0,
             extra: 0,
-            settle: SETTLE,
-            arm: Arm::Not,
-            sent: Sent::new(options.slot),
+            ignored_reports: IGNORED_REPORTS,
+            prefill: PrefillState::Unset,
+            sent: SentFrames::new(options.slot),
             counts: PacerCounts::default(),
         }
     }
 
-    /// What is due at `now`.
+    /// What is due at the time `now`, with `held` frames of the program waiting.
     pub fn plan(&mut self, now: Ns, held: Held) -> Plan {
-        self.fall_behind(now, held);
-        // The cycle may have become shorter.
+        self.handle_lateness(now, held);
+        // A SET_DC command may have shortened the cycle.
         self.tick = self.tick.min(now + self.period());
         let may_be_extra = held.frames > 0 && self.has_room() && (held.last || (self.op() && self.extra > 0));
         if may_be_extra {
             while held.last && self.tick <= now {
                 self.pass_tick();
             }
-            return self.begin(now, self.not_before, self.carry(held), true);
+            return self.plan_exchange(now, self.not_before, self.carry(held), true);
         }
-        while self.tick <= now && self.passes_over(held) {
+        while self.tick <= now && self.skips_tick(held) {
             self.pass_tick();
         }
-        self.begin(now, self.tick.max(self.not_before), self.carry(held), false)
+        self.plan_exchange(now, self.tick.max(self.not_before), self.carry(held), false)
     }
 
-    const fn begin(&self, now: Ns, due: Ns, carry: Carry, extra: bool) -> Plan {
+    const fn plan_exchange(&self, now: Ns, due: Ns, carry: Carry, extra: bool) -> Plan {
         if now < due { Plan::Wait(due) } else { Plan::Exchange { carry, extra } }
     }
 
     fn carry(&self, held: Held) -> Carry {
-        let arms = self.options.prefill > 0 && self.arm == Arm::Not && self.op();
+        let arms = self.options.prefill > 0 && self.prefill == PrefillState::Unset && self.op();
         match held.frames {
-            0 if held.last && matches!(self.arm, Arm::Waiting(_)) => Carry::Release,
+            0 if held.last && matches!(self.prefill, PrefillState::Waiting(_)) => Carry::Release,
             1.. if arms && held.motion => Carry::Prefill,
             1.. if self.has_room() => Carry::Host,
             _ => Carry::Status,
         }
     }
 
-    /// Whether the prefill waits for entries that will not come once the link is closed.
+    /// Whether the board waits for entries of the prefill that will not come once the link is closed.
     pub fn owes_release(&self) -> bool {
-        matches!(self.arm, Arm::Waiting(_)) && self.op()
+        matches!(self.prefill, PrefillState::Waiting(_)) && self.op()
     }
 
-    /// Whether the FIFO surely takes a frame, however old the newest answer is.
+    /// Whether the FIFO surely has room for a frame, however old the newest answer is.
     const fn has_room(&self) -> bool {
-        self.level < FULL && self.reported < FULL - NOT_REPORTED
+        self.level < LEVEL_MAX && self.reported < LEVEL_MAX - UNREPORTED_ENTRIES_MAX
     }
 
-    /// A machine that was late does not make up for cycles, the next one is due now. But frames that were held meanwhile
-    /// should have been in the FIFO: from now on, for a while, as many are.
-    fn fall_behind(&mut self, now: Ns, held: Held) {
+    /// A machine that was late does not make up for the missed cycles: the next exchange is due now. Frames that were
+    /// waiting in the meantime should have been in the FIFO, so for a while more entries are kept there.
+    fn handle_lateness(&mut self, now: Ns, held: Held) {
         if now <= self.tick + self.period() {
             return;
         }
-        let late = ((now - self.tick) / self.period()).min(RESERVE.into()) as u16;
+        let late = ((now - self.tick) / self.period()).min(RESERVE_MAX.into()) as u16;
         self.tick = now;
         self.level = self.level.saturating_sub(late);
-        if self.op() && held.frames > 0 && !matches!(self.arm, Arm::Waiting(_)) {
+        if self.op() && held.frames > 0 && !matches!(self.prefill, PrefillState::Waiting(_)) {
             self.reserve = self.reserve.max(late);
-            self.calm = 0;
-            self.extra = self.extra.max(self.wanted(held.frames).saturating_sub(self.level));
+            self.on_time = 0;
+            self.extra = self.extra.max(self.level_for(held.frames).saturating_sub(self.level));
         }
     }
 
-    /// The level that is wanted: more only of frames that the host has ahead anyway.
-    fn wanted(&self, held: usize) -> u16 {
-        if held > 0 && self.reserve > 0 { self.wanted.max(self.reserve + LEVEL) } else { self.wanted }
+    /// The target level; the reserve is only added to it while the program has frames waiting anyway.
+    fn level_for(&self, held: usize) -> u16 {
+        if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
 
-    fn passes_over(&mut self, held: Held) -> bool {
-        if self.over > 0 {
-            self.over -= 1;
+    /// Whether the regular exchange that is due is skipped.
+    fn skips_tick(&mut self, held: Held) -> bool {
+        if self.to_skip > 0 {
+            self.to_skip -= 1;
             self.counts.passed_over += 1;
             return true;
         }
-        // What is left of a program's frames goes out when there is room.
+        // While the link is being closed, the remaining frames are sent as soon as there is room.
         if held.last && held.frames > 0 {
             return true;
         }
-        // While the prefill is awaited a frame that went out before its time is the cycle's.
-        if self.had_extra && held.frames == 0 && matches!(self.arm, Arm::Waiting(_)) {
+        // During the prefill, a frame that was sent early replaces the regular exchange of its cycle.
+        if self.had_extra && held.frames == 0 && matches!(self.prefill, PrefillState::Waiting(_)) {
             return true;
         }
-        let lasts = self.op() && self.options.prefill > 0 && self.arm == Arm::Done && self.level >= 2;
+        let lasts = self.op() && self.options.prefill > 0 && self.prefill == PrefillState::Done && self.level >= 2;
         if lasts && held.frames == 0 && !held.last {
             self.counts.spared += 1;
-            self.settle = SETTLE;
+            self.ignored_reports = IGNORED_REPORTS;
             return true;
         }
         false
     }
 
+    /// The regular exchange of a cycle is made or skipped; the board takes an entry out of its FIFO meanwhile.
     fn pass_tick(&mut self) {
         self.tick += self.period();
         self.had_extra = false;
-        if !matches!(self.arm, Arm::Waiting(_)) {
+        if !matches!(self.prefill, PrefillState::Waiting(_)) {
             self.level = self.level.saturating_sub(1);
         }
     }
@@ -274,40 +281,40 @@ impl Pacer {
         self.counts.extra += u64::from(extra);
         if extra {
             self.extra = self.extra.saturating_sub(1);
-            self.settle = SETTLE;
+            self.ignored_reports = IGNORED_REPORTS;
             self.had_extra = true;
         } else {
-            // A little late is not later for all that follow.
+            // An exchange that is a little late does not delay the following ones.
             self.pass_tick();
-            self.calm += 1;
-            if self.calm >= CALM {
-                (self.calm, self.reserve) = (0, self.reserve.saturating_sub(1));
+            self.on_time += 1;
+            if self.on_time >= RESERVE_DECAY_EXCHANGES {
+                (self.on_time, self.reserve) = (0, self.reserve.saturating_sub(1));
             }
         }
         self.not_before = now + self.options.period_ns;
         self.sent.push(frame, carry == Carry::Host, now);
         match carry {
-            Carry::Host => self.look(frame),
+            Carry::Host => self.note_command(frame),
             Carry::Prefill => {
-                self.arm = Arm::Waiting(0);
-                self.extra = self.wanted;
+                self.prefill = PrefillState::Waiting(0);
+                self.extra = self.target_level;
             }
-            Carry::Release => self.arm = Arm::Done,
+            Carry::Release => self.prefill = PrefillState::Done,
             Carry::Status => {}
         }
         if self.op() {
             self.level = (self.level + 1).min(FIFO_ENTRIES);
         }
-        if let Arm::Waiting(sent) = &mut self.arm {
+        if let PrefillState::Waiting(sent) = &mut self.prefill {
             *sent += 1;
             if *sent >= self.options.prefill {
-                self.arm = Arm::Done;
-                self.settle = SETTLE;
+                self.prefill = PrefillState::Done;
+                self.ignored_reports = IGNORED_REPORTS;
             }
         }
     }
 
-    /// It has ended: on the wires it began no later than a frame takes before.
+    /// The exchange has ended. It began on the wires at least one transfer time ago.
     pub fn ended(&mut self, now: Ns) {
         let began = now.saturating_sub(self.options.wires_ns);
         if self.options.period_ns > 0 {
@@ -315,32 +322,34 @@ impl Pacer {
         }
     }
 
-    /// What a frame of the host changes for the pacer.
-    fn look(&mut self, frame: &Frame) {
+    /// Follows the commands of the program that change the cycle, the FIFO or the kinds of slaves.
+    fn note_command(&mut self, frame: &Frame) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
             Ok(MasterCommand::SetAxis { .. }) if !self.above_preop() => self.sent.forget_kinds(),
             Ok(MasterCommand::SetDc { cycle, .. }) if !self.above_preop() => self.cycle = cycle,
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) if self.op() => {
-                self.flow_anew();
+                self.restart_fifo();
                 self.sent.forget_earlier();
             }
-            // A program that fills the FIFO before it starts gets the level that it asks for.
+            // A program that sets a threshold to fill the FIFO before it starts gets that level.
             Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) if self.op() => {
                 let free = free.min(FIFO_ENTRIES.into()) as u16;
-                self.arm = Arm::Done;
-                self.wanted = (FIFO_ENTRIES + 1 - free).clamp(LEVEL, HIGHEST).max(self.options.prefill);
-                (self.over, self.extra, self.settle) = (0, self.wanted.saturating_sub(self.level), SETTLE);
+                self.prefill = PrefillState::Done;
+                self.target_level =
+                    (FIFO_ENTRIES + 1 - free).clamp(LEVEL_MIN, TARGET_LEVEL_MAX).max(self.options.prefill);
+                (self.to_skip, self.extra, self.ignored_reports) =
+                    (0, self.target_level.saturating_sub(self.level), IGNORED_REPORTS);
             }
             _ => {}
         }
     }
 
-    /// A good answer came back; `held` frames of the host wait.
+    /// A valid answer came back; `held` frames of the program are waiting.
     pub fn answered(&mut self, answer: &MasterResponse, extra: bool, held: usize) {
         let was_op = self.op();
         self.state = answer.state.state();
         if self.op() != was_op {
-            self.flow_anew();
+            self.restart_fifo();
             self.sent.forget();
         }
         let level = FIFO_ENTRIES.saturating_sub(answer.fifo_free);
@@ -348,52 +357,53 @@ impl Pacer {
         if !self.op() || extra {
             return;
         }
-        if self.settle > 0 {
-            self.settle -= 1;
+        if self.ignored_reports > 0 {
+            self.ignored_reports -= 1;
             return;
         }
-        // The frame of this exchange is not in it.
+        // The level in the answer does not include the frame of this exchange.
         self.level = (level + 1).min(FIFO_ENTRIES);
-        if matches!(self.arm, Arm::Waiting(_)) {
+        if matches!(self.prefill, PrefillState::Waiting(_)) {
             return;
         }
-        let wanted = self.wanted(held);
-        if level >= wanted + SLACK {
-            self.over = (level + 1 - wanted - SLACK).min(PASSED_OVER);
-            (self.extra, self.settle) = (0, SETTLE);
+        let wanted = self.level_for(held);
+        if level >= wanted + LEVEL_SLACK {
+            self.to_skip = (level + 1 - wanted - LEVEL_SLACK).min(SKIPPED_IN_A_ROW_MAX);
+            (self.extra, self.ignored_reports) = (0, IGNORED_REPORTS);
         } else {
             self.extra = wanted.saturating_sub(level);
         }
     }
 
-    fn flow_anew(&mut self) {
-        self.wanted = self.options.prefill.max(LEVEL);
-        (self.level, self.reported, self.over, self.extra, self.settle) = (0, 0, 0, 0, SETTLE);
-        self.arm = Arm::Not;
+    /// The FIFO is empty: OP was reached or left, or the FIFO was cleared.
+    fn restart_fifo(&mut self) {
+        self.target_level = self.options.prefill.max(LEVEL_MIN);
+        (self.level, self.reported, self.to_skip, self.extra, self.ignored_reports) = (0, 0, 0, 0, IGNORED_REPORTS);
+        self.prefill = PrefillState::Unset;
     }
 
-    /// Makes of a good answer the report that a program is shown: as free entries those that it may still write, and in
-    /// the slots what they answered to its own commands. Whether that differs from the answer; then the CRC has to be
-    /// filled.
+    /// Turns a valid answer into the report that the program gets: with the number of FIFO entries that it may still
+    /// write, and with what the slots answered to its own commands. Returns whether the report differs from the answer;
+    /// its CRC has to be computed again then.
     pub fn show(&mut self, answer: &mut Frame, held: usize) -> bool {
         let size = self.options.slot;
         let mut board = answer.slot(size, 0);
         let free = MasterResponse::decode(&board).fifo_free;
         let level = if self.op() { FIFO_ENTRIES.saturating_sub(free) } else { 0 };
-        let old = OLD * self.period() + self.options.wires_ns;
-        let put = self.sent.show(answer, level, old, self.op());
+        let old = ANSWER_AGE_MAX_CYCLES * self.period() + self.options.wires_ns;
+        let put = self.sent.restore_answers(answer, level, old, self.op());
         self.counts.unseen = self.sent.unseen();
         if !self.op() {
             return put;
         }
-        let ahead = usize::from(self.sent.of_the_host(level)) + held;
+        let ahead = usize::from(self.sent.host_entries_max(level)) + held;
         let shown = FIFO_ENTRIES.saturating_sub(ahead.min(FIFO_ENTRIES.into()) as u16);
         board.data2 = u32::from(shown) | u32::from(board.data2_high()) << 16;
         answer.put(size, 0, &board);
         put || shown != free
     }
 
-    /// Whether the last answer was of OP.
+    /// Whether the latest answer was made in OP.
     pub fn op(&self) -> bool {
         self.state == Some(MasterState::Op)
     }
@@ -402,23 +412,23 @@ impl Pacer {
         matches!(self.state, Some(MasterState::SafeOp | MasterState::Op))
     }
 
-    /// The cycle that OP has, or will have.
+    /// The cycle time that OP has or will have.
     pub const fn cycle(&self) -> CycleTime {
         self.cycle
     }
 
-    /// Nanoseconds between two regular exchanges.
+    /// The time between two regular exchanges, in nanoseconds.
     fn period(&self) -> Ns {
         if self.op() { self.cycle.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
-    /// What was exchanged so far.
+    /// The counters so far.
     pub const fn counts(&self) -> PacerCounts {
         self.counts
     }
 
-    /// The frame for what an exchange carries, when it is not one of the host. Its CRC is right, whether the board checks
-    /// it or not.
+    /// Builds the link's own frame for an exchange that does not carry one of the program. Its CRC is valid, whether or
+    /// not the board checks it.
     pub fn own_frame(&self, carry: Carry, frame: &mut Frame) {
         let size = self.options.slot;
         frame.set_prefix(&[]);
@@ -434,7 +444,7 @@ impl Pacer {
     }
 }
 
-/// Whether a frame moves something.
+/// Whether a frame contains a motion command.
 pub fn has_motion(frame: &Frame, size: SlotSize) -> bool {
     let motion = [CommandId::Csp, CommandId::Csv, CommandId::Cst].map(CommandId::code);
     let slots = frame.slots(size);

@@ -1,4 +1,4 @@
-//! The link's thread: one exchange after another, as the pacer plans them.
+//! The link's thread: it makes one exchange after another, when the pacer says so.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -7,36 +7,38 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 
 use super::begin::{BUSY_IS_LOW, busy_is_high};
-use super::desk::Desk;
 use super::judge::{Judge, Lie};
 use super::options::SpiOptions;
 use super::pacer::{Carry, Ns, Pacer, PacerCounts, Plan};
+use super::queues::FrameQueues;
 use crate::io::spi::{WireError, Wires};
 use crate::link::LinkError;
 use crate::sk::{CrcPolicy, Frame, MasterCommand};
 
-/// The link looks whether it is to end at least this often while BUSY is high. \[OURS]
-const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Answers in a row that are none before the board counts as lost. \[OURS]
-const BAD: u32 = 16;
-/// Why the link ends after SW_RESET.
+/// How often the thread checks, while BUSY is high, whether the link is being closed. \[OURS]
+const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
+/// After how many invalid answers in a row the board counts as lost. \[OURS]
+const INVALID_ANSWERS_MAX: u32 = 16;
+/// The reason of the loss after SW_RESET.
 const WAS_RESET: &str = "it was reset (SW_RESET)";
-/// A board processes a frame in less than a cycle: one that is busy for longer than this after SW_RESET starts up. \[OURS]
-const STARTS_UP: Duration = Duration::from_millis(20);
-/// Good answers after SW_RESET, of which the first may be an old one, that show that the board has refused it. \[OURS]
-const REFUSED_IT: u32 = 4;
-/// Exchanges between two looks whether BUSY still rises: the kernel keeps 16 edges. \[OURS]
-const LOOK_AT_EDGES: u32 = 16;
+/// A board processes a frame in less than a cycle. If BUSY stays high for longer than this after a SW_RESET, the board
+/// is starting up. \[OURS]
+const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
+/// How many valid answers after a SW_RESET show that the board has refused it; the first of them may be an old one.
+/// \[OURS]
+const ANSWERS_AFTER_RESET: u32 = 4;
+/// How many exchanges pass between two checks whether BUSY still changes: the kernel keeps 16 edges. \[OURS]
+const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
-/// What the link's thread and its owner share.
+/// What the link's thread shares with the link.
 pub(super) struct Shared {
     pub name: String,
-    pub desk: Desk,
+    pub queues: FrameQueues,
     pub opened: Instant,
     pub counts: Mutex<PacerCounts>,
-    /// The cycle that OP has, or will have, us.
+    /// The cycle time that OP has or will have, in microseconds.
     pub cycle_us: AtomicU64,
-    /// Answers that were none.
+    /// Invalid answers.
     pub garbled: AtomicU64,
 }
 
@@ -50,32 +52,34 @@ impl Shared {
     }
 }
 
-/// However the thread ends, no call waits for it.
+/// Ends all waiting calls when the thread ends, even by a panic.
 struct EndOnExit(Arc<Shared>);
 
 impl Drop for EndOnExit {
     fn drop(&mut self) {
-        self.0.desk.end();
+        self.0.queues.end();
     }
 }
 
+/// The state of the link's thread.
 pub(super) struct Runner {
     pub shared: Arc<Shared>,
     pub wires: Box<dyn Wires>,
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub judge: Judge,
-    /// How many good answers show that the board is there still, after a SW_RESET that it may have refused.
-    pub doubt: u32,
+    /// How many more valid answers are needed to show that the board is still there, after a SW_RESET that it may have
+    /// refused.
+    pub reset_doubt: u32,
 }
 
 /// Why the thread ends.
-enum Over {
+enum EndReason {
     Closed,
     Lost(String),
 }
 
-impl From<WireError> for Over {
+impl From<WireError> for EndReason {
     fn from(error: WireError) -> Self {
         Self::Lost(error.to_string())
     }
@@ -85,15 +89,15 @@ impl Runner {
     pub fn run(mut self) {
         let _end = EndOnExit(self.shared.clone());
         let (mut command, mut answer) = (Frame::new(), Frame::new());
-        let (mut bad, mut since_edge) = (0, 0);
-        let over = loop {
-            if let Err(over) = self.step(&mut command, &mut answer, &mut bad, &mut since_edge) {
-                break over;
+        let (mut invalid, mut since_edge) = (0, 0);
+        let end_reason = loop {
+            if let Err(end_reason) = self.step(&mut command, &mut answer, &mut invalid, &mut since_edge) {
+                break end_reason;
             }
         };
-        if let Over::Lost(reason) = over {
+        if let EndReason::Lost(reason) = end_reason {
             let name = self.shared.name.clone();
-            self.shared.desk.lose(LinkError::Lost { name, reason: reason.into() });
+            self.shared.queues.lose(LinkError::Lost { name, reason: reason.into() });
         }
     }
 
@@ -101,14 +105,14 @@ impl Runner {
         &mut self,
         command: &mut Frame,
         answer: &mut Frame,
-        bad: &mut u32,
+        invalid: &mut u32,
         since_edge: &mut u32,
-    ) -> Result<(), Over> {
+    ) -> Result<(), EndReason> {
         let (carry, extra) = self.wait_for_turn()?;
         self.wait_ready()?;
-        // While BUSY was high the host may have taken its frames back.
+        // While BUSY was high the program may have discarded its frames.
         let carry = match carry {
-            Carry::Host if !self.shared.desk.take(command) => Carry::Status,
+            Carry::Host if !self.shared.queues.take(command) => Carry::Status,
             carry => carry,
         };
         if carry != Carry::Host {
@@ -122,85 +126,90 @@ impl Runner {
         self.publish_counts();
         if self.wires.has_busy() {
             *since_edge += 1;
-            if *since_edge >= LOOK_AT_EDGES {
+            if *since_edge >= EXCHANGES_PER_EDGE_CHECK {
                 *since_edge = 0;
                 if !self.wires.has_fallen()? {
-                    return Err(Over::Lost(BUSY_IS_LOW.to_owned()));
+                    return Err(EndReason::Lost(BUSY_IS_LOW.to_owned()));
                 }
             }
         }
-        self.hear(answer, extra, at, bad)?;
+        self.handle_answer(answer, extra, at, invalid)?;
         let resets = carry == Carry::Host
             && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
         if resets {
-            // A board that checks CRCs refuses it with another one than its own: what comes next tells.
+            // A board that checks CRCs refuses a SW_RESET whose CRC is wrong; the next answers show it.
             if command.check_crc(size, CrcPolicy::Strict).is_ok() {
-                return Err(Over::Lost(WAS_RESET.to_owned()));
+                return Err(EndReason::Lost(WAS_RESET.to_owned()));
             }
-            self.doubt = REFUSED_IT;
+            self.reset_doubt = ANSWERS_AFTER_RESET;
         }
         Ok(())
     }
 
     /// Waits until an exchange is due.
-    fn wait_for_turn(&mut self) -> Result<(Carry, bool), Over> {
+    fn wait_for_turn(&mut self) -> Result<(Carry, bool), EndReason> {
         let shared = Arc::clone(&self.shared);
-        let mut state = shared.desk.lock();
+        let mut state = shared.queues.lock();
         loop {
             let held = state.held(self.options.slot);
             if let Some(until) = state.closing()
                 && ((held.frames == 0 && !self.pacer.owes_release()) || Instant::now() >= until)
             {
-                return Err(Over::Closed);
+                return Err(EndReason::Closed);
             }
             match self.pacer.plan(shared.now(), held) {
                 Plan::Exchange { carry, extra } => return Ok((carry, extra)),
-                Plan::Wait(at) => shared.desk.wait_for_work(&mut state, shared.instant(at)),
+                Plan::Wait(at) => shared.queues.wait_for_work(&mut state, shared.instant(at)),
             }
         }
     }
 
     /// Waits until BUSY is low.
-    fn wait_ready(&mut self) -> Result<(), Over> {
+    fn wait_ready(&mut self) -> Result<(), EndReason> {
         if !self.wires.busy()? {
             return Ok(());
         }
         let began = Instant::now();
-        let doubts = self.doubt > 0;
-        let limit = if doubts { STARTS_UP.min(self.options.busy_limit) } else { self.options.busy_limit };
+        let may_have_reset = self.reset_doubt > 0;
+        let limit =
+            if may_have_reset { BUSY_AFTER_RESET_MAX.min(self.options.busy_limit) } else { self.options.busy_limit };
         loop {
             let left = limit.saturating_sub(began.elapsed());
-            if self.wires.wait_ready(left.min(LOOK_EVERY))? {
+            if self.wires.wait_ready(left.min(CLOSE_CHECK_INTERVAL))? {
                 return Ok(());
             }
             if left.is_zero() {
-                return Err(Over::Lost(if doubts { WAS_RESET.to_owned() } else { busy_is_high(limit) }));
+                return Err(EndReason::Lost(if may_have_reset { WAS_RESET.to_owned() } else { busy_is_high(limit) }));
             }
-            if self.shared.desk.lock().closing().is_some_and(|until| Instant::now() >= until) {
-                return Err(Over::Closed);
+            if self.shared.queues.lock().closing().is_some_and(|until| Instant::now() >= until) {
+                return Err(EndReason::Closed);
             }
         }
     }
 
-    /// Hands the answer on, if it is one.
-    fn hear(&mut self, answer: &mut Frame, extra: bool, at: Ns, bad: &mut u32) -> Result<(), Over> {
+    /// Passes a valid answer on as a report, and counts an invalid one.
+    fn handle_answer(&mut self, answer: &mut Frame, extra: bool, at: Ns, invalid: &mut u32) -> Result<(), EndReason> {
         let Ok(response) = self.judge.look(answer) else {
-            *bad += 1;
+            *invalid += 1;
             self.shared.garbled.fetch_add(1, Ordering::Relaxed);
-            self.shared.desk.no_report();
-            if self.doubt > 0 && self.judge.explain() == Lie::Zeros {
-                return Err(Over::Lost(WAS_RESET.to_owned()));
+            self.shared.queues.no_report();
+            if self.reset_doubt > 0 && self.judge.explain() == Lie::Zeros {
+                return Err(EndReason::Lost(WAS_RESET.to_owned()));
             }
-            return if *bad < BAD { Ok(()) } else { Err(Over::Lost(self.judge.explain().to_string())) };
+            return if *invalid < INVALID_ANSWERS_MAX {
+                Ok(())
+            } else {
+                Err(EndReason::Lost(self.judge.explain().to_string()))
+            };
         };
-        *bad = 0;
-        self.doubt = self.doubt.saturating_sub(1);
-        self.pacer.answered(&response, extra, self.shared.desk.held());
+        *invalid = 0;
+        self.reset_doubt = self.reset_doubt.saturating_sub(1);
+        self.pacer.answered(&response, extra, self.shared.queues.held());
         let has_crc = answer.crc_byte() != 0 || self.judge.fills_crc();
-        if self.pacer.show(answer, self.shared.desk.held()) && has_crc {
+        if self.pacer.show(answer, self.shared.queues.held()) && has_crc {
             answer.fill_crc(self.options.slot);
         }
-        self.shared.desk.report(answer, at, self.pacer.op());
+        self.shared.queues.report(answer, at, self.pacer.op());
         Ok(())
     }
 
@@ -218,7 +227,7 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// Wires to a board in OP whose FIFO stays empty; the desk is closed after so many exchanges.
+    /// Wires to a board in OP whose FIFO stays empty; the link is closed after that many exchanges.
     struct Constant {
         answer: Frame,
         left: u32,
@@ -230,7 +239,7 @@ mod tests {
             assert_eq!(tx.len(), SIZE.frame_len());
             self.left -= 1;
             match self.left {
-                0 => self.shared.desk.close(Instant::now()),
+                0 => self.shared.queues.close(Instant::now()),
                 left if left.is_multiple_of(16) => rx.fill(0xFF),
                 _ => rx.copy_from_slice(self.answer.wire(SIZE)),
             }
@@ -265,7 +274,7 @@ mod tests {
         let options = SpiOptions { slot: SIZE, ..SpiOptions::default() };
         let shared = Arc::new(Shared {
             name: "spi:test".to_owned(),
-            desk: Desk::new(4),
+            queues: FrameQueues::new(4),
             opened: Instant::now(),
             counts: Mutex::default(),
             cycle_us: AtomicU64::new(0),
@@ -282,19 +291,20 @@ mod tests {
         answer.bytes_mut()[..12].copy_from_slice(&[MASTER_CYCLIC, 0, 8, 0, 0, 0, 0, 0, 160, 0, 0, 0]);
         answer.fill_crc(SIZE);
         let wires = Box::new(Constant { answer, left: 1000, shared: shared.clone() });
-        let runner = Runner { shared: shared.clone(), wires, options, pacer, judge: Judge::new(SIZE), doubt: 0 };
+        let runner = Runner { shared: shared.clone(), wires, options, pacer, judge: Judge::new(SIZE), reset_doubt: 0 };
         let host = std::thread::spawn({
             let shared = shared.clone();
             move || {
                 let mut report = Frame::new();
-                while shared.desk.write(&report, SIZE, Some(Duration::ZERO)).is_ok() || shared.desk.check().is_ok() {
+                while shared.queues.write(&report, SIZE, Some(Duration::ZERO)).is_ok() || shared.queues.check().is_ok()
+                {
                     // One is read where several come.
-                    let _ = shared.desk.read(&mut report, Some(Duration::from_millis(1)));
+                    let _ = shared.queues.read(&mut report, Some(Duration::from_millis(1)));
                 }
             }
         });
         // What a thread's first wait costs is no exchange's.
-        shared.desk.wait_for_work(&mut shared.desk.lock(), Instant::now() + Duration::from_millis(1));
+        shared.queues.wait_for_work(&mut shared.queues.lock(), Instant::now() + Duration::from_millis(1));
         let counted = allocation_counter::measure(|| runner.run());
         host.join().expect("it ends");
         assert_eq!(counted.count_total, 0, "{counted:?}");

@@ -1,5 +1,5 @@
-//! One connection, as both ends have it: a socket that never blocks, in the clear or with TLS, and a way to end a wait on it
-//! from another thread.
+//! One connection, as both ends use it: a non-blocking socket, with or without TLS, and a way to end a wait on it from
+//! another thread.
 
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -15,19 +15,19 @@ use super::tls;
 use super::waker::Waker;
 use super::wire::{MESSAGE_MAX, Message};
 
-/// Bytes that wait in the system for a slow peer, at most, about: what is older is dropped here, counted, and not there.
-/// \[OURS]
-const SYSTEM_BUFFER: usize = 64 * 1024;
+/// The approximate size of the system's send buffer. It is small, so that old reports for a slow client are dropped and
+/// counted by this program instead of waiting in the system. \[OURS]
+const SEND_BUFFER_BYTES: usize = 64 * 1024;
 
 /// A connection.
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    /// `None`: no other thread ends its waits.
+    /// `None`: no other thread ends a wait.
     waker: Option<Waker>,
 }
 
-/// Bytes that were not sent yet, and room for a message.
+/// Bytes that are waiting to be sent, and a buffer for a message.
 pub struct Out {
     bytes: Vec<u8>,
     sent: usize,
@@ -41,81 +41,82 @@ impl Default for Out {
 }
 
 impl Out {
-    /// Whether all was handed to the system.
+    /// Whether all bytes have been handed to the system.
     pub const fn is_empty(&self) -> bool {
         self.sent == self.bytes.len()
     }
 
-    /// Bytes that wait.
+    /// How many bytes are waiting.
     pub const fn waiting(&self) -> usize {
         self.bytes.len() - self.sent
     }
 
-    /// Keeps a message in memory, in the clear, instead of sending it.
+    /// Stores a message in memory, unencrypted, instead of sending it.
     pub fn keep(&mut self, message: &Message<'_>) {
         let length = message.encode(&mut self.message);
         self.bytes.extend_from_slice(&self.message[..length]);
     }
 
-    /// Takes what was kept.
+    /// Takes the stored messages.
     pub fn take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.bytes)
     }
 }
 
-/// What a look at the socket found.
+/// What [`Channel::receive`] has received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Came {
-    /// Bytes; there may be more.
+    /// Bytes, and there may be more.
     Bytes,
-    /// Bytes; there are no more for now.
+    /// All bytes that had arrived.
     All,
-    /// Nothing for now.
+    /// Nothing has arrived.
     Nothing,
-    /// The other end sends no more.
+    /// The other end has closed its side: no more bytes will come.
     End,
 }
 
 impl Channel {
-    /// A connection in the clear.
+    /// A connection without TLS.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn new(socket: TcpStream) -> io::Result<Self> {
         let mut channel = Self::without_waker(socket)?;
         channel.make_wakeable()?;
         Ok(channel)
     }
 
-    /// As [`new`](Self::new), for a thread that waits for many: [`wake`](Self::wake) does nothing.
+    /// As [`new`](Self::new), for a thread that waits on several connections: [`wake`](Self::wake) has no effect.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn without_waker(socket: TcpStream) -> io::Result<Self> {
         socket.set_nodelay(true)?;
         socket.set_nonblocking(true)?;
-        rustix::net::sockopt::set_socket_send_buffer_size(&socket, SYSTEM_BUFFER)?;
+        rustix::net::sockopt::set_socket_send_buffer_size(&socket, SEND_BUFFER_BYTES)?;
         Ok(Self { socket, tls: None, waker: None })
     }
 
-    /// Lets [`wake`](Self::wake) end its waits.
+    /// Lets [`wake`](Self::wake) end the waits on this connection.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn make_wakeable(&mut self) -> io::Result<()> {
         self.waker = Some(Waker::new()?);
         Ok(())
     }
 
-    /// What another thread waits for, with `to_send` until something can be sent, too.
+    /// The events to poll for: until bytes arrive and, with `to_send`, until bytes can be sent.
     pub fn waits_for(&self, to_send: bool) -> PollFd<'_> {
         PollFd::new(&self.socket, if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN })
     }
 
-    /// Puts a TLS session into it, by `deadline`; gives its keying material.
+    /// Makes the TLS handshake until `deadline`; returns the keying material of the session.
     ///
     /// # Errors
-    /// The system's, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end speaks no TLS.
+    /// Errors of the operating system, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end does
+    /// not use TLS.
     pub fn secure(&mut self, mut session: Connection, deadline: Instant) -> io::Result<Material> {
         let mut out = Out::default();
         while !self.shake_hands(&mut session, &mut out)? {
@@ -124,10 +125,10 @@ impl Channel {
         self.secured(session)
     }
 
-    /// Goes on with the handshake of a TLS session as far as that goes without waiting; says whether it is done.
+    /// Continues the handshake of a TLS session as far as possible without waiting; returns whether it is complete.
     ///
     /// # Errors
-    /// As [`secure`](Self::secure).
+    /// Those of [`secure`](Self::secure).
     pub fn shake_hands(&self, session: &mut Connection, out: &mut Out) -> io::Result<bool> {
         loop {
             while session.wants_write() {
@@ -155,41 +156,41 @@ impl Channel {
         }
     }
 
-    /// Puts a TLS session into it whose handshake is done; gives its keying material.
+    /// Uses a TLS session whose handshake is complete; returns its keying material.
     ///
     /// # Errors
-    /// As [`secure`](Self::secure).
+    /// Those of [`secure`](Self::secure).
     pub fn secured(&mut self, session: Connection) -> io::Result<Material> {
         let material = tls::material(&session)?;
         self.tls = Some(Mutex::new(session));
         Ok(material)
     }
 
-    /// Whether something may have come that a wait does not see.
+    /// Whether received bytes may be buffered in the TLS session, where a wait does not see them.
     pub const fn keeps_some(&self) -> bool {
         self.tls.is_some()
     }
 
-    /// The other end.
+    /// The address of the other end.
     ///
     /// # Errors
-    /// It is gone.
+    /// The connection has ended.
     pub fn peer(&self) -> io::Result<SocketAddr> {
         self.socket.peer_addr()
     }
 
-    /// Ends the wait of the thread that waits, or that of the next one.
+    /// Ends the wait in progress, or the next one.
     pub fn wake(&self) {
         if let Some(waker) = &self.waker {
             waker.wake();
         }
     }
 
-    /// Waits until there is something to receive, with `to_send` until something can be sent, until [`wake`](Self::wake)
-    /// or for `limit`; `None`: without limit.
+    /// Waits until bytes arrive, with `to_send` also until bytes can be sent, until [`wake`](Self::wake), or until
+    /// `limit` has passed (`None`: no limit).
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn wait(&self, to_send: bool, limit: Option<Duration>) -> io::Result<()> {
         let limit = limit.and_then(|limit| Timespec::try_from(limit).ok());
         let socket = self.waits_for(to_send);
@@ -202,7 +203,7 @@ impl Channel {
         Ok(())
     }
 
-    /// As [`wait`](Self::wait), or [`ErrorKind::TimedOut`] if `deadline` has passed.
+    /// As [`wait`](Self::wait), but fails with [`ErrorKind::TimedOut`] if `deadline` has passed.
     pub(super) fn wait_until(&self, to_send: bool, deadline: Instant) -> io::Result<()> {
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -211,10 +212,10 @@ impl Channel {
         self.wait(to_send, Some(left))
     }
 
-    /// Takes what came; never waits.
+    /// Takes the bytes that have arrived; never waits.
     ///
     /// # Errors
-    /// The system's, and [`ErrorKind::InvalidData`] if it is no TLS where there should be.
+    /// Errors of the operating system, and [`ErrorKind::InvalidData`] if the bytes are not valid TLS.
     pub fn receive(&self, inbox: &mut Inbox) -> io::Result<Came> {
         let room = inbox.room();
         let all = room.len();
@@ -251,23 +252,23 @@ impl Channel {
         }
     }
 
-    /// Takes bytes of a greeting, in the clear; never waits.
+    /// Takes bytes of the greeting, which is not encrypted; never waits.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn receive_plain(&self, bytes: &mut [u8]) -> io::Result<usize> {
         (&self.socket).read(bytes)
     }
 
-    /// Puts bytes in the clear behind what is to be sent.
+    /// Appends unencrypted bytes to those that are waiting to be sent.
     pub fn stage_plain(&self, bytes: &[u8], out: &mut Out) {
         out.bytes.extend_from_slice(bytes);
     }
 
-    /// Puts a message behind what is to be sent. It stays there until [`push`](Self::push).
+    /// Appends a message to the bytes that are waiting to be sent by [`push`](Self::push).
     ///
     /// # Errors
-    /// TLS cannot go on.
+    /// The TLS session has failed.
     pub fn stage(&self, message: &Message<'_>, out: &mut Out) -> io::Result<()> {
         let length = message.encode(&mut out.message);
         if out.is_empty() {
@@ -286,10 +287,10 @@ impl Channel {
         Ok(())
     }
 
-    /// Hands over what the system takes now; says whether that was all.
+    /// Sends as many waiting bytes as the system takes without waiting; returns whether these were all.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn push(&self, out: &mut Out) -> io::Result<bool> {
         while !out.is_empty() {
             match (&self.socket).write(&out.bytes[out.sent..]) {
@@ -303,10 +304,10 @@ impl Channel {
         Ok(true)
     }
 
-    /// Hands everything over, by `deadline`.
+    /// Sends all waiting bytes until `deadline`.
     ///
     /// # Errors
-    /// The system's, and [`ErrorKind::TimedOut`].
+    /// Errors of the operating system, and [`ErrorKind::TimedOut`].
     pub fn flush(&self, out: &mut Out, deadline: Instant) -> io::Result<()> {
         while !self.push(out)? {
             self.wait_until(true, deadline)?;
@@ -314,14 +315,14 @@ impl Channel {
         Ok(())
     }
 
-    /// Nothing more is sent; with `both` nothing is received either. The other end sees it.
+    /// Shuts down sending; with `both`, receiving as well. The other end notices it.
     pub fn end(&self, both: bool) {
         // It may be gone already.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
     }
 }
 
-/// A wait that a signal has cut short is a short one.
+/// Treats a wait that was interrupted by a signal as a short one.
 fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
     match done {
         Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
@@ -329,10 +330,10 @@ fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
     }
 }
 
-/// Receives until `look` has what it wants, by `deadline`.
+/// Receives one message until `deadline` and calls `look` with it.
 ///
 /// # Errors
-/// The system's, [`ErrorKind::TimedOut`], [`ErrorKind::UnexpectedEof`].
+/// Errors of the operating system, [`ErrorKind::TimedOut`], [`ErrorKind::UnexpectedEof`].
 pub fn first_message<T>(
     channel: &Channel,
     inbox: &mut Inbox,

@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use parking_lot::{Condvar, Mutex};
 
 use super::connect::{Connected, connect, until_closed};
+use super::connection::{CallCounts, Sender, Shared, State};
 use super::exchange::{Answer, Ended, Exchange};
-use super::hang::InForce;
+use super::hang::MotionInForce;
 use super::options::TcpOptions;
-use super::traffic::{Calls, Sender, Shared, State};
 use super::wire::{Counts, End, Message, Role};
 use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
@@ -19,26 +19,26 @@ use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadM
 use crate::sk::Frame;
 use crate::threads;
 
-/// How long closing waits for the server to have noticed. \[OURS]
+/// How long closing waits for the server to confirm. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
-/// A link to a board that is served.
+/// A link to a board that another process or machine serves.
 pub struct TcpLink {
     shared: Arc<Shared>,
-    keeper: Mutex<Option<JoinHandle<()>>>,
+    background: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl TcpLink {
-    /// Connects to the server that the URI names.
+    /// Connects to the server in the URI.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`], which says what the server or the system said; [`LinkError::InUse`] if another client is
-    /// the writer, and who; [`LinkError::Io`].
+    /// [`LinkError::NoBoard`], with what the server or the operating system has reported; [`LinkError::InUse`], with
+    /// the name of the present writer; [`LinkError::Io`].
     pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
         let name = uri.to_string();
         let Connected { channel, mut inbox, out, slot, virtual_time, now, sequence, board, network } =
             connect(&name, options)?;
-        // For a reader time passes by itself: the writer lets it.
+        // Virtual time advances by the writer's calls, so for a reader it seems to pass by itself.
         let virtual_time = virtual_time && options.role == Role::Writer;
         let info = LinkInfo {
             name: name.clone(),
@@ -48,14 +48,14 @@ impl TcpLink {
             read_wait: common.read_wait(),
             write_wait: common.write_wait(),
         };
-        // On virtual time nothing moves while no call comes.
+        // On virtual time nothing moves while the program makes no call.
         let watches = !options.hang.is_zero() && options.role == Role::Writer && !virtual_time;
         if watches && info.slot.is_none() {
             log::warn!("`{name}`: hang_ms= has no effect while it is not known how wide slots are; give it slot= too");
         }
-        let in_force = info.slot.filter(|_| watches).map(|size| InForce::new(options.hang, size));
+        let in_force = info.slot.filter(|_| watches).map(|size| MotionInForce::new(options.hang, size));
         let mut exchange = Exchange::new(name, sequence, common.queue, virtual_time.then_some(now));
-        // What came with the welcome.
+        // Messages that arrived together with the welcome.
         exchange.take_all(&mut inbox);
         let shared = Arc::new(Shared {
             info,
@@ -67,24 +67,24 @@ impl TcpLink {
             channel,
             out: Mutex::new(Sender { out, last: Instant::now() }),
             inbox: Mutex::new(inbox),
-            state: Mutex::new(State { exchange, receiving: false, followers: 0, cancels: [0; 2] }),
+            state: Mutex::new(State { exchange, receiving: false, waiting: 0, cancels: [0; 2] }),
             changed: Condvar::new(),
             over: Condvar::new(),
-            counts: Calls::default(),
+            counts: CallCounts::default(),
         });
-        let keeper = threads::spawn("ecmsk-tcp", {
+        let background = threads::spawn("ecmsk-tcp", {
             let shared = Arc::clone(&shared);
-            move || shared.keep()
+            move || shared.run_background()
         });
-        let keeper = keeper.map_err(|error| LinkError::Io {
+        let background = background.map_err(|error| LinkError::Io {
             what: format!("start the thread of `{}`", shared.info.name),
             message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
         })?;
-        Ok(Self { shared, keeper: Mutex::new(Some(keeper)) })
+        Ok(Self { shared, background: Mutex::new(Some(background)) })
     }
 
-    /// Ends the link once. With a good-bye the server trusts this client to have done with its axes what it wanted;
-    /// without it they are brought to a standstill.
+    /// Ends the link once. After a Bye the server leaves the axes as the program has left them; without one it brings
+    /// them to a standstill.
     fn end(&self, says_bye: bool) {
         let shared = &self.shared;
         let first = {
@@ -108,18 +108,18 @@ impl TcpLink {
                 .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
             shared.channel.end(false);
             if said.is_ok() {
-                // Once it has closed its end, the next client may be the writer.
+                // When the server has closed its end, another client can become the writer.
                 until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
             }
         }
         shared.channel.end(true);
-        if let Some(keeper) = self.keeper.lock().take() {
-            // It ends at its next look.
-            let _ = keeper.join();
+        if let Some(background) = self.background.lock().take() {
+            // It ends when it next checks the state.
+            let _ = background.join();
         }
     }
 
-    /// The server's own link, as it calls it.
+    /// The URI of the server's own link.
     pub fn board(&self) -> &str {
         &self.shared.board
     }
@@ -155,7 +155,7 @@ impl Link for TcpLink {
         if !self.shared.info.virtual_time {
             return Ok(None);
         }
-        // Nobody else lets time pass, so what it was after the last request it is still.
+        // Only this client advances the time, so it is still what it was after the last request.
         if time.is_zero()
             && let Some(now) = self.shared.state.lock().exchange.now
         {
@@ -163,11 +163,11 @@ impl Link for TcpLink {
         }
         check_pass(time)?;
         let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-        // A long time takes the server long; it says meanwhile that it is there.
+        // Advancing a long time takes long; the server sends keep-alive messages meanwhile.
         match self.shared.request(Dir::Read, Wait::Forever, |request| Message::Pass { request, ns }).1? {
             Answer::Passed(now) => Ok(now),
             Answer::Failed(error) => Err(error),
-            _ => Err(self.shared.nonsense()),
+            _ => Err(self.shared.unexpected_answer()),
         }
     }
 
@@ -182,7 +182,7 @@ impl Link for TcpLink {
     }
 
     fn vanish(&self) {
-        // A reader moves nothing.
+        // A reader has not moved any axis, so there is nothing to bring to a standstill.
         self.end(self.shared.role == Role::Reader);
     }
 
@@ -197,7 +197,7 @@ impl Link for TcpLink {
         let shared = &self.shared;
         let wait = Wait::For(shared.patience());
         let (state, asked) = shared.request(Dir::Read, wait, |request| Message::Count { request });
-        // Without an answer those of the last time are what is known.
+        // Without an answer the counters of the previous answer are used.
         let counts = match asked {
             Ok(Answer::Counted(counts)) => counts,
             _ => Counts { ..state.exchange.counts },
@@ -216,13 +216,14 @@ impl Link for TcpLink {
             record_dropped: 0,
             faults: Default::default(),
             board: counts.board,
-            // The protocol does not carry it.
+            // The protocol has no field for it.
             state_failure: None,
         }
     }
 }
 
-/// A link that is dropped without having been closed has vanished: its program has not said that its axes may go on.
+/// A link that is dropped without having been closed counts as one whose program has vanished: that program has not
+/// said that its axes may go on moving.
 impl Drop for TcpLink {
     fn drop(&mut self) {
         self.vanish();

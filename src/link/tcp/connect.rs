@@ -1,4 +1,4 @@
-//! How a client comes to its connection: greeting, TLS session, hello.
+//! How a client connects: greeting, TLS session, hello, welcome.
 
 use std::io::{self, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -15,7 +15,7 @@ use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
-/// A connection that is through, and what the server says of the board.
+/// An accepted connection, and what the server says of the board.
 pub(super) struct Connected {
     pub(super) channel: Channel,
     pub(super) inbox: Inbox,
@@ -24,78 +24,80 @@ pub(super) struct Connected {
     pub(super) virtual_time: bool,
     pub(super) now: Stamp,
     pub(super) sequence: u64,
-    /// The server's link.
+    /// The URI of the server's own link.
     pub(super) board: String,
     /// What the server knows of the network.
     pub(super) network: KnownNetwork,
 }
 
-/// Why there is none, without the link's name.
-enum Failed {
+/// Why connecting failed, without the name of the link.
+enum ConnectError {
     Link(LinkError),
     NoBoard(String),
     InUse(String),
-    /// The server has closed the connection after its greeting: it makes room where too many come at once.
-    Crowded(String),
+    /// The server has closed the connection after its greeting, to make room for others when too many connect at once.
+    Displaced(String),
 }
 
-/// After the server has made room for others. \[OURS]
-const AGAIN: Duration = Duration::from_millis(20);
+/// The pause before the next attempt when the server has made room for others. \[OURS]
+const RETRY_PAUSE: Duration = Duration::from_millis(20);
 
-impl From<LinkError> for Failed {
+impl From<LinkError> for ConnectError {
     fn from(error: LinkError) -> Self {
         Self::Link(error)
     }
 }
 
-/// Connects to the server of that link, which messages call `name`.
+/// Connects to the server; `name` is the name of the link in messages.
 pub(super) fn connect(name: &str, options: &TcpOptions) -> Result<Connected, LinkError> {
     let deadline = Instant::now() + options.connect_limit;
     let connected = loop {
         match try_connect(options, deadline) {
-            Err(Failed::Crowded(_)) if Instant::now() + AGAIN < deadline => thread::sleep(AGAIN),
+            Err(ConnectError::Displaced(_)) if Instant::now() + RETRY_PAUSE < deadline => thread::sleep(RETRY_PAUSE),
             done => break done,
         }
     };
-    connected.map_err(|failed| match failed {
-        Failed::Link(error) => error,
-        Failed::NoBoard(reason) | Failed::Crowded(reason) => LinkError::NoBoard { name: name.to_owned(), reason },
-        Failed::InUse(by) => {
+    connected.map_err(|error| match error {
+        ConnectError::Link(error) => error,
+        ConnectError::NoBoard(reason) | ConnectError::Displaced(reason) => {
+            LinkError::NoBoard { name: name.to_owned(), reason }
+        }
+        ConnectError::InUse(by) => {
             LinkError::InUse { name: name.to_owned(), by: format!(" by {by}"), instead: "look on with `role=reader`" }
         }
     })
 }
 
-fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Failed> {
+fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, ConnectError> {
     let secret = Secret::find(options.secret_file.as_deref())?;
-    let told = |error: io::Error| Failed::NoBoard(words(&error, options));
-    let mut channel = Channel::new(dial(options, deadline).map_err(told)?).map_err(told)?;
+    let failed = |error: io::Error| ConnectError::NoBoard(explain(&error, options));
+    let mut channel = Channel::new(dial(options, deadline).map_err(failed)?).map_err(failed)?;
     let greeting = greeting(&channel, deadline, options)?;
-    let told = |error: io::Error| match error.kind() {
+    let failed = |error: io::Error| match error.kind() {
         ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => {
-            Failed::Crowded(words(&error, options))
+            ConnectError::Displaced(explain(&error, options))
         }
-        _ => told(error),
+        _ => failed(error),
     };
     if !greeting.has_room {
         let reason = "its server takes no more clients; close one, or give it more (`--max-clients`)";
-        return Err(Failed::NoBoard(reason.to_owned()));
+        return Err(ConnectError::NoBoard(reason.to_owned()));
     }
     let material = match (&secret, greeting.tls) {
         (None, false) => None,
         (Some(_), true) => {
-            let session = tls::connect().map_err(told)?;
-            Some(channel.secure(session, deadline).map_err(told)?)
+            let session = tls::connect().map_err(failed)?;
+            Some(channel.secure(session, deadline).map_err(failed)?)
         }
         (None, true) => {
             let reason = "its server wants a secret; give the file it is in with `secret_file=`";
-            return Err(Failed::NoBoard(reason.to_owned()));
+            return Err(ConnectError::NoBoard(reason.to_owned()));
         }
-        // Never advise to leave the secret out: this is what somebody sees who was led to another server than the one that
-        // knows it.
+        // The message must never advise to leave the secret out: it also appears when somebody has redirected the client
+        // to a server that does not know the secret.
         (Some(_), false) => {
             let how = how_to_give(options.secret_file.as_ref());
-            return Err(Failed::NoBoard(format!(
+            return Err(ConnectError::NoBoard(format!(
                 "a secret is given by {how}, and whoever answers there knows none: it may be somebody else in the server's \
                  place, so nothing was said to it; check host and port, and start the right server with --secret-file"
             )));
@@ -112,14 +114,14 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Fai
         program: &program,
         proof: &proof,
     };
-    channel.stage(&Message::Hello(hello), &mut out).and_then(|()| channel.flush(&mut out, deadline)).map_err(told)?;
+    channel.stage(&Message::Hello(hello), &mut out).and_then(|()| channel.flush(&mut out, deadline)).map_err(failed)?;
     let mut inbox = Inbox::default();
     let answer = first_message(&channel, &mut inbox, deadline, |message| match message {
         Message::Welcome(welcome) => {
             let known = |(secret, material): &(&Secret, _)| secret.is_proof(Side::Server, material, welcome.proof);
             if !key.as_ref().is_none_or(known) {
                 let reason = "whoever answers there does not know the secret; somebody may be in between";
-                return Err(Failed::NoBoard(reason.to_owned()));
+                return Err(ConnectError::NoBoard(reason.to_owned()));
             }
             let network =
                 KnownNetwork { slaves: welcome.slaves.to_owned(), counts_per_unit: welcome.counts_per_unit.to_owned() };
@@ -127,9 +129,9 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Fai
             Ok((slot, virtual_time, now, sequence, board.to_owned(), network))
         }
         Message::Refused { why, text } => Err(refused(why, text, options)),
-        other => Err(Failed::NoBoard(WireError::OutOfTurn { kind: other.kind() }.to_string())),
+        other => Err(ConnectError::NoBoard(WireError::OutOfTurn { kind: other.kind() }.to_string())),
     });
-    let (slot, virtual_time, now, sequence, board, network) = answer.map_err(told)??;
+    let (slot, virtual_time, now, sequence, board, network) = answer.map_err(failed)??;
     Ok(Connected { channel, inbox, out, slot, virtual_time, now, sequence, board, network })
 }
 
@@ -145,7 +147,7 @@ fn dial(options: &TcpOptions, deadline: Instant) -> io::Result<TcpStream> {
     Err(last)
 }
 
-fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Result<Greeting, Failed> {
+fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Result<Greeting, ConnectError> {
     let mut bytes = [0; GREETING_LEN];
     let mut filled = 0;
     while filled < bytes.len() {
@@ -159,17 +161,17 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) => Err(error),
         };
         came.map_err(|error| match error.kind() {
-            // What the server sent before may be lost with it.
-            ErrorKind::ConnectionReset => Failed::Crowded(words(&error, options)),
-            _ => Failed::NoBoard(words(&error, options)),
+            // A reset connection may have lost the greeting that the server has sent.
+            ErrorKind::ConnectionReset => ConnectError::Displaced(explain(&error, options)),
+            _ => ConnectError::NoBoard(explain(&error, options)),
         })?;
     }
-    Greeting::decode(&bytes).map_err(|error| Failed::NoBoard(error.to_string()))
+    Greeting::decode(&bytes).map_err(|error| ConnectError::NoBoard(error.to_string()))
 }
 
-fn refused(why: Refusal, text: &str, options: &TcpOptions) -> Failed {
-    Failed::NoBoard(match why {
-        Refusal::HasWriter => return Failed::InUse(text.to_owned()),
+fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
+    ConnectError::NoBoard(match why {
+        Refusal::HasWriter => return ConnectError::InUse(text.to_owned()),
         Refusal::NoBoard => format!("its server has no board: {text}"),
         Refusal::Full => "its server takes no more clients; close one, or give it more (`--max-clients`)".to_owned(),
         Refusal::WrongSecret => format!(
@@ -180,8 +182,8 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> Failed {
     })
 }
 
-/// What a user can do about a connection that does not come about.
-fn words(error: &io::Error, options: &TcpOptions) -> String {
+/// Why the connection failed, and what a user can do.
+fn explain(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {
             format!("nobody listens there; start `ecmsk serve tcp --listen ...:{}` with its board", options.port)
@@ -197,14 +199,14 @@ fn words(error: &io::Error, options: &TcpOptions) -> String {
     }
 }
 
-/// What this program is called.
+/// The name of this program, shown to users of the server.
 fn program() -> String {
     let path = std::env::current_exe().ok();
     let name = path.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy().into_owned());
     name.unwrap_or_else(|| "a program".to_owned())
 }
 
-/// Waits until the other end has closed, at most until `deadline`; what comes meanwhile is thrown away.
+/// Waits until the other end has closed the connection, at most until `deadline`; received messages are discarded.
 pub(super) fn until_closed(channel: &Channel, inbox: &mut Inbox, deadline: Instant) {
     loop {
         match channel.receive(inbox) {

@@ -1,16 +1,16 @@
-//! A board's counters as they travel.
+//! A board's counters in messages.
 
 use super::fields::Get;
 use super::wire::{Counts, WireError};
 use crate::engine::{Counters, Reason};
 
-/// Numbers of [`Counters`] besides the rejections.
-const PLAIN: usize = 14;
+/// How many counters of [`Counters`] come before those of the rejections.
+const BEFORE_REJECTED: usize = 14;
 
-/// Every number of a board's counters, in the order of the wire.
-pub(super) fn counters(counters: &Counters) -> [u64; PLAIN + Reason::KINDS] {
+/// All counters of a board, in the order of the message.
+pub(super) fn counters(counters: &Counters) -> [u64; BEFORE_REJECTED + Reason::KINDS] {
     let c = counters;
-    let plain: [u64; PLAIN] = [
+    let plain: [u64; BEFORE_REJECTED] = [
         c.frames,
         c.reports,
         c.ignored_homing,
@@ -26,21 +26,21 @@ pub(super) fn counters(counters: &Counters) -> [u64; PLAIN + Reason::KINDS] {
         c.while_booting,
         c.sdo_aborted,
     ];
-    std::array::from_fn(|i| plain.get(i).copied().unwrap_or_else(|| c.rejected[i - PLAIN]))
+    std::array::from_fn(|i| plain.get(i).copied().unwrap_or_else(|| c.rejected[i - BEFORE_REJECTED]))
 }
 
 pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
-    let mut numbers = [0; PLAIN + Reason::KINDS];
+    let mut numbers = [0; BEFORE_REJECTED + Reason::KINDS];
     for number in &mut numbers {
         *number = get.u64()?;
     }
     Ok(from_numbers(&numbers))
 }
 
-/// The counters of which [`counters`] gives these numbers.
-fn from_numbers(numbers: &[u64; PLAIN + Reason::KINDS]) -> Counters {
+/// The counters from these numbers, which are in the order of [`counters`].
+fn from_numbers(numbers: &[u64; BEFORE_REJECTED + Reason::KINDS]) -> Counters {
     let mut of = Counters::default();
-    let plain: [&mut u64; PLAIN] = [
+    let plain: [&mut u64; BEFORE_REJECTED] = [
         &mut of.frames,
         &mut of.reports,
         &mut of.ignored_homing,
@@ -61,7 +61,7 @@ fn from_numbers(numbers: &[u64; PLAIN + Reason::KINDS]) -> Counters {
 }
 
 impl Counts {
-    /// What was counted since these were `before`.
+    /// What was counted since the counters were `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let board = self.board.zip(before.board).map(|(now, before)| {

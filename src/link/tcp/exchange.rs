@@ -1,5 +1,5 @@
-//! What a client knows of its exchange with the server: reports, the request under way, how it ended. No I/O: bytes come
-//! from [`Inbox`], so that any can be tried.
+//! The client's side of the protocol: unread reports, the request in progress, and how the exchange ended. Without I/O:
+//! bytes come from an [`Inbox`], so that tests can feed any bytes.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -12,13 +12,13 @@ use crate::sk::Frame;
 /// How an exchange ended.
 #[derive(Clone, Debug)]
 pub(super) struct Ended {
-    /// What calls say from now on.
+    /// The error of all further calls.
     pub(super) error: LinkError,
-    /// Whether the request under way may have been done all the same.
+    /// Whether the server may have executed the request in progress.
     pub(super) unsure: bool,
 }
 
-/// The request under way.
+/// The request in progress.
 pub(super) struct Request {
     pub(super) number: u64,
     dir: Dir,
@@ -26,44 +26,48 @@ pub(super) struct Request {
     pub(super) answer: Option<Answer>,
 }
 
-/// What the server said.
+/// The server's answer to a request.
 pub(super) enum Answer {
     Written(Stamp),
-    /// The frame is in [`Exchange::got`].
+    /// The report is in [`Exchange::got`].
     Got(ReadMeta),
     Passed(Option<Stamp>),
     Counted(Counts),
     Failed(LinkError),
 }
 
+/// The exchange of messages with a server.
 pub(super) struct Exchange {
     name: String,
-    /// Reports nobody has read, oldest first.
+    /// Unread reports, oldest first.
     reports: VecDeque<(Frame, ReadMeta)>,
-    keep: usize,
-    /// Reports of `reports` that were dropped.
+    /// How many unread reports are kept.
+    queue_max: usize,
+    /// Reports dropped from `reports`.
     dropped: u64,
-    /// Sequence number of the first report of this link.
-    first: u64,
+    /// The server's sequence number of the first report of this link.
+    first_sequence: u64,
     next_request: u64,
     pub(super) request: Option<Request>,
+    /// The report of [`Answer::Got`].
     pub(super) got: Frame,
-    /// Time of the board on virtual time, if it is known.
+    /// The board's time on virtual time, if it is known.
     pub(super) now: Option<Stamp>,
     pub(super) counts: Counts,
+    /// When the last message came.
     pub(super) heard: Instant,
     pub(super) ended: Option<Ended>,
 }
 
 impl Exchange {
-    /// `first` is the number of the first report to come, and `keep` as many as are kept while nobody reads.
-    pub(super) fn new(name: String, first: u64, keep: usize, now: Option<Stamp>) -> Self {
+    /// `first_sequence` is the sequence number of the next report; `queue_max` unread reports are kept.
+    pub(super) fn new(name: String, first_sequence: u64, queue_max: usize, now: Option<Stamp>) -> Self {
         Self {
             name,
-            reports: VecDeque::with_capacity(keep),
-            keep,
+            reports: VecDeque::with_capacity(queue_max),
+            queue_max,
             dropped: 0,
-            first,
+            first_sequence,
             next_request: 1,
             request: None,
             got: Frame::new(),
@@ -74,7 +78,7 @@ impl Exchange {
         }
     }
 
-    /// Begins a request; there is none under way. Gives its number.
+    /// Begins a request and returns its number. No other request may be in progress.
     pub(super) fn begin(&mut self, dir: Dir, wait: Wait) -> u64 {
         let number = self.next_request;
         self.next_request += 1;
@@ -82,37 +86,37 @@ impl Exchange {
         number
     }
 
-    /// Requests that were begun so far.
+    /// How many requests have been begun so far.
     pub(super) const fn requests(&self) -> u64 {
         self.next_request
     }
 
-    /// The oldest report.
+    /// Takes the oldest unread report.
     pub(super) fn pop(&mut self, out: &mut Frame) -> Option<ReadMeta> {
         let (frame, meta) = self.reports.pop_front()?;
         out.clone_from(&frame);
         Some(ReadMeta { dropped: meta.dropped.saturating_add(self.dropped), ..meta })
     }
 
-    /// Reports dropped here.
+    /// Reports dropped by this client because the program did not read them in time.
     pub(super) const fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// It is over; the first reason stays.
+    /// Ends the exchange; the first reason is kept.
     pub(super) fn end(&mut self, error: LinkError, unsure: bool) {
         if self.ended.is_none() {
             self.ended = Some(Ended { error, unsure });
         }
     }
 
-    /// The connection broke.
+    /// Ends the exchange because the connection has failed.
     pub(super) fn lose(&mut self, reason: impl Into<std::borrow::Cow<'static, str>>) {
         let error = LinkError::Lost { name: self.name.clone(), reason: reason.into() };
         self.end(error, true);
     }
 
-    /// Takes every message that came; says how many reports there were.
+    /// Handles all complete messages in the inbox; returns how many of them were reports.
     pub(super) fn take_all(&mut self, inbox: &mut Inbox) -> usize {
         let mut reports = 0;
         while self.ended.is_none() {
@@ -135,11 +139,11 @@ impl Exchange {
         match *message {
             Message::Ping => {}
             Message::Report { meta, frame } => {
-                if self.reports.len() == self.keep {
+                if self.reports.len() == self.queue_max {
                     self.reports.pop_front();
                     self.dropped += 1;
                 }
-                self.reports.push_back((Frame::from_bytes(*frame), self.ours(meta)));
+                self.reports.push_back((Frame::from_bytes(*frame), self.renumbered(meta)));
             }
             Message::Written { request, at, now } => {
                 self.answer(message, request, Answer::Written(at))?;
@@ -147,7 +151,7 @@ impl Exchange {
             }
             Message::Got { request, now, meta, frame } => {
                 self.got = Frame::from_bytes(*frame);
-                let meta = self.ours(meta);
+                let meta = self.renumbered(meta);
                 self.answer(message, request, Answer::Got(meta))?;
                 self.now = now;
             }
@@ -162,7 +166,7 @@ impl Exchange {
             Message::Failed { request, now, failure } => {
                 let under_way = self.request.as_ref().ok_or(WireError::OutOfTurn { kind: message.kind() })?;
                 let error = failure.error(&self.name, under_way.dir, under_way.wait);
-                // The good-bye that says it too is on its way.
+                // The Bye with the same reason will follow.
                 let lost = matches!(error, LinkError::Lost { .. }).then(|| error.clone());
                 self.answer(message, request, Answer::Failed(error))?;
                 self.now = now;
@@ -176,7 +180,7 @@ impl Exchange {
                     End::Lost => text.to_owned(),
                     End::Closed | End::Broken => format!("its server has ended the connection: {text}"),
                 };
-                // The server answers in order: what it has not answered by now it has not done.
+                // The server answers in order, so it has not executed a request that it has not answered by now.
                 self.end(LinkError::Lost { name: self.name.clone(), reason: reason.into() }, false);
             }
             _ => return Err(WireError::OutOfTurn { kind: message.kind() }),
@@ -194,13 +198,13 @@ impl Exchange {
         }
     }
 
-    /// Numbers as this link counts them.
-    const fn ours(&self, meta: ReadMeta) -> ReadMeta {
-        ReadMeta { sequence: meta.sequence.saturating_sub(self.first), ..meta }
+    /// The report's data with its sequence number counted from the first report of this link.
+    const fn renumbered(&self, meta: ReadMeta) -> ReadMeta {
+        ReadMeta { sequence: meta.sequence.saturating_sub(self.first_sequence), ..meta }
     }
 }
 
-/// What a client makes of a server's bytes: how many reports there were, and the error that ended it.
+/// What a client makes of bytes from a server: the number of reports, and the error that has ended the exchange.
 #[doc(hidden)]
 pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     let mut exchange = Exchange::new("tcp:".to_owned(), 0, 4, None);
@@ -210,24 +214,24 @@ pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
         reports += exchange.take_all(inbox);
         exchange.ended.is_none()
     });
-    assert!(exchange.reports.len() <= exchange.keep && reports as u64 >= exchange.dropped);
+    assert!(exchange.reports.len() <= exchange.queue_max && reports as u64 >= exchange.dropped);
     (reports, exchange.ended.map(|ended| ended.error))
 }
 
-/// How many messages these bytes are, half a one at the end aside.
+/// How many messages these bytes contain, not counting an incomplete one at the end.
 ///
 /// # Errors
-/// The first that is none.
+/// The first invalid message.
 #[doc(hidden)]
 pub fn messages(bytes: &[u8]) -> Result<usize, WireError> {
     let mut count = 0;
     each_message(bytes, |_| count += 1).map(|()| count)
 }
 
-/// Gives `take` the messages that these bytes are, half a one at the end aside.
+/// Calls `take` with each message that these bytes contain, except an incomplete one at the end.
 ///
 /// # Errors
-/// The first that is none.
+/// The first invalid message.
 pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> Result<(), WireError> {
     let mut wrong = None;
     feed(bytes, |inbox| {
@@ -245,7 +249,7 @@ pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> 
     wrong.map_or(Ok(()), Err)
 }
 
-/// Puts bytes into an inbox as they fit, until `take` has enough.
+/// Puts bytes into an inbox in portions that fit, until `take` returns false.
 fn feed(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> bool) {
     let mut inbox = Inbox::default();
     while !bytes.is_empty() {

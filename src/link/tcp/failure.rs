@@ -1,4 +1,5 @@
-//! [`LinkError`] as it travels: what the server's link said, in the words of the client's.
+//! [`LinkError`] in messages: converts an error of the server's link to a message and back to an error of the client's
+//! link.
 
 use super::wire::Failure;
 use crate::link::{Dir, LinkError, Wait};
@@ -11,7 +12,7 @@ const CLOSED: u8 = 5;
 const OTHER: u8 = 6;
 
 impl<'a> Failure<'a> {
-    /// The failure to send for an error; `text` keeps its words.
+    /// The failure to send for an error; `text` is a buffer for its text.
     pub fn of(error: &LinkError, text: &'a mut String) -> Self {
         text.clear();
         let (code, numbers) = match error {
@@ -31,7 +32,7 @@ impl<'a> Failure<'a> {
         Self { code, numbers, text }
     }
 
-    /// The error of a client's call, on the link of that name.
+    /// The error of a client's call on the link `name`.
     pub fn error(&self, name: &str, dir: Dir, wait: Wait) -> LinkError {
         match self.code {
             TIMEOUT => timeout(dir, wait),

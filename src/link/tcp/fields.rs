@@ -1,15 +1,16 @@
-//! Fields of a message, one after the other, little-endian: written into a fixed buffer, read out of a slice.
+//! Fields of a message: written one after the other into a fixed buffer, and read from a slice. Numbers are
+//! little-endian.
 
 use super::wire::{PAYLOAD_MAX, WireError};
 use crate::link::{Stamp, Wait};
 use crate::sk::FRAME_LEN;
 
-/// No limit, no value: all bits set.
+/// The number for no limit or no value.
 const NONE: u64 = u64::MAX;
-/// Bytes of a text at most; a longer one is cut. \[OURS]
+/// The longest text in bytes; a longer one is cut. \[OURS]
 pub const TEXT_MAX: usize = 256;
 
-/// Writes fields. What a message holds fits its buffer: a frame, some numbers and at most three texts.
+/// Writes fields. Every message fits the buffer: a frame, some numbers and at most three texts.
 pub(super) struct Put<'a> {
     bytes: &'a mut [u8],
     pub(super) at: usize,
@@ -53,7 +54,7 @@ impl<'a> Put<'a> {
         self.u64(at.map_or(NONE, |at| at.0));
     }
 
-    /// Its length, then as much of it as is allowed.
+    /// Writes the length of the text and then the text, cut to [`TEXT_MAX`].
     pub(super) fn text(&mut self, text: &str) {
         let text = &text[..text.floor_char_boundary(TEXT_MAX)];
         self.u16(text.len() as u16);
@@ -61,7 +62,7 @@ impl<'a> Put<'a> {
     }
 }
 
-/// Reads fields of a message of that kind.
+/// Reads the fields of a message.
 pub(super) struct Get<'a> {
     kind: u8,
     left: &'a [u8],
@@ -72,7 +73,7 @@ impl<'a> Get<'a> {
         Self { kind, left: payload }
     }
 
-    /// The message has to end here.
+    /// Checks that the message ends here.
     pub(super) const fn end(self) -> Result<(), WireError> {
         if self.left.is_empty() { Ok(()) } else { Err(WireError::Trailing { kind: self.kind, extra: self.left.len() }) }
     }

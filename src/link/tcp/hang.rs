@@ -1,23 +1,24 @@
-//! A writer whose program makes no call any more while it has left a velocity or a torque in force (`hang_ms=`). The
-//! library's own thread goes on saying that the client is there, so the server alone cannot notice.
+//! Detects a writer whose program makes no calls any more although a velocity or a torque that it has commanded is
+//! still in force (`hang_ms=`). The server cannot detect this, because the library's background thread continues to
+//! send keep-alive messages.
 //!
-//! What is looked at is what was commanded, not what reports show: a position in CSP ends with the board's FIFO and a homing
-//! at its home, both by themselves; a velocity and a torque have no end.
+//! The check uses the commands and not the reports: a CSP motion ends with the entries of the board's FIFO and a homing
+//! ends at the home position, but a velocity or a torque has no end.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::sk::{Frame, MasterCommand, MasterState, SlaveCommand, SlotCommand, SlotSize};
 
-/// What a writer has left in force.
-pub(super) struct InForce {
+/// The slaves with a commanded motion that has no end.
+pub(super) struct MotionInForce {
     limit: Duration,
     size: SlotSize,
-    /// Slaves whose last motion command was a velocity or a torque other than 0, a bit each.
+    /// Slaves whose latest motion command was a velocity or a torque other than 0, one bit each.
     slaves: AtomicU64,
 }
 
-impl InForce {
+impl MotionInForce {
     pub(super) const fn new(limit: Duration, size: SlotSize) -> Self {
         Self { limit, size, slaves: AtomicU64::new(0) }
     }
@@ -27,16 +28,16 @@ impl InForce {
         let mut slaves = self.slaves.load(Ordering::Relaxed);
         for slave in 1..=self.size.max_slaves() {
             let slot = frame.slot(self.size, slave);
-            let goes_on = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
+            let has_no_end = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
                 Ok(SlaveCommand::Csv(motion)) => motion.first.target != 0 || motion.second.target != 0,
                 Ok(SlaveCommand::Cst(torque)) => torque != 0,
                 Ok(SlaveCommand::Csp(_) | SlaveCommand::GoHome | SlaveCommand::ServoOff) => false,
                 _ => continue,
             };
-            slaves = if goes_on { slaves | 1 << slave } else { slaves & !(1 << slave) };
+            slaves = if has_no_end { slaves | 1 << slave } else { slaves & !(1 << slave) };
         }
         match MasterCommand::decode(&frame.slot(self.size, 0), self.size) {
-            // Drives stop when they leave OP.
+            // Drives stop when they leave OP, and so does all motion.
             Ok(MasterCommand::SetState(state)) if state != MasterState::Op => slaves = 0,
             Ok(MasterCommand::SoftReset) => slaves = 0,
             _ => {}
@@ -45,25 +46,25 @@ impl InForce {
     }
 }
 
-/// For how long no call was made.
-pub(super) struct Idle {
+/// Measures how long the program has made no call.
+pub(super) struct CallMonitor {
     calls: u64,
     since: Instant,
 }
 
-impl Idle {
+impl CallMonitor {
     pub(super) const fn new(now: Instant) -> Self {
         Self { calls: 0, since: now }
     }
 
-    /// Looks at the number of calls so far, and whether one is under way; gives the time without one if it is longer than
-    /// the limit while something is in force.
+    /// `calls` is the number of calls so far. Returns how long the program has made none, if that is longer than the
+    /// limit while a motion without an end is in force and no call is in progress.
     pub(super) fn look(
         &mut self,
         calls: u64,
         is_under_way: bool,
         now: Instant,
-        in_force: &InForce,
+        in_force: &MotionInForce,
     ) -> Option<Duration> {
         if is_under_way || calls != self.calls || in_force.slaves.load(Ordering::Relaxed) == 0 {
             (self.calls, self.since) = (calls, now);
@@ -94,11 +95,11 @@ mod tests {
         let began = Instant::now();
         let at = |seconds| began + Duration::from_secs(seconds);
         let looks = |command: Option<SlaveCommand>| {
-            let in_force = InForce::new(Duration::from_secs(10), SIZE);
+            let in_force = MotionInForce::new(Duration::from_secs(10), SIZE);
             command.into_iter().for_each(|command| in_force.wrote(&frame(command)));
             // A frame of GET_STATUS changes nothing.
             in_force.wrote(&Frame::new());
-            let mut idle = Idle::new(began);
+            let mut idle = CallMonitor::new(began);
             assert_eq!(idle.look(5, false, at(20), &in_force), None, "calls were made meanwhile");
             assert_eq!(idle.look(5, false, at(29), &in_force), None);
             let given_up = idle.look(5, false, at(30), &in_force);
@@ -130,7 +131,7 @@ mod tests {
         let mut reset = Frame::new();
         reset.put_master(SIZE, &MasterCommand::SoftReset);
         for end in [out_of_op, reset, frame(SlaveCommand::ServoOff)] {
-            let in_force = InForce::new(Duration::from_secs(10), SIZE);
+            let in_force = MotionInForce::new(Duration::from_secs(10), SIZE);
             in_force.wrote(&frame(SlaveCommand::Csv(Motion::to(7))));
             assert_ne!(in_force.slaves.load(Ordering::Relaxed), 0);
             in_force.wrote(&end);

@@ -1,11 +1,11 @@
-//! Bytes as they come, put together to messages.
+//! Splits received bytes into messages.
 
 use super::wire::{HEADER_LEN, MESSAGE_MAX, Message, PAYLOAD_MAX, WireError};
 
-/// Bytes kept: several messages, so that one look at the socket takes all that is there. \[OURS]
-const KEPT: usize = 8 * MESSAGE_MAX;
+/// The size of the buffer: several messages, so that one receive call takes all that has arrived. \[OURS]
+const BUFFER_BYTES: usize = 8 * MESSAGE_MAX;
 
-/// What came and was not looked at yet.
+/// Received bytes that have not been decoded yet.
 pub struct Inbox {
     bytes: Box<[u8]>,
     start: usize,
@@ -14,12 +14,13 @@ pub struct Inbox {
 
 impl Default for Inbox {
     fn default() -> Self {
-        Self { bytes: vec![0; KEPT].into(), start: 0, end: 0 }
+        Self { bytes: vec![0; BUFFER_BYTES].into(), start: 0, end: 0 }
     }
 }
 
 impl Inbox {
-    /// Where the next bytes go: never empty once [`next`](Self::next) has given every message there is.
+    /// The free part of the buffer, for the next bytes. Never empty if [`next`](Self::next) has returned all complete
+    /// messages before.
     pub fn room(&mut self) -> &mut [u8] {
         if self.start > 0 {
             self.bytes.copy_within(self.start..self.end, 0);
@@ -28,20 +29,20 @@ impl Inbox {
         &mut self.bytes[self.end..]
     }
 
-    /// Throws away what came.
+    /// Discards all received bytes.
     pub const fn clear(&mut self) {
         (self.start, self.end) = (0, 0);
     }
 
-    /// So many bytes of the room came.
+    /// Says that `count` bytes have been written to the free part.
     pub const fn came(&mut self, count: usize) {
         self.end += count;
     }
 
-    /// The next whole message; `None` while it is not there.
+    /// The next complete message; `None` if it has not arrived completely.
     ///
     /// # Errors
-    /// [`WireError`]: nothing after it means anything.
+    /// [`WireError`] for an invalid message, after which no further ones can be found.
     pub fn next(&mut self) -> Result<Option<Message<'_>>, WireError> {
         let Some(([low, high, kind, zero], payload)) =
             self.bytes[self.start..self.end].split_first_chunk::<HEADER_LEN>()

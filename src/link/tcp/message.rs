@@ -1,69 +1,69 @@
-//! What server and clients say to each other; how it looks as bytes says [`super::wire`].
+//! The messages between server and clients. [`super::wire`] defines their bytes.
 
 use super::proof::PROOF_LEN;
 use crate::engine::Counters;
 use crate::link::{ReadMeta, Stamp, Wait};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// What a client wants to be.
+/// What a client is allowed to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
-    /// It gets every report and may write: one at a time.
+    /// It receives every report and may send commands. There is at most one writer.
     #[default]
     Writer,
-    /// It gets every report.
+    /// It receives every report.
     Reader,
 }
 
-/// What a client says of itself.
+/// A client's first message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hello<'a> {
-    /// What it wants to be.
+    /// The role that the client asks for.
     pub role: Role,
-    /// It says something at least this often, milliseconds.
+    /// The longest time between two messages of the client, in milliseconds.
     pub keepalive_ms: u32,
-    /// Its process.
+    /// The process id of the client.
     pub pid: u32,
-    /// Its program.
+    /// The name of the client's program.
     pub program: &'a str,
-    /// That it knows the secret; zeros where there is none.
+    /// The proof that the client knows the secret; zeros without a secret.
     pub proof: &'a [u8; PROOF_LEN],
 }
 
-/// What a server says of the board.
+/// The server's answer to a client that it accepts, with what it knows of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Welcome<'a> {
-    /// That it knows the secret; zeros where there is none.
+    /// The proof that the server knows the secret; zeros without a secret.
     pub proof: &'a [u8; PROOF_LEN],
     /// The board's slot size, if the server's link knows it.
     pub slot: Option<SlotSize>,
-    /// Whether time passes by the writer's calls only.
+    /// Whether the board's time advances only by the writer's calls.
     pub virtual_time: bool,
-    /// Time of the board.
+    /// The board's time.
     pub now: Stamp,
-    /// Sequence number of the next report.
+    /// The sequence number of the next report.
     pub sequence: u64,
-    /// The server's link.
+    /// The URI of the server's link.
     pub board: &'a str,
-    /// The slaves, as [`KnownNetwork::slaves`](crate::link::KnownNetwork::slaves).
+    /// The slaves, as in [`KnownNetwork::slaves`](crate::link::KnownNetwork::slaves).
     pub slaves: &'a str,
-    /// Units of the axes, as [`KnownNetwork::counts_per_unit`](crate::link::KnownNetwork::counts_per_unit).
+    /// The units of the axes, as in [`KnownNetwork::counts_per_unit`](crate::link::KnownNetwork::counts_per_unit).
     pub counts_per_unit: &'a str,
 }
 
-/// Why a server does not take a client.
+/// Why a server refuses a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Refusal {
-    /// Somebody else is the writer; the text says who.
+    /// Another client is the writer; the text says which.
     HasWriter = 1,
-    /// The board is away; the text says why.
+    /// The board is not connected; the text says why.
     NoBoard = 2,
-    /// As many clients as it takes.
+    /// The server has as many clients as it allows.
     Full = 3,
     /// The client does not know the secret.
     WrongSecret = 4,
-    /// What it said is no hello.
+    /// The client's first message is not a valid Hello.
     NoHello = 5,
 }
 
@@ -73,24 +73,24 @@ pub enum Refusal {
 pub enum End {
     /// The client has closed its link.
     Closed = 1,
-    /// The server is stopped.
+    /// The server is being stopped.
     Stopped = 2,
-    /// The board is gone; the text says why.
+    /// The board is lost; the text says why.
     Lost = 3,
-    /// The other end does not keep to the protocol; the text says how.
+    /// The other end has violated the protocol; the text says how.
     Broken = 4,
 }
 
 /// Counters of a server's link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Reports dropped because nobody read them, before the server and in it.
+    /// Reports dropped because a client did not receive them in time, in the server and before it.
     pub reports_dropped: u64,
-    /// The board's counters, where the server's link sees them.
+    /// The board's counters, if the server's link knows them.
     pub board: Option<Counters>,
 }
 
-/// Why a request failed: [`LinkError`] as it travels.
+/// Why a request failed: a [`LinkError`](crate::link::LinkError) in the form in which it is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure<'a> {
     pub(super) code: u8,
@@ -98,110 +98,111 @@ pub struct Failure<'a> {
     pub(super) text: &'a str,
 }
 
-/// One message. Those up to `Bye` are a client's, those from `Ping` on a server's.
+/// A message. Clients send those up to `Bye`, servers those from `Ping` on. A request carries a number, chosen by the
+/// client, which its answer repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
-    /// The first.
+    /// A client's first message.
     Hello(Hello<'a>),
-    /// A command frame.
+    /// A request to write a command frame.
     Write {
-        /// Its number.
+        /// The number of the request.
         request: u64,
         /// How long the server's link may wait.
         wait: Wait,
         /// The frame.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// Virtual time alone: the oldest report not yet read.
+    /// A request, on virtual time only, for the oldest unread report.
     Read {
-        /// Its number.
+        /// The number of the request.
         request: u64,
-        /// How long, in the board's time.
+        /// The time limit, in the board's time.
         wait: Wait,
     },
-    /// Virtual time alone: lets it pass.
+    /// A request, on virtual time only, to advance the board's time.
     Pass {
-        /// Its number.
+        /// The number of the request.
         request: u64,
-        /// Nanoseconds.
+        /// How far, in nanoseconds.
         ns: u64,
     },
-    /// Asks for counters.
+    /// A request for the counters.
     Count {
-        /// Its number.
+        /// The number of the request.
         request: u64,
     },
-    /// Ends the write under way.
+    /// Cancels a write that is in progress.
     Cancel {
-        /// Its number.
+        /// The number of the write.
         request: u64,
     },
-    /// The other end is there.
+    /// The keep-alive message of both ends.
     Ping,
-    /// The last.
+    /// The last message of either end.
     Bye {
-        /// Why.
+        /// Why the connection is ended.
         end: End,
-        /// In words.
+        /// The reason as text.
         text: &'a str,
     },
-    /// The client is taken.
+    /// The server accepts the client.
     Welcome(Welcome<'a>),
-    /// The client is not taken.
+    /// The server refuses the client.
     Refused {
         /// Why.
         why: Refusal,
-        /// In words.
+        /// The reason as text.
         text: &'a str,
     },
-    /// A report that the board made.
+    /// A report of the board.
     Report {
-        /// Its meta data, of the server's link; `dropped` with those that were dropped for this client.
+        /// Its time and number on the server's link; `dropped` includes the reports that were dropped for this client.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// The board has taken the frame.
+    /// The answer to a write: the board has taken the frame.
     Written {
-        /// Of which request.
+        /// The number of the request.
         request: u64,
-        /// When.
+        /// When the board took the frame.
         at: Stamp,
-        /// Time of the board after it, on virtual time.
+        /// The board's time after the write, on virtual time.
         now: Option<Stamp>,
     },
-    /// Virtual time alone: the report.
+    /// The answer to a read.
     Got {
-        /// Of which request.
+        /// The number of the request.
         request: u64,
-        /// Time of the board after it.
+        /// The board's time after the read.
         now: Option<Stamp>,
-        /// Its meta data.
+        /// The report's time and number.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// Time has passed.
+    /// The answer to a request to advance the time.
     Passed {
-        /// Of which request.
+        /// The number of the request.
         request: u64,
-        /// Time of the board after it.
+        /// The board's time after it.
         now: Option<Stamp>,
     },
-    /// Counters.
+    /// The answer to a request for the counters.
     Counted {
-        /// Of which request.
+        /// The number of the request.
         request: u64,
-        /// They.
+        /// The counters of the server's link.
         counts: Counts,
     },
-    /// A request failed, and nothing of it was done.
+    /// The answer to a request that failed. It has had no effect.
     Failed {
-        /// Which.
+        /// The number of the request.
         request: u64,
-        /// Time of the board after it, on virtual time.
+        /// The board's time after it, on virtual time.
         now: Option<Stamp>,
-        /// Why.
+        /// Why it failed.
         failure: Failure<'a>,
     },
 }

@@ -1,17 +1,33 @@
-//! The link `tcp://host:port`: a board that another process or machine serves (`ecmsk serve tcp`, [`crate::port::tcp`]).
+//! The link `tcp://host:port`: a board that another process or machine serves (`ecmsk serve tcp`,
+//! [`crate::port::tcp`]).
 //!
-//! Every client gets every report, with the board's time, its number and how many were dropped. One of them, the writer,
-//! sends commands; a write is done when the board behind the server has taken the frame, so it takes a round trip. No
-//! frame is ever sent twice: a connection that ends in the middle of a write gives [`LinkError::Unsure`], and
-//! [`LinkError::Lost`] where it is known that the frame was not taken.
+//! Every client gets every report, with the board's time, its sequence number and how many were dropped. One client,
+//! the writer, may also send commands. A write has succeeded when the board behind the server has taken the frame, so
+//! it takes a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails with
+//! [`LinkError::Unsure`], or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
 //!
-//! Whoever waits in a call receives for all calls; a thread in the background does so only while nobody waits, and says
-//! that the client is there. So a report wakes the thread that wants it and no other one, and nothing is allocated once
-//! the link is open (in a TLS session rustls allocates for each message).
+//! A thread that waits in a call receives for all calls. A background thread receives only while no call waits, and
+//! sends the keep-alive messages. So a report wakes the thread that waits for it and no other one. Once the link is
+//! open nothing is allocated, except in a TLS session, where rustls allocates for each message.
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `options.rs`: the keys of `tcp:` as Rust types
+//! - `message.rs`, `wire.rs`, `fields.rs`, `counts.rs`, `failure.rs`: the messages of the protocol and their bytes,
+//!   shared by client and server; `vectors.rs` tests the bytes
+//! - `channel.rs`, `inbox.rs`, `waker.rs`, `tls.rs`, `proof.rs`: a connection with or without TLS, and the shared
+//!   secret, for both ends
+//! - `connect.rs`: how a client connects
+//! - `exchange.rs`: the client's side of the protocol, without I/O
+//! - `connection.rs`: how the program's threads and the background thread share the connection
+//! - `client.rs`: [`TcpLink`], the link itself
+//! - `hang.rs`: a program that has stopped calling (`hang_ms=`)
+//! - `reconnect.rs`: a reader that connects again (`reconnect_ms=`)
 
 mod channel;
 mod client;
 mod connect;
+mod connection;
 mod counts;
 mod exchange;
 mod failure;
@@ -23,7 +39,6 @@ mod options;
 mod proof;
 mod reconnect;
 mod tls;
-mod traffic;
 #[cfg(test)]
 mod vectors;
 mod waker;
@@ -51,10 +66,10 @@ use super::options::CommonOptions;
 use super::uri::LinkUri;
 use super::{Link, LinkError};
 
-/// A connection is dead after as many keep-alive times without a word. \[OURS]
+/// After how many keep-alive times without any message a connection counts as dead. \[OURS]
 pub(crate) const DEAD_AFTER: u32 = 4;
 
-/// Connects to the server that the URI names.
+/// Connects to the server in the URI.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let options = TcpOptions::from_uri(uri)?;
     let link = TcpLink::connect(uri, &options, common)?;

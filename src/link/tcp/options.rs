@@ -1,4 +1,4 @@
-//! What the URI of a `tcp:` link says.
+//! The keys of `tcp:` as Rust types.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use crate::link::keys::{Scheme, WHERE_TO_LOOK};
 use crate::link::options::millis;
 use crate::link::uri::{LinkUri, UriError};
 
-/// The port where nothing else is said. \[OURS]
+/// The port if the URI gives none. \[OURS]
 pub const DEFAULT_PORT: u16 = 4711;
 
 /// Options of `tcp:`.
@@ -16,28 +16,29 @@ pub const DEFAULT_PORT: u16 = 4711;
 pub struct TcpOptions {
     /// The server's name or address.
     pub host: String,
-    /// Its port.
+    /// The server's TCP port.
     pub port: u16,
-    /// Whether it may write.
+    /// Whether the client may write.
     pub(crate) role: Role,
     /// The file with the shared secret.
     pub secret_file: Option<PathBuf>,
-    /// It says something at least this often.
+    /// The longest time between two messages to the server.
     pub keepalive: Duration,
-    /// How long a writer's program may make no call while a velocity or a torque is in force; zero: without limit.
+    /// How long the program of a writer may make no call while a velocity or a torque that it has commanded is in
+    /// force; zero: without limit.
     pub hang: Duration,
     /// How long connecting may take.
     pub connect_limit: Duration,
-    /// How long a reader tries to connect again; zero: it does not.
+    /// How long a reader tries to connect again after the connection is lost; zero: not at all.
     pub reconnect: Duration,
 }
 
 impl TcpOptions {
-    /// The options of that link, defaults filled in.
+    /// The options in a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is no `tcp:` link, [`UriError::BadValue`] for host and port, and for a writer that
-    /// wants to connect again.
+    /// [`UriError::OtherScheme`] if it is not a `tcp:` link; [`UriError::BadPath`] for an invalid host or port;
+    /// [`UriError::BadValue`] for a writer with `reconnect_ms=`.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         if uri.scheme() != Scheme::Tcp {
             return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Tcp });
@@ -75,7 +76,7 @@ impl TcpOptions {
     }
 }
 
-/// Host and port of `//host:port`, or of `//host` with the default one; an IPv6 address stands in brackets.
+/// Host and port of `//host:port`, or of `//host` with the default port. An IPv6 address is written in brackets.
 fn address(path: &str) -> Option<(String, u16)> {
     let place = path.strip_prefix("//")?.trim_end_matches('/');
     let (host, port) = match place.strip_prefix('[') {
@@ -87,7 +88,7 @@ fn address(path: &str) -> Option<(String, u16)> {
     };
     let port = match port {
         None => DEFAULT_PORT,
-        // A second colon is that of an IPv6 address without brackets: no digit.
+        // A second colon, as in an IPv6 address without brackets, is not a digit.
         Some(port) if port.is_empty() || !port.bytes().all(|byte| byte.is_ascii_digit()) => return None,
         Some(port) => port.parse().ok().filter(|port| *port != 0)?,
     };

@@ -1,8 +1,8 @@
-//! The shared secret, and how each end shows the other that it knows it.
+//! The shared secret, and how each end proves to the other that it knows it.
 //!
-//! Both ends take keying material out of their TLS session (RFC 5705, RFC 8446 7.5) and sign it with the secret
-//! (HMAC-SHA256), the client first. In the middle of two sessions there are two different materials: what one end signs is
-//! worth nothing to the other.
+//! Both ends derive keying material from their TLS session (RFC 5705, RFC 8446 7.5) and sign it with the secret
+//! (HMAC-SHA256), the client first. Somebody between the two ends would have a TLS session with each of them; the two
+//! sessions have different keying material, so the proof of one end is not valid for the other.
 
 use std::collections::HashSet;
 use std::fmt;
@@ -13,45 +13,46 @@ use ring::hmac;
 use crate::files;
 use crate::link::{LinkError, config};
 
-/// The variable that holds the secret.
+/// The environment variable that holds the secret.
 pub const SECRET: &str = "ECMSK_TCP_SECRET";
-/// Bytes of a proof.
+/// The length of a proof in bytes.
 pub const PROOF_LEN: usize = 32;
-/// Keying material of a session.
+/// The keying material of a TLS session.
 pub(crate) type Material = [u8; 32];
-/// The label of that material, one of the project's own.
+/// The label for deriving the keying material.
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
-/// \[OURS] The shortest secret, bytes: whoever talks to one end can try secrets out at home, so it has to be one that
-/// nobody can guess, made by a machine.
-const SHORTEST: usize = 32;
-/// \[OURS] The longest secret, bytes, and the longest file that one is read from: more is another file.
-const LONGEST: usize = 4096;
-/// \[OURS] How many different bytes a secret has at least. `000...0` and the like are what people write who try the thing
-/// out, and what others try first; 32 random hexadecimal digits have fewer once in some 25 million times.
+/// \[OURS] The shortest secret in bytes. Whoever connects to one end gets a proof with which to try out secrets, so a
+/// secret has to be random and not chosen by a person.
+const SECRET_BYTES_MIN: usize = 32;
+/// \[OURS] The longest secret in bytes, and the largest file that is read as one.
+const SECRET_BYTES_MAX: usize = 4096;
+/// \[OURS] How many different bytes a secret has to contain. People who try out the server write `000...0` or the like,
+/// and attackers try that first. Of secrets of 32 random hexadecimal digits, about one in 25 million has fewer.
 const DIFFERENT_BYTES_MIN: usize = 8;
-const MAKE_ONE: &str = "make one: (umask 077; head -c 32 /dev/urandom | base64 > FILE)";
+const HOW_TO_MAKE_ONE: &str = "make one: (umask 077; head -c 32 /dev/urandom | base64 > FILE)";
 
-/// Which end proves.
+/// The end that makes a proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Side {
     Client,
     Server,
 }
 
-/// What both ends know.
+/// The shared secret.
 #[derive(Clone)]
 pub struct Secret(hmac::Key);
 
 impl Secret {
-    /// The secret in a file, without the white space around it. It is a regular file that nobody but its owner may read, and
-    /// its owner is this user or root.
+    /// Reads the secret from a file; white space around it is ignored. The file has to be a regular file that belongs
+    /// to this user or to root and that nobody but its owner can read.
     ///
     /// # Errors
-    /// [`LinkError::Io`]: it cannot be read or is no regular file, it is another user's, others may read it, it is too short,
-    /// too long or no secret.
+    /// [`LinkError::Io`] if the file cannot be read, is not a regular file, belongs to another user or can be read by
+    /// others, or if the secret is too short, too long or easy to guess.
     pub fn load(path: &Path) -> Result<Self, LinkError> {
         let failed = |message: String| LinkError::Io { what: format!("read the secret {}", path.display()), message };
-        let file = files::read_small(path, LONGEST as u64).map_err(|error| failed(format!("{error}; {MAKE_ONE}")))?;
+        let file = files::read_small(path, SECRET_BYTES_MAX as u64)
+            .map_err(|error| failed(format!("{error}; {HOW_TO_MAKE_ONE}")))?;
         #[cfg(unix)]
         {
             use std::os::unix::fs::MetadataExt as _;
@@ -65,10 +66,10 @@ impl Secret {
         Self::new(&file.bytes).map_err(failed)
     }
 
-    /// The secret of a file, else that of the variable [`SECRET`]; `None` if there is neither.
+    /// The secret in the file `path`, or else in the variable [`SECRET`]; `None` if neither is given.
     ///
     /// # Errors
-    /// As [`Secret::load`].
+    /// Those of [`Secret::load`].
     pub fn find(path: Option<&Path>) -> Result<Option<Self>, LinkError> {
         if let Some(path) = path {
             return Self::load(path).map(Some);
@@ -80,32 +81,33 @@ impl Secret {
 
     fn new(text: &[u8]) -> Result<Self, String> {
         let text = text.trim_ascii();
-        if text.len() < SHORTEST {
-            return Err(format!("it has {} bytes, it needs {SHORTEST}; {MAKE_ONE}", text.len()));
+        if text.len() < SECRET_BYTES_MIN {
+            return Err(format!("it has {} bytes, it needs {SECRET_BYTES_MIN}; {HOW_TO_MAKE_ONE}", text.len()));
         }
-        if text.len() > LONGEST {
-            return Err(format!("it has {} bytes, at most {LONGEST} are read; {MAKE_ONE}", text.len()));
+        if text.len() > SECRET_BYTES_MAX {
+            return Err(format!("it has {} bytes, at most {SECRET_BYTES_MAX} are read; {HOW_TO_MAKE_ONE}", text.len()));
         }
         let different = text.iter().collect::<HashSet<_>>().len();
         if different < DIFFERENT_BYTES_MIN {
-            return Err(format!("it can be guessed: it has only {different} different characters; {MAKE_ONE}"));
+            return Err(format!("it can be guessed: it has only {different} different characters; {HOW_TO_MAKE_ONE}"));
         }
         Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, text)))
     }
 
-    /// What `side` sends in a session of that material.
+    /// The proof of `side` for a session with that keying material.
     pub(crate) fn prove(&self, side: Side, material: &Material) -> [u8; PROOF_LEN] {
-        let tag = hmac::sign(&self.0, &signed(side, material));
+        let tag = hmac::sign(&self.0, &signed_bytes(side, material));
         std::array::from_fn(|i| tag.as_ref()[i])
     }
 
-    /// Whether that came from a `side` that knows the secret, in time that does not depend on where it is wrong.
+    /// Whether `proof` was made by `side` with this secret. The time of the check does not depend on which byte is
+    /// wrong.
     pub(crate) fn is_proof(&self, side: Side, material: &Material, proof: &[u8; PROOF_LEN]) -> bool {
-        hmac::verify(&self.0, &signed(side, material), proof).is_ok()
+        hmac::verify(&self.0, &signed_bytes(side, material), proof).is_ok()
     }
 }
 
-/// \[OURS] A secret file is this user's or root's: whoever else owns it knows what is in it.
+/// \[OURS] A secret file belongs to this user or to root, because its owner knows what is in it.
 #[cfg(unix)]
 fn check_owner(owner: u32, user: u32, path: &Path) -> Result<(), String> {
     if owner == user || owner == 0 {
@@ -117,8 +119,8 @@ fn check_owner(owner: u32, user: u32, path: &Path) -> Result<(), String> {
     ))
 }
 
-/// Each side signs something else: none can send back what it got.
-fn signed(side: Side, material: &Material) -> Vec<u8> {
+/// What `side` signs. The two sides sign different bytes, so that neither can return the proof that it has received.
+fn signed_bytes(side: Side, material: &Material) -> Vec<u8> {
     let side: &[u8] = match side {
         Side::Client => b"ecmsk tcp client ",
         Side::Server => b"ecmsk tcp server ",
@@ -132,7 +134,7 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// Where a client's secret is, for messages.
+/// Where a client's secret comes from, for messages.
 pub(crate) fn how_to_give(path: Option<&PathBuf>) -> String {
     match path {
         Some(path) => format!("secret_file={}", path.display()),

@@ -1,5 +1,5 @@
-//! A reader that connects again when its connection ends (`reconnect_ms=`). A writer never does: what became of its last
-//! frame, and of the axes meanwhile, its program has to find out first.
+//! A reader that connects again when its connection is lost (`reconnect_ms=`). A writer never does this: its program
+//! first has to find out whether the last frame was executed and what the axes have done meanwhile.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -14,22 +14,23 @@ use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadM
 use crate::sk::Frame;
 use crate::span::Span;
 
-/// Between two tries. \[OURS]
-const PAUSE: Duration = Duration::from_millis(200);
+/// The pause between two attempts. \[OURS]
+const RETRY_PAUSE: Duration = Duration::from_millis(200);
 
+/// A link whose connection is replaced when it is lost.
 pub(super) struct Reconnecting {
     uri: LinkUri,
     options: TcpOptions,
     common: CommonOptions,
     info: LinkInfo,
     current: Mutex<Arc<TcpLink>>,
-    /// One thread connects at a time.
-    turn: Mutex<()>,
-    /// Ends the pause between two tries.
-    rest: Mutex<u64>,
+    /// Held by the thread that connects.
+    connecting: Mutex<()>,
+    /// How many reads were cancelled; a change ends the pause between two attempts.
+    cancels: Mutex<u64>,
     cancelled: Condvar,
     closed: AtomicBool,
-    /// What is added to the numbers of the current connection's reports: no number comes twice.
+    /// What is added to the sequence numbers of the current connection, so that numbers never repeat.
     first: AtomicU64,
     next: AtomicU64,
 }
@@ -42,8 +43,8 @@ impl Reconnecting {
             common,
             info: link.info(),
             current: Mutex::new(Arc::new(link)),
-            turn: Mutex::default(),
-            rest: Mutex::default(),
+            connecting: Mutex::default(),
+            cancels: Mutex::default(),
             cancelled: Condvar::new(),
             closed: AtomicBool::new(false),
             first: AtomicU64::new(0),
@@ -55,10 +56,10 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
-    /// Replaces `gone`, which failed with `error`, by a new connection, before `until`.
-    fn again(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
-        let cancels = *self.rest.lock();
-        let _turn = self.turn.lock();
+    /// Replaces the connection `gone`, which has failed with `error`, by a new one, at most until `until`.
+    fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
+        let cancels_before = *self.cancels.lock();
+        let _connecting = self.connecting.lock();
         if !Arc::ptr_eq(gone, &self.current()) {
             return Ok(());
         }
@@ -73,7 +74,7 @@ impl Reconnecting {
                     self.first.store(self.next.load(Ordering::Relaxed), Ordering::Relaxed);
                     let mut current = self.current.lock();
                     *current = Arc::new(link);
-                    // A close that came meanwhile has closed the old one.
+                    // If the link was closed meanwhile, that has closed the old connection only.
                     if self.closed.load(Ordering::Acquire) {
                         current.close();
                         return Err(LinkError::Closed);
@@ -90,11 +91,11 @@ impl Reconnecting {
             if until.is_some_and(|until| now >= until) {
                 return Err(LinkError::Timeout { dir: Dir::Read, waited: Duration::ZERO, what: "connecting again" });
             }
-            let mut rest = self.rest.lock();
-            if *rest == cancels {
-                self.cancelled.wait_for(&mut rest, PAUSE);
+            let mut cancels = self.cancels.lock();
+            if *cancels == cancels_before {
+                self.cancelled.wait_for(&mut cancels, RETRY_PAUSE);
             }
-            if *rest != cancels && !self.closed.load(Ordering::Acquire) {
+            if *cancels != cancels_before && !self.closed.load(Ordering::Acquire) {
                 return Err(LinkError::Cancelled { dir: Dir::Read });
             }
         }
@@ -129,7 +130,7 @@ impl Link for Reconnecting {
                     self.next.store(sequence.saturating_add(1), Ordering::Relaxed);
                     return Ok(ReadMeta { sequence, ..meta });
                 }
-                Err(error @ LinkError::Lost { .. }) => self.again(&link, error, until)?,
+                Err(error @ LinkError::Lost { .. }) => self.reconnect(&link, error, until)?,
                 Err(error) => return Err(error),
             }
             wait = until.map_or(wait, |until| match until.saturating_duration_since(Instant::now()) {
@@ -142,19 +143,19 @@ impl Link for Reconnecting {
     fn cancel(&self, dir: Dir) {
         self.current().cancel(dir);
         if dir == Dir::Read {
-            *self.rest.lock() += 1;
+            *self.cancels.lock() += 1;
             self.cancelled.notify_all();
         }
     }
 
     fn close(&self) {
         self.closed.store(true, Ordering::Release);
-        *self.rest.lock() += 1;
+        *self.cancels.lock() += 1;
         self.cancelled.notify_all();
         self.current().close();
     }
 
-    /// A connection that is away may come again with the next read.
+    /// A connection that is lost may be replaced by the next read, so only a closed link is an error.
     fn check(&self) -> Result<(), LinkError> {
         if self.closed.load(Ordering::Acquire) { Err(LinkError::Closed) } else { Ok(()) }
     }

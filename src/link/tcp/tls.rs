@@ -1,5 +1,6 @@
-//! TLS 1.3 for both ends. Who the other end is shows the shared secret ([`super::proof`]), not a certificate: the server
-//! makes one of its own at every start, and the client looks only whether the session is that certificate's.
+//! TLS 1.3 for both ends. The identity of the other end is proven by the shared secret ([`super::proof`]) and not by a
+//! certificate: the server makes a new self-signed certificate at every start, and the client only checks that the
+//! session belongs to the certificate.
 
 use std::io;
 use std::sync::Arc;
@@ -16,18 +17,18 @@ use rustls::{
 
 use super::proof::{LABEL, Material};
 
-/// The name in the certificate: nobody looks at it.
+/// The name in the certificate, which is not checked.
 const NAME: &str = "ecmsk";
 
-/// What a server's sessions have in common.
+/// The server's TLS configuration.
 #[derive(Clone)]
 pub struct ServerTls(Arc<ServerConfig>);
 
 impl ServerTls {
-    /// Makes a key and its certificate.
+    /// Makes a new key and its certificate.
     ///
     /// # Errors
-    /// The system gives no random numbers.
+    /// The system provides no random numbers.
     pub fn new() -> io::Result<Self> {
         let made = rcgen::generate_simple_self_signed([NAME.to_owned()]).map_err(io::Error::other)?;
         let key = PrivatePkcs8KeyDer::from(made.signing_key.serialize_der());
@@ -35,21 +36,21 @@ impl ServerTls {
             .with_protocol_versions(&[&TLS13])
             .and_then(|config| config.with_no_client_auth().with_single_cert(vec![made.cert.into()], key.into()))
             .map_err(io::Error::other)?;
-        // No session is taken up again: each has keying material of its own.
+        // Sessions are never resumed, so that each has its own keying material.
         config.send_tls13_tickets = 0;
         Ok(Self(Arc::new(config)))
     }
 
-    /// The server's end of a session.
+    /// The server's end of a new session.
     ///
     /// # Errors
-    /// As rustls.
+    /// Those of rustls.
     pub fn accept(&self) -> io::Result<Connection> {
         ServerConnection::new(Arc::clone(&self.0)).map(Into::into).map_err(io::Error::other)
     }
 }
 
-/// The client's end of a session.
+/// The client's end of a new session.
 pub fn connect() -> io::Result<Connection> {
     let provider = Arc::new(ring::default_provider());
     let verifier = Arc::new(AnyCertificate(Arc::clone(&provider)));
@@ -65,12 +66,12 @@ pub fn connect() -> io::Result<Connection> {
     ClientConnection::new(Arc::new(config), name).map(Into::into).map_err(io::Error::other)
 }
 
-/// What both ends of this session know and nobody else.
+/// The keying material of a session, which only its two ends know.
 pub fn material(tls: &Connection) -> io::Result<Material> {
     tls.export_keying_material(Material::default(), LABEL, None).map_err(io::Error::other)
 }
 
-/// Takes any certificate whose key signs the session.
+/// Accepts any certificate whose key has signed the session.
 #[derive(Debug)]
 struct AnyCertificate(Arc<CryptoProvider>);
 

@@ -1,4 +1,4 @@
-//! Test: the bytes of every message. They are frozen: a change needs another version of the protocol.
+//! Test: the bytes of every message. They are frozen: a change requires a new version of the protocol.
 
 use proptest::prelude::*;
 
@@ -78,7 +78,7 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
     ]
 }
 
-/// Bytes of a text: hexadecimal, `[xx;n]` for n times the same.
+/// The bytes of a text in hexadecimal digits, in which `[xx;n]` stands for n times the byte xx.
 fn bytes(text: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     for word in text.split_whitespace() {

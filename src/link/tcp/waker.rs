@@ -1,4 +1,4 @@
-//! What ends a wait on a socket from another thread: something beside it that can be waited for.
+//! Ends a wait on a socket from another thread: a second socket that the wait polls as well.
 
 use std::io::{self, Read as _, Write as _};
 
@@ -7,17 +7,17 @@ use pair::Pair;
 #[cfg(unix)]
 use std::os::unix::net::UnixStream as Pair;
 
-/// Two connected ends, of which one is written to and the other one waited on.
+/// Two connected sockets: writing to one of them ends a wait on the other one.
 pub struct Waker {
     wakes: Pair,
     woken: Pair,
 }
 
 impl Waker {
-    /// Nobody is woken yet.
+    /// A waker that has not been used yet.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn new() -> io::Result<Self> {
         let (wakes, woken) = Pair::pair()?;
         wakes.set_nonblocking(true)?;
@@ -25,38 +25,39 @@ impl Waker {
         Ok(Self { wakes, woken })
     }
 
-    /// Ends the wait under way, or the next one.
+    /// Ends the wait in progress, or the next one.
     pub fn wake(&self) {
-        // Full: it will wake up anyhow.
+        // If the socket's buffer is full, the wait ends anyway.
         let _ = (&self.wakes).write(&[0]);
     }
 
-    /// What is to be waited on, beside the socket, until it can be read.
+    /// The socket to poll for reading, besides the connection's.
     pub const fn waited(&self) -> &Pair {
         &self.woken
     }
 
-    /// All that woke so far has been seen.
+    /// Discards all wake-ups so far.
     pub fn seen(&self) {
         let mut seen = [0; 64];
-        // It is empty when it says so.
+        // A read that does not fill the buffer has emptied the socket.
         while matches!((&self.woken).read(&mut seen), Ok(count) if count == seen.len()) {}
     }
 }
 
-/// Windows has no pairs of sockets, and can wait for a socket together with nothing but sockets.
+/// A pair of connected sockets for Windows, which has no socket pairs and can wait only for sockets together with a
+/// socket.
 #[cfg(windows)]
 mod pair {
     use std::io::{self, Read, Write};
     use std::net::{Ipv4Addr, UdpSocket};
     use std::os::windows::io::{AsSocket, BorrowedSocket};
 
-    /// A datagram socket of this machine alone, connected to the other one of the pair: what any other program sends to it
-    /// the system throws away.
+    /// A datagram socket on the loopback interface, connected to the other one of the pair. The system discards
+    /// datagrams that other programs send to it.
     pub struct Pair(UdpSocket);
 
     impl Pair {
-        /// Two, connected to each other.
+        /// Two sockets connected to each other.
         pub fn pair() -> io::Result<(Self, Self)> {
             let any = (Ipv4Addr::LOCALHOST, 0);
             let (one, other) = (UdpSocket::bind(any)?, UdpSocket::bind(any)?);

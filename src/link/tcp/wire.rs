@@ -1,9 +1,10 @@
-//! The bytes between a server and its clients: the one file of both ends with the layout.
+//! The bytes of the messages between a server and its clients. Both ends use this one definition.
 //!
-//! A server begins with a [`Greeting`], in the clear, whatever follows. Then, in a TLS session where the greeting says
-//! so, messages go both ways: length of the payload (`u16`), kind (`u8`), 0, payload; all numbers little-endian. The
-//! client's first is [`Message::Hello`]; the server's is [`Message::Welcome`] or [`Message::Refused`]. Requests are
-//! numbered by the client and answered in their order, each once; a client has one of them under way at most.
+//! A server begins with a [`Greeting`], which is never encrypted. Then messages follow in both directions, in a TLS
+//! session if the greeting announces one. A message has the length of its payload (`u16`), its kind (`u8`), a zero
+//! byte, and the payload; all numbers are little-endian. The client's first message is [`Message::Hello`], the server's
+//! is [`Message::Welcome`] or [`Message::Refused`]. The client numbers its requests; the server answers each of them
+//! once and in their order. A client has at most one request in progress.
 
 use super::counts::{counters, get_counters};
 use super::fields::{Get, Put};
@@ -11,98 +12,75 @@ pub use super::message::{Counts, End, Failure, Hello, Message, Refusal, Role, We
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::SlotSize;
 
-/// What a server's first bytes are.
+/// The first bytes of a greeting.
 const MAGIC: [u8; 8] = *b"ecmsktcp";
-/// The version of the protocol: both ends have to have the same.
+/// The version of the protocol, which has to be the same on both ends.
 pub const VERSION: u16 = 2;
-/// Bytes of a greeting.
+/// The length of a greeting in bytes.
 pub const GREETING_LEN: usize = 16;
-/// Bytes before a payload.
+/// The length of the part before the payload, in bytes.
 pub const HEADER_LEN: usize = 4;
-/// The longest payload. \[OURS]
+/// The longest payload in bytes. \[OURS]
 pub const PAYLOAD_MAX: usize = 1024;
-/// Bytes of a text at most; a longer one is cut.
+/// The longest text in bytes; a longer one is cut.
 pub use super::fields::TEXT_MAX;
-/// The longest message.
+/// The longest message in bytes.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
 
-/// What is wrong with bytes that came.
+/// Why received bytes violate the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum WireError {
-    /// The first bytes are not a server's.
+    /// The first bytes are not those of a server.
     #[error("whoever listens there is no `ecmsk serve tcp`; check host and port")]
     NoServer,
-    /// The other end has another version.
+    /// The other end has another version of the protocol.
     #[error("the other end speaks version {found} of the protocol, this one {VERSION}; use the same ecmsk on both")]
-    Version {
-        /// What it has.
-        found: u16,
-    },
-    /// A payload longer than any is.
+    Version { found: u16 },
+    /// The payload is longer than [`PAYLOAD_MAX`].
     #[error("a message of {found} bytes, allowed are {PAYLOAD_MAX}")]
-    Long {
-        /// What it says.
-        found: usize,
-    },
-    /// A kind of message that there is not.
+    Long { found: usize },
+    /// The kind of message does not exist.
     #[error("a message of unknown kind 0x{kind:02X}")]
-    Kind {
-        /// Its code.
-        kind: u8,
-    },
-    /// A message ends in the middle of a field.
+    Kind { kind: u8 },
+    /// The message ends in the middle of a field.
     #[error("a message of kind 0x{kind:02X} is short: {needed} bytes needed, {found} left")]
     Short {
-        /// Its code.
         kind: u8,
-        /// Bytes of the field.
+        /// The length of the field in bytes.
         needed: usize,
-        /// Bytes there are.
+        /// The bytes that are left.
         found: usize,
     },
-    /// A message goes on after its last field.
+    /// The message continues after its last field.
     #[error("a message of kind 0x{kind:02X} has {extra} bytes too many")]
     Trailing {
-        /// Its code.
         kind: u8,
-        /// How many.
+        /// The number of extra bytes.
         extra: usize,
     },
-    /// A field holds what it may not.
+    /// A field has a value that is not allowed.
     #[error("a message of kind 0x{kind:02X} has {found} for {field}")]
-    Value {
-        /// Its code.
-        kind: u8,
-        /// Which.
-        field: &'static str,
-        /// What it holds.
-        found: u64,
-    },
+    Value { kind: u8, field: &'static str, found: u64 },
     /// A text is not UTF-8.
     #[error("a message of kind 0x{kind:02X} has a text that is not UTF-8")]
-    Text {
-        /// Its code.
-        kind: u8,
-    },
-    /// A message that has no place there.
+    Text { kind: u8 },
+    /// The message is not allowed at this point.
     #[error("a message of kind 0x{kind:02X} came out of turn")]
-    OutOfTurn {
-        /// Its code.
-        kind: u8,
-    },
+    OutOfTurn { kind: u8 },
 }
 
-/// A server's first bytes.
+/// The first bytes that a server sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Greeting {
     /// Whether a TLS session follows.
     pub tls: bool,
-    /// Whether the server takes the connection; it is closed if not.
+    /// Whether the server accepts the connection; otherwise it closes it.
     pub has_room: bool,
 }
 
 impl Greeting {
-    /// Its bytes.
+    /// The bytes of the greeting.
     pub fn encode(self) -> [u8; GREETING_LEN] {
         let mut bytes = [0; GREETING_LEN];
         bytes[..8].copy_from_slice(&MAGIC);
@@ -112,7 +90,7 @@ impl Greeting {
         bytes
     }
 
-    /// The greeting of these bytes.
+    /// Decodes a greeting.
     ///
     /// # Errors
     /// [`WireError::NoServer`], [`WireError::Version`].
@@ -149,7 +127,7 @@ const COUNTED: u8 = 0x87;
 const FAILED: u8 = 0x88;
 
 impl<'a> Message<'a> {
-    /// Its code.
+    /// The code of the message's kind.
     pub const fn kind(&self) -> u8 {
         match self {
             Self::Hello(_) => HELLO,
@@ -171,7 +149,7 @@ impl<'a> Message<'a> {
         }
     }
 
-    /// Writes it, header and payload; says how many bytes it has. A text that is too long is cut.
+    /// Writes header and payload; returns the length in bytes. A text that is too long is cut.
     pub fn encode(&self, bytes: &mut [u8; MESSAGE_MAX]) -> usize {
         let mut put = Put::new(bytes, HEADER_LEN);
         self.put(&mut put);
@@ -258,7 +236,7 @@ impl<'a> Message<'a> {
         }
     }
 
-    /// The message of that kind and payload.
+    /// Decodes the message of that kind with that payload.
     ///
     /// # Errors
     /// [`WireError`].

@@ -1,4 +1,4 @@
-//! One board on SPI: exchanges in, answers out.
+//! A board as a slave on SPI: takes the bytes of an exchange and returns the answer.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -7,29 +7,29 @@ use std::time::Duration;
 use crate::link::{Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 
-/// How long a board that was just given to a [`Face`] may take for its first report. \[OURS]
-const FIRST_REPORT: Duration = Duration::from_secs(1);
+/// How long a [`Face`] waits for the first report of a board. \[OURS]
+const FIRST_REPORT_WAIT_MAX: Duration = Duration::from_secs(1);
 
-/// How long an exchange waits for the answer to the frame before, outside OP: cycles of the default length, and patience
-/// with a link whose thread is late. \[OURS]
-const ANSWER: Duration = Duration::from_millis(50);
+/// How long an exchange outside OP waits for the answer to the previous frame: some cycles of the default length, and
+/// time for a link whose thread is late. \[OURS]
+const ANSWER_WAIT_MAX: Duration = Duration::from_millis(50);
 
-/// What was exchanged, and what was not.
+/// Counters of the exchanges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaceCounters {
     /// Exchanges whose frame the board has taken.
     pub frames: u64,
-    /// Exchanges of fewer bytes than a frame has; the board executes nothing of them.
+    /// Exchanges with fewer bytes than a frame, of which the board executes nothing.
     pub incomplete: u64,
-    /// Exchanges while BUSY was high: zeros were answered and nothing was executed.
+    /// Exchanges while BUSY was high, which are answered with zeros and of which the board executes nothing.
     pub while_busy: u64,
     /// Frames that the link did not take.
     pub refused: u64,
 }
 
-/// What counts of a report in OP.
+/// What is needed of the previous report in OP.
 #[derive(Clone, Copy)]
-struct Seen {
+struct ReportedFifo {
     at: Stamp,
     sequence: u64,
     free: u16,
@@ -37,39 +37,42 @@ struct Seen {
 
 /// A board as a host on SPI sees it (SK-10).
 ///
-/// One exchange is one chip select. What is answered is the newest report before it: outside OP, where a board executes a
-/// frame on arrival, that is the answer to the frame before, for which the exchange waits if it has to; in OP the frame
-/// before may still be in the FIFO. The frame goes to the link as it is.
+/// One exchange lasts while chip select is active. The answer is the newest report from before the exchange. Outside OP
+/// the board executes a frame on arrival, so this is the answer to the previous frame, for which the exchange waits if
+/// necessary. In OP the previous frame may still be in the FIFO. The frame is passed to the link unchanged.
 ///
-/// \[OURS] The free count of an answer in OP is that after the exchange before, however many there are in a cycle: what the
-/// newest report says, less the frames that were exchanged since. A host that writes as much as the count allows never
-/// overfills the FIFO.
+/// \[OURS] In OP the number of free FIFO entries in an answer is that after the previous exchange, however many
+/// exchanges there are in a cycle: the number in the newest report, less the frames exchanged since. So a host that
+/// writes as many frames as the number allows never overfills the FIFO.
 ///
-/// `examples/rust/spi_face.rs` feeds one from another program.
+/// `examples/rust/spi_face.rs` shows how another program uses one.
 pub struct Face {
     link: Arc<dyn Link>,
     size: SlotSize,
     write_wait: Wait,
-    /// The newest report, as the link gave it.
+    /// The newest report as the link has returned it.
     report: Frame,
-    /// What is answered.
+    /// The answer to send: the newest report with the corrected number of free entries.
     answer: Frame,
     command: Frame,
     /// When the newest frame was written, if no report has answered it yet.
     unanswered: Option<Stamp>,
-    /// When each frame was written that the newest report does not count yet: no more than the FIFO has entries.
+    /// When each of the frames was written that the newest report does not include yet; at most as many as the FIFO has
+    /// entries.
     uncounted: VecDeque<Stamp>,
-    /// The report before the newest one that was read.
-    before: Option<Seen>,
-    /// The board fills the CRC of its reports.
+    /// The report before the newest one.
+    before: Option<ReportedFifo>,
+    /// Whether the board's reports have a CRC.
     fills_crc: bool,
+    /// Why the board is gone.
     lost: Option<LinkError>,
     counters: FaceCounters,
 }
 
 impl Face {
-    /// The board behind a link that was opened with `queue=1`, so that a read gives its newest report. Its slot size is
-    /// what the link says, else 12 bytes. Waits up to 1 s for its first report: without one it answers zeros.
+    /// The board behind a link that was opened with `queue=1`, so that a read returns its newest report. The slot size
+    /// is that of the link, or 12 bytes if unknown. Waits up to 1 s for the first report; until there is one, the
+    /// answers are zeros.
     pub fn new(link: Arc<dyn Link>) -> Self {
         let mut face = Self {
             size: SlotSize::default(),
@@ -89,8 +92,8 @@ impl Face {
         face
     }
 
-    /// The same wires with the board opened again, after SW_RESET or a loss and after [`Self::close`]: no board is opened
-    /// twice.
+    /// Continues with a board that was opened again: after SW_RESET, after a loss, and after [`Self::close`]. The old
+    /// link has to be closed first, because a board cannot be opened twice.
     pub fn replace(&mut self, link: Arc<dyn Link>) {
         self.link = link;
         self.lost = None;
@@ -106,20 +109,20 @@ impl Face {
         self.uncounted.clear();
         self.before = None;
         self.fills_crc = false;
-        self.look(Wait::For(FIRST_REPORT));
+        self.read_report(Wait::For(FIRST_REPORT_WAIT_MAX));
     }
 
-    /// One exchange under one chip select: `tx` are the bytes on MOSI, `rx` becomes those on MISO.
+    /// One exchange during one chip select: `tx` are the bytes on MOSI, `rx` gets those on MISO.
     ///
-    /// Bytes beyond the board's frame are ignored and answered by zeros; fewer are no frame, and the next chip select
-    /// begins a new one \[OURS]. While BUSY is high zeros are answered and nothing is executed \[OURS].
+    /// Bytes beyond the length of a frame are ignored and answered with zeros. Fewer bytes are not a frame; the next
+    /// chip select begins a new one \[OURS]. While BUSY is high the answer is zeros and nothing is executed \[OURS].
     pub fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) {
         rx.fill(0);
         if self.is_busy() {
             self.counters.while_busy += 1;
             return;
         }
-        self.hear();
+        self.read_reports();
         self.count_frames();
         let wire = self.answer.wire(self.size);
         let count = wire.len().min(rx.len());
@@ -144,13 +147,14 @@ impl Face {
         }
     }
 
-    /// BUSY between two exchanges: high while there is no board, which is what starting up looks like (SK-10). A wire
-    /// shows it high from the start of [`Self::exchange`] to its end too.
+    /// The level of BUSY between two exchanges: high while the board is gone, as when it starts up (SK-10). The owner
+    /// of the wires also has to set BUSY high from the start of [`Self::exchange`] until it returns.
     pub fn is_busy(&self) -> bool {
         self.lost.is_some() || self.link.check().is_err()
     }
 
-    /// RESETN low for more than 32 us (SK-10): the board boots, [`Self::is_busy`] until [`Self::replace`].
+    /// RESETN was low for more than 32 us (SK-10): the board starts up, and [`Self::is_busy`] is true until
+    /// [`Self::replace`].
     pub fn reset(&mut self) {
         self.command = Frame::new();
         self.command.put_master(self.size, &MasterCommand::SoftReset);
@@ -161,40 +165,41 @@ impl Face {
         self.lost.get_or_insert(LinkError::Lost { name: self.link.info().name, reason: "it was reset".into() });
     }
 
-    /// Gives the board back, [`Self::is_busy`] until [`Self::replace`].
+    /// Closes the link; [`Self::is_busy`] is true until [`Self::replace`].
     pub fn close(&mut self) {
         self.link.close();
     }
 
-    /// Why there is no board any more; `None`: it is there.
+    /// Why the board is gone; `None` if it is connected.
     pub fn lost(&self) -> Option<LinkError> {
         self.lost.clone().or_else(|| self.link.check().err())
     }
 
-    /// Bytes that count in an exchange: 504 or 512.
+    /// The length of a frame on the wires: 504 or 512 bytes.
     pub const fn frame_len(&self) -> usize {
         self.size.frame_len()
     }
 
-    /// What was exchanged so far.
+    /// The counters so far.
     pub const fn counters(&self) -> FaceCounters {
         self.counters
     }
 
-    /// The newest report, and outside OP one that answers the newest frame.
-    fn hear(&mut self) {
-        self.look(Wait::Now);
-        // Several reports may be older than the frame.
-        while self.unanswered.is_some() && !self.in_op() && self.look(Wait::For(ANSWER)) {}
+    /// Reads the newest report; outside OP, one that answers the newest frame.
+    fn read_reports(&mut self) {
+        self.read_report(Wait::Now);
+        // Reports from before the frame may still be queued.
+        while self.unanswered.is_some() && !self.in_op() && self.read_report(Wait::For(ANSWER_WAIT_MAX)) {}
         self.unanswered = None;
     }
 
-    /// Which frames the newest report counts: those written before it, so far as they can have been in the FIFO. A frame that is
-    /// on its way in the machine while the board makes a report is in the next one. In each cycle the board takes at most one
-    /// out, so that the two newest reports show how many have come between them.
+    /// Removes from `uncounted` the frames that the newest report includes: those written before it, as far as they can
+    /// have reached the FIFO by then. A frame that is still on its way inside this machine while the board makes a
+    /// report is included in the next one. The board takes at most one entry per cycle out of the FIFO, so the two
+    /// newest reports show how many entries have arrived between them.
     fn count_by_report(&mut self, report: ReadMeta) {
         let master = MasterResponse::decode(&self.report.slot(self.size, 0));
-        let seen = (master.state.state() == Some(MasterState::Op)).then_some(Seen {
+        let seen = (master.state.state() == Some(MasterState::Op)).then_some(ReportedFifo {
             at: report.at,
             sequence: report.sequence,
             free: master.fifo_free,
@@ -209,7 +214,7 @@ impl Face {
         self.before = seen;
         while let Some(written) = self.uncounted.front()
             && *written <= report.at
-            // One cycle is time enough: a frame that the board did not keep is not waited for.
+            // A frame has reached the FIFO after one cycle; if it is not there, the board has refused it.
             && (came > 0 || *written <= before_that)
         {
             came = came.saturating_sub(1);
@@ -217,7 +222,7 @@ impl Face {
         }
     }
 
-    /// Makes the answer of the newest report, with the frames counted that were exchanged since.
+    /// Builds the answer from the newest report, with the number of free entries reduced by the frames exchanged since.
     fn count_frames(&mut self) {
         self.answer.clone_from(&self.report);
         if self.uncounted.is_empty() || !self.in_op() {
@@ -236,8 +241,8 @@ impl Face {
         MasterResponse::decode(&self.report.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
 
-    /// Takes the newest report, if there is one since the last look.
-    fn look(&mut self, wait: Wait) -> bool {
+    /// Reads a report if there is a new one; returns whether there was.
+    fn read_report(&mut self, wait: Wait) -> bool {
         match self.link.read(&mut self.report, wait) {
             Ok(report) => {
                 self.unanswered = self.unanswered.filter(|written| report.at < *written);

@@ -1,7 +1,7 @@
-//! The board's side of SPI: what answers on MISO and when BUSY is high, whatever is behind its link.
+//! The board's side of SPI: what the board sends on MISO and when BUSY is high, for any link.
 //!
-//! A [`Face`] is fed with whole exchanges; whoever has the wires (a test's, those of a rig) moves its bytes and shows its
-//! BUSY line.
+//! A [`Face`] handles whole exchanges. The code that has the wires, in a test or in a rig, passes the bytes to it and
+//! drives the BUSY line.
 
 mod face;
 

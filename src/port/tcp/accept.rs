@@ -1,4 +1,5 @@
-//! Connections: one thread takes them and hears what they want; those that become clients have a thread each.
+//! Connections. One thread accepts them and receives their first message; each connection that becomes a client gets a
+//! thread of its own.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener};
@@ -11,25 +12,25 @@ use parking_lot::Mutex;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::client::Client;
-use super::hub::{Board, Guest, Hub};
-use super::pool::Pool;
-use super::repeats::Repeats;
+use super::hub::{Board, Hub, Joining};
+use super::log_limit::LogLimit;
+use super::pending::{Look, PendingConnection};
+use super::pending_pool::PendingPool;
 use super::session::{Introduction, Left, Session};
-use super::stranger::{Look, Stranger};
 use super::vanish;
 use crate::link::tcp::wire::{End, Refusal, Role};
 use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, ServerTls, Waker};
 use crate::span::Span;
 use crate::threads;
 
-/// Connections that the system keeps until they are taken: as many as it likes. \[OURS]
+/// How many connections the system may queue until they are accepted; it limits this value itself. \[OURS]
 const BACKLOG: i32 = 4096;
-/// Connections that are taken at once before those there are looked after. \[OURS]
-const AT_ONCE: usize = 16;
-/// What a client that is told why it ends gets for that. \[OURS]
-const FAREWELL: Duration = Duration::from_millis(500);
-/// After the system has given no connection. \[OURS]
-const PAUSE: Duration = Duration::from_millis(50);
+/// How many connections are accepted before those that are pending are looked at again. \[OURS]
+const ACCEPTED_IN_A_ROW_MAX: usize = 16;
+/// How long the server waits until a client has received why its connection ends. \[OURS]
+const FAREWELL_MAX: Duration = Duration::from_millis(500);
+/// The pause after the system could not provide a connection. \[OURS]
+const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
 
 /// The thread that listens.
 pub(super) struct Acceptor {
@@ -42,21 +43,22 @@ struct Shared {
     hub: Arc<Hub>,
     tls: Option<ServerTls>,
     stop: AtomicBool,
-    repeats: Mutex<Repeats>,
+    log_limit: Mutex<LogLimit>,
 }
 
 impl Shared {
-    /// Notes a line of which there may be many, the more so if somebody wants it. Lines of the same `kind` are counted.
-    fn tell_of(&self, kind: &str, line: &str) {
-        let is_told = self.repeats.lock().is_told(kind, Instant::now());
-        if is_told {
+    /// Logs a line that others could cause as often as they like. Lines of the same `kind` are counted instead when
+    /// there are too many.
+    fn log_limited(&self, kind: &str, line: &str) {
+        let may_log = self.log_limit.lock().may_log(kind, Instant::now());
+        if may_log {
             self.hub.tell(line);
         }
     }
 
-    /// Notes what was counted.
-    fn tell_counted(&self, now: Instant) {
-        let lines = self.repeats.lock().due(now);
+    /// Logs how many lines were counted instead of being logged.
+    fn log_counted(&self, now: Instant) {
+        let lines = self.log_limit.lock().due(now);
         lines.iter().for_each(|line| self.hub.tell(line));
     }
 }
@@ -64,14 +66,15 @@ impl Shared {
 impl Acceptor {
     pub(super) fn start(listener: TcpListener, hub: &Arc<Hub>) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
-        // More than the standard library asks for: who comes in a crowd waits in the system instead of being turned away.
+        // The standard library requests a shorter queue. With this one, many simultaneous connections wait instead of
+        // being rejected.
         rustix::net::listen(&listener, BACKLOG)?;
         let waker = Arc::new(Waker::new()?);
         let shared = Arc::new(Shared {
             hub: Arc::clone(hub),
             tls: hub.options.secret.as_ref().map(|_| ServerTls::new()).transpose()?,
             stop: AtomicBool::new(false),
-            repeats: Mutex::default(),
+            log_limit: Mutex::default(),
         });
         let thread = threads::spawn("ecmsk-listen", {
             let (shared, waker) = (Arc::clone(&shared), Arc::clone(&waker));
@@ -80,7 +83,7 @@ impl Acceptor {
         Ok(Self { shared, waker, thread: Some(thread) })
     }
 
-    /// Ends it and every connection; clients have been told before.
+    /// Ends the thread and all connections. The clients have been notified before.
     pub(super) fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
         self.waker.wake();
@@ -91,56 +94,64 @@ impl Acceptor {
 }
 
 fn listen(listener: &TcpListener, waker: &Waker, shared: &Arc<Shared>) {
-    let mut pool = Pool::default();
+    let mut pool = PendingPool::default();
     let mut threads: Vec<JoinHandle<()>> = Vec::new();
     let mut next_try = Instant::now();
     while !shared.stop.load(Ordering::Acquire) {
         let now = Instant::now();
         wait(listener, waker, &mut pool, now, next_try, shared);
         let now = Instant::now();
-        // Who is there first: it may be about to say what it wants.
-        for (mut stranger, look) in pool.look(now, &shared.hub.options) {
+        // Pending connections come before new ones: their first message may have arrived.
+        for (mut pending, look) in pool.look(now, &shared.hub.options) {
             match look {
                 Look::Waits => {}
-                Look::Introduced(said) => {
+                Look::Introduced(hello) => {
                     threads.retain(|thread| !thread.is_finished());
-                    match let_in(stranger, said, now, shared) {
+                    match start_client(pending, hello, now, shared) {
                         Ok(thread) => threads.extend(thread),
-                        Err(stranger) => pool.put_back(stranger),
+                        Err(pending) => pool.put_back(pending),
                     }
                 }
                 Look::Refused(why, text) => {
-                    tell_refused(stranger.from, why, &text, shared);
-                    stranger.refuse(why, &text, now);
-                    pool.put_back(stranger);
+                    log_refused(pending.from, why, &text, shared);
+                    pending.refuse(why, &text, now);
+                    pool.put_back(pending);
                 }
                 Look::Ended(reason) => {
                     if let Some(reason) = reason {
-                        tell_ended(stranger.from, &reason, shared);
+                        log_ended(pending.from, &reason, shared);
                     }
                 }
             }
         }
-        if !take(listener, &mut pool, shared) {
-            next_try = Instant::now() + PAUSE;
+        if !accept_pending(listener, &mut pool, shared) {
+            next_try = Instant::now() + ACCEPT_RETRY_PAUSE;
         }
-        shared.tell_counted(now);
+        shared.log_counted(now);
     }
     drop(pool);
     for thread in threads {
         let _ = thread.join();
     }
-    let lines = shared.repeats.lock().end();
+    let lines = shared.log_limit.lock().end();
     lines.iter().for_each(|line| shared.hub.tell(line));
 }
 
-/// Waits until somebody comes or says something, until a time is over, or for the end.
-fn wait(listener: &TcpListener, waker: &Waker, pool: &mut Pool, now: Instant, next_try: Instant, shared: &Shared) {
-    // Of one moment: whoever does not wait for the listener has to wait for the time at which there is room.
+/// Waits until a connection or bytes arrive, until a deadline has passed, or until the server ends.
+fn wait(
+    listener: &TcpListener,
+    waker: &Waker,
+    pool: &mut PendingPool,
+    now: Instant,
+    next_try: Instant,
+    shared: &Shared,
+) {
+    // `takes` and the deadlines use the same `now`: if the listener is not polled, the deadline at which there is room
+    // again must be.
     let takes = pool.has_room(now) && now >= next_try;
     let times = [
         pool.next_time(now, &shared.hub.options),
-        shared.repeats.lock().next_due(),
+        shared.log_limit.lock().next_due(),
         (next_try > now).then_some(next_try),
     ];
     let limit = times.into_iter().flatten().min().map(|until| until.saturating_duration_since(now));
@@ -151,7 +162,7 @@ fn wait(listener: &TcpListener, waker: &Waker, pool: &mut Pool, now: Instant, ne
     }
     let first = fds.len();
     fds.extend(pool.waits_for());
-    // A failing wait shows in what comes next.
+    // If the wait fails, the calls after it report the error.
     let _ = poll(&mut fds, limit.as_ref());
     if !fds[0].revents().is_empty() {
         waker.seen();
@@ -161,21 +172,21 @@ fn wait(listener: &TcpListener, waker: &Waker, pool: &mut Pool, now: Instant, ne
     pool.note_ready(&ready);
 }
 
-/// Takes those who have come, as far as there is room; says whether the system gave what was needed.
-fn take(listener: &TcpListener, pool: &mut Pool, shared: &Shared) -> bool {
-    for _ in 0..AT_ONCE {
+/// Accepts connections as far as there is room; returns false if the system could not provide one.
+fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Shared) -> bool {
+    for _ in 0..ACCEPTED_IN_A_ROW_MAX {
         let now = Instant::now();
         if !pool.has_room(now) {
             return true;
         }
         match listener.accept() {
-            Ok((socket, from)) => match Stranger::greet(socket, from, now, shared.tls.as_ref()) {
-                Ok(stranger) => {
-                    if let Some(evicted) = pool.add(stranger, now) {
-                        tell_ended(evicted.from, "it had not said what it wants, and made room for others", shared);
+            Ok((socket, from)) => match PendingConnection::greet(socket, from, now, shared.tls.as_ref()) {
+                Ok(pending) => {
+                    if let Some(evicted) = pool.add(pending, now) {
+                        log_ended(evicted.from, "it had not said what it wants, and made room for others", shared);
                     }
                 }
-                Err(error) => shared.tell_of(
+                Err(error) => shared.log_limited(
                     &format!("a connection from {} is lost: {error}", from.ip()),
                     &format!("a connection from {from} is lost: {error}"),
                 ),
@@ -184,8 +195,8 @@ fn take(listener: &TcpListener, pool: &mut Pool, shared: &Shared) -> bool {
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) => {
                 let line = format!("no connection can be taken: {error}");
-                shared.tell_of(&line, &line);
-                // It may be files that are missing: strangers have some.
+                shared.log_limited(&line, &line);
+                // The process may have run out of file descriptors, and a pending connection holds one.
                 pool.drop_oldest();
                 return false;
             }
@@ -194,34 +205,35 @@ fn take(listener: &TcpListener, pool: &mut Pool, shared: &Shared) -> bool {
     true
 }
 
-/// Makes a client of a stranger, with a thread; or gives it back, refused.
-fn let_in(
-    stranger: Box<Stranger>,
-    said: Introduction,
+/// Makes a pending connection a client with a thread, or returns it after a refusal.
+fn start_client(
+    pending: Box<PendingConnection>,
+    hello: Introduction,
     now: Instant,
     shared: &Arc<Shared>,
-) -> Result<Option<JoinHandle<()>>, Box<Stranger>> {
-    let Introduction { role, keepalive, name, .. } = said;
-    let from = stranger.from;
+) -> Result<Option<JoinHandle<()>>, Box<PendingConnection>> {
+    let Introduction { role, keepalive, name, .. } = hello;
+    let from = pending.from;
     let kind = format!("{} at {} is a {}", program(&name), from.ip(), role_name(role));
-    let proof = stranger.proof(&shared.hub.options);
-    let (mut channel, inbox) = stranger.into_parts();
+    let proof = pending.proof(&shared.hub.options);
+    let (mut channel, inbox) = pending.into_parts();
     if let Err(error) = channel.make_wakeable() {
-        shared.tell_of(&kind, &format!("{name} at {from} is lost: {error}"));
+        shared.log_limited(&kind, &format!("{name} at {from} is lost: {error}"));
         return Ok(None);
     }
-    let mut guest = Guest { who: format!("{name} at {from}"), role, keepalive, proof: &proof, channel: Some(channel) };
-    let (client, board) = match shared.hub.join(&mut guest) {
+    let mut joining =
+        Joining { who: format!("{name} at {from}"), role, keepalive, proof: &proof, channel: Some(channel) };
+    let (client, board) = match shared.hub.join(&mut joining) {
         Ok(joined) => joined,
         Err((why, text)) => {
-            tell_refused(from, why, &text, shared);
-            let Some(channel) = guest.channel else { return Ok(None) };
-            let mut stranger = Stranger::again(channel, inbox, from, now);
-            stranger.refuse(why, &text, now);
-            return Err(stranger);
+            log_refused(from, why, &text, shared);
+            let Some(channel) = joining.channel else { return Ok(None) };
+            let mut pending = PendingConnection::from_client(channel, inbox, from, now);
+            pending.refuse(why, &text, now);
+            return Err(pending);
         }
     };
-    shared.tell_of(&kind, &format!("{} is a {}", client.who, role_name(role)));
+    shared.log_limited(&kind, &format!("{} is a {}", client.name, role_name(role)));
     let thread = threads::spawn("ecmsk-client", {
         let (client, shared) = (Arc::clone(&client), Arc::clone(shared));
         move || connection(client, &board, inbox, &shared)
@@ -230,35 +242,36 @@ fn let_in(
         Ok(thread) => Ok(Some(thread)),
         Err(error) => {
             shared.hub.leave(&client, true);
-            shared.hub.tell(&format!("{} is lost, there is no thread for it: {error}", client.who));
+            shared.hub.tell(&format!("{} is lost, there is no thread for it: {error}", client.name));
             Ok(None)
         }
     }
 }
 
-/// A client, from its welcome to its end.
+/// The thread of a client, from the welcome until the connection ends.
 fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared: &Shared) {
     let hub = &shared.hub;
     let Some(channel) = &client.channel else { return };
     let mut session = Session::new(hub, Arc::clone(board), Arc::clone(&client));
-    let left = converse(channel, &mut inbox, &client, &mut session);
-    // Axes first. And with its place free before it sees the end: a client that closes its link may be back at once.
-    vanish::part(hub, board, &client, &left);
+    let left = serve_client(channel, &mut inbox, &client, &mut session);
+    // The axes are stopped first. The client's place is freed before it sees the end of its connection, because a
+    // program may open its link again at once.
+    vanish::client_left(hub, board, &client, &left);
     match &left {
         Left::Closed => {
             let at = channel.peer().map(|from| from.ip().to_string()).unwrap_or_default();
-            shared.tell_of(
-                &format!("{} at {at} has closed its link", program(&client.who)),
-                &format!("{} has closed its link", client.who),
+            shared.log_limited(
+                &format!("{} at {at} has closed its link", program(&client.name)),
+                &format!("{} has closed its link", client.name),
             );
         }
-        Left::Gone(why) => hub.tell(&format!("{} is gone: {why}", client.who)),
+        Left::Gone(why) => hub.tell(&format!("{} is gone: {why}", client.name)),
         Left::Broken(error) => {
             client.finish(End::Broken, &error.to_string());
-            hub.tell(&format!("{} does not keep to the protocol: {error}", client.who));
+            hub.tell(&format!("{} does not keep to the protocol: {error}", client.name));
         }
         Left::Dismissed if hub.has(board) && !hub.is_stopping() => {
-            hub.tell(&format!("{} is gone: it does not take what is sent to it", client.who));
+            hub.tell(&format!("{} is gone: it does not take what is sent to it", client.name));
         }
         Left::Dismissed => {}
     }
@@ -272,16 +285,16 @@ const fn role_name(role: Role) -> &'static str {
     }
 }
 
-/// The program in the name of a client, without its process.
+/// The name of the program in the name of a client, without its process id.
 fn program(name: &str) -> &str {
     name.split(" (PID ").next().unwrap_or(name)
 }
 
-fn tell_ended(from: SocketAddr, reason: &str, shared: &Shared) {
-    shared.tell_of(&format!("{}: {reason}", from.ip()), &format!("{from}: {reason}"));
+fn log_ended(from: SocketAddr, reason: &str, shared: &Shared) {
+    shared.log_limited(&format!("{}: {reason}", from.ip()), &format!("{from}: {reason}"));
 }
 
-fn tell_refused(from: SocketAddr, why: Refusal, text: &str, shared: &Shared) {
+fn log_refused(from: SocketAddr, why: Refusal, text: &str, shared: &Shared) {
     let reason = match why {
         Refusal::HasWriter => format!("refused as a second writer, {text} is the writer"),
         Refusal::NoBoard => format!("refused, there is no board: {text}"),
@@ -289,16 +302,16 @@ fn tell_refused(from: SocketAddr, why: Refusal, text: &str, shared: &Shared) {
         Refusal::WrongSecret => "refused, it does not know the secret".to_owned(),
         Refusal::NoHello => format!("refused, what it said is no hello: {text}"),
     };
-    tell_ended(from, &reason, shared);
+    log_ended(from, &reason, shared);
 }
 
-/// Takes what a client says until it is none any more.
-fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut Session<'_>) -> Left {
-    let mut heard = Instant::now();
+/// Handles a client's messages until the connection ends; returns why.
+fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut Session<'_>) -> Left {
+    let mut last_message = Instant::now();
     let patience = client.keepalive * DEAD_AFTER;
     let mut is_drained = false;
     loop {
-        // What came with the hello is in the inbox already.
+        // Messages that arrived together with the Hello are in the inbox already.
         loop {
             match inbox.next() {
                 Ok(None) => break,
@@ -314,11 +327,11 @@ fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut
             return Left::Dismissed;
         }
         session.work();
-        // All that had come is done: what comes now ends the wait.
+        // If all received bytes are handled, waiting is enough; bytes that arrive later end the wait.
         let came = if std::mem::take(&mut is_drained) { Ok(Came::Nothing) } else { channel.receive(inbox) };
         match came {
             Ok(came @ (Came::Bytes | Came::All)) => {
-                heard = Instant::now();
+                last_message = Instant::now();
                 is_drained = came == Came::All;
                 continue;
             }
@@ -326,7 +339,7 @@ fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut
             Ok(Came::End) => return Left::Gone("it has ended without closing its link".to_owned()),
             Err(error) => return Left::Gone(error.to_string()),
         }
-        let silent = heard.elapsed();
+        let silent = last_message.elapsed();
         if silent > patience {
             return Left::Gone(format!("no word for {}", Span(silent)));
         }
@@ -344,9 +357,9 @@ fn converse(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut
     }
 }
 
-/// Sends what is left, and lets the client see the end before the connection is torn down.
+/// Sends what is left and gives the client time to receive it before the connection is closed.
 fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool) {
-    let until = Instant::now() + FAREWELL;
+    let until = Instant::now() + FAREWELL_MAX;
     while !is_gone && client.is_blocked() && Instant::now() < until {
         let left = until.saturating_duration_since(Instant::now());
         if channel.wait(true, Some(left)).is_err() {
@@ -360,7 +373,7 @@ fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool
     }
 }
 
-/// Throws away what comes: closing a connection with unread bytes in it would take away what was sent.
+/// Discards received bytes, because closing a connection with unread bytes would also discard what was sent.
 fn drain(channel: &Channel, inbox: &mut Inbox, until: Instant) {
     loop {
         inbox.clear();

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::ServeOptions;
 use super::client::Client;
-use super::hub::{Board, Guest, Hub};
+use super::hub::{Board, Hub, Joining};
 use super::session::Session;
 use crate::link::tcp::wire::{MESSAGE_MAX, Message, Role};
 use crate::link::tcp::{Channel, Inbox, PROOF_LEN};
@@ -27,8 +27,8 @@ fn a_cycle_allocates_nothing() {
         let end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let channel = Some(Channel::new(listener.accept().unwrap().0).unwrap());
         let keepalive = Duration::from_secs(1);
-        let mut guest = Guest { who: String::new(), role, keepalive, proof: &[0; PROOF_LEN], channel };
-        let Ok((client, _)) = hub.join(&mut guest) else { panic!("it is taken") };
+        let mut joining = Joining { who: String::new(), role, keepalive, proof: &[0; PROOF_LEN], channel };
+        let Ok((client, _)) = hub.join(&mut joining) else { panic!("it is taken") };
         clients.push((client, end));
     }
     let mut reads = clients[0].1.try_clone().unwrap();

@@ -1,4 +1,4 @@
-//! What a server keeps for one client: its connection, and what has to go there.
+//! A client as the server sees it: its connection and the messages that wait to be sent to it.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,68 +11,70 @@ use crate::link::tcp::wire::{End, MESSAGE_MAX, Message, Role};
 use crate::link::tcp::{Channel, Out};
 use crate::sk::Frame;
 
-/// Reports kept for a client whose socket takes none, the newest. \[OURS]
-const REPORTS: usize = 32;
-/// Bytes of other messages that wait for such a client: more is a client that asks and does not listen. \[OURS]
-const BACKLOG: usize = 16 * MESSAGE_MAX;
+/// How many reports are kept for a client whose socket is full; the oldest are dropped. \[OURS]
+const REPORTS_KEPT: usize = 32;
+/// How many bytes of other messages may wait for a client. A client that exceeds this sends requests and does not read
+/// the answers, and is disconnected. \[OURS]
+const UNSENT_BYTES_MAX: usize = 16 * MESSAGE_MAX;
 
+/// A client of the server.
 pub(super) struct Client {
-    pub(super) who: String,
+    pub(super) name: String,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
     pub(super) channel: Option<Channel>,
-    /// Reports dropped before the server, when it came.
+    /// Reports that the board's link had dropped when the client connected.
     dropped_before: u64,
     out: Mutex<Outgoing>,
-    /// Something waits until the socket takes it.
+    /// Whether bytes wait until the socket has room.
     blocked: AtomicBool,
-    /// It was said good-bye to, or its connection does not work.
-    over: AtomicBool,
+    /// Whether the client was sent a Bye, or its connection has failed.
+    finished: AtomicBool,
 }
 
 struct Outgoing {
     out: Out,
     reports: VecDeque<(Frame, ReadMeta)>,
     dropped: u64,
-    said: Instant,
+    last_sent: Instant,
 }
 
 impl Client {
-    pub(super) fn new(who: String, role: Role, keepalive: Duration, channel: Option<Channel>, dropped: u64) -> Self {
-        let reports = VecDeque::with_capacity(REPORTS);
+    pub(super) fn new(name: String, role: Role, keepalive: Duration, channel: Option<Channel>, dropped: u64) -> Self {
+        let reports = VecDeque::with_capacity(REPORTS_KEPT);
         Self {
-            who,
+            name,
             role,
             keepalive,
             channel,
             dropped_before: dropped,
-            out: Mutex::new(Outgoing { out: Out::default(), reports, dropped: 0, said: Instant::now() }),
+            out: Mutex::new(Outgoing { out: Out::default(), reports, dropped: 0, last_sent: Instant::now() }),
             blocked: AtomicBool::new(false),
-            over: AtomicBool::new(false),
+            finished: AtomicBool::new(false),
         }
     }
 
     /// Whether nothing more will be sent.
     pub(super) fn is_over(&self) -> bool {
-        self.over.load(Ordering::Acquire)
+        self.finished.load(Ordering::Acquire)
     }
 
-    /// Whether something waits for the socket.
+    /// Whether bytes wait until the socket has room.
     pub(super) fn is_blocked(&self) -> bool {
         self.blocked.load(Ordering::Acquire)
     }
 
-    /// Sends a message before any report that still waits.
+    /// Sends a message, before any report that is waiting.
     pub(super) fn reply(&self, message: &Message<'_>) {
         let mut outgoing = self.out.lock();
         self.stage(&mut outgoing, message);
         self.push(&mut outgoing);
     }
 
-    /// Sends a report, or keeps it until the socket takes it.
+    /// Sends a report, or keeps it until the socket has room.
     pub(super) fn report(&self, frame: &Frame, meta: ReadMeta) {
         let mut outgoing = self.out.lock();
-        if outgoing.reports.len() == REPORTS {
+        if outgoing.reports.len() == REPORTS_KEPT {
             outgoing.reports.pop_front();
             outgoing.dropped += 1;
         }
@@ -80,17 +82,17 @@ impl Client {
         self.push(&mut outgoing);
     }
 
-    /// Reports dropped for it so far, of `meta` those dropped before the server too.
+    /// The report's data, with `dropped` counted from when the client connected.
     pub(super) fn count(&self, meta: ReadMeta) -> ReadMeta {
         ReadMeta { dropped: meta.dropped.saturating_sub(self.dropped_before), ..meta }
     }
 
-    /// Reports that were dropped here.
+    /// How many reports the server has dropped for this client.
     pub(super) fn dropped(&self) -> u64 {
         self.out.lock().dropped
     }
 
-    /// Says good-bye, once.
+    /// Sends a Bye, once.
     pub(super) fn finish(&self, end: End, text: &str) {
         if self.is_over() {
             return;
@@ -103,34 +105,34 @@ impl Client {
         self.give_up();
     }
 
-    /// Sends what waits, as far as the socket takes it now.
+    /// Sends what is waiting, as far as the socket has room.
     pub(super) fn flush(&self) {
         self.push(&mut self.out.lock());
     }
 
-    /// Says that the server is there, if it has said nothing for a while.
+    /// Sends a keep-alive message if nothing else was sent for a while.
     pub(super) fn ping(&self) {
         let mut outgoing = self.out.lock();
-        if outgoing.said.elapsed() >= self.keepalive / 2 && outgoing.out.is_empty() {
+        if outgoing.last_sent.elapsed() >= self.keepalive / 2 && outgoing.out.is_empty() {
             self.stage(&mut outgoing, &Message::Ping);
             self.push(&mut outgoing);
         }
     }
 
-    /// What was sent, if it is kept in memory.
+    /// The messages sent so far, if the client keeps them in memory.
     pub(super) fn take_sent(&self) -> Vec<u8> {
         self.out.lock().out.take()
     }
 
     fn give_up(&self) {
-        self.over.store(true, Ordering::Release);
+        self.finished.store(true, Ordering::Release);
         if let Some(channel) = &self.channel {
             channel.wake();
         }
     }
 
     fn stage(&self, outgoing: &mut Outgoing, message: &Message<'_>) {
-        outgoing.said = Instant::now();
+        outgoing.last_sent = Instant::now();
         let staged = match &self.channel {
             Some(channel) => channel.stage(message, &mut outgoing.out).is_ok(),
             None => {
@@ -138,7 +140,7 @@ impl Client {
                 true
             }
         };
-        if !staged || (self.channel.is_some() && outgoing.out.waiting() > BACKLOG) {
+        if !staged || (self.channel.is_some() && outgoing.out.waiting() > UNSENT_BYTES_MAX) {
             self.give_up();
         }
     }
@@ -149,7 +151,7 @@ impl Client {
             match channel.push(&mut outgoing.out) {
                 Ok(true) => {}
                 Ok(false) => break false,
-                // The thread of the connection sees it, too.
+                // The thread of the connection gets the same error and ends the session.
                 Err(_) => return self.give_up(),
             }
             if self.is_over() {
@@ -161,7 +163,7 @@ impl Client {
             self.stage(outgoing, &Message::Report { meta, frame: frame.bytes() });
         };
         if self.blocked.swap(!all, Ordering::AcqRel) == all && !all {
-            // Its thread has to wait for room, too.
+            // The client's thread has to poll for room in the socket from now on.
             channel.wake();
         }
     }

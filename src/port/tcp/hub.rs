@@ -1,4 +1,4 @@
-//! What a server's threads share: the board, its clients, who writes.
+//! What the threads of a server share: the board, its clients, and who is the writer.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,7 +8,7 @@ use parking_lot::{Condvar, Mutex};
 
 use super::ServeOptions;
 use super::client::Client;
-use super::seat::Queue;
+use super::server_link::ReportQueue;
 use crate::ecm::Watch;
 use crate::link::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::link::tcp::{Channel, PROOF_LEN};
@@ -16,24 +16,26 @@ use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait
 use crate::port::notes::Notes;
 use crate::sk::Frame;
 
-/// The board while it is there.
+/// A board that is connected.
 pub(super) struct Board {
     pub(super) link: Arc<dyn Link>,
     pub(super) info: LinkInfo,
-    /// What the link knows of the network.
+    /// What the board's link knows of the network.
     known: KnownNetwork,
-    /// What passing frames say; nothing if the link does not know how wide slots are.
+    /// What the frames that pass show of the network; nothing if the slot size is unknown.
     watch: Mutex<Watch>,
-    /// Time and number of the newest report, and reports dropped before the server.
+    /// The time of the newest report.
     newest: AtomicU64,
+    /// The sequence number of the next report.
     next: AtomicU64,
+    /// How many reports the board's link has dropped.
     dropped: AtomicU64,
-    /// Time of the board on virtual time, as it was known last.
+    /// The latest known time of the board, on virtual time.
     clock: AtomicU64,
 }
 
 impl Board {
-    /// Hands a frame over and follows it.
+    /// Writes a frame, and notes what it shows of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
         if let Some(size) = self.info.slot {
@@ -42,8 +44,8 @@ impl Board {
         Ok(at)
     }
 
-    /// Time of the board on virtual time; `None` on the real clock, and if it cannot be told. It asks the link, so no lock is held
-    /// meanwhile that others need.
+    /// The board's time on virtual time; `None` on the real clock, and if it is unknown. This calls the link, so the
+    /// caller must not hold a lock that other threads need.
     pub(super) fn now(&self) -> Option<Stamp> {
         if !self.info.virtual_time {
             return None;
@@ -55,7 +57,7 @@ impl Board {
         now
     }
 
-    /// As [`now`](Self::now), as it was known last, without asking the link; on the real clock the time of the newest report.
+    /// The latest known time of the board, without a call to the link; on the real clock the time of the newest report.
     fn known_now(&self) -> Stamp {
         let known = if self.info.virtual_time { &self.clock } else { &self.newest };
         Stamp(known.load(Ordering::Relaxed))
@@ -65,7 +67,8 @@ impl Board {
         self.watch.lock().clone()
     }
 
-    /// What clients are told of the network: what `said` says, what frames have shown, what the link knows, what its name says.
+    /// What clients are told of the network: the settings in `said`, or else what the frames have shown, what the link
+    /// knows, or what its URI says.
     fn network(&self, said: &KnownNetwork) -> KnownNetwork {
         let shown = self
             .watch
@@ -73,7 +76,7 @@ impl Board {
             .config()
             .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
         let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
-        // Half a list would be another one.
+        // A list that is too long is left out, because a part of it would be a wrong list.
         let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };
         KnownNetwork { slaves: whole(known.slaves), counts_per_unit: whole(known.counts_per_unit) }
     }
@@ -83,7 +86,7 @@ impl Board {
         Counts { reports_dropped: stats.reports_dropped, board: stats.board }
     }
 
-    fn saw(&self, frame: &Frame, meta: ReadMeta) {
+    fn note_report(&self, frame: &Frame, meta: ReadMeta) {
         if let Some(size) = self.info.slot {
             let mut watch = self.watch.lock();
             if meta.sequence > self.next.load(Ordering::Relaxed) {
@@ -97,59 +100,61 @@ impl Board {
     }
 }
 
-enum Place {
-    Here(Arc<Board>),
-    Away(String),
+/// Whether the board is connected.
+enum BoardState {
+    Present(Arc<Board>),
+    /// It is not, and why.
+    Absent(String),
 }
 
 struct State {
-    place: Place,
+    board: BoardState,
     clients: Vec<Arc<Client>>,
-    /// Who writes, in words.
+    /// The name of the writer.
     writer: Option<String>,
-    /// The server's own seat, while it writes itself.
-    seat: Option<Arc<Queue>>,
+    /// The reports for the server's own link, while the server itself is the writer.
+    server_reports: Option<Arc<ReportQueue>>,
     is_stopping: bool,
     is_over: bool,
 }
 
-/// What the threads of a server share. Its lock is held for moments: no call into a link, into a function of the program's or into
-/// a file is made under it.
+/// What the threads of a server share. Its lock is held only briefly: no link, no function of the program and no file
+/// is used while it is held.
 pub(super) struct Hub {
     pub(super) options: ServeOptions,
-    /// What people are told. No thread that has to do with the board or a client calls [`ServeOptions::tell`] itself.
+    /// The log. No thread that serves the board or a client calls [`ServeOptions::tell`] itself.
     pub(super) notes: Notes<String>,
     state: Mutex<State>,
     changed: Condvar,
 }
 
-/// A client, and the board it is a client of.
+/// A new client and its board.
 pub(super) type Joined = (Arc<Client>, Arc<Board>);
 
-/// Who wants to be a client.
-pub(super) struct Guest<'a> {
+/// A connection that is about to become a client.
+pub(super) struct Joining<'a> {
     pub(super) who: String,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
     pub(super) proof: &'a [u8; PROOF_LEN],
-    /// `None`: what it gets is kept in memory.
+    /// `None`: what is sent to the client is kept in memory.
     pub(super) channel: Option<Channel>,
 }
 
 impl Hub {
     pub(super) fn new(options: ServeOptions) -> Self {
-        let place = Place::Away("it is being opened".to_owned());
-        let (clients, writer, seat) = (Vec::with_capacity(options.max_clients), None, None);
-        let state = State { place, clients, writer, seat, is_stopping: false, is_over: false };
+        let board = BoardState::Absent("it is being opened".to_owned());
+        let (clients, writer, server_reports) = (Vec::with_capacity(options.max_clients), None, None);
+        let state = State { board, clients, writer, server_reports, is_stopping: false, is_over: false };
         Self { options, notes: Notes::default(), state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Notes a line for a person; never waits for one.
+    /// Logs a line; never waits.
     pub(super) fn tell(&self, line: &str) {
         self.notes.tell(line.to_owned());
     }
 
-    /// The board is there.
+    /// The board is connected.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
         let info = link.info();
         let known = link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name));
@@ -163,57 +168,57 @@ impl Hub {
             info,
             link,
         });
-        self.state.lock().place = Place::Here(Arc::clone(&board));
+        self.state.lock().board = BoardState::Present(Arc::clone(&board));
         board
     }
 
-    /// The board is gone: every client is told so.
+    /// The board is lost: all clients are notified and disconnected.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
             other => other.to_string(),
         };
         let mut state = self.state.lock();
-        if !is_here(&state.place, board) {
+        if !is_present(&state.board, board) {
             return;
         }
         for client in &state.clients {
             client.finish(End::Lost, &reason);
         }
         let line = format!("the board is gone: {reason}");
-        state.place = Place::Away(reason);
+        state.board = BoardState::Absent(reason);
         drop(state);
         self.changed.notify_all();
         self.tell(&line);
     }
 
-    /// Whether that board is still there.
+    /// Whether this board is still connected.
     pub(super) fn has(&self, board: &Arc<Board>) -> bool {
-        is_here(&self.state.lock().place, board)
+        is_present(&self.state.lock().board, board)
     }
 
-    /// Takes a client in with its channel, and welcomes it; or says why not.
-    pub(super) fn join(&self, guest: &mut Guest<'_>) -> Result<Joined, (Refusal, String)> {
+    /// Makes a connection a client and sends the Welcome, or returns the reason of a refusal.
+    pub(super) fn join(&self, joining: &mut Joining<'_>) -> Result<Joined, (Refusal, String)> {
         let mut state = self.state.lock();
-        let board = match &state.place {
+        let board = match &state.board {
             _ if state.is_stopping => return Err((Refusal::NoBoard, "it is being stopped".to_owned())),
-            Place::Away(reason) => {
+            BoardState::Absent(reason) => {
                 let reason = reason.clone();
                 return Err((Refusal::NoBoard, reason));
             }
-            Place::Here(board) => Arc::clone(board),
+            BoardState::Present(board) => Arc::clone(board),
         };
-        // Readers leave a place to the one who writes.
-        let kept = guest.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
+        // Readers may not take the last place while there is no writer.
+        let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
         if state.clients.len() + usize::from(kept) >= self.options.max_clients {
             return Err((Refusal::Full, String::new()));
         }
-        if let (Role::Writer, Some(who)) = (guest.role, &state.writer) {
+        if let (Role::Writer, Some(who)) = (joining.role, &state.writer) {
             let who = who.clone();
             return Err((Refusal::HasWriter, who));
         }
-        let Guest { role, keepalive, proof, .. } = *guest;
-        let (who, channel) = (std::mem::take(&mut guest.who), guest.channel.take());
+        let Joining { role, keepalive, proof, .. } = *joining;
+        let (who, channel) = (std::mem::take(&mut joining.who), joining.channel.take());
         if role == Role::Writer {
             state.writer = Some(who.clone());
         }
@@ -233,9 +238,9 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// A client is gone. A writer that is not `trusted` leaves its place to the server, which has to give it back
-    /// ([`leave_seat`](Self::leave_seat)).
-    pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<Queue>> {
+    /// Removes a client. If it is a writer that is not trusted, because it did not close its link, the server itself
+    /// becomes the writer until [`end_standstill`](Self::end_standstill).
+    pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));
         if client.role != Role::Writer {
@@ -245,33 +250,34 @@ impl Hub {
         if is_trusted {
             return None;
         }
-        let queue = Arc::new(Queue::default());
-        state.writer = Some(format!("the server itself, which brings axes to a standstill after {}", client.who));
-        state.seat = Some(Arc::clone(&queue));
+        let queue = Arc::new(ReportQueue::default());
+        state.writer = Some(format!("the server itself, which brings axes to a standstill after {}", client.name));
+        state.server_reports = Some(Arc::clone(&queue));
         Some(queue)
     }
 
-    pub(super) fn leave_seat(&self) {
+    /// The server itself is no longer the writer.
+    pub(super) fn end_standstill(&self) {
         let mut state = self.state.lock();
-        (state.writer, state.seat) = (None, None);
+        (state.writer, state.server_reports) = (None, None);
     }
 
-    /// A report for everybody, but not for a writer that gets it as an answer.
+    /// Sends a report to all clients, except to a writer on virtual time, which gets it as the answer to its request.
     pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
         let state = self.state.lock();
-        // In one with handing it out: a client that comes is told the number of the first report that it gets.
-        board.saw(frame, meta);
+        // Under the same lock as sending it, so that a new client is told the number of the first report that it gets.
+        board.note_report(frame, meta);
         for client in &state.clients {
             if !(board.info.virtual_time && client.role == Role::Writer) {
                 client.report(frame, meta);
             }
         }
-        if let Some(queue) = state.seat.as_ref().filter(|_| !board.info.virtual_time) {
+        if let Some(queue) = state.server_reports.as_ref().filter(|_| !board.info.virtual_time) {
             queue.push(frame, meta);
         }
     }
 
-    /// No more clients; those there are get told.
+    /// Accepts no more clients and notifies those that are connected.
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;
@@ -284,14 +290,14 @@ impl Hub {
         self.state.lock().is_stopping
     }
 
-    /// Nobody needs the board any more.
+    /// No thread needs the board any more.
     pub(super) fn end(&self) {
         let board = {
             let mut state = self.state.lock();
             state.is_over = true;
-            match &state.place {
-                Place::Here(board) => Some(Arc::clone(board)),
-                Place::Away(_) => None,
+            match &state.board {
+                BoardState::Present(board) => Some(Arc::clone(board)),
+                BoardState::Absent(_) => None,
             }
         };
         self.changed.notify_all();
@@ -304,8 +310,8 @@ impl Hub {
         self.state.lock().is_over
     }
 
-    /// Waits until something of that changes, at most `limit`.
-    pub(super) fn rest(&self, limit: Duration) {
+    /// Waits at most `limit`, or until the board is lost or the server ends.
+    pub(super) fn wait(&self, limit: Duration) {
         let mut state = self.state.lock();
         if !state.is_over {
             self.changed.wait_for(&mut state, limit);
@@ -313,6 +319,6 @@ impl Hub {
     }
 }
 
-fn is_here(place: &Place, board: &Arc<Board>) -> bool {
-    matches!(place, Place::Here(here) if Arc::ptr_eq(here, board))
+fn is_present(state: &BoardState, board: &Arc<Board>) -> bool {
+    matches!(state, BoardState::Present(here) if Arc::ptr_eq(here, board))
 }

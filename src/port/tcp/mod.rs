@@ -1,4 +1,4 @@
-//! A board on the network: a server for links `tcp://host:port`.
+//! A server for links `tcp://host:port`, which shares one board on the network.
 //!
 //! ```
 //! use ecmsk::link::{self, Share, Wait};
@@ -17,23 +17,38 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! There are any number of readers up to [`ServeOptions::max_clients`] and one writer. Each client has a thread, which
-//! also writes to the board; one more thread reads the board's reports and hands them to every client as far as its
-//! socket takes them. What a slow client does not take in time is dropped, the oldest first, and counted; nobody waits
-//! for it. On virtual time there is no such thread: the writer's calls let time pass, and readers get what it reads.
+//! The server accepts one writer, and readers up to [`ServeOptions::max_clients`]. Each client has a thread, which also
+//! writes to the board. One more thread reads the board's reports and sends them to every client as far as its socket
+//! has room. Reports that a slow client does not take in time are dropped, the oldest first, and counted; no other
+//! client waits for it. On virtual time there is no such thread: the writer's calls advance the time, and readers get
+//! the reports that the writer reads.
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `mod.rs`: [`Server`] and its options
+//! - `hub.rs`: what the threads share: the board, the clients, who is the writer
+//! - `accept.rs`: the thread that accepts connections, and the thread of a client
+//! - `pending.rs`, `pending_pool.rs`: connections that are not yet clients
+//! - `client.rs`, `session.rs`: a client's outgoing messages, and the requests that it makes
+//! - `supervise.rs`: the thread that reads reports and opens the board again after a loss
+//! - `vanish.rs`, `server_link.rs`: how axes are stopped when the writer has vanished, by a link that the server itself
+//!   uses
+//! - `log_limit.rs`: limits repeated lines in the log
+//! - `unwired.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are
+//!   tests
 
 mod accept;
 #[cfg(all(test, feature = "sim"))]
 mod allocation;
 mod client;
 mod hub;
+mod log_limit;
 #[cfg(all(test, feature = "sim"))]
-mod middle;
-mod pool;
-mod repeats;
-mod seat;
+mod man_in_the_middle;
+mod pending;
+mod pending_pool;
+mod server_link;
 mod session;
-mod stranger;
 mod supervise;
 #[doc(hidden)]
 pub mod unwired;
@@ -59,32 +74,33 @@ pub use crate::link::tcp::DEFAULT_PORT;
 /// What happens to moving axes when the writer is gone without having closed its link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnVanish {
-    /// They are ramped to a standstill and stay enabled: a vertical axis does not drop. Homing is aborted.
+    /// They decelerate to a standstill and stay enabled, so that a vertical axis does not drop. Homing is aborted.
     #[default]
     Ramp,
-    /// Nothing: what is in the board's FIFO runs on, a velocity or torque stays.
+    /// Nothing: the board executes what is in its FIFO, and a velocity or torque stays in force.
     Leave,
-    /// As [`OnVanish::Ramp`], then they are switched off.
+    /// As [`OnVanish::Ramp`]; then the drives are disabled.
     ServoOff,
 }
 
 /// How a board is served. All defaults are \[OURS].
 #[derive(Clone)]
 pub struct ServeOptions {
-    /// Where: by default this machine alone, port [`DEFAULT_PORT`]; port 0: any that is free.
+    /// The address to listen on. The default is the loopback address with port [`DEFAULT_PORT`]; port 0 chooses any
+    /// free port.
     pub listen: SocketAddr,
-    /// What clients have to know; without it only clients of this machine are served.
+    /// The secret that clients have to know. Without one, only clients on this machine are allowed.
     pub secret: Option<Secret>,
-    /// What happens to moving axes when the writer is gone.
+    /// What happens to moving axes when the writer is gone without having closed its link.
     pub on_vanish: OnVanish,
-    /// Clients at the same time: 16, one of which is always a place for a writer.
+    /// The largest number of clients; 16 by default. One place is reserved for a writer.
     pub max_clients: usize,
-    /// What clients are told of the network, where it is known better than by the link and the frames that pass.
+    /// What clients are told of the network, if that is known better than from the link and from the frames that pass.
     pub network: KnownNetwork,
-    /// How long a client may take to say what it wants: 2 s.
+    /// How long a new connection may take to say which role it wants; 2 s by default.
     pub hello_limit: Duration,
-    /// Gets a line for each thing that a person may want to know, in a thread of its own: nothing else waits while it does. What
-    /// it does not take in time is dropped, and it is told how many lines those were.
+    /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
+    /// take in time are dropped, and their number is reported to it.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
 }
 
@@ -102,42 +118,28 @@ impl Default for ServeOptions {
     }
 }
 
-/// Why a board is not served.
+/// Why a board cannot be served.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// Others than this machine could connect, and no secret is asked for.
+    /// Other machines could connect, but no secret is given.
     #[error(
         "{listen} can be reached from other machines: give a secret that clients have to know (`--secret-file`), \
          or listen on 127.0.0.1"
     )]
-    NeedsSecret {
-        /// Where.
-        listen: SocketAddr,
-    },
-    /// The system does not let it listen there.
+    NeedsSecret { listen: SocketAddr },
+    /// The system does not allow to listen on that address.
     #[error("cannot listen on {listen}: {message}; {next}")]
-    Listen {
-        /// Where.
-        listen: SocketAddr,
-        /// The system's words.
-        message: String,
-        /// What to do.
-        next: &'static str,
-    },
+    Listen { listen: SocketAddr, message: String, next: &'static str },
     /// The board cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The system gives something else not.
+    /// The system did not provide a thread or another resource.
     #[error("{what}: {message}; free some memory, files or threads, then start it again")]
-    System {
-        /// What.
-        what: &'static str,
-        /// Its words.
-        message: String,
-    },
+    System { what: &'static str, message: String },
 }
 
-/// A board that is served, until it is stopped or dropped.
+/// A board that is served until this value is stopped or dropped.
 pub struct Server {
     hub: Arc<Hub>,
     teller: Teller<String>,
@@ -148,7 +150,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens the board and serves it. `open` is called again whenever the board was lost, until it is back.
+    /// Opens the board and serves it. Whenever the board is lost, `open` is called again until it succeeds.
     ///
     /// # Errors
     /// [`ServeError`].
@@ -192,22 +194,23 @@ impl Server {
         }
     }
 
-    /// Where it listens.
+    /// The address on which the server listens.
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The link that is served, as it was opened first.
+    /// The link that is served, as it was when it was opened first.
     pub const fn info(&self) -> &LinkInfo {
         &self.info
     }
 
-    /// Waits until [`ServeOptions::tell`] has got what there was to tell so far, at most 1 s.
+    /// Waits until [`ServeOptions::tell`] has been called for all lines so far, at most 1 s.
     pub fn flush(&self) {
         self.teller.flush();
     }
 
-    /// Tells every client, brings axes to a standstill if there is a writer ([`OnVanish`]), and gives the board back.
+    /// Ends the server: notifies all clients, brings axes to a standstill if there is a writer ([`OnVanish`]), and
+    /// closes the board.
     pub fn stop(mut self) {
         self.end();
     }
@@ -217,7 +220,7 @@ impl Server {
         self.acceptor.stop();
         self.hub.end();
         if let Some(supervisor) = self.supervisor.take() {
-            // A panic there was printed there.
+            // A panic of that thread has been printed when it happened.
             let _ = supervisor.join();
         }
         self.teller.end();

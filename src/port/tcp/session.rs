@@ -1,33 +1,33 @@
-//! What one client asks for, and what it gets. No sockets: any bytes can be tried.
+//! The requests of one client and their answers. Without sockets, so that tests can feed any bytes.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::ServeOptions;
 use super::client::Client;
-use super::hub::{Board, Guest, Hub};
+use super::hub::{Board, Hub, Joining};
 use crate::link::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
 use crate::link::tcp::{Inbox, PROOF_LEN};
 use crate::link::{Dir, Link, LinkError, Wait, check_pass};
 use crate::sk::Frame;
 
-/// A write that waits for the board looks this often whether its client has cancelled it. \[OURS]
-const SLICE: Duration = Duration::from_millis(10);
-/// The board's time that passes in one step of a request on virtual time. \[OURS]
-const STEP_NS: u64 = 100_000_000;
-/// The longest keep-alive time a client may have: an hour, as its key allows.
-const KEEPALIVE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
+/// How often a waiting write checks whether its client has cancelled it. \[OURS]
+const WRITE_SLICE: Duration = Duration::from_millis(10);
+/// How far the board's time advances in one step of a request on virtual time. \[OURS]
+const TIME_STEP_NS: u64 = 100_000_000;
+/// The keep-alive times that a client may have, as its key `keepalive_ms` allows.
+const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
 
-/// Why a client is no client any more.
+/// Why a client's session has ended.
 #[derive(Debug)]
 pub(super) enum Left {
     /// It has closed its link.
     Closed,
-    /// It is not there any more; why.
+    /// Its connection has ended, and why.
     Gone(String),
-    /// It does not keep to the protocol.
+    /// It has violated the protocol.
     Broken(WireError),
-    /// The server has said good-bye to it.
+    /// The server has ended the connection.
     Dismissed,
 }
 
@@ -37,35 +37,37 @@ impl From<WireError> for Left {
     }
 }
 
-/// A client's session.
+/// The session of a client.
 pub(super) struct Session<'a> {
     hub: &'a Hub,
     board: Arc<Board>,
     client: Arc<Client>,
-    /// What was counted before it came.
+    /// The counters of the link when the session began.
     before: Counts,
     pending: Option<Pending>,
-    /// The frame of the request under way.
+    /// The frame of the request in progress.
     frame: Frame,
     text: String,
 }
 
-/// A request that is under way: it is done in steps, between which the client's other messages and its end are seen.
+/// A request in progress. It is executed in steps, between which further messages of the client and the end of its
+/// connection are handled.
 struct Pending {
     request: u64,
-    what: What,
+    work: Work,
 }
 
-enum What {
-    /// A write of the session's frame, which the board has not taken yet, and its limit; `None`: without.
+/// What is left to do for a request.
+enum Work {
+    /// The board has not taken the session's frame yet; `until` is the time limit, `None` is no limit.
     Write { until: Option<Instant> },
-    /// Virtual time: a read, and how much time may pass; `None`: until there is a report.
+    /// On virtual time, a read, and how far the time may still advance; `None`: until there is a report.
     Read { left_ns: Option<u64> },
-    /// Virtual time: how much of it has to pass.
+    /// On virtual time, how far the time still has to advance.
     Pass { left_ns: u64 },
 }
 
-/// What a hello says.
+/// The content of a Hello.
 pub(super) struct Introduction {
     pub(super) role: Role,
     pub(super) keepalive: Duration,
@@ -74,15 +76,15 @@ pub(super) struct Introduction {
 }
 
 impl Introduction {
-    /// Reads a client's first message; the refusal if it is no hello.
+    /// Reads a client's first message; fails with the refusal if it is not a valid Hello.
     pub(super) fn of(message: &Message<'_>) -> Result<Self, (Refusal, String)> {
         let Message::Hello(Hello { role, keepalive_ms, pid, program, proof }) = *message else {
             return Err((Refusal::NoHello, WireError::OutOfTurn { kind: message.kind() }.to_string()));
         };
-        if !KEEPALIVE_MS.contains(&keepalive_ms) {
+        if !KEEPALIVE_RANGE_MS.contains(&keepalive_ms) {
             return Err((Refusal::NoHello, format!("a keep-alive time of {keepalive_ms} ms")));
         }
-        // What a client calls itself is shown to people.
+        // The name is shown in logs, so control characters are removed.
         let program: String = program.chars().filter(|letter| !letter.is_control()).collect();
         let keepalive = Duration::from_millis(keepalive_ms.into());
         Ok(Self { role, keepalive, name: format!("{program} (PID {pid})"), proof: *proof })
@@ -95,26 +97,26 @@ impl<'a> Session<'a> {
         Self { hub, board, client, before, pending: None, frame: Frame::new(), text: String::new() }
     }
 
-    /// Whether a request is under way: it goes on with [`work`](Self::work).
+    /// Whether a request is in progress, which [`work`](Self::work) continues.
     pub(super) const fn is_busy(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Takes a message.
+    /// Handles a message.
     pub(super) fn take(&mut self, message: &Message<'_>) -> Result<(), Left> {
         let out_of_turn = Left::Broken(WireError::OutOfTurn { kind: message.kind() });
         match *message {
             Message::Ping => return Ok(()),
             Message::Bye { .. } => return Err(Left::Closed),
             Message::Cancel { request } => {
-                // It may have been done by now; then the answer is on its way.
+                // If the request has been executed meanwhile, its answer has been sent already.
                 if self.pending.as_ref().is_some_and(|pending| pending.request == request) {
                     self.pending = None;
                     self.fail(request, &LinkError::Cancelled { dir: Dir::Write });
                 }
                 return Ok(());
             }
-            // One at a time.
+            // A client may have only one request in progress.
             _ if self.is_busy() => return Err(out_of_turn),
             Message::Count { request } => {
                 let counts = self.board.counts().since(&self.before);
@@ -133,7 +135,7 @@ impl<'a> Session<'a> {
                     Wait::For(limit) => Instant::now().checked_add(limit),
                 };
                 self.frame = Frame::from_bytes(*frame);
-                self.begin(request, What::Write { until });
+                self.begin(request, Work::Write { until });
             }
             Message::Read { request, wait } if self.board.info.virtual_time => {
                 let left_ns = match wait {
@@ -141,11 +143,11 @@ impl<'a> Session<'a> {
                     Wait::Now => Some(0),
                     Wait::For(limit) => Some(u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX)),
                 };
-                self.begin(request, What::Read { left_ns });
+                self.begin(request, Work::Read { left_ns });
             }
             Message::Pass { request, ns } if self.board.info.virtual_time => match check_pass(Duration::from_nanos(ns))
             {
-                Ok(()) => self.begin(request, What::Pass { left_ns: ns }),
+                Ok(()) => self.begin(request, Work::Pass { left_ns: ns }),
                 Err(error) => self.fail(request, &error),
             },
             _ => return Err(out_of_turn),
@@ -153,40 +155,40 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    fn begin(&mut self, request: u64, what: What) {
-        self.pending = Some(Pending { request, what });
+    fn begin(&mut self, request: u64, work: Work) {
+        self.pending = Some(Pending { request, work });
         self.work();
     }
 
-    /// Goes on with the request that is under way, for a short while.
+    /// Continues the request in progress for a short while.
     pub(super) fn work(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let request = pending.request;
-        let left = match pending.what {
-            What::Write { until } => self.write(request, until),
-            What::Read { left_ns } => self.read(request, left_ns),
-            What::Pass { left_ns } => self.pass(request, left_ns),
+        let left = match pending.work {
+            Work::Write { until } => self.write(request, until),
+            Work::Read { left_ns } => self.read(request, left_ns),
+            Work::Pass { left_ns } => self.pass(request, left_ns),
         };
-        self.pending = left.map(|what| Pending { request, what });
+        self.pending = left.map(|work| Pending { request, work });
     }
 
-    /// Tries to hand over the frame; gives what is left to do, as the others below.
-    fn write(&mut self, request: u64, until: Option<Instant>) -> Option<What> {
-        let left = until.map_or(SLICE, |until| until.saturating_duration_since(Instant::now()).min(SLICE));
+    /// Tries to write the frame; returns what is left to do, as do the functions below.
+    fn write(&mut self, request: u64, until: Option<Instant>) -> Option<Work> {
+        let left = until.map_or(WRITE_SLICE, |until| until.saturating_duration_since(Instant::now()).min(WRITE_SLICE));
         let wait = if left.is_zero() { Wait::Now } else { Wait::For(left) };
         match self.board.write(&self.frame, wait) {
             Ok(at) => self.client.reply(&Message::Written { request, at, now: self.board.now() }),
             Err(LinkError::Timeout { .. }) if until.is_none_or(|until| Instant::now() < until) => {
-                return Some(What::Write { until });
+                return Some(Work::Write { until });
             }
             Err(error) => self.fail(request, &error),
         }
         None
     }
 
-    fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<What> {
-        // The last step is a long one: a short read costs more time than its limit.
-        let step_ns = left_ns.map(|left| if left > 2 * STEP_NS { STEP_NS } else { left });
+    fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
+        // The last step may be longer than the others: a very short read would advance the time by more than its limit.
+        let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
         let wait = match step_ns {
             None => Wait::Forever,
             Some(0) => Wait::Now,
@@ -199,17 +201,17 @@ impl<'a> Session<'a> {
                 self.client.reply(&Message::Got { request, now, meta, frame: self.frame.bytes() });
             }
             Err(LinkError::Timeout { .. }) if left_ns > step_ns => {
-                return Some(What::Read { left_ns: left_ns.zip(step_ns).map(|(left, step)| left - step) });
+                return Some(Work::Read { left_ns: left_ns.zip(step_ns).map(|(left, step)| left - step) });
             }
             Err(error) => self.fail(request, &error),
         }
         None
     }
 
-    fn pass(&mut self, request: u64, left_ns: u64) -> Option<What> {
-        let step_ns = left_ns.min(STEP_NS);
+    fn pass(&mut self, request: u64, left_ns: u64) -> Option<Work> {
+        let step_ns = left_ns.min(TIME_STEP_NS);
         match self.board.link.pass(Duration::from_nanos(step_ns)) {
-            Ok(_) if left_ns > step_ns => return Some(What::Pass { left_ns: left_ns - step_ns }),
+            Ok(_) if left_ns > step_ns => return Some(Work::Pass { left_ns: left_ns - step_ns }),
             Ok(_) => self.client.reply(&Message::Passed { request, now: self.board.now() }),
             Err(error) => self.fail(request, &error),
         }
@@ -226,7 +228,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// What a server of `link` says to a client that sends these bytes and does not listen meanwhile.
+/// What a server of `link` sends to a client that sends these bytes and reads nothing meanwhile.
 #[doc(hidden)]
 pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
     let hub = Hub::new(ServeOptions::default());
@@ -245,15 +247,15 @@ pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
                 None => {
                     let Ok(hello) = Introduction::of(&message) else { return Vec::new() };
                     let Introduction { role, keepalive, name, .. } = hello;
-                    let mut guest = Guest { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
-                    let Ok((client, board)) = hub.join(&mut guest) else { return Vec::new() };
+                    let mut joining = Joining { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
+                    let Ok((client, board)) = hub.join(&mut joining) else { return Vec::new() };
                     session = Some((Session::new(&hub, board, Arc::clone(&client)), client));
                 }
                 Some((session, client)) => {
                     if session.take(&message).is_err() || client.is_over() || !hub.has(&board) {
                         return said(&Some((session, Arc::clone(client))));
                     }
-                    // Nobody else has the board, so what it does not take now it never takes.
+                    // No other client uses the board, so a request that does not succeed at once never does.
                     session.pending = None;
                 }
             }

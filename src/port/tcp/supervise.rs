@@ -7,10 +7,10 @@ use super::hub::{Board, Hub};
 use crate::link::{Link, LinkError, Wait};
 use crate::sk::Frame;
 
-/// How long a read waits until it looks whether the server is being stopped. \[OURS]
-const LOOK: Duration = Duration::from_millis(100);
-/// Between two tries to open a board that is away. \[OURS]
-const AGAIN: Duration = Duration::from_millis(100);
+/// How often a waiting read checks whether the server is being stopped. \[OURS]
+const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(100);
+/// The pause between two attempts to open a lost board. \[OURS]
+const RETRY_INTERVAL: Duration = Duration::from_millis(100);
 
 type Open<'a> = &'a mut (dyn FnMut() -> Result<Arc<dyn Link>, LinkError> + Send);
 
@@ -19,22 +19,22 @@ pub(super) fn run(hub: &Hub, first: Arc<Board>, open: Open<'_>) {
     loop {
         serve(hub, &board);
         board.link.close();
-        let Some(next) = again(hub, open) else { return };
+        let Some(next) = reopen(hub, open) else { return };
         hub.tell("the board is back");
         board = next;
     }
 }
 
-/// Hands reports on until the board is lost or the server ends.
+/// Passes reports on until the board is lost or the server ends.
 fn serve(hub: &Hub, board: &Arc<Board>) {
     let mut frame = Frame::new();
     while !hub.is_over() && hub.has(board) {
         if board.info.virtual_time {
-            // The writer reads.
-            hub.rest(LOOK);
+            // On virtual time the writer's requests read the reports.
+            hub.wait(STOP_CHECK_INTERVAL);
             continue;
         }
-        match board.link.read(&mut frame, Wait::For(LOOK)) {
+        match board.link.read(&mut frame, Wait::For(STOP_CHECK_INTERVAL)) {
             Ok(meta) => hub.publish(board, &frame, meta),
             Err(LinkError::Timeout { .. } | LinkError::Silent { .. } | LinkError::Cancelled { .. }) => {}
             Err(error) => hub.lose(board, &error),
@@ -42,8 +42,8 @@ fn serve(hub: &Hub, board: &Arc<Board>) {
     }
 }
 
-/// Opens the board until that succeeds; `None`: the server ends.
-fn again(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
+/// Opens the board again, as often as necessary; `None`: the server ends.
+fn reopen(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
     let mut told = String::new();
     loop {
         if hub.is_over() {
@@ -52,7 +52,7 @@ fn again(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
         match open() {
             Ok(link) => return Some(hub.attach(link)),
             Err(error) => {
-                // Each reason once, however often it is tried.
+                // A reason is logged once, however often opening fails.
                 let line = format!("the board cannot be opened yet: {error}");
                 if line != told {
                     hub.tell(&line);
@@ -60,6 +60,6 @@ fn again(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
                 }
             }
         }
-        hub.rest(AGAIN);
+        hub.wait(RETRY_INTERVAL);
     }
 }

@@ -1,11 +1,12 @@
-//! A server without sockets and threads, for tests: its clients are bytes and end as the test says, on virtual time.
+//! A server without sockets and threads, for tests on virtual time. Its clients are values that pass bytes to it and
+//! end when the test says so.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::ServeOptions;
 use super::client::Client;
-use super::hub::{Board, Guest, Hub};
+use super::hub::{Board, Hub, Joining};
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::engine::Counters;
@@ -15,65 +16,65 @@ use crate::link::{Link, Stamp, Wait};
 use crate::port::notes::Note;
 use crate::sk::Frame;
 
-/// The server of a link on virtual time. Nobody takes what it tells people.
+/// The server of a link on virtual time. Its log is only collected.
 pub struct Unwired {
     hub: Arc<Hub>,
     board: Arc<Board>,
 }
 
-/// What a client sends.
+/// A message from a client.
 #[derive(Clone, Copy, Debug)]
 pub enum Says<'a> {
-    /// A command frame.
+    /// A request to write a command frame.
     Write(&'a Frame),
-    /// A read of the oldest report.
+    /// A request for the oldest unread report.
     Read,
-    /// Time is to pass.
+    /// A request to advance the time.
     Pass(Duration),
-    /// What was counted since it came.
+    /// A request for the counters.
     Count,
-    /// The request before it is not wanted any more.
+    /// Cancels the previous request.
     Cancel,
-    /// It is there.
+    /// A keep-alive message.
     Ping,
-    /// Good-bye.
+    /// The end of the connection.
     Bye,
 }
 
-/// What a server has sent to a client. Requests have numbers: 1 is the first thing that a client says, 2 the next one.
+/// A message to a client. Requests are numbered in the order in which the client makes them, from 1.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "they are looked at one by one and never stored in bulk")]
 pub enum Sent {
-    /// A request was done, with the board's time.
+    /// A request has succeeded.
     Done {
-        /// Its number.
+        /// The number of the request.
         request: u64,
-        /// When.
+        /// The board's time after it.
         now: Option<Stamp>,
     },
-    /// What was counted.
+    /// The counters.
     Counted {
-        /// Its number.
+        /// The number of the request.
         request: u64,
         /// Reports that the client did not get.
         reports_dropped: u64,
-        /// What the board has counted.
+        /// The board's counters.
         board: Option<Counters>,
     },
-    /// A request was not done.
+    /// A request has failed.
     Failed {
-        /// Its number.
+        /// The number of the request.
         request: u64,
-        /// When.
+        /// The board's time after it.
         now: Option<Stamp>,
     },
-    /// Good-bye.
+    /// The end of the connection.
     Bye,
-    /// What is no answer.
+    /// Any other message.
     Other,
 }
 
-/// A client of it.
+/// A client of an [`Unwired`] server.
 pub struct Caller<'a> {
     server: &'a Unwired,
     session: Session<'a>,
@@ -90,7 +91,7 @@ impl Unwired {
         Self { hub, board }
     }
 
-    /// What people would have been told since the last time.
+    /// The lines of the log since the last call.
     pub fn told(&self) -> Vec<String> {
         let note = |note| match note {
             Note::Told(line) => line,
@@ -99,20 +100,21 @@ impl Unwired {
         std::iter::from_fn(|| self.hub.notes.take()).map(note).collect()
     }
 
-    /// A client comes, as a writer or a reader; `None`: it is refused.
+    /// Connects a client as a writer or a reader; `None` if it is refused.
     pub fn join(&self, is_writer: bool) -> Option<Caller<'_>> {
         let role = if is_writer { Role::Writer } else { Role::Reader };
         let hello = Hello { role, keepalive_ms: 500, pid: 1, program: "unwired", proof: &[0; PROOF_LEN] };
         let Introduction { role, keepalive, name, .. } = Introduction::of(&Message::Hello(hello)).ok()?;
-        let mut guest = Guest { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
-        let (client, board) = self.hub.join(&mut guest).ok()?;
+        let mut joining = Joining { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
+        let (client, board) = self.hub.join(&mut joining).ok()?;
         let session = Session::new(&self.hub, board, Arc::clone(&client));
         Some(Caller { server: self, session, client, inbox: Inbox::default(), requests: 0 })
     }
 }
 
 impl Caller<'_> {
-    /// Says something, of which the first `bytes` bytes come, and has it done; says whether the server still keeps the client.
+    /// Sends the first `bytes` bytes of a message and executes the request; returns whether the client is still
+    /// connected.
     pub fn say(&mut self, what: Says<'_>, bytes: usize) -> bool {
         let keeps = self.begin(what, bytes);
         while keeps && self.session.is_busy() {
@@ -121,7 +123,7 @@ impl Caller<'_> {
         keeps
     }
 
-    /// As [`say`](Self::say), but what takes several steps is only begun.
+    /// As [`say`](Self::say), but a request that takes several steps is only begun.
     pub fn begin(&mut self, what: Says<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;
@@ -139,7 +141,7 @@ impl Caller<'_> {
         self.hear(&said[..length])
     }
 
-    /// These bytes come; says whether the server still keeps the client.
+    /// The server receives these bytes; returns whether the client is still connected.
     pub fn hear(&mut self, mut bytes: &[u8]) -> bool {
         while !bytes.is_empty() {
             let room = self.inbox.room();
@@ -158,13 +160,13 @@ impl Caller<'_> {
         !self.client.is_over()
     }
 
-    /// Goes on with what was begun, for one step; says whether there is more to do.
+    /// Executes one step of the request in progress; returns whether there are more.
     pub fn work(&mut self) -> bool {
         self.session.work();
         self.session.is_busy()
     }
 
-    /// How many bytes that would be.
+    /// The length of a message in bytes.
     pub fn length(what: Says<'_>) -> usize {
         match what {
             Says::Write(frame) => {
@@ -175,27 +177,27 @@ impl Caller<'_> {
         }
     }
 
-    /// What the server has sent since the last time.
+    /// The bytes that the server has sent since the last call.
     pub fn take_sent(&self) -> Vec<u8> {
         self.client.take_sent()
     }
 
-    /// As [`take_sent`](Self::take_sent), understood.
+    /// The messages that the server has sent since the last call.
     ///
     /// # Errors
-    /// The first message that is none.
+    /// The first invalid message.
     pub fn take_messages(&self) -> Result<Vec<Sent>, WireError> {
         let mut all = Vec::new();
         each_message(&self.take_sent(), |message| all.push(Sent::from(message)))?;
         Ok(all)
     }
 
-    /// The client is gone; with a good-bye or without one.
+    /// Ends the client's connection, with or without a Bye.
     pub fn end(self, says_bye: bool) {
         let left = if says_bye { Left::Closed } else { Left::Gone("its connection has ended".to_owned()) };
         let Self { server, client, session, .. } = self;
         drop(session);
-        vanish::part(&server.hub, &server.board, &client, &left);
+        vanish::client_left(&server.hub, &server.board, &client, &left);
     }
 }
 

@@ -1,5 +1,5 @@
-//! What becomes of moving axes when their writer is gone: the server brings them to a standstill, as the native API does
-//! when a program closes it.
+//! How moving axes are stopped when their writer has vanished: the server brings them to a standstill, as the native
+//! API does when a program closes it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,34 +7,34 @@ use std::time::Duration;
 use super::OnVanish;
 use super::client::Client;
 use super::hub::{Board, Hub};
-use super::seat::{Queue, Seat};
+use super::server_link::{ReportQueue, ServerLink};
 use super::session::Left;
 use crate::ecm::{Close, Ecm, EcmError, Options, Succeeded};
 use crate::link::{Link, Wait};
 use crate::sk::{FifoAction, Frame, MasterCommand};
 
-/// How long a board that makes no reports may take for a frame. \[OURS]
-const LAST_FRAME: Duration = Duration::from_millis(200);
+/// How long a board that makes no reports may take to take a frame. \[OURS]
+const CLEAR_WRITE_MAX: Duration = Duration::from_millis(200);
 
-/// A client is gone: what it has moved comes to a standstill, unless it has closed its link or the board is lost, and its place
-/// is free.
-pub(super) fn part(hub: &Arc<Hub>, board: &Arc<Board>, client: &Arc<Client>, left: &Left) {
+/// A client has left. Unless it has closed its link or the board is lost, the axes that it has moved are brought to a
+/// standstill. Then its place is free.
+pub(super) fn client_left(hub: &Arc<Hub>, board: &Arc<Board>, client: &Arc<Client>, left: &Left) {
     let is_trusted = matches!(left, Left::Closed) || !hub.has(board);
     if let Some(queue) = hub.leave(client, is_trusted) {
-        settle(hub, board, queue, &client.who);
-        hub.leave_seat();
+        bring_to_standstill(hub, board, queue, &client.name);
+        hub.end_standstill();
     }
 }
 
-/// Brings axes to a standstill; within the limits of [`Ecm::close`].
-fn settle(hub: &Arc<Hub>, board: &Arc<Board>, queue: Arc<Queue>, who: &str) {
+/// Brings the axes to a standstill, within the time limits of [`Ecm::close`].
+fn bring_to_standstill(hub: &Arc<Hub>, board: &Arc<Board>, queue: Arc<ReportQueue>, who: &str) {
     let off = match hub.options.on_vanish {
         OnVanish::Leave => return hub.tell("axes are left as they are (on-vanish=leave)"),
         OnVanish::Ramp => false,
         OnVanish::ServoOff => true,
     };
-    let seat = Arc::new(Seat { hub: Arc::clone(hub), board: Arc::clone(board), queue });
-    if seat.check().is_err() {
+    let server_link = Arc::new(ServerLink { hub: Arc::clone(hub), board: Arc::clone(board), queue });
+    if server_link.check().is_err() {
         return;
     }
     let dropped = |entries: u16| match entries {
@@ -42,7 +42,7 @@ fn settle(hub: &Arc<Hub>, board: &Arc<Board>, queue: Arc<Queue>, who: &str) {
         1 => "; one command that waited in the FIFO was dropped".to_owned(),
         entries => format!("; {entries} commands that waited in the FIFO were dropped"),
     };
-    match stop(&seat, off) {
+    match stop_axes(&server_link, off) {
         Ok(Succeeded::Stand { dropped: entries }) => {
             hub.tell(&format!("axes stand still after {who}{}", dropped(entries)));
         }
@@ -56,29 +56,29 @@ fn settle(hub: &Arc<Hub>, board: &Arc<Board>, queue: Arc<Queue>, who: &str) {
     }
 }
 
-fn stop(seat: &Arc<Seat>, off: bool) -> Result<Succeeded, EcmError> {
+fn stop_axes(server_link: &Arc<ServerLink>, off: bool) -> Result<Succeeded, EcmError> {
     let options = Options { close: Close::Leave, ..Options::default() };
-    let watch = || seat.board.watch();
-    let begun = Ecm::over(Arc::clone(seat) as Arc<dyn Link>, options)
+    let watch = || server_link.board.watch();
+    let begun = Ecm::over(Arc::clone(server_link) as Arc<dyn Link>, options)
         .and_then(|ecm| ecm.see_what_is_left(&watch).map(|()| ecm));
     match begun {
         Ok(ecm) => ecm.succeed(&watch(), off),
         Err(error) => {
-            drop_unseen(seat);
+            clear_fifo_unseen(server_link);
             Err(error)
         }
     }
 }
 
-/// A board that makes no reports may take frames all the same: what waits in its FIFO is not executed once its cable is
-/// plugged again.
-fn drop_unseen(seat: &Seat) {
-    let Some(size) = seat.board.info.slot else { return };
+/// Clears the FIFO of a board that makes no reports. It may take frames nevertheless, and the entries of its FIFO must
+/// not be executed when its cable is plugged in again.
+fn clear_fifo_unseen(server_link: &ServerLink) {
+    let Some(size) = server_link.board.info.slot else { return };
     let mut clear = Frame::new();
     clear.put_master(size, &MasterCommand::SetFifo(FifoAction::Clear));
     clear.fill_crc(size);
-    if let Err(error) = seat.write(&clear, Wait::For(LAST_FRAME)) {
-        seat.hub.tell(&format!(
+    if let Err(error) = server_link.write(&clear, Wait::For(CLEAR_WRITE_MAX)) {
+        server_link.hub.tell(&format!(
             "what waits in the board's FIFO stays there: {error}; use the emergency stop before its cable is plugged"
         ));
     }

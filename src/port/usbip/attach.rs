@@ -23,6 +23,7 @@ const FREE: u32 = 4;
 
 /// Why a board cannot be attached to this machine.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum AttachError {
     /// The kernel's controller is not there.
     #[error(
@@ -32,7 +33,6 @@ pub enum AttachError {
     NoController {
         /// Where it should be.
         path: PathBuf,
-        /// The system's words.
         source: io::Error,
     },
     /// The system has none.

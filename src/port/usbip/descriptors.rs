@@ -55,25 +55,17 @@ impl Default for Identity {
 
 /// Why a board cannot be as it should.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum IdentityError {
     /// A text does not fit its descriptor.
     #[error("`{text}` is too long for a text of a USB device; give it {LONGEST_TEXT} characters at most")]
-    Text {
-        /// Which.
-        text: String,
-    },
+    Text { text: String },
     /// The interval cannot be.
     #[error("an endpoint's interval is 1 to 16 (2^(n-1) times 125 us), not {found}; leave it at 1")]
-    Interval {
-        /// What was asked for.
-        found: u8,
-    },
+    Interval { found: u8 },
     /// The bus does not give so much.
     #[error("a USB 2.0 port gives 500 mA, not {found}; ask for less")]
-    Power {
-        /// What was asked for.
-        found: u16,
-    },
+    Power { found: u16 },
 }
 
 /// UTF-16 units in a string descriptor at most: its length is one byte, the head takes two.

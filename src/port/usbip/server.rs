@@ -76,6 +76,7 @@ pub struct BoardSpec {
 
 /// Why boards are not served.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
     /// Others than this machine could connect, and USB/IP asks nobody who they are.
     #[error(
@@ -84,10 +85,7 @@ pub enum ServeError {
          (docs/VIRTUAL-BOARD.md), or say --insecure-anyone if everybody there may do that",
         listen.port(), listen.port()
     )]
-    NeedsTunnel {
-        /// Where.
-        listen: SocketAddr,
-    },
+    NeedsTunnel { listen: SocketAddr },
     /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -96,27 +94,16 @@ pub enum ServeError {
         "`{name}` has a virtual clock, which stands still between two calls; a USB device runs by itself: leave out \
          clock=virtual"
     )]
-    VirtualTime {
-        /// Which.
-        name: String,
-    },
+    VirtualTime { name: String },
     /// A board cannot show itself so.
     #[error(transparent)]
     Identity(#[from] IdentityError),
     /// There are too many.
     #[error("a bus has 127 devices, not {found}; start another server with --listen")]
-    TooMany {
-        /// How many.
-        found: usize,
-    },
+    TooMany { found: usize },
     /// The address cannot be listened on.
     #[error("cannot listen on {address}: {source}; {}", advice(*.address, .source))]
-    Listen {
-        /// Where.
-        address: SocketAddr,
-        /// The system's words.
-        source: io::Error,
-    },
+    Listen { address: SocketAddr, source: io::Error },
     /// A board cannot be attached to this machine.
     #[error(transparent)]
     Attach(#[from] AttachError),

@@ -93,52 +93,32 @@ pub enum Op {
 
 /// Why bytes are no message of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum WireError {
     /// A request of another version.
     #[error("the client speaks version {found:#06x} of USB/IP, not {VERSION:#06x} (1.1.1); use a newer client")]
-    Version {
-        /// What it says.
-        found: u16,
-    },
+    Version { found: u16 },
     /// A request that there is not.
     #[error("no request of USB/IP has the code {found:#06x}; is the client one for USB/IP?")]
-    Code {
-        /// What it says.
-        found: u16,
-    },
+    Code { found: u16 },
     /// A bus id that is no text.
     #[error("the bus id is no text; is the client one for USB/IP?")]
     BusId,
     /// A command that there is not.
     #[error("no command of USB/IP has the number {found}; is the client one for USB/IP?")]
-    Command {
-        /// What it says.
-        found: u32,
-    },
+    Command { found: u32 },
     /// A direction that there is not.
     #[error("a transfer has direction {found}, not 0 (out) or 1 (in); is the client one for USB/IP?")]
-    Direction {
-        /// What it says.
-        found: u32,
-    },
+    Direction { found: u32 },
     /// An endpoint that there cannot be.
     #[error("a transfer has endpoint {found}, not 0 to 15; is the client one for USB/IP?")]
-    Endpoint {
-        /// What it says.
-        found: u32,
-    },
+    Endpoint { found: u32 },
     /// A transfer larger than any of this device.
     #[error("a transfer has {found} bytes, more than {TRANSFER_LIMIT}; the board moves 512 at a time")]
-    Length {
-        /// What it says.
-        found: u32,
-    },
+    Length { found: u32 },
     /// An isochronous transfer, for which the board has no endpoint.
     #[error("a transfer has {packets} isochronous packets; the board has no isochronous endpoint")]
-    Isochronous {
-        /// Packets.
-        packets: u32,
-    },
+    Isochronous { packets: u32 },
 }
 
 impl Op {

@@ -1,4 +1,4 @@
-//! The server as a client of its own: a link to the board for as long as nobody else writes.
+//! A link that the server itself uses to write to the board while there is no writer.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,29 +10,29 @@ use super::hub::{Board, Hub};
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// Reports kept, the newest. \[OURS]
-const REPORTS: usize = 32;
+/// How many unread reports are kept. \[OURS]
+const REPORTS_KEPT: usize = 32;
 
-/// Reports for the seat.
-pub(super) struct Queue {
+/// Reports for the server's own link.
+pub(super) struct ReportQueue {
     reports: Mutex<VecDeque<(Frame, ReadMeta)>>,
-    news: Condvar,
+    arrived: Condvar,
 }
 
-impl Default for Queue {
+impl Default for ReportQueue {
     fn default() -> Self {
-        Self { reports: Mutex::new(VecDeque::with_capacity(REPORTS)), news: Condvar::new() }
+        Self { reports: Mutex::new(VecDeque::with_capacity(REPORTS_KEPT)), arrived: Condvar::new() }
     }
 }
 
-impl Queue {
+impl ReportQueue {
     pub(super) fn push(&self, frame: &Frame, meta: ReadMeta) {
         let mut reports = self.reports.lock();
-        if reports.len() == REPORTS {
+        if reports.len() == REPORTS_KEPT {
             reports.pop_front();
         }
         reports.push_back((frame.clone(), meta));
-        self.news.notify_one();
+        self.arrived.notify_one();
     }
 
     fn pop(&self, out: &mut Frame, limit: Duration) -> Option<ReadMeta> {
@@ -43,31 +43,31 @@ impl Queue {
                 out.clone_from(&frame);
                 return Some(meta);
             }
-            if self.news.wait_until(&mut reports, until).timed_out() && reports.is_empty() {
+            if self.arrived.wait_until(&mut reports, until).timed_out() && reports.is_empty() {
                 return None;
             }
         }
     }
 }
 
-/// The link. Closing it leaves the board open for the clients.
-pub(super) struct Seat {
+/// The server's own link. Closing it leaves the board open for the clients.
+pub(super) struct ServerLink {
     pub(super) hub: Arc<Hub>,
     pub(super) board: Arc<Board>,
-    pub(super) queue: Arc<Queue>,
+    pub(super) queue: Arc<ReportQueue>,
 }
 
-/// No wait of the server is longer.
-const LONGEST: Duration = Duration::from_secs(10);
+/// The longest wait of the server.
+const WAIT_MAX: Duration = Duration::from_secs(10);
 
-impl Link for Seat {
+impl Link for ServerLink {
     fn info(&self) -> LinkInfo {
         self.board.info.clone()
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         self.check()?;
-        let wait = if wait == Wait::Forever { Wait::For(LONGEST) } else { wait };
+        let wait = if wait == Wait::Forever { Wait::For(WAIT_MAX) } else { wait };
         let done = self.board.write(frame, wait);
         self.board.now();
         done
@@ -83,8 +83,8 @@ impl Link for Seat {
             return Ok(meta);
         }
         let limit = match wait {
-            Wait::Forever => LONGEST,
-            Wait::For(limit) => limit.min(LONGEST),
+            Wait::Forever => WAIT_MAX,
+            Wait::For(limit) => limit.min(WAIT_MAX),
             Wait::Now => Duration::ZERO,
         };
         let timeout = LinkError::Timeout { dir: Dir::Read, waited: limit, what: "no report came" };

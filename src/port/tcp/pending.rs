@@ -1,5 +1,5 @@
-//! A connection that has not said yet what it wants. It has no thread: the one that listens looks after all of them, and none of
-//! these calls waits.
+//! A connection from its greeting until its first message, the Hello. It has no thread of its own: the listening thread
+//! handles all pending connections, and none of the functions here waits.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpStream};
@@ -14,43 +14,43 @@ use crate::link::tcp::wire::{Greeting, Message, Refusal};
 use crate::link::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, ServerTls, Side};
 use crate::span::Span;
 
-/// What a connection that is told why it ends gets for that. \[OURS]
-const FAREWELL: Duration = Duration::from_millis(500);
+/// How long a refused connection may take to receive the reason. \[OURS]
+const FAREWELL_MAX: Duration = Duration::from_millis(500);
 
-/// A connection from its greeting to its hello.
-pub(super) struct Stranger {
+/// A connection that is not yet a client.
+pub(super) struct PendingConnection {
     pub(super) from: SocketAddr,
-    /// When it was taken.
+    /// When it was accepted.
     pub(super) came: Instant,
-    /// Whether anything came from it.
-    pub(super) has_spoken: bool,
+    /// Whether any bytes have arrived from it.
+    pub(super) has_sent: bool,
     channel: Channel,
     inbox: Inbox,
     out: Out,
-    /// The TLS session while it is made.
+    /// The TLS session during the handshake.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
-    /// It was told why it ends; until when it may take that.
-    leaves_by: Option<Instant>,
+    /// Once the connection is refused: until when it may take to receive the reason.
+    refused_until: Option<Instant>,
 }
 
-/// What a look at a stranger found.
+/// The state of a pending connection.
 pub(super) enum Look {
-    /// It is still one.
+    /// Its Hello has not arrived yet.
     Waits,
-    /// It has said what it wants.
+    /// Its Hello has arrived.
     Introduced(Introduction),
-    /// It is refused, and has to be told so: [`Stranger::refuse`].
+    /// It has to be refused with [`PendingConnection::refuse`].
     Refused(Refusal, String),
-    /// It has ended, and why; without a reason, after a refusal.
+    /// It has ended, and why; `None` after a refusal.
     Ended(Option<String>),
 }
 
-impl Stranger {
-    /// Greets a new connection.
+impl PendingConnection {
+    /// Sends the greeting to a new connection.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub(super) fn greet(
         socket: TcpStream,
         from: SocketAddr,
@@ -60,46 +60,46 @@ impl Stranger {
         let channel = Channel::without_waker(socket)?;
         let mut out = Out::default();
         channel.stage_plain(&Greeting { tls: tls.is_some(), has_room: true }.encode(), &mut out);
-        // A new connection takes so few bytes at once.
+        // The send buffer of a new connection has room for the greeting.
         channel.push(&mut out)?;
         let handshake = tls.map(ServerTls::accept).transpose()?.map(Box::new);
         let (inbox, material) = (Inbox::default(), None);
-        let has_spoken = false;
-        Ok(Box::new(Self { from, came: now, has_spoken, channel, inbox, out, handshake, material, leaves_by: None }))
+        let has_sent = false;
+        Ok(Box::new(Self { from, came: now, has_sent, channel, inbox, out, handshake, material, refused_until: None }))
     }
 
-    /// One that has said what it wants, and is not taken.
-    pub(super) fn again(channel: Channel, inbox: Inbox, from: SocketAddr, came: Instant) -> Box<Self> {
-        let (has_spoken, out, handshake, material, leaves_by) = (true, Out::default(), None, None, None);
-        Box::new(Self { from, came, has_spoken, channel, inbox, out, handshake, material, leaves_by })
+    /// A connection whose Hello has arrived but which does not become a client.
+    pub(super) fn from_client(channel: Channel, inbox: Inbox, from: SocketAddr, came: Instant) -> Box<Self> {
+        let (has_sent, out, handshake, material, refused_until) = (true, Out::default(), None, None, None);
+        Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
     }
 
-    /// Its connection, and what came after what it wants.
+    /// The connection, and what has arrived after the Hello.
     pub(super) fn into_parts(self: Box<Self>) -> (Channel, Inbox) {
         (self.channel, self.inbox)
     }
 
-    /// What is to be waited for.
+    /// The events to poll for.
     pub(super) fn waits_for(&self) -> PollFd<'_> {
         self.channel.waits_for(!self.out.is_empty())
     }
 
-    /// Whether it was told why it ends.
-    pub(super) const fn is_leaving(&self) -> bool {
-        self.leaves_by.is_some()
+    /// Whether the connection was refused and is being closed.
+    pub(super) const fn is_refused(&self) -> bool {
+        self.refused_until.is_some()
     }
 
-    /// When its time is over.
+    /// When the connection is closed, if nothing happens.
     pub(super) fn deadline(&self, options: &ServeOptions) -> Instant {
-        self.leaves_by.unwrap_or(self.came + options.hello_limit)
+        self.refused_until.unwrap_or(self.came + options.hello_limit)
     }
 
-    /// Goes on with it as far as that goes now.
+    /// Handles what has arrived.
     pub(super) fn look(&mut self, now: Instant, options: &ServeOptions) -> Look {
-        if self.is_leaving() {
-            return self.leave(now);
+        if self.is_refused() {
+            return self.drain(now);
         }
-        match self.listen(options) {
+        match self.receive(options) {
             Ok(Look::Waits) if now >= self.deadline(options) => {
                 Look::Ended(Some(format!("it said nothing for {}", Span(options.hello_limit))))
             }
@@ -111,7 +111,7 @@ impl Stranger {
         }
     }
 
-    fn listen(&mut self, options: &ServeOptions) -> io::Result<Look> {
+    fn receive(&mut self, options: &ServeOptions) -> io::Result<Look> {
         if let Some(mut session) = self.handshake.take() {
             if !self.channel.shake_hands(&mut session, &mut self.out)? {
                 self.handshake = Some(session);
@@ -122,9 +122,9 @@ impl Stranger {
         loop {
             match self.inbox.next() {
                 Ok(Some(message)) => {
-                    let said = Introduction::of(&message);
+                    let hello = Introduction::of(&message);
                     return Ok(
-                        said.map_or_else(|(why, text)| Look::Refused(why, text), |said| self.check(said, options))
+                        hello.map_or_else(|(why, text)| Look::Refused(why, text), |hello| self.check(hello, options))
                     );
                 }
                 Ok(None) => {}
@@ -138,43 +138,43 @@ impl Stranger {
         }
     }
 
-    /// Whether it knows the secret, if there is one.
-    fn check(&self, said: Introduction, options: &ServeOptions) -> Look {
+    /// Checks the client's proof, if the server has a secret.
+    fn check(&self, hello: Introduction, options: &ServeOptions) -> Look {
         let key = options.secret.as_ref().zip(self.material.as_ref());
-        let known = key.is_none_or(|(secret, material)| secret.is_proof(Side::Client, material, &said.proof));
-        if known { Look::Introduced(said) } else { Look::Refused(Refusal::WrongSecret, String::new()) }
+        let known = key.is_none_or(|(secret, material)| secret.is_proof(Side::Client, material, &hello.proof));
+        if known { Look::Introduced(hello) } else { Look::Refused(Refusal::WrongSecret, String::new()) }
     }
 
-    /// What shows it that the server knows the secret.
+    /// The server's proof that it knows the secret.
     pub(super) fn proof(&self, options: &ServeOptions) -> [u8; PROOF_LEN] {
         let key = options.secret.as_ref().zip(self.material.as_ref());
         key.map_or([0; PROOF_LEN], |(secret, material)| secret.prove(Side::Server, material))
     }
 
-    /// Tells it why it is not taken.
+    /// Sends the reason of a refusal.
     pub(super) fn refuse(&mut self, why: Refusal, text: &str, now: Instant) {
-        // Whether it hears why is its affair.
+        // If the client does not receive the reason, its connection ends without one.
         let _ = self.channel.stage(&Message::Refused { why, text }, &mut self.out);
         let _ = self.channel.push(&mut self.out);
-        self.leaves_by = Some(now + FAREWELL);
-        self.say_no_more();
+        self.refused_until = Some(now + FAREWELL_MAX);
+        self.end_sending();
     }
 
-    fn say_no_more(&self) {
+    fn end_sending(&self) {
         if self.out.is_empty() {
             self.channel.end(false);
         }
     }
 
-    /// Throws away what comes until the other end has closed: closing a connection with unread bytes in it would take away what
-    /// was sent.
-    fn leave(&mut self, now: Instant) -> Look {
+    /// Discards received bytes until the other end has closed, because closing a connection with unread bytes would
+    /// also discard what was sent.
+    fn drain(&mut self, now: Instant) -> Look {
         let was_empty = self.out.is_empty();
-        if self.channel.push(&mut self.out).is_err() || now >= self.leaves_by.unwrap_or(now) {
+        if self.channel.push(&mut self.out).is_err() || now >= self.refused_until.unwrap_or(now) {
             return Look::Ended(None);
         }
         if !was_empty {
-            self.say_no_more();
+            self.end_sending();
         }
         loop {
             self.inbox.clear();

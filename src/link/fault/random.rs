@@ -1,30 +1,30 @@
-//! Which fault befalls which frame: one sequence for each direction, fixed by the seed.
+//! Which frame gets which fault: one pseudorandom sequence for each direction, determined by the seed.
 
 use oorandom::Rand64;
 
 use super::FaultRates;
 use crate::link::{Dir, Fraction};
 
-/// What befalls one frame.
+/// The faults of one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Lot {
+pub(super) struct FrameFaults {
     pub(super) drop: bool,
-    /// The bit that is turned over.
+    /// The bit to flip.
     pub(super) corrupt: Option<usize>,
     pub(super) duplicate: bool,
     pub(super) delay: bool,
 }
 
-/// The sequence of one direction.
+/// The sequence of faults in one direction.
 #[derive(Clone, Debug)]
-pub(super) struct Dice {
+pub(super) struct FaultSequence {
     random: Rand64,
     rates: FaultRates,
     bits: u64,
 }
 
-impl Dice {
-    /// For frames of that many bits.
+impl FaultSequence {
+    /// The sequence for frames of that many bits.
     pub(super) fn new(seed: u64, dir: Dir, rates: FaultRates, bits: usize) -> Self {
         let direction = match dir {
             Dir::Write => 0,
@@ -33,18 +33,18 @@ impl Dice {
         Self { random: Rand64::new(u128::from(seed) << 1 | direction), rates, bits: bits as u64 }
     }
 
-    /// The lot of the next frame. Every frame takes as many numbers, whatever befalls it, so that one rate does not
-    /// change which frames the others meet.
-    pub(super) fn roll(&mut self) -> Lot {
+    /// The faults of the next frame. Every frame uses the same number of random numbers, whatever its faults, so that
+    /// changing the rate of one fault does not change which frames get the others.
+    pub(super) fn next_frame(&mut self) -> FrameFaults {
         let mut meets = |rate| hits(self.random.rand_u64(), rate);
         let [drop, corrupt, duplicate, delay] =
             [self.rates.drop, self.rates.corrupt, self.rates.duplicate, self.rates.delay].map(&mut meets);
         let bit = self.random.rand_u64() % self.bits;
-        Lot { drop, corrupt: corrupt.then_some(bit as usize), duplicate, delay }
+        FrameFaults { drop, corrupt: corrupt.then_some(bit as usize), duplicate, delay }
     }
 }
 
-/// Whether a number, of which each is as likely, lies in that share of all.
+/// Whether a uniformly distributed random number falls into that fraction of its range.
 fn hits(number: u64, rate: Fraction) -> bool {
     u128::from(number) * u128::from(Fraction::ONE.billionths()) < u128::from(rate.billionths()) << 64
 }
@@ -74,8 +74,8 @@ mod tests {
 
     /// The frames of the first thousand that are dropped.
     fn dropped(seed: u64, dir: Dir, rates: FaultRates) -> Vec<usize> {
-        let mut dice = Dice::new(seed, dir, rates, 4032);
-        (0..1000).filter(|_| dice.roll().drop).collect()
+        let mut dice = FaultSequence::new(seed, dir, rates, 4032);
+        (0..1000).filter(|_| dice.next_frame().drop).collect()
     }
 
     #[test]
@@ -90,10 +90,10 @@ mod tests {
 
     #[test]
     fn every_bit_of_a_frame_is_met() {
-        let mut dice = Dice::new(1, Dir::Read, rates(0, 1_000_000_000), 16);
+        let mut dice = FaultSequence::new(1, Dir::Read, rates(0, 1_000_000_000), 16);
         let mut met = [false; 16];
         for _ in 0..1000 {
-            met[dice.roll().corrupt.expect("always")] = true;
+            met[dice.next_frame().corrupt.expect("always")] = true;
         }
         assert_eq!(met, [true; 16]);
     }

@@ -1,4 +1,5 @@
-//! The client's end while it is open: whose call receives, who may send, what a wait ends with.
+//! How the program's threads and the background thread share a client's connection: which thread receives, which one
+//! sends, and how waits end.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -9,50 +10,59 @@ use super::DEAD_AFTER;
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
 use super::failure::timeout;
-use super::hang::{Idle, InForce};
+use super::hang::{CallMonitor, MotionInForce};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};
 use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
 
-/// While nobody waits in a call, somebody looks at least this often what came. \[OURS]
-const LOOK: Duration = Duration::from_millis(20);
+/// How often the background thread receives while no call waits. \[OURS]
+const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
+/// What all threads of a link share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
+    /// The URI of the server's own link.
     pub(super) board: String,
     /// What the server knows of the network.
     pub(super) network: KnownNetwork,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
-    /// Where a program that hangs shall be noticed: what it has left in force.
-    pub(super) in_force: Option<InForce>,
+    /// The motion in force, if a program that has stopped calling is to be detected.
+    pub(super) in_force: Option<MotionInForce>,
     pub(super) channel: Channel,
     pub(super) out: Mutex<Sender>,
     pub(super) inbox: Mutex<Inbox>,
     pub(super) state: Mutex<State>,
+    /// Wakes the threads that wait for what another thread receives.
     pub(super) changed: Condvar,
+    /// Wakes the background thread when the exchange has ended.
     pub(super) over: Condvar,
-    pub(super) counts: Calls,
+    pub(super) counts: CallCounts,
 }
 
+/// What sending needs.
 pub(super) struct Sender {
     pub(super) out: Out,
+    /// When a message was last sent.
     pub(super) last: Instant,
 }
 
+/// The state that the lock protects.
 pub(super) struct State {
     pub(super) exchange: Exchange,
-    /// Somebody is receiving.
+    /// Whether a thread is receiving.
     pub(super) receiving: bool,
-    /// Others wait for what it receives.
-    pub(super) followers: u32,
+    /// How many other threads wait for what it receives.
+    pub(super) waiting: u32,
+    /// How many cancellations there were, by direction.
     pub(super) cancels: [u64; 2],
 }
 
+/// Counters of the program's calls.
 #[derive(Default)]
-pub(super) struct Calls {
+pub(super) struct CallCounts {
     pub(super) written: AtomicU64,
     pub(super) read: AtomicU64,
     pub(super) write_errors: AtomicU64,
@@ -60,35 +70,36 @@ pub(super) struct Calls {
 }
 
 impl Shared {
-    /// How long the other end may say nothing.
+    /// How long the other end may send nothing before the connection counts as dead.
     pub(super) fn patience(&self) -> Duration {
         self.keepalive * DEAD_AFTER
     }
 
-    /// The thread in the background: receives while nobody waits, says that the client is there, notices that the server
-    /// is not.
-    pub(super) fn keep(&self) {
-        let look = LOOK.min(self.keepalive / 4);
-        let mut idle = Idle::new(Instant::now());
+    /// The background thread: it receives while no call waits, sends keep-alive messages, and detects that the server
+    /// has gone or that the program has stopped calling.
+    pub(super) fn run_background(&self) {
+        let look = IDLE_POLL_INTERVAL.min(self.keepalive / 4);
+        let mut idle = CallMonitor::new(Instant::now());
         let mut state = self.state.lock();
         while state.exchange.ended.is_none() {
             self.over.wait_for(&mut state, look);
             if !state.receiving {
-                state = self.lead(state, Some(Instant::now()));
+                state = self.receive_for_all(state, Some(Instant::now()));
             }
             let silent = state.exchange.heard.elapsed();
             if silent > self.patience() {
                 state.exchange.lose(format!("no word of its server for {}", Span(silent)));
             }
             if let Some(in_force) = &self.in_force
-                && let Some(silent) = idle.look(self.calls(&state), is_called(&state), Instant::now(), in_force)
+                && let Some(silent) =
+                    idle.look(self.calls(&state), is_call_in_progress(&state), Instant::now(), in_force)
             {
                 let reason = format!(
                     "the program made no call for {} while axes move by its velocity or torque (hang_ms=); open it again",
                     Span(silent)
                 );
                 state.exchange.lose(reason.clone());
-                // Axes first: the server sees this end at once.
+                // The connection ends before the log is written, so that the server stops the axes at once.
                 self.channel.end(true);
                 log::warn!("`{}`: {reason}", self.info.name);
             }
@@ -101,9 +112,9 @@ impl Shared {
         self.channel.wake();
     }
 
-    /// Calls that were made so far.
+    /// How many calls the program has made so far.
     fn calls(&self, state: &State) -> u64 {
-        let Calls { written, read, write_errors, read_errors } = &self.counts;
+        let CallCounts { written, read, write_errors, read_errors } = &self.counts;
         let ended: u64 =
             [written, read, write_errors, read_errors].map(|count| count.load(Ordering::Relaxed)).iter().sum();
         ended + state.exchange.requests()
@@ -114,12 +125,12 @@ impl Shared {
         let Sender { out, last } = &mut *sender;
         if last.elapsed() >= self.keepalive / 2 && out.is_empty() {
             *last = Instant::now();
-            // What goes wrong shows when receiving.
+            // An error will also occur when receiving, where it is handled.
             let _ = self.channel.stage(&Message::Ping, out).and_then(|()| self.channel.push(out));
         }
     }
 
-    /// Sends a message whole, or ends the exchange.
+    /// Sends a whole message.
     fn send(&self, message: &Message<'_>) -> std::io::Result<()> {
         let mut sender = self.out.lock();
         let Sender { out, last } = &mut *sender;
@@ -128,15 +139,19 @@ impl Shared {
         self.channel.flush(out, *last + self.patience())
     }
 
-    /// Receives, for everybody who waits, until something came, a wake-up or `until`.
-    fn lead<'a>(&'a self, mut state: MutexGuard<'a, State>, until: Option<Instant>) -> MutexGuard<'a, State> {
+    /// Receives for all waiting threads, until something has arrived, [`Channel::wake`] was called, or until `until`.
+    fn receive_for_all<'a>(
+        &'a self,
+        mut state: MutexGuard<'a, State>,
+        until: Option<Instant>,
+    ) -> MutexGuard<'a, State> {
         state.receiving = true;
         let came = MutexGuard::unlocked(&mut state, || self.receive(until));
         state.receiving = false;
         if let Err(error) = came {
             state.exchange.lose(format!("{error}"));
         }
-        if state.followers > 0 {
+        if state.waiting > 0 {
             self.changed.notify_all();
         }
         state
@@ -146,7 +161,7 @@ impl Shared {
         let mut inbox = self.inbox.lock();
         let left = until.map(|until| until.saturating_duration_since(Instant::now()));
         let may_wait = left != Some(Duration::ZERO);
-        // Whoever may wait has to, as a rule: then looking first is in vain.
+        // A call that may wait usually has to, so trying to receive before the wait would be wasted.
         let mut came = Came::Nothing;
         if !may_wait || self.channel.keeps_some() {
             came = self.channel.receive(&mut inbox)?;
@@ -167,7 +182,8 @@ impl Shared {
         Ok(())
     }
 
-    /// Waits until `look` has something, at most until `until`. At least one look is at what has come by now.
+    /// Waits until `look` returns a value, at most until `until`. Even if that has passed, what has arrived by now is
+    /// received once.
     fn wait<'a, T>(
         &'a self,
         mut state: MutexGuard<'a, State>,
@@ -185,32 +201,33 @@ impl Shared {
             }
             received = true;
             if !state.receiving {
-                state = self.lead(state, until);
+                state = self.receive_for_all(state, until);
                 continue;
             }
             if late {
                 return (state, None);
             }
-            state.followers += 1;
+            state.waiting += 1;
             match until {
                 None => self.changed.wait(&mut state),
                 Some(until) => drop(self.changed.wait_until(&mut state, until)),
             }
-            state.followers -= 1;
+            state.waiting -= 1;
         }
     }
 
-    /// Sends a request and waits for its answer. The server keeps the limit; whatever it does, the wait ends.
+    /// Sends a request and waits for its answer. The server observes the time limit of the request; if it does not
+    /// answer, the wait ends somewhat later.
     pub(super) fn request<'a>(
         &'a self,
         dir: Dir,
         wait: Wait,
         message: impl FnOnce(u64) -> Message<'a>,
     ) -> (MutexGuard<'a, State>, Result<Answer, LinkError>) {
-        let limit = end_after(wait);
+        let limit = deadline(wait);
         let state = self.state.lock();
         let cancels = state.cancels[dir as usize];
-        // One at a time.
+        // Only one request may be in progress at a time.
         let (mut state, turn) = self.wait(state, limit, |state| {
             if let Some(ended) = &state.exchange.ended {
                 return Some(Err(ended.error.clone()));
@@ -227,17 +244,17 @@ impl Shared {
         };
         let sent = MutexGuard::unlocked(&mut state, || self.send(&message(number)));
         if let Err(error) = sent {
-            // The server cannot have it: it did not get it whole.
+            // The server did not receive the whole message, so it cannot have executed the request.
             let error = LinkError::Lost { name: self.info.name.clone(), reason: error.to_string().into() };
             state.exchange.end(error.clone(), false);
             return self.done(state, Err(error));
         }
-        let hard = limit.map(|limit| limit + self.patience());
-        let (mut state, mut done) = self.wait(state, hard, |state| self.answer(state, dir, cancels, false));
+        let answer_deadline = limit.map(|limit| limit + self.patience());
+        let (mut state, mut done) = self.wait(state, answer_deadline, |state| self.answer(state, dir, cancels, false));
         if let Some(Err(None)) = done {
             MutexGuard::unlocked(&mut state, || self.send(&Message::Cancel { request: number })).ok();
-            let hard = Some(Instant::now() + self.patience());
-            (state, done) = self.wait(state, hard, |state| self.answer(state, dir, cancels, true));
+            let answer_deadline = Some(Instant::now() + self.patience());
+            (state, done) = self.wait(state, answer_deadline, |state| self.answer(state, dir, cancels, true));
         }
         match done {
             Some(Ok(answer)) => self.done(state, Ok(answer)),
@@ -251,13 +268,13 @@ impl Shared {
         }
     }
 
-    /// The answer to the request under way, or the error it ends with; `Err(None)`: it was cancelled.
+    /// The answer to the request in progress, or the error that has ended it. `Err(None)`: it was cancelled.
     fn answer(
         &self,
         state: &mut State,
         dir: Dir,
         cancels: u64,
-        is_told: bool,
+        cancel_sent: bool,
     ) -> Option<Result<Answer, Option<LinkError>>> {
         if let Some(answer) = state.exchange.request.as_mut().and_then(|request| request.answer.take()) {
             return Some(Ok(answer));
@@ -265,10 +282,10 @@ impl Shared {
         if state.exchange.ended.is_some() {
             return Some(Err(Some(self.ended(state, dir))));
         }
-        (!is_told && dir == Dir::Write && state.cancels[dir as usize] != cancels).then_some(Err(None))
+        (!cancel_sent && dir == Dir::Write && state.cancels[dir as usize] != cancels).then_some(Err(None))
     }
 
-    /// The error of a request that the end of the exchange has cut off.
+    /// The error of a request that was in progress when the exchange ended.
     fn ended(&self, state: &State, dir: Dir) -> LinkError {
         match &state.exchange.ended {
             Some(ended) if ended.unsure && dir == Dir::Write => {
@@ -285,7 +302,7 @@ impl Shared {
 
     fn done<'a, T>(&self, mut state: MutexGuard<'a, State>, done: T) -> (MutexGuard<'a, State>, T) {
         state.exchange.request = None;
-        if state.followers > 0 {
+        if state.waiting > 0 {
             self.changed.notify_all();
         }
         (state, done)
@@ -307,7 +324,7 @@ impl Shared {
                 Ok(at)
             }
             Answer::Failed(error) => Err(error),
-            _ => Err(self.nonsense()),
+            _ => Err(self.unexpected_answer()),
         }
     }
 
@@ -320,12 +337,12 @@ impl Shared {
                     Ok(meta)
                 }
                 Answer::Failed(error) => Err(error),
-                _ => Err(self.nonsense()),
+                _ => Err(self.unexpected_answer()),
             };
         }
         let state = self.state.lock();
         let cancels = state.cancels[Dir::Read as usize];
-        let (_, done) = self.wait(state, end_after(wait), |state| {
+        let (_, done) = self.wait(state, deadline(wait), |state| {
             if let Some(ended) = &state.exchange.ended {
                 return Some(Err(ended.error.clone()));
             }
@@ -337,18 +354,18 @@ impl Shared {
         done.unwrap_or_else(|| Err(timeout(Dir::Read, wait)))
     }
 
-    pub(super) fn nonsense(&self) -> LinkError {
+    pub(super) fn unexpected_answer(&self) -> LinkError {
         LinkError::Lost { name: self.info.name.clone(), reason: "its server answers something else".into() }
     }
 }
 
-/// Whether a call is under way; the caller is in none.
-const fn is_called(state: &State) -> bool {
-    state.receiving || state.followers > 0 || state.exchange.request.is_some()
+/// Whether another thread is in a call.
+const fn is_call_in_progress(state: &State) -> bool {
+    state.receiving || state.waiting > 0 || state.exchange.request.is_some()
 }
 
-/// When a wait ends that begins now; `None`: never.
-fn end_after(wait: Wait) -> Option<Instant> {
+/// When a wait that begins now ends; `None`: never.
+fn deadline(wait: Wait) -> Option<Instant> {
     match wait {
         Wait::Forever => None,
         Wait::Now => Some(Instant::now()),

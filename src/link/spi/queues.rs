@@ -1,5 +1,5 @@
-//! What the host's threads and the link's own hand to each other: frames out, reports in. Everything is allocated when
-//! the desk is made, and nobody holds its lock across a wait or an exchange.
+//! The frames and reports that the program's threads and the link's thread pass to each other. All memory is allocated
+//! when the queues are made, and nobody holds their lock during a wait or an exchange.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -10,51 +10,59 @@ use super::pacer::{Held, Ns, has_motion};
 use crate::link::{Dir, LinkError};
 use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
 
-/// Frames that a program may be ahead by: as many as the board's FIFO has entries. \[OURS]
-const HELD: usize = FIFO_ENTRIES as usize;
+/// How many frames a program may write ahead: as many as the board's FIFO has entries. \[OURS]
+const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
 
-pub(super) struct State {
+/// What the lock of the queues protects.
+pub(super) struct QueueState {
+    /// Frames of the program that are waiting to be sent, oldest first.
     held: VecDeque<Frame>,
+    /// Unread reports with their time and number, oldest first.
     reports: VecDeque<(Frame, Ns, u64)>,
+    /// How many unread reports are kept.
     queue: usize,
     next_report: u64,
     dropped: u64,
-    /// Frames of the host that were dropped, as the board's FIFO drops its entries: SET_FIFO clear, leaving OP, reset.
+    /// Frames of the program that were discarded, as the board's FIFO discards its entries: by SET_FIFO clear, by
+    /// leaving OP, by a reset.
     cleared: u64,
-    /// Frames of the host that did not go out any more.
+    /// Frames of the program that were not sent because the link ended.
     unsent: u64,
-    /// Why no call works any more.
+    /// Why calls fail, once the board is lost or the link is closed.
     over: Option<LinkError>,
-    /// The host has closed the link, and this is when what it has written must be out.
+    /// The program has closed the link; until this time the frames that it has written are still sent.
     closing: Option<Instant>,
     cancelled_reads: u64,
     cancelled_writes: u64,
     op: bool,
 }
 
-/// Counts of a desk.
+/// Counters of the queues.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct DeskCounts {
+pub(super) struct QueueCounts {
     pub dropped: u64,
     pub cleared: u64,
     pub unsent: u64,
     pub held: usize,
 }
 
-pub(super) struct Desk {
-    state: Mutex<State>,
-    /// For the link's thread.
+/// The queues between the program's threads and the link's thread.
+pub(super) struct FrameQueues {
+    state: Mutex<QueueState>,
+    /// Wakes the link's thread: a frame was written, or the link ends.
     work: Condvar,
+    /// Wakes readers: a report came, or reading ends.
     readable: Condvar,
+    /// Wakes writers: there is room for a frame, or writing ends.
     room: Condvar,
 }
 
-impl Desk {
-    /// With room for so many reports.
+impl FrameQueues {
+    /// Queues that keep up to `queue` unread reports.
     pub fn new(queue: usize) -> Self {
         let queue = queue.max(1);
-        let state = State {
-            held: VecDeque::with_capacity(HELD),
+        let state = QueueState {
+            held: VecDeque::with_capacity(FRAMES_MAX),
             reports: VecDeque::with_capacity(queue),
             queue,
             next_report: 0,
@@ -70,23 +78,23 @@ impl Desk {
         Self { state: Mutex::new(state), work: Condvar::new(), readable: Condvar::new(), room: Condvar::new() }
     }
 
-    pub fn lock(&self) -> MutexGuard<'_, State> {
+    pub fn lock(&self) -> MutexGuard<'_, QueueState> {
         self.state.lock()
     }
 
-    /// Host: hands a frame over.
-    pub fn write(&self, frame: &Frame, size: SlotSize, limit: Option<Duration>) -> Result<(), Refused> {
+    /// For the program: queues a frame, and waits for room up to `limit`.
+    pub fn write(&self, frame: &Frame, size: SlotSize, limit: Option<Duration>) -> Result<(), CallError> {
         let began = Instant::now();
         let mut state = self.state.lock();
         let cancelled = state.cancelled_writes;
         loop {
-            state.fit()?;
-            if state.op && drops_what_is_ahead(frame, size) {
+            state.check_open()?;
+            if state.op && discards_fifo(frame, size) {
                 state.cleared += state.held.len() as u64;
                 state.held.clear();
                 self.room.notify_all();
             }
-            if state.held.len() < HELD {
+            if state.held.len() < FRAMES_MAX {
                 break;
             }
             if state.cancelled_writes != cancelled {
@@ -99,21 +107,22 @@ impl Desk {
         Ok(())
     }
 
-    /// Host: takes the oldest report.
-    pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<(Ns, u64, u64), Refused> {
+    /// For the program: takes the oldest report, and waits for one up to `limit`. Returns its time, its number, and how
+    /// many reports have been dropped.
+    pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<(Ns, u64, u64), CallError> {
         let began = Instant::now();
         let mut state = self.state.lock();
         let cancelled = state.cancelled_reads;
         loop {
-            // What came before the board was lost can still be read; after closing nothing is.
+            // Reports that came before the board was lost can still be read, but nothing can be read after closing.
             if state.closing.is_some() {
-                state.fit()?;
+                state.check_open()?;
             }
             if let Some((frame, at, number)) = state.reports.pop_front() {
                 out.clone_from(&frame);
                 return Ok((at, number, state.dropped));
             }
-            state.fit()?;
+            state.check_open()?;
             if state.cancelled_reads != cancelled {
                 return Err(LinkError::Cancelled { dir: Dir::Read }.into());
             }
@@ -121,7 +130,7 @@ impl Desk {
         }
     }
 
-    /// Host: ends the calls of one direction that wait.
+    /// For the program: ends the waiting calls of one direction.
     pub fn cancel(&self, dir: Dir) {
         let mut state = self.state.lock();
         match dir {
@@ -132,7 +141,7 @@ impl Desk {
         self.readable.notify_all();
     }
 
-    /// Host: every call ends; what was written is to be out by then.
+    /// For the program: ends every call. Frames written before are sent until `until`.
     pub fn close(&self, until: Instant) {
         let mut state = self.state.lock();
         state.closing.get_or_insert(until);
@@ -140,14 +149,14 @@ impl Desk {
         self.wake_all();
     }
 
-    /// The link's thread: the board is lost, unless the host has closed the link.
+    /// For the link's thread: the board is lost. Has no effect if the program has closed the link.
     pub fn lose(&self, why: LinkError) {
         let mut state = self.state.lock();
         state.over.get_or_insert(why);
         self.wake_all();
     }
 
-    /// The link's thread: it ends, and what it holds does not go out.
+    /// For the link's thread: it ends, and the frames that are still queued are not sent.
     pub fn end(&self) {
         let mut state = self.state.lock();
         state.unsent += state.held.len() as u64;
@@ -156,7 +165,7 @@ impl Desk {
         self.wake_all();
     }
 
-    /// The link's thread: a report came.
+    /// For the link's thread: queues a report. `op` tells whether the board was in OP.
     pub fn report(&self, report: &Frame, at: Ns, op: bool) {
         let mut state = self.state.lock();
         state.op = op;
@@ -170,12 +179,12 @@ impl Desk {
         self.readable.notify_one();
     }
 
-    /// The link's thread: an answer came that is none; its number is left out.
+    /// For the link's thread: an invalid answer came. Its sequence number is left out.
     pub fn no_report(&self) {
         self.state.lock().next_report += 1;
     }
 
-    /// The link's thread: the oldest frame of the host.
+    /// For the link's thread: takes the oldest frame of the program; returns whether there was one.
     pub fn take(&self, out: &mut Frame) -> bool {
         let mut state = self.state.lock();
         let Some(frame) = state.held.pop_front() else { return false };
@@ -184,22 +193,22 @@ impl Desk {
         true
     }
 
-    /// The link's thread: waits for work until then.
-    pub fn wait_for_work(&self, state: &mut MutexGuard<'_, State>, until: Instant) {
+    /// For the link's thread: waits until there may be work, at most until `until`.
+    pub fn wait_for_work(&self, state: &mut MutexGuard<'_, QueueState>, until: Instant) {
         self.work.wait_until(state, until);
     }
 
-    /// Whether calls work.
+    /// Fails if calls fail: the board is lost or the link is closed.
     pub fn check(&self) -> Result<(), LinkError> {
-        self.state.lock().fit()
+        self.state.lock().check_open()
     }
 
-    pub fn counts(&self) -> DeskCounts {
+    pub fn counts(&self) -> QueueCounts {
         let state = self.state.lock();
-        DeskCounts { dropped: state.dropped, cleared: state.cleared, unsent: state.unsent, held: state.held.len() }
+        QueueCounts { dropped: state.dropped, cleared: state.cleared, unsent: state.unsent, held: state.held.len() }
     }
 
-    /// How many frames of the host are held.
+    /// How many frames of the program are waiting to be sent.
     pub fn held(&self) -> usize {
         self.state.lock().held.len()
     }
@@ -211,11 +220,12 @@ impl Desk {
     }
 }
 
-impl State {
-    fn fit(&self) -> Result<(), LinkError> {
+impl QueueState {
+    fn check_open(&self) -> Result<(), LinkError> {
         self.over.clone().map_or(Ok(()), Err)
     }
 
+    /// The frames that are waiting to be sent, as the pacer needs to know them.
     pub fn held(&self, size: SlotSize) -> Held {
         Held {
             frames: self.held.len(),
@@ -224,29 +234,29 @@ impl State {
         }
     }
 
-    /// Until when what was written must be out, once the link is being closed.
+    /// Until when frames are still sent, once the program has closed the link.
     pub const fn closing(&self) -> Option<Instant> {
         self.closing
     }
 }
 
-/// Why a call of the host did not do its work.
-pub(super) enum Refused {
-    /// The limit has passed.
+/// Why a call of the program failed.
+pub(super) enum CallError {
+    /// Its time limit has passed.
     Timeout(Duration),
-    /// For this reason.
+    /// Any other reason.
     Error(LinkError),
 }
 
-impl From<LinkError> for Refused {
+impl From<LinkError> for CallError {
     fn from(error: LinkError) -> Self {
         Self::Error(error)
     }
 }
 
-/// What acts on a board's arrival before what is ahead of it in the FIFO (SK-5), and drops it: the link's part of what is
-/// ahead goes as well. \[OURS]
-fn drops_what_is_ahead(frame: &Frame, size: SlotSize) -> bool {
+/// Whether the board executes the frame on arrival and thereby discards the entries of its FIFO (SK-5). The frames that
+/// the link has not sent yet are then discarded as well. \[OURS]
+fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
     match MasterCommand::decode(&frame.slot(size, 0), size) {
         Ok(MasterCommand::SetFifo(FifoAction::Clear) | MasterCommand::SoftReset) => true,
         Ok(MasterCommand::SetState(state)) => state != MasterState::Op,
@@ -255,20 +265,20 @@ fn drops_what_is_ahead(frame: &Frame, size: SlotSize) -> bool {
 }
 
 fn wait(
-    changed: &Condvar,
-    state: &mut MutexGuard<'_, State>,
+    condition: &Condvar,
+    state: &mut MutexGuard<'_, QueueState>,
     began: Instant,
     limit: Option<Duration>,
-) -> Result<(), Refused> {
-    // A limit too far away to be a moment is none.
+) -> Result<(), CallError> {
+    // A limit beyond the range of `Instant` counts as no limit.
     match limit.and_then(|limit| Some((limit, began.checked_add(limit)?))) {
-        Some((limit, until)) if Instant::now() >= until => Err(Refused::Timeout(limit)),
+        Some((limit, until)) if Instant::now() >= until => Err(CallError::Timeout(limit)),
         Some((_, until)) => {
-            changed.wait_until(state, until);
+            condition.wait_until(state, until);
             Ok(())
         }
         None => {
-            changed.wait(state);
+            condition.wait(state);
             Ok(())
         }
     }

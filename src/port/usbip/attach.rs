@@ -1,11 +1,12 @@
-//! `--attach`: the boards at this machine's own USB bus, by the kernel's virtual host controller (vhci_hcd), without TCP.
+//! Attaches a board to this machine's own USB bus (`--attach`), through the kernel's virtual host controller (vhci_hcd)
+//! and without TCP.
 //!
 //! Source: Documentation/ABI/testing/sysfs-platform-usbip-vudc and drivers/usb/usbip/vhci_sysfs.c of Linux.
 
 #[cfg(target_os = "linux")]
 mod linux;
 #[cfg(not(target_os = "linux"))]
-mod none;
+mod unsupported;
 
 use std::io;
 use std::path::PathBuf;
@@ -13,51 +14,51 @@ use std::path::PathBuf;
 #[cfg(target_os = "linux")]
 pub use linux::{Socket, attach};
 #[cfg(not(target_os = "linux"))]
-pub use none::{Socket, attach};
+pub use unsupported::{Socket, attach};
 
-/// Where the kernel shows the controller.
+/// The folder of the controller in sysfs.
 pub const VHCI: &str = "/sys/devices/platform/vhci_hcd.0";
 
-/// A port's status when nothing is attached (`VDEV_ST_NULL`).
+/// The status of a port to which nothing is attached (`VDEV_ST_NULL`).
 const FREE: u32 = 4;
 
 /// Why a board cannot be attached to this machine.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum AttachError {
-    /// The kernel's controller is not there.
+    /// The kernel's virtual host controller does not exist.
     #[error(
         "this machine has no virtual USB host controller ({}): {source}; load it with `sudo modprobe vhci-hcd`",
         path.display()
     )]
     NoController {
-        /// Where it should be.
+        /// The folder in which it was looked for.
         path: PathBuf,
         source: io::Error,
     },
-    /// The system has none.
+    /// This operating system has no such controller.
     #[error(
         "boards are attached by the kernel of Linux alone; leave out --attach, and attach them with a program of this \
          system, e.g. usbip-win2 on Windows: `usbip attach -r 127.0.0.1 -b 1-1`"
     )]
     NoKernel,
-    /// The user may not.
+    /// This user is not allowed to attach devices.
     #[error("attaching a board to this machine needs root; start the same command with sudo")]
     NotAllowed,
-    /// All ports are taken.
+    /// All ports of the controller are in use.
     #[error(
         "all high-speed ports of the virtual USB host controller are taken; free one with `sudo usbip detach -p N`"
     )]
     NoPort,
-    /// A client was faster.
+    /// A client of the server has attached the board first.
     #[error("a client of the server has taken the board already; detach it there first")]
     Taken,
-    /// The kernel did not take it.
+    /// The controller has refused the board.
     #[error("the virtual USB host controller does not take the board: {0}; `dmesg` may say more")]
     Refused(io::Error),
 }
 
-/// The free high-speed ports of a controller's `status`.
+/// The free high-speed ports, from the controller's file `status`.
 pub fn free_ports(status: &str) -> impl Iterator<Item = u32> + '_ {
     // hub port sta spd dev      sockfd local_busid
     // hs  0000 004 000 00000000 000000 0-0

@@ -1,4 +1,4 @@
-//! One board of the server: its link, opened again when it was lost, and the host that has it.
+//! A board of the server: its link, which is opened again when it was lost, and the host that has attached it.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,16 +14,16 @@ use super::wire::{Refusal, Shown, device_id};
 use crate::link::{Link, LinkError};
 use crate::port::notes::Notes;
 
-/// The one bus of the server.
+/// The number of the server's only bus.
 const BUS: u16 = 1;
 
-/// How often is looked whether a board is still there that nobody has attached. \[OURS]
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// How often the server checks that a board is still connected. \[OURS]
+const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Opens the board's link, as often as it is lost.
+/// Opens the board's link, at first and after every loss.
 pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync>;
 
-/// What the server tells of its boards.
+/// What happens on the server, for its log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A host has attached a board.
@@ -33,7 +33,7 @@ pub enum Event {
         /// Which host.
         host: String,
     },
-    /// A host's time with a board ended.
+    /// A host no longer has its board.
     Ended {
         /// The board's bus id.
         bus_id: String,
@@ -42,19 +42,19 @@ pub enum Event {
         /// What was moved.
         counters: Counters,
     },
-    /// A board is gone; it is looked for.
+    /// A board is lost. The server tries to open it again.
     Lost {
         /// The board's bus id.
         bus_id: String,
         /// How that showed.
         why: String,
     },
-    /// A lost board is back.
+    /// A lost board is open again.
     Back {
         /// The board's bus id.
         bus_id: String,
     },
-    /// A client was sent away before it had a board.
+    /// A client was rejected before it had attached a board.
     SentAway {
         /// Which.
         host: String,
@@ -68,19 +68,19 @@ pub enum Event {
         /// Why.
         why: String,
     },
-    /// A lost board cannot be opened again yet; each reason once.
+    /// A lost board still cannot be opened. Each reason is reported once.
     StillAway {
         /// The board's bus id.
         bus_id: String,
         /// Why.
         why: String,
     },
-    /// The system gives no connection or nothing to look after one.
+    /// The system did not provide a connection or a thread.
     Trouble {
         /// What does not work.
         what: String,
     },
-    /// The listener did not take events in time: so many before this one are missing.
+    /// Events before this one were dropped because the listener did not take them in time.
     Dropped {
         /// How many.
         count: u64,
@@ -111,15 +111,15 @@ impl fmt::Display for Event {
     }
 }
 
-/// Who is told, by a thread of its own.
+/// Called with each event, in a thread of its own.
 pub type Listener = Arc<dyn Fn(&Event) + Send + Sync>;
 
-/// What hosts call board `index`, from 0.
+/// The bus id of board `index`, counted from 0.
 pub(super) fn bus_id(index: u16) -> String {
     format!("{BUS}-{}", index + 1)
 }
 
-/// A board as the server has it.
+/// A board of the server.
 pub(super) struct Board {
     bus_id: String,
     path: String,
@@ -141,7 +141,7 @@ struct State {
 }
 
 impl Board {
-    /// Number `index`, from 0, with its link open.
+    /// Board `index`, counted from 0, whose link is open.
     pub fn new(
         index: u16,
         identity: Identity,
@@ -172,12 +172,12 @@ impl Board {
         &self.bus_id
     }
 
-    /// What commands call it.
+    /// The device number in USB/IP commands.
     pub fn device_id(&self) -> u32 {
         device_id(BUS, self.number)
     }
 
-    /// How a list shows it.
+    /// The entry of the board in a device list.
     pub fn shown(&self) -> Shown<'_> {
         Shown {
             path: &self.path,
@@ -192,18 +192,18 @@ impl Board {
         }
     }
 
-    /// Whether it is there, free or not.
+    /// Whether the board is connected, attached or not.
     pub fn is_there(&self) -> bool {
         self.state.lock().link.is_some()
     }
 
-    /// Gives the board to a host, if it is there and free.
+    /// Attaches the board to a host, if it is connected and free.
     pub fn take(&self, stream: Stream) -> Result<Arc<Session>, (Stream, Refusal)> {
         let mut state = self.state.lock();
         if state.stopping {
             return Err((stream, Refusal::Away));
         }
-        // One that is lost is away, even while its host is being told.
+        // A lost board is refused as away, even while its host is being disconnected.
         let Some(link) = state.link.clone() else { return Err((stream, Refusal::Away)) };
         if state.session.is_some() {
             return Err((stream, Refusal::Busy));
@@ -214,13 +214,13 @@ impl Board {
         Ok(session)
     }
 
-    /// Lets the host have the board until it is over, then takes it back.
+    /// Runs the session of a host until it ends, and frees the board.
     pub fn serve(&self, session: &Session, host: &str) {
         self.tell(Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
         let why = session.run();
         let lost = matches!(why, End::LinkLost(_));
         let link = if lost { self.state.lock().link.take() } else { None };
-        // The session stays until the link is closed: only then it can be opened again.
+        // The session is removed after the link is closed, because only then the link can be opened again.
         if let Some(link) = &link {
             link.close();
         }
@@ -232,7 +232,8 @@ impl Board {
         }
     }
 
-    /// Looks after the link until [`Self::stop`]; `back` is called each time that it was opened again.
+    /// Watches the link until [`Self::stop`], and opens it again after a loss; `back` is called each time that
+    /// succeeds.
     pub fn keep(&self, retry: Duration, back: &mut dyn FnMut()) {
         let mut told = String::new();
         loop {
@@ -241,7 +242,7 @@ impl Board {
                 return;
             }
             if let Some(link) = state.link.clone() {
-                // No call into a link with the lock held: it may take as long as the link likes.
+                // A call to a link may take long, so the lock is not held meanwhile.
                 drop(state);
                 if let Err(why) = link.check() {
                     self.lose(&link, why);
@@ -249,12 +250,12 @@ impl Board {
                 }
                 state = self.state.lock();
                 if !state.stopping && state.link.is_some() {
-                    self.changed.wait_for(&mut state, LOOK_EVERY);
+                    self.changed.wait_for(&mut state, CHECK_INTERVAL);
                 }
             } else {
                 self.changed.wait_for(&mut state, retry);
             }
-            // One that was lost is opened when its host has let go of it, and not by the call that lost it.
+            // A lost link is opened again once its session has ended.
             let wanted = state.link.is_none() && state.session.is_none() && !state.stopping;
             drop(state);
             if wanted && self.open_again(&mut told) {
@@ -279,7 +280,7 @@ impl Board {
         self.tell(Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
     }
 
-    /// Tries to open the link; `told` is the last reason why it could not be.
+    /// Tries to open the link; `told` is the latest reason for a failure that was reported.
     fn open_again(&self, told: &mut String) -> bool {
         match (self.opener)() {
             Ok(link) => {
@@ -309,7 +310,7 @@ impl Board {
         }
     }
 
-    /// Takes the board from its host and closes the link.
+    /// Disconnects the host and closes the link.
     pub fn stop(&self) {
         let (link, session) = {
             let mut state = self.state.lock();

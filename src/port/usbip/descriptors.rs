@@ -1,39 +1,39 @@
-//! What the virtual board says of itself: the descriptors of USB 2.0 (9.6) and HID 1.11 (6). Numbers are little endian.
+//! The USB descriptors of the virtual board: USB 2.0 (9.6) and HID 1.11 (6). Numbers are little-endian.
 
 use super::setup::descriptor::{CONFIGURATION, DEVICE, ENDPOINT, HID, INTERFACE, REPORT, STRING};
 use crate::sk::BOARD_IDS;
 use crate::sk::FRAME_LEN;
 
-/// Address of the interrupt endpoint to the host (SK-9).
+/// The address of the interrupt IN endpoint, for reports (SK-9).
 pub const IN: u8 = 0x81;
-/// Address of the interrupt endpoint to the board (SK-9).
+/// The address of the interrupt OUT endpoint, for command frames (SK-9).
 pub const OUT: u8 = 0x02;
-/// The board's one configuration.
+/// bConfigurationValue of the only configuration.
 pub const CONFIGURATION_VALUE: u8 = 1;
-/// Class, subclass and protocol of the board's one interface: HID, no boot device (SK-9).
+/// Class, subclass and protocol of the only interface: HID, not a boot device (SK-9).
 pub const INTERFACE_CLASS: [u8; 3] = [3, 0, 0];
 
-/// Which board it is. The pair and the shape of the reports are the board's (SK-9); what no source tells has a default
-/// of ours.
+/// What a virtual board says of itself. Vendor id, product id and the size of the reports are those of the real board
+/// (SK-9). What no source tells has a default of this project.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// idVendor (SK-9).
     pub vendor: u16,
     /// idProduct (SK-9).
     pub product: u16,
-    /// bcdDevice: the firmware's version as the device tells it. \[OURS]
+    /// bcdDevice: the version of the firmware as the device reports it. \[OURS]
     pub release: u16,
     /// bInterval of both endpoints, 1..=16: 2^(n-1) microframes of 125 us. \[OURS]
     pub interval: u8,
-    /// What the board takes from the bus at most, mA: 0..=500. \[OURS]
+    /// The largest current that the board takes from the bus, in mA: 0..=500. \[OURS]
     pub power_ma: u16,
-    /// Usage page of the reports. \[OURS]
+    /// The usage page of the reports. \[OURS]
     pub usage_page: u16,
-    /// iManufacturer; empty: none. \[OURS]
+    /// iManufacturer; empty for none. \[OURS]
     pub manufacturer: String,
-    /// iProduct; empty: none. \[OURS]
+    /// iProduct; empty for none. \[OURS]
     pub name: String,
-    /// iSerialNumber; empty: none. \[OURS]
+    /// iSerialNumber; empty for none. \[OURS]
     pub serial: String,
 }
 
@@ -53,47 +53,47 @@ impl Default for Identity {
     }
 }
 
-/// Why a board cannot be as it should.
+/// Why an [`Identity`] is not possible on USB.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum IdentityError {
-    /// A text does not fit its descriptor.
-    #[error("`{text}` is too long for a text of a USB device; give it {LONGEST_TEXT} characters at most")]
+    /// A text is too long for a string descriptor.
+    #[error("`{text}` is too long for a text of a USB device; give it {TEXT_UNITS_MAX} characters at most")]
     Text { text: String },
-    /// The interval cannot be.
+    /// bInterval is out of range.
     #[error("an endpoint's interval is 1 to 16 (2^(n-1) times 125 us), not {found}; leave it at 1")]
     Interval { found: u8 },
-    /// The bus does not give so much.
+    /// A USB 2.0 port does not provide that much current.
     #[error("a USB 2.0 port gives 500 mA, not {found}; ask for less")]
     Power { found: u16 },
 }
 
-/// UTF-16 units in a string descriptor at most: its length is one byte, the head takes two.
-const LONGEST_TEXT: usize = 126;
-/// Index of the texts.
+/// The largest number of UTF-16 units in a string descriptor: its length is one byte, and its header takes two bytes.
+const TEXT_UNITS_MAX: usize = 126;
+/// Indices of the string descriptors.
 const MANUFACTURER: u8 = 1;
 const NAME: u8 = 2;
 const SERIAL: u8 = 3;
-/// English (United States).
+/// The language of the strings: English (United States).
 const LANGUAGE: [u8; 2] = [0x09, 0x04];
-/// Bytes of a string descriptor's head.
+/// The length of the header of a string descriptor in bytes.
 const TEXT_HEAD: usize = 2;
 
-/// USB 2.0 and HID 1.11 as numbers.
+/// bcdUSB and bcdHID.
 const USB_VERSION: [u8; 2] = [0x00, 0x02];
 const HID_VERSION: [u8; 2] = [0x11, 0x01];
-/// Bytes of a packet on endpoint 0, at high speed always.
+/// bMaxPacketSize0; at high speed always 64 bytes.
 const CONTROL_PACKET: u8 = 64;
-/// Attributes of the configuration: no power of its own, does not wake the host. \[OURS]
+/// bmAttributes of the configuration: bus-powered, no remote wake-up. \[OURS]
 const ATTRIBUTES: u8 = 0x80;
 const INTERRUPT: u8 = 3;
 
 const HID_LEN: usize = 9;
 const CONFIGURATION_LEN: usize = 9 + 9 + HID_LEN + 7 + 7;
-/// Where the HID descriptor stands in the configuration.
+/// The position of the HID descriptor in the configuration descriptor.
 const HID_AT: usize = 18;
 
-/// The descriptors of one board.
+/// All descriptors of a virtual board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Descriptors {
     device: [u8; 18],
@@ -103,7 +103,7 @@ pub struct Descriptors {
 }
 
 impl Descriptors {
-    /// Those of that board.
+    /// The descriptors of a board with that identity.
     ///
     /// # Errors
     /// [`IdentityError`].
@@ -120,7 +120,7 @@ impl Descriptors {
         Ok(Self { device: device(identity), configuration: configuration(identity, report.len() as u8), report, texts })
     }
 
-    /// The descriptor of that kind and index; `None`: there is none.
+    /// The descriptor of that type and index, if it exists.
     pub fn get(&self, kind: u8, index: u8) -> Option<&[u8]> {
         match (kind, index) {
             (DEVICE, 0) => Some(&self.device),
@@ -144,7 +144,7 @@ fn device(identity: &Identity) -> [u8; 18] {
         DEVICE,
         USB_VERSION[0],
         USB_VERSION[1],
-        // Class, subclass and protocol are the interface's.
+        // Class, subclass and protocol are given by the interface.
         0,
         0,
         0,
@@ -167,7 +167,7 @@ fn configuration(identity: &Identity, report_len: u8) -> [u8; CONFIGURATION_LEN]
     let packet = (FRAME_LEN as u16).to_le_bytes();
     let [class, subclass, protocol] = INTERFACE_CLASS;
     let interval = identity.interval;
-    // In units of 2 mA; 500 at most.
+    // bMaxPower is in units of 2 mA.
     let power = (identity.power_ma / 2) as u8;
     let parts: [&[u8]; 5] = [
         &[9, CONFIGURATION, total[0], total[1], 1, CONFIGURATION_VALUE, 0, ATTRIBUTES, power],
@@ -185,7 +185,8 @@ fn configuration(identity: &Identity, report_len: u8) -> [u8; CONFIGURATION_LEN]
     all
 }
 
-/// One input and one output report of 512 bytes, no report id (SK-9); the usages are ours. \[OURS]
+/// The report descriptor: one input and one output report of 512 bytes without report id (SK-9); the usages are
+/// \[OURS].
 #[rustfmt::skip]
 fn report(usage_page: u16) -> [u8; 26] {
     let page = usage_page.to_le_bytes();
@@ -208,7 +209,7 @@ fn report(usage_page: u16) -> [u8; 26] {
 
 fn text(text: &str) -> Result<Vec<u8>, IdentityError> {
     let units: Vec<u16> = text.encode_utf16().collect();
-    if units.len() > LONGEST_TEXT {
+    if units.len() > TEXT_UNITS_MAX {
         return Err(IdentityError::Text { text: text.to_owned() });
     }
     let mut bytes = vec![(TEXT_HEAD + 2 * units.len()) as u8, STRING];

@@ -1,8 +1,8 @@
-//! The virtual board as the host's USB stack sees it, transfer by transfer. Plain data and pure steps: it neither reads
-//! nor waits, whoever has it moves frames between it and a board.
+//! The virtual board as the host's USB stack sees it, transfer by transfer. Plain state without I/O and waits: its
+//! owner passes frames between it and a board.
 //!
-//! A transfer that cannot be done yet is held, which is what an endpoint's NAK looks like to a host: one to the host
-//! until the board has a report, one to the board until that takes the frame.
+//! A transfer that cannot be completed yet is kept pending, which is how a host sees an endpoint that answers NAK: an
+//! IN transfer until the board has a report, an OUT transfer until the board takes the frame.
 
 mod control;
 mod transfers;
@@ -12,53 +12,54 @@ use super::wire::{self, Direction, Status, Submit};
 use crate::sk::{FRAME_LEN, Frame};
 use transfers::{Buffers, Read, Write};
 
-/// Transfers that a host may have under way in one direction. \[OURS]: Linux' own drivers have a few, libusb's users
-/// tens.
+/// How many transfers a host may have pending in one direction. \[OURS] Linux' own drivers have a few of them, programs
+/// that use libusb some ten.
 pub const TRANSFERS_AT_ONCE: usize = 256;
 
-/// The host has handed over more transfers than it may.
+/// The host has more transfers pending than [`TRANSFERS_AT_ONCE`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the host has more than {TRANSFERS_AT_ONCE} transfers under way in one direction; wait for some of them first")]
 pub struct TooMany;
 
-/// What was moved, and what was not.
+/// Counters of the transfers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Frames that the board took.
+    /// Frames that the board has taken.
     pub frames: u64,
-    /// Reports that the host got.
+    /// Reports that the host has got.
     pub reports: u64,
-    /// Reports that nobody collected before a newer one came.
+    /// Reports that were replaced by a newer one before the host fetched them.
     pub superseded: u64,
-    /// Reports that did not fit the host's transfer.
+    /// Reports that were longer than the host's transfer.
     pub overflows: u64,
-    /// OUT packets that were shorter than 512 bytes: 0 or 1, see [`Device::hangs`].
+    /// OUT packets of fewer than 512 bytes: 0 or 1, see [`Device::hangs`].
     pub short_packets: u64,
-    /// Transfers to the board that the host took back.
+    /// OUT transfers that the host has unlinked.
     pub writes_unlinked: u64,
-    /// Control requests that were refused.
+    /// Control requests that were stalled.
     pub refused: u64,
 }
 
-/// One attached board.
+/// An attached virtual board.
 #[derive(Debug)]
 pub struct Device {
     descriptors: Descriptors,
     configured: bool,
     idle: u8,
     halted: Halted,
-    /// Oldest first.
+    /// Pending IN transfers, oldest first.
     reads: Buffers<Read>,
+    /// Pending OUT transfers, oldest first.
     writes: Buffers<Write>,
-    /// Whether a report is being asked of the board.
+    /// Whether a report is being read from the board.
     reading: bool,
-    /// Whether the board is being given the oldest frame.
+    /// Whether the oldest frame is being written to the board.
     writing: bool,
-    /// The host's wish to have that one back.
+    /// The host's request to unlink the transfer that is being written.
     unlinking: Option<Unlink>,
     /// The newest report.
     report: Frame,
-    /// Whether nobody has collected it yet.
+    /// Whether no transfer has fetched the newest report yet.
     report_waits: bool,
     hangs: bool,
     counters: Counters,
@@ -98,23 +99,23 @@ impl Device {
         }
     }
 
-    /// Whether the host chose the board's configuration: before that its endpoints stall. \[OURS]
+    /// Whether the host has selected the configuration. Before that, the interrupt endpoints stall. \[OURS]
     pub const fn configured(&self) -> bool {
         self.configured
     }
 
-    /// Whether the board hangs: it got a short packet. It takes no frame and sends no report until it is attached again,
-    /// which is this device's way of being powered off \[OURS]; endpoint 0 goes on \[OURS].
+    /// Whether the board hangs because of a short packet. It then takes no frame and makes no report until it is
+    /// attached again, which stands for switching it off and on \[OURS]; endpoint 0 continues to work \[OURS].
     pub const fn hangs(&self) -> bool {
         self.hangs
     }
 
-    /// What was moved so far.
+    /// The counters so far.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// The host hands over a transfer; `data` are its bytes if it goes out.
+    /// The host submits a transfer; `data` are the bytes of an OUT transfer.
     ///
     /// # Errors
     /// [`TooMany`].
@@ -134,8 +135,8 @@ impl Device {
         }
     }
 
-    /// The host wants a transfer back. `true`: the board is being given that very frame; the answer waits for
-    /// [`Self::written`] or [`Self::not_written`], so let the attempt end soon.
+    /// The host unlinks a transfer. Returns `true` if this frame is being written to the board. The write should then
+    /// be cancelled, and the answer is made by [`Self::written`] or [`Self::not_written`].
     pub fn unlink(&mut self, sequence: u32, victim: u32) -> bool {
         if self.writing && self.unlinking.is_none() && self.writes.is_first(victim) {
             self.unlinking = Some(Unlink { sequence, victim });
@@ -157,7 +158,7 @@ impl Device {
         false
     }
 
-    /// Whether a transfer of the host waits for a report.
+    /// Whether an IN transfer is pending.
     pub fn wants_report(&self) -> bool {
         !self.hangs && !self.reads.is_empty()
     }
@@ -167,20 +168,20 @@ impl Device {
         !self.hangs && !self.writing && !self.writes.is_empty()
     }
 
-    /// Whether a report is kept for which there was no transfer any more.
+    /// Whether a report is kept that no transfer has fetched yet.
     pub const fn report_waits(&self) -> bool {
         self.report_waits
     }
 
-    /// Whether a report is to be asked of the board now: a transfer waits for one, and nobody else is asking. Ends with
-    /// [`Self::report`] or [`Self::deliver`].
+    /// Whether the caller has to read a report from the board now: an IN transfer is pending, and no other thread is
+    /// reading. The caller then has to call [`Self::report`] or [`Self::deliver`].
     pub fn begin_read(&mut self) -> bool {
         let begins = !self.reading && self.wants_report();
         self.reading |= begins;
         begins
     }
 
-    /// The board has a report.
+    /// The board has made a report.
     pub fn report(&mut self, report: &Frame) {
         self.reading = false;
         if self.hangs {
@@ -192,7 +193,7 @@ impl Device {
         self.deliver();
     }
 
-    /// The board had no newer report: one that is kept goes to a transfer that waits.
+    /// The board has no newer report: one that is kept goes to a pending transfer.
     pub fn deliver(&mut self) {
         self.reading = false;
         if !self.report_waits || self.hangs {
@@ -212,7 +213,7 @@ impl Device {
         }
     }
 
-    /// The next frame for the board, if there is one and the one before is through.
+    /// The next frame for the board, if there is one and no other frame is being written.
     pub fn begin_write(&mut self, frame: &mut Frame) -> bool {
         if !self.has_frame() {
             return false;
@@ -223,7 +224,7 @@ impl Device {
         true
     }
 
-    /// The board took it.
+    /// The board has taken the frame.
     pub fn written(&mut self) {
         self.writing = false;
         self.counters.frames += 1;
@@ -231,11 +232,12 @@ impl Device {
             write.moved += FRAME_LEN;
         }
         self.settle_writes();
-        // One that came too late finds the transfer gone, its answer out; of a transfer with packets left, the rest.
+        // If the transfer is complete, its answer precedes that of the unlink; otherwise its remaining packets are
+        // unlinked.
         self.unlink_now();
     }
 
-    /// The board did not take it: it is kept, unless the host wants it back.
+    /// The board has not taken the frame. It is kept, unless the host unlinks it.
     pub fn not_written(&mut self) {
         self.writing = false;
         self.unlink_now();
@@ -246,7 +248,7 @@ impl Device {
         !self.replies.is_empty()
     }
 
-    /// Moves the answers for the host into `to`, whose place they take.
+    /// Moves the answers for the host into `to`, replacing its content.
     pub fn take_replies(&mut self, to: &mut Vec<u8>) {
         to.clear();
         std::mem::swap(to, &mut self.replies);
@@ -275,7 +277,7 @@ impl Device {
         Ok(())
     }
 
-    /// Ends what is through: whole transfers, and the one whose last packet is short.
+    /// Completes OUT transfers whose packets have all been taken, and those whose last packet is short.
     fn settle_writes(&mut self) {
         while !self.writing && !self.hangs {
             let Some(write) = self.writes.first() else { return };
@@ -283,7 +285,8 @@ impl Device {
             if rest >= FRAME_LEN {
                 return;
             }
-            // A transfer without bytes is a packet without bytes; one whose packets are all full ends with the last.
+            // A transfer without bytes is one packet without bytes. A transfer whose packets are all full ends with the
+            // last of them.
             if rest > 0 || write.bytes.is_empty() {
                 self.hang();
             }
@@ -291,7 +294,7 @@ impl Device {
         }
     }
 
-    /// SK-9: a short OUT packet hangs the board's firmware.
+    /// SK-9: a short OUT packet makes the board's firmware hang.
     fn hang(&mut self) {
         self.hangs = true;
         self.report_waits = false;

@@ -1,13 +1,23 @@
-//! The virtual board: an ECM-SK on the USB bus of any machine, over USB/IP, whatever is behind its link.
+//! The virtual board: an ECM-SK on the USB bus of any machine, over USB/IP, for any link.
 //!
-//! [`Server`] listens as `usbipd` does; `usbip attach` of Linux and usbip-win2 on Windows take a board from it. What the
-//! host's USB stack then sees is a [`Device`](device::Device).
+//! [`Server`] listens as `usbipd` does. `usbip attach` on Linux and usbip-win2 on Windows attach one of its boards, and
+//! the USB stack of that host then sees a [`Device`](device::Device).
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `server.rs`: [`Server`], its options, and the requests of clients that have no board yet
+//! - `board.rs`: a board of the server, and the host that has attached it
+//! - `session.rs`, `stream.rs`: a host that has attached a board, and its connection
+//! - `device.rs`, `device/`: the USB device that the host sees, transfer by transfer, without I/O
+//! - `descriptors.rs`, `setup.rs`: its USB descriptors, and the requests on endpoint 0
+//! - `wire.rs`: the bytes of USB/IP
+//! - `attach.rs`, `attach/`, `keep_attached.rs`: boards on this machine's own USB bus (`--attach`)
 
 mod attach;
 mod board;
 pub mod descriptors;
 pub mod device;
-mod here;
+mod keep_attached;
 mod server;
 mod session;
 pub mod setup;

@@ -1,4 +1,4 @@
-//! The server: listens, answers what devices there are, and gives each board to one host at a time.
+//! The server: it listens, answers which devices there are, and attaches each board to one host at a time.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -15,8 +15,8 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::attach::AttachError;
 use super::board::{Board, Event, Listener, Opener};
 use super::descriptors::{Identity, IdentityError};
-use super::here;
-use super::stream::{NEVER_READS, Stream};
+use super::keep_attached;
+use super::stream::{SEND_TIMEOUT, Stream};
 use super::wire::{self, BUS_ID_LEN, OP_LEN, Op, PORT, Refusal, Shown, WireError};
 use crate::link::LinkError;
 use crate::port::listen::advice;
@@ -24,31 +24,33 @@ use crate::port::notes::{Note, Notes, Teller};
 use crate::threads;
 
 /// How long a client may take for its request. \[OURS]
-const PATIENCE: Duration = Duration::from_secs(5);
-/// Clients at a time that have no board yet; one more, and the oldest is sent away. \[OURS]
-const CLIENTS: usize = 64;
-/// How long after a failure a lost board is looked for again. \[OURS]
-const RETRY: Duration = Duration::from_millis(500);
-/// How often a thread that waits for clients looks whether it is to stop. \[OURS]
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const REQUEST_TIME_MAX: Duration = Duration::from_secs(5);
+/// The largest number of clients that have not attached a board; when there is one more, the oldest is disconnected.
+/// \[OURS]
+const PENDING_CLIENTS_MAX: usize = 64;
+/// The pause between two attempts to open a lost board. \[OURS]
+const RETRY_PAUSE: Duration = Duration::from_millis(500);
+/// How often the listening thread checks whether the server is being stopped. \[OURS]
+const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How the server behaves; the default listens on the loopback alone.
+/// How the server behaves. By default it listens on the loopback address only.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Where it listens.
+    /// The address to listen on.
     pub listen: SocketAddr,
-    /// Whether it may listen where other machines reach it: whoever reaches it moves the axes, USB/IP knows no password and no
-    /// encryption.
+    /// Whether the server may listen on an address that other machines can reach. USB/IP has no password and no
+    /// encryption, so anybody who can reach the server can move the axes.
     pub insecure_anyone: bool,
     /// How long a client may take for its request.
     pub patience: Duration,
-    /// Clients at a time that have no board yet; one more, and the oldest is sent away.
+    /// The largest number of clients that have not attached a board; when there is one more, the oldest is
+    /// disconnected.
     pub clients: usize,
-    /// How long after a failure a lost board is looked for again.
+    /// The pause between two attempts to open a lost board.
     pub retry: Duration,
-    /// How long a host may take nothing of what it is sent.
+    /// How long a host may accept no bytes before its connection is closed.
     pub never_reads: Duration,
-    /// The virtual USB host controller of this machine that gets all boards, usually [`VHCI`](super::VHCI).
+    /// The virtual USB host controller of this machine to which all boards are attached, usually [`VHCI`](super::VHCI).
     pub attach: Option<PathBuf>,
 }
 
@@ -57,10 +59,10 @@ impl Default for Options {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], PORT)),
             insecure_anyone: false,
-            patience: PATIENCE,
-            clients: CLIENTS,
-            retry: RETRY,
-            never_reads: NEVER_READS,
+            patience: REQUEST_TIME_MAX,
+            clients: PENDING_CLIENTS_MAX,
+            retry: RETRY_PAUSE,
+            never_reads: SEND_TIMEOUT,
             attach: None,
         }
     }
@@ -68,17 +70,17 @@ impl Default for Options {
 
 /// A board to serve.
 pub struct BoardSpec {
-    /// How it shows itself. Without a serial number it gets its bus id as one.
+    /// What the board says of itself. Without a serial number it gets its bus id as one.
     pub identity: Identity,
-    /// Opens its link, now and whenever it was lost.
+    /// Opens its link, at first and after every loss.
     pub opener: Opener,
 }
 
-/// Why boards are not served.
+/// Why boards cannot be served.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// Others than this machine could connect, and USB/IP asks nobody who they are.
+    /// Other machines could connect, and USB/IP does not authenticate them.
     #[error(
         "{listen} can be reached from other machines, and USB/IP knows no password and no encryption: whoever reaches it moves \
          the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L {}:127.0.0.1:{} HOST` on the other machine \
@@ -86,39 +88,39 @@ pub enum ServeError {
         listen.port(), listen.port()
     )]
     NeedsTunnel { listen: SocketAddr },
-    /// A link cannot be opened.
+    /// The link of a board cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A link has a time of its own.
+    /// The link of a board has a virtual clock.
     #[error(
         "`{name}` has a virtual clock, which stands still between two calls; a USB device runs by itself: leave out \
          clock=virtual"
     )]
     VirtualTime { name: String },
-    /// A board cannot show itself so.
+    /// The identity of a board is not possible on USB.
     #[error(transparent)]
     Identity(#[from] IdentityError),
-    /// There are too many.
+    /// There are more boards than a USB bus can have devices.
     #[error("a bus has 127 devices, not {found}; start another server with --listen")]
     TooMany { found: usize },
-    /// The address cannot be listened on.
+    /// The server cannot listen on the address.
     #[error("cannot listen on {address}: {source}; {}", advice(*.address, .source))]
     Listen { address: SocketAddr, source: io::Error },
     /// A board cannot be attached to this machine.
     #[error(transparent)]
     Attach(#[from] AttachError),
-    /// Signals cannot be caught.
+    /// Signals cannot be handled.
     #[error("cannot catch signals: {0}; start it from a shell")]
     Signals(io::Error),
-    /// The system gave no thread.
+    /// The system did not provide a thread.
     #[error("cannot start a thread: {0}; how many may this user have (ulimit -u)?")]
     Thread(io::Error),
 }
 
-/// Devices on one bus at most (USB 2.0 8.3.2.1).
-const MOST: usize = 127;
+/// The largest number of devices on a bus (USB 2.0 8.3.2.1).
+const DEVICES_ON_BUS_MAX: usize = 127;
 
-/// Boards that are served until [`Self::stop`] or the end of this value.
+/// Boards that are served until [`Self::stop`] or until this value is dropped.
 pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
@@ -130,19 +132,20 @@ pub(super) struct Shared {
     pub boards: Vec<Board>,
     options: Options,
     stopping: AtomicBool,
-    /// Clients without a board, oldest first.
+    /// Clients that have not attached a board, oldest first.
     clients: Mutex<VecDeque<(u64, TcpStream)>>,
     notes: Notes<Event>,
 }
 
 impl Server {
-    /// Opens the boards' links and listens. `tell` hears what happens, in a thread of its own: nothing else waits while it
-    /// does. Events that it does not take in time are dropped, and it is told how many ([`Event::Dropped`]).
+    /// Opens the links of the boards and listens. `tell` is called with each event in a thread of its own, for which no
+    /// other thread waits. Events that it does not take in time are dropped, and their number is reported
+    /// ([`Event::Dropped`]).
     ///
     /// # Errors
     /// [`ServeError`].
     pub fn start(options: Options, boards: Vec<BoardSpec>, tell: Listener) -> Result<Self, ServeError> {
-        if boards.len() > MOST {
+        if boards.len() > DEVICES_ON_BUS_MAX {
             return Err(ServeError::TooMany { found: boards.len() });
         }
         if !options.listen.ip().is_loopback() && !options.insecure_anyone {
@@ -173,29 +176,30 @@ impl Server {
         let server = Self { address, shared, threads: Mutex::default(), teller };
         for index in 0..server.shared.boards.len() {
             let vhci = server.shared.options.attach.clone();
-            let attached = vhci.as_deref().map(|vhci| here::attach(&server.shared, index, vhci)).transpose()?;
-            server.spawn("usbip-board", move |shared| here::keep(shared, index, vhci.as_deref(), attached))?;
+            let attached =
+                vhci.as_deref().map(|vhci| keep_attached::attach(&server.shared, index, vhci)).transpose()?;
+            server.spawn("usbip-board", move |shared| keep_attached::keep(shared, index, vhci.as_deref(), attached))?;
         }
         server.spawn("usbip-accept", move |shared| shared.accept(&listener))?;
         Ok(server)
     }
 
-    /// Where it listens, with the port that the system chose.
+    /// The address on which the server listens, with the port that the system has chosen.
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Bus ids of the boards, in the order in which they were given.
+    /// The bus ids of the boards, in the order in which they were given.
     pub fn bus_ids(&self) -> impl Iterator<Item = &str> {
         self.shared.boards.iter().map(Board::bus_id)
     }
 
-    /// Waits until the listener has heard of what happened so far, at most 1 s.
+    /// Waits until the listener has been called for all events so far, at most 1 s.
     pub fn flush(&self) {
         self.teller.flush();
     }
 
-    /// Takes the boards from their hosts, closes the links and ends all threads.
+    /// Disconnects the hosts, closes the links and ends all threads.
     pub fn stop(&self) {
         self.shared.stopping.store(true, Ordering::Release);
         for board in &self.shared.boards {
@@ -205,7 +209,7 @@ impl Server {
             // It may be gone already.
             let _ = client.shutdown(Shutdown::Both);
         }
-        // A thread that ends may leave another one here that it has started.
+        // A thread may have started another one before it ended, so the list is read again each time.
         while let Some(thread) = self.threads.lock().pop() {
             let _ = thread.join();
         }
@@ -256,7 +260,8 @@ impl Shared {
     }
 
     fn accept(self: &Arc<Self>, listener: &TcpListener) {
-        // Of client threads the last ones are joined here; each is short or has a board that `stop` takes from it.
+        // The remaining client threads are joined here. Each of them ends soon, or serves a board that `stop`
+        // disconnects.
         let mut threads: Vec<JoinHandle<()>> = Vec::new();
         for number in 0.. {
             let Some((stream, from)) = self.next_client(listener) else { break };
@@ -267,7 +272,7 @@ impl Shared {
                 Ok(thread) => threads.push(thread),
                 Err(error) => {
                     self.forget(number);
-                    self.send_away(from, &format!("no thread for it: {error}"));
+                    self.log_rejected(from, &format!("no thread for it: {error}"));
                 }
             }
         }
@@ -276,9 +281,9 @@ impl Shared {
         }
     }
 
-    /// `None`: the server stops.
+    /// Waits for the next connection; `None` when the server stops.
     fn next_client(&self, listener: &TcpListener) -> Option<(TcpStream, SocketAddr)> {
-        let pause = Timespec { tv_sec: 0, tv_nsec: LOOK_EVERY.as_nanos() as _ };
+        let pause = Timespec { tv_sec: 0, tv_nsec: STOP_CHECK_INTERVAL.as_nanos() as _ };
         loop {
             if self.is_stopping() {
                 return None;
@@ -286,22 +291,22 @@ impl Shared {
             match listener.accept() {
                 Ok((stream, from)) => match stream.set_nonblocking(false) {
                     Ok(()) => return Some((stream, from)),
-                    Err(error) => self.send_away(from, &error.to_string()),
+                    Err(error) => self.log_rejected(from, &error.to_string()),
                 },
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                    // An interrupted wait is a short one.
+                    // If the wait is interrupted, the loop accepts and waits again.
                     let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&pause));
                 }
-                // No file left, or a client that was gone too soon: it may be better in a moment.
+                // No file descriptor was left, or the client has disconnected already; the next attempt may succeed.
                 Err(error) => {
                     self.notes.tell(Event::Trouble { what: format!("cannot take a client of USB/IP: {error}") });
-                    thread::sleep(LOOK_EVERY);
+                    thread::sleep(STOP_CHECK_INTERVAL);
                 }
             }
         }
     }
 
-    /// Keeps a client's connection within reach; if there are too many the oldest is ended.
+    /// Registers a client's connection so that it can be ended; if there are too many, the oldest is ended.
     fn register(&self, number: u64, stream: &TcpStream) {
         let mut clients = self.clients.lock();
         if clients.len() >= self.options.clients
@@ -311,12 +316,12 @@ impl Shared {
         }
         match stream.try_clone() {
             Ok(stream) => clients.push_back((number, stream)),
-            // Its patience ends it all the same.
+            // Its connection ends by the time limit for the request.
             Err(error) => {
                 self.notes.tell(Event::Trouble { what: format!("cannot watch a client of USB/IP: {error}") });
             }
         }
-        // One that came while `stop` went through the others.
+        // `stop` may have ended all registered connections just before this one was registered.
         if self.is_stopping() {
             let _ = stream.shutdown(Shutdown::Both);
         }
@@ -330,21 +335,21 @@ impl Shared {
         let request = self.request(&stream);
         self.forget(number);
         match request {
-            Ok(Wish::Nothing) => {}
-            Ok(Wish::Board(index)) => self.give(index, stream, from),
-            Err(problem) => self.send_away(from, &problem.to_string()),
+            Ok(Wanted::Nothing) => {}
+            Ok(Wanted::Board(index)) => self.give(index, stream, from),
+            Err(error) => self.log_rejected(from, &error.to_string()),
         }
     }
 
-    /// Reads a client's request, and answers it unless it is for a board.
-    fn request(&self, mut stream: &TcpStream) -> Result<Wish, Problem> {
+    /// Reads a client's request, and answers it unless it is to attach a board.
+    fn request(&self, mut stream: &TcpStream) -> Result<Wanted, RequestError> {
         let patience = Some(self.options.patience);
         stream.set_read_timeout(patience)?;
         stream.set_write_timeout(patience)?;
         let mut op = [0; OP_LEN];
-        // A client that connects and goes has asked for nothing.
+        // A client may connect and disconnect without a request.
         match stream.read(&mut op[..1])? {
-            0 => return Ok(Wish::Nothing),
+            0 => return Ok(Wanted::Nothing),
             _ => stream.read_exact(&mut op[1..])?,
         }
         let mut answer = Vec::new();
@@ -359,15 +364,15 @@ impl Shared {
                 stream.read_exact(&mut bytes)?;
                 let wanted = wire::bus_id(&bytes)?;
                 if let Some(index) = self.boards.iter().position(|board| board.bus_id() == wanted) {
-                    return Ok(Wish::Board(index));
+                    return Ok(Wanted::Board(index));
                 }
                 wire::import(&mut answer, Err(Refusal::NoDevice));
                 stream.write_all(&answer)?;
-                return Err(Problem::NoBoard(wanted.to_owned()));
+                return Err(RequestError::NoBoard(wanted.to_owned()));
             }
         }
         stream.write_all(&answer)?;
-        Ok(Wish::Nothing)
+        Ok(Wanted::Nothing)
     }
 
     fn give(&self, index: usize, stream: TcpStream, from: SocketAddr) {
@@ -379,31 +384,31 @@ impl Shared {
                 wire::import(&mut answer, Err(refusal));
                 let _ = (&mut &stream).write_all(&answer);
                 let why = if refusal == Refusal::Busy { "somebody else has it" } else { "the board is away" };
-                return self.send_away(from, &format!("{}: {why}", board.bus_id()));
+                return self.log_rejected(from, &format!("{}: {why}", board.bus_id()));
             }
         };
         wire::import(&mut answer, Ok(&board.shown()));
-        // If the client is gone the session notices.
+        // If the client is gone, the session notices.
         session.greet(&answer);
         board.serve(&session, &from.to_string());
     }
 
-    fn send_away(&self, from: SocketAddr, why: &str) {
+    fn log_rejected(&self, from: SocketAddr, why: &str) {
         self.notes.tell(Event::SentAway { host: from.to_string(), why: why.to_owned() });
     }
 }
 
-/// What a client came for.
-enum Wish {
+/// What a client wants after its request was read.
+enum Wanted {
     /// Nothing more.
     Nothing,
-    /// That board.
+    /// To attach the board with this index.
     Board(usize),
 }
 
-/// Why a client was sent away.
+/// Why a client was rejected.
 #[derive(Debug, thiserror::Error)]
-enum Problem {
+enum RequestError {
     #[error("{0}")]
     Io(#[from] io::Error),
     #[error(transparent)]

@@ -1,8 +1,8 @@
-//! One host that has the board: its connection, and the two threads that move frames between it and the link.
+//! A host that has attached a board: its connection, and the threads that pass frames between it and the link.
 //!
-//! The thread of the connection reads what the host hands over, and takes the report that there is by then; one thread
-//! waits for reports as long as the host wants one, one gives frames to the board. Answers go out in the order in which
-//! the device made them, whoever sends them.
+//! The thread of the connection receives the host's transfers, and fetches a report that is already there. One more
+//! thread waits for reports while the host wants one, and another passes frames to the board. Whichever thread sends
+//! them, answers are sent in the order in which the device makes them.
 
 use std::io::{self, BufReader, Read, Write};
 use std::sync::Arc;
@@ -19,37 +19,37 @@ use super::wire::{Command, Direction, HEADER_LEN, WireError};
 use crate::link::{Dir, Link, LinkError, Wait};
 use crate::sk::Frame;
 
-/// How long one wait of a link may last: a host that takes a frame back or goes is then noticed, should it have come just
-/// before the wait began. \[OURS]
-const SLICE: Duration = Duration::from_millis(50);
+/// The longest single wait on the link. A cancellation that comes just before a wait begins is noticed after this time.
+/// \[OURS]
+const WAIT_SLICE: Duration = Duration::from_millis(50);
 
-/// Bytes of the host that are read at once.
-const READ_AHEAD: usize = 16 * 1024;
+/// The size of the buffer for the host's bytes.
+const INPUT_BUFFER_BYTES: usize = 16 * 1024;
 
-/// Why a host's time with the board ended.
+/// Why a host no longer has the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum End {
     /// The host closed the connection, or it broke.
     #[error("the host detached the board")]
     Detached,
-    /// The host took nothing of what it was sent.
+    /// The host has accepted no bytes for this long.
     #[error("the host read nothing for {0:?}; is it stopped? Attach the board again")]
     NeverReads(Duration),
-    /// What the host sent is not the protocol.
+    /// The host has sent something that is not USB/IP.
     #[error(transparent)]
     Nonsense(#[from] WireError),
-    /// The host named another device.
+    /// A command of the host names another device.
     #[error("a command is for device {found:#010x}, this one is {expected:#010x}; is the client one for USB/IP?")]
     OtherDevice {
-        /// What it said.
+        /// The device in the command.
         found: u32,
-        /// What the board was called.
+        /// The device that the host has attached.
         expected: u32,
     },
-    /// The host handed over too much.
+    /// The host has submitted too many transfers.
     #[error(transparent)]
     TooMany(#[from] TooMany),
-    /// The board is gone.
+    /// The board is lost.
     #[error("{0}")]
     LinkLost(LinkError),
     /// The server stops.
@@ -57,25 +57,26 @@ pub enum End {
     Stopped,
 }
 
-/// A host and the board it has.
+/// A host and the board that it has attached.
 pub struct Session {
     stream: Stream,
     link: Arc<dyn Link>,
     device_id: u32,
     never_reads: Duration,
     device: Mutex<Device>,
-    /// The host wants a report.
+    /// Wakes the thread that waits for reports: the host wants one.
     reads: Condvar,
-    /// There is a frame for the board.
+    /// Wakes the thread that passes frames to the board.
     writes: Condvar,
-    /// Answers on their way. Whoever sends holds it, and takes the device's lock after it, never before.
+    /// The answers that are being sent. The thread that sends holds this lock, and may lock `device` while it does, but
+    /// never the other way round.
     sending: Mutex<Vec<u8>>,
     over: AtomicBool,
     end: Mutex<Option<End>>,
 }
 
 impl Session {
-    /// A host that has just got the board.
+    /// The session of a host that has just attached the board.
     pub fn new(
         stream: Stream,
         link: Arc<dyn Link>,
@@ -97,18 +98,18 @@ impl Session {
         }
     }
 
-    /// Sends what comes before the traffic. A host that is gone already is noticed by [`Self::run`].
+    /// Sends the answer that precedes the transfers. If the host is gone, [`Self::run`] notices.
     pub fn greet(&self, answer: &[u8]) {
         let _ = (&mut &self.stream).write_all(answer);
     }
 
-    /// Moves frames until the host or the board goes, or [`Self::end`] is called.
+    /// Passes frames on until the host or the board is gone, or until [`Self::end`].
     pub fn run(&self) -> End {
         if self.stream.for_traffic(self.never_reads).is_err() {
             self.end(End::Detached);
         }
         thread::scope(|scope| {
-            // They begin with the signal mask of this thread, which takes none.
+            // New threads inherit the signal mask of this thread, which blocks all signals.
             let pump = |name: &str, work: fn(&Self)| {
                 let started = thread::Builder::new().name(name.into()).spawn_scoped(scope, move || work(self));
                 if let Err(error) = started {
@@ -126,12 +127,12 @@ impl Session {
         self.end.lock().clone().unwrap_or(End::Detached)
     }
 
-    /// Ends the session, from any thread. The first reason counts.
+    /// Ends the session from any thread. The first reason is kept.
     pub fn end(&self, why: End) {
         self.end.lock().get_or_insert(why);
         self.over.store(true, Ordering::Release);
         self.stream.shutdown();
-        // With the lock held nobody is between looking and waiting.
+        // While this lock is held, no thread is between its check and its wait, so none misses the notification.
         {
             let _device = self.device.lock();
             self.reads.notify_all();
@@ -141,7 +142,7 @@ impl Session {
         self.link.cancel(Dir::Write);
     }
 
-    /// What was moved so far.
+    /// The counters so far.
     pub fn counters(&self) -> Counters {
         self.device.lock().counters()
     }
@@ -150,9 +151,9 @@ impl Session {
         self.over.load(Ordering::Acquire)
     }
 
-    /// Reads what the host hands over, until there is no more.
+    /// Receives the host's commands until the connection ends.
     fn receive(&self) -> End {
-        let mut input = BufReader::with_capacity(READ_AHEAD, &self.stream);
+        let mut input = BufReader::with_capacity(INPUT_BUFFER_BYTES, &self.stream);
         let mut header = [0; HEADER_LEN];
         let mut data = Vec::new();
         let mut report = Frame::new();
@@ -177,7 +178,7 @@ impl Session {
                     if let Err(error) = device.submit(&transfer, &data) {
                         return error.into();
                     }
-                    // One that is there already needs no other thread.
+                    // A report that is already there is fetched here, without waking the other thread.
                     if device.begin_read() {
                         drop(device);
                         if let Err(end) = self.read(&mut report, Wait::Now) {
@@ -199,7 +200,7 @@ impl Session {
                     !under_way
                 }
             };
-            // Without an answer of its own a transfer does not wait until another thread has sent its.
+            // If this command has produced no answer, it need not wait for a thread that is sending another one.
             if answered {
                 self.send();
             }
@@ -219,7 +220,7 @@ impl Session {
         }
     }
 
-    /// Sends the answers that there are. If another thread is about to, this one waits for it.
+    /// Sends the pending answers. If another thread is sending, this one waits for it.
     fn send(&self) {
         let mut answers = self.sending.lock();
         loop {
@@ -240,7 +241,7 @@ impl Session {
         }
     }
 
-    /// Gives the host the board's reports, one for each that it asks for.
+    /// Fetches reports from the board, one for each transfer in which the host wants one.
     fn move_reports(&self) {
         let mut report = Frame::new();
         loop {
@@ -254,8 +255,8 @@ impl Session {
             if self.is_over() {
                 return;
             }
-            // A report that was read for a transfer which then was taken back is still the newest one, or is not.
-            let wait = if kept { Wait::Now } else { Wait::For(SLICE) };
+            // A report whose transfer was unlinked is kept. If there is no newer one, it goes to the next transfer.
+            let wait = if kept { Wait::Now } else { Wait::For(WAIT_SLICE) };
             if let Err(end) = self.read(&mut report, wait) {
                 return self.end(end);
             }
@@ -263,18 +264,18 @@ impl Session {
         }
     }
 
-    /// Ends what [`Device::begin_read`] began.
+    /// Completes what [`Device::begin_read`] has begun.
     fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), End> {
         match self.link.read(report, wait) {
             Ok(_) => self.device.lock().report(report),
-            Err(error) if passes(&error) => self.device.lock().deliver(),
+            Err(error) if is_temporary(&error) => self.device.lock().deliver(),
             Err(error) => return Err(End::LinkLost(error)),
         }
         Ok(())
     }
 
-    /// Gives the board the host's frames, one after the other. While the board does not take one the host's transfer is
-    /// held.
+    /// Passes the host's frames to the board, one after the other. While the board does not take a frame, the host's
+    /// transfer is not completed.
     fn move_frames(&self) {
         let mut frame = Frame::new();
         loop {
@@ -287,9 +288,9 @@ impl Session {
             if self.is_over() {
                 return;
             }
-            match self.link.write(&frame, Wait::For(SLICE)) {
+            match self.link.write(&frame, Wait::For(WAIT_SLICE)) {
                 Ok(_) => self.device.lock().written(),
-                Err(error) if passes(&error) => self.device.lock().not_written(),
+                Err(error) if is_temporary(&error) => self.device.lock().not_written(),
                 Err(error) => return self.end(End::LinkLost(error)),
             }
             self.send();
@@ -297,7 +298,7 @@ impl Session {
     }
 }
 
-/// Whether the board may do what it did not do in this wait.
-const fn passes(error: &LinkError) -> bool {
+/// Whether the call may succeed when it is repeated.
+const fn is_temporary(error: &LinkError) -> bool {
     matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

@@ -1,35 +1,36 @@
-//! Requests of a host on endpoint 0: the setup packet of USB 2.0 (9.3) and HID 1.11 (7.2). Numbers are little endian.
+//! The requests of a host on endpoint 0: the setup packets of USB 2.0 (9.3) and HID 1.11 (7.2). Numbers are
+//! little-endian.
 
-/// Kinds of descriptors, USB 2.0 table 9-5 and HID 1.11 7.1.
+/// Descriptor types: USB 2.0 table 9-5 and HID 1.11 7.1.
 pub mod descriptor {
-    /// The device.
+    /// The device descriptor.
     pub const DEVICE: u8 = 1;
-    /// A configuration and all below it.
+    /// The configuration descriptor with the interface, HID and endpoint descriptors.
     pub const CONFIGURATION: u8 = 2;
-    /// A text.
+    /// A string descriptor.
     pub const STRING: u8 = 3;
-    /// An interface.
+    /// An interface descriptor.
     pub const INTERFACE: u8 = 4;
-    /// An endpoint.
+    /// An endpoint descriptor.
     pub const ENDPOINT: u8 = 5;
-    /// What a HID interface has.
+    /// The HID descriptor.
     pub const HID: u8 = 0x21;
-    /// What a report consists of.
+    /// The report descriptor.
     pub const REPORT: u8 = 0x22;
 }
 
-/// Kinds of reports, HID 1.11 7.2.1.
+/// Report types: HID 1.11 7.2.1.
 pub mod report {
-    /// To the host.
+    /// A report to the host.
     pub const INPUT: u8 = 1;
-    /// To the device.
+    /// A report to the device.
     pub const OUTPUT: u8 = 2;
 }
 
 /// ENDPOINT_HALT, USB 2.0 table 9-6.
 const ENDPOINT_HALT: u16 = 0;
 
-/// bmRequestType: direction, kind and recipient.
+/// bmRequestType: direction, type and recipient.
 const TO_DEVICE: u8 = 0x00;
 const TO_INTERFACE: u8 = 0x01;
 const TO_ENDPOINT: u8 = 0x02;
@@ -39,72 +40,72 @@ const FROM_ENDPOINT: u8 = 0x82;
 const CLASS_TO_INTERFACE: u8 = 0x21;
 const CLASS_FROM_INTERFACE: u8 = 0xA1;
 
-/// A request that a HID device knows.
+/// A request on endpoint 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// GET_STATUS of the device or the interface.
     GetStatus,
-    /// GET_STATUS of an endpoint, by its address.
+    /// GET_STATUS of the endpoint with this address.
     GetEndpointStatus(u8),
     /// CLEAR_FEATURE or SET_FEATURE of ENDPOINT_HALT.
     SetHalt {
-        /// The endpoint's address.
+        /// The address of the endpoint.
         endpoint: u8,
-        /// Whether to halt it.
+        /// Whether the endpoint is to be halted.
         halted: bool,
     },
     /// SET_ADDRESS.
     SetAddress,
     /// GET_DESCRIPTOR of the device or the interface.
     GetDescriptor {
-        /// See [`descriptor`].
+        /// The descriptor type, see [`descriptor`].
         kind: u8,
-        /// Which of that kind.
+        /// The index among the descriptors of that type.
         index: u8,
     },
     /// GET_CONFIGURATION.
     GetConfiguration,
     /// SET_CONFIGURATION.
     SetConfiguration(u8),
-    /// GET_INTERFACE: which alternate setting.
+    /// GET_INTERFACE: the alternate setting.
     GetInterface,
     /// SET_INTERFACE.
     SetInterface(u16),
     /// GET_REPORT.
     GetReport {
-        /// See [`report`].
+        /// The report type, see [`report`].
         kind: u8,
-        /// Report id.
+        /// The report id.
         id: u8,
     },
-    /// SET_REPORT; the report follows.
+    /// SET_REPORT; the data stage carries the report.
     SetReport {
-        /// See [`report`].
+        /// The report type, see [`report`].
         kind: u8,
-        /// Report id.
+        /// The report id.
         id: u8,
     },
     /// GET_IDLE.
     GetIdle,
     /// SET_IDLE, in steps of 4 ms.
     SetIdle(u8),
-    /// Another one, or one for an interface that there is not.
+    /// Any other request, or one to an interface that does not exist.
     Unknown,
 }
 
-/// A setup packet.
+/// A decoded setup packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setup {
-    /// What is asked.
+    /// The request.
     pub request: Request,
-    /// Bytes that the host wants or sends at most.
+    /// wLength: how many bytes the host sends, or accepts at most.
     pub length: u16,
-    /// Whether the answer's data go to the host.
+    /// Whether the data stage goes to the host.
     pub to_host: bool,
 }
 
 impl Setup {
-    /// Reads a setup packet.
+    /// Decodes a setup packet.
     pub const fn parse(bytes: [u8; 8]) -> Self {
         let [recipient, code, low, high, ..] = bytes;
         let value = u16::from_le_bytes([low, high]);

@@ -1,4 +1,5 @@
-//! The connection to a host's USB/IP: TCP, or a socket pair whose other end this machine's kernel has.
+//! The connection to a host that has attached a board: TCP, or a socket pair whose other end belongs to this machine's
+//! kernel.
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpStream};
@@ -6,61 +7,61 @@ use std::time::Duration;
 
 use super::attach::Socket;
 
-/// How long a host may take nothing of what it is sent, until its connection is given up. \[OURS]
-pub const NEVER_READS: Duration = Duration::from_secs(30);
+/// How long a host may accept no bytes before its connection is closed. \[OURS]
+pub const SEND_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// When a silent connection is asked whether it lives, how often then, and how many unanswered questions end it: a host
-/// that lost its power is noticed after 25 s. \[OURS]
-const ASK_AFTER: Duration = Duration::from_secs(10);
-const ASK_EVERY: Duration = Duration::from_secs(5);
-const ASK_TIMES: u32 = 3;
+/// TCP keep-alive: the idle time before the first probe, the time between two probes, and the number of unanswered
+/// probes that end the connection. A host that lost its power is noticed after 25 s. \[OURS]
+const KEEPALIVE_IDLE: Duration = Duration::from_secs(10);
+const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
+const KEEPALIVE_PROBES: u32 = 3;
 
-/// A connection.
+/// The connection to a host.
 #[derive(Debug)]
 pub enum Stream {
     /// A client of the server.
     Tcp(TcpStream),
     /// The kernel of this machine.
-    Here(Socket),
+    Local(Socket),
 }
 
 impl Stream {
-    /// Prepares a connection for traffic: nothing waits to be sent together, and a host that is gone or never reads is
-    /// noticed.
+    /// Prepares the connection for transfers: small messages are sent at once, and a host that is gone or accepts no
+    /// bytes is noticed.
     ///
     /// # Errors
-    /// Those of the system.
-    pub fn for_traffic(&self, never_reads: Duration) -> io::Result<()> {
+    /// Errors of the operating system.
+    pub fn for_traffic(&self, send_timeout: Duration) -> io::Result<()> {
         match self {
             Self::Tcp(stream) => {
                 stream.set_nodelay(true)?;
                 rustix::net::sockopt::set_socket_keepalive(stream, true)?;
-                keep_asking(stream)?;
+                set_keepalive(stream)?;
                 stream.set_read_timeout(None)?;
-                stream.set_write_timeout(Some(never_reads))
+                stream.set_write_timeout(Some(send_timeout))
             }
-            Self::Here(stream) => {
+            Self::Local(stream) => {
                 stream.set_read_timeout(None)?;
-                stream.set_write_timeout(Some(never_reads))
+                stream.set_write_timeout(Some(send_timeout))
             }
         }
     }
 
-    /// Ends both directions: whoever reads or writes is back at once.
+    /// Shuts down both directions, which ends waiting reads and writes at once.
     pub fn shutdown(&self) {
         // It fails if the connection has ended already.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
-            Self::Here(stream) => stream.shutdown(Shutdown::Both),
+            Self::Local(stream) => stream.shutdown(Shutdown::Both),
         };
     }
 }
 
-fn keep_asking(stream: &TcpStream) -> io::Result<()> {
+fn set_keepalive(stream: &TcpStream) -> io::Result<()> {
     use rustix::net::sockopt;
-    sockopt::set_tcp_keepidle(stream, ASK_AFTER)?;
-    sockopt::set_tcp_keepintvl(stream, ASK_EVERY)?;
-    sockopt::set_tcp_keepcnt(stream, ASK_TIMES)?;
+    sockopt::set_tcp_keepidle(stream, KEEPALIVE_IDLE)?;
+    sockopt::set_tcp_keepintvl(stream, KEEPALIVE_INTERVAL)?;
+    sockopt::set_tcp_keepcnt(stream, KEEPALIVE_PROBES)?;
     Ok(())
 }
 
@@ -68,7 +69,7 @@ impl Read for &Stream {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self {
             Stream::Tcp(stream) => (&mut &*stream).read(buffer),
-            Stream::Here(stream) => (&mut &*stream).read(buffer),
+            Stream::Local(stream) => (&mut &*stream).read(buffer),
         }
     }
 }
@@ -77,7 +78,7 @@ impl Write for &Stream {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
             Stream::Tcp(stream) => (&mut &*stream).write(buffer),
-            Stream::Here(stream) => (&mut &*stream).write(buffer),
+            Stream::Local(stream) => (&mut &*stream).write(buffer),
         }
     }
 

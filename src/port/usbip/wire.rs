@@ -4,19 +4,19 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// The protocol's version in every request before the traffic: 1.1.1.
+/// The version of the protocol in every request before the transfers: 1.1.1.
 pub const VERSION: u16 = 0x0111;
-/// The TCP port that is registered for it.
+/// The TCP port that is registered for USB/IP.
 pub const PORT: u16 = 3240;
 
-/// Bytes of the start of a request.
+/// The length of the start of a request in bytes.
 pub const OP_LEN: usize = size_of::<RawOp>();
-/// Bytes of a bus id, filled up with zeros.
+/// The length of a bus id in bytes; shorter ones are padded with zeros.
 pub const BUS_ID_LEN: usize = 32;
-/// Bytes of a command's header; data of an OUT transfer follow.
+/// The length of a command's header in bytes; the data of an OUT transfer follow it.
 pub const HEADER_LEN: usize = size_of::<RawHeader>();
 
-/// The largest transfer that is taken, bytes: what one control transfer can ask for. \[OURS]
+/// The largest transfer that is accepted, in bytes: the largest data stage of a control transfer. \[OURS]
 pub const TRANSFER_LIMIT: u32 = 64 * 1024;
 
 const OP_REQ_DEVLIST: u16 = 0x8005;
@@ -29,8 +29,7 @@ const CMD_UNLINK: u32 = 2;
 const RET_SUBMIT: u32 = 3;
 const RET_UNLINK: u32 = 4;
 
-/// What a transfer that is not isochronous has instead of a number of packets: the document says all ones, Linux
-/// sends 0.
+/// The number of packets in transfers that are not isochronous: all ones according to the document, 0 from Linux.
 const NO_PACKETS: [u32; 2] = [0, u32::MAX];
 
 /// `USB_SPEED_HIGH` of Linux.
@@ -69,12 +68,12 @@ struct RawHeader {
     device: [u8; 4],
     direction: [u8; 4],
     endpoint: [u8; 4],
-    /// Of a submission: flags. Of its answer: the status. Of an unlink: whose sequence; of its answer: the status.
+    /// In a submit the flags, in an unlink the sequence number of the transfer, in both answers the status.
     first: [u8; 4],
     length: [u8; 4],
     start_frame: [u8; 4],
     packets: [u8; 4],
-    /// Of a submission: the interval. Of its answer: errors.
+    /// In a submit the interval, in its answer the number of errors.
     interval: [u8; 4],
     setup: [u8; 8],
 }
@@ -82,47 +81,47 @@ struct RawHeader {
 const _: () = assert!(OP_LEN == 8 && size_of::<RawDevice>() == 312 && HEADER_LEN == 48);
 const _: () = assert!(align_of::<RawHeader>() == 1 && align_of::<RawDevice>() == 1);
 
-/// What a client wants before there is traffic.
+/// A request before a device is attached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Op {
     /// Which devices there are.
     DeviceList,
-    /// A device for itself; its bus id, [`BUS_ID_LEN`] bytes, follows.
+    /// To attach a device; its bus id of [`BUS_ID_LEN`] bytes follows.
     Import,
 }
 
-/// Why bytes are no message of the protocol.
+/// Why bytes are not valid USB/IP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum WireError {
-    /// A request of another version.
+    /// A request has another version of the protocol.
     #[error("the client speaks version {found:#06x} of USB/IP, not {VERSION:#06x} (1.1.1); use a newer client")]
     Version { found: u16 },
-    /// A request that there is not.
+    /// There is no request with that code.
     #[error("no request of USB/IP has the code {found:#06x}; is the client one for USB/IP?")]
     Code { found: u16 },
-    /// A bus id that is no text.
+    /// A bus id is not UTF-8.
     #[error("the bus id is no text; is the client one for USB/IP?")]
     BusId,
-    /// A command that there is not.
+    /// There is no command with that number.
     #[error("no command of USB/IP has the number {found}; is the client one for USB/IP?")]
     Command { found: u32 },
-    /// A direction that there is not.
+    /// There is no such direction.
     #[error("a transfer has direction {found}, not 0 (out) or 1 (in); is the client one for USB/IP?")]
     Direction { found: u32 },
-    /// An endpoint that there cannot be.
+    /// There cannot be an endpoint with that number.
     #[error("a transfer has endpoint {found}, not 0 to 15; is the client one for USB/IP?")]
     Endpoint { found: u32 },
-    /// A transfer larger than any of this device.
+    /// A transfer is longer than [`TRANSFER_LIMIT`].
     #[error("a transfer has {found} bytes, more than {TRANSFER_LIMIT}; the board moves 512 at a time")]
     Length { found: u32 },
-    /// An isochronous transfer, for which the board has no endpoint.
+    /// A transfer is isochronous, but the board has no isochronous endpoint.
     #[error("a transfer has {packets} isochronous packets; the board has no isochronous endpoint")]
     Isochronous { packets: u32 },
 }
 
 impl Op {
-    /// Reads the start of a request.
+    /// Decodes the start of a request.
     ///
     /// # Errors
     /// [`WireError::Version`], [`WireError::Code`].
@@ -140,7 +139,7 @@ impl Op {
     }
 }
 
-/// The bus id of an import: the text before the first zero.
+/// The bus id in an import request: the text before the first zero.
 ///
 /// # Errors
 /// [`WireError::BusId`].
@@ -149,7 +148,7 @@ pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
     std::str::from_utf8(&bytes[..end]).map_err(|_| WireError::BusId)
 }
 
-/// Which way a transfer goes.
+/// The direction of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// To the device.
@@ -158,44 +157,44 @@ pub enum Direction {
     In,
 }
 
-/// A transfer that a host hands over.
+/// A transfer that a host submits (USBIP_CMD_SUBMIT).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Submit {
-    /// The host's number for it.
+    /// The host's sequence number of the transfer.
     pub sequence: u32,
-    /// For which device, see [`device_id`].
+    /// The device, see [`device_id`].
     pub device: u32,
-    /// Which way.
+    /// The direction.
     pub direction: Direction,
-    /// Number of the endpoint, 0..=15, without the bit of the direction.
+    /// The number of the endpoint, 0..=15, without the direction bit.
     pub endpoint: u8,
-    /// Bytes to move at most: 0..=[`TRANSFER_LIMIT`]. If it goes out, so many follow.
+    /// The largest number of bytes to transfer: 0..=[`TRANSFER_LIMIT`]. In an OUT transfer exactly that many follow.
     pub length: u32,
     /// The setup packet of a control transfer.
     pub setup: [u8; 8],
 }
 
-/// What a host sends once it has a device.
+/// What a host sends after it has attached a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// A transfer.
+    /// It submits a transfer.
     Submit(Submit),
-    /// The host wants a transfer back.
+    /// It unlinks a pending transfer (USBIP_CMD_UNLINK).
     Unlink {
-        /// The host's number for this wish.
+        /// The sequence number of the unlink command itself.
         sequence: u32,
-        /// For which device.
+        /// The device.
         device: u32,
-        /// The number of the transfer.
+        /// The sequence number of the transfer.
         victim: u32,
     },
 }
 
 impl Command {
-    /// Reads a command's header.
+    /// Decodes a command's header.
     ///
     /// # Errors
-    /// [`WireError`]; what follows cannot be told apart then.
+    /// [`WireError`]; the bytes after it cannot be decoded then.
     pub fn parse(bytes: &[u8; HEADER_LEN]) -> Result<Self, WireError> {
         let raw: RawHeader = bytemuck::cast(*bytes);
         let (sequence, device) = (u32::from_be_bytes(raw.sequence), u32::from_be_bytes(raw.device));
@@ -228,28 +227,28 @@ impl Submit {
     }
 }
 
-/// How a transfer ended: 0 or a negative error number of Linux.
+/// The status of a completed transfer: 0 or a negative error number of Linux.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub enum Status {
-    /// As it should.
+    /// Success.
     Done = 0,
-    /// The endpoint refuses it (EPIPE).
+    /// The endpoint has stalled (EPIPE).
     Stall = -32,
-    /// The packet was larger than the room for it (EOVERFLOW).
+    /// The packet was longer than the transfer (EOVERFLOW).
     Overflow = -75,
-    /// It was taken back by the host (ECONNRESET).
+    /// The host has unlinked the transfer (ECONNRESET).
     Unlinked = -104,
 }
 
-/// Appends the answer to a transfer. `moved` is the number of bytes; of a transfer to the host they are `data`.
+/// Appends the answer to a submit. `moved` is the number of bytes; those of an IN transfer are `data`.
 pub fn ret_submit(to: &mut Vec<u8>, sequence: u32, status: Status, moved: u32, data: &[u8]) {
     to.extend_from_slice(bytemuck::bytes_of(&reply(RET_SUBMIT, sequence, status, moved)));
     to.extend_from_slice(data);
 }
 
-/// Appends the answer to an unlink: [`Status::Unlinked`] if the transfer was taken back and gets no answer of its own,
-/// [`Status::Done`] if that had gone out before.
+/// Appends the answer to an unlink: [`Status::Unlinked`] if the transfer was unlinked and gets no answer of its own, or
+/// [`Status::Done`] if it had been answered before.
 pub fn ret_unlink(to: &mut Vec<u8>, sequence: u32, status: Status) {
     to.extend_from_slice(bytemuck::bytes_of(&reply(RET_UNLINK, sequence, status, 0)));
 }
@@ -264,16 +263,16 @@ fn reply(command: u32, sequence: u32, status: Status, moved: u32) -> RawHeader {
     }
 }
 
-/// What is said of a device in a list.
+/// The entry of a device in a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shown<'a> {
-    /// Its place, as `usbip list` prints it.
+    /// The device's path, as `usbip list` prints it.
     pub path: &'a str,
-    /// Its name for an import, such as `1-1`.
+    /// The name for an import, such as `1-1`.
     pub bus_id: &'a str,
-    /// Number of the bus.
+    /// The number of the bus.
     pub bus: u16,
-    /// Number on the bus.
+    /// The number of the device on the bus.
     pub number: u16,
     /// idVendor.
     pub vendor: u16,
@@ -283,24 +282,24 @@ pub struct Shown<'a> {
     pub release: u16,
     /// bConfigurationValue.
     pub configuration: u8,
-    /// Class, subclass and protocol of its one interface.
+    /// Class, subclass and protocol of its only interface.
     pub interface: [u8; 3],
 }
 
-/// What commands call a device: bus and number on it.
+/// The device number in commands, made of the bus and the number on it.
 pub const fn device_id(bus: u16, number: u16) -> u32 {
     (bus as u32) << 16 | number as u32
 }
 
-/// Why an import is refused, as Linux numbers it.
+/// Why an import is refused, with Linux' numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Refusal {
-    /// Somebody else has it (`ST_DEV_BUSY`).
+    /// Another host has attached the device (`ST_DEV_BUSY`).
     Busy = 2,
-    /// The board is away (`ST_DEV_ERR`).
+    /// The board is not connected (`ST_DEV_ERR`).
     Away = 3,
-    /// There is no device of that bus id (`ST_NODEV`).
+    /// There is no device with that bus id (`ST_NODEV`).
     NoDevice = 4,
 }
 
@@ -341,7 +340,7 @@ fn raw_device(device: &Shown<'_>) -> RawDevice {
         vendor: device.vendor.to_be_bytes(),
         product: device.product.to_be_bytes(),
         release: device.release.to_be_bytes(),
-        // The class is the interface's.
+        // The class is given by the interface.
         class: [0; 3],
         configuration: device.configuration,
         configurations: 1,
@@ -349,7 +348,7 @@ fn raw_device(device: &Shown<'_>) -> RawDevice {
     }
 }
 
-/// Text in a field of `N` bytes, cut so that a zero ends it.
+/// The text in a field of `N` bytes, cut so that at least one zero follows.
 fn padded<const N: usize>(text: &str) -> [u8; N] {
     let mut field = [0; N];
     let len = text.len().min(N - 1);

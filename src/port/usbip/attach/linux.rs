@@ -1,4 +1,4 @@
-//! The kernel's controller.
+//! The virtual host controller of Linux.
 
 use std::fs;
 use std::io;
@@ -8,10 +8,11 @@ use std::path::Path;
 use super::{AttachError, free_ports};
 use crate::port::usbip::wire::HIGH_SPEED;
 
-/// What the kernel speaks through.
+/// The connection to the kernel.
 pub type Socket = std::os::unix::net::UnixStream;
 
-/// Hands a device to the controller in the folder `vhci`; gives our end of the connection and the port.
+/// Attaches a device to the controller in the folder `vhci`. Returns the server's end of the connection and the number
+/// of the port.
 ///
 /// # Errors
 /// [`AttachError`].
@@ -24,7 +25,7 @@ pub fn attach(vhci: &Path, device_id: u32) -> Result<(Socket, u32), AttachError>
         let order = format!("{port} {} {device_id} {HIGH_SPEED}", theirs.as_raw_fd());
         match fs::write(vhci.join("attach"), order) {
             Ok(()) => return Ok((ours, port)),
-            // Somebody was faster.
+            // Another program has taken the port meanwhile.
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(AttachError::NotAllowed),
             Err(error) => return Err(AttachError::Refused(error)),

@@ -1,4 +1,4 @@
-//! Endpoint 0: what a HID device answers.
+//! Endpoint 0: the standard requests and those of a HID device.
 
 use super::{Device, TooMany};
 use crate::port::usbip::descriptors::{CONFIGURATION_VALUE, IN, OUT};
@@ -6,17 +6,17 @@ use crate::port::usbip::setup::{Request, Setup, report};
 use crate::port::usbip::wire::{self, Direction, Status, Submit};
 use crate::sk::FRAME_LEN;
 
-/// GET_STATUS of an endpoint: it is halted.
+/// The answer to GET_STATUS of a halted endpoint.
 const HALTED: u8 = 1;
-/// The one alternate setting of the interface.
+/// The only alternate setting of the interface.
 const ALTERNATE: u8 = 0;
-/// Reports have no id (SK-9).
+/// The report id of reports without one (SK-9).
 const NO_ID: u8 = 0;
 
 impl Device {
     pub(super) fn control(&mut self, transfer: &Submit, data: &[u8]) -> Result<(), TooMany> {
         let setup = Setup::parse(transfer.setup);
-        // Without data a request goes out, whatever it asks for.
+        // A request without a data stage is an OUT transfer, whatever its direction bit says.
         let to_host = setup.to_host && setup.length > 0;
         if to_host != (transfer.direction == Direction::In) {
             self.refuse(transfer);
@@ -32,7 +32,7 @@ impl Device {
                 }
                 None => self.refuse(transfer),
             },
-            // Neither powered by itself nor able to wake the host.
+            // Not self-powered, no remote wake-up.
             Request::GetStatus => self.answer(transfer, room, &[0, 0]),
             Request::GetEndpointStatus(endpoint) => match self.halt_of(endpoint) {
                 Some(halted) => {
@@ -48,7 +48,7 @@ impl Device {
                 }
                 None => self.refuse(transfer),
             },
-            // The address is the bus's; over USB/IP the host has its own.
+            // Over USB/IP the host assigns addresses on its own bus, so this one has no effect.
             Request::SetAddress => self.done(transfer),
             Request::GetConfiguration => {
                 let value = if self.configured { CONFIGURATION_VALUE } else { 0 };
@@ -62,18 +62,18 @@ impl Device {
             Request::GetInterface => self.answer(transfer, room, &[ALTERNATE]),
             Request::SetInterface(0) => self.done(transfer),
             Request::GetIdle => self.answer(transfer, room, &[self.idle]),
-            // It is kept and has no effect: the board sends a report every cycle. [OURS]
+            // The idle rate is stored without effect, because the board makes a report in every cycle. [OURS]
             Request::SetIdle(idle) => {
                 self.idle = idle;
                 self.done(transfer);
             }
-            // [OURS] The newest report that was made for the host.
+            // [OURS] The answer is the newest report that was read for the host.
             Request::GetReport { kind: report::INPUT, id: NO_ID } => {
                 let moved = room.min(FRAME_LEN);
                 let bytes = &self.report.bytes()[..moved];
                 wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, moved as u32, bytes);
             }
-            // [OURS] A whole report is a command frame as on the endpoint, another length is refused.
+            // [OURS] A whole report is a command frame as on the OUT endpoint; any other length is refused.
             Request::SetReport { kind: report::OUTPUT, id: NO_ID } if data.len() == FRAME_LEN && self.configured => {
                 return self.submit_write(transfer.sequence, data);
             }

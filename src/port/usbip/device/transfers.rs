@@ -1,35 +1,35 @@
-//! Transfers that a host waits for, oldest first. Their buffers are used again: after a while nothing is allocated.
+//! Pending transfers, oldest first. Their buffers are reused, so that after a while nothing is allocated.
 
 use std::collections::VecDeque;
 
 use super::{TRANSFERS_AT_ONCE, TooMany};
 
-/// A transfer to the host.
+/// An IN transfer.
 #[derive(Debug, Default)]
 pub(super) struct Read {
     pub sequence: u32,
-    /// Bytes that the host has room for.
+    /// How many bytes the host accepts.
     pub length: usize,
     pub bytes: Vec<u8>,
 }
 
 impl Read {
-    /// Bytes that fit still.
+    /// How many more bytes fit.
     pub fn room(&self) -> usize {
         self.length - self.bytes.len()
     }
 }
 
-/// A transfer to the board.
+/// An OUT transfer.
 #[derive(Debug, Default)]
 pub(super) struct Write {
     pub sequence: u32,
     pub bytes: Vec<u8>,
-    /// Bytes that the board has.
+    /// How many bytes the board has taken.
     pub moved: usize,
 }
 
-/// What has a number that the host gave it.
+/// A transfer with the sequence number that the host has given it.
 pub(super) trait Transfer: Default {
     fn sequence(&mut self) -> &mut u32;
 }
@@ -46,7 +46,7 @@ impl Transfer for Write {
     }
 }
 
-/// Transfers of one direction.
+/// The transfers of one direction.
 #[derive(Debug)]
 pub(super) struct Buffers<T> {
     waiting: VecDeque<T>,
@@ -72,7 +72,7 @@ impl<T: Transfer> Buffers<T> {
         self.first().is_some_and(|first| *first.sequence() == sequence)
     }
 
-    /// Adds a transfer; `fill` sets all of it but its number.
+    /// Adds a transfer; `fill` sets all of its fields except the sequence number.
     pub fn push(&mut self, sequence: u32, fill: impl FnOnce(&mut T)) -> Result<(), TooMany> {
         if self.waiting.len() >= TRANSFERS_AT_ONCE {
             return Err(TooMany);
@@ -84,7 +84,7 @@ impl<T: Transfer> Buffers<T> {
         Ok(())
     }
 
-    /// Takes a transfer out, wherever it stands but among the first `fixed`; says whether it was there.
+    /// Removes a transfer unless it is among the first `fixed`; returns whether it was there.
     pub fn remove(&mut self, sequence: u32, fixed: usize) -> bool {
         let at = (fixed..self.waiting.len()).find(|at| *self.waiting[*at].sequence() == sequence);
         let removed = at.and_then(|at| self.waiting.remove(at));
@@ -93,7 +93,7 @@ impl<T: Transfer> Buffers<T> {
         found
     }
 
-    /// Takes the first one out once it was looked at.
+    /// Removes the first transfer and passes it to `look`.
     pub fn end_first(&mut self, look: impl FnOnce(&T)) {
         if let Some(transfer) = self.waiting.pop_front() {
             look(&transfer);

@@ -1,4 +1,5 @@
-//! Boards of a server that this machine itself uses, attached again whenever their links are back.
+//! Boards of the server that are attached to this machine itself (`--attach`), and attached again whenever their links
+//! are back.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,17 +11,17 @@ use super::server::Shared;
 use super::stream::Stream;
 use crate::threads;
 
-/// Gives board `index` to the kernel of this machine; the thread ends when the kernel lets go of it.
+/// Attaches board `index` to this machine. The returned thread ends when the kernel detaches the board.
 pub(super) fn attach(shared: &Arc<Shared>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
     let board = &shared.boards[index];
     let (stream, port) = attach::attach(vhci, board.device_id())?;
-    let session = board.take(Stream::Here(stream)).map_err(|_| AttachError::Taken)?;
+    let session = board.take(Stream::Local(stream)).map_err(|_| AttachError::Taken)?;
     let shared = shared.clone();
     let serve = move || shared.boards[index].serve(&session, &format!("this machine, port {port}"));
     threads::spawn("usbip-here", serve).map_err(AttachError::Refused)
 }
 
-/// Looks after board `index` until the server stops. `attached` is the thread that serves it to this machine already.
+/// Watches board `index` until the server stops. `attached` is the thread that already serves it to this machine.
 pub(super) fn keep(shared: &Arc<Shared>, index: usize, vhci: Option<&Path>, attached: Option<JoinHandle<()>>) {
     let board = &shared.boards[index];
     let mut threads: Vec<JoinHandle<()>> = attached.into_iter().collect();

@@ -1,13 +1,13 @@
-//! Systems whose kernel has no such controller.
+//! Operating systems without a virtual host controller.
 
 use std::path::Path;
 
 use super::AttachError;
 
-/// Nobody has one.
+/// A placeholder: no value of this type is ever made.
 pub type Socket = std::net::TcpStream;
 
-/// There is nothing to hand it to.
+/// Always fails.
 ///
 /// # Errors
 /// [`AttachError::NoKernel`].

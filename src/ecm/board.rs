@@ -1,36 +1,37 @@
-//! The board itself: CRC switches, FIFO, reset, and waiting until it is there again.
+//! The board itself: its CRC switches, its FIFO, its reset, and waiting until it is there again.
 
 use std::time::{Duration, Instant};
 
-use super::core::Task;
-use super::leftover::Left;
+use super::exchange::Task;
 use super::servo::require_op;
+use super::standstill::LeftBehind;
 use super::{Close, Ecm, EcmError, Options};
 use crate::link::uri::LinkUri;
 use crate::link::{FAILED_OPEN, LinkError};
 use crate::sk::{FifoAction, MasterCommand};
 
-/// \[OURS] Pause between two tries to open a board that is not there.
-const TRY_AGAIN: Duration = Duration::from_millis(50);
+/// \[OURS] The time between two tries to open a board that is not there.
+const RETRY_INTERVAL: Duration = Duration::from_millis(50);
 
-/// What the board does with CRCs (SET_EX).
+/// Which CRCs the board uses (SET_EX).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrcSwitches {
-    /// It checks those of command frames and executes none that is wrong (SK-1.24). This API fills them always.
+    /// The board checks the CRCs of command frames and executes no frame with a wrong one (SK-1.24). This API always fills
+    /// them.
     pub check_commands: bool,
-    /// It fills those of its reports, so that one turned over on the way is noticed.
+    /// The board fills the CRCs of its reports, so that bits which change on the way are noticed.
     pub fill_responses: bool,
 }
 
 impl Ecm {
-    /// Switches the CRCs of command frames and of reports, from the board's next boot on ([`Ecm::reset`], or power). The
-    /// board keeps the switches. Not in OP.
+    /// Switches the CRCs of command frames and of reports on or off, from the board's next start on ([`Ecm::reset`], or power).
+    /// The board keeps the switches. Not possible in OP.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Setting`] for reports without a CRC where [`Options::strict_crc`] wants one,
     /// [`EcmError::Timeout`], [`EcmError::Link`].
     pub fn set_crc(&self, switches: CrcSwitches) -> Result<(), EcmError> {
-        if self.core.options.strict_crc && !switches.fill_responses {
+        if self.exchange.options.strict_crc && !switches.fill_responses {
             return Err(EcmError::Setting {
                 what: "the CRC of reports",
                 found: "switched off".to_owned(),
@@ -38,47 +39,47 @@ impl Ecm {
             });
         }
         let found = self.state()?;
-        if self.core.lock()?.in_op() {
+        if self.exchange.lock()?.in_op() {
             return Err(EcmError::WrongState { what: "set_crc", needs: "Init, PreOP or SafeOP", found });
         }
         let CrcSwitches { check_commands, fill_responses } = switches;
         self.master("SET_EX", &MasterCommand::SetEx { check_commands, fill_responses }).map(|_| ())
     }
 
-    /// Drops what waits in the board's FIFO. An axis in CSP holds the target that was executed last: it stops at once and
-    /// without a ramp. One in CSV turns on, one in CST keeps its torque, as executed last. To stop gently end the stream
-    /// instead.
+    /// Discards the entries of the board's FIFO. An axis in CSP then holds the target that was executed last: it stops at once
+    /// and without a ramp. An axis in CSV keeps the velocity that was executed last, one in CST the torque. To stop gently end
+    /// the stream instead.
     ///
-    /// A [`Stream`](super::Stream) that is open has lost its way then: it takes no target and no step any more
-    /// ([`EcmError::Cleared`]). Its end ramps what still moves.
+    /// A [`Stream`](super::Stream) that is open takes no target and no step any more, as its next targets do not begin where the
+    /// axes are ([`EcmError::Cleared`]). Its end ramps what still moves.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
     pub fn clear_fifo(&self) -> Result<(), EcmError> {
         {
-            let mut session = self.core.lock()?;
-            self.core.catch_up(&mut session)?;
+            let mut session = self.exchange.lock()?;
+            self.exchange.catch_up(&mut session)?;
             require_op(&session, "clear_fifo")?;
         }
         let task = Task {
             what: "clearing the FIFO",
             hint: "see whether frames get lost (Ecm::stats)",
-            limit: self.core.options.servo_limit,
+            limit: self.exchange.options.servo_limit,
             commands: &[(0, MasterCommand::SetFifo(FifoAction::Clear).encode())],
             resend: true,
-            own: false,
+            claim_exclusive: false,
         };
-        self.core.run(
+        self.exchange.run(
             &task,
-            // It acts on arrival; its own frame is the first entry after it.
+            // The command acts on arrival; its own frame is the first entry after it.
             |session, sent| Ok(session.executed(sent).then_some(())),
             |session| format!("{} entries are ahead of the board", session.credit.ahead()),
         )
     }
 
-    /// Boots the board (SW_RESET): moving axes are ramped to a standstill, then it forgets everything but the CRC switches
-    /// and goes away, with the connection. The axes lose their master: drives switch off. To go on, wait for it with
-    /// [`Ecm::open_when_there`].
+    /// Restarts the board (SW_RESET). Moving axes are ramped to a standstill first; then the board forgets everything but the
+    /// CRC switches, and the connection ends. The slaves lose their master, so that drives switch off. To go on, wait for the
+    /// board with [`Ecm::open_when_there`].
     ///
     /// ```
     /// use std::time::Duration;
@@ -94,26 +95,26 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// Why axes may have moved at that moment, as [`Ecm::close`]: it is reset all the same. [`EcmError::Timeout`] if the
-    /// board is still there, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// Why axes may have moved at that moment, as [`Ecm::close`]: the board is reset all the same. [`EcmError::Timeout`] if
+    /// it still reports, [`EcmError::NoReport`], [`EcmError::Link`].
     pub fn reset(mut self) -> Result<(), EcmError> {
-        self.core.link.check()?;
-        let rested = self.rest(false, &mut Left::default());
+        self.exchange.link.check()?;
+        let rested = self.bring_to_rest(false, &mut LeftBehind::default());
         let task = Task {
             what: "SW_RESET",
             hint: "see whether frames get lost (Ecm::stats), or switch the board off and on",
-            limit: self.core.options.state_limit,
+            limit: self.exchange.options.state_limit,
             commands: &[(0, MasterCommand::SoftReset.encode())],
             resend: true,
-            own: false,
+            claim_exclusive: false,
         };
-        let done = self.core.run(
+        let done = self.exchange.run(
             &task,
             |_, _| Ok(None::<()>),
-            |session| format!("it still reports, in {}", session.board.state),
+            |session| format!("it still reports, in {}", session.board().state),
         );
-        // There is nothing left to ramp.
-        self.leave();
+        // No axis is left to be ramped.
+        self.close_as_it_is();
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,
             Err(error) => Err(error),
@@ -121,14 +122,14 @@ impl Ecm {
         }
     }
 
-    /// Opens a board as soon as it is there: after [`Ecm::reset`], or when it was unplugged. Gives the time that took, on
-    /// the board's clock where that is virtual.
+    /// Opens a board as soon as it is there: after [`Ecm::reset`], or after it was unplugged. Gives the time that it took, in
+    /// virtual time on a link that has it.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`] if it is not there in time, with what was found last; what [`Ecm::open_with`] says of a link
-    /// that will not come by waiting.
+    /// [`EcmError::Timeout`] if it is not there in time, with the last error of opening it. Errors of [`Ecm::open_with`] that
+    /// waiting does not mend end the call at once.
     pub fn open_when_there(uri: &str, options: Options, limit: Duration) -> Result<(Self, Duration), EcmError> {
-        let limit = limit.min(super::core::LONGEST);
+        let limit = limit.min(super::exchange::LIMIT_MAX);
         let is_virtual = LinkUri::parse(uri).is_ok_and(|uri| uri.value("clock") == Some("virtual"));
         let began = Instant::now();
         let mut tries = 0;
@@ -151,14 +152,14 @@ impl Ecm {
                 return Err(EcmError::Timeout { what: "the board's return", waited, seen, hint });
             }
             if !is_virtual {
-                std::thread::sleep(TRY_AGAIN.min(limit.saturating_sub(began.elapsed())));
+                std::thread::sleep(RETRY_INTERVAL.min(limit.saturating_sub(began.elapsed())));
             }
             tries += 1;
         }
     }
 
-    /// Ends every use, and sends nothing.
-    fn leave(&mut self) {
+    /// Closes the board without sending anything.
+    fn close_as_it_is(&mut self) {
         // Closing in this way cannot fail.
         let _ = self.end(Close::Leave);
     }

@@ -1,4 +1,4 @@
-//! What the network is, as a value: it is checked as a whole before a byte of it is sent.
+//! The configuration of a network: a value that is checked as a whole before any of it is sent.
 
 use std::fmt;
 
@@ -6,18 +6,18 @@ use super::scale::Scale;
 use crate::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 
-/// \[OURS] How far from the actual position a target may be unless the axis says otherwise: one turn of a 17-bit encoder.
+/// \[OURS] The default guard of an axis, counts: a target may be one turn of a 17-bit encoder away from the actual position.
 pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 
-/// \[OURS] What an axis that stands may move within 8 cycles, unless it says otherwise: encoders have noise.
+/// \[OURS] How far an axis that stands may move within 8 cycles by default, counts: encoders have noise.
 pub const DEFAULT_STANDSTILL_COUNTS: u32 = 16;
 
-/// How far from the actual position a target of CSP may be.
+/// How far a target in CSP may be from the actual position of the axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
     /// At most that many counts, 1 or more.
     Within(u32),
-    /// As far as one likes.
+    /// Any distance.
     Off,
 }
 
@@ -30,25 +30,25 @@ impl Default for Guard {
 /// How an axis is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// CSP, CSV or CST; it fixes the process data (SK-7.31).
+    /// CSP, CSV or CST. It decides which process data are mapped (SK-7.31).
     pub mode: Mode,
-    /// Whether distributed clocks pace the slave.
+    /// Whether the slave is synchronized by distributed clocks.
     pub sync: DriveSync,
-    /// Targets further away than this are refused.
+    /// Targets that are further away than this are refused.
     pub guard: Guard,
-    /// Counts of one unit of yours.
+    /// Counts of one unit of the program.
     pub scale: Scale,
-    /// An axis that moves no further than that within 8 cycles (16 ms at most, at least one cycle) stands, counts: more
+    /// An axis that moves no further than that within 8 cycles (at most 16 ms, at least one cycle) stands, counts. Set more
     /// than the noise of its encoder.
     pub standstill: u32,
 }
 
 impl Axis {
-    /// CSP with distributed clocks, the default guard, in counts.
+    /// CSP with distributed clocks and the default guard, in counts.
     pub const CSP: Self = Self::new(Mode::Csp);
-    /// CSV, else as [`Axis::CSP`]; a velocity has no guard.
+    /// CSV, else as [`Axis::CSP`]; velocities have no guard.
     pub const CSV: Self = Self::new(Mode::Csv);
-    /// CST, else as [`Axis::CSP`]; a torque has no guard.
+    /// CST, else as [`Axis::CSP`]; torques have no guard.
     pub const CST: Self = Self::new(Mode::Cst);
 
     const fn new(mode: Mode) -> Self {
@@ -79,12 +79,12 @@ pub enum Slave {
     Hsp(Axis),
     /// 16 inputs and 16 outputs.
     Io,
-    /// A slave that is there and stays unused, in PreOP.
+    /// A slave that is on the network and not used; it stays in PreOP.
     Unused,
 }
 
 impl Slave {
-    /// What SET_AXIS calls it.
+    /// Its kind in SET_AXIS.
     pub const fn kind(&self) -> SlaveKind {
         match self {
             Self::Drive(_) => SlaveKind::Drive,
@@ -95,7 +95,7 @@ impl Slave {
         }
     }
 
-    /// Its axis; `None` for IO.
+    /// How its axis is run; `None` for an IO slave and an unused one.
     pub const fn axis(&self) -> Option<&Axis> {
         match self {
             Self::Drive(axis) | Self::Step(axis) | Self::Hsp(axis) => Some(axis),
@@ -104,7 +104,7 @@ impl Slave {
     }
 }
 
-/// Its word in the tool's `--slaves`: `drive`, `drive:csv`, `io`.
+/// As the tool's `--slaves` has it: `drive`, `drive:csv`, `io`.
 impl fmt::Display for Slave {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -121,7 +121,7 @@ impl fmt::Display for Slave {
     }
 }
 
-/// The network: what [`Ecm::configure`](super::Ecm::configure) sends.
+/// The network, as [`Ecm::configure`](super::Ecm::configure) tells the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// The slaves in the order of the cable: slave 1 is the first.
@@ -138,12 +138,12 @@ impl Default for Config {
 }
 
 impl Config {
-    /// That many drives in CSP, a cycle of 1000 us.
+    /// A network of that many drives in CSP, with a cycle of 1000 us.
     pub fn drives(count: usize) -> Self {
         Self { slaves: vec![Slave::Drive(Axis::CSP); count], ..Self::default() }
     }
 
-    /// Whether a board of that slot size can run it.
+    /// Checks whether a board of that slot size can run it; gives the cycle.
     ///
     /// # Errors
     /// [`ConfigError`], the first thing that is wrong.
@@ -173,7 +173,7 @@ impl Config {
     }
 }
 
-/// What is wrong with a [`Config`]. Nothing of it was sent.
+/// Why a [`Config`] cannot be used. Nothing of it was sent.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigError {
     /// The board has no such cycle.
@@ -182,12 +182,12 @@ pub enum ConfigError {
         /// What was given.
         found_us: u32,
     },
-    /// No slaves or too many.
+    /// There are no slaves, or too many.
     #[error("{found} slaves: with slots of {slot} bytes a board drives 1 to {max}; list the slaves in `slaves`")]
     Count {
-        /// How many there are.
+        /// Slaves in the configuration.
         found: usize,
-        /// How many the board has slots for.
+        /// Slaves for which a frame has slots.
         max: usize,
         /// Bytes of a slot.
         slot: usize,
@@ -204,13 +204,13 @@ pub enum ConfigError {
         /// The modes it has.
         allowed: &'static [Mode],
     },
-    /// A guard that lets nothing pass.
+    /// A guard that refuses every target.
     #[error("slave {slave} has a guard of 0 counts, which lets no target pass; set 1 or more, or Guard::Off")]
     Guard {
         /// Slave.
         slave: u8,
     },
-    /// A scale that is no number of counts.
+    /// The counts of a unit are 0, or no finite number.
     #[error("slave {slave} has {found} counts per unit; set a number that is finite and not 0")]
     Scale {
         /// Slave.

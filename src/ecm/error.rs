@@ -1,4 +1,4 @@
-//! What can go wrong, one enum: each variant says what happened, to what, and ends with what to do.
+//! The errors of the native API. Each says what happened, and to what, and ends with what to do.
 
 use std::time::Duration;
 
@@ -11,74 +11,60 @@ use crate::span::Span;
 
 /// An error of the native API.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum EcmError {
-    /// The link failed; after [`LinkError::Lost`] open a new [`Ecm`](super::Ecm), nothing reconnects by itself.
+    /// The link failed. After [`LinkError::Lost`] open a new [`Ecm`](super::Ecm): nothing reconnects by itself.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The configuration is wrong; nothing of it was sent.
+    /// The configuration cannot be used. Nothing of it was sent.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The link does not say how wide slots are, and no report showed it.
+    /// The link does not know the slot size, and no report showed it.
     #[error("`{name}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link")]
-    SlotUnknown {
-        /// Which link.
-        name: String,
-    },
+    SlotUnknown { name: String },
     /// A setting cannot be used.
     #[error("{what} is {found}; set {allowed}")]
-    Setting {
-        /// Which.
-        what: &'static str,
-        /// What was given.
-        found: String,
-        /// What may be given.
-        allowed: &'static str,
-    },
-    /// The board said nothing.
+    Setting { what: &'static str, found: String, allowed: &'static str },
+    /// The board made no report that can be used.
     #[error(
         "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); \
          check the cable to the first slave and the board's power",
         Span(*.waited)
     )]
     NoReport {
-        /// What waited for it.
+        /// What needed a report.
         what: &'static str,
-        /// How long.
+        /// How long that has waited.
         waited: Duration,
-        /// Reports thrown away since the board was opened.
+        /// Reports discarded since the board was opened, because their CRC was wrong.
         bad_crc: u64,
     },
-    /// The board talks, but what was waited for did not happen.
+    /// The board reports, but what was waited for did not happen.
     #[error("{what}: not done after {}, {seen}; {hint}", Span(*.waited))]
     Timeout {
-        /// What was waited for.
         what: &'static str,
-        /// How long.
+        /// How long it was waited for.
         waited: Duration,
-        /// What was seen instead.
+        /// What reports showed instead.
         seen: String,
-        /// What to do.
         hint: &'static str,
     },
-    /// A change of state ended somewhere else.
+    /// A change of state ended in another state.
     #[error("{wanted} was not reached, the board is in {found}: {suspect}")]
     StateStuck {
-        /// What was asked for.
         wanted: MasterState,
-        /// Where it ended.
+        /// The state in which it ended.
         found: StateByte,
-        /// Which slave it was, as far as the wire shows it.
+        /// The slave that was the cause, as far as it could be found.
         suspect: Suspect,
     },
-    /// The network's state does not allow it.
+    /// The network's state does not allow the call.
     #[error("{what} needs {needs}, the board is in {found}; use set_state first")]
     WrongState {
-        /// What was tried.
         what: &'static str,
         /// The states that allow it.
         needs: &'static str,
-        /// The state.
         found: StateByte,
     },
     /// The network has another number of slaves than the configuration.
@@ -87,9 +73,9 @@ pub enum EcmError {
         slaves_are(*.declared)
     )]
     SlaveCount {
-        /// In the configuration.
+        /// Slaves in the configuration.
         declared: usize,
-        /// On the network.
+        /// Slaves that the board has found on the network.
         found: usize,
     },
     /// No slave of that number is configured.
@@ -98,31 +84,25 @@ pub enum EcmError {
         slaves_are(*.declared)
     )]
     NoSuchSlave {
-        /// The number.
         slave: u8,
-        /// How many there are.
+        /// Slaves that are configured.
         declared: usize,
     },
     /// The slave is of another kind.
     #[error("slave {slave} is configured as {kind}, {what} is not for it; use it on {wanted}")]
     WrongKind {
-        /// Slave.
         slave: u8,
-        /// What it is.
         kind: &'static str,
-        /// What was tried.
         what: &'static str,
-        /// What it is for.
+        /// The slaves for which that is.
         wanted: &'static str,
     },
-    /// An axis in another mode.
+    /// The axis is configured for another mode.
     #[error("slave {slave} runs in {mode}, not in {wanted}; change its mode in the configuration")]
     WrongMode {
-        /// Slave.
         slave: u8,
-        /// Its mode.
         mode: Mode,
-        /// The mode of what was tried.
+        /// The mode of the target.
         wanted: Mode,
     },
     /// A slave refused an SDO transfer.
@@ -132,142 +112,92 @@ pub enum EcmError {
     SdoAborted {
         /// `reading` or `writing`.
         verb: &'static str,
-        /// Slave.
         slave: u8,
-        /// Object.
         object: ObjectAddress,
-        /// Why.
         code: AbortCode,
     },
     /// An object holds more than the type it was read as.
     #[error("{object} of slave {slave} is 0x{value:X}, too wide for {bits} bits; read it as a wider type")]
-    SdoTooWide {
-        /// Slave.
-        slave: u8,
-        /// Object.
-        object: ObjectAddress,
-        /// What it holds.
-        value: u32,
-        /// Bits of the type.
-        bits: u32,
-    },
-    /// The axis is not on.
+    SdoTooWide { slave: u8, object: ObjectAddress, value: u32, bits: u32 },
+    /// The axis is not switched on.
     #[error("slave {slave} is not in Operation enabled (statusword 0x{:04X}); call servo_on first", statusword.0)]
-    NotEnabled {
-        /// Slave.
-        slave: u8,
-        /// Its statusword.
-        statusword: Statusword,
-    },
-    /// The second channel of an HSP is not on, the first one is.
+    NotEnabled { slave: u8, statusword: Statusword },
+    /// The first channel of an HSP is switched on, the second one is not.
     #[error("the second channel of slave {slave} is not in Operation enabled; call clear_alarm, then servo_on")]
-    SecondOff {
-        /// Slave.
-        slave: u8,
-    },
-    /// A slave has been lost in OP: what its slot shows is old.
+    SecondOff { slave: u8 },
+    /// A slave has been lost in OP: its slot keeps old values.
     #[error(
         "{} lost, the board is in {found}; check cable and power, then set_state brings it back",
         slave.map_or_else(|| "a slave (the board does not say which) is".to_owned(), |slave| format!("slave {slave} is"))
     )]
     SlaveLost {
-        /// Which, as far as it is known.
+        /// The slave, if it is known.
         slave: Option<u8>,
-        /// The state.
         found: StateByte,
     },
-    /// A stream so deep could not be brought to a standstill within the limit of closing.
+    /// A stream of that depth could not be brought to a standstill within the limit of closing.
     #[error(
         "depth is {found}; with a cycle of {cycle:?} set 1 to {max}: what is ahead of the board and the ramp have to end \
          within the 2 s of closing"
     )]
-    TooDeep {
-        /// What was given.
-        found: u16,
-        /// The most frames that can be ahead.
-        max: u16,
-        /// The network's cycle.
-        cycle: Duration,
-    },
+    TooDeep { found: u16, max: u16, cycle: Duration },
     /// The drive has an alarm.
     #[error("slave {slave} has alarm 0x{code:04X}; remove the cause (drive's manual), then clear_alarm and servo_on")]
     Alarm {
-        /// Slave.
         slave: u8,
-        /// 0x603F; an HSP shows none.
+        /// The error code (0x603F); 0 for an HSP, which shows none.
         code: u16,
     },
-    /// The guard refused a target.
+    /// The guard of the axis refused a target.
     #[error(
         "target {target} of slave {slave} is {} counts from its position {actual}, allowed are {limit}; \
          start from the actual position, or widen the axis's guard",
         target.wrapping_sub(*actual).unsigned_abs()
     )]
     TooFar {
-        /// Slave.
         slave: u8,
-        /// Counts.
+        /// The target, counts.
         target: i32,
-        /// Counts.
+        /// The actual position, counts.
         actual: i32,
-        /// Counts.
+        /// The greatest distance that the guard allows, counts.
         limit: u32,
     },
-    /// A position in units is outside the wire's 32 bits.
+    /// A position in units does not fit the 32 bits of the wire.
     #[error("{units} units of slave {slave} are no 32-bit count; check the value and the axis's scale")]
-    OutOfRange {
-        /// Slave.
-        slave: u8,
-        /// What was asked for.
-        units: f64,
-    },
-    /// The FIFO was cleared under a stream: the axes are not where its next targets begin.
+    OutOfRange { slave: u8, units: f64 },
+    /// The FIFO was cleared while a stream was open: the axes are not where its next targets begin.
     #[error("the FIFO was cleared while the stream was open; end it, and start another one from the actual positions")]
     Cleared,
-    /// The axis is homing.
+    /// The axis is being homed.
     #[error("slave {slave} is homing; wait for it to end, or abort it")]
-    IsHoming {
-        /// Slave.
-        slave: u8,
-    },
+    IsHoming { slave: u8 },
     /// Homing ended without a home.
     #[error("homing of slave {slave} failed: {why}; check its method and switches, then home again")]
-    HomingFailed {
-        /// Slave.
-        slave: u8,
-        /// How.
-        why: &'static str,
-    },
-    /// Somebody else uses it.
+    HomingFailed { slave: u8, why: &'static str },
+    /// Another thread uses what the call needs.
     #[error("{what} is in use by another thread; wait for it to end")]
-    Busy {
-        /// What.
-        what: &'static str,
-    },
+    Busy { what: &'static str },
 }
 
-/// On which slave a change of state got stuck, as far as a host can find out.
+/// The slave that keeps the network from changing its state, as far as a host can find out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum Suspect {
-    /// It does not answer an SDO.
-    Silent {
-        /// Slave.
-        slave: u8,
-    },
-    /// It has not got the objects of its kind.
+    /// A slave does not answer an SDO.
+    Silent { slave: u8 },
+    /// A slave lacks objects of its kind.
     NotOfKind {
-        /// Slave.
         slave: u8,
-        /// What it was declared as.
         kind: &'static str,
         /// The object that is missing.
         missing: ObjectAddress,
     },
-    /// Nothing is configured: without it the board takes every slave for an IO slave.
+    /// Nothing is configured. Then the board takes every slave for an IO slave.
     Undeclared,
-    /// All answer and fit; the wire does not carry AL status codes.
+    /// All slaves answer and fit the configuration. The wire does not carry AL status codes.
     Unknown,
-    /// No slave is there at all, or the state allows no SDO to look.
+    /// No slave answers at all, or the state allows no SDO.
     Network,
 }
 

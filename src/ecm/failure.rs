@@ -1,7 +1,7 @@
-//! An error for `main`.
+//! An error type for `main`.
 
-/// What `main` may end with: `Result<(), Failure>` ends a program with code 1 and the error's own words, where the error
-/// itself would be shown as Rust sees it.
+/// Any error, for `main` to return: `Result<(), Failure>` ends a program with exit code 1 and the words of the error. Returned
+/// itself, the error would be shown in its debug format.
 ///
 /// ```
 /// use ecmsk::ecm::{Ecm, Failure};
@@ -15,14 +15,14 @@
 /// ```
 pub struct Failure(String);
 
-// It is no std::error::Error itself, or this would be two of From<Failure>.
+// It is no std::error::Error itself: there would be two implementations of From<Failure>.
 impl<E: std::error::Error> From<E> for Failure {
     fn from(error: E) -> Self {
         Self(error.to_string())
     }
 }
 
-/// `main` shows what it ends with by this.
+/// `main` shows its error in this format.
 impl std::fmt::Debug for Failure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.0)

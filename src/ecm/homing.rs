@@ -1,24 +1,24 @@
-//! Homing with progress: one axis, or several that start in one frame, as the board wants it (SK-7.27).
+//! Homing with progress: of one axis, or of several whose GO_HOME stands in one frame, as the board wants it (SK-7.27).
 
 use std::cell::RefCell;
 use std::time::Duration;
 
-use super::core::Task;
+use super::exchange::{Session, Task};
 use super::servo::{declared, refuse_alarm, require_op};
-use super::session::Session;
 use super::{Ecm, EcmError};
 use crate::cia402::{MODES_OF_OPERATION, Mode, Statusword};
 use crate::coe::ObjectAddress;
+use crate::ethercat::SlaveSet;
 use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] A result that stood from the beginning counts after that time: bits 12 and 13 may be those of an earlier
-/// homing, which the drive clears when it begins.
-const STANDS: Duration = Duration::from_millis(100);
-/// \[OURS] GO_HOME that has no answer after so many reports was lost: more than the FIFO and a handshake take.
-const LOST: u64 = 200;
+/// \[OURS] Bits 12 and 13 of the statusword may be those of an earlier homing, until the drive clears them as it begins. If
+/// they are set from the beginning they count after that time.
+const OLD_RESULT_MAX: Duration = Duration::from_millis(100);
+/// \[OURS] A GO_HOME that has no answer after so many reports was lost: more than the FIFO and a handshake take.
+const ANSWER_REPORTS_MAX: u64 = 200;
 const HINT: &str = "check method, speeds and switches; the axis was told to end homing";
 
-/// How to home: the objects of CiA 402 that are written before GO_HOME. What is `None` stays as the drive has it.
+/// How an axis is homed: the objects of CiA 402 that are written before GO_HOME. What is `None` stays as the drive has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
     /// 0x6098: homing method.
@@ -31,50 +31,50 @@ pub struct Homing {
     pub acceleration: Option<u32>,
     /// 0x607C, home offset in counts.
     pub offset: Option<i32>,
-    /// How long the motion may take; it is aborted then.
+    /// How long the motion may take; after that it is aborted.
     pub limit: Duration,
 }
 
 impl Homing {
-    /// That method, all else as the drive has it, within a minute.
+    /// Homing by that method, with all else as the drive has it, within a minute.
     pub const fn method(method: i8) -> Self {
         let limit = Duration::from_secs(60);
         Self { method, switch_speed: None, zero_speed: None, acceleration: None, offset: None, limit }
     }
 }
 
-/// How far homing is.
+/// How far the homing of an axis is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HomingPhase {
-    /// Objects are written.
+    /// Its objects are being written.
     Preparing,
     /// The axis moves.
     Moving,
-    /// Home is found; the mode is set back.
+    /// The motion has ended; the mode of operation is set back.
     Restoring,
 }
 
-/// What a homing axis does.
+/// What an axis shows while it is homed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HomingProgress {
-    /// Which slave it is.
+    /// Slave.
     pub slave: u8,
-    /// How far it is.
+    /// How far its homing is.
     pub phase: HomingPhase,
     /// Actual position, counts.
     pub position: i32,
     /// Statusword: bit 10 target reached, 12 homing attained, 13 homing error.
     pub statusword: Statusword,
-    /// Since the call.
+    /// Time since the call.
     pub elapsed: Duration,
 }
 
 impl Ecm {
-    /// Homes an axis that is on: writes the objects, starts, waits, and sets the mode back, which the firmware 1.5 does
-    /// not do by itself. `progress` is called with each report; it may use the board too.
+    /// Homes an axis that is switched on: writes its objects, sends GO_HOME, waits for the end, and sets the mode of operation
+    /// back, which firmware 1.5 does not do by itself. `progress` is called with each report and may use the board, too.
     ///
-    /// Of an HSP it homes the first channel. The second one cannot be homed alone: where a program has written 6 to its
-    /// 0x6860 it begins with the first one, and only its own statusword (0x6841, by [`Ecm::sdo_read`]) tells how it ends.
+    /// Of an HSP the first channel is homed. The second one cannot be homed alone: if a program has written 6 to its 0x6860
+    /// it begins together with the first one, and only its own statusword (0x6841, by [`Ecm::sdo_read`]) tells how it ends.
     ///
     /// # Errors
     /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an object
@@ -84,8 +84,8 @@ impl Ecm {
         self.home_all(&[(slave, *homing)], progress)
     }
 
-    /// Homes several axes together: all objects are written first, one frame starts them, and it waits for the last. The
-    /// longest of their limits holds for all. If one fails, homing of the others is ended too, and the error is that of
+    /// Homes several axes together: writes the objects of all, starts them with one frame, and waits for the last one. The
+    /// longest of their limits holds for all. If one axis fails the homing of the others is aborted, and the error is that of
     /// the one.
     ///
     /// ```
@@ -103,41 +103,43 @@ impl Ecm {
     /// # Errors
     /// As [`Ecm::home`], and [`EcmError::Setting`] for a slave that is named twice.
     pub fn home_all(&self, axes: &[(u8, Homing)], mut progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
-        let began = self.core.now();
+        let began = self.exchange.now();
         let slaves: Vec<u8> = axes.iter().map(|(slave, _)| *slave).collect();
         if let Some((n, slave)) = slaves.iter().enumerate().find(|(n, slave)| slaves[..*n].contains(slave)) {
             let found = format!("slave {slave} at place {}", n + 1);
             return Err(EcmError::Setting { what: "the list of axes to home", found, allowed: "each slave once" });
         }
-        let turn = self.core.homing_turn.try_lock().ok_or(EcmError::Busy { what: "homing" })?;
+        let turn = self.exchange.homing_turn.try_lock().ok_or(EcmError::Busy { what: "homing" })?;
         let go = self.axis_commands("homing", &slaves, SlaveCommand::GoHome)?;
         if slaves.is_empty() {
             return Ok(());
         }
         let modes = self.reserve(&slaves)?;
         let mut tell = |slave: u8, phase| -> Result<(), EcmError> {
-            // The program's own function, without the session: it may call what it likes.
-            let told = Told { slave, phase }.now(&*self.core.lock()?, self.core.now().saturating_sub(began));
+            // The session is free while the program's own function runs: it may use the board.
+            let elapsed = self.exchange.now().saturating_sub(began);
+            let told = progress_of(&*self.exchange.lock()?, slave, phase, elapsed);
             progress(&told);
             Ok(())
         };
         let limit = axes.iter().map(|(_, homing)| homing.limit).max().unwrap_or_default();
         let prepared = axes.iter().try_for_each(|(slave, homing)| self.prepare(*slave, homing, &mut tell));
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
-        let started = self.core.lock().is_ok_and(|session| session.going != 0);
-        // \[OURS] Nothing homes any more when this returns. One axis that failed has ended by itself.
+        let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
+        // \[OURS] No axis homes any more when this returns. A single axis that failed has ended by itself.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
             Err(_) => true,
         };
         let aborted = if started && goes_on { self.abort_homing() } else { Ok(()) };
-        // It ends homing on either firmware, and the axes take targets again; all are tried, whether that is heard or not.
+        // Writing the mode back ends homing on either firmware, and the axes take targets again. It is tried for all of them,
+        // even if some calls fail.
         let mut restored = Ok(());
         for (slave, mode) in slaves.iter().zip(modes) {
-            let told = self.core.lock().map(|session| {
-                Told { slave: *slave, phase: HomingPhase::Restoring }
-                    .now(&session, self.core.now().saturating_sub(began))
+            let told = self.exchange.lock().map(|session| {
+                let elapsed = self.exchange.now().saturating_sub(began);
+                progress_of(&session, *slave, HomingPhase::Restoring, elapsed)
             });
             let one = told.and_then(|told| {
                 progress(&told);
@@ -145,16 +147,18 @@ impl Ecm {
             });
             restored = restored.and(one);
         }
-        let released =
-            self.core.lock().map(|mut session| slaves.iter().for_each(|slave| session.homing &= !(1 << slave)));
-        self.core.changed();
+        let released = self
+            .exchange
+            .lock()
+            .map(|mut session| slaves.iter().for_each(|slave| session.homing.active.remove(*slave)));
+        self.exchange.changed();
         drop(turn);
         done.and(aborted).and(restored).and(released)
     }
 
-    /// Takes axes that can home out of what streams may move; gives their modes.
+    /// Makes sure that the axes can be homed, and takes them away from streams. Gives their modes of operation.
     fn reserve(&self, slaves: &[u8]) -> Result<Vec<Mode>, EcmError> {
-        let mut session = self.core.lock()?;
+        let mut session = self.exchange.lock()?;
         let mut modes = Vec::with_capacity(slaves.len());
         for slave in slaves.iter().copied() {
             let config = declared(&session, slave)?;
@@ -165,14 +169,15 @@ impl Ecm {
             }
             modes.push(config.axis().map_or(Mode::Csp, |axis| axis.mode));
         }
-        let homing = slaves.iter().fold(0, |homing, slave| homing | 1 << slave);
-        session.homing |= homing;
-        (session.aborted, session.going) = (0, 0);
-        session.drop_targets(homing);
-        self.core.changed();
+        let homing: SlaveSet = slaves.iter().copied().collect();
+        session.homing.active = session.homing.active.union(homing);
+        (session.homing.aborted, session.homing.started) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
+        session.targets.withdraw(homing);
+        self.exchange.changed();
         Ok(modes)
     }
 
+    /// Writes the objects of one axis.
     fn prepare(
         &self,
         slave: u8,
@@ -181,10 +186,10 @@ impl Ecm {
     ) -> Result<(), EcmError> {
         let object = ObjectAddress::new;
         tell(slave, HomingPhase::Preparing)?;
-        refuse_aborted(&*self.core.lock()?, slave)?;
+        refuse_aborted(&*self.exchange.lock()?, slave)?;
         self.sdo_write(slave, object(MODES_OF_OPERATION, 0), Mode::Homing.code())?;
         self.sdo_write(slave, object(0x6098, 0), homing.method)?;
-        refuse_aborted(&*self.core.lock()?, slave)?;
+        refuse_aborted(&*self.exchange.lock()?, slave)?;
         if let Some(speed) = homing.switch_speed {
             self.sdo_write(slave, object(0x6099, 1), speed)?;
         }
@@ -200,6 +205,7 @@ impl Ecm {
         Ok(())
     }
 
+    /// Sends GO_HOME to all axes in one frame, and waits until all are home.
     fn go(
         &self,
         slaves: &[u8],
@@ -208,31 +214,31 @@ impl Ecm {
         began: Duration,
         progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
-        // A repeat after its end would start another homing: a lost frame is an error.
-        let task = Task { what: "homing", hint: HINT, limit, commands, resend: false, own: true };
-        let mut axes: Vec<Search> = slaves.iter().map(|slave| Search::of(*slave)).collect();
+        // A repeat after the end of homing would start it again: a frame that is lost is an error.
+        let task = Task { what: "homing", hint: HINT, limit, commands, resend: false, claim_exclusive: true };
+        let mut axes: Vec<AxisHoming> = slaves.iter().map(|slave| AxisHoming::of(*slave)).collect();
         let told = RefCell::new(Vec::new());
         let mut tell_all = || told.take().iter().for_each(&mut *progress);
         let mut sent_at = None;
-        let done = self.core.run_with(
+        let done = self.exchange.run_with(
             &task,
             |session| {
                 require_op(session, "homing")?;
                 slaves.iter().try_for_each(|slave| refuse_aborted(session, *slave))?;
-                session.going = session.homing;
+                session.homing.started = session.homing.active;
                 Ok(())
             },
             |session, sent| {
                 require_op(session, "homing")?;
                 let reports = session.stats.reports;
-                let lost = reports - *sent_at.get_or_insert(reports) > LOST;
+                let is_lost = reports - *sent_at.get_or_insert(reports) > ANSWER_REPORTS_MAX;
                 let mut all = true;
                 for axis in &mut axes {
                     let slot = usize::from(axis.slave);
                     axis.taken |= session.answer(sent, slot, CommandId::GoHome.code()).is_some();
-                    let elapsed = self.core.now().saturating_sub(began);
-                    let mut tell = |slave, phase| told.borrow_mut().push(Told { slave, phase }.now(session, elapsed));
-                    all &= axis.look(session, session.executed(sent) || lost, &mut tell)?;
+                    let elapsed = self.exchange.now().saturating_sub(began);
+                    let tell = |slave, phase| told.borrow_mut().push(progress_of(session, slave, phase, elapsed));
+                    all &= axis.read(session, session.executed(sent) || is_lost, tell)?;
                 }
                 Ok(all.then_some(()))
             },
@@ -249,79 +255,75 @@ impl Ecm {
         done
     }
 
-    /// Ends the homing of all slaves: ABORT_HOME. A call of [`Ecm::home`] in another thread ends with
-    /// [`EcmError::HomingFailed`]. Without any homing nothing is sent.
+    /// Aborts the homing of all slaves (ABORT_HOME). A call of [`Ecm::home`] in another thread ends with
+    /// [`EcmError::HomingFailed`]. If no axis is being homed nothing is sent.
     ///
     /// # Errors
     /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::Link`].
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
-            let mut session = self.core.lock()?;
-            self.core.catch_up(&mut session)?;
+            let mut session = self.exchange.lock()?;
+            self.exchange.catch_up(&mut session)?;
             require_op(&session, "abort_homing")?;
-            if session.homing == 0 {
+            let Some(slave) = session.homing.active.iter().next() else { return Ok(()) };
+            session.homing.aborted = session.homing.active;
+            // Objects are still being written: homing ends before GO_HOME is sent.
+            if session.homing.started.is_empty() {
                 return Ok(());
             }
-            session.aborted = session.homing;
-            // Its objects are written yet: it ends before it begins.
-            if session.going == 0 {
-                return Ok(());
-            }
-            let slave = session.homing.trailing_zeros() as usize;
-            (slave, SlotCommand::from(SlaveCommand::AbortHome).encode(session.size))
+            (usize::from(slave), SlotCommand::from(SlaveCommand::AbortHome).encode(session.size))
         };
-        let limit = self.core.options.servo_limit;
-        let task =
-            Task { what: "ending homing", hint: HINT, limit, commands: &[(slot, command)], resend: true, own: false };
-        self.core.run(
+        let limit = self.exchange.options.servo_limit;
+        let task = Task {
+            what: "ending homing",
+            hint: HINT,
+            limit,
+            commands: &[(slot, command)],
+            resend: true,
+            claim_exclusive: false,
+        };
+        self.exchange.run(
             &task,
             |session, sent| Ok(session.executed(sent).then_some(())),
-            |session| format!("the board is in {}", session.board.state),
+            |session| format!("the board is in {}", session.board().state),
         )
     }
 }
 
 fn refuse_aborted(session: &Session, slave: u8) -> Result<(), EcmError> {
-    if session.aborted & 1 << slave == 0 {
+    if !session.homing.aborted.contains(slave) {
         return Ok(());
     }
     Err(EcmError::HomingFailed { slave, why: "it was aborted" })
 }
 
-/// What is told of an axis.
-struct Told {
-    slave: u8,
-    phase: HomingPhase,
+/// What the newest report shows of an axis.
+fn progress_of(session: &Session, slave: u8, phase: HomingPhase, elapsed: Duration) -> HomingProgress {
+    let position = session.slot(slave.into()).data1 as i32;
+    HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed }
 }
 
-impl Told {
-    fn now(&self, session: &Session, elapsed: Duration) -> HomingProgress {
-        let Self { slave, phase } = *self;
-        let position = session.slot(slave.into()).data1 as i32;
-        HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed }
-    }
-}
-
-/// One axis on its way home, report by report.
-struct Search {
+/// The homing of one axis, report by report.
+struct AxisHoming {
     slave: u8,
     /// The board has taken GO_HOME.
     taken: bool,
-    /// Neither a home nor an error was shown once.
+    /// Some report has shown neither "homing attained" nor "homing error": what is shown later is of this homing.
     seen_clear: bool,
-    /// When it was looked at first.
+    /// Time of the first report that was looked at, nanoseconds.
     since: Option<u64>,
-    /// It is home. The board may have set the mode back since, and its bits mean something else.
+    /// Home is found. The board may have set the mode back since, and the bits mean something else.
     home: bool,
 }
 
-impl Search {
+impl AxisHoming {
     const fn of(slave: u8) -> Self {
         Self { slave, taken: false, seen_clear: false, since: None, home: false }
     }
 
-    /// Whether it is home; `ran`: the frame with GO_HOME was executed for sure, or will not be.
-    fn look(&mut self, session: &Session, ran: bool, tell: &mut impl FnMut(u8, HomingPhase)) -> Result<bool, EcmError> {
+    /// Reads the newest report; says whether home is found. `ran`: the frame with GO_HOME was executed for sure, or never
+    /// will be.
+    fn read(&mut self, session: &Session, ran: bool, tell: impl FnOnce(u8, HomingPhase)) -> Result<bool, EcmError> {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });
         let word = session.statusword(slave);
@@ -332,21 +334,21 @@ impl Search {
             tell(slave, HomingPhase::Moving);
         }
         refuse_alarm(session, slave)?;
-        if session.aborted & 1 << slave != 0 {
+        if session.homing.aborted.contains(slave) {
             return failed("it was aborted");
         }
         if !word.is_enabled() {
             return failed("the drive was switched off");
         }
-        // Bits of an earlier homing may stand: without its answer nothing of them counts.
+        // Without the answer to GO_HOME the bits are those of an earlier homing.
         if !self.taken {
             return failed("the board did not take GO_HOME, or its frame was lost");
         }
         let (attained, error) = (word.0 & Statusword::BIT12 != 0, word.0 & Statusword::BIT13 != 0);
         self.seen_clear |= !attained && !error;
-        let now = session.meta.map_or(0, |meta| meta.at.0);
-        let stood = Duration::from_nanos(now - *self.since.get_or_insert(now)) >= STANDS;
-        if !self.seen_clear && !stood {
+        let now = session.reports.at().0;
+        let is_valid = Duration::from_nanos(now - *self.since.get_or_insert(now)) >= OLD_RESULT_MAX;
+        if !self.seen_clear && !is_valid {
             return Ok(false);
         }
         if error && !self.home {

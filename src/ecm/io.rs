@@ -1,7 +1,7 @@
-//! IO slaves, and the board's own inputs and outputs.
+//! The inputs and outputs of IO slaves, and the board's own.
 
 use super::config::Slave;
-use super::core::Task;
+use super::exchange::Task;
 use super::servo::{declared, require_op};
 use super::{Ecm, EcmError};
 use crate::sk::{IoResponse, MasterCommand, SlaveCommand, SlotCommand};
@@ -9,7 +9,7 @@ use crate::sk::{IoResponse, MasterCommand, SlaveCommand, SlotCommand};
 const HINT: &str = "see whether the slave is on the network and frames get lost (Ecm::stats)";
 
 impl Ecm {
-    /// The 16 inputs of an IO slave, bit k is input k; in OP.
+    /// Reads the 16 inputs of an IO slave, in OP. Bit k is input k.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`], [`EcmError::Timeout`],
@@ -18,7 +18,7 @@ impl Ecm {
         self.io("reading inputs", slave, SlaveCommand::IoRead)
     }
 
-    /// Sets the 16 outputs of an IO slave, bit k is output k; in OP. They stay until they are set again.
+    /// Sets the 16 outputs of an IO slave, in OP. Bit k is output k. They stay until they are set again.
     ///
     /// # Errors
     /// As [`Ecm::inputs`].
@@ -28,8 +28,8 @@ impl Ecm {
 
     fn io(&self, what: &'static str, slave: u8, command: SlaveCommand) -> Result<u16, EcmError> {
         let slot = {
-            let mut session = self.core.lock()?;
-            self.core.catch_up(&mut session)?;
+            let mut session = self.exchange.lock()?;
+            self.exchange.catch_up(&mut session)?;
             require_op(&session, what)?;
             let config = declared(&session, slave)?;
             if config != Slave::Io {
@@ -37,22 +37,23 @@ impl Ecm {
             }
             SlotCommand::from(command).encode(session.size)
         };
-        let limit = self.core.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands: &[(slave.into(), slot)], resend: true, own: true };
-        self.core.run(
+        let limit = self.exchange.options.servo_limit;
+        let task =
+            Task { what, hint: HINT, limit, commands: &[(slave.into(), slot)], resend: true, claim_exclusive: true };
+        self.exchange.run(
             &task,
             |session, sent| {
                 require_op(session, what)?;
-                if session.lost & 1 << slave != 0 {
-                    return Err(EcmError::SlaveLost { slave: Some(slave), found: session.board.state });
+                if session.lost.contains(slave) {
+                    return Err(EcmError::SlaveLost { slave: Some(slave), found: session.board().state });
                 }
                 Ok(session.answer(sent, slave.into(), slot.id).map(|answer| IoResponse::decode(&answer).bits))
             },
-            |session| format!("the board is in {}", session.board.state),
+            |session| format!("the board is in {}", session.board().state),
         )
     }
 
-    /// The board's own six inputs, in any state, bit k is input k.
+    /// Reads the board's own six inputs, in any state. Bit k is input k.
     ///
     /// # Errors
     /// [`EcmError::Timeout`], [`EcmError::Link`].
@@ -60,7 +61,7 @@ impl Ecm {
         self.local("reading the board's inputs", MasterCommand::LocalRead).map(|result| result as u8)
     }
 
-    /// Sets the board's own six outputs, in any state, bit k is output k.
+    /// Sets the board's own six outputs, in any state. Bit k is output k.
     ///
     /// # Errors
     /// [`EcmError::Setting`] for bits 6 and 7, [`EcmError::Timeout`], [`EcmError::Link`].
@@ -74,18 +75,18 @@ impl Ecm {
 
     fn local(&self, what: &'static str, command: MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
-        let limit = self.core.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands: &[(0, slot)], resend: true, own: true };
-        self.core.run(
+        let limit = self.exchange.options.servo_limit;
+        let task = Task { what, hint: HINT, limit, commands: &[(0, slot)], resend: true, claim_exclusive: true };
+        self.exchange.run(
             &task,
             |session, sent| {
                 if !session.in_op() {
-                    return Ok((session.board.id == slot.id).then_some(session.board.result));
+                    return Ok((session.board().id == slot.id).then_some(session.board().result));
                 }
-                // In OP the answer has no marker: it is valid once its entry has run (SK-8.3).
+                // In OP the answer does not say to which command it belongs: it is valid once the frame was executed (SK-8.3).
                 Ok(session.result(sent))
             },
-            |session| format!("the board is in {}", session.board.state),
+            |session| format!("the board is in {}", session.board().state),
         )
     }
 }

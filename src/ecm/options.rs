@@ -1,32 +1,32 @@
-//! How an [`Ecm`](super::Ecm) behaves: limits, checks, what closing does.
+//! Settings of an [`Ecm`](super::Ecm): limits, checks, and what becomes of the axes at its end.
 
 use std::time::Duration;
 
 use crate::sk::SlotSize;
 
-/// SK `[OURS]`: what closing may take in all.
+/// SK `[OURS]`: how long closing a board may take in all.
 pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
 
 /// What becomes of the axes when an [`Ecm`](super::Ecm) is closed or dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Close {
-    /// Moving axes are ramped to a standstill and stay enabled: a vertical axis does not drop.
+    /// Moving axes are ramped to a standstill and stay enabled, so that a vertical axis does not drop.
     #[default]
     Hold,
     /// As [`Close::Hold`], then the axes are switched off.
     ServoOff,
-    /// Nothing is sent: what is in the board's FIFO runs on.
+    /// Nothing is sent: the board goes on to execute the entries of its FIFO.
     Leave,
 }
 
 /// Settings of an [`Ecm`](super::Ecm). Every value has a default; all limits are \[OURS].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// The board's slot size, where the link does not say it.
+    /// The board's slot size, if the link does not know it.
     pub slot: Option<SlotSize>,
-    /// Whether a response whose CRC byte is 0 must match too: 0 else counts as absent (SK-1).
+    /// Whether a report whose CRC byte is 0 has to match it, too. Otherwise 0 means that there is no CRC (SK-1).
     pub strict_crc: bool,
-    /// Whether the guards of the axes act.
+    /// Whether targets are checked by the guards of axes.
     pub guard: bool,
     /// How long a board may be silent: 1 s, and never less than three cycles.
     pub read_limit: Duration,
@@ -36,9 +36,9 @@ pub struct Options {
     pub state_limit: Duration,
     /// How long an SDO transfer may take: 3 s, more than the board's own limit.
     pub sdo_limit: Duration,
-    /// How long switching on and off, an alarm clear and IO may take: 5 s.
+    /// How long it may take to switch axes on or off, to clear alarms, and to read and set inputs and outputs: 5 s.
     pub servo_limit: Duration,
-    /// What dropping does.
+    /// What becomes of the axes when the [`Ecm`](super::Ecm) is dropped.
     pub close: Close,
     /// How long the ramp to a standstill takes: 250 ms, at most 1.5 s.
     pub ramp: Duration,

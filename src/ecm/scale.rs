@@ -1,6 +1,6 @@
-//! Units: on the wire everything is counts; an axis may say how many counts one unit of yours is.
+//! Units of positions. On the wire positions are counts; for an axis a program may set how many counts one of its units has.
 
-/// Counts of one unit (mm, degree, turn): negative if the unit counts the other way.
+/// The counts of one unit (mm, degree, turn); negative if the unit counts in the opposite direction.
 ///
 /// ```
 /// use ecmsk::ecm::Scale;
@@ -16,26 +16,26 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The unit is the count.
+    /// A unit is a count.
     pub const COUNTS: Self = Self::per_unit(1.0);
 
-    /// That many counts are one unit.
+    /// A unit has that many counts.
     pub const fn per_unit(counts_per_unit: f64) -> Self {
         Self { counts_per_unit }
     }
 
-    /// Whether it can be used.
+    /// Whether it can be used: it is finite and not 0.
     pub fn is_valid(self) -> bool {
         self.counts_per_unit.is_finite() && self.counts_per_unit != 0.0
     }
 
-    /// The nearest count; `None` if it does not fit into the 32 bits of the wire or is no number.
+    /// The nearest count; `None` if that does not fit the 32 bits of the wire, or `units` is no number.
     pub fn to_counts(self, units: f64) -> Option<i32> {
         let counts = (units * self.counts_per_unit).round();
         (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts).then_some(counts as i32)
     }
 
-    /// Counts in units.
+    /// The units of a count.
     pub fn to_units(self, counts: i32) -> f64 {
         f64::from(counts) / self.counts_per_unit
     }

@@ -1,34 +1,33 @@
-//! Typed SDO access, one transfer at a time.
+//! SDO transfers with types, one at a time.
 //!
-//! The SDO slot keeps its answer, so a request that equals the last one would find that answer and take it for its own.
-//! Before such a request another object is read (SK-6.10).
+//! The SDO slot shows an answer until the next one. A request that equals the last one would find the old answer there and
+//! take it for its own: before such a request another object is read (SK-6.10).
 
 use std::time::Duration;
 
-use super::core::{LONGEST, Task};
-use super::session::Session;
+use super::exchange::{LIMIT_MAX, Session, Task};
 use super::{Ecm, EcmError};
 use crate::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
-/// Device type: every slave has it (SK-6.10). \[OURS] What is read instead if that itself is asked for again, or its answer
-/// is still to come: vendor id, product code, revision.
-const DETOURS: [ObjectAddress; 4] = [
+/// Objects that are read before a request that equals the last one: the device type, which every slave has (SK-6.10).
+/// \[OURS] If that is the object asked for, or its answer is still to come, the vendor id, product code or revision.
+const IN_BETWEEN: [ObjectAddress; 4] = [
     ObjectAddress::new(0x1000, 0),
     ObjectAddress::new(0x1018, 1),
     ObjectAddress::new(0x1018, 2),
     ObjectAddress::new(0x1018, 3),
 ];
 
-/// A type that an SDO can move.
+/// A type of values that an SDO transfer reads and writes.
 pub trait SdoValue: Copy + Send {
-    /// Its size on the wire.
+    /// Its size in the transfer.
     const SIZE: SdoSize;
 
-    /// As Data2.
+    /// The value as it stands in Data2.
     fn to_raw(self) -> u32;
 
-    /// From Data2, which is zero-extended; `None` if it holds more than this type.
+    /// The value of Data2, which is extended by zeros; `None` if it does not fit this type.
     fn from_raw(raw: u32) -> Option<Self>;
 }
 
@@ -76,89 +75,92 @@ impl Ecm {
     /// [`EcmError::SdoAborted`], [`EcmError::SdoTooWide`], [`EcmError::Timeout`], [`EcmError::WrongState`],
     /// [`EcmError::NoSuchSlave`], [`EcmError::Link`].
     pub fn sdo_read<T: SdoValue>(&self, slave: u8, object: ObjectAddress) -> Result<T, EcmError> {
-        let raw = self.transfer(SdoCommand::Read { slave, object }, self.core.options.sdo_limit)?;
+        let raw = self.transfer(SdoCommand::Read { slave, object }, self.exchange.options.sdo_limit)?;
         let bits = u32::from(T::SIZE.bytes()) * 8;
         T::from_raw(raw).ok_or(EcmError::SdoTooWide { slave, object, value: raw, bits })
     }
 
-    /// Writes an object of a slave, with the size of the type. If the board does not answer it is written again.
+    /// Writes an object of a slave, in PreOP, SafeOP or OP, with the size of the type. If no answer comes it is written again.
     ///
     /// # Errors
     /// As [`Ecm::sdo_read`].
     pub fn sdo_write<T: SdoValue>(&self, slave: u8, object: ObjectAddress, value: T) -> Result<(), EcmError> {
         let command = SdoCommand::Write { slave, object, size: T::SIZE, value: value.to_raw() };
-        self.transfer(command, self.core.options.sdo_limit).map(|_| ())
+        self.transfer(command, self.exchange.options.sdo_limit).map(|_| ())
     }
 
+    /// Makes a transfer and gives the value that was read or written.
     pub(super) fn transfer(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
-        let began = self.core.now();
-        let limit = limit.min(LONGEST);
-        let turn = self.core.sdo_turn.try_lock_for(limit).ok_or(EcmError::Busy { what: "the SDO slot" })?;
-        self.wait_for_second()?;
+        let began = self.exchange.now();
+        let limit = limit.min(LIMIT_MAX);
+        let turn = self.exchange.sdo_turn.try_lock_for(limit).ok_or(EcmError::Busy { what: "the SDO slot" })?;
+        self.wait_for_sdo_of_stream()?;
         let wanted = Wanted::of(&command);
-        let (size, detour) = {
-            let mut session = self.core.lock()?;
-            self.core.catch_up(&mut session)?;
-            if !matches!(session.board.state.state(), Some(MasterState::PreOp | MasterState::SafeOp | MasterState::Op))
-            {
-                let found = session.board.state;
+        let (size, in_between) = {
+            let mut session = self.exchange.lock()?;
+            self.exchange.catch_up(&mut session)?;
+            if !matches!(
+                session.board().state.state(),
+                Some(MasterState::PreOp | MasterState::SafeOp | MasterState::Op)
+            ) {
+                let found = session.board().state;
                 return Err(EcmError::WrongState { what: "an SDO", needs: "PreOP, SafeOP or OP", found });
             }
-            let late = &session.late;
-            let clash = |object: &&ObjectAddress| **object == wanted.object || late.contains(object);
-            let detour = DETOURS.iter().find(|object| !clash(object)).unwrap_or(&DETOURS[0]);
-            let needed = wanted.is_shown(&session) || !late.is_empty();
-            (session.size, needed.then_some(*detour))
+            let late = &session.late_sdos;
+            let is_ambiguous = |object: &&ObjectAddress| **object == wanted.object || late.contains(object);
+            let in_between = IN_BETWEEN.iter().find(|object| !is_ambiguous(object)).unwrap_or(&IN_BETWEEN[0]);
+            let is_needed = wanted.is_shown(&session) || !late.is_empty();
+            (session.size, is_needed.then_some(*in_between))
         };
         if wanted.slave == 0 || usize::from(wanted.slave) > size.max_slaves() {
             return Err(EcmError::NoSuchSlave { slave: wanted.slave, declared: size.max_slaves() });
         }
-        if let Some(object) = detour {
-            // An abort clears the way too.
-            match self.exchange(SdoCommand::Read { slave: wanted.slave, object }, limit) {
+        if let Some(object) = in_between {
+            // An abort changes what the slot shows, too.
+            match self.transfer_once(SdoCommand::Read { slave: wanted.slave, object }, limit) {
                 Ok(_) | Err(EcmError::SdoAborted { .. }) => {}
                 Err(error) => return Err(error),
             }
-            // The board makes one transfer after the other: what was late is over.
-            self.core.lock()?.late.clear();
+            // The board makes one transfer after the other: those whose answers were late are over.
+            self.exchange.lock()?.late_sdos.clear();
         }
-        let left = limit.saturating_sub(self.core.now().saturating_sub(began));
-        let done = self.exchange(command, left);
+        let left = limit.saturating_sub(self.exchange.now().saturating_sub(began));
+        let done = self.transfer_once(command, left);
         drop(turn);
         done
     }
 
-    fn exchange(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
+    fn transfer_once(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
         let wanted = Wanted::of(&command);
-        let slot = self.core.lock()?.size.sdo_slot();
+        let slot = self.exchange.lock()?.size.sdo_slot();
         let task = Task {
             what: if wanted.id == CommandId::SdoRead { "an SDO read" } else { "an SDO write" },
             hint: "see whether the slave is on the network, and give it more time with Options::sdo_limit",
             limit,
             commands: &[(slot, command.encode())],
             resend: true,
-            own: false,
+            claim_exclusive: false,
         };
         let seen = move |_: &Session| format!("slave {} has not answered for {}", wanted.slave, wanted.object);
-        let done = self.core.run(&task, |session, _| wanted.answer(session), seen);
+        let done = self.exchange.run(&task, |session, _| wanted.answer(session), seen);
         if let Err(EcmError::Timeout { .. }) = done {
-            // Its answer may come yet, and must not be taken for that of a later one.
-            let mut session = self.core.lock()?;
-            if !session.late.contains(&wanted.object) {
-                session.late.push(wanted.object);
+            // The answer may come yet, and must not be taken for that of a later transfer.
+            let mut session = self.exchange.lock()?;
+            if !session.late_sdos.contains(&wanted.object) {
+                session.late_sdos.push(wanted.object);
             }
         }
         done
     }
 }
 
-/// What an answer has to show.
+/// What the answer to a request shows.
 #[derive(Clone, Copy)]
 struct Wanted {
     id: CommandId,
     slave: u8,
     object: ObjectAddress,
-    /// Of a write, which the answer repeats.
+    /// The value that is written, which the answer repeats; `None` for a read.
     value: Option<u32>,
 }
 
@@ -167,15 +169,17 @@ impl Wanted {
         let (slave, object, value) = match *command {
             SdoCommand::Read { slave, object } => (slave, object, None),
             SdoCommand::Write { slave, object, value, .. } => (slave, object, Some(value)),
-            SdoCommand::GetStatus | SdoCommand::Other(_) => (0, DETOURS[0], None),
+            SdoCommand::GetStatus | SdoCommand::Other(_) => (0, IN_BETWEEN[0], None),
         };
         Self { id: command.id(), slave, object, value }
     }
 
+    /// Whether the newest report shows the answer to a request for the same object already.
     fn is_shown(self, session: &Session) -> bool {
         !matches!(Self { value: None, ..self }.answer(session), Ok(None))
     }
 
+    /// The value in the answer, or the abort; `None` if the newest report shows another answer.
     fn answer(self, session: &Session) -> Result<Option<u32>, EcmError> {
         let wanted = (self.id, self.slave, self.object);
         match SdoResponse::decode(&session.slot(session.size.sdo_slot())) {

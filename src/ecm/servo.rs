@@ -3,22 +3,21 @@
 use std::time::Duration;
 
 use super::config::Slave;
-use super::core::{Sent, Task};
-use super::marks::Echo;
-use super::session::Session;
+use super::exchange::marks::Echo;
+use super::exchange::{Sent, Session, Task};
 use super::{Ecm, EcmError};
 use crate::cia402::Statusword;
 use crate::sk::{DriveResponse, RawSlot, SlaveCommand, SlotCommand};
 
 const HINT: &str = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
 
-/// \[OURS] How long axes that did not come on may take to be told to stay off.
-const TAKE_BACK: Duration = Duration::from_secs(1);
+/// \[OURS] How long it may take to switch axes off again that did not all come on.
+const SWITCH_OFF_LIMIT: Duration = Duration::from_secs(1);
 
 impl Ecm {
-    /// Switches axes on and waits until all are in Operation enabled: of a pulse module with slots of 16 bytes both. They
-    /// stand where they are. Those that are on already are left alone. If one does not come on, all that this call has told
-    /// to are switched off again: none starts by itself later.
+    /// Switches axes on and waits until all are in Operation enabled; of an HSP in slots of 16 bytes both channels. They
+    /// hold the position where they are. Axes that are on already get no command. If one of the others does not come on, all
+    /// of them are switched off again: none comes on by itself later.
     ///
     /// # Errors
     /// [`EcmError::Alarm`] at once if one of them has an alarm, [`EcmError::IsHoming`], [`EcmError::SlaveLost`],
@@ -26,15 +25,15 @@ impl Ecm {
     /// [`EcmError::Link`].
     pub fn servo_on(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("servo_on", slaves, SlaveCommand::ServoOn)?;
-        // The board ignores it for an axis that homes (SK-7.43), which is on anyway.
-        let homing = self.core.lock()?.homing;
-        if let Some(slave) = slaves.iter().copied().find(|slave| homing & 1 << slave != 0) {
+        // The board ignores the command for an axis that is homing (SK-7.43), which is on anyway.
+        let homing = self.exchange.lock()?.homing.active;
+        if let Some(slave) = slaves.iter().copied().find(|slave| homing.contains(*slave)) {
             return Err(EcmError::IsHoming { slave });
         }
         self.refuse_lost(slaves)?;
-        slaves.iter().try_for_each(|slave| self.second_word(*slave).map(drop))?;
+        slaves.iter().try_for_each(|slave| self.second_statusword(*slave).map(drop))?;
         {
-            let session = self.core.lock()?;
+            let session = self.exchange.lock()?;
             slaves.iter().try_for_each(|slave| refuse_alarm(&session, *slave))?;
             // In the frame of a stream the command would stand where the axis's next target does.
             commands.retain(|(slave, _)| !session.is_on(*slave as u8));
@@ -42,29 +41,29 @@ impl Ecm {
         if commands.is_empty() {
             return Ok(());
         }
-        let limit = self.core.options.servo_limit;
+        let limit = self.exchange.options.servo_limit;
         let ended = self.until("switching on", &commands, |session, slave, _| {
             refuse_alarm(session, slave)?;
             Ok(session.statusword(slave).is_enabled())
         });
         let ended =
             ended.and_then(|()| self.until_second("switching on", &commands, limit, |word| word.is_enabled(), true));
-        ended.map_err(|error| self.take_back(&commands, error))
+        ended.map_err(|error| self.switch_off_again(&commands, error))
     }
 
-    /// Tells axes that did not come on to stay off.
-    fn take_back(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
+    /// Switches axes off again that did not all come on. Gives the error, with what became of that.
+    fn switch_off_again(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
         if matches!(error, EcmError::Link(_)) {
             return error;
         }
-        let size = match self.core.lock() {
+        let size = match self.exchange.lock() {
             Ok(session) if session.in_op() => session.size,
-            // Out of OP they are off.
+            // Outside OP they are off.
             _ => return error,
         };
         let off = SlotCommand::from(SlaveCommand::ServoOff).encode(size);
         let off: Vec<_> = commands.iter().map(|(slave, _)| (*slave, off)).collect();
-        let told = self.off_within(&off, TAKE_BACK);
+        let told = self.switch_off_within(&off, SWITCH_OFF_LIMIT);
         match error {
             EcmError::Timeout { what, waited, seen, hint } => {
                 let told = match told {
@@ -82,7 +81,7 @@ impl Ecm {
         }
     }
 
-    /// Switches axes off and waits until none is in Operation enabled. An axis without a brake drops.
+    /// Switches axes off and waits until none is in Operation enabled. A vertical axis without a brake drops.
     ///
     /// # Errors
     /// As [`Ecm::servo_on`], but for alarms: a drive with an alarm is off.
@@ -91,29 +90,29 @@ impl Ecm {
         if commands.is_empty() {
             return Ok(());
         }
-        let limit = self.core.options.servo_limit;
+        let limit = self.exchange.options.servo_limit;
         self.find_lost(limit)?;
-        self.off_within(&commands, limit)?;
+        self.switch_off_within(&commands, limit)?;
         self.until_second("switching off", &commands, limit, |word| !word.is_enabled(), false)
     }
 
-    /// Resets alarms and waits until they are gone. The axes are off then. Some alarms need power off and on. Axes without
-    /// an alarm are left alone.
+    /// Resets the alarms of axes and waits until they are gone. The axes are off then. Some alarms need power off and on. Axes
+    /// without an alarm get no command.
     ///
     /// # Errors
     /// [`EcmError::Alarm`] for one that stays, else as [`Ecm::servo_on`].
     pub fn clear_alarm(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("clear_alarm", slaves, SlaveCommand::AlarmClear)?;
         self.refuse_lost(slaves)?;
-        slaves.iter().try_for_each(|slave| self.second_word(*slave).map(drop))?;
+        slaves.iter().try_for_each(|slave| self.second_statusword(*slave).map(drop))?;
         {
-            let session = self.core.lock()?;
+            let session = self.exchange.lock()?;
             commands.retain(|(slave, _)| refuse_alarm(&session, *slave as u8).is_err());
         }
         if commands.is_empty() {
             return Ok(());
         }
-        let limit = self.core.options.servo_limit;
+        let limit = self.exchange.options.servo_limit;
         let has_fault = |session: &Session, slave| session.statusword(slave).0 & Statusword::FAULT != 0;
         let done = self.until("an alarm clear", &commands, |session, slave, sent| {
             Ok(session.probably_executed(sent) && !has_fault(session, slave))
@@ -121,21 +120,22 @@ impl Ecm {
         let no_fault = |word: Statusword| word.0 & Statusword::FAULT == 0;
         let done = done.and_then(|()| self.until_second("an alarm clear", &commands, limit, no_fault, false));
         if let Err(EcmError::Timeout { .. }) = done {
-            let session = self.core.lock()?;
+            let session = self.exchange.lock()?;
             slaves.iter().try_for_each(|slave| refuse_alarm(&session, *slave))?;
         }
         done
     }
 
+    /// Sends commands to axes and waits until each of them is done.
     fn until(
         &self,
         what: &'static str,
         commands: &[(usize, RawSlot)],
         is_done: impl Fn(&Session, u8, Sent) -> Result<bool, EcmError>,
     ) -> Result<(), EcmError> {
-        let limit = self.core.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands, resend: true, own: false };
-        self.core.run(
+        let limit = self.exchange.options.servo_limit;
+        let task = Task { what, hint: HINT, limit, commands, resend: true, claim_exclusive: false };
+        self.exchange.run(
             &task,
             |session, sent| {
                 require_op(session, what)?;
@@ -157,7 +157,7 @@ impl Ecm {
         )
     }
 
-    /// Reads the statuswords of second channels until all are right.
+    /// Reads the statuswords of second channels until all are right; with `no_alarm` an alarm ends that at once.
     fn until_second(
         &self,
         what: &'static str,
@@ -166,13 +166,13 @@ impl Ecm {
         is_right: impl Fn(Statusword) -> bool,
         no_alarm: bool,
     ) -> Result<(), EcmError> {
-        let began = self.core.now();
+        let began = self.exchange.now();
         for slave in commands.iter().map(|(slave, _)| *slave as u8) {
-            while let Some(word) = self.second_word(slave)?.filter(|word| !is_right(*word)) {
+            while let Some(word) = self.second_statusword(slave)?.filter(|word| !is_right(*word)) {
                 if no_alarm {
-                    refuse_alarm(&*self.core.lock()?, slave)?;
+                    refuse_alarm(&*self.exchange.lock()?, slave)?;
                 }
-                let waited = self.core.now().saturating_sub(began);
+                let waited = self.exchange.now().saturating_sub(began);
                 if waited >= limit {
                     let seen = format!("the second channel of slave {slave} shows 0x{:04X}", word.0);
                     return Err(EcmError::Timeout { what, waited, seen, hint: HINT });
@@ -182,49 +182,51 @@ impl Ecm {
         Ok(())
     }
 
-    /// Finds out which slaves are lost, if the state says that some are.
+    /// Finds out which slaves are lost, if the state says that some are: a frame with a mark tells, and an empty command in
+    /// the board's slot gets one.
     pub(super) fn find_lost(&self, limit: Duration) -> Result<(), EcmError> {
         {
-            let session = self.core.lock()?;
-            if !session.in_op() || !session.board.state.is_failed() {
+            let session = self.exchange.lock()?;
+            if !session.in_op() || !session.board().state.is_failed() {
                 return Ok(());
             }
         }
         let commands = &[(0, RawSlot::ZERO)];
-        let task = Task { what: "looking for lost slaves", hint: HINT, limit, commands, resend: true, own: false };
-        self.core.run(
+        let task =
+            Task { what: "looking for lost slaves", hint: HINT, limit, commands, resend: true, claim_exclusive: false };
+        self.exchange.run(
             &task,
             |session, sent| Ok((!session.in_op() || session.executed(sent)).then_some(())),
-            |session| format!("the board is in {}", session.board.state),
+            |session| format!("the board is in {}", session.board().state),
         )
     }
 
-    /// Slots of slaves that are lost show what was.
+    /// Refuses a slave that is lost: what its slot shows is old.
     fn refuse_lost(&self, slaves: &[u8]) -> Result<(), EcmError> {
-        self.find_lost(self.core.options.servo_limit)?;
-        let session = self.core.lock()?;
-        let found = session.board.state;
+        self.find_lost(self.exchange.options.servo_limit)?;
+        let session = self.exchange.lock()?;
+        let found = session.board().state;
         if !session.in_op() || !found.is_failed() {
             return Ok(());
         }
         if session.marks.echo == Echo::No {
             return Err(EcmError::SlaveLost { slave: None, found });
         }
-        match slaves.iter().copied().find(|slave| session.lost & 1 << slave != 0) {
+        match slaves.iter().copied().find(|slave| session.lost.contains(*slave)) {
             Some(slave) => Err(EcmError::SlaveLost { slave: Some(slave), found }),
             None => Ok(()),
         }
     }
 
-    /// The same command for each of those axes, once it is sure that all take it.
+    /// The same command for each of those axes, after it is certain that all of them take it.
     pub(super) fn axis_commands(
         &self,
         what: &'static str,
         slaves: &[u8],
         command: SlaveCommand,
     ) -> Result<Vec<(usize, RawSlot)>, EcmError> {
-        let mut session = self.core.lock()?;
-        self.core.catch_up(&mut session)?;
+        let mut session = self.exchange.lock()?;
+        self.exchange.catch_up(&mut session)?;
         require_op(&session, what)?;
         let slot = SlotCommand::from(command).encode(session.size);
         slaves
@@ -241,22 +243,24 @@ impl Ecm {
     }
 }
 
+/// Refuses what needs OP, outside of it.
 pub(super) fn require_op(session: &Session, what: &'static str) -> Result<(), EcmError> {
-    if session.in_op() { Ok(()) } else { Err(EcmError::WrongState { what, needs: "OP", found: session.board.state }) }
+    if session.in_op() { Ok(()) } else { Err(EcmError::WrongState { what, needs: "OP", found: session.board().state }) }
 }
 
+/// The configuration of a slave, which must have one.
 pub(super) fn declared(session: &Session, slave: u8) -> Result<Slave, EcmError> {
-    let none = EcmError::NoSuchSlave { slave, declared: session.plan.count };
-    session.plan.slave(slave).copied().ok_or(none)
+    let none = EcmError::NoSuchSlave { slave, declared: session.network.count };
+    session.network.slave(slave).copied().ok_or(none)
 }
 
-/// Whether the drive shows an alarm, and which.
+/// Refuses a slave that shows an alarm.
 pub(super) fn refuse_alarm(session: &Session, slave: u8) -> Result<(), EcmError> {
-    let second = session.second.word(slave).unwrap_or_default();
+    let second = session.second_channels.statusword(slave).unwrap_or_default();
     if (session.statusword(slave).0 | second.0) & Statusword::FAULT == 0 {
         return Ok(());
     }
-    let code = match session.plan.slave(slave) {
+    let code = match session.network.slave(slave) {
         Some(Slave::Hsp(_)) => 0,
         _ => DriveResponse::decode(&session.slot(slave.into())).error_code,
     };

@@ -1,12 +1,12 @@
-//! Configuring the board and changing its state.
+//! Configuring the network and changing its state.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::config::{Config, Slave};
-use super::core::Task;
 use super::error::Suspect;
-use super::marks::Marks;
+use super::exchange::Task;
+use super::exchange::marks::Marks;
 use super::{Ecm, EcmError};
 use crate::cia402;
 use crate::coe::{AbortCode, ObjectAddress};
@@ -14,15 +14,16 @@ use crate::sk::{
     CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, StateByte,
 };
 
-/// SK-4 `[OURS]`: what the slave count of SET_AXIS and the answers of SET_DC and DRIVE_MODE may take.
+/// SK-4 `[OURS]`: how long the board may take for an answer with the count of slaves to SET_AXIS, and for one to SET_DC and
+/// DRIVE_MODE.
 const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
-/// \[OURS] How long the search for the slave that got stuck may take in all.
+/// \[OURS] How long it may take in all to find the slave that keeps the network from changing its state.
 const SUSPECT_LIMIT: Duration = Duration::from_secs(3);
 const HINT: &str = "see whether frames get lost (Ecm::stats), then configure again";
 
 impl Ecm {
-    /// Says what the network is, in PreOP: SET_AXIS, SET_DC, DRIVE_MODE. Everything is checked before anything is sent,
-    /// and each answer is waited for.
+    /// Tells the board what the network is, in PreOP (SET_AXIS, SET_DC, DRIVE_MODE). The whole configuration is checked before
+    /// anything is sent, and each answer is waited for.
     ///
     /// # Errors
     /// [`EcmError::Config`], [`EcmError::WrongState`] (also for a board found in OP: see [`Ecm::adopt`]),
@@ -58,59 +59,67 @@ impl Ecm {
                 limit: CONFIGURE_LIMIT,
                 commands: &modes,
                 resend: true,
-                own: true,
+                claim_exclusive: true,
             };
             let id = CommandId::DriveMode.code();
-            self.core.run(
+            self.exchange.run(
                 &task,
                 |session, _| {
                     if !modes.iter().all(|(slot, _)| session.slot(*slot).id == id) {
                         return Ok(None);
                     }
                     let echoes = modes.iter().all(|(slot, _)| session.slot(*slot).index == Marks::PROBE);
-                    session.marks.learn(echoes);
+                    session.marks.set_echo(echoes);
                     Ok(Some(()))
                 },
-                |session| format!("the board is in {}", session.board.state),
+                |session| format!("the board is in {}", session.board().state),
             )?;
         }
-        self.core.plan(config)?;
+        self.exchange.set_network(config)?;
         Ok(())
     }
 
-    /// Says what a board that runs already was configured as; nothing is sent, axes in motion go on.
+    /// Takes over a board that is configured already, as a board in OP: `config` is what it was configured as. Nothing is
+    /// sent, and axes in motion go on.
     ///
     /// # Errors
     /// [`EcmError::Config`], [`EcmError::Busy`].
     pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
         config.check(self.slot_size()?)?;
-        self.core.plan(config)?;
+        self.exchange.set_network(config)?;
         Ok(())
     }
 
-    /// A command for the board itself, outside OP; gives the result.
+    /// Sends a command for the board itself, outside OP; gives its result.
     pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
-        let task = Task { what, hint: HINT, limit: CONFIGURE_LIMIT, commands: &[(0, slot)], resend: true, own: true };
-        self.core.run(
+        let task = Task {
+            what,
+            hint: HINT,
+            limit: CONFIGURE_LIMIT,
+            commands: &[(0, slot)],
+            resend: true,
+            claim_exclusive: true,
+        };
+        self.exchange.run(
             &task,
-            |session, _| Ok((session.board.id == slot.id).then_some(session.board.result)),
-            |session| format!("the board is in {}", session.board.state),
+            |session, _| Ok((session.board().id == slot.id).then_some(session.board().result)),
+            |session| format!("the board is in {}", session.board().state),
         )
     }
 
-    /// Changes the network's state and waits until it is reached. From Init the way is by PreOP, where the network is
-    /// configured.
+    /// Changes the network's state and waits until it is reached. From Init it has to go to PreOP first, where the network
+    /// is configured.
     ///
     /// # Errors
     /// [`EcmError::StateStuck`], which says where and, as far as a host can know, on which slave;
     /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
     /// [`EcmError::Link`].
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
-        self.set_state_within(wanted, self.core.options.state_limit)
+        self.set_state_within(wanted, self.exchange.options.state_limit)
     }
 
-    /// As [`Ecm::set_state`], with a limit of its own.
+    /// As [`Ecm::set_state`], within another limit than that of the options.
     ///
     /// # Errors
     /// As [`Ecm::set_state`].
@@ -120,28 +129,28 @@ impl Ecm {
             hint: "give it more time, or look at the slaves' LEDs",
             limit,
             commands: &[(0, MasterCommand::SetState(wanted).encode())],
-            // A repeat would start a change that has failed again; a lost frame shows as a timeout.
+            // A repeat would start a change again that has failed. A frame that is lost ends in a timeout.
             resend: false,
-            own: false,
+            claim_exclusive: false,
         };
-        // A failure shown before the change has begun is an old one.
+        // A failure that is shown before the change has begun is an old one.
         let old = self.state()?;
-        // The board rejects it (SK-4.63), and shows nothing of that.
+        // The board rejects that change (SK-4.63) without showing it.
         if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {
             return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
         }
         let mut moved = !old.is_failed();
-        let ended = self.core.run(
+        let ended = self.exchange.run(
             &task,
             |session, _| {
-                let now = session.board.state;
+                let now = session.board().state;
                 moved |= now != old;
                 if now == StateByte::reached(wanted) {
                     return Ok(Some(None));
                 }
                 Ok((moved && now.is_failed()).then_some(Some(now)))
             },
-            |session| format!("the board is in {}", session.board.state),
+            |session| format!("the board is in {}", session.board().state),
         );
         match ended {
             Ok(None) => Ok(()),
@@ -153,18 +162,19 @@ impl Ecm {
         }
     }
 
-    /// Asks every slave for what its kind needs: the first that does not answer or lacks it is the suspect.
+    /// Reads from each slave an object that its kind must have: the first slave that does not answer, or has no such object, is
+    /// the suspect.
     fn suspect(&self) -> Suspect {
-        let began = self.core.now();
-        let Ok(session) = self.core.lock() else { return Suspect::Network };
-        let plan = Arc::clone(&session.plan);
+        let began = self.exchange.now();
+        let Ok(session) = self.exchange.lock() else { return Suspect::Network };
+        let network = Arc::clone(&session.network);
         drop(session);
-        if plan.count == 0 {
+        if network.count == 0 {
             return Suspect::Undeclared;
         }
         let mut asked = 0;
-        for (slave, config) in plan.slaves() {
-            let left = SUSPECT_LIMIT.saturating_sub(self.core.now().saturating_sub(began));
+        for (slave, config) in network.slaves() {
+            let left = SUSPECT_LIMIT.saturating_sub(self.exchange.now().saturating_sub(began));
             let needed = match config {
                 Slave::Unused => continue,
                 Slave::Io => ObjectAddress::new(0x1000, 0),

@@ -94,7 +94,7 @@ fn readme_shows_the_shortest_program() {
     let program = read("examples/rust/move_axis.rs");
     let (_, program) = program.split_once("\n\n").expect("its comment, then the program");
     assert!(read("README.md").contains(&format!("```rust\n{program}```\n")), "README has another program");
-    assert!(read("src/ecm.rs").contains("include_str!(\"../docs/GUIDE.md\")"));
+    assert!(read("src/ecm/mod.rs").contains("include_str!(\"../../docs/GUIDE.md\")"));
     assert!(!read("docs/GUIDE.md").contains("```rust,"), "every program of the guide runs");
 }
 

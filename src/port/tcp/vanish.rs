@@ -43,11 +43,11 @@ fn bring_to_standstill(hub: &Arc<Hub>, board: &Arc<Board>, queue: Arc<ReportQueu
         entries => format!("; {entries} commands that waited in the FIFO were dropped"),
     };
     match stop_axes(&server_link, off) {
-        Ok(Succeeded::Stand { dropped: entries }) => {
+        Ok(Succeeded::Stand { discarded: entries }) => {
             hub.tell(&format!("axes stand still after {who}{}", dropped(entries)));
         }
         Ok(Succeeded::NotInOp) => {}
-        Ok(Succeeded::Unknown { dropped: entries }) => hub.tell(&format!(
+        Ok(Succeeded::Unknown { discarded: entries }) => hub.tell(&format!(
             "the network was configured before this server came: what moves is not known to it and goes on{}; \
              use the emergency stop if axes move",
             dropped(entries)

@@ -1,13 +1,13 @@
-//! What passing frames say of a network, for whoever sees them and has not sent them: what slaves are declared as, how
-//! they are run, and what was commanded last.
+//! What the frames between a program and its board tell of the network, for somebody who sees them pass: what slaves are
+//! declared as, in which modes they are run, and what was commanded last.
 
 use std::sync::Arc;
 
-use super::config::{Axis, Config, Slave};
-use super::second::Second;
-use super::snapshot::Plan;
-use super::{Ecm, EcmError};
 use crate::cia402::{Mode, Statusword};
+use crate::ecm::config::{Axis, Config, Slave};
+use crate::ecm::exchange::SecondChannels;
+use crate::ecm::network::Network;
+use crate::ecm::{Ecm, EcmError};
 use crate::link::Stamp;
 use crate::recording::Kinds;
 use crate::sk::{
@@ -21,31 +21,31 @@ const SLAVES: usize = SlotSize::Bytes12.max_slaves();
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
     mode: Option<(Mode, DriveSync)>,
-    /// The last motion command and the one before.
+    /// The last motion command (CSP, CSV, CST), and the one in the frame before.
     last: Option<SlaveCommand>,
     before: Option<SlaveCommand>,
     homing: Homing,
 }
 
-/// How far a homing is that a program has asked for.
+/// How far the homing of an axis is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Homing {
-    /// None is under way.
+    /// It is not being homed.
     #[default]
     No,
-    /// GO_HOME was written, and so many reports have come since: its entry may wait in the FIFO. If any was missed that
-    /// may have been the one that showed it.
+    /// GO_HOME was written, and so many reports have come since: its entry may wait in the FIFO. If a report was missed, that
+    /// may have been the one which showed it as executed.
     Asked { reports: u16, missed: bool },
-    /// A report has shown it as executed. Until one shows a motion command after it the axis may be homing: the board
-    /// ignores those of an axis that homes, and does not show their ids (SK-3).
+    /// A report has shown GO_HOME as executed. Until a report shows a motion command after that the axis may be homing: the board
+    /// ignores motion commands for an axis that is homing, and does not show their ids (SK-3).
     Executed,
 }
 
-/// \[OURS] After so many reports a GO_HOME that none has shown was rejected, if none was missed: every entry has been
-/// executed by then.
-const REJECTED_AFTER: u16 = 2 * FIFO_ENTRIES;
+/// \[OURS] A GO_HOME that so many reports have not shown was rejected, if no report was missed: every entry has been executed by
+/// then.
+const GO_HOME_REPORTS_MAX: u16 = 2 * FIFO_ENTRIES;
 
-/// Follows frames both ways. It holds what the board holds, as far as frames show it.
+/// What the frames both ways have told of a network: what the board knows, as far as frames show it.
 #[derive(Clone, Debug)]
 pub struct Watch {
     kinds: Kinds,
@@ -56,9 +56,9 @@ pub struct Watch {
     full_count: u16,
     /// The error count of the newest report.
     error_count: u8,
-    /// When SW_RESET went by. The board may have refused it (SK-1.24), and then all is as it was.
+    /// When SW_RESET was written, until it is known what became of it: a board that refuses it (SK-1.24) goes on as before.
     resets: Option<Stamp>,
-    /// SET_FIFO has set a threshold that may be in force.
+    /// A program has set a threshold (SET_FIFO) that may be in force.
     has_threshold: bool,
 }
 
@@ -83,14 +83,14 @@ impl Watch {
         self.state
     }
 
-    /// A command frame goes by that was handed over at `at`.
+    /// Reads a command frame that was written at `at`.
     pub fn command(&mut self, frame: &Frame, size: SlotSize, at: Stamp) {
         let command = MasterCommand::decode(&frame.slot(size, 0), size);
         if let Ok(MasterCommand::SoftReset) = command {
             self.resets = Some(at);
             return;
         }
-        // Whoever declares slaves after it has seen it, or has waited.
+        // A program that declares slaves after a reset has seen it, or has waited for it.
         if self.resets.is_some() && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
@@ -98,12 +98,12 @@ impl Watch {
         self.kinds.command(frame, size);
         match command {
             Ok(MasterCommand::SetAxis { group, .. }) if set_up => {
-                // What DRIVE_MODE has stored stays (SK-4.42).
+                // The modes that DRIVE_MODE has set stay (SK-4.42).
                 let slaves = self.slaves.iter_mut().skip(usize::from(group) * 8).take(8);
                 slaves.for_each(|seen| *seen = Seen { mode: seen.mode, ..Seen::default() });
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
-            // What was executed last is not known any more: it was among what is dropped, or before it.
+            // It is not known any more what was executed last: an entry that is discarded, or one before it.
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
                 self.forget_targets();
                 self.has_threshold = false;
@@ -115,7 +115,7 @@ impl Watch {
         }
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
-            // IO has other commands, and what is not declared has none but DRIVE_MODE, which may come first.
+            // An IO slave has other commands. One that is not declared has none but DRIVE_MODE, which may come first.
             let has_axes = matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step));
             if has_axes || set_up {
                 seen.command(&frame.slot(size, n), size, set_up, in_op && has_axes);
@@ -123,15 +123,16 @@ impl Watch {
         }
     }
 
-    /// A report goes by that came at `at`.
+    /// Reads a report that was made at `at`.
     pub fn report(&mut self, frame: &Frame, size: SlotSize, at: Stamp) {
         let board = MasterResponse::decode(&frame.slot(size, 0));
         self.kinds.response(frame, size);
         self.state = board.state.state();
         let in_op = self.state == Some(MasterState::Op);
-        // A board that resets itself begins to count anew.
+        // A board that is reset counts from 0 again.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
-        // A report of before says nothing of it: whoever never looks finds those of the way to OP afterwards.
+        // A report that was made before the reset tells nothing of it: a program that reads late gets reports of the way to OP
+        // after it.
         let shows = self.resets.is_some_and(|reset| at > reset);
         if shows && refused {
             self.resets = None;
@@ -145,12 +146,12 @@ impl Watch {
             self.has_threshold = false;
             return;
         }
-        // Frames had a wrong CRC, or have found the FIFO full, and which they were no report tells.
+        // Frames had a wrong CRC, or found the FIFO full, and no report tells which they were.
         let full = std::mem::replace(&mut self.full_count, board.full_count) != board.full_count;
         if refused || full {
             self.forget_targets();
         }
-        // What took a threshold back may be among them.
+        // The command that took a threshold back may be among them.
         self.has_threshold |= refused;
         let slots = frame.slots(size);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
@@ -159,7 +160,7 @@ impl Watch {
         }
     }
 
-    /// Reports were lost before the one that comes next.
+    /// Reports were lost before the next one.
     pub fn missed(&mut self) {
         for seen in &mut self.slaves {
             if let Homing::Asked { missed, .. } = &mut seen.homing {
@@ -168,12 +169,12 @@ impl Watch {
         }
     }
 
-    /// The board has reset itself, and is in this state now.
+    /// The board was reset, and is in this state now.
     fn forget_all(&mut self, state: Option<MasterState>) {
         *self = Self { error_count: self.error_count, state, ..Self::default() };
     }
 
-    /// What was commanded last has not been executed for sure.
+    /// It is not certain any more that the last commands were executed.
     fn forget_targets(&mut self) {
         for seen in &mut self.slaves {
             (seen.last, seen.before) = (None, None);
@@ -185,7 +186,7 @@ impl Watch {
         self.has_threshold
     }
 
-    /// The network as a configuration; `None` if no SET_AXIS went by.
+    /// The network as a configuration; `None` if no SET_AXIS was seen.
     pub fn config(&self) -> Option<Config> {
         let declared = |slave: &usize| self.kinds.of(*slave).is_some_and(|kind| kind != SlaveKind::None);
         let count = (1..=SLAVES).rev().find(declared)?;
@@ -193,8 +194,8 @@ impl Watch {
         Some(Config { slaves, cycle_us: self.cycle.us() })
     }
 
-    /// Slaves that were sent home, as long as no report has shown that they do something else.
-    pub fn homing(&self) -> impl Iterator<Item = usize> {
+    /// Slaves that may be homing: GO_HOME was written to them, and no report has shown that they follow other commands.
+    pub fn homing(&self) -> impl Iterator<Item = u8> {
         (1..).zip(&self.slaves).filter(|(_, seen)| seen.homing != Homing::No).map(|(n, _)| n)
     }
 }
@@ -211,19 +212,19 @@ impl Seen {
                 (self.before, self.last, self.homing) = (None, None, Homing::Asked { reports: 0, missed: false })
             }
             Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => (self.before, self.last) = (None, None),
-            // A frame without a target: the axis stays where the last one was.
+            // A frame without a target: the axis holds the last one.
             _ => self.before = self.last,
         }
     }
 
-    /// A report shows that of the slave: the command executed last, and the statusword.
+    /// Reads the slave's slot of a report: the command that was executed last, and the statusword.
     fn report(&mut self, id: u8, statusword: Statusword) {
         let follows = [CommandId::Csp, CommandId::Csv, CommandId::Cst].contains(&CommandId::from_code(id));
         self.homing = match self.homing {
-            // Whoever has sent it, and whether that was seen or not.
+            // It was executed, whether the frame with it was seen or not.
             _ if id == CommandId::GoHome.code() => Homing::Executed,
             Homing::Executed if follows => Homing::No,
-            Homing::Asked { reports, missed } if reports < REJECTED_AFTER => {
+            Homing::Asked { reports, missed } if reports < GO_HOME_REPORTS_MAX => {
                 Homing::Asked { reports: reports + 1, missed }
             }
             Homing::Asked { missed: true, .. } => Homing::Executed,
@@ -234,7 +235,7 @@ impl Seen {
             if self.homing == Homing::Executed {
                 self.homing = Homing::No;
             }
-            // The board has discarded what it was told (SK-7.18).
+            // The board has discarded its targets (SK-7.18).
             (self.before, self.last) = (None, None);
         }
     }
@@ -256,19 +257,19 @@ impl Seen {
 }
 
 impl Ecm {
-    /// As [`Ecm::adopt`], for a network that somebody else has run until now: what was commanded last is known too, so
-    /// that closing can ramp it down.
+    /// As [`Ecm::adopt`], for a network that another program has run until now. What that program commanded last is known too,
+    /// so that closing can ramp it to a standstill.
     ///
     /// # Errors
     /// As [`Ecm::adopt`]. A network of which nothing is known is adopted as one without slaves.
     pub fn take_over(&self, watch: &Watch) -> Result<(), EcmError> {
         let Some(config) = watch.config() else { return Ok(()) };
         config.check(self.slot_size()?)?;
-        let mut session = self.core.lock()?;
-        session.plan = Arc::new(Plan::of(&config));
-        session.second = Second::new();
-        for (slave, seen) in (1..=config.slaves.len()).zip(&watch.slaves) {
-            session.targets.told(slave, seen.last, seen.before);
+        let mut session = self.exchange.lock()?;
+        session.network = Arc::new(Network::of(&config));
+        session.second_channels = SecondChannels::new();
+        for (slave, seen) in (1..=config.slaves.len() as u8).zip(&watch.slaves) {
+            session.targets.assume(slave, seen.last, seen.before);
         }
         Ok(())
     }

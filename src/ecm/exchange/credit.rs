@@ -1,7 +1,8 @@
-//! The board's FIFO as the host can know it: what is free, what is ahead, when it ran dry.
+//! The board's FIFO as far as the host can know it: how many frames it has room for, how many are ahead of the board, and
+//! when it ran empty.
 //!
-//! A report shows the free count of its moment; frames written since are not in it. So the credit is the newest free
-//! count less the frames written since, whether reports are read at once or from a queue.
+//! A report shows the count of free entries at the moment it was made; frames written since are not in it. So the credit is
+//! the newest free count less the frames written since, whether reports are read at once or from a queue.
 
 use std::collections::VecDeque;
 
@@ -9,74 +10,74 @@ use crate::link::Stamp;
 use crate::sk::FIFO_ENTRIES;
 
 #[derive(Debug)]
-pub(super) struct Credit {
-    /// When the frames were written that no report surely counts yet, oldest first; never more than the FIFO holds.
-    sent: VecDeque<Stamp>,
-    /// Of the newest report.
+pub struct Credit {
+    /// When the frames were written that no report counts for sure yet, oldest first; never more than the FIFO holds.
+    uncounted: VecDeque<Stamp>,
+    /// Free entries in the newest report.
     free: u16,
     /// Frames written since OP was reached.
-    total: i64,
+    written: i64,
     /// Cycles since OP was reached.
     cycles: i64,
-    /// `None`: a dry FIFO is no underrun now.
-    watch: Option<Watch>,
+    /// How underruns are counted; `None` while an empty FIFO is none.
+    counting: Option<Counting>,
     underruns: u64,
 }
 
-/// Since when underruns count.
+/// How underruns are counted.
 #[derive(Clone, Copy, Debug)]
-enum Watch {
-    /// From the first report after more frames than that have been executed.
-    From(i64),
-    /// Idle cycles before that.
+enum Counting {
+    /// They are not yet: it begins with the first report after more frames than that have been executed.
+    After(i64),
+    /// They are. So many cycles had found the FIFO empty before the newest report.
     Since(i64),
 }
 
 impl Credit {
-    pub(super) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
-            sent: VecDeque::with_capacity(FIFO_ENTRIES.into()),
+            uncounted: VecDeque::with_capacity(FIFO_ENTRIES.into()),
             free: FIFO_ENTRIES,
-            total: 0,
+            written: 0,
             cycles: 0,
-            watch: None,
+            counting: None,
             underruns: 0,
         }
     }
 
-    /// The FIFO was left: it is empty.
-    pub(super) fn reset(&mut self) {
-        self.sent.clear();
-        (self.free, self.total, self.cycles, self.watch) = (FIFO_ENTRIES, 0, 0, None);
+    /// OP was left: the FIFO is empty.
+    pub fn reset(&mut self) {
+        self.uncounted.clear();
+        (self.free, self.written, self.cycles, self.counting) = (FIFO_ENTRIES, 0, 0, None);
     }
 
-    /// A frame was written. Its number counts from 1.
-    pub(super) fn sent(&mut self, at: Stamp) -> i64 {
-        if self.sent.len() == usize::from(FIFO_ENTRIES) {
-            self.sent.pop_front();
+    /// A frame was written. Gives its number, which counts from 1.
+    pub fn wrote(&mut self, at: Stamp) -> i64 {
+        if self.uncounted.len() == usize::from(FIFO_ENTRIES) {
+            self.uncounted.pop_front();
         }
-        self.sent.push_back(at);
-        self.total += 1;
-        self.total
+        self.uncounted.push_back(at);
+        self.written += 1;
+        self.written
     }
 
-    /// A report in OP. A frame counts as arrived for sure `margin_ns` after it was written.
-    pub(super) fn report(&mut self, at: Stamp, free: u16, cycles: u64, margin_ns: u64) {
-        while self.sent.front().is_some_and(|sent| sent.0.saturating_add(margin_ns) <= at.0) {
-            self.sent.pop_front();
+    /// A report in OP, `cycles` after the one before. A frame counts as arrived for sure `margin_ns` after it was written.
+    pub fn report(&mut self, at: Stamp, free: u16, cycles: u64, margin_ns: u64) {
+        while self.uncounted.front().is_some_and(|sent| sent.0.saturating_add(margin_ns) <= at.0) {
+            self.uncounted.pop_front();
         }
         let had_entries = self.used() > 0;
         self.free = free.min(FIFO_ENTRIES);
         self.cycles += cycles as i64;
-        let later = self.sent.iter().rev().take_while(|sent| **sent >= at).count() as i64;
-        let arrived = self.total - later;
+        let later = self.uncounted.iter().rev().take_while(|sent| **sent >= at).count() as i64;
+        let arrived = self.written - later;
         // One entry a cycle is taken out, unless there is none.
         let idle = self.cycles - (arrived - i64::from(self.used()));
-        match self.watch {
-            Some(Watch::From(frames)) if arrived - i64::from(self.used()) > frames => {
-                self.watch = Some(Watch::Since(idle))
+        match self.counting {
+            Some(Counting::After(frames)) if arrived - i64::from(self.used()) > frames => {
+                self.counting = Some(Counting::Since(idle))
             }
-            Some(Watch::Since(before)) => {
+            Some(Counting::Since(before)) => {
                 // A frame may be counted as arrived a little early, so the count may fall: what was seen stays.
                 let new = (idle - before).max(0);
                 if new > 0 {
@@ -84,20 +85,20 @@ impl Credit {
                     if !(cycles == 1 && had_entries && self.used() > 0) {
                         self.underruns += new as u64;
                     }
-                    self.watch = Some(Watch::Since(idle));
+                    self.counting = Some(Counting::Since(idle));
                 }
             }
             _ => {}
         }
     }
 
-    /// Whether a dry FIFO counts as an underrun, from the next frame on.
-    pub(super) fn watch(&mut self, on: bool) {
-        self.watch = on.then_some(Watch::From(self.total));
+    /// Whether cycles that find the FIFO empty count as underruns, from the next frame on.
+    pub fn count_underruns(&mut self, on: bool) {
+        self.counting = on.then_some(Counting::After(self.written));
     }
 
-    /// Cycles that found no entry while they were watched.
-    pub(super) const fn underruns(&self) -> u64 {
+    /// Cycles that found the FIFO empty while they were counted.
+    pub const fn underruns(&self) -> u64 {
         self.underruns
     }
 
@@ -106,18 +107,18 @@ impl Credit {
     }
 
     /// Frames the board can take without losing one.
-    pub(super) fn credit(&self) -> u16 {
-        self.free.saturating_sub(self.sent.len() as u16)
+    pub fn credit(&self) -> u16 {
+        self.free.saturating_sub(self.uncounted.len() as u16)
     }
 
-    /// Entries that are not executed yet, at most.
-    pub(super) fn ahead(&self) -> u16 {
+    /// Entries that the board has not executed yet, at most.
+    pub fn ahead(&self) -> u16 {
         FIFO_ENTRIES - self.credit()
     }
 
     /// Whether the frame of that number has been executed for sure.
-    pub(super) fn ran(&self, number: i64) -> bool {
-        self.total - self.sent.len() as i64 - i64::from(self.used()) >= number
+    pub fn has_executed(&self, number: i64) -> bool {
+        self.written - self.uncounted.len() as i64 - i64::from(self.used()) >= number
     }
 }
 
@@ -133,7 +134,7 @@ mod tests {
         let mut credit = Credit::new();
         credit.report(Stamp(10 * MS), 150, 1, MS);
         (0..3).for_each(|n| {
-            credit.sent(Stamp(10 * MS + n));
+            credit.wrote(Stamp(10 * MS + n));
         });
         assert_eq!((credit.credit(), credit.ahead()), (147, 13));
         // A report that was made before they were written, read from a queue.
@@ -147,19 +148,19 @@ mod tests {
     #[test]
     fn cycles_without_an_entry_count() {
         let mut credit = Credit::new();
-        credit.watch(true);
+        credit.count_underruns(true);
         (1..5).for_each(|n| credit.report(Stamp(n * MS), 160, 1, MS));
-        credit.sent(Stamp(4 * MS + 5));
+        credit.wrote(Stamp(4 * MS + 5));
         credit.report(Stamp(5 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 0);
         // Two cycles without a frame, told in one report; then one more.
         credit.report(Stamp(7 * MS), 160, 2, MS);
         credit.report(Stamp(8 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 3);
-        credit.sent(Stamp(8 * MS + 5));
+        credit.wrote(Stamp(8 * MS + 5));
         credit.report(Stamp(9 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 3);
-        credit.watch(false);
+        credit.count_underruns(false);
         credit.report(Stamp(19 * MS), 160, 10, MS);
         assert_eq!(credit.underruns(), 3);
     }
@@ -168,11 +169,11 @@ mod tests {
     #[test]
     fn a_late_arrival_is_no_underrun() {
         let mut credit = Credit::new();
-        credit.watch(true);
-        credit.sent(Stamp(5));
-        credit.sent(Stamp(6));
+        credit.count_underruns(true);
+        credit.wrote(Stamp(5));
+        credit.wrote(Stamp(6));
         credit.report(Stamp(MS), 159, 1, MS);
-        credit.sent(Stamp(2 * MS - 1));
+        credit.wrote(Stamp(2 * MS - 1));
         credit.report(Stamp(2 * MS), 160, 1, MS);
         credit.report(Stamp(3 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 0);

@@ -1,4 +1,5 @@
-//! The native Rust API: one ECM-SK over any link, made so that the wrong thing is hard to do.
+//! The native Rust API: one ECM-SK over any link. It checks what a program does before the board gets it: states, modes, alarms,
+//! the distance of targets, room in the FIFO.
 //!
 //! ```
 //! use ecmsk::ecm::{Close, Config, Ecm};
@@ -20,41 +21,45 @@
 //! # Ok::<(), ecmsk::ecm::EcmError>(())
 //! ```
 //!
-//! [`Ecm`] may be shared by threads: calls take turns report by report, and a command of one thread rides in the frames
+//! [`Ecm`] may be shared by threads: calls take turns report by report, and the command of one thread goes out in the frames
 //! of another thread's [`Stream`]. Every call has a limit ([`Options`]). A board that is lost stays lost
 //! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision ([`Ecm::open_when_there`]).
 //!
-//! Positions, velocities and torques are those of the wire, counts and 0.1 %; a [`Scale`] of an axis converts positions.
-//! On a link of virtual time limits are the board's time; on any other the machine's.
+//! Positions, velocities and torques are those of the wire, in counts and 0.1 %; a [`Scale`] of an axis converts positions.
+//! On a link with virtual time limits are the board's time, on any other the machine's.
+//!
+//! # How to read the source
+//!
+//! In this order:
+//!
+//! 1. Values that a program gives and gets: `options.rs`, `config.rs`, `scale.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
+//!    `network.rs` is the configuration as the other files use it.
+//! 2. `exchange/`: frames go out and reports come in, for all calls of all threads; what is known of the board.
+//! 3. The calls, one file for each subject: `state.rs` configures the network and changes its state, `servo.rs` switches axes,
+//!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each sends a `Task` through the exchange and looks at
+//!    reports until it is done.
+//! 4. `stream/`: targets for all axes in every cycle.
+//! 5. `standstill/`: how moving axes are brought to a standstill when a stream ends or a board is closed.
+//! 6. `takeover/`: the same for the axes of a program that has ended without closing its board.
 
-mod aim;
 mod board;
-mod brake;
-mod close;
 mod config;
-mod core;
-mod credit;
 mod error;
+mod exchange;
 mod failure;
 mod homing;
 mod io;
-mod leftover;
-mod marks;
+mod network;
 mod options;
-mod ramp;
 mod scale;
 mod sdo;
-mod second;
 mod servo;
-mod session;
 mod snapshot;
+mod standstill;
 mod state;
-mod still;
 mod stream;
 #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server stops the axes of others"))]
-mod succeed;
-mod targets;
-mod watch;
+mod takeover;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -62,33 +67,34 @@ use std::time::Duration;
 pub use board::CrcSwitches;
 pub use config::{Axis, Config, ConfigError, DEFAULT_GUARD_COUNTS, DEFAULT_STANDSTILL_COUNTS, Guard, Slave};
 pub use error::{EcmError, Suspect};
+pub use exchange::{News, Stats};
 pub use failure::Failure;
 pub use homing::{Homing, HomingPhase, HomingProgress};
 pub use options::{CLOSE_LIMIT, Close, Options};
 pub use scale::Scale;
 pub use sdo::SdoValue;
-pub use session::{News, Stats};
 pub use snapshot::{SlaveView, Snapshot};
 pub use stream::{Stream, StreamStats};
 #[cfg_attr(not(feature = "serve"), allow(unused_imports, reason = "a server stops the axes of others"))]
-pub(crate) use succeed::Succeeded;
-pub use watch::Watch;
+pub(crate) use takeover::Succeeded;
+pub use takeover::Watch;
 
-use self::core::Core;
+use self::exchange::Exchange;
 use crate::link::{self, Link, LinkError, LinkInfo, Share, Wait};
 use crate::sk::{Frame, SlotSize, StateByte};
 
-/// Reports that are looked at to find the slot size out. \[OURS]
+/// Reports that are read to find the slot size. \[OURS]
 const PROBE_REPORTS: usize = 3;
 
 /// One board.
 pub struct Ecm {
-    core: Core,
+    exchange: Exchange,
+    /// It was closed.
     done: bool,
 }
 
 impl Ecm {
-    /// Opens the board of a link's URI, as it is: nothing is sent, a network in OP goes on.
+    /// Opens the board that a link's URI names, in the state in which it is: nothing is sent, and a network in OP goes on.
     ///
     /// # Errors
     /// [`EcmError::Link`], [`EcmError::SlotUnknown`], [`EcmError::NoReport`].
@@ -105,7 +111,7 @@ impl Ecm {
         Self::over(link::open(uri, Share::ByName)?, options)
     }
 
-    /// The board behind a link that is open; closing the [`Ecm`] closes the link.
+    /// The board behind a link that is open already. Closing the [`Ecm`] closes the link.
     ///
     /// # Errors
     /// As [`Ecm::open_with`].
@@ -116,60 +122,60 @@ impl Ecm {
             Some(size) => size,
             None => probe(link.as_ref(), &info, &options)?,
         };
-        let ecm = Self { core: Core::new(link, info, size, options), done: false };
+        let ecm = Self { exchange: Exchange::new(link, info, size, options), done: false };
         match ecm.next_cycle(options.read_limit) {
             Ok(_) => Ok(ecm),
             Err(error) => {
-                ecm.core.shut(true);
+                ecm.exchange.shut(true);
                 Err(error)
             }
         }
     }
 
-    /// The board's slot size, found or given.
+    /// The board's slot size: that of the options or of the link, or the one that was found.
     ///
     /// # Errors
     /// [`EcmError::Busy`], [`EcmError::Link`] once it is closed.
     pub fn slot_size(&self) -> Result<SlotSize, EcmError> {
-        Ok(self.core.lock()?.size)
+        Ok(self.exchange.lock()?.size)
     }
 
-    /// What the link says of itself.
+    /// What is known of the link.
     pub const fn link_info(&self) -> &LinkInfo {
-        &self.core.info
+        &self.exchange.info
     }
 
-    /// The newest report there is, without waiting for another one.
+    /// The newest report, without waiting for another one.
     ///
     /// # Errors
     /// [`EcmError::Link`], [`EcmError::Busy`].
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
-        let mut session = self.core.lock()?;
-        self.core.catch_up(&mut session)?;
+        let mut session = self.exchange.lock()?;
+        self.exchange.catch_up(&mut session)?;
         Ok(session.snapshot())
     }
 
-    /// The next report: one of each cycle if it is called often enough.
+    /// Waits for the next report. Called often enough it gives one of each cycle.
     ///
     /// # Errors
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`], [`EcmError::Busy`].
     pub fn next_cycle(&self, limit: Duration) -> Result<Snapshot, EcmError> {
-        let limit = limit.min(core::LONGEST);
-        let deadline = self.core.now() + limit;
-        let began = self.core.now();
-        let mut session = self.core.lock()?;
+        let limit = limit.min(exchange::LIMIT_MAX);
+        let deadline = self.exchange.now() + limit;
+        let began = self.exchange.now();
+        let mut session = self.exchange.lock()?;
         let before = session.stats.reports;
         loop {
-            self.core.round(&mut session, deadline)?;
+            self.exchange.round(&mut session, deadline)?;
             if session.stats.reports > before {
                 return Ok(session.snapshot());
             }
-            self.core.check_silence(&session, began, "the next cycle")?;
-            let waited = self.core.now().saturating_sub(began);
+            self.exchange.check_silence(&session, began, "the next cycle")?;
+            let waited = self.exchange.now().saturating_sub(began);
             if waited >= limit {
                 return Err(EcmError::NoReport { what: "the next cycle", waited, bad_crc: session.stats.bad_crc });
             }
-            self.core.pause(&mut session, || {})?;
+            self.exchange.pause(&mut session, || {})?;
         }
     }
 
@@ -186,28 +192,28 @@ impl Ecm {
     /// # Errors
     /// [`EcmError::Busy`], [`EcmError::Link`] once it is closed.
     pub fn stats(&self) -> Result<Stats, EcmError> {
-        Ok(self.core.lock()?.stats)
+        Ok(self.exchange.lock()?.stats)
     }
 
-    /// What is worth a line in a log, since the last call; the newest 64.
+    /// What is worth a line in a log since the last call, at most the newest 64.
     ///
     /// # Errors
     /// As [`Ecm::stats`].
     pub fn take_news(&self) -> Result<Vec<News>, EcmError> {
-        Ok(self.core.lock()?.news())
+        Ok(self.exchange.lock()?.news.take())
     }
 }
 
 /// docs/GUIDE.md: its programs run as tests.
 #[cfg(all(doctest, feature = "sim"))]
-#[doc = include_str!("../docs/GUIDE.md")]
+#[doc = include_str!("../../docs/GUIDE.md")]
 struct Guide;
 
-/// Which slot size the reports of a link have that does not know: that whose CRC is right (it has to be switched on).
+/// The slot size of reports, where the link does not know it: the one in which their CRC is right, if the board fills that.
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();
     for _ in 0..PROBE_REPORTS {
-        match link.read(&mut report, Wait::For(options.read_limit.min(core::LONGEST))) {
+        match link.read(&mut report, Wait::For(options.read_limit.min(exchange::LIMIT_MAX))) {
             Ok(_) => {}
             Err(LinkError::Timeout { waited, .. }) => {
                 return Err(EcmError::NoReport { what: "opening", waited, bad_crc: 0 });

@@ -1,0 +1,68 @@
+//! Answers that a call must be able to tell from older ones and from those of other calls.
+//!
+//! A slot of a report repeats the last command there until the next one (SK-3). A call that wants the answer to its own
+//! command claims the slot for itself, and remembers whether the answer there may still be an old one.
+
+use super::slot_set::SlotSet;
+use crate::link::Stamp;
+use crate::sk::{Frame, RawSlot, SlotSize, Slots};
+
+const SLOTS: usize = SlotSize::Bytes12.slots();
+
+pub struct Answers {
+    /// Slots that a call has for itself.
+    claimed: SlotSet,
+    /// For each claimed slot the newest answer that names the claimed command, and the time of its report.
+    newest: [(Stamp, RawSlot); SLOTS],
+    /// Claimed slots that have named the command in every report since they were claimed: the answer may be an old one.
+    unchanged: SlotSet,
+}
+
+impl Answers {
+    pub const fn new() -> Self {
+        Self { claimed: SlotSet::EMPTY, newest: [(Stamp(0), RawSlot::ZERO); SLOTS], unchanged: SlotSet::EMPTY }
+    }
+
+    /// Claims the slots of commands, until [`release`](Self::release); false if another call has one of them. `report` is
+    /// the newest one.
+    pub fn claim(&mut self, commands: &[(usize, RawSlot)], report: &Frame, size: SlotSize) -> bool {
+        let slots = SlotSet::of(commands);
+        if self.claimed.overlaps(slots) {
+            return false;
+        }
+        self.claimed.insert_all(slots);
+        self.unchanged.insert_all(slots);
+        for (slot, command) in commands {
+            self.newest[*slot] = (Stamp(0), RawSlot { id: command.id, ..RawSlot::ZERO });
+            if report.slot(size, *slot).id != command.id {
+                self.unchanged.remove(*slot);
+            }
+        }
+        true
+    }
+
+    pub fn release(&mut self, commands: &[(usize, RawSlot)]) {
+        self.claimed.remove_all(SlotSet::of(commands));
+    }
+
+    /// Takes the answers of a report that was made at `at`.
+    pub fn read(&mut self, at: Stamp, slots: Slots<'_>) {
+        for slot in self.claimed.iter() {
+            if slots.head(slot).id == self.newest[slot].1.id {
+                self.newest[slot] = (at, slots.get(slot));
+            } else {
+                self.unchanged.remove(slot);
+            }
+        }
+    }
+
+    /// The newest answer in a claimed slot, and the time of its report.
+    pub const fn newest(&self, slot: usize) -> (Stamp, RawSlot) {
+        self.newest[slot]
+    }
+
+    /// Whether that answer may be one that stood there before the slot was claimed.
+    pub const fn may_be_old(&self, slot: usize) -> bool {
+        self.unchanged.contains(slot)
+    }
+}

@@ -1,0 +1,283 @@
+//! The exchange of frames and reports with the board, through which every call of [`Ecm`](super::Ecm) goes. Several threads
+//! may use it, and every wait has a limit.
+//!
+//! Without a stream, the thread that waits for something writes frames and reads reports. While a stream is open its steps do:
+//! commands of other threads go out in its frames, so that none of them takes a FIFO entry from the motion.
+//!
+//! How to read this folder: here is how frames and reports pass; `task.rs`, how a call sends commands and waits for what they
+//! do; `session.rs`, what is known of the board between two calls, with a file for each part of it:
+//!
+//! - `reports.rs`: the newest reports, and which are discarded;
+//! - `outgoing.rs`, `posts.rs`, `cyclic_targets.rs`: the next frame and the last one, the commands that wait for the next
+//!   frame, and the targets that a stream repeats in every frame;
+//! - `credit.rs`, `marks.rs`, `answers.rs`: how much room the FIFO has, which frames the board has executed, which answers
+//!   belong to which command;
+//! - `second_channels.rs`: what only SDO transfers tell of HSPs with two channels;
+//! - `stats.rs`: counts, and news for a log; `slot_set.rs`: sets of slots.
+
+mod answers;
+mod credit;
+pub mod cyclic_targets;
+pub mod marks;
+mod outgoing;
+mod posts;
+mod reports;
+mod second_channels;
+pub mod session;
+mod slot_set;
+mod stats;
+mod task;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex, MutexGuard};
+
+pub use outgoing::Sent;
+pub use second_channels::SecondChannels;
+pub use session::Session;
+pub use stats::{News, Stats};
+pub use task::Task;
+
+use super::EcmError;
+use super::config::Config;
+use super::network::Network;
+use super::options::Options;
+use crate::link::{Link, LinkError, LinkInfo, Wait};
+use crate::sk::SlotSize;
+
+/// \[OURS] A stream that has not stepped for that long no longer carries commands of other threads.
+const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
+/// \[OURS] The longest limit of a call: a year.
+pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
+/// \[OURS] Reports read in a row without waiting: more than any queue of a link holds by default.
+const CATCH_UP_REPORTS_MAX: usize = 4096;
+
+pub struct Exchange {
+    pub link: Arc<dyn Link>,
+    pub info: LinkInfo,
+    pub options: Options,
+    started: Instant,
+    session: Mutex<Session>,
+    /// Counts the changes after which a stream has to look at the session again: a report, another configuration, an axis
+    /// that homes, a FIFO that was cleared.
+    changes: AtomicU64,
+    /// Signalled when a report was read, when slots were released and when the board is closed.
+    news: Condvar,
+    /// A stream ended while another thread had the session, which still knows the stream.
+    abandoned: AtomicBool,
+    /// Held by the call that has the SDO slot.
+    pub sdo_turn: Mutex<()>,
+    /// Held by the call that homes axes.
+    pub homing_turn: Mutex<()>,
+}
+
+impl Exchange {
+    pub fn new(link: Arc<dyn Link>, info: LinkInfo, size: SlotSize, options: Options) -> Self {
+        let options = Options {
+            read_limit: options.read_limit.min(LIMIT_MAX),
+            write_limit: options.write_limit.min(LIMIT_MAX),
+            state_limit: options.state_limit.min(LIMIT_MAX),
+            sdo_limit: options.sdo_limit.min(LIMIT_MAX),
+            servo_limit: options.servo_limit.min(LIMIT_MAX),
+            ..options
+        };
+        Self {
+            link,
+            info,
+            options,
+            started: Instant::now(),
+            session: Mutex::new(Session::new(size, options.strict_crc)),
+            changes: AtomicU64::new(0),
+            news: Condvar::new(),
+            abandoned: AtomicBool::new(false),
+            sdo_turn: Mutex::new(()),
+            homing_turn: Mutex::new(()),
+        }
+    }
+
+    /// The time on the link's clock, since any moment.
+    pub fn now(&self) -> Duration {
+        if self.info.virtual_time
+            && let Ok(Some(at)) = self.link.pass(Duration::ZERO)
+        {
+            return Duration::from_nanos(at.0);
+        }
+        self.started.elapsed()
+    }
+
+    pub fn lock(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
+        let limit = self.options.read_limit + self.options.write_limit;
+        let mut session = self.session.try_lock_for(limit).ok_or(EcmError::Busy { what: "the board" })?;
+        if session.closed {
+            return Err(LinkError::Closed.into());
+        }
+        if self.abandoned.swap(false, Ordering::AcqRel) {
+            session.end_stream();
+        }
+        Ok(session)
+    }
+
+    /// A stream ended while another thread had the session: whoever locks it next ends the stream there.
+    pub fn abandon(&self) {
+        self.abandoned.store(true, Ordering::Release);
+    }
+
+    /// How long the board may be silent.
+    pub fn silence_max(&self, session: &Session) -> Duration {
+        self.options.read_limit.max(session.network.cycle() * 3)
+    }
+
+    /// How often anything has changed that a stream looks at.
+    pub fn changes(&self) -> u64 {
+        self.changes.load(Ordering::Acquire)
+    }
+
+    /// Something has changed that a stream looks at; the caller has the session locked.
+    pub fn changed(&self) {
+        self.changes.fetch_add(1, Ordering::Release);
+    }
+
+    /// Sets what the slaves are configured as.
+    pub fn set_network(&self, config: &Config) -> Result<(), EcmError> {
+        let network = Arc::new(Network::of(config));
+        let mut session = self.lock()?;
+        session.network = network;
+        session.second_channels = SecondChannels::new();
+        drop(session);
+        self.changed();
+        Ok(())
+    }
+
+    /// Reads a report that comes by `deadline`; says whether there was one that can be used.
+    pub fn read(&self, session: &mut Session, deadline: Duration) -> Result<bool, EcmError> {
+        self.read_at(session, self.now(), deadline)
+    }
+
+    /// As [`Exchange::read`], for a caller that knows the time.
+    pub fn read_at(&self, session: &mut Session, now: Duration, deadline: Duration) -> Result<bool, EcmError> {
+        let wait = match deadline.saturating_sub(now).min(self.silence_max(session)) {
+            Duration::ZERO => Wait::Now,
+            left => Wait::For(left),
+        };
+        match self.link.read(&mut session.reports.incoming, wait) {
+            Ok(meta) => {
+                let usable = session.take_report(meta);
+                if usable {
+                    session.reports.heard_at = now;
+                    self.changed();
+                    self.news.notify_all();
+                }
+                Ok(usable)
+            }
+            Err(LinkError::Timeout { .. } | LinkError::Silent { .. }) => Ok(false),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Reads the reports that are there already, so that decisions rest on the newest one. In virtual time each read takes time,
+    /// so that it is only done where a report is due.
+    pub fn catch_up(&self, session: &mut Session) -> Result<(), EcmError> {
+        for _ in 0..CATCH_UP_REPORTS_MAX {
+            if self.info.virtual_time {
+                let (Some(meta), Some(cycle)) = (session.reports.meta, session.network.cycle_ns) else { return Ok(()) };
+                // A board that is gone says so here.
+                let now = self.link.pass(Duration::ZERO)?;
+                if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
+                    return Ok(());
+                }
+            }
+            let reads = session.stats.reads();
+            self.read(session, Duration::ZERO)?;
+            if session.stats.reads() == reads {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the next frame by `deadline`. The caller has seen that the board takes one.
+    pub fn write(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
+        self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
+    }
+
+    /// Writes the next frame, within that time.
+    pub fn write_within(&self, session: &mut Session, limit: Duration) -> Result<(), EcmError> {
+        session.compose();
+        let clears = session.fifo_clears;
+        match self.link.write(&session.outgoing.frame, Wait::For(limit)) {
+            Ok(at) => {
+                session.wrote(at);
+                if session.fifo_clears != clears {
+                    self.changed();
+                }
+                Ok(())
+            }
+            // Its commands wait for the next frame; the call that posted them may withdraw them.
+            Err(error) => {
+                session.targets.revert();
+                Err(match error {
+                    LinkError::Timeout { waited, what, .. } => EcmError::Timeout {
+                        what: "writing a frame",
+                        waited,
+                        seen: what.to_owned(),
+                        hint: "see whether the board still reports (Ecm::next_cycle), else switch it off and on",
+                    },
+                    other => other.into(),
+                })
+            }
+        }
+    }
+
+    /// The error of a board that has been silent since `since`, if that is too long.
+    pub fn check_silence(&self, session: &Session, since: Duration, what: &'static str) -> Result<(), EcmError> {
+        let waited = self.now().saturating_sub(session.reports.heard_at.max(since));
+        if waited < self.silence_max(session) {
+            return Ok(());
+        }
+        Err(EcmError::NoReport { what, waited, bad_crc: session.stats.bad_crc })
+    }
+
+    /// One round: writes a frame, if commands were posted, and reads a report. While a stream is open in another thread it
+    /// waits for a step of that one instead.
+    pub fn round(&self, session: &mut MutexGuard<'_, Session>, deadline: Duration) -> Result<(), EcmError> {
+        if let Some(pacer) = session.pacer
+            && pacer.thread != thread::current().id()
+            && pacer.last_step.elapsed() < STREAM_PAUSE_MAX
+        {
+            self.news.wait_for(session, STREAM_PAUSE_MAX);
+            return if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) };
+        }
+        if !session.posts.is_empty() {
+            // The newest free count decides whether there is room.
+            self.catch_up(session)?;
+            if session.may_write() {
+                self.write(session, deadline)?;
+            }
+        }
+        self.read(session, deadline)?;
+        Ok(())
+    }
+
+    /// Lets other threads have the session between two rounds; `between` runs meanwhile.
+    pub fn pause(&self, session: &mut MutexGuard<'_, Session>, between: impl FnOnce()) -> Result<(), EcmError> {
+        MutexGuard::unlocked_fair(session, between);
+        if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) }
+    }
+
+    /// Ends every use of the board. If its axes are not at rest the link is told that the program has vanished: a server that
+    /// the board is behind stops them then.
+    pub fn shut(&self, is_at_rest: bool) {
+        if let Some(mut session) = self.session.try_lock_for(self.options.read_limit) {
+            session.closed = true;
+        }
+        if is_at_rest {
+            self.link.close();
+        } else {
+            self.link.vanish();
+        }
+        self.news.notify_all();
+    }
+}

@@ -1,0 +1,201 @@
+//! The second channels of HSPs. Reports tell the position of a second channel; its statusword is an object (0x6841) that only
+//! an SDO reads. Calls that switch axes read it; streams ask for it again and again, in the SDO slot of their frames. \[OURS]
+
+use std::time::Duration;
+
+use super::session::Session;
+use super::task::Task;
+use crate::cia402::{STATUSWORD, Statusword};
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::ecm::config::Slave;
+use crate::ecm::network::Network;
+use crate::ecm::{Ecm, EcmError};
+use crate::ethercat::{MAX_SLAVES, SlaveSet};
+use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
+
+/// The objects of the second channel are those of the first one and so much higher (SK-3).
+const CHANNEL: u16 = 0x800;
+const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + CHANNEL, 0);
+/// An object that every slave has. It is read between two transfers that would have equal answers, so that the second
+/// answer can be told from the first (SK-6.10).
+const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
+/// \[OURS] A stream asks again if no answer has come for so many frames: more than the board's own limit.
+const ANSWER_FRAMES_MAX: u64 = 4000;
+/// \[OURS] How long another transfer waits for the end of one that a stream has asked for.
+const STREAM_SDO_LIMIT: Duration = Duration::from_secs(2);
+
+/// What is known of second channels.
+pub struct SecondChannels {
+    /// Slaves that have a second channel.
+    present: SlaveSet,
+    /// Slaves that have none.
+    absent: SlaveSet,
+    /// The newest statuswords, by slot.
+    statuswords: [Statusword; SlotSize::Bytes12.slots()],
+    /// What the SDO slot of the newest report shows.
+    shown: RawSlot,
+    /// The transfer that a stream has asked for, until its answer comes.
+    asked: Option<Asked>,
+}
+
+#[derive(Clone, Copy)]
+struct Asked {
+    slave: u8,
+    object: ObjectAddress,
+    /// Frames that were written when it was asked for.
+    at_frame: u64,
+}
+
+impl SecondChannels {
+    pub const fn new() -> Self {
+        Self {
+            present: SlaveSet::EMPTY,
+            absent: SlaveSet::EMPTY,
+            statuswords: [Statusword(0); SlotSize::Bytes12.slots()],
+            shown: RawSlot::ZERO,
+            asked: None,
+        }
+    }
+
+    /// Reads the SDO slot of a report, which shows the newest transfer, whoever has asked for it.
+    pub fn read(&mut self, size: SlotSize, report: &Frame) {
+        if size != SlotSize::Bytes16 {
+            return;
+        }
+        let slot = report.slot(size, size.sdo_slot());
+        if slot == self.shown {
+            return;
+        }
+        self.shown = slot;
+        let (slave, object) = match SdoResponse::decode(&slot) {
+            SdoResponse::Done { id: CommandId::SdoRead, slave, object, value } => {
+                if object == SECOND_STATUSWORD {
+                    self.learn(slave, Some(Statusword(value as u16)));
+                }
+                (slave, object)
+            }
+            SdoResponse::Aborted { id: CommandId::SdoRead, slave, object, code } => {
+                if object == SECOND_STATUSWORD && code == AbortCode::NO_OBJECT {
+                    self.learn(slave, None);
+                }
+                (slave, object)
+            }
+            _ => return,
+        };
+        if self.asked.is_some_and(|asked| (asked.slave, asked.object) == (slave, object)) {
+            self.asked = None;
+        }
+    }
+
+    /// A slave's second channel shows that statusword, or there is none.
+    fn learn(&mut self, slave: u8, statusword: Option<Statusword>) {
+        // A report may name any number.
+        if !(1..=MAX_SLAVES).contains(&usize::from(slave)) {
+            return;
+        }
+        match statusword {
+            Some(statusword) => {
+                self.present.insert(slave);
+                self.absent.remove(slave);
+                self.statuswords[usize::from(slave)] = statusword;
+            }
+            None => {
+                self.present.remove(slave);
+                self.absent.insert(slave);
+            }
+        }
+    }
+
+    /// Slaves whose second channel is known to be off.
+    pub fn off(&self) -> SlaveSet {
+        self.present.iter().filter(|slave| !self.statuswords[usize::from(*slave)].is_enabled()).collect()
+    }
+
+    /// The statusword of a slave's second channel, if it has one.
+    pub fn statusword(&self, slave: u8) -> Option<Statusword> {
+        self.present.contains(slave).then(|| self.statuswords[usize::from(slave)])
+    }
+
+    /// The request that a stream puts into its next frame, if there is something to ask for. `frames`: how many have been
+    /// written.
+    pub fn request(&mut self, network: &Network, frames: u64) -> Option<SdoCommand> {
+        if self.present.is_empty() {
+            return None;
+        }
+        if let Some(asked) = self.asked
+            && frames < asked.at_frame + ANSWER_FRAMES_MAX
+        {
+            return None;
+        }
+        let last = match SdoResponse::decode(&self.shown) {
+            SdoResponse::Done { slave, object, .. } => Some((slave, object)),
+            _ => None,
+        };
+        let had = last.filter(|(_, object)| *object == SECOND_STATUSWORD).map_or(0, |(slave, _)| slave);
+        let slaves = || network.slaves().map(|(slave, _)| slave).filter(|slave| self.present.contains(*slave));
+        let slave = slaves().find(|slave| *slave > had).or_else(|| slaves().next())?;
+        let object = if last == Some((slave, SECOND_STATUSWORD)) { DEVICE_TYPE } else { SECOND_STATUSWORD };
+        self.asked = Some(Asked { slave, object, at_frame: frames });
+        Some(SdoCommand::Read { slave, object })
+    }
+
+    /// The request did not go out.
+    pub const fn not_asked(&mut self) {
+        self.asked = None;
+    }
+}
+
+impl Ecm {
+    /// The statusword of a slave's second channel, read now; `None` for a slave without one.
+    pub(in crate::ecm) fn second_statusword(&self, slave: u8) -> Result<Option<Statusword>, EcmError> {
+        if !self.may_have_second_channel(slave)? {
+            return Ok(None);
+        }
+        let command = SdoCommand::Read { slave, object: SECOND_STATUSWORD };
+        match self.transfer(command, self.exchange.options.sdo_limit) {
+            Ok(word) => Ok(Some(Statusword(word as u16))),
+            Err(EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn may_have_second_channel(&self, slave: u8) -> Result<bool, EcmError> {
+        let session = self.exchange.lock()?;
+        let is_hsp = matches!(session.network.slave(slave), Some(Slave::Hsp(_)));
+        Ok(is_hsp && session.size == SlotSize::Bytes16 && !session.second_channels.absent.contains(slave))
+    }
+
+    /// Finds out which slaves have a second channel, and what it does, before a stream begins.
+    pub(in crate::ecm) fn learn_second_channels(&self) -> Result<(), EcmError> {
+        let unknown = {
+            let session = self.exchange.lock()?;
+            let SecondChannels { present, absent, .. } = session.second_channels;
+            if session.size == SlotSize::Bytes16 && session.in_op() {
+                session.network.hsps.difference(present.union(absent))
+            } else {
+                SlaveSet::EMPTY
+            }
+        };
+        unknown.iter().try_for_each(|slave| self.second_statusword(slave).map(drop))
+    }
+
+    /// Waits until a transfer that a stream has asked for is over: the board would reject another one meanwhile.
+    pub(in crate::ecm) fn wait_for_sdo_of_stream(&self) -> Result<(), EcmError> {
+        if self.exchange.lock()?.second_channels.asked.is_none() {
+            return Ok(());
+        }
+        let task = Task {
+            what: "an SDO",
+            hint: "try again",
+            limit: STREAM_SDO_LIMIT,
+            commands: &[],
+            resend: false,
+            claim_exclusive: false,
+        };
+        let is_over = |session: &mut Session, _| Ok(session.second_channels.asked.is_none().then_some(()));
+        match self.exchange.run(&task, is_over, |_| "the SDO slot is busy".to_owned()) {
+            Ok(()) | Err(EcmError::Timeout { .. }) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+}

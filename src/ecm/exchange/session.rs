@@ -1,0 +1,314 @@
+//! All that is known of a board between two calls: its reports, the commands that wait for the next frame, the frames
+//! under way. Each part is a file of its own; here stands what has to happen with all of them when a report was read, and
+//! when a frame is made and was written.
+
+use std::sync::Arc;
+use std::thread::ThreadId;
+use std::time::Instant;
+
+use super::answers::Answers;
+use super::credit::Credit;
+use super::cyclic_targets::CyclicTargets;
+use super::marks::{Echo, Marks};
+use super::outgoing::{Outgoing, Sent};
+use super::posts::Posts;
+use super::reports::Reports;
+use super::second_channels::SecondChannels;
+use super::stats::{News, NewsQueue, Stats};
+use crate::cia402::Statusword;
+use crate::coe::ObjectAddress;
+use crate::ecm::config::Slave;
+use crate::ecm::network::Network;
+use crate::ecm::snapshot::Snapshot;
+use crate::ethercat::SlaveSet;
+use crate::link::{ReadMeta, Stamp};
+use crate::sk::{CrcPolicy, Frame, MasterResponse, RawSlot, SlotSize};
+
+/// \[OURS] While slaves are lost every so many frames have a mark, so that their answers tell which slaves those are.
+const ASK_LOST: u64 = 32;
+
+/// Axes that a call homes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct HomingAxes {
+    /// Slaves whose axes are being homed, from before their objects are written until their mode is set back.
+    pub active: SlaveSet,
+    /// Of these, slaves whose homing was aborted. In CSP bits 10 and 12 of their statusword no longer mean "homing
+    /// attained".
+    pub aborted: SlaveSet,
+    /// Of these, slaves whose GO_HOME has been handed to the next frame, or was written.
+    pub started: SlaveSet,
+}
+
+/// The stream that writes the frames.
+#[derive(Clone, Copy, Debug)]
+pub struct StreamPacer {
+    /// The thread that made its last step.
+    pub thread: ThreadId,
+    /// When that was.
+    pub last_step: Instant,
+}
+
+pub struct Session {
+    pub size: SlotSize,
+    /// What the slaves are configured as.
+    pub network: Arc<Network>,
+    pub reports: Reports,
+    pub outgoing: Outgoing,
+    pub posts: Posts,
+    answers: Answers,
+    pub marks: Marks,
+    pub credit: Credit,
+    /// Slaves that are lost, as far as their answers have shown it.
+    pub lost: SlaveSet,
+    pub second_channels: SecondChannels,
+    /// What a stream keeps sending.
+    pub targets: CyclicTargets,
+    pub homing: HomingAxes,
+    /// The open stream, if there is one.
+    pub pacer: Option<StreamPacer>,
+    /// Times the FIFO was cleared. The targets of a stream that was open then no longer begin where its axes are.
+    pub fifo_clears: u64,
+    /// Objects of SDO transfers whose answers did not come in time, and may come yet.
+    pub late_sdos: Vec<ObjectAddress>,
+    pub stats: Stats,
+    pub news: NewsQueue,
+    /// The board was closed: every call ends.
+    pub closed: bool,
+}
+
+impl Session {
+    pub fn new(size: SlotSize, strict_crc: bool) -> Self {
+        let crc_policy = if strict_crc { CrcPolicy::Strict } else { CrcPolicy::AbsentAllowed };
+        Self {
+            size,
+            network: Arc::new(Network::NONE),
+            reports: Reports::new(size, crc_policy),
+            outgoing: Outgoing::new(),
+            posts: Posts::new(),
+            answers: Answers::new(),
+            marks: Marks::new(),
+            credit: Credit::new(),
+            lost: SlaveSet::EMPTY,
+            second_channels: SecondChannels::new(),
+            targets: CyclicTargets::new(size),
+            homing: HomingAxes::default(),
+            pacer: None,
+            fifo_clears: 0,
+            late_sdos: Vec::new(),
+            stats: Stats::default(),
+            news: NewsQueue::new(),
+            closed: false,
+        }
+    }
+
+    pub fn in_op(&self) -> bool {
+        self.reports.in_op()
+    }
+
+    /// Slot 0 of the newest report.
+    pub const fn board(&self) -> &MasterResponse {
+        &self.reports.board
+    }
+
+    /// A slot of the newest report.
+    pub fn slot(&self, slot: usize) -> RawSlot {
+        self.reports.newest.slot(self.size, slot)
+    }
+
+    pub fn statusword(&self, slave: u8) -> Statusword {
+        Statusword(self.reports.newest.slots(self.size).head(slave.into()).parm.get())
+    }
+
+    /// Whether all axes of a slave are on, as far as it is known.
+    pub fn is_on(&self, slave: u8) -> bool {
+        self.statusword(slave).is_enabled() && !self.second_channels.off().contains(slave)
+    }
+
+    pub fn snapshot(&self) -> Snapshot {
+        Snapshot {
+            meta: self.reports.meta.unwrap_or_default(),
+            board: self.reports.board,
+            frame: Frame::clone(&self.reports.newest),
+            size: self.size,
+            network: Arc::clone(&self.network),
+        }
+    }
+}
+
+/// When a report was read.
+impl Session {
+    /// Takes the report in [`Reports::incoming`]; says whether it can be used.
+    pub fn take_report(&mut self, meta: ReadMeta) -> bool {
+        if !self.reports.accept(meta, &mut self.stats, &mut self.news) {
+            return false;
+        }
+        self.read_board();
+        self.read_slaves(meta.at);
+        self.second_channels.read(self.size, &self.reports.newest);
+        self.drop_targets_of_disabled();
+        true
+    }
+
+    /// What slot 0 tells: the state, and how many commands the FIFO holds and has lost.
+    fn read_board(&mut self) {
+        let was_in_op = self.in_op();
+        let before = self.reports.read_board(&mut self.stats, &mut self.news);
+        let Some((cycles, measured_cycle_ns)) = self.reports.cycles() else { return };
+        if !self.in_op() {
+            self.credit.reset();
+            self.targets.forget_outputs();
+            self.homing.active = SlaveSet::EMPTY;
+            return;
+        }
+        let board = self.reports.board;
+        // The count wraps: whatever is different is more.
+        if was_in_op && before.full_count != board.full_count {
+            self.stats.losses += 1;
+            self.news.push(News::CommandsLost { from: before.full_count, to: board.full_count });
+        }
+        // SK-5 [OURS]: a frame counts as arrived one cycle after it was written.
+        let margin_ns = self.network.cycle_ns.unwrap_or(measured_cycle_ns);
+        self.credit.report(self.reports.at(), board.fifo_free, cycles, margin_ns);
+        self.stats.underruns = self.credit.underruns();
+    }
+
+    /// What the slots of slaves tell: answers, which frames the board has executed, and which slaves are lost.
+    fn read_slaves(&mut self, at: Stamp) {
+        let slots = self.reports.newest.slots(self.size);
+        self.answers.read(at, slots);
+        let board = self.reports.board;
+        let failed = board.state.is_failed();
+        if !failed {
+            self.lost = SlaveSet::EMPTY;
+        }
+        if !self.in_op() || !failed && self.marks.awaited == 0 {
+            return;
+        }
+        let mut last_is_new = false;
+        for slave in 1..=self.size.max_slaves() {
+            let index = slots.head(slave).index;
+            last_is_new |= self.marks.read(index, board.result) && index == self.outgoing.last.mark;
+        }
+        if failed && last_is_new {
+            let is_silent = |slave: u8| slots.head(slave.into()).index != self.outgoing.last.mark;
+            let used = self.network.slaves().filter(|(_, config)| **config != Slave::Unused);
+            let silent: SlaveSet = used.map(|(slave, _)| slave).filter(|slave| is_silent(*slave)).collect();
+            // A slave that had a command may have rejected it: then its slot does not show the mark either.
+            let commanded = self.outgoing.last_commanded.slaves();
+            self.lost = silent.difference(commanded).union(self.lost.intersection(commanded));
+        }
+    }
+
+    /// An axis that went off has no target any more: switched on again, it must not jump to an old one. Of a slave of two
+    /// axes both lose theirs.
+    fn drop_targets_of_disabled(&mut self) {
+        let slots = self.reports.newest.slots(self.size);
+        let is_off = |slave: usize| u64::from(!Statusword(slots.head(slave).parm.get()).is_enabled());
+        let off = (0..self.network.count).fold(0, |off, n| off | is_off(n + 1) << n);
+        self.targets.withdraw(SlaveSet::from_bits(off).union(self.second_channels.off()));
+    }
+}
+
+/// What became of a frame.
+impl Session {
+    /// Whether the board has executed the frame for sure.
+    pub fn executed(&self, sent: Sent) -> bool {
+        match self.marks.echo {
+            Echo::Yes | Echo::Unknown => self.marks.has_returned(sent.mark),
+            Echo::No => self.credit.has_executed(sent.number),
+        }
+    }
+
+    /// As [`Session::executed`], where it matters little and it is not known yet whether the board repeats marks.
+    pub fn probably_executed(&self, sent: Sent) -> bool {
+        self.executed(sent) || self.marks.echo == Echo::Unknown && self.credit.has_executed(sent.number)
+    }
+
+    /// The board's own result of that frame, in OP.
+    pub fn result(&self, sent: Sent) -> Option<u32> {
+        let marked = self.marks.echo != Echo::No;
+        self.executed(sent).then(|| if marked { self.marks.result(sent.mark) } else { self.reports.board.result })
+    }
+
+    /// Claims slots for a call that must be sure of its own answers; [`Session::release`] ends that.
+    pub fn claim(&mut self, commands: &[(usize, RawSlot)]) -> bool {
+        self.answers.claim(commands, &self.reports.newest, self.size)
+    }
+
+    pub fn release(&mut self, commands: &[(usize, RawSlot)]) {
+        self.answers.release(commands);
+    }
+
+    /// The answer in a claimed slot to that frame's command there, once it has come.
+    pub fn answer(&self, sent: Sent, slot: usize, id: u8) -> Option<RawSlot> {
+        let (at, answer) = self.answers.newest(slot);
+        let is_its_own = match self.marks.echo {
+            Echo::Yes | Echo::Unknown => answer.index == sent.mark,
+            Echo::No => !self.answers.may_be_old(slot) || self.executed(sent),
+        };
+        (is_its_own && answer.id == id && at > sent.at).then_some(answer)
+    }
+}
+
+/// The next frame.
+impl Session {
+    /// Whether the board takes a frame now.
+    pub fn may_write(&self) -> bool {
+        !self.in_op() || self.credit.credit() > 0
+    }
+
+    /// Makes the next frame: in each slot the command that was posted, else what a stream keeps sending, else nothing. The
+    /// CRC comes last (SK-1.22).
+    pub fn compose(&mut self) {
+        let size = self.size;
+        // A target in the frame of a clear would be the newest one, and the way to it is what is dropped: a jump.
+        if self.in_op() && !self.posts.clear_fifo() {
+            self.outgoing.frame.clone_from(self.targets.next());
+        } else {
+            self.outgoing.frame.bytes_mut().fill(0);
+        }
+        self.posts.write_to(&mut self.outgoing.frame, size);
+        self.put_mark();
+        self.outgoing.frame.fill_crc(size);
+    }
+
+    /// Gives the next frame a mark, if somebody may want to know it again.
+    fn put_mark(&mut self) {
+        let outgoing = &mut self.outgoing;
+        outgoing.mark = 0;
+        let has_command = !self.posts.slots().without(self.size.sdo_slot()).is_empty();
+        let asks_for_lost = self.reports.board.state.is_failed() && outgoing.written.is_multiple_of(ASK_LOST);
+        if !self.reports.in_op() || !has_command && !asks_for_lost {
+            return;
+        }
+        outgoing.mark = self.marks.next();
+        for slave in 1..=self.size.max_slaves() {
+            let slot = outgoing.frame.slot(self.size, slave);
+            outgoing.frame.put(self.size, slave, &RawSlot { index: outgoing.mark, ..slot });
+        }
+    }
+
+    /// The frame was written.
+    pub fn wrote(&mut self, at: Stamp) {
+        if self.posts.clear_fifo() {
+            self.fifo_clears += 1;
+            self.targets.clear();
+        }
+        let outgoing = &mut self.outgoing;
+        if outgoing.mark != 0 {
+            (outgoing.last.mark, outgoing.last_commanded) = (outgoing.mark, self.posts.slots());
+        }
+        self.posts.clear();
+        outgoing.written += 1;
+        outgoing.last.at = at;
+        self.stats.written += 1;
+        outgoing.last.number = if self.reports.in_op() { self.credit.wrote(at) } else { 0 };
+    }
+
+    /// Nobody streams any more.
+    pub fn end_stream(&mut self) {
+        self.pacer = None;
+        self.credit.count_underruns(false);
+        self.targets.clear();
+    }
+}

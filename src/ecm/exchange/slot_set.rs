@@ -1,0 +1,62 @@
+//! Sets of slots, as a word of bits.
+
+use crate::ethercat::{MAX_SLAVES, SlaveSet};
+use crate::sk::RawSlot;
+
+/// A set of slots of one frame: 0 is the board's, slave n has slot n, the last one is that of SDO transfers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlotSet(u64);
+
+impl SlotSet {
+    pub const EMPTY: Self = Self(0);
+
+    /// The slots of those commands.
+    pub fn of(commands: &[(usize, RawSlot)]) -> Self {
+        Self(commands.iter().fold(0, |slots, (slot, _)| slots | 1 << slot))
+    }
+
+    pub const fn contains(self, slot: usize) -> bool {
+        self.0 & 1 << slot != 0
+    }
+
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether some slot is in both.
+    pub const fn overlaps(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    pub const fn insert_all(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+
+    pub const fn remove_all(&mut self, other: Self) {
+        self.0 &= !other.0;
+    }
+
+    pub const fn remove(&mut self, slot: usize) {
+        self.0 &= !(1 << slot);
+    }
+
+    /// The same set without that slot.
+    pub const fn without(self, slot: usize) -> Self {
+        Self(self.0 & !(1 << slot))
+    }
+
+    /// The slaves whose slots are in it.
+    pub const fn slaves(self) -> SlaveSet {
+        SlaveSet::from_bits(self.0 >> 1 & ((1 << MAX_SLAVES) - 1))
+    }
+
+    /// The slots, rising.
+    pub fn iter(self) -> impl Iterator<Item = usize> {
+        let mut left = self.0;
+        std::iter::from_fn(move || {
+            let slot = (left != 0).then(|| left.trailing_zeros() as usize)?;
+            left &= left - 1;
+            Some(slot)
+        })
+    }
+}

@@ -1,0 +1,51 @@
+//! What the slaves are configured as, in the form that every report and every frame is looked at with.
+
+use std::time::Duration;
+
+use super::config::{Config, Slave};
+use crate::ethercat::{MAX_SLAVES, SlaveSet};
+
+/// A copy of a [`Config`] that allocates nothing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Network {
+    slaves: [Slave; MAX_SLAVES],
+    /// How many slaves are configured.
+    pub(super) count: usize,
+    /// The EtherCAT cycle, if it is known.
+    pub(super) cycle_ns: Option<u64>,
+    /// The slaves that are HSPs.
+    pub(super) hsps: SlaveSet,
+}
+
+impl Network {
+    /// Nothing is configured.
+    pub(super) const NONE: Self =
+        Self { slaves: [Slave::Unused; MAX_SLAVES], count: 0, cycle_ns: None, hsps: SlaveSet::EMPTY };
+
+    pub(super) fn of(config: &Config) -> Self {
+        let mut network = Self::NONE;
+        for (place, slave) in network.slaves.iter_mut().zip(&config.slaves) {
+            *place = *slave;
+        }
+        network.count = config.slaves.len();
+        network.cycle_ns = Some(u64::from(config.cycle_us) * 1000);
+        let is_hsp = |(_, slave): &(u8, &Slave)| matches!(slave, Slave::Hsp(_));
+        network.hsps = network.slaves().filter(is_hsp).map(|(slave, _)| slave).collect();
+        network
+    }
+
+    /// The EtherCAT cycle, never 0; that of the factory setting where it is not known.
+    pub(super) fn cycle(&self) -> Duration {
+        Duration::from_nanos(self.cycle_ns.unwrap_or(1_000_000))
+    }
+
+    /// The configuration of slave 1..; `None` if it has none.
+    pub(super) fn slave(&self, slave: u8) -> Option<&Slave> {
+        self.slaves[..self.count].get(usize::from(slave).checked_sub(1)?)
+    }
+
+    /// The slaves that are configured, with their numbers.
+    pub(super) fn slaves(&self) -> impl Iterator<Item = (u8, &Slave)> {
+        (1..).zip(&self.slaves[..self.count])
+    }
+}

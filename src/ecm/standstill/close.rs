@@ -1,0 +1,106 @@
+//! Closing a board, and what becomes of its axes. It ends within 2 s, also when the board is dropped.
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use super::LeftBehind;
+use crate::ecm::exchange::Task;
+use crate::ecm::options::{CLOSE_LIMIT, Close};
+use crate::ecm::{Ecm, EcmError};
+use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
+
+/// \[OURS] The part of the limit that is kept for switching off.
+const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
+
+impl Ecm {
+    /// Closes the board, within 2 s. The link is closed in any case. Only axes that are configured or adopted get commands.
+    ///
+    /// # Errors
+    /// Why axes may still move or be on: [`EcmError::Timeout`], [`EcmError::SlaveLost`], [`EcmError::NoReport`],
+    /// [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to rest are switched off all the same.
+    pub fn close(mut self, how: Close) -> Result<(), EcmError> {
+        self.end(how)
+    }
+
+    pub(in crate::ecm) fn end(&mut self, how: Close) -> Result<(), EcmError> {
+        if self.done {
+            return Ok(());
+        }
+        self.done = true;
+        let rested = match how {
+            Close::Leave => Ok(()),
+            Close::Hold | Close::ServoOff => self.bring_to_rest(how == Close::ServoOff, &mut LeftBehind::default()),
+        };
+        // A server that the board is behind may still bring to rest what this could not.
+        self.exchange.shut(rested.is_ok());
+        rested
+    }
+
+    /// Ramps the axes that move to a standstill, and switches all axes off if `off`, within the limit of closing.
+    pub(in crate::ecm) fn bring_to_rest(&self, off: bool, left: &mut LeftBehind) -> Result<(), EcmError> {
+        self.exchange.link.check()?;
+        let deadline = self.exchange.now() + CLOSE_LIMIT;
+        let mut session = self.exchange.lock()?;
+        let ramped = if off { deadline.saturating_sub(SWITCH_OFF_TIME) } else { deadline };
+        let stood = super::to_standstill(self, &mut session, ramped, left);
+        session.targets.clear();
+        if !off || !session.in_op() || matches!(stood, Err(EcmError::NoReport { .. } | EcmError::Link(_))) {
+            return stood;
+        }
+        let slot = SlotCommand::from(SlaveCommand::ServoOff).encode(session.size);
+        let axes = session.network.slaves().filter(|(_, config)| config.axis().is_some());
+        let commands: Vec<(usize, RawSlot)> = axes.map(|(slave, _)| (usize::from(slave), slot)).collect();
+        drop(session);
+        if commands.is_empty() {
+            return stood;
+        }
+        // Even if an axis does not come to rest: then it has to be off.
+        let left = deadline.saturating_sub(self.exchange.now());
+        let found = self.find_lost(left);
+        let switched = self.switch_off_within(&commands, deadline.saturating_sub(self.exchange.now()));
+        stood.and(found).and(switched)
+    }
+
+    /// Switches axes off. It does not wait for a slave that is lost, and tells of it at the end.
+    pub(in crate::ecm) fn switch_off_within(
+        &self,
+        commands: &[(usize, RawSlot)],
+        limit: Duration,
+    ) -> Result<(), EcmError> {
+        let task = Task {
+            what: "switching off",
+            hint: "switch the drives off by hand",
+            limit,
+            commands,
+            resend: true,
+            claim_exclusive: false,
+        };
+        let lost = Cell::new(None);
+        self.exchange.run(
+            &task,
+            |session, sent| {
+                if !session.in_op() {
+                    return Ok(Some(()));
+                }
+                let is_off = |slave: u8| {
+                    let is_lost = session.lost.contains(slave);
+                    if is_lost {
+                        lost.set(Some(EcmError::SlaveLost { slave: Some(slave), found: session.board().state }));
+                    }
+                    is_lost || session.probably_executed(sent) && !session.statusword(slave).is_enabled()
+                };
+                Ok(commands.iter().all(|(slave, _)| is_off(*slave as u8)).then_some(()))
+            },
+            |session| format!("the board is in {}", session.board().state),
+        )?;
+        lost.take().map_or(Ok(()), Err)
+    }
+}
+
+impl Drop for Ecm {
+    fn drop(&mut self) {
+        if let Err(error) = self.end(self.exchange.options.close) {
+            log::warn!("closing the board: {error}");
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! Bringing axes to a standstill from the host. The axes stay enabled.
+//!
+//! Entries that are ahead of the ramp are executed first: they are the way on which the axes were sent, and the ramp begins at
+//! its end. Of a program's own axes it is known what was commanded last. Of those of another program it may not be known, and
+//! then the ramp waits until the FIFO is empty, and begins with what reports show.
+//!
+//! How to read this folder: here is the whole of a stop; `movement.rs` says whether an axis moves, `axis_ramp.rs` how one axis is
+//! ramped, `left_behind.rs` what becomes of entries that wait in the FIFO, `close.rs` what closing a board does beside it.
+
+mod axis_ramp;
+mod close;
+mod left_behind;
+mod movement;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use parking_lot::MutexGuard;
+
+use axis_ramp::{AxisRamp, needs_observation, ramp_from_position, ramp_of};
+pub use left_behind::{LeftBehind, discard_held, stop_in_one_step};
+use movement::Observation;
+
+use super::exchange::Session;
+use super::{Ecm, EcmError};
+use crate::ethercat::SlaveSet;
+use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
+
+/// \[OURS] Frames of the ramp that are ahead of the board at most.
+const AHEAD_MAX: u16 = 64;
+/// \[OURS] The time for axes to come to rest after the ramp.
+const SETTLING_TIME: Duration = Duration::from_millis(200);
+/// \[OURS] The same in cycles, if the cycle is long.
+const SETTLING_CYCLES: u32 = 3;
+
+/// \[OURS] A ramp has at least that many frames, if the cycle is long.
+pub const RAMP_FRAMES_MIN: u32 = 4;
+
+/// The part of a limit that is kept for axes to come to rest after the ramp.
+pub fn settling_time(cycle: Duration) -> Duration {
+    SETTLING_TIME.max(cycle * SETTLING_CYCLES)
+}
+
+/// Ramps the axes that move to a standstill, by `deadline`. If that fails no entry is left in the FIFO that moves an axis later.
+pub fn to_standstill(
+    ecm: &Ecm,
+    session: &mut MutexGuard<'_, Session>,
+    deadline: Duration,
+    left: &mut LeftBehind,
+) -> Result<(), EcmError> {
+    let stood = stop(ecm, session, deadline, left);
+    if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
+        // The error of the stop says why axes do not stand; one of this frame would say less.
+        let _ = stop_in_one_step(ecm, session, left);
+    }
+    stood
+}
+
+fn stop(
+    ecm: &Ecm,
+    session: &mut MutexGuard<'_, Session>,
+    deadline: Duration,
+    left: &mut LeftBehind,
+) -> Result<(), EcmError> {
+    ecm.exchange.catch_up(session)?;
+    if !session.in_op() || session.network.count == 0 {
+        return Ok(());
+    }
+    let mut stop = Stop { ecm, began: ecm.exchange.now(), deadline, ramped: SlaveSet::EMPTY, unlocked: false };
+    left_behind::discard_unwanted(ecm, session, deadline, left)?;
+    stop.end_homing(session, left)?;
+    loop {
+        stop.ramp(session, left)?;
+        let may_wait = left.is_held || left.has_threshold && session.credit.ahead() > 0;
+        if !session.posts.is_empty() || may_wait && !stop.unlocked {
+            // No axis has to be ramped yet, but what waits, here or in the board, must not wait for ever.
+            stop.write(session, left)?;
+        }
+        if stop.stands(session, left)? {
+            break;
+        }
+    }
+    if left.has_threshold && !stop.unlocked && session.in_op() {
+        // Nothing had to be done. The frames of the next program must not wait for a threshold that it does not know.
+        stop.write(session, left)?;
+    }
+    Ok(())
+}
+
+/// The ramps of slaves' axes, by slot; `None` for a slave that needs none.
+type AxisRamps = [Option<AxisRamp>; SlotSize::Bytes12.slots()];
+
+/// A stop under way.
+struct Stop<'a> {
+    ecm: &'a Ecm,
+    began: Duration,
+    deadline: Duration,
+    /// Slaves whose axes have been ramped.
+    ramped: SlaveSet,
+    /// The board takes entries out of its FIFO, whatever threshold was in force.
+    unlocked: bool,
+}
+
+impl Stop<'_> {
+    /// Ends the homing of slaves, by commands in the slots of one frame.
+    fn end_homing(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<(), EcmError> {
+        let abort = SlotCommand::from(SlaveCommand::AbortHome).encode(session.size);
+        let commands: Vec<_> = left.homing.iter().map(|slave| (slave.into(), abort)).collect();
+        if commands.is_empty() {
+            return Ok(());
+        }
+        // They go out with the first frame of a ramp, if there is one, so that the targets of other axes have no gap.
+        if !session.posts.post(&commands) {
+            self.write(session, left)?;
+            session.posts.post(&commands);
+        }
+        if self.ramps(session, &Observation::begin(session), left).iter().any(Option::is_some) {
+            return Ok(());
+        }
+        self.write(session, left)
+    }
+
+    /// Ramps the axes that move and have not been ramped yet. An axis of which only reports tell how it moves is observed first.
+    fn ramp(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<(), EcmError> {
+        let observed = Observation::begin(session);
+        let network = Arc::clone(&session.network);
+        let is_unclear = |session: &Session, slave, config| {
+            !self.ramped.contains(slave) && needs_observation(session, slave, config, left)
+        };
+        while !observed.is_long_enough(session)
+            && session.in_op()
+            && network.slaves().any(|(slave, config)| is_unclear(session, slave, config))
+        {
+            self.read(session)?;
+        }
+        let ramps = self.ramps(session, &observed, left);
+        if ramps.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        self.run(session, left, &ramps)
+    }
+
+    /// Writes the frames of ramps.
+    fn run(
+        &mut self,
+        session: &mut MutexGuard<'_, Session>,
+        left: &LeftBehind,
+        ramps: &AxisRamps,
+    ) -> Result<(), EcmError> {
+        let frames = self.frames(session);
+        let network = Arc::clone(&session.network);
+        for k in 1..=frames {
+            self.write_with(session, left, |session| {
+                for (slave, config) in network.slaves() {
+                    let Some(ramp) = &ramps[usize::from(slave)] else { continue };
+                    // An axis that went off meanwhile gets no target.
+                    let is_on = movement::may_be_on(session, slave, config);
+                    session.targets.set(slave, is_on.then(|| ramp.at(k, frames)));
+                }
+            })?;
+        }
+        for (slave, _) in network.slaves().filter(|(slave, _)| ramps[usize::from(*slave)].is_some()) {
+            self.ramped.insert(slave);
+        }
+        Ok(())
+    }
+
+    /// The ramps of the axes that have not been ramped yet.
+    fn ramps(&self, session: &Session, observed: &Observation, left: &LeftBehind) -> AxisRamps {
+        let mut ramps = [None; SlotSize::Bytes12.slots()];
+        for (slave, config) in session.network.slaves() {
+            if !self.ramped.contains(slave) {
+                ramps[usize::from(slave)] = ramp_of(session, observed, slave, config, left);
+            }
+        }
+        ramps
+    }
+
+    /// Writes the next frame, as soon as the board has room for it and not too many are ahead.
+    fn write(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<(), EcmError> {
+        self.write_with(session, left, |_| ())
+    }
+
+    /// As [`write`](Self::write), with targets that `aim` sets last: a report that was read after that would take away those of a
+    /// slave of which one axis is off. The first frame has the board take entries out, whatever threshold a program has set
+    /// (SK-5.12): that command acts on arrival, even if the FIFO is full.
+    fn write_with(
+        &mut self,
+        session: &mut MutexGuard<'_, Session>,
+        left: &LeftBehind,
+        aim: impl Fn(&mut Session),
+    ) -> Result<(), EcmError> {
+        while !self.unlocked && session.in_op() {
+            if session.credit.credit() == 0 && !left.is_held {
+                self.read(session)?;
+                continue;
+            }
+            let threshold = MasterCommand::SetFifo(FifoAction::Threshold(FIFO_ENTRIES.into())).encode();
+            // A command of another thread that waits for that slot goes out first.
+            self.unlocked = session.posts.post(&[(0, threshold)]);
+            if self.unlocked && session.credit.credit() > 0 {
+                aim(session);
+                return self.ecm.exchange.write(session, self.deadline);
+            }
+            // A full FIFO does not take the rest of the frame: that is written again when there is room.
+            let posts = session.posts.slots();
+            aim(session);
+            self.ecm.exchange.write(session, self.deadline)?;
+            if self.unlocked {
+                session.posts.post_again(posts);
+            }
+        }
+        while session.in_op() && session.credit.ahead() >= AHEAD_MAX {
+            self.read(session)?;
+        }
+        aim(session);
+        self.ecm.exchange.write(session, self.deadline)
+    }
+
+    /// Waits until the FIFO is empty and all axes stand. False if an axis has to be ramped, which an entry of the FIFO has set
+    /// going.
+    fn stands(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<bool, EcmError> {
+        let network = Arc::clone(&session.network);
+        let mut observation: Option<Observation> = None;
+        while session.in_op() {
+            if session.credit.ahead() > 0 {
+                observation = None;
+                self.read(session)?;
+                continue;
+            }
+            let observed = observation.get_or_insert_with(|| Observation::begin(session));
+            // A program knows what its own axes were told: none of them begins to move.
+            if !left.is_foreign && network.slaves().all(|(slave, config)| !movement::may_move(session, slave, config)) {
+                return Ok(true);
+            }
+            if observed.is_long_enough(session) {
+                if self.ramps(session, observed, left).iter().any(Option::is_some) {
+                    return Ok(false);
+                }
+                if network.slaves().all(|(slave, config)| !observed.moves(session, slave, config)) {
+                    return Ok(true);
+                }
+                let ramps = self.ramps_from_positions(session, observed, left);
+                observation = None;
+                if ramps.iter().any(Option::is_some) {
+                    self.run(session, left, &ramps)?;
+                    continue;
+                }
+            }
+            self.read(session)?;
+        }
+        Ok(true)
+    }
+
+    /// The ramps of axes that will not have reached their last targets by the limit.
+    fn ramps_from_positions(&self, session: &Session, observed: &Observation, left: &LeftBehind) -> AxisRamps {
+        let cycle = session.network.cycle();
+        let time_left = self.deadline.saturating_sub(self.ecm.exchange.now());
+        // Of its own axes a program knows that they have no target which it has not given.
+        let overdue = left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
+        let cycles = time_left.as_secs_f64() / cycle.as_secs_f64();
+        let mut ramps = [None; SlotSize::Bytes12.slots()];
+        for (slave, config) in session.network.slaves() {
+            ramps[usize::from(slave)] = ramp_from_position(session, observed, slave, config, cycles, overdue);
+        }
+        ramps
+    }
+
+    /// Reads a report. The end of the time for the stop, and a board that is silent, are errors.
+    fn read(&self, session: &mut MutexGuard<'_, Session>) -> Result<(), EcmError> {
+        if !self.ecm.exchange.read(session, self.deadline)? {
+            self.ecm.exchange.check_silence(session, self.began, "a standstill")?;
+        }
+        let waited = self.ecm.exchange.now().saturating_sub(self.began);
+        if self.ecm.exchange.now() < self.deadline {
+            return Ok(());
+        }
+        Err(EcmError::Timeout {
+            what: "a standstill",
+            waited,
+            seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+            hint: "use the emergency stop if axes move",
+        })
+    }
+
+    /// The number of frames of a ramp: those of its time, but no more than end before the limit.
+    fn frames(&self, session: &Session) -> u32 {
+        let cycle = session.network.cycle();
+        let of = |time: Duration| time.as_nanos().div_ceil(cycle.as_nanos()) as u32;
+        let left = self.deadline.saturating_sub(self.ecm.exchange.now()).saturating_sub(settling_time(cycle));
+        let possible = (left.as_nanos() / cycle.as_nanos()) as u32;
+        let possible = possible.saturating_sub(session.credit.ahead().into());
+        of(self.ecm.exchange.options.ramp).max(RAMP_FRAMES_MIN).min(possible).max(1)
+    }
+}

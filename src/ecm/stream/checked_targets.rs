@@ -1,0 +1,263 @@
+//! The targets of a stream's next step. Each is checked when the program sets it, by a copy of what the session knows: so a
+//! target takes no lock.
+
+use std::sync::Arc;
+
+use crate::cia402::{Mode, Statusword};
+use crate::ecm::EcmError;
+use crate::ecm::config::{Axis, Guard, Slave};
+use crate::ecm::exchange::Session;
+use crate::ecm::exchange::cyclic_targets::Outputs;
+use crate::ecm::network::Network;
+use crate::ethercat::SlaveSet;
+use crate::sk::{
+    AxisTarget, DriveResponse, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize,
+    StateByte,
+};
+
+/// The targets of the next step, and a copy of the session.
+pub(super) struct CheckedTargets {
+    /// How often the session had changed when it was copied.
+    pub(super) changes: u64,
+    size: SlotSize,
+    network: Arc<Network>,
+    state: StateByte,
+    /// The network is in OP, and the FIFO was not cleared since the stream began.
+    takes_targets: bool,
+    /// Slaves whose axes are being homed.
+    homing: SlaveSet,
+    /// Slaves that are lost.
+    lost: SlaveSet,
+    /// Slaves that are in one of these sets, or whose second channel is off: they take no target.
+    refused: SlaveSet,
+    /// The outputs that HSPs were told last, by slot.
+    outputs: [Outputs; SlotSize::Bytes12.slots()],
+    /// How often the FIFO had been cleared when the stream began, and when the session was copied.
+    fifo_clears: [u64; 2],
+    report: Frame,
+    /// The number of reports when the session was copied.
+    reports: u64,
+    /// The targets of the next step, by slot.
+    next: Frame,
+    /// Slaves that have a target in `next`.
+    set: SlaveSet,
+}
+
+impl CheckedTargets {
+    pub(super) fn new(session: &mut Session, changes: u64) -> Self {
+        let _ = session.targets.take_withdrawn();
+        let mut targets = Self {
+            changes,
+            size: session.size,
+            network: Arc::clone(&session.network),
+            state: session.board().state,
+            takes_targets: false,
+            homing: SlaveSet::EMPTY,
+            lost: SlaveSet::EMPTY,
+            refused: SlaveSet::EMPTY,
+            outputs: *session.targets.outputs(),
+            fifo_clears: [session.fifo_clears; 2],
+            report: Frame::clone(&session.reports.newest),
+            reports: session.stats.reports,
+            next: Frame::new(),
+            set: SlaveSet::EMPTY,
+        };
+        targets.copy_checks(session);
+        targets
+    }
+
+    /// Copies what the session knows now, if it has changed.
+    pub(super) fn refresh(&mut self, session: &mut Session, changes: u64) {
+        self.drop_withdrawn(session);
+        if self.changes == changes {
+            return;
+        }
+        self.changes = changes;
+        if !Arc::ptr_eq(&self.network, &session.network) {
+            self.network = Arc::clone(&session.network);
+        }
+        self.copy_checks(session);
+        self.outputs = *session.targets.outputs();
+        if self.reports != session.stats.reports {
+            self.reports = session.stats.reports;
+            self.report.clone_from(&session.reports.newest);
+        }
+    }
+
+    fn copy_checks(&mut self, session: &Session) {
+        self.state = session.board().state;
+        self.fifo_clears[1] = session.fifo_clears;
+        self.takes_targets = session.in_op() && self.require_uncleared().is_ok();
+        self.homing = session.homing.active;
+        self.lost = session.lost;
+        self.refused = self.homing.union(self.lost).union(session.second_channels.off());
+    }
+
+    /// Hands the targets to the session for its next frame.
+    pub(super) fn hand_over(&mut self, session: &mut Session) {
+        self.drop_withdrawn(session);
+        session.targets.set_all(&self.next, self.set);
+    }
+
+    /// Takes away the targets that the session has withdrawn: those of axes that went off, or that are being homed.
+    fn drop_withdrawn(&mut self, session: &mut Session) {
+        let withdrawn = session.targets.take_withdrawn();
+        for slave in withdrawn.intersection(self.set).iter() {
+            self.next.put(self.size, slave.into(), &RawSlot::ZERO);
+        }
+        self.set = self.set.difference(withdrawn);
+    }
+
+    /// Refuses targets after the FIFO was cleared: they do not begin where the axes are.
+    pub(super) const fn require_uncleared(&self) -> Result<(), EcmError> {
+        if self.fifo_clears[0] == self.fifo_clears[1] { Ok(()) } else { Err(EcmError::Cleared) }
+    }
+
+    /// The settings of a slave's axis.
+    pub(super) fn axis(&self, slave: u8) -> Result<&Axis, EcmError> {
+        // Called for each of 40 axes in a cycle: no error is made that is then dropped.
+        let none = || EcmError::NoSuchSlave { slave, declared: self.network.count };
+        let config = self.network.slave(slave).ok_or_else(none)?;
+        config.axis().ok_or_else(|| EcmError::WrongKind {
+            slave,
+            kind: config.kind().name(),
+            what: "a target",
+            wanted: "a drive, STEP or HSP",
+        })
+    }
+
+    /// Sets the target of a slave for the next step, if everything allows it. `guard`: whether the guards of axes act.
+    pub(super) fn set(&mut self, slave: u8, command: SlaveCommand, guard: bool) -> Result<(), EcmError> {
+        let wanted = match command {
+            SlaveCommand::Csv(_) => Mode::Csv,
+            SlaveCommand::Cst(_) => Mode::Cst,
+            _ => Mode::Csp,
+        };
+        let axis_guard = self.check_axis(slave, wanted)?;
+        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, axis_guard, guard) {
+            self.check_guard(slave, motion, limit)?;
+        }
+        self.put(slave, command);
+        Ok(())
+    }
+
+    /// As [`CheckedTargets::set`], for the first axis of a slave in CSP or CSV. An HSP keeps its outputs and the target of its
+    /// second axis.
+    #[inline]
+    pub(super) fn set_first(&mut self, slave: u8, target: i32, mode: Mode, guard: bool) -> Result<(), EcmError> {
+        let command = if mode == Mode::Csp { SlaveCommand::Csp } else { SlaveCommand::Csv };
+        if matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
+            let motion = self.first_of_hsp(slave, target, mode);
+            return self.set(slave, command(motion), guard);
+        }
+        // Other slaves have one axis, and 40 of them come this way in a cycle.
+        let axis_guard = self.check_axis(slave, mode)?;
+        if let (Mode::Csp, Guard::Within(limit), true) = (mode, axis_guard, guard) {
+            check_distance(slave, target, self.actual(slave), limit)?;
+        }
+        self.put(slave, command(Motion::to(target)));
+        Ok(())
+    }
+
+    /// Checks whether a slave takes a target in that mode now; gives the guard of its axis.
+    #[inline]
+    fn check_axis(&self, slave: u8, wanted: Mode) -> Result<Guard, EcmError> {
+        if !self.takes_targets {
+            return Err(self.why_none());
+        }
+        let axis = self.axis(slave)?;
+        if axis.mode != wanted {
+            return Err(EcmError::WrongMode { slave, mode: axis.mode, wanted });
+        }
+        let statusword = Statusword(self.report.slots(self.size).head(slave.into()).parm.get());
+        if self.refused.contains(slave) || !statusword.is_enabled() {
+            return Err(self.why_refused(slave, statusword));
+        }
+        Ok(axis.guard)
+    }
+
+    /// Why no axis takes a target.
+    #[cold]
+    fn why_none(&self) -> EcmError {
+        if self.state.state() == Some(MasterState::Op) {
+            EcmError::Cleared
+        } else {
+            EcmError::WrongState { what: "a target", needs: "OP", found: self.state }
+        }
+    }
+
+    /// Why an axis takes no target: it is being homed, lost or off.
+    #[cold]
+    fn why_refused(&self, slave: u8, statusword: Statusword) -> EcmError {
+        if self.homing.contains(slave) {
+            EcmError::IsHoming { slave }
+        } else if self.lost.contains(slave) {
+            EcmError::SlaveLost { slave: Some(slave), found: self.state }
+        } else if !statusword.is_enabled() {
+            self.why_off(slave, statusword)
+        } else {
+            EcmError::SecondOff { slave }
+        }
+    }
+
+    // The compiler then knows the command, and encodes no more than its fields.
+    #[inline(always)]
+    fn put(&mut self, slave: u8, command: SlaveCommand) {
+        self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
+        self.set.insert(slave);
+    }
+
+    /// The actual position of a slave's first axis, by the newest report.
+    #[inline]
+    fn actual(&self, slave: u8) -> i32 {
+        self.report.slots(self.size).head(slave.into()).data1.get() as i32
+    }
+
+    /// The motion of an HSP whose first axis gets that target. It keeps its outputs; its second axis keeps its last target, or
+    /// its actual position if it has had none.
+    fn first_of_hsp(&self, slave: u8, target: i32, mode: Mode) -> Motion {
+        let slot = self.next.slot(self.size, slave.into());
+        let motion = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
+            Ok(SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion)) => motion,
+            _ => {
+                let [first, second] = self.outputs[usize::from(slave)];
+                let hsp = HspResponse::decode(&self.report.slot(self.size, slave.into()), self.size);
+                let rests = if mode == Mode::Csp { hsp.second.position } else { 0 };
+                let at = |target, outputs| AxisTarget { target, outputs };
+                Motion { first: at(0, first), second: at(rests, second) }
+            }
+        };
+        Motion { first: AxisTarget { target, ..motion.first }, ..motion }
+    }
+
+    /// Whether an axis is off because of an alarm.
+    fn why_off(&self, slave: u8, statusword: Statusword) -> EcmError {
+        if statusword.0 & Statusword::FAULT == 0 {
+            return EcmError::NotEnabled { slave, statusword };
+        }
+        let code = match self.network.slave(slave) {
+            Some(Slave::Hsp(_)) => 0,
+            _ => DriveResponse::decode(&self.report.slot(self.size, slave.into())).error_code,
+        };
+        EcmError::Alarm { slave, code }
+    }
+
+    /// Refuses targets that are too far from the actual positions.
+    fn check_guard(&self, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
+        check_distance(slave, motion.first.target, self.actual(slave), limit)?;
+        if self.size == SlotSize::Bytes16 && matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
+            let hsp = HspResponse::decode(&self.report.slot(self.size, slave.into()), self.size);
+            check_distance(slave, motion.second.target, hsp.second.position, limit)?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a target that is further than `limit` counts from the actual position. Positions wrap around, as 32 bits do.
+#[inline]
+fn check_distance(slave: u8, target: i32, actual: i32, limit: u32) -> Result<(), EcmError> {
+    if target.wrapping_sub(actual).unsigned_abs() > limit {
+        return Err(EcmError::TooFar { slave, target, actual, limit });
+    }
+    Ok(())
+}

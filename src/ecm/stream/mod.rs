@@ -1,0 +1,396 @@
+//! A cyclic stream of targets. It is paced by the board's FIFO: it never writes more frames than that has room for, and counts
+//! the cycles that find it empty. How a target is checked stands in `checked_targets.rs`.
+
+mod checked_targets;
+
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use checked_targets::CheckedTargets;
+
+use super::exchange::Session;
+use super::exchange::session::StreamPacer;
+use super::servo::{declared, require_op};
+use super::snapshot::Snapshot;
+use super::standstill::{self, LeftBehind};
+use super::{CLOSE_LIMIT, Ecm, EcmError};
+use crate::cia402::Mode;
+use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand};
+
+/// \[OURS] Entries of the FIFO that a stream leaves free, for commands of other calls and for the ramp to a standstill.
+const SPARE_ENTRIES: u16 = 10;
+/// \[OURS] A stream reads the statusword of a second channel with every so many frames, after the last answer has come.
+const SECOND_CHANNEL_FRAMES: u64 = 8;
+
+/// Counts of a stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StreamStats {
+    /// Frames that its steps have written.
+    pub frames: u64,
+    /// Cycles that found the FIFO empty since the first frame: each is a gap in the motion.
+    pub underruns: u64,
+    /// Times the board's FIFO-full count was seen increased: any is a loss (SK-5.10).
+    pub losses: u64,
+}
+
+/// A stream of targets for all axes, with one frame for each step. Only one can be open at a time.
+///
+/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call [`step`](Stream::step), which
+/// sends them. A target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping the stream
+/// ramp the axes that move to a standstill; they stay enabled.
+///
+/// Commands of [`Ecm`]'s calls in other threads go out in the frames of steps. A call by the thread that steps writes frames of
+/// its own, which repeat the last targets: between two steps of a motion the axes stand for a cycle with each of them.
+pub struct Stream<'a> {
+    ecm: &'a Ecm,
+    depth: u16,
+    targets: CheckedTargets,
+    /// Frames that the board collects before it executes the first one; 0: none.
+    prefill: u16,
+    /// Frames that its steps have written.
+    frames: u64,
+    /// No target was set since the last step.
+    stepped: bool,
+    underruns_before: u64,
+    losses_before: u64,
+    done: bool,
+}
+
+impl Ecm {
+    /// Begins a stream that keeps up to `depth` frames ahead of the board: 1 to 150. The program may be late by that many
+    /// cycles, and that many cycles pass until a target takes effect. Frames that are ahead are still executed when the stream
+    /// ends: with long cycles the depth is limited, so that closing ends within its 2 s.
+    ///
+    /// # Errors
+    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is configured,
+    /// [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
+    pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
+        if depth == 0 || depth > FIFO_ENTRIES - SPARE_ENTRIES {
+            return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
+        }
+        self.learn_second_channels()?;
+        let mut session = self.exchange.lock()?;
+        self.exchange.catch_up(&mut session)?;
+        require_op(&session, "a stream")?;
+        declared(&session, 1)?;
+        if session.pacer.is_some() {
+            return Err(EcmError::Busy { what: "the stream" });
+        }
+        let cycle = session.network.cycle();
+        let max = depth_max(cycle, self.exchange.options.ramp);
+        if depth > max {
+            return Err(EcmError::TooDeep { found: depth, max, cycle });
+        }
+        session.pacer = Some(pacer());
+        session.credit.count_underruns(true);
+        let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
+        let targets = CheckedTargets::new(&mut session, self.exchange.changes());
+        Ok(Stream {
+            ecm: self,
+            depth,
+            targets,
+            prefill: 0,
+            frames: 0,
+            stepped: false,
+            underruns_before,
+            losses_before,
+            done: false,
+        })
+    }
+}
+
+/// How many frames may be ahead of the board if its axes have to stand within the limit of closing.
+fn depth_max(cycle: Duration, ramp: Duration) -> u16 {
+    let ramp = ramp.max(cycle * standstill::RAMP_FRAMES_MIN);
+    let left = CLOSE_LIMIT.saturating_sub(ramp + standstill::settling_time(cycle)).as_nanos();
+    let frames = left / cycle.as_nanos().max(1);
+    frames.clamp(1, (FIFO_ENTRIES - SPARE_ENTRIES).into()) as u16
+}
+
+fn pacer() -> StreamPacer {
+    StreamPacer { thread: thread::current().id(), last_step: Instant::now() }
+}
+
+impl Stream<'_> {
+    /// Has the board collect that many frames, 2 to the stream's depth, before it executes the first one (SET_FIFO's
+    /// threshold), so that the motion begins with a full reserve. Call it before the first step. A stream that ends before the
+    /// board has collected them discards them. Meanwhile the board executes no command of other calls either.
+    ///
+    /// # Errors
+    /// [`EcmError::Setting`] for another number, or once frames were written; [`EcmError::WrongState`],
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
+        if frames < 2 || frames > self.depth {
+            let found = frames.to_string();
+            return Err(EcmError::Setting { what: "prefill", found, allowed: "2 to the depth of the stream" });
+        }
+        if self.frames > 0 {
+            let found = format!("set after {} frames", self.frames);
+            return Err(EcmError::Setting { what: "prefill", found, allowed: "it before the first step" });
+        }
+        require_op(&*self.ecm.exchange.lock()?, "prefill")?;
+        self.prefill = frames;
+        Ok(())
+    }
+
+    /// Sets the next target position of an axis in CSP, counts. The guard of the axis refuses one that is too far from the
+    /// actual position in the newest report; the last target then stays.
+    ///
+    /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
+    ///
+    /// # Errors
+    /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
+    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
+    /// [`EcmError::SlaveLost`], [`EcmError::SecondOff`], [`EcmError::Cleared`], [`EcmError::Link`].
+    pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
+        self.refresh()?;
+        self.targets.set_first(slave, target, Mode::Csp, self.ecm.exchange.options.guard)
+    }
+
+    /// As [`csp`](Stream::csp), in the units of the axis ([`Scale`](super::Scale)).
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), and [`EcmError::OutOfRange`].
+    pub fn csp_units(&mut self, slave: u8, units: f64) -> Result<(), EcmError> {
+        self.refresh()?;
+        let scale = self.targets.axis(slave)?.scale;
+        self.csp(slave, scale.to_counts(units).ok_or(EcmError::OutOfRange { slave, units })?)
+    }
+
+    /// Sets the next targets and outputs of both channels of an HSP in CSP. The guard checks both targets.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp).
+    pub fn csp_hsp(&mut self, slave: u8, first: AxisTarget, second: AxisTarget) -> Result<(), EcmError> {
+        self.set(slave, SlaveCommand::Csp(Motion { first, second }))
+    }
+
+    /// Sets the next target velocity of an axis in CSV, in the drive's units (0x60FF). It holds until there is another. An HSP
+    /// keeps its outputs, and its second axis its velocity.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
+        self.refresh()?;
+        self.targets.set_first(slave, velocity, Mode::Csv, self.ecm.exchange.options.guard)
+    }
+
+    /// Sets the next target velocities and outputs of both channels of an HSP in CSV.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn csv_hsp(&mut self, slave: u8, first: AxisTarget, second: AxisTarget) -> Result<(), EcmError> {
+        self.set(slave, SlaveCommand::Csv(Motion { first, second }))
+    }
+
+    /// Sets the next target torque of an axis in CST, 0.1 % of the rated torque. It holds until there is another.
+    ///
+    /// # Errors
+    /// As [`csp`](Stream::csp), but for the guard.
+    pub fn cst(&mut self, slave: u8, torque: i16) -> Result<(), EcmError> {
+        self.set(slave, SlaveCommand::Cst(torque))
+    }
+
+    fn set(&mut self, slave: u8, command: SlaveCommand) -> Result<(), EcmError> {
+        self.refresh()?;
+        self.targets.set(slave, command, self.ecm.exchange.options.guard)
+    }
+
+    /// Copies from the session what targets are checked by, if anything has changed: so they are checked by the newest report,
+    /// and 40 of them in a row take no lock.
+    fn refresh(&mut self) -> Result<(), EcmError> {
+        let stepped = std::mem::take(&mut self.stepped);
+        if stepped || self.targets.changes != self.ecm.exchange.changes() {
+            let mut session = self.ecm.exchange.lock()?;
+            // Much time may have passed since the last step.
+            if stepped {
+                self.ecm.exchange.catch_up(&mut session)?;
+            }
+            self.targets.refresh(&mut session, self.ecm.exchange.changes());
+        }
+        Ok(())
+    }
+
+    /// Writes the next frame as soon as fewer than `depth` frames are ahead of the board, and waits until that is so again. A
+    /// loop of steps thereby keeps the pace of the board, with one frame a cycle, and several after a delay (SK-5.11). A step
+    /// does not allocate. It waits for a report no longer than [`Options::read_limit`], and for room in the FIFO no longer than
+    /// that and 160 cycles.
+    ///
+    /// [`Options::read_limit`]: super::Options::read_limit
+    ///
+    /// # Errors
+    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
+    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. An axis that is switched off
+    /// or lost is no error here: its next target is refused.
+    pub fn step(&mut self) -> Result<StreamStats, EcmError> {
+        self.refresh()?;
+        self.targets.require_uncleared()?;
+        let exchange = &self.ecm.exchange;
+        let mut session = exchange.lock()?;
+        session.pacer = Some(pacer());
+        exchange.catch_up(&mut session)?;
+        self.ecm.pace(&mut session, self.depth, None)?;
+        let threshold = [(0, threshold(self.prefill))];
+        let prefills = self.frames == 0 && self.prefill > 0;
+        if prefills && !session.posts.post(&threshold) {
+            return Err(EcmError::Busy { what: "the slot of the board" });
+        }
+        let asks = self.ask_second_channel(&mut session);
+        self.targets.hand_over(&mut session);
+        if let Err(error) = exchange.write_within(&mut session, exchange.options.write_limit) {
+            if prefills {
+                session.posts.withdraw(&threshold);
+            }
+            if let Some(slot) = asks {
+                session.posts.withdraw(&[(slot, RawSlot::ZERO)]);
+                session.second_channels.not_asked();
+            }
+            return Err(error);
+        }
+        let hsps = session.network.hsps;
+        session.targets.stepped(hsps);
+        self.frames += 1;
+        self.stepped = true;
+        // In virtual time the time stamp of the frame is the time.
+        let now = exchange.info.virtual_time.then(|| Duration::from_nanos(session.outgoing.last.at.0));
+        self.ecm.pace(&mut session, self.depth, now)?;
+        self.targets.refresh(&mut session, exchange.changes());
+        Ok(self.stats_of(&session))
+    }
+
+    /// Asks for the statusword of a second channel in the SDO slot of the next frame, if no other call uses that. Gives the slot.
+    fn ask_second_channel(&self, session: &mut Session) -> Option<usize> {
+        if !self.frames.is_multiple_of(SECOND_CHANNEL_FRAMES) {
+            return None;
+        }
+        let _turn = self.ecm.exchange.sdo_turn.try_lock()?;
+        let network = Arc::clone(&session.network);
+        let frames = session.outgoing.written;
+        let request = session.second_channels.request(&network, frames)?;
+        let slot = session.size.sdo_slot();
+        if session.posts.post(&[(slot, request.encode())]) {
+            return Some(slot);
+        }
+        session.second_channels.not_asked();
+        None
+    }
+
+    /// The newest report, without waiting for another one.
+    ///
+    /// # Errors
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
+        self.ecm.snapshot()
+    }
+
+    /// Its counts so far.
+    ///
+    /// # Errors
+    /// [`EcmError::Busy`], [`EcmError::Link`].
+    pub fn stats(&self) -> Result<StreamStats, EcmError> {
+        Ok(self.stats_of(&*self.ecm.exchange.lock()?))
+    }
+
+    const fn stats_of(&self, session: &Session) -> StreamStats {
+        StreamStats {
+            frames: self.frames,
+            underruns: session.stats.underruns - self.underruns_before,
+            losses: session.stats.losses - self.losses_before,
+        }
+    }
+
+    /// Ends the stream: axes that move are ramped to a standstill, within 2 s, and stay enabled.
+    ///
+    /// # Errors
+    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].
+    pub fn finish(mut self) -> Result<StreamStats, EcmError> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Result<StreamStats, EcmError> {
+        let exchange = &self.ecm.exchange;
+        let mut session = exchange.lock()?;
+        self.done = true;
+        session.credit.count_underruns(false);
+        let stats = self.stats_of(&session);
+        let deadline = exchange.now() + CLOSE_LIMIT;
+        let discarded = if (1..u64::from(self.prefill)).contains(&self.frames) {
+            self.ecm.discard_prefill(&mut session, deadline)
+        } else {
+            Ok(())
+        };
+        let stopped = discarded
+            .and_then(|()| standstill::to_standstill(self.ecm, &mut session, deadline, &mut LeftBehind::default()));
+        session.end_stream();
+        stopped.map(|()| stats)
+    }
+}
+
+impl Drop for Stream<'_> {
+    fn drop(&mut self) {
+        if !self.done
+            && let Err(error) = self.end()
+        {
+            if !self.done {
+                self.ecm.exchange.abandon();
+            }
+            log::warn!("a stream ended while axes may move: {error}");
+        }
+    }
+}
+
+/// The command for a threshold that is reached when the board has `frames` entries. It acts on arrival, before the entry of its
+/// own frame is counted.
+fn threshold(frames: u16) -> RawSlot {
+    let threshold = FIFO_ENTRIES + 1 - frames;
+    MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode()
+}
+
+impl Ecm {
+    /// Discards the frames that the board collects: none has been executed, and none is to be.
+    fn discard_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
+        if !session.in_op() {
+            return Ok(());
+        }
+        session.targets.clear();
+        // A command of another thread that waits for that slot goes out first.
+        let command = MasterCommand::SetFifo(FifoAction::Clear).encode();
+        if !session.posts.post(&[(0, command)]) {
+            self.exchange.write(session, deadline)?;
+            session.posts.post(&[(0, command)]);
+        }
+        self.exchange.write(session, deadline)
+    }
+
+    /// Reads reports until fewer than `depth` frames are ahead of the board. `now` is the time, if the caller knows it.
+    fn pace(&self, session: &mut Session, depth: u16, now: Option<Duration>) -> Result<(), EcmError> {
+        require_op(session, "a stream")?;
+        if session.credit.ahead() < depth {
+            return Ok(());
+        }
+        let began = now.unwrap_or_else(|| self.exchange.now());
+        // A board in OP has executed every entry by then.
+        let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
+        let mut now = began;
+        loop {
+            if !self.exchange.read_at(session, now, began + limit)? {
+                self.exchange.check_silence(session, began, "a stream")?;
+            }
+            require_op(session, "a stream")?;
+            if session.credit.ahead() < depth {
+                return Ok(());
+            }
+            now = self.exchange.now();
+            let waited = now.saturating_sub(began);
+            if waited >= limit {
+                return Err(EcmError::Timeout {
+                    what: "room in the FIFO",
+                    waited,
+                    seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+                    hint: "see what else writes to the board, or leave OP and enter it again",
+                });
+            }
+        }
+    }
+}

@@ -24,7 +24,7 @@ use super::{
 };
 use super::{MasterState, SlotSize};
 
-pub use meaning::{ByteOne, SlaveData, SlaveReading, SlotKind, SlotMeaning};
+pub use meaning::{ByteOne, KindEvidence, SlaveData, SlaveReading, SlotMeaning};
 
 /// The most slaves that a frame has slots for (those of 12 bytes): the length of a list of slave kinds.
 pub const MAX_SLAVES: usize = SlotSize::Bytes12.max_slaves();
@@ -142,7 +142,7 @@ impl<'a> CommandDump<'a> {
 /// ```
 ///
 /// What kind of slave a slot belongs to is not on the wire. The caller may say it with [`Self::kinds`]; otherwise the kind
-/// is derived from the slot's fields as follows, and [`SlotKind`] tells how certain it is `[OURS]`:
+/// is derived from the slot's fields as follows, and [`KindEvidence`] tells how certain it is `[OURS]`:
 /// - id IO_RD or IO_WR: an IO slave, since only those take these commands; id CST: a drive, for the same reason;
 /// - bytes 12..15 not 0: a guess at a two-channel HSP;
 /// - the id of another drive command, or Parm (the statusword, if it is one) not 0: a guess at a drive. A stepper's slot

@@ -162,8 +162,8 @@ impl fmt::Display for StateByte {
 pub struct MasterResponse {
     /// Byte 0: id of the command answered; [`super::MASTER_CYCLIC`] whenever the state is OP.
     pub id: u8,
-    /// Byte 1: with firmware 1.7 the count of command frames with a wrong CRC, which wraps. A change tells of errors on the
-    /// wire, the value itself does not.
+    /// Byte 1, the error code: with firmware 1.7 the count of command frames with a wrong CRC, which wraps, so that only a
+    /// change of it tells of errors on the wire; with firmware 1.5 a reject code whose values are not published.
     pub error: u8,
     /// Byte 2: the current state.
     pub state: StateByte,

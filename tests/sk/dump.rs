@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
-use ecmsk::sk::dump::{ByteOne, SlaveData, SlotKind, SlotMeaning, SlotRole};
+use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotMeaning, SlotRole};
 use ecmsk::sk::{
     CommandDump, CommandId, CrcStatus, CycleTime, DcShift, DriveSync, FifoAction, Frame, Malformed, MasterCommand,
     Motion, RawSlot, ResponseDump, SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotSize,
@@ -430,7 +430,7 @@ fn lines_as_types() {
     let line = ResponseDump::new(&frame, vector.size).line(1).expect("slave 1");
     let SlotMeaning::SlaveResponse(reading) = line.meaning else { panic!("{line:?}") };
     assert_eq!((reading.id, reading.byte_one), (CommandId::Csp, ByteOne::Index(7)));
-    assert_eq!((reading.kind, reading.kind.kind()), (SlotKind::Guessed(SlaveKind::Drive), Some(SlaveKind::Drive)));
+    assert_eq!((reading.kind, reading.kind.kind()), (KindEvidence::Guessed(SlaveKind::Drive), Some(SlaveKind::Drive)));
     let SlaveData::Drive(drive) = reading.data else { panic!("{line:?}") };
     assert_eq!((drive.position, drive.torque), (-1_234_560, 37));
 }

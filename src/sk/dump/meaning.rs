@@ -43,7 +43,7 @@ impl SlotMeaning {
 
 /// The kind of slave that a response slot belongs to, and how certain that is, since it is not on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SlotKind {
+pub enum KindEvidence {
     /// The caller declared it.
     Given(SlaveKind),
     /// Only this kind takes the command that the slot answers.
@@ -54,7 +54,7 @@ pub enum SlotKind {
     Unknown,
 }
 
-impl SlotKind {
+impl KindEvidence {
     /// The kind, however certain it is.
     pub const fn kind(self) -> Option<SlaveKind> {
         match self {
@@ -101,7 +101,7 @@ pub struct SlaveReading {
     /// Byte 1: the index of that command, or the mode of operation.
     pub byte_one: ByteOne,
     /// The kind of the slave, and how certain it is.
-    pub kind: SlotKind,
+    pub kind: KindEvidence,
     /// Bytes 2 and up, in that kind's layout.
     pub data: SlaveData,
 }
@@ -119,13 +119,13 @@ pub enum SlaveData {
     /// The layout of an HSP.
     Hsp(HspResponse),
     /// Not decoded, because the kind is unknown or no slave was declared for the slot.
-    Unread(RawSlot),
+    Undecoded(RawSlot),
 }
 
 impl SlaveReading {
     /// Decodes a slot, byte 1 as the command index. `in_op`: the state in slot 0 is OP, where zeros are values.
     pub(super) fn of(slot: &RawSlot, size: SlotSize, given: Option<SlaveKind>, in_op: bool) -> Self {
-        let kind = given.map_or_else(|| SlotKind::from_fields(slot), SlotKind::Given);
+        let kind = given.map_or_else(|| KindEvidence::from_fields(slot), KindEvidence::Given);
         let no_data = RawSlot { id: 0, index: 0, ..*slot }.is_zero();
         let data = match kind.kind() {
             _ if no_data && !in_op => SlaveData::Nothing,
@@ -133,7 +133,7 @@ impl SlaveReading {
             Some(SlaveKind::Io) => SlaveData::Io(IoResponse::decode(slot)),
             Some(SlaveKind::Hsp) => SlaveData::Hsp(HspResponse::decode(slot, size)),
             Some(SlaveKind::None) | None if no_data => SlaveData::Nothing,
-            Some(SlaveKind::None) | None => SlaveData::Unread(*slot),
+            Some(SlaveKind::None) | None => SlaveData::Undecoded(*slot),
         };
         Self { id: CommandId::from_code(slot.id), byte_one: ByteOne::Index(slot.index), kind, data }
     }
@@ -147,7 +147,7 @@ impl SlaveReading {
             SlaveData::Drive(drive) => drive.encode(),
             SlaveData::Io(io) => io.encode(),
             SlaveData::Hsp(hsp) => hsp.encode(size),
-            SlaveData::Unread(raw) => *raw,
+            SlaveData::Undecoded(raw) => *raw,
         }
     }
 }

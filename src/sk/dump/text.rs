@@ -2,7 +2,9 @@
 
 use core::fmt::{self, Display, Formatter};
 
-use super::{ByteOne, CommandDump, ResponseDump, SlaveData, SlaveReading, SlotKind, SlotLine, SlotMeaning, SlotRole};
+use super::{
+    ByteOne, CommandDump, KindEvidence, ResponseDump, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole,
+};
 use crate::cia402::{Mode, Statusword};
 use crate::coe::SdoSize;
 use crate::sk::{
@@ -168,9 +170,9 @@ impl SlotLine {
             },
         }
         match reading.kind {
-            SlotKind::Given(kind) | SlotKind::Implied(kind) => write!(f, " {}", kind_name(kind))?,
-            SlotKind::Guessed(kind) => write!(f, " {}?", kind_name(kind))?,
-            SlotKind::Unknown => {}
+            KindEvidence::Given(kind) | KindEvidence::Implied(kind) => write!(f, " {}", kind_name(kind))?,
+            KindEvidence::Guessed(kind) => write!(f, " {}?", kind_name(kind))?,
+            KindEvidence::Unknown => {}
         }
         match &reading.data {
             SlaveData::Nothing => Ok(()),
@@ -188,9 +190,9 @@ impl SlotLine {
                     HspAxis { position, inputs } => write!(f, "; axis 2 position {position}, inputs 0x{inputs:04X}"),
                 }
             }
-            SlaveData::Unread(_) => {
+            SlaveData::Undecoded(_) => {
                 let reason = match reading.kind {
-                    SlotKind::Unknown => "kind of slave unknown",
+                    KindEvidence::Unknown => "kind of slave unknown",
                     _ => "there should be no slave",
                 };
                 write!(f, " {}: {reason}", self.raw_fields())

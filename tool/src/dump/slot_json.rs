@@ -1,7 +1,7 @@
 //! One slot of a JSON dump: its meaning as fields, the raw fields, the text.
 
 use ecmsk::coe::ObjectAddress;
-use ecmsk::sk::dump::{ByteOne, SlaveData, SlaveReading, SlotKind, SlotLine, SlotMeaning, SlotRole};
+use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole};
 use ecmsk::sk::{
     CommandId, DcShift, DriveSync, FifoAction, HspAxis, MASTER_CYCLIC, MasterCommand, MasterResponse, Motion, RawSlot,
     SdoCommand, SdoResponse, SlaveCommand, SlotSize,
@@ -307,15 +307,15 @@ impl ReadingFields {
             ByteOne::Mode(mode) => (None, Some(mode)),
         };
         let kind_from = match reading.kind {
-            SlotKind::Given(_) => "given",
-            SlotKind::Implied(_) => "implied",
-            SlotKind::Guessed(_) => "guessed",
-            SlotKind::Unknown => "unknown",
+            KindEvidence::Given(_) => "given",
+            KindEvidence::Implied(_) => "implied",
+            KindEvidence::Guessed(_) => "guessed",
+            KindEvidence::Unknown => "unknown",
         };
         let kind = reading.kind.kind().map(kinds::word);
         let fields = Self { index, mode, kind, kind_from, ..Self::default() };
         match &reading.data {
-            SlaveData::Nothing | SlaveData::Unread(_) => fields,
+            SlaveData::Nothing | SlaveData::Undecoded(_) => fields,
             SlaveData::Drive(drive) => Self {
                 statusword: Some(drive.statusword.0),
                 drive_state: drive.statusword.state().map(|state| state.name()),

@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::sk::CommandId;
-use ecmsk::sk::dump::{ByteOne, SlaveData, SlotKind, SlotLine, SlotMeaning};
+use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotLine, SlotMeaning};
 
 use super::watched::View;
 use crate::kinds;
@@ -59,9 +59,9 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
     let SlotMeaning::SlaveResponse(reading) = &line.meaning else { return };
     let velocity = view.velocities.get(i).copied().flatten().map_or_else(String::new, |v| format!("{v:.0}"));
     let kind = match reading.kind {
-        SlotKind::Guessed(kind) => format!("{}?", kinds::word(kind)),
-        SlotKind::Given(kind) | SlotKind::Implied(kind) => kinds::word(kind).to_owned(),
-        SlotKind::Unknown => "?".to_owned(),
+        KindEvidence::Guessed(kind) => format!("{}?", kinds::word(kind)),
+        KindEvidence::Given(kind) | KindEvidence::Implied(kind) => kinds::word(kind).to_owned(),
+        KindEvidence::Unknown => "?".to_owned(),
     };
     let answers = match reading.byte_one {
         _ if reading.id == CommandId::GetStatus => String::new(),
@@ -72,7 +72,7 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
     let row = Row { slave: i.to_string(), kind, answers, ..Row::default() };
     match &reading.data {
         SlaveData::Nothing => rows.push(Row { state: "says nothing".to_owned(), ..row }),
-        SlaveData::Unread(raw) => {
+        SlaveData::Undecoded(raw) => {
             let state = format!("{:04X} {:08X} {:08X}", raw.parm, raw.data1, raw.data2);
             rows.push(Row { state, ..row });
         }

@@ -1,6 +1,6 @@
 //! What differs between two answers to the same command.
 
-use super::difference::What;
+use super::difference::Deviation;
 use super::steps::{Answer, Step};
 use super::{Options, Side};
 use crate::cia402::Statusword;
@@ -9,20 +9,20 @@ use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 
 /// All differences between the answers of two steps: those of slot 0 first, then by slave. Where one step has no answer only
 /// lost commands are compared.
-pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<What> {
+pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
     let mut found = Vec::new();
     if a.lost != b.lost {
-        found.push(What::Lost { side: if a.lost { Side::A } else { Side::B } });
+        found.push(Deviation::Lost { side: if a.lost { Side::A } else { Side::B } });
     }
     let (Some(answer_a), Some(answer_b)) = (&a.answer, &b.answer) else { return found };
     let boards = [answer_a.board(), answer_b.board()];
     if boards[0].state != boards[1].state {
         // What the slaves' slots mean depends on the state, so they are not compared.
-        found.push(What::State { states: boards.map(|board| board.state) });
+        found.push(Deviation::State { states: boards.map(|board| board.state) });
         return found;
     }
     if boards[0].result != boards[1].result {
-        found.push(What::Result { results: boards.map(|board| board.result) });
+        found.push(Deviation::Result { results: boards.map(|board| board.result) });
     }
     if !answer_a.is_op() {
         return found;
@@ -35,28 +35,28 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<What> {
         for (slave, error_code) in faults.iter().copied() {
             let is_found = found.iter().any(|what| what.slave() == Some(slave));
             if !is_found && !faults_of_other.contains(&(slave, error_code)) {
-                found.push(What::Fault { slave, side, error_code });
+                found.push(Deviation::Fault { slave, side, error_code });
             }
         }
     }
     found
 }
 
-fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<What>) {
+fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
     let statuswords = |words: [Statusword; 2]| {
         let differ = (words[0].0 ^ words[1].0) & options.statusword_mask != 0;
-        differ.then_some(What::Statusword { slave, words })
+        differ.then_some(Deviation::Statusword { slave, words })
     };
     let positions = |axis: u8, counts: [i32; 2]| {
         let far = counts[0].abs_diff(counts[1]) > options.tolerance_counts;
-        far.then_some(What::Position { slave, axis, counts })
+        far.then_some(Deviation::Position { slave, axis, counts })
     };
-    let inputs = |bits: [u16; 2]| (bits[0] != bits[1]).then_some(What::Inputs { slave, bits });
+    let inputs = |bits: [u16; 2]| (bits[0] != bits[1]).then_some(Deviation::Inputs { slave, bits });
     match (a.slave(slave), b.slave(slave)) {
         (SlaveData::Drive(a), SlaveData::Drive(b)) => {
             let codes = [a.error_code, b.error_code];
             found.extend(statuswords([a.statusword, b.statusword]));
-            found.extend((codes[0] != codes[1]).then_some(What::ErrorCode { slave, codes }));
+            found.extend((codes[0] != codes[1]).then_some(Deviation::ErrorCode { slave, codes }));
             found.extend(positions(1, [a.position, b.position]));
         }
         (SlaveData::Hsp(a), SlaveData::Hsp(b)) => {
@@ -72,7 +72,7 @@ fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found
         (SlaveData::Io(_), SlaveData::Io(_)) => {}
         (data_a, data_b) => {
             let differ = std::mem::discriminant(&data_a) != std::mem::discriminant(&data_b);
-            found.extend(differ.then_some(What::Kind { slave }));
+            found.extend(differ.then_some(Deviation::Kind { slave }));
         }
     }
 }
@@ -87,7 +87,7 @@ pub struct Transfer {
 
 impl Transfer {
     /// Takes two equal steps. Returns a difference between the two answers, once, and whether one answer never came.
-    pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<What> {
+    pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<Deviation> {
         let mut found = Vec::new();
         if let Some(request) = a.sdo() {
             found.extend(self.end());
@@ -103,20 +103,20 @@ impl Transfer {
             && !were_compared
             && a != b
         {
-            found.push(What::Sdo { answers: [a, b] });
+            found.push(Deviation::Sdo { answers: [a, b] });
         }
         found
     }
 
     /// Ends the transfer. Returns a difference if an answer came in one run only.
-    pub fn end(&mut self) -> Option<What> {
+    pub fn end(&mut self) -> Option<Deviation> {
         let request = self.request.take()?;
         let side = match self.answers {
             [Some(_), None] => Side::B,
             [None, Some(_)] => Side::A,
             _ => return None,
         };
-        Some(What::NoSdoAnswer { side, request })
+        Some(Deviation::NoSdoAnswer { side, request })
     }
 }
 

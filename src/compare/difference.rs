@@ -8,10 +8,10 @@ use crate::cia402::Statusword;
 use crate::sk::dump::{CommandDump, SlotLine};
 use crate::sk::{SdoCommand, SdoResponse, StateByte};
 
-/// What differs. Arrays hold the value of run A and that of run B; slaves are numbered from 1.
+/// A deviation between two runs. Arrays hold the value of run A and that of run B; slaves are numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the variants say what their fields are")]
-pub enum What {
+pub enum Deviation {
     /// The programs sent different commands.
     Command {
         /// The first slot that differs.
@@ -60,7 +60,7 @@ pub enum What {
     NoSdoAnswer { side: Side, request: SdoCommand },
 }
 
-impl What {
+impl Deviation {
     /// The slave that the difference is about; `None` if it is about the board or the program.
     pub const fn slave(&self) -> Option<u8> {
         match self {
@@ -88,12 +88,12 @@ pub struct Difference {
     /// When it was sent in run A and in run B, in nanoseconds.
     pub at_ns: [Option<i64>; 2],
     /// What differs, the most important first; at least one entry.
-    pub what: Vec<What>,
+    pub what: Vec<Deviation>,
 }
 
 impl Difference {
-    pub(super) fn new(a: Option<&Step>, b: Option<&Step>, what: Vec<What>) -> Self {
-        let slave = what.first().and_then(What::slave).map(usize::from);
+    pub(super) fn new(a: Option<&Step>, b: Option<&Step>, what: Vec<Deviation>) -> Self {
+        let slave = what.first().and_then(Deviation::slave).map(usize::from);
         let step = a.or(b);
         let slot = |step: &Step| slave.filter(|slave| !step.slot(*slave).is_zero()).unwrap_or(step.asking_slot());
         Self {
@@ -127,7 +127,7 @@ pub(super) fn seconds(at_ns: i64) -> String {
 impl Display for Difference {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "command {}", self.command)?;
-        if !matches!(self.what.first(), Some(What::Command { .. })) {
+        if !matches!(self.what.first(), Some(Deviation::Command { .. })) {
             write!(f, " ({})", self.text)?;
         }
         match self.at_ns {
@@ -149,7 +149,7 @@ impl Display for Difference {
 /// How many differences of one command its text names. \[OURS]
 const SHOWN_MAX: usize = 3;
 
-impl Display for What {
+impl Display for Deviation {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::Command { lines } => {

@@ -10,21 +10,21 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `mod.rs` | the options, and [`files`], which compares two recordings |
-//! | `source.rs` | [`Source`]: a recording as a run |
+//! | `recorded_run.rs` | [`RecordedRun`]: a recording as a run |
 //! | `steps.rs` | [`Step`]: a command with the board's answer to it, and [`Steps`], which finds them in a run |
 //! | `answers.rs` | what differs between two answers |
 //! | `difference.rs` | [`Difference`] and its text |
 //! | `runs.rs` | [`compare`]: two runs side by side |
 //!
 //! ```
-//! use ecmsk::compare::{Observed, Options, compare};
+//! use ecmsk::compare::{Options, TimedFrame, compare};
 //! use ecmsk::link::Dir;
 //! use ecmsk::sk::{Frame, MasterCommand, MasterState, SlotSize};
 //!
 //! let run = |state: MasterState| {
 //!     let mut command = Frame::new();
 //!     command.put_master(SlotSize::Bytes12, &MasterCommand::SetState(state));
-//!     [Observed { number: 1, at_ns: 0, dir: Dir::Write, frame: command }]
+//!     [TimedFrame { number: 1, at_ns: 0, dir: Dir::Write, frame: command }]
 //! };
 //! let [a, b] = [MasterState::SafeOp, MasterState::Op].map(run);
 //! let options = Options::default();
@@ -36,15 +36,15 @@
 
 mod answers;
 mod difference;
+mod recorded_run;
 mod runs;
-mod source;
 mod steps;
 
 use std::path::Path;
 
-pub use difference::{Difference, What};
+pub use difference::{Deviation, Difference};
+pub use recorded_run::{CompareError, RecordedRun};
 pub use runs::{Comparison, Context, Counts, compare, compare_steps};
-pub use source::{CompareError, Source};
 pub use steps::{Answer, Step, Steps};
 
 use crate::link::Dir;
@@ -80,7 +80,7 @@ impl std::fmt::Display for Side {
 
 /// A frame of a run with its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Observed {
+pub struct TimedFrame {
     /// Its number in the run, from 1.
     pub number: u64,
     /// When it was sent or received, in nanoseconds from any zero. The frames of a run are in the order of their times.
@@ -136,8 +136,8 @@ impl Default for Options {
 /// [`CompareError`] if a recording cannot be read, if the two have slots of different sizes, or if no difference was found
 /// and one of them is incomplete.
 pub fn files(a: &Path, b: &Path, options: &Options) -> Result<Comparison, CompareError> {
-    let [mut a, mut b] = [Source::open(a, options.slot, None)?, Source::open(b, options.slot, None)?];
-    let size = Source::common_size(&a, &b)?;
+    let [mut a, mut b] = [RecordedRun::open(a, options.slot, None)?, RecordedRun::open(b, options.slot, None)?];
+    let size = RecordedRun::common_size(&a, &b)?;
     let found = compare(&mut a, &mut b, size, options);
     for (side, source) in [(Side::A, &a), (Side::B, &b)] {
         source.check()?;

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 use std::fmt::{self, Display, Formatter};
 
 use super::answers::{self, Transfer};
-use super::difference::{Difference, What, seconds, words};
+use super::difference::{Deviation, Difference, seconds, words};
 use super::steps::{Step, Steps};
-use super::{Observed, Options, Side};
+use super::{Options, Side, TimedFrame};
 use crate::sk::SlotSize;
 use crate::sk::dump::CommandDump;
 
@@ -68,8 +68,8 @@ impl Comparison {
 /// After a command that differs the runs cannot be aligned any more, and what follows is only counted. After a difference
 /// between answers the comparison goes on.
 pub fn compare(
-    a: impl IntoIterator<Item = Observed>,
-    b: impl IntoIterator<Item = Observed>,
+    a: impl IntoIterator<Item = TimedFrame>,
+    b: impl IntoIterator<Item = TimedFrame>,
     size: SlotSize,
     options: &Options,
 ) -> Comparison {
@@ -80,8 +80,8 @@ pub fn compare(
 /// Compares two runs that are given as steps; otherwise like [`compare`].
 pub fn compare_steps<A, B>(mut a: Steps<A>, mut b: Steps<B>, options: &Options) -> Comparison
 where
-    A: Iterator<Item = Observed>,
-    B: Iterator<Item = Observed>,
+    A: Iterator<Item = TimedFrame>,
+    B: Iterator<Item = TimedFrame>,
 {
     let mut found = Found::default();
     let mut commands = [0, 0];
@@ -137,7 +137,7 @@ impl Found {
         if let Some(slot) = (0..a.size.slots()).find(|i| a.slot(*i) != b.slot(*i)) {
             let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot);
             if let (Some(line_a), Some(line_b)) = (line(&a), line(&b)) {
-                self.set_first(Some(&a), Some(&b), vec![What::Command { lines: Box::new([line_a, line_b]) }]);
+                self.set_first(Some(&a), Some(&b), vec![Deviation::Command { lines: Box::new([line_a, line_b]) }]);
             }
             self.aligned = false;
             return;
@@ -160,12 +160,12 @@ impl Found {
     fn ended(&mut self, a: Option<&Step>, b: Option<&Step>) {
         let side = if a.is_none() { Side::A } else { Side::B };
         self.ends_early = Some(side);
-        self.set_first(a, b, vec![What::Ends { side }]);
+        self.set_first(a, b, vec![Deviation::Ends { side }]);
         self.aligned = false;
     }
 
     /// Keeps the difference with its context if it is the first.
-    fn set_first(&mut self, a: Option<&Step>, b: Option<&Step>, what: Vec<What>) {
+    fn set_first(&mut self, a: Option<&Step>, b: Option<&Step>, what: Vec<Deviation>) {
         if self.first.is_some() {
             return;
         }
@@ -205,9 +205,10 @@ impl Display for Comparison {
             writeln!(f, "  command {command} ({text}) at {} in A, {} in B: equal", seconds(*a), seconds(*b))?;
         }
         write!(f, "  {first}")?;
-        let more = self
-            .differing_answers
-            .saturating_sub(u64::from(!matches!(first.what.first(), Some(What::Command { .. } | What::Ends { .. }))));
+        let more = self.differing_answers.saturating_sub(u64::from(!matches!(
+            first.what.first(),
+            Some(Deviation::Command { .. } | Deviation::Ends { .. })
+        )));
         if more > 0 {
             write!(f, "\nanswers to {more} later commands differ too")?;
         }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::Observed;
+use super::TimedFrame;
 use crate::cia402::DriveState;
 use crate::link::Dir;
 use crate::recording::{Executed, Kinds, LastExecuted};
@@ -152,7 +152,7 @@ pub struct Steps<I> {
     pub(super) last_ns: i64,
 }
 
-impl<I: Iterator<Item = Observed>> Steps<I> {
+impl<I: Iterator<Item = TimedFrame>> Steps<I> {
     /// The steps of a run, which is given as its frames in the order of their times.
     pub fn new(frames: I, size: SlotSize, ignore_repeats: bool) -> Self {
         Self {
@@ -175,8 +175,8 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
         }
     }
 
-    fn command(&mut self, observed: Observed) {
-        let Observed { number: frame_number, at_ns, frame: command, .. } = observed;
+    fn command(&mut self, observed: TimedFrame) {
+        let TimedFrame { number: frame_number, at_ns, frame: command, .. } = observed;
         self.kinds.command(&command, self.size);
         let master = MasterCommand::decode(&command.slot(self.size, 0), self.size);
         match master {
@@ -216,8 +216,8 @@ impl<I: Iterator<Item = Observed>> Steps<I> {
         }
     }
 
-    fn report(&mut self, observed: Observed) {
-        let Observed { number, at_ns, frame, .. } = observed;
+    fn report(&mut self, observed: TimedFrame) {
+        let TimedFrame { number, at_ns, frame, .. } = observed;
         self.reports += 1;
         self.kinds.response(&frame, self.size);
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
@@ -290,7 +290,7 @@ fn add_fault(faults: &mut Vec<(u8, u16)>, slave: u8, code: u16) {
     faults.push((slave, code));
 }
 
-impl<I: Iterator<Item = Observed>> Iterator for Steps<I> {
+impl<I: Iterator<Item = TimedFrame>> Iterator for Steps<I> {
     type Item = Step;
 
     fn next(&mut self) -> Option<Step> {

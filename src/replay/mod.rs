@@ -9,12 +9,12 @@
 //!
 //! use ecmsk::compare::{Options, Steps, compare_steps};
 //! use ecmsk::link::uri::LinkUri;
-//! use ecmsk::replay::{Files, Replay};
+//! use ecmsk::replay::{FilesInLink, Replay};
 //!
 //! let options = Options::default();
 //! let model = LinkUri::parse("sim:?slaves=drive*2")?;
-//! let replay = Replay::open(Path::new("board.pcapng"), Some(&model), &options, None, Files::Refused)?;
-//! let (mut board, mut model) = replay.halves()?;
+//! let replay = Replay::open(Path::new("board.pcapng"), Some(&model), &options, None, FilesInLink::Refused)?;
+//! let (mut board, mut model) = replay.runs()?;
 //! let found = compare_steps(
 //!     Steps::new(&mut board, replay.size(), options.ignore_repeats),
 //!     Steps::new(&mut model, replay.size(), options.ignore_repeats),
@@ -24,15 +24,15 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod model;
+mod model_run;
 mod start;
 
 use std::path::{Path, PathBuf};
 
-pub use model::Model;
+pub use model_run::ModelRun;
 pub use start::Start;
 
-use crate::compare::{CompareError, Options, Source};
+use crate::compare::{CompareError, Options, RecordedRun};
 use crate::link::keys::{Key, Scheme, Syntax};
 use crate::link::uri::{LinkUri, UriError};
 use crate::link::{self, LinkError};
@@ -121,7 +121,7 @@ pub enum ReplayError {
 
 /// Whether files may be opened that the link in a recording names. A link that the caller gives may name any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Files {
+pub enum FilesInLink {
     /// Such files are refused: a recording may come from anybody and may name any file of this machine.
     Refused,
     /// Such files are opened.
@@ -153,14 +153,14 @@ impl Replay {
         link: Option<&LinkUri>,
         options: &Options,
         device: Option<Address>,
-        files: Files,
+        files: FilesInLink,
     ) -> Result<Self, ReplayError> {
         let name = path.display().to_string();
-        let mut source = Source::open(path, options.slot, device)?;
+        let mut source = RecordedRun::open(path, options.slot, device)?;
         let link = match (link, source.meta().and_then(recorded_link)) {
             (Some(link), _) => link.clone(),
             (None, Some(recorded)) => {
-                if let (Files::Refused, Some((key, file))) = (files, named_file(&recorded)) {
+                if let (FilesInLink::Refused, Some((key, file))) = (files, named_file(&recorded)) {
                     return Err(ReplayError::NamesFile { name, key, file });
                 }
                 recorded
@@ -201,21 +201,21 @@ impl Replay {
     ///
     /// # Errors
     /// [`ReplayError`].
-    pub fn halves(&self) -> Result<(Source, Model), ReplayError> {
+    pub fn runs(&self) -> Result<(RecordedRun, ModelRun), ReplayError> {
         let open = || {
-            let mut source = Source::open(&self.path, self.slot, Some(self.board))?;
+            let mut source = RecordedRun::open(&self.path, self.slot, Some(self.board))?;
             for _ in 0..self.start.skipped {
                 source.next();
             }
             Ok::<_, CompareError>(source)
         };
         let board = link::model(&self.link)?;
-        Ok((open()?, Model::new(open()?, board, &self.start)))
+        Ok((open()?, ModelRun::new(open()?, board, &self.start)))
     }
 }
 
 /// The slot size of both runs, and the link with it. A link without `slot=` gets the recording's slot size.
-fn with_slot_size(name: &str, source: &Source, link: &LinkUri) -> Result<(SlotSize, LinkUri), ReplayError> {
+fn with_slot_size(name: &str, source: &RecordedRun, link: &LinkUri) -> Result<(SlotSize, LinkUri), ReplayError> {
     let (capture, model) = (source.size(), model_size(link));
     match (capture, model) {
         (capture, model) if capture == model => Ok((capture, link.clone())),
@@ -257,7 +257,7 @@ fn is_any(rest: &str) -> bool {
 }
 
 /// If a model was recorded, the time of the first frame on its clock, in nanoseconds since it was switched on.
-fn model_time(source: &Source) -> Option<i64> {
+fn model_time(source: &RecordedRun) -> Option<i64> {
     let meta = source.meta()?;
     recorded_link(meta)?;
     i64::try_from(source.first_ns().checked_sub(meta.base_ns)?).ok()

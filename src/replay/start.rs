@@ -1,7 +1,7 @@
 //! Where a replay begins in a recording, and at which moment of a cycle.
 
 use super::ReplayError;
-use crate::compare::{Observed, Source};
+use crate::compare::{RecordedRun, TimedFrame};
 use crate::link::Dir;
 use crate::sk::{MasterResponse, MasterState, SlotSize};
 
@@ -26,12 +26,12 @@ pub struct Start {
 }
 
 impl Start {
-    pub(super) fn find(source: &mut Source, name: &str, size: SlotSize) -> Result<Self, ReplayError> {
+    pub(super) fn find(source: &mut RecordedRun, name: &str, size: SlotSize) -> Result<Self, ReplayError> {
         let board = source.board();
         let (mut skipped, mut commands, mut seen) = (0, 0, 0_usize);
         let mut first = None;
         let mut tick: Option<Tick> = None;
-        for Observed { at_ns, dir, frame, .. } in source.by_ref() {
+        for TimedFrame { at_ns, dir, frame, .. } in source.by_ref() {
             if dir == Dir::Write {
                 commands += 1;
                 skipped += u64::from(first.is_some() && tick.is_none());

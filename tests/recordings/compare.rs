@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::compare::{CompareError, Comparison, Observed, Options, Side, What, compare, files};
+use ecmsk::compare::{CompareError, Comparison, Deviation, Options, Side, TimedFrame, compare, files};
 use ecmsk::link::Dir;
 use ecmsk::sk::{
     CommandId, DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot, SdoCommand,
@@ -14,7 +14,7 @@ fn compared(a: &Run, b: &Run, options: &Options) -> Comparison {
     files(&a.file, &b.file, options).expect("two recordings")
 }
 
-fn first(a: &Run, b: &Run) -> (u64, What, String) {
+fn first(a: &Run, b: &Run) -> (u64, Deviation, String) {
     let found = compared(a, b, &Options::default());
     let first = found.first.unwrap_or_else(|| panic!("no difference"));
     (first.command, first.what[0].clone(), first.to_string())
@@ -64,7 +64,7 @@ fn another_target() {
     let b = Program { other_target: Some((100, 5)), ..Program::default() }.record();
     let (command, what, text) = first(&a, &b);
     assert_eq!(command, BEFORE + 101);
-    assert!(matches!(what, What::Command { .. }), "{what:?}");
+    assert!(matches!(what, Deviation::Command { .. }), "{what:?}");
     assert!(text.starts_with("command 105 at "), "{text}");
     assert!(text.ends_with("slave 2 CSP #101 target 2020 in A, CSP #101 target 2025 in B"), "{text}");
     let found = compared(&a, &b, &Options::default());
@@ -81,12 +81,11 @@ fn a_fault_of_one_board() {
     let b = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
     let found = compared(&a, &b, &Options::default());
     let first = found.first.as_ref().expect("a difference");
-    let fault = first
-        .what
-        .iter()
-        .any(|what| matches!(what, What::Statusword { slave: 2, words: [a, b] } if a.is_enabled() && b.0 & 0x08 != 0));
+    let fault = first.what.iter().any(
+        |what| matches!(what, Deviation::Statusword { slave: 2, words: [a, b] } if a.is_enabled() && b.0 & 0x08 != 0),
+    );
     assert!(fault, "{first}");
-    assert!(first.what.contains(&What::ErrorCode { slave: 2, codes: [0, 0x7500] }), "{first}");
+    assert!(first.what.contains(&Deviation::ErrorCode { slave: 2, codes: [0, 0x7500] }), "{first}");
     assert!((BEFORE..BEFORE + TARGETS as u64).contains(&first.command), "{first}");
     assert!(first.text.starts_with("slave 2 CSP #"), "{first}");
     assert!(first.to_string().contains(" in A, 0x") && first.to_string().contains("(Fault"), "{first}");
@@ -98,7 +97,7 @@ fn a_fault_of_one_board() {
 /// A board whose frames are made up: one drive, 1 ms a cycle, in OP.
 #[derive(Clone)]
 struct Board {
-    frames: Vec<Observed>,
+    frames: Vec<TimedFrame>,
     state: MasterState,
     at_ns: i64,
     full: u16,
@@ -116,7 +115,7 @@ impl Board {
     fn pass(&mut self, dir: Dir, mut frame: Frame) {
         frame.fill_crc(SIZE);
         self.at_ns += 100_000;
-        self.frames.push(Observed { number: self.frames.len() as u64 + 1, at_ns: self.at_ns, dir, frame });
+        self.frames.push(TimedFrame { number: self.frames.len() as u64 + 1, at_ns: self.at_ns, dir, frame });
     }
 
     fn send(&mut self, command: &MasterCommand) {
@@ -163,7 +162,7 @@ impl Board {
 
 const OBJECT: ObjectAddress = ObjectAddress::new(0x6064, 0);
 
-fn what(a: &Board, b: &Board, options: &Options) -> Option<(u64, Vec<What>)> {
+fn what(a: &Board, b: &Board, options: &Options) -> Option<(u64, Vec<Deviation>)> {
     compare(a.frames.clone(), b.frames.clone(), SIZE, options).first.map(|first| (first.command, first.what))
 }
 
@@ -178,7 +177,7 @@ fn tolerance_and_mask() {
     };
     let (a, b) = (run(1000, 0x1637), run(1003, 0x1637));
     let apart = |tolerance_counts| what(&a, &b, &Options { tolerance_counts, ..Options::default() });
-    assert_eq!(apart(2), Some((2, vec![What::Position { slave: 1, axis: 1, counts: [1000, 1003] }])));
+    assert_eq!(apart(2), Some((2, vec![Deviation::Position { slave: 1, axis: 1, counts: [1000, 1003] }])));
     assert_eq!(apart(3), None);
     let far = |options: &Options| what(&run(i32::MIN, 0x1637), &run(i32::MAX, 0x1637), options);
     assert!(far(&Options { tolerance_counts: u32::MAX - 1, ..Options::default() }).is_some());
@@ -222,7 +221,7 @@ fn slaves_count_in_op_alone() {
     assert_eq!(what(&safe_op(1), &safe_op(2), &Options::default()), None);
     let (command, found) = what(&safe_op(1), &run(MasterState::PreOp, 1), &Options::default()).expect("a difference");
     let states = [MasterState::SafeOp, MasterState::PreOp].map(StateByte::reached);
-    assert_eq!((command, found), (2, vec![What::State { states }]));
+    assert_eq!((command, found), (2, vec![Deviation::State { states }]));
 }
 
 /// TOOL-58 A fault that one board had on the way is told though it is gone when the program moves on.
@@ -238,7 +237,7 @@ fn a_fault_on_the_way() {
         board
     };
     let (none, fault) = (run(&[]), run(&[(0x0218, 0), (0x0218, 0x7500)]));
-    let expected = |side| Some((2, vec![What::Fault { slave: 1, side, error_code: 0x7500 }]));
+    let expected = |side| Some((2, vec![Deviation::Fault { slave: 1, side, error_code: 0x7500 }]));
     assert_eq!(what(&none, &fault, &Options::default()), expected(Side::B));
     assert_eq!(what(&fault, &none, &Options::default()), expected(Side::A));
     assert_eq!(what(&fault, &run(&[(0x0218, 0x7500)]), &Options::default()), None, "the code may come later");
@@ -288,9 +287,9 @@ fn sdo_answers() {
     let a = run(0, Some(7));
     assert_eq!(what(&a, &run(3, Some(7)), &Options::default()), None);
     let (command, other) = what(&a, &run(2, Some(8)), &Options::default()).expect("a difference");
-    assert!(command == 5 && matches!(other[..], [What::Sdo { .. }]), "{command} {other:?}");
+    assert!(command == 5 && matches!(other[..], [Deviation::Sdo { .. }]), "{command} {other:?}");
     let (_, none) = what(&a, &run(0, None), &Options::default()).expect("a difference");
-    assert!(matches!(none[..], [What::NoSdoAnswer { side: Side::B, .. }]), "{none:?}");
+    assert!(matches!(none[..], [Deviation::NoSdoAnswer { side: Side::B, .. }]), "{none:?}");
 }
 
 /// TOOL-58 That commands were lost in one run is a difference.
@@ -306,7 +305,7 @@ fn lost_commands() {
         board
     };
     let (_, found) = what(&run(0), &run(3), &Options::default()).expect("a difference");
-    assert_eq!(found[0], What::Lost { side: Side::B });
+    assert_eq!(found[0], Deviation::Lost { side: Side::B });
 }
 
 /// TOOL-56 What is said again and again until it is so counts once, if asked.
@@ -329,7 +328,7 @@ fn an_early_end() {
         let found = compared(one, other, &Options::default());
         assert_eq!(found.ends_early, Some(side));
         let first = found.first.expect("a difference");
-        assert_eq!((first.command, &first.what[..]), (BEFORE + TARGETS as u64 + 1, &[What::Ends { side }][..]));
+        assert_eq!((first.command, &first.what[..]), (BEFORE + TARGETS as u64 + 1, &[Deviation::Ends { side }][..]));
         assert_eq!(first.text, "slave 3 IO_WR outputs 0x5A5A");
     }
 }
@@ -395,12 +394,12 @@ mod any_frames {
         }
     }
 
-    fn runs() -> impl Strategy<Value = Vec<Observed>> {
+    fn runs() -> impl Strategy<Value = Vec<TimedFrame>> {
         prop::collection::vec(frames(), 0..200).prop_map(|frames| {
             let mut at_ns = 0;
             let observe = |(number, (dir, frame, after_ns))| {
                 at_ns += after_ns;
-                Observed { number, at_ns, dir, frame }
+                TimedFrame { number, at_ns, dir, frame }
             };
             (1..).zip(frames).map(observe).collect()
         })

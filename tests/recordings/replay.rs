@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use ecmsk::compare::{Comparison, Observed, Options, Steps, What, compare_steps};
+use ecmsk::compare::{Comparison, Deviation, Options, Steps, TimedFrame, compare_steps};
 use ecmsk::link::Dir;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{RecordError, Recorded, Recording};
-use ecmsk::replay::{Files, Replay, ReplayError};
+use ecmsk::replay::{FilesInLink, Replay, ReplayError};
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 use support::captures::convert::{USB_LINUX, USBPCAP};
 use support::captures::traffic::Traffic;
@@ -20,17 +20,17 @@ fn link(text: &str) -> LinkUri {
 }
 
 fn open(file: &Path, model: Option<&str>) -> Result<Replay, ReplayError> {
-    Replay::open(file, model.map(link).as_ref(), &Options::default(), None, Files::Allowed)
+    Replay::open(file, model.map(link).as_ref(), &Options::default(), None, FilesInLink::Allowed)
 }
 
 fn compare(replay: &Replay) -> Comparison {
-    let (board, model) = replay.halves().expect("both halves");
+    let (board, model) = replay.runs().expect("both runs");
     let options = Options::default();
     compare_steps(Steps::new(board, replay.size(), false), Steps::new(model, replay.size(), false), &options)
 }
 
 /// Reports with their times.
-fn reports(half: impl Iterator<Item = Observed>) -> Vec<(i64, Vec<u8>)> {
+fn reports(half: impl Iterator<Item = TimedFrame>) -> Vec<(i64, Vec<u8>)> {
     let reports = half.filter(|observed| observed.dir == Dir::Read);
     reports.map(|observed| (observed.at_ns, observed.frame.bytes().to_vec())).collect()
 }
@@ -47,7 +47,7 @@ fn a_recording_of_the_model_is_its_replay() {
     ] {
         let run = program.record();
         let replay = open(&run.file, None).expect("it is replayed");
-        let (board, model) = replay.halves().expect("both halves");
+        let (board, model) = replay.runs().expect("both runs");
         let (board, model) = (reports(board), reports(model));
         assert!(board.len() > 800, "{}", board.len());
         let first = board.iter().zip(&model).position(|(board, model)| board != model);
@@ -65,7 +65,7 @@ fn a_capture_is_replayed_cycle_by_cycle() {
     for link_type in [USB_LINUX, USBPCAP] {
         let capture = kept(&traffic, link_type);
         let replay = open(&capture.file, Some(MODEL)).expect("it is replayed");
-        let (board, model) = replay.halves().expect("both halves");
+        let (board, model) = replay.runs().expect("both runs");
         let (board, model) = (reports(board), reports(model));
         assert!(board == model, "other reports");
         let found = compare(&replay);
@@ -90,7 +90,7 @@ fn late_reports_are_no_difference() {
     let replay = open(&capture.file, Some(MODEL)).expect("it is replayed");
     let later_ns = replay.start().tick_ns - in_time.tick_ns;
     assert_eq!(later_ns.rem_euclid(1_000_000), 10_000, "{later_ns}");
-    let (board, model) = replay.halves().expect("both halves");
+    let (board, model) = replay.runs().expect("both runs");
     assert!(reports(board) == reports(model), "other reports");
     let found = compare(&replay);
     assert!(found.is_equal() && found.answers > 250, "{found}");
@@ -104,12 +104,12 @@ fn what_the_board_does_otherwise_is_found() {
     let found = compare(&open(&capture.file, Some(MODEL)).expect("it is replayed"));
     let first = found.first.as_ref().expect("a difference");
     assert_eq!(first.what[0].slave(), Some(2), "{first}");
-    assert!(first.what.iter().any(|what| matches!(what, What::ErrorCode { codes: [0x7500, 0], .. })), "{first}");
+    assert!(first.what.iter().any(|what| matches!(what, Deviation::ErrorCode { codes: [0x7500, 0], .. })), "{first}");
     // Another network, which does not reach OP.
     let found = compare(&open(&capture.file, Some("sim:?slaves=drive,io*2")).expect("it is replayed"));
     let first = found.first.expect("a difference");
     let states = [StateByte::reached(MasterState::Op), StateByte::failed(Some(MasterState::PreOp))];
-    assert_eq!((first.command, &first.what[0]), (3, &What::State { states }), "{first}");
+    assert_eq!((first.command, &first.what[0]), (3, &Deviation::State { states }), "{first}");
 }
 
 /// The packets from the first report on whose state is that.
@@ -199,7 +199,7 @@ fn a_capture_that_is_cut_off() {
     let bytes = std::fs::read(&capture.file).expect("a file");
     std::fs::write(&capture.file, &bytes[..bytes.len() / 2 + 1]).expect("a file");
     let replay = open(&capture.file, Some(MODEL)).expect("it is replayed");
-    let (mut board, model) = replay.halves().expect("both halves");
+    let (mut board, model) = replay.runs().expect("both runs");
     let found = compare_steps(Steps::new(&mut board, SIZE, false), Steps::new(model, SIZE, false), &Options::default());
     assert!(found.is_equal() && found.counts[0].commands > 50, "{found}");
     assert!(matches!(board.damage(), Some(RecordError::Truncated { .. })), "{:?}", board.damage());

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::compare::{CompareError, Comparison, Observed, Options, Source, Steps, compare_steps};
+use ecmsk::compare::{CompareError, Comparison, Options, RecordedRun, Steps, TimedFrame, compare_steps};
 use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
@@ -194,17 +194,19 @@ pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
 
 /// Both recordings.
 struct Runs {
-    a: Source,
-    b: Source,
+    a: RecordedRun,
+    b: RecordedRun,
     size: SlotSize,
 }
 
 impl Runs {
     fn open(args: &Args, options: &Options) -> Result<Self, CompareVerbError> {
         let devices = [args.device.first().copied(), args.device.last().copied()];
-        let [a, b] =
-            [Source::open(&args.a, options.slot, devices[0])?, Source::open(&args.b, options.slot, devices[1])?];
-        let size = Source::common_size(&a, &b)?;
+        let [a, b] = [
+            RecordedRun::open(&args.a, options.slot, devices[0])?,
+            RecordedRun::open(&args.b, options.slot, devices[1])?,
+        ];
+        let size = RecordedRun::common_size(&a, &b)?;
         Ok(Self { a, b, size })
     }
 
@@ -218,7 +220,7 @@ impl Runs {
 ///
 /// # Errors
 /// Why it could not be.
-pub fn tell(name: &str, source: &Source) -> Result<Option<String>, CompareError> {
+pub fn tell(name: &str, source: &RecordedRun) -> Result<Option<String>, CompareError> {
     source.check()?;
     if source.is_size_assumed() {
         recording::note_assumed(name, source.size());
@@ -242,8 +244,8 @@ pub fn draw<A, B>(
     found: &Comparison,
 ) -> Result<plot::Sheet, CompareVerbError>
 where
-    A: Iterator<Item = Observed>,
-    B: Iterator<Item = Observed>,
+    A: Iterator<Item = TimedFrame>,
+    B: Iterator<Item = TimedFrame>,
 {
     let commands = found.counts.map(|counts| counts.commands);
     let mut picture = Picture::new(commands[0].max(commands[1]));

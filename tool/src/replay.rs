@@ -7,7 +7,7 @@ use clap::ValueHint;
 use ecmsk::compare::{Steps, compare_steps};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Address, Skipped};
-use ecmsk::replay::{Files, Replay, ReplayError};
+use ecmsk::replay::{FilesInLink, Replay, ReplayError};
 use serde_json::{Value, json};
 
 use super::compare::{self, CompareVerbError, How, Names};
@@ -73,9 +73,9 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
         return Err(ReplayVerbError::Stdin);
     }
     let options = args.how.options();
-    let files = if args.allow_files { Files::Allowed } else { Files::Refused };
+    let files = if args.allow_files { FilesInLink::Allowed } else { FilesInLink::Refused };
     let replay = Replay::open(&args.capture, args.link.as_ref(), &options, args.device, files)?;
-    let (mut board, mut model) = replay.halves()?;
+    let (mut board, mut model) = replay.runs()?;
     let found = compare_steps(
         Steps::new(&mut board, replay.size(), options.ignore_repeats),
         Steps::new(&mut model, replay.size(), options.ignore_repeats),
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     };
     let names = Names { runs: [capture, replay.link().to_string()], lacks: [lacks, None], plot: args.how.plot.clone() };
     if let Some(file) = &args.how.plot {
-        let (board, model) = replay.halves()?;
+        let (board, model) = replay.runs()?;
         let (board, model) = (
             Steps::new(board, replay.size(), options.ignore_repeats),
             Steps::new(model, replay.size(), options.ignore_repeats),

@@ -1,7 +1,7 @@
 //! Frames from any bytes, as programs and boards exchange them and as they never would, and a recording of them.
 #![allow(dead_code, reason = "each target uses a part of it")]
 
-use ecmsk::compare::Observed;
+use ecmsk::compare::TimedFrame;
 use ecmsk::link::Dir;
 use ecmsk::sk::{Frame, MasterResponse, MasterState, RawSlot, SlotSize, StateByte};
 
@@ -13,9 +13,9 @@ const FRAMES_MAX: usize = 300;
 const FLIPS: [u32; 4] = [43, 50, 62, 63];
 
 /// The frames that steps of 16 bytes tell: what is done, where, how much later, and a slot. Times are those that a file has.
-pub fn frames(bytes: &[u8], size: SlotSize) -> Vec<Observed> {
+pub fn frames(bytes: &[u8], size: SlotSize) -> Vec<TimedFrame> {
     let (mut command, mut report) = (Frame::new(), Frame::new());
-    let mut found: Vec<Observed> = Vec::new();
+    let mut found: Vec<TimedFrame> = Vec::new();
     let mut at_ns: i64 = 1_000_000_000;
     let mut flipped = false;
     for step in bytes.chunks_exact(STEP).take(4 * FRAMES_MAX) {
@@ -65,7 +65,7 @@ pub fn frames(bytes: &[u8], size: SlotSize) -> Vec<Observed> {
             (true, true) => at_ns ^ (1 << FLIPS[usize::from(step[4]) % FLIPS.len()]),
             _ => at_ns,
         };
-        found.push(Observed { number: found.len() as u64 + 1, at_ns, dir, frame });
+        found.push(TimedFrame { number: found.len() as u64 + 1, at_ns, dir, frame });
         if found.len() == FRAMES_MAX {
             break;
         }
@@ -77,7 +77,7 @@ pub fn frames(bytes: &[u8], size: SlotSize) -> Vec<Observed> {
 }
 
 /// The frames in the order of their times, as a run to compare has them.
-pub fn run(bytes: &[u8], size: SlotSize) -> Vec<Observed> {
+pub fn run(bytes: &[u8], size: SlotSize) -> Vec<TimedFrame> {
     let mut frames = frames(bytes, size);
     frames.sort_by_key(|observed| observed.at_ns);
     frames
@@ -97,7 +97,7 @@ pub fn slot(bytes: &[u8]) -> RawSlot {
 }
 
 /// A recording of ours with these frames; `link`: what it says its link is, `ends`: whether it was ended.
-pub fn recording(link: &str, frames: &[Observed], ends: bool) -> Vec<u8> {
+pub fn recording(link: &str, frames: &[TimedFrame], ends: bool) -> Vec<u8> {
     let comment = format!("ecmsk clock=virtual base_ns=0 link={link}");
     let mut section = Vec::new();
     section.extend(0x1A2B_3C4D_u32.to_le_bytes());
@@ -112,7 +112,7 @@ pub fn recording(link: &str, frames: &[Observed], ends: bool) -> Vec<u8> {
     let mut file = Vec::new();
     block(&mut file, 0x0A0D_0D0A, &section);
     block(&mut file, 1, &interface);
-    for Observed { at_ns, dir, frame, .. } in frames {
+    for TimedFrame { at_ns, dir, frame, .. } in frames {
         let (event, endpoint) = if *dir == Dir::Write { (b'S', 0x02) } else { (b'C', 0x81) };
         let mut packet = vec![0; 8];
         packet.extend([event, 1, endpoint, 1, 1, 0, b'-', 0]);

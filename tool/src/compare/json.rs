@@ -1,6 +1,6 @@
 //! What was found as one JSON object.
 
-use ecmsk::compare::{Comparison, Context, Counts, Difference, Options, Side, What};
+use ecmsk::compare::{Comparison, Context, Counts, Deviation, Difference, Options, Side};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -99,21 +99,21 @@ const fn side(side: Side) -> &'static str {
 }
 
 /// One difference: what it is of, the slave if it is about one, both values where they are numbers, and the words.
-fn value(what: &What) -> Value {
+fn value(what: &Deviation) -> Value {
     let (kind, values) = match what {
-        What::Command { .. } => ("command", None),
-        What::Ends { side: at } => ("ends", Some(json!(side(*at)))),
-        What::Lost { side: at } => ("lost_commands", Some(json!(side(*at)))),
-        What::State { states } => ("state", Some(json!(states.map(|state| state.0)))),
-        What::Result { results } => ("result", Some(json!(results))),
-        What::Fault { side: at, .. } => ("fault", Some(json!(side(*at)))),
-        What::Statusword { words, .. } => ("statusword", Some(json!(words.map(|word| word.0)))),
-        What::ErrorCode { codes, .. } => ("error_code", Some(json!(codes))),
-        What::Position { counts, .. } => ("position_counts", Some(json!(counts))),
-        What::Inputs { bits, .. } => ("inputs", Some(json!(bits))),
-        What::Kind { .. } => ("kind", None),
-        What::Sdo { .. } => ("sdo", None),
-        What::NoSdoAnswer { side: at, .. } => ("sdo_without_answer", Some(json!(side(*at)))),
+        Deviation::Command { .. } => ("command", None),
+        Deviation::Ends { side: at } => ("ends", Some(json!(side(*at)))),
+        Deviation::Lost { side: at } => ("lost_commands", Some(json!(side(*at)))),
+        Deviation::State { states } => ("state", Some(json!(states.map(|state| state.0)))),
+        Deviation::Result { results } => ("result", Some(json!(results))),
+        Deviation::Fault { side: at, .. } => ("fault", Some(json!(side(*at)))),
+        Deviation::Statusword { words, .. } => ("statusword", Some(json!(words.map(|word| word.0)))),
+        Deviation::ErrorCode { codes, .. } => ("error_code", Some(json!(codes))),
+        Deviation::Position { counts, .. } => ("position_counts", Some(json!(counts))),
+        Deviation::Inputs { bits, .. } => ("inputs", Some(json!(bits))),
+        Deviation::Kind { .. } => ("kind", None),
+        Deviation::Sdo { .. } => ("sdo", None),
+        Deviation::NoSdoAnswer { side: at, .. } => ("sdo_without_answer", Some(json!(side(*at)))),
     };
     json!({ "of": kind, "slave": what.slave(), "values": values, "text": what.to_string() })
 }

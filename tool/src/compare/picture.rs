@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use ecmsk::compare::{Answer, Comparison, Step, What};
+use ecmsk::compare::{Answer, Comparison, Deviation, Step};
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::{CompareVerbError, Names};
@@ -57,7 +57,7 @@ impl Picture {
 
     /// The picture: of the axes that move, that with the first difference among them.
     pub fn draw(mut self, names: &Names, found: &Comparison) -> Result<Sheet, CompareVerbError> {
-        let differing = found.first.as_ref().and_then(|first| first.what.iter().find_map(What::slave));
+        let differing = found.first.as_ref().and_then(|first| first.what.iter().find_map(Deviation::slave));
         let mut chosen: Vec<u8> = self.axes.keys().copied().collect();
         chosen.sort_by_key(|slave| (Some(*slave) != differing, *slave));
         chosen.truncate(MAX_AXES);

@@ -2,7 +2,7 @@
 
 use super::Start;
 use super::start::CYCLE_NS;
-use crate::compare::{Observed, Source};
+use crate::compare::{RecordedRun, TimedFrame};
 use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::Frame;
@@ -15,8 +15,8 @@ const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
 ///
 /// Whenever the host has received a report in the recording, it receives the newest report of the model, unless it has
 /// received that already. \[OURS]
-pub struct Model {
-    source: Source,
+pub struct ModelRun {
+    source: RecordedRun,
     board: Board,
     /// The model's time minus the recording's time.
     offset_ns: i64,
@@ -27,8 +27,8 @@ pub struct Model {
     start: Start,
 }
 
-impl Model {
-    pub(super) fn new(source: Source, board: Board, start: &Start) -> Self {
+impl ModelRun {
+    pub(super) fn new(source: RecordedRun, board: Board, start: &Start) -> Self {
         let mut model = Self { source, board, offset_ns: 0, newest: None, reports: 0, begun: false, start: *start };
         model.offset_ns = time(model.board.next_cycle()).saturating_sub(start.tick_ns);
         model
@@ -51,7 +51,7 @@ impl Model {
         }
     }
 
-    fn play(&mut self, observed: Observed) -> Option<Observed> {
+    fn play(&mut self, observed: TimedFrame) -> Option<TimedFrame> {
         if !std::mem::replace(&mut self.begun, true) {
             self.begin(observed.at_ns);
         }
@@ -67,7 +67,7 @@ impl Model {
                 board.advance(at, &mut keep);
                 let frame = newest.take()?;
                 self.reports += 1;
-                Some(Observed { number: self.reports, frame, ..observed })
+                Some(TimedFrame { number: self.reports, frame, ..observed })
             }
         }
     }
@@ -77,10 +77,10 @@ fn time(ns: u64) -> i64 {
     i64::try_from(ns).unwrap_or(i64::MAX)
 }
 
-impl Iterator for Model {
-    type Item = Observed;
+impl Iterator for ModelRun {
+    type Item = TimedFrame;
 
-    fn next(&mut self) -> Option<Observed> {
+    fn next(&mut self) -> Option<TimedFrame> {
         loop {
             let observed = self.source.next()?;
             if let Some(played) = self.play(observed) {

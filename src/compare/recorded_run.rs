@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use super::{Observed, Side};
+use super::{Side, TimedFrame};
 use crate::link::Dir;
 use crate::recording::{Address, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
 use crate::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
@@ -47,22 +47,22 @@ pub enum CompareError {
 }
 
 /// The frames of a recording in the order of their times, as an iterator; of a USB capture those of one board. It ends where
-/// the file is damaged, which [`Source::damage`] then tells; the frames before are intact.
-pub struct Source {
+/// the file is damaged, which [`RecordedRun::damage`] then tells; the frames before are intact.
+pub struct RecordedRun {
     recording: Recording<File>,
-    /// The time of the first frame in the recording, which is the zero of [`Observed::at_ns`].
+    /// The time of the first frame in the recording, which is the zero of [`TimedFrame::at_ns`].
     first_ns: u64,
     board: Address,
     meta: Option<RecordMeta>,
     size: SlotSize,
     size_from: SizeFrom,
     timeline: Timeline<(u64, Recorded)>,
-    order: InOrder<Observed>,
+    order: InOrder<TimedFrame>,
     number: u64,
     error: Option<RecordError>,
 }
 
-impl Source {
+impl RecordedRun {
     /// Opens a recording.
     ///
     /// `slot` is its slot size, `None` for the one that the recording states or that its frames show. `device` is the USB
@@ -100,7 +100,7 @@ impl Source {
         self.meta.as_ref()
     }
 
-    /// The time of the first frame in nanoseconds, on the recording's own clock. [`Observed::at_ns`] counts from it.
+    /// The time of the first frame in nanoseconds, on the recording's own clock. [`TimedFrame::at_ns`] counts from it.
     pub const fn first_ns(&self) -> u64 {
         self.first_ns
     }
@@ -139,11 +139,11 @@ impl Source {
 
     /// Takes a frame in the order of the file and returns the earliest of those held, once there are enough of them to be
     /// sure that no earlier one follows.
-    fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<Observed> {
+    fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<TimedFrame> {
         let Recorded { dir, frame, .. } = recorded;
         // Of a report and a command with the same time the report comes first: it cannot show that command yet.
         let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
-        self.order.push(key, Observed { number, at_ns, dir, frame })
+        self.order.push(key, TimedFrame { number, at_ns, dir, frame })
     }
 
     /// Why the frames ended early: the file is cut off, damaged or cannot be read. `None` if they did not.
@@ -174,10 +174,10 @@ impl Source {
     }
 }
 
-impl Iterator for Source {
-    type Item = Observed;
+impl Iterator for RecordedRun {
+    type Item = TimedFrame;
 
-    fn next(&mut self) -> Option<Observed> {
+    fn next(&mut self) -> Option<TimedFrame> {
         while self.error.is_none() {
             let recorded = match self.recording.next() {
                 Some(Ok(recorded)) => recorded,

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use ecmsk::link::config::{self, Environment};
 use ecmsk::link::{self, Link, LinkError, Share};
-use ecmsk::summary::teller;
+use ecmsk::summary::writer;
 
 use crate::error::CallError;
 use crate::module;
@@ -22,7 +22,7 @@ pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     let configured = config::find(&Environment::from_process(module::folder())).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
     // For `ecmsk exec` all lost reports have to be counted.
-    let open = if teller::of_process().is_some() { link::open } else { link::open_uncounted };
+    let open = if writer::of_process().is_some() { link::open } else { link::open_uncounted };
     open(&configured.link, Share::ByUri)
         .map(watched)
         .map_err(|error| CallError::Configured { from: configured.source, error: error.into() }.into())
@@ -39,8 +39,8 @@ pub fn named(uri: &str) -> Result<Arc<dyn Link>, Box<CallError>> {
 
 /// The link, with its frames watched if `ecmsk exec` has started the program.
 fn watched(link: Arc<dyn Link>) -> Arc<dyn Link> {
-    match teller::of_process() {
-        Some(teller) => teller.watch(link),
+    match writer::of_process() {
+        Some(summary_writer) => summary_writer.watch(link),
         None => link,
     }
 }

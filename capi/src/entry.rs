@@ -5,7 +5,7 @@ use std::fmt::{Arguments, Debug};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
-use ecmsk::summary::teller;
+use ecmsk::summary::writer;
 
 use crate::board;
 use crate::cancellation::CancellationDeferred;
@@ -68,10 +68,10 @@ pub fn guard<T: Debug>(
                 _ => log::warn!("{call} -> {error}"),
             }
             if !board::any_open()
-                && let Some(teller) = teller::of_process()
+                && let Some(summary_writer) = writer::of_process()
             {
                 // No thread writes them, since it runs only while a board is open.
-                teller.write_all();
+                summary_writer.write_all();
             }
         }
     }

@@ -11,7 +11,7 @@ const SLOW_FRACTION: i64 = 10;
 
 /// Finds the gaps in the motion of one axis, from its target positions as they are executed.
 #[derive(Debug, Default)]
-pub struct Gaps {
+pub struct GapFinder {
     /// The target in force, in counts.
     target: Option<i32>,
     /// The last two steps from target to target, in counts.
@@ -22,7 +22,7 @@ pub struct Gaps {
     idle_since_ns: Option<i64>,
 }
 
-impl Gaps {
+impl GapFinder {
     /// A cycle has found the FIFO empty.
     pub const fn idle(&mut self, at_ns: i64) {
         if self.idle_since_ns.is_none() {
@@ -60,7 +60,7 @@ mod tests {
 
     /// Targets one a millisecond, and an empty FIFO of so many milliseconds before the number `at`; gives the gaps found.
     fn gaps(targets: &[i32], at: usize, idle_ms: i64) -> Vec<(i64, i64)> {
-        let (mut gaps, mut now_ns, mut found) = (Gaps::default(), 0, Vec::new());
+        let (mut gaps, mut now_ns, mut found) = (GapFinder::default(), 0, Vec::new());
         for (i, target) in targets.iter().enumerate() {
             if i == at {
                 gaps.idle(now_ns);

@@ -9,15 +9,15 @@ use crate::sk::StateByte;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A message of the log that is the first of its kind.
-    Said {
-        /// A number by which [`Line::Again`] refers to it.
+    Message {
+        /// A number by which [`Line::Repeated`] refers to it.
         id: u32,
         /// The message.
         text: String,
     },
     /// How often the log had messages of one kind so far, which differ only in their figures.
-    Again {
-        /// The number of the first of them in [`Line::Said`].
+    Repeated {
+        /// The number of the first of them in [`Line::Message`].
         id: u32,
         /// How many there were, the first one included.
         times: u64,
@@ -63,11 +63,11 @@ const TEXT_MAX: usize = 1000;
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Said { id, text } => {
+            Self::Message { id, text } => {
                 let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
                 write!(f, "said {id} {}", &text[..text.floor_char_boundary(TEXT_MAX)])
             }
-            Self::Again { id, times } => write!(f, "again {id} {times}"),
+            Self::Repeated { id, times } => write!(f, "again {id} {times}"),
             Self::Alarm(Alarm { slave, code }) => write!(f, "alarm {slave} {code}"),
             Self::StateFailed(StateFailed { state, declared }) => write!(f, "state {state} {}", u8::from(*declared)),
             Self::Count { board, name, value } => write!(f, "count {board} {name} {value}"),
@@ -84,9 +84,9 @@ impl Line {
         Some(match kind {
             "said" => {
                 let (id, text) = rest.split_once(' ')?;
-                Self::Said { id: id.parse().ok()?, text: text.to_owned() }
+                Self::Message { id: id.parse().ok()?, text: text.to_owned() }
             }
-            "again" => Self::Again { id: words.next()?.parse().ok()?, times: words.next()?.parse().ok()? },
+            "again" => Self::Repeated { id: words.next()?.parse().ok()?, times: words.next()?.parse().ok()? },
             "alarm" => Self::Alarm(Alarm { slave: words.next()?.parse().ok()?, code: words.next()?.parse().ok()? }),
             "state" => {
                 Self::StateFailed(StateFailed { state: words.next()?.parse().ok()?, declared: words.next()? == "1" })
@@ -137,8 +137,8 @@ mod tests {
     #[test]
     fn lines_are_read_back() {
         for line in [
-            Line::Said { id: 7, text: "a text: of 3 words".to_owned() },
-            Line::Again { id: 7, times: 3000 },
+            Line::Message { id: 7, text: "a text: of 3 words".to_owned() },
+            Line::Repeated { id: 7, times: 3000 },
             Line::Alarm(Alarm { slave: 40, code: 0x7500 }),
             Line::StateFailed(StateFailed { state: 0x12, declared: true }),
             Line::Count { board: 1, name: "rejected.wrong_state".to_owned(), value: u64::MAX },
@@ -146,7 +146,7 @@ mod tests {
         ] {
             assert_eq!(Line::parse(&line.to_string()), Some(line));
         }
-        let long = Line::Said { id: 0, text: "\u{20AC}\n\x1b[2J".repeat(1000) }.to_string();
+        let long = Line::Message { id: 0, text: "\u{20AC}\n\x1b[2J".repeat(1000) }.to_string();
         assert!(long.len() <= TEXT_MAX + 10 && !long.chars().any(char::is_control), "{long}");
         for none in ["", "said", "said x y", "alarm 300 0", "count 0 full", "new 1 2"] {
             assert_eq!(Line::parse(none), None, "{none}");

@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::teller::Teller;
-use super::watch::{FrameWatch, Sight};
+use super::watch::{FrameEvent, FrameWatch};
+use super::writer::SummaryWriter;
 use super::{Line, of_frames, of_link};
 use crate::engine::Counters;
 use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
@@ -13,7 +13,7 @@ use crate::sk::Frame;
 /// A link whose frames and counters are watched.
 pub struct WatchLink {
     inner: Arc<dyn Link>,
-    teller: &'static Teller,
+    summary_writer: &'static SummaryWriter,
     watch: Mutex<FrameWatch>,
     /// The board's counters when the link was opened, which do not belong to this program.
     before: Counters,
@@ -22,10 +22,10 @@ pub struct WatchLink {
 
 impl WatchLink {
     /// Wraps `inner`, which was just opened.
-    pub fn new(inner: Arc<dyn Link>, teller: &'static Teller) -> Self {
+    pub fn new(inner: Arc<dyn Link>, summary_writer: &'static SummaryWriter) -> Self {
         let size = inner.info().slot.unwrap_or_default();
         let before = inner.stats().board.unwrap_or_default();
-        Self { inner, teller, watch: Mutex::new(FrameWatch::new(size)), before, closed: AtomicBool::new(false) }
+        Self { inner, summary_writer, watch: Mutex::new(FrameWatch::new(size)), before, closed: AtomicBool::new(false) }
     }
 
     /// The names and values of the counts so far.
@@ -43,7 +43,7 @@ impl WatchLink {
 
     fn tell_end(&self) {
         if !self.closed.swap(true, Ordering::AcqRel) {
-            self.teller.closed();
+            self.summary_writer.closed();
         }
     }
 
@@ -70,10 +70,10 @@ impl Layer for WatchLink {
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let meta = self.inner.read(out, wait)?;
-        self.watch().report(nanoseconds(meta.at), out, &mut |sight| {
-            self.teller.tell(match sight {
-                Sight::Alarm(alarm) => Line::Alarm(alarm),
-                Sight::StateFailed(failed) => Line::StateFailed(failed),
+        self.watch().report(nanoseconds(meta.at), out, &mut |event| {
+            self.summary_writer.queue_line(match event {
+                FrameEvent::Alarm(alarm) => Line::Alarm(alarm),
+                FrameEvent::StateFailed(failed) => Line::StateFailed(failed),
             });
         });
         Ok(meta)

@@ -3,7 +3,7 @@
 //! asked for itself, such as targets that it cleared with SET_FIFO 1, is left out.
 //!
 //! `ecmsk summary` makes it from the frames of a recording ([`FrameWatch`]). `ecmsk exec` shows it when its program has ended:
-//! the library in the program's process writes what happens to a file that the tool reads ([`teller`], [`Line`]).
+//! the library in the program's process writes what happens to a file that the tool reads ([`writer`], [`Line`]).
 //!
 //! How to read it:
 //!
@@ -11,23 +11,23 @@
 //! | --- | --- |
 //! | `mod.rs` | [`Summary`]: the counts, and their text |
 //! | `watch.rs` | [`FrameWatch`]: finds alarms, failed changes of state and losses in frames |
-//! | `gaps.rs` | [`Gaps`]: finds gaps in the motion of one axis |
+//! | `gaps.rs` | [`GapFinder`]: finds gaps in the motion of one axis |
 //! | `line.rs` | [`Line`]: one fact in the file between library and tool |
-//! | `teller.rs` | writes those lines, in the process of the program |
-//! | `link.rs` | a link around a link that watches the frames for `teller.rs` |
+//! | `writer.rs` | writes those lines, in the process of the program |
+//! | `link.rs` | a link around a link that watches the frames for `writer.rs` |
 
 mod gaps;
 mod line;
 mod link;
-pub mod teller;
 mod watch;
+pub mod writer;
 
 use std::collections::BTreeMap;
 use std::fmt;
 
-pub use gaps::Gaps;
+pub use gaps::GapFinder;
 pub use line::{Alarm, Line, StateFailed};
-pub use watch::{FrameCounts, FrameWatch, Sight};
+pub use watch::{FrameCounts, FrameEvent, FrameWatch};
 
 use crate::engine::{Counters, Reason, Unexecuted};
 use crate::link::LinkStats;
@@ -50,45 +50,45 @@ pub struct Summary {
     failed: BTreeMap<StateFailed, u64>,
     counts: BTreeMap<String, u64>,
     /// Messages of the log: the text of the first one of its kind, and how many there were.
-    said: Vec<(String, u64)>,
+    messages: Vec<(String, u64)>,
     /// How many lines the library could not write.
     dropped: u64,
 }
 
 impl Summary {
     /// Adds something that the frames showed.
-    pub fn see(&mut self, sight: Sight) {
-        match sight {
-            Sight::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
-            Sight::StateFailed(failed) => *self.failed.entry(failed).or_default() += 1,
+    pub fn add_event(&mut self, event: FrameEvent) {
+        match event {
+            FrameEvent::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
+            FrameEvent::StateFailed(failed) => *self.failed.entry(failed).or_default() += 1,
         }
     }
 
     /// Sets the counts that frames give. To be called once.
-    pub fn count_frames(&mut self, counts: &FrameCounts) {
+    pub fn set_frame_counts(&mut self, counts: &FrameCounts) {
         of_frames(counts).into_iter().for_each(|(name, value)| self.set(name, value));
     }
 
     /// Adds the lines that one process has written.
-    pub fn tell<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
+    pub fn add_lines<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
         // A count is written again when it changes: its newest value counts, and the sum over the boards.
         let mut newest: BTreeMap<(u32, &str), u64> = BTreeMap::new();
         let mut places = BTreeMap::new();
         let mut dropped = 0;
         for line in lines {
             match line {
-                Line::Said { id, text } if self.said.len() < TEXTS_MAX => {
-                    places.insert(*id, self.said.len());
-                    self.said.push((text.clone(), 1));
+                Line::Message { id, text } if self.messages.len() < TEXTS_MAX => {
+                    places.insert(*id, self.messages.len());
+                    self.messages.push((text.clone(), 1));
                 }
-                Line::Said { .. } => {}
-                Line::Again { id, times } => {
-                    if let Some((_, said)) = places.get(id).and_then(|place| self.said.get_mut(*place)) {
-                        *said = *times;
+                Line::Message { .. } => {}
+                Line::Repeated { id, times } => {
+                    if let Some((_, count)) = places.get(id).and_then(|place| self.messages.get_mut(*place)) {
+                        *count = *times;
                     }
                 }
-                Line::Alarm(alarm) => self.see(Sight::Alarm(*alarm)),
-                Line::StateFailed(failed) => self.see(Sight::StateFailed(*failed)),
+                Line::Alarm(alarm) => self.add_event(FrameEvent::Alarm(*alarm)),
+                Line::StateFailed(failed) => self.add_event(FrameEvent::StateFailed(*failed)),
                 Line::Count { board, name, value } => {
                     newest.insert((*board, name), *value);
                 }
@@ -137,8 +137,8 @@ impl Summary {
 
     /// The messages of the log: the first one of each kind, and how many there were. Messages that differ only in their
     /// figures are of one kind.
-    pub fn said(&self) -> impl Iterator<Item = (&str, u64)> {
-        self.said.iter().map(|(text, times)| (text.as_str(), *times))
+    pub fn messages(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.messages.iter().map(|(text, times)| (text.as_str(), *times))
     }
 
     /// The summary as text, a line for each thing that went wrong, commands that were not executed first. With `told`
@@ -179,8 +179,8 @@ impl Summary {
         }
         let failed = self.failed.iter().map(|(failed, count)| (failed.to_string(), *count));
         let alarms = self.alarms.iter().map(|(alarm, count)| (alarm.to_string(), *count));
-        let said = self.said.iter().filter(|(text, _)| !is_counted(text)).cloned();
-        let others = failed.chain(alarms).chain(said).filter(|(_, count)| !told || *count > 1);
+        let messages = self.messages.iter().filter(|(text, _)| !is_counted(text)).cloned();
+        let others = failed.chain(alarms).chain(messages).filter(|(_, count)| !told || *count > 1);
         lines.extend(others.map(|(text, count)| format!("{text}{}", times(count))));
         if self.dropped > 0 {
             lines.push(format!("{} more word(s) of the library are not known: they came too fast", self.dropped));

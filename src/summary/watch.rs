@@ -1,7 +1,7 @@
 //! Finds in the frames of a program what went wrong: alarms, changes of state that failed, gaps in a motion, frames lost to a
 //! full FIFO or a wrong CRC.
 
-use super::gaps::Gaps;
+use super::gaps::GapFinder;
 use super::line::{Alarm, StateFailed};
 use crate::cia402::{DriveState, Statusword};
 use crate::recording::Kinds;
@@ -13,7 +13,7 @@ use crate::sk::{
 
 /// An event that the frames showed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sight {
+pub enum FrameEvent {
     /// An alarm begins.
     Alarm(Alarm),
     /// A change of state has failed.
@@ -31,7 +31,7 @@ pub struct FrameCounts {
     pub full: u64,
     /// Command frames with a wrong CRC, by the error count in slot 0.
     pub crc: u64,
-    /// Gaps in a motion: the FIFO ran empty while one or more axes were moving.
+    /// GapFinder in a motion: the FIFO ran empty while one or more axes were moving.
     pub gaps: u64,
 }
 
@@ -47,7 +47,7 @@ pub struct FrameWatch {
     losses: Option<(u16, u8)>,
     /// The error code of each slave's alarm.
     alarms: [Option<u16>; MAX_SLAVES],
-    gaps: [Gaps; MAX_SLAVES],
+    gaps: [GapFinder; MAX_SLAVES],
     /// When the newest command frame was sent.
     sent_ns: i64,
     /// How many reports since then showed an empty FIFO.
@@ -65,7 +65,7 @@ impl FrameWatch {
             state: StateByte::default(),
             losses: None,
             alarms: [None; MAX_SLAVES],
-            gaps: std::array::from_fn(|_| Gaps::default()),
+            gaps: std::array::from_fn(|_| GapFinder::default()),
             sent_ns: i64::MIN,
             idle_reports: 0,
             counts: FrameCounts::default(),
@@ -105,19 +105,19 @@ impl FrameWatch {
         self.counts.gaps += u64::from(is_gap);
     }
 
-    /// Takes a report with its time in nanoseconds, and calls `see` for each event that it shows.
-    pub fn report(&mut self, at_ns: i64, frame: &Frame, see: &mut dyn FnMut(Sight)) {
+    /// Takes a report with its time in nanoseconds, and calls `on_event` for each event that it shows.
+    pub fn report(&mut self, at_ns: i64, frame: &Frame, on_event: &mut dyn FnMut(FrameEvent)) {
         self.counts.reports += 1;
         self.kinds.response(frame, self.size);
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         let before = std::mem::replace(&mut self.state, board.state);
         if board.state.is_failed() && before != board.state {
-            see(Sight::StateFailed(StateFailed { state: board.state.0, declared: self.declared }));
+            on_event(FrameEvent::StateFailed(StateFailed { state: board.state.0, declared: self.declared }));
         }
         if !matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
             // There is no FIFO, and the slaves' slots hold no process data.
             self.losses = None;
-            self.gaps.iter_mut().for_each(Gaps::reset);
+            self.gaps.iter_mut().for_each(GapFinder::reset);
             return;
         }
         if board.state.state() == Some(MasterState::Op) {
@@ -145,17 +145,17 @@ impl FrameWatch {
                 None if is_of_drives(CommandId::from_code(slot.id)) => drive.error_code,
                 None => continue,
             };
-            self.alarm(slave, is_fault(drive.statusword).then_some(code), see);
+            self.alarm(slave, is_fault(drive.statusword).then_some(code), on_event);
         }
     }
 
-    fn alarm(&mut self, slave: usize, now: Option<u16>, see: &mut dyn FnMut(Sight)) {
+    fn alarm(&mut self, slave: usize, now: Option<u16>, on_event: &mut dyn FnMut(FrameEvent)) {
         let before = std::mem::replace(&mut self.alarms[slave - 1], now);
         // A drive may show the fault a cycle before its error code: these are two events.
         if let Some(code) = now
             && before.is_none_or(|before| before != code && code != 0)
         {
-            see(Sight::Alarm(Alarm { slave: slave as u8, code }));
+            on_event(FrameEvent::Alarm(Alarm { slave: slave as u8, code }));
         }
     }
 }

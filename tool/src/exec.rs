@@ -19,7 +19,7 @@ use clap::ValueHint;
 use ecmsk::link::config::{ConfigError, OPENED, VARIABLE};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
-use ecmsk::summary::teller::TOLD;
+use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::error::say;
 use super::recorder;
@@ -201,7 +201,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     let mut command = Command::new(program);
     command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED, library.opened());
     let told = library.told()?;
-    command.env(TOLD, &told);
+    command.env(FILE_VARIABLE, &told);
     let told = Told::follow(&told, args.manner()).map_err(|source| ExecError::System { what: "read", source })?;
     if let Some(link) = &link {
         command.env(VARIABLE, link.to_string());

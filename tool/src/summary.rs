@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         match framed.recorded.dir {
             ecmsk::link::Dir::Write => watch.command(framed.time_ns, &framed.recorded.frame),
             ecmsk::link::Dir::Read => {
-                watch.report(framed.time_ns, &framed.recorded.frame, &mut |sight| summary.see(sight));
+                watch.report(framed.time_ns, &framed.recorded.frame, &mut |event| summary.add_event(event));
             }
         }
     };
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         take(framed);
     }
     let counts = watch.map(|watch| watch.counts()).unwrap_or_default();
-    summary.count_frames(&counts);
+    summary.set_frame_counts(&counts);
     frames.note_missing();
     if args.json {
         output::print(format!("{}\n", json(&summary)))?;
@@ -100,8 +100,8 @@ pub fn json(summary: &Summary) -> Value {
         .states_failed()
         .map(|(failed, times)| object!({"state": failed.state, "text": failed.to_string(), "times": times}))
         .collect();
-    let said: Vec<_> = summary.said().map(|(text, times)| object!({"text": text, "times": times})).collect();
+    let messages: Vec<_> = summary.messages().map(|(text, times)| object!({"text": text, "times": times})).collect();
     let counts: serde_json::Map<String, Value> =
         summary.counts().map(|(name, value)| (name.to_owned(), value.into())).collect();
-    object!({"counts": counts, "alarms": alarms, "states_failed": states, "said": said})
+    object!({"counts": counts, "alarms": alarms, "states_failed": states, "said": messages})
 }

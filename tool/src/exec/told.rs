@@ -113,7 +113,7 @@ impl Follower {
 
     fn take(&mut self, process: u32, line: Line) {
         match &line {
-            Line::Said { text, .. } if !is_sum(text) => self.tell(text.clone()),
+            Line::Message { text, .. } if !is_sum(text) => self.tell(text.clone()),
             Line::Alarm(alarm) => self.tell(alarm.to_string()),
             Line::StateFailed(failed) => self.tell(failed.to_string()),
             _ => {}
@@ -141,7 +141,7 @@ impl Follower {
             all.entry(*process).or_default().push(line);
         }
         let mut summary = Summary::default();
-        all.values().for_each(|lines| summary.tell(lines));
+        all.values().for_each(|lines| summary.add_lines(lines));
         summary
     }
 

@@ -2,7 +2,7 @@
 
 use ecmsk::ecm::Scale;
 use ecmsk::sk::{DriveResponse, SlaveCommand};
-use ecmsk::summary::Gaps;
+use ecmsk::summary::GapFinder;
 
 use super::decimate::Line;
 use super::series::Pieces;
@@ -60,7 +60,7 @@ pub struct Axis {
     target_torque: Line,
     torque: Line,
     states: States,
-    gaps: Gaps,
+    gaps: GapFinder,
     speeds: [Speed; 2],
     /// The target executed last, counts.
     in_force: Option<i32>,
@@ -86,7 +86,7 @@ impl Axis {
             target_torque: held(),
             torque: line(),
             states: States::new(window, COLUMNS),
-            gaps: Gaps::default(),
+            gaps: GapFinder::default(),
             speeds: Default::default(),
             in_force: None,
             stands: None,

@@ -1,5 +1,5 @@
 //! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has made, whose name is in the
-//! environment variable [`TOLD`].
+//! environment variable [`FILE_VARIABLE`].
 //!
 //! The program never waits for this: a fact goes into a queue, and one that finds the queue full is counted. While a board is
 //! open a thread writes the queue several times a second. Closing a board writes it too, since the process may end next.
@@ -21,7 +21,7 @@ use crate::link::{Link, config};
 use crate::threads;
 
 /// The environment variable that names the file.
-pub const TOLD: &str = "ECMSK_TOLD";
+pub const FILE_VARIABLE: &str = "ECMSK_TOLD";
 
 /// How many facts may wait to be written. \[OURS]
 const QUEUE_LEN: usize = 1024;
@@ -37,17 +37,17 @@ const COUNTS_PERIOD_MAX: Duration = Duration::from_secs(10);
 enum Fact {
     Line(Line),
     /// A message of the log.
-    Said(String),
+    Message(String),
 }
 
 /// Writes what happens in this process for the tool.
-pub struct Teller {
+pub struct SummaryWriter {
     queue: SyncSender<Fact>,
     dropped: AtomicU64,
-    writer: Mutex<Writer>,
+    state: Mutex<WriterState>,
 }
 
-struct Writer {
+struct WriterState {
     facts: Receiver<Fact>,
     file: Box<dyn Write + Send>,
     /// By the text of a log message without its figures.
@@ -64,7 +64,7 @@ struct Writer {
 
 /// A kind of log message.
 struct Message {
-    /// [`Line::Said`]'s number.
+    /// [`Line::Message`]'s number.
     id: u32,
     /// How many came.
     times: u64,
@@ -80,14 +80,14 @@ struct WatchedBoard {
     written: BTreeMap<String, u64>,
 }
 
-/// The teller of this process; `None` unless a tool has set [`TOLD`].
-pub fn of_process() -> Option<&'static Teller> {
-    static TELLER: OnceLock<Option<Teller>> = OnceLock::new();
-    let teller = TELLER.get_or_init(|| {
-        let file = open(Path::new(&config::variable(TOLD)?)).ok()?;
-        Some(Teller::to(Box::new(file)))
+/// The writer of this process; `None` unless a tool has set [`FILE_VARIABLE`].
+pub fn of_process() -> Option<&'static SummaryWriter> {
+    static WRITER: OnceLock<Option<SummaryWriter>> = OnceLock::new();
+    let summary_writer = WRITER.get_or_init(|| {
+        let file = open(Path::new(&config::variable(FILE_VARIABLE)?)).ok()?;
+        Some(SummaryWriter::to(Box::new(file)))
     });
-    teller.as_ref()
+    summary_writer.as_ref()
 }
 
 /// Opens the file, which has to exist and to be a regular file, since the tool has made it.
@@ -98,11 +98,11 @@ fn open(path: &Path) -> io::Result<File> {
     OpenOptions::new().append(true).open(path)
 }
 
-impl Teller {
+impl SummaryWriter {
     fn to(file: Box<dyn Write + Send>) -> Self {
         let (queue, facts) = sync_channel(QUEUE_LEN);
         let now = Instant::now();
-        let writer = Writer {
+        let state = WriterState {
             facts,
             file,
             messages: BTreeMap::new(),
@@ -113,17 +113,17 @@ impl Teller {
             counts_written: now,
             dropped: 0,
         };
-        Self { queue, dropped: AtomicU64::new(0), writer: Mutex::new(writer) }
+        Self { queue, dropped: AtomicU64::new(0), state: Mutex::new(state) }
     }
 
     /// Queues a line. Never waits.
-    pub fn tell(&self, line: Line) {
+    pub fn queue_line(&self, line: Line) {
         self.put(Fact::Line(line));
     }
 
     /// Queues a message of the log. Never waits.
-    pub fn say(&self, text: String) {
-        self.put(Fact::Said(text));
+    pub fn queue_message(&self, text: String) {
+        self.put(Fact::Message(text));
     }
 
     fn put(&self, fact: Fact) {
@@ -135,13 +135,13 @@ impl Teller {
     /// Wraps a link that was just opened, so that its frames and counters are watched and reported.
     pub fn watch(&'static self, inner: Arc<dyn Link>) -> Arc<dyn Link> {
         let link = Arc::new(WatchLink::new(inner, self));
-        let mut writer = self.writer();
-        let number = writer.boards_opened;
-        writer.boards_opened += 1;
-        writer.boards.push(WatchedBoard { number, link: Arc::downgrade(&link), written: BTreeMap::new() });
-        if writer.thread.is_none() {
+        let mut state = self.state();
+        let number = state.boards_opened;
+        state.boards_opened += 1;
+        state.boards.push(WatchedBoard { number, link: Arc::downgrade(&link), written: BTreeMap::new() });
+        if state.thread.is_none() {
             // If the system gives no thread the queue is written when the board is closed.
-            writer.thread = threads::spawn("ecmsk-tell", || self.run()).ok();
+            state.thread = threads::spawn("ecmsk-tell", || self.run()).ok();
         }
         link
     }
@@ -155,25 +155,25 @@ impl Teller {
 
     /// Writes the queue, and the counts if they are due. Returns whether a board is open.
     fn write(&self) -> bool {
-        let mut writer = self.writer();
-        let counts_period = (writer.began.elapsed() / COUNTS_PERIOD_FRACTION).clamp(PERIOD, COUNTS_PERIOD_MAX);
-        let with_counts = writer.counts_written.elapsed() >= counts_period;
-        writer.write(self.dropped.load(Ordering::Relaxed), with_counts);
-        !writer.boards.is_empty()
+        let mut state = self.state();
+        let counts_period = (state.began.elapsed() / COUNTS_PERIOD_FRACTION).clamp(PERIOD, COUNTS_PERIOD_MAX);
+        let with_counts = state.counts_written.elapsed() >= counts_period;
+        state.write(self.dropped.load(Ordering::Relaxed), with_counts);
+        !state.boards.is_empty()
     }
 
     /// Writes the queue and the counts.
     pub fn write_all(&self) {
-        self.writer().write(self.dropped.load(Ordering::Relaxed), true);
+        self.state().write(self.dropped.load(Ordering::Relaxed), true);
     }
 
     /// Called when a board was closed: writes the queue and the counts, and ends the thread if no board is open any more,
     /// since the library may be unloaded next.
     pub(super) fn closed(&self) {
         let thread = {
-            let mut writer = self.writer();
-            writer.write(self.dropped.load(Ordering::Relaxed), true);
-            if writer.boards.is_empty() { writer.thread.take() } else { None }
+            let mut state = self.state();
+            state.write(self.dropped.load(Ordering::Relaxed), true);
+            if state.boards.is_empty() { state.thread.take() } else { None }
         };
         if let Some(thread) = thread {
             thread.thread().unpark();
@@ -182,12 +182,12 @@ impl Teller {
         }
     }
 
-    fn writer(&self) -> std::sync::MutexGuard<'_, Writer> {
-        self.writer.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> std::sync::MutexGuard<'_, WriterState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Writer {
+impl WriterState {
     fn write(&mut self, dropped: u64, with_counts: bool) {
         let mut lines = String::new();
         // Processes that the program starts write to the same file.
@@ -196,7 +196,7 @@ impl Writer {
         while let Ok(fact) = self.facts.try_recv() {
             match fact {
                 Fact::Line(line) => add(&line),
-                Fact::Said(text) => {
+                Fact::Message(text) => {
                     let known = self.messages.len();
                     match self.messages.get_mut(&without_figures(&text)) {
                         Some(message) => message.times += 1,
@@ -204,7 +204,7 @@ impl Writer {
                         None => {
                             let id = known as u32;
                             self.messages.insert(without_figures(&text), Message { id, times: 1, times_written: 1 });
-                            add(&Line::Said { id, text });
+                            add(&Line::Message { id, text });
                         }
                     }
                 }
@@ -214,7 +214,7 @@ impl Writer {
             self.counts_written = Instant::now();
             for message in self.messages.values_mut().filter(|message| message.times > message.times_written) {
                 message.times_written = message.times;
-                add(&Line::Again { id: message.id, times: message.times });
+                add(&Line::Repeated { id: message.id, times: message.times });
             }
             for WatchedBoard { number, link, written } in &mut self.boards {
                 let Some(link) = link.upgrade() else { continue };
@@ -278,18 +278,18 @@ mod tests {
     #[test]
     fn the_same_is_told_once() {
         let file = Shared::default();
-        let teller = Teller::to(Box::new(file.clone()));
+        let summary_writer = SummaryWriter::to(Box::new(file.clone()));
         for n in 0..900 {
-            teller.say(format!("CSP in slot {n} rejected at {} us: not now (0x{n:04X})", 1000 * n));
+            summary_writer.queue_message(format!("CSP in slot {n} rejected at {} us: not now (0x{n:04X})", 1000 * n));
         }
-        teller.say("another one".to_owned());
-        teller.write_all();
-        teller.write_all();
+        summary_writer.queue_message("another one".to_owned());
+        summary_writer.write_all();
+        summary_writer.write_all();
         let first = "CSP in slot 0 rejected at 0 us: not now (0x0000)".to_owned();
         let expected = [
-            Line::Said { id: 0, text: first },
-            Line::Said { id: 1, text: "another one".to_owned() },
-            Line::Again { id: 0, times: 900 },
+            Line::Message { id: 0, text: first },
+            Line::Message { id: 1, text: "another one".to_owned() },
+            Line::Repeated { id: 0, times: 900 },
         ];
         assert_eq!(told(&file), expected);
     }
@@ -298,19 +298,19 @@ mod tests {
     #[test]
     fn a_full_queue_drops_and_counts() {
         let file = Shared::default();
-        let teller = Teller::to(Box::new(file.clone()));
+        let summary_writer = SummaryWriter::to(Box::new(file.clone()));
         for _ in 0..QUEUE_LEN + 10 {
-            teller.say("the same".to_owned());
+            summary_writer.queue_message("the same".to_owned());
         }
-        teller.write_all();
+        summary_writer.write_all();
         assert_eq!(told(&file).last(), Some(&Line::Dropped(10)));
         for n in 0..300_u32 {
             // No figures: each is a text of its own.
             let name: String = n.to_string().chars().map(|c| char::from(b'a' + c as u8 - b'0')).collect();
-            teller.say(name);
+            summary_writer.queue_message(name);
         }
-        teller.write_all();
-        let texts = told(&file).iter().filter(|line| matches!(line, Line::Said { .. })).count();
+        summary_writer.write_all();
+        let texts = told(&file).iter().filter(|line| matches!(line, Line::Message { .. })).count();
         assert_eq!((texts, told(&file).last()), (TEXTS_MAX, Some(&Line::Dropped(10 + 101))));
     }
 }

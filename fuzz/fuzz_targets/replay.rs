@@ -9,7 +9,7 @@ mod folder;
 mod frames;
 
 use ecmsk::compare::{Options, Steps, compare_steps};
-use ecmsk::replay::{Files, Replay, ReplayError};
+use ecmsk::replay::{FilesInLink, Replay, ReplayError};
 use ecmsk::sk::SlotSize;
 use folder::Folder;
 use libfuzzer_sys::fuzz_target;
@@ -32,8 +32,8 @@ fuzz_target!(|bytes: &[u8]| {
     let folder = Folder::make();
     let file = folder.write("any.pcapng", frames::recording(link, &frames, choice & 2 == 0));
     let options = Options { ignore_repeats: choice & 4 != 0, ..Options::default() };
-    let opened = Replay::open(&file, None, &options, None, Files::Refused);
-    match opened.and_then(|replay| Ok([replay.halves()?, replay.halves()?, replay.halves()?])) {
+    let opened = Replay::open(&file, None, &options, None, FilesInLink::Refused);
+    match opened.and_then(|replay| Ok([replay.runs()?, replay.runs()?, replay.runs()?])) {
         Ok([(board, model), (_, first), (_, second)]) => {
             assert!(!link.contains("script"), "a file that the recording names");
             let size = board.size();

@@ -8,7 +8,7 @@ pub use timing::{lateness, timer};
 
 /// Whether something is right for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum Verdict {
     /// It is right, or not needed.
     Fine,
     /// It works, and could be improved.
@@ -17,7 +17,7 @@ pub enum State {
     Wrong,
 }
 
-impl State {
+impl Verdict {
     /// The name in the output of `ecmsk doctor`: `ok`, `advice` or `wrong`.
     pub const fn name(self) -> &'static str {
         match self {
@@ -28,7 +28,7 @@ impl State {
     }
 }
 
-impl fmt::Display for State {
+impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
     }
@@ -42,7 +42,7 @@ pub struct Finding {
     /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if it is not about a device.
     pub subject: Option<String>,
     /// Whether it is right.
-    pub state: State,
+    pub verdict: Verdict,
     /// What was found, as a text.
     pub found: String,
     /// What to do about it; `None` if nothing has to be done.
@@ -57,17 +57,17 @@ impl Finding {
     /// A finding that is right.
     pub fn fine(check: &'static str, found: impl Into<String>) -> Self {
         let found = found.into();
-        Self { check, subject: None, state: State::Fine, found, next: None, blocks: false, figures: Vec::new() }
+        Self { check, subject: None, verdict: Verdict::Fine, found, next: None, blocks: false, figures: Vec::new() }
     }
 
     /// A finding that could be improved by `next`.
     pub fn advice(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
-        Self { state: State::Advice, next: Some(next.into()), ..Self::fine(check, found) }
+        Self { verdict: Verdict::Advice, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
     /// A finding that is wrong and corrected by `next`.
     pub fn wrong(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
-        Self { state: State::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
+        Self { verdict: Verdict::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
     /// A finding that is wrong if it `matters`, and otherwise only mentioned.

@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use ecmsk::link::{self, Share};
-use ecmsk::machine::findings::State;
+use ecmsk::machine::findings::Verdict;
 use ecmsk::machine::{Access, Machine};
 use serde_json::Value;
 
@@ -82,14 +82,14 @@ fn the_guest_is_checked() {
     let findings = Machine::here().findings(None);
     let state = |check: &str| {
         let found = findings.iter().find(|finding| finding.check == check);
-        found.map(|finding| finding.state).unwrap_or_else(|| panic!("{check}: {findings:?}"))
+        found.map(|finding| finding.verdict).unwrap_or_else(|| panic!("{check}: {findings:?}"))
     };
     for check in
         ["usb", "usb-configuration", "usb-permission", "usb-holder", "usb-speed", "usb-autosuspend", "usb-power"]
     {
-        assert_eq!(state(check), State::Fine, "{check}: {findings:?}");
+        assert_eq!(state(check), Verdict::Fine, "{check}: {findings:?}");
     }
-    assert_eq!((state("realtime-priority"), state("locked-memory")), (State::Fine, State::Fine), "root");
+    assert_eq!((state("realtime-priority"), state("locked-memory")), (Verdict::Fine, Verdict::Fine), "root");
     let said = objects(&["doctor", "--json"]);
     assert!(said.iter().any(|finding| finding["check"] == "wake-up"), "{said:?}");
     detach_all();

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::ValueHint;
-use ecmsk::machine::findings::{Finding, State, lateness};
+use ecmsk::machine::findings::{Finding, Verdict, lateness};
 use ecmsk::machine::timing::Lateness;
 use serde_json::{Map, Value, json};
 
@@ -64,7 +64,7 @@ pub struct Args {
 const PERIOD: Duration = Duration::from_millis(1);
 const TIMES: usize = 1000;
 
-/// Whether states are coloured.
+/// Whether verdicts are coloured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Paint(bool);
 
@@ -76,12 +76,12 @@ impl Paint {
         Self(std::io::stdout().is_terminal() && set("NO_COLOR").is_none() && !dumb)
     }
 
-    fn state(self, state: State) -> String {
-        let text = format!("{state:<6}");
-        let colour = match state {
-            State::Fine => 32,
-            State::Advice => 33,
-            State::Wrong => 31,
+    fn verdict(self, verdict: Verdict) -> String {
+        let text = format!("{verdict:<6}");
+        let colour = match verdict {
+            Verdict::Fine => 32,
+            Verdict::Advice => 33,
+            Verdict::Wrong => 31,
         };
         if self.0 { format!("\x1b[{colour}m{text}\x1b[0m") } else { text }
     }
@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     } else {
         output::print_coloured(&text(&findings, Paint::of_stdout()))?;
     }
-    let is_wrong = findings.iter().any(|finding| finding.state == State::Wrong);
+    let is_wrong = findings.iter().any(|finding| finding.verdict == Verdict::Wrong);
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
@@ -139,14 +139,14 @@ fn text(findings: &[Finding], paint: Paint) -> String {
     let mut text = String::new();
     for finding in findings {
         // Writing to a String does not fail.
-        let state = paint.state(finding.state);
-        let _ = writeln!(text, "{state}  {:<width$}  {}", name(finding), visible(&finding.found));
-        if let Some(next) = finding.next.as_ref().filter(|_| finding.state != State::Fine) {
+        let verdict = paint.verdict(finding.verdict);
+        let _ = writeln!(text, "{verdict}  {:<width$}  {}", name(finding), visible(&finding.found));
+        if let Some(next) = finding.next.as_ref().filter(|_| finding.verdict != Verdict::Fine) {
             let _ = writeln!(text, "{:<6}  do: {}", "", visible(next));
         }
     }
-    let count = |state| findings.iter().filter(|finding| finding.state == state).count();
-    let (wrong, advice) = (count(State::Wrong), count(State::Advice));
+    let count = |verdict| findings.iter().filter(|finding| finding.verdict == verdict).count();
+    let (wrong, advice) = (count(Verdict::Wrong), count(Verdict::Advice));
     let _ = match wrong {
         0 => writeln!(text, "nothing is wrong, {advice} could be better"),
         _ => writeln!(text, "{wrong} to put right, {advice} could be better"),
@@ -159,7 +159,7 @@ fn lines(findings: &[Finding]) -> String {
         let figures: Map<String, Value> =
             finding.figures.iter().map(|(name, value)| ((*name).to_owned(), (*value).into())).collect();
         let object = json!({
-            "verb": "doctor", "check": finding.check, "subject": finding.subject, "state": finding.state.name(),
+            "verb": "doctor", "check": finding.check, "subject": finding.subject, "state": finding.verdict.name(),
             "found": finding.found, "next": finding.next, "figures": figures,
         });
         format!("{object}\n")

@@ -48,16 +48,16 @@ pub fn lateness(measured: Option<Lateness>) -> Finding {
 
 #[cfg(test)]
 mod tests {
-    use super::super::State;
+    use super::super::Verdict;
     use super::*;
 
     /// TOOL-106 Timers as coarse as a kernel's tick are wrong.
     #[test]
     fn timers() {
-        assert_eq!(timer(Duration::from_nanos(1)).state, State::Fine);
+        assert_eq!(timer(Duration::from_nanos(1)).verdict, Verdict::Fine);
         assert_eq!(timer(Duration::from_nanos(1)).found, "resolution 1ns");
         let coarse = timer(Duration::from_millis(4));
-        assert_eq!((coarse.state, coarse.found.as_str()), (State::Wrong, "resolution 4ms: cycles cannot be kept"));
+        assert_eq!((coarse.verdict, coarse.found.as_str()), (Verdict::Wrong, "resolution 4ms: cycles cannot be kept"));
         assert!(coarse.next.is_some_and(|next| next == FINER));
     }
 
@@ -67,7 +67,7 @@ mod tests {
         let us = Duration::from_micros;
         let measured = |p99, max| Some(Lateness { period: us(1000), p50: us(58), p99, max });
         let good = lateness(measured(us(120), us(900)));
-        assert_eq!(good.state, State::Fine);
+        assert_eq!(good.verdict, Verdict::Fine);
         assert!(
             good.found.contains("58us (half of the times), 120us (99 of 100), 900us (the worst)"),
             "{}",
@@ -76,8 +76,8 @@ mod tests {
         assert!(good.found.contains("a cycle of 1ms a program that is 2 cycles ahead"), "{}", good.found);
         assert_eq!(good.figures, [("p50_us", 58), ("p99_us", 120), ("max_us", 900)]);
         let bad = lateness(measured(us(501), us(7250)));
-        assert_eq!(bad.state, State::Advice);
+        assert_eq!(bad.verdict, Verdict::Advice);
         assert!(bad.found.contains("7.25ms (the worst)") && bad.found.contains("9 cycles ahead"), "{}", bad.found);
-        assert_eq!(lateness(None).state, State::Advice);
+        assert_eq!(lateness(None).verdict, Verdict::Advice);
     }
 }

@@ -1,6 +1,6 @@
 //! A machine with Windows, by what its HID driver tells. Nothing has to be installed, and no special rights are needed.
 
-use super::findings::{Finding, State, timer};
+use super::findings::{Finding, Verdict, timer};
 use super::printable;
 use super::timing::timer_resolution;
 use crate::io::hid::{self, Bus, NotTheBoard, Sysfs, UsbError};
@@ -134,7 +134,7 @@ impl Machine {
                 Finding::fine(BOARD, found).of(&board.path)
             };
             let mut finding = board.obstacle().unwrap_or_else(open);
-            if finding.state == State::Wrong {
+            if finding.verdict == Verdict::Wrong {
                 finding.found = format!("{}: {}", board.shown(), finding.found);
             }
             all.push(finding);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::ValueHint;
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::Machine;
-use ecmsk::machine::findings::{Finding, State};
+use ecmsk::machine::findings::{Finding, Verdict};
 use ecmsk::machine::usb::UsbDevice;
 use serde_json::json;
 
@@ -38,7 +38,7 @@ fn usb(machine: &Machine) -> impl Iterator<Item = Row> {
 }
 
 fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
-    let wrong: Vec<Finding> = findings.into_iter().filter(|finding| finding.state == State::Wrong).collect();
+    let wrong: Vec<Finding> = findings.into_iter().filter(|finding| finding.verdict == Verdict::Wrong).collect();
     let (blocking, others): (Vec<Finding>, Vec<Finding>) = wrong.into_iter().partition(|finding| finding.blocks);
     let facts = json!({
         "path": device.path, "name": device.name, "serial": device.serial, "manufacturer": device.manufacturer,

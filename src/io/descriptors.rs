@@ -19,7 +19,7 @@ const PACKET: u16 = 0x07FF;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportInterface {
     /// bInterfaceNumber.
-    pub interface: u8,
+    pub number: u8,
     /// bEndpointAddress of the endpoint to the host.
     pub input: u8,
     /// bEndpointAddress of the endpoint to the device.

@@ -31,7 +31,7 @@ fn a_board_is_found_by_sysfs() {
         let path = board.usb.file_name().and_then(|name| name.to_str()).expect("a name");
         let device = devices.iter().find(|device| device.path == path).expect("it is found");
         assert_eq!(
-            (device.shape.map(|shape| (shape.input, shape.output)), device.is_high_speed()),
+            (device.interface.map(|interface| (interface.input, interface.output)), device.is_high_speed()),
             (Ok((0x81, 0x02)), true)
         );
         assert_eq!((device.configured, device.authorized, device.over_current), (true, true, 0));

@@ -13,5 +13,5 @@ pub struct FoundDevice {
     /// Whether it runs at high speed, 480 Mbit/s; always `true` on Windows, which does not tell.
     pub high_speed: bool,
     /// The interface of its reports, or why it cannot be a board.
-    pub shape: Result<ReportInterface, NotTheBoard>,
+    pub interface: Result<ReportInterface, NotTheBoard>,
 }

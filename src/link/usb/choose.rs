@@ -17,8 +17,8 @@ pub(super) fn choose<'a>(
     let may_ask = options.serial.is_some() || found.len() > 1;
     let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system, may_ask)).collect();
     let index = one_of(&facts, options).map_err(|reason| LinkError::NoBoard { name: name.to_owned(), reason })?;
-    match found[index].shape {
-        Ok(shape) => Ok((&found[index], shape)),
+    match found[index].interface {
+        Ok(interface) => Ok((&found[index], interface)),
         Err(why) => Err(LinkError::NoBoard { name: name.to_owned(), reason: why.to_string() }),
     }
 }
@@ -28,13 +28,13 @@ struct Facts<'a> {
     path: &'a str,
     serial: Option<String>,
     name: Option<String>,
-    not_one: Option<NotTheBoard>,
+    why_no_board: Option<NotTheBoard>,
 }
 
 impl<'a> Facts<'a> {
     fn of(found: &'a FoundDevice, system: &Sysfs, may_ask: bool) -> Self {
         let (name, serial) = found.texts(system, may_ask);
-        Self { path: &found.path, serial, name, not_one: found.shape.err() }
+        Self { path: &found.path, serial, name, why_no_board: found.interface.err() }
     }
 
     /// `1-2.3 (ECM-SK, serial 7)`.
@@ -53,7 +53,7 @@ impl<'a> Facts<'a> {
 /// The index of the one that fits, or why there is none.
 fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     let fits = |facts: &Facts<'_>| {
-        facts.not_one.is_none()
+        facts.why_no_board.is_none()
             && options
                 .serial
                 .as_deref()
@@ -85,15 +85,15 @@ fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     if let Some(path) = &options.path {
         _ = write!(wanted, " at {path}");
     }
-    let boards: Vec<String> = found.iter().filter(|facts| facts.not_one.is_none()).map(Facts::shown).collect();
+    let boards: Vec<String> = found.iter().filter(|facts| facts.why_no_board.is_none()).map(Facts::shown).collect();
     if !boards.is_empty() {
         return format!("there is none{wanted}, but {}; correct the link", boards.join(", "));
     }
-    if let Some(off) = found.iter().find(|facts| facts.not_one == Some(NotTheBoard::Unconfigured)) {
+    if let Some(off) = found.iter().find(|facts| facts.why_no_board == Some(NotTheBoard::Unconfigured)) {
         return format!("{}: {}", off.shown(), NotTheBoard::Unconfigured);
     }
     let others: Vec<String> =
-        found.iter().filter_map(|facts| Some(format!("{}: {}", facts.shown(), facts.not_one?))).collect();
+        found.iter().filter_map(|facts| Some(format!("{}: {}", facts.shown(), facts.why_no_board?))).collect();
     if others.is_empty() {
         return format!("there is none{wanted}; plug it in, set CONFIG0 to USB, and give it power enough");
     }
@@ -108,7 +108,7 @@ mod tests {
     const ANY: UsbOptions = UsbOptions { vendor: 0, product: 0, serial: None, path: None, transfers: 8 };
 
     fn board<'a>(path: &'a str, serial: &'a str) -> Facts<'a> {
-        Facts { path, serial: Some(serial.into()), name: Some("ECM-SK".into()), not_one: None }
+        Facts { path, serial: Some(serial.into()), name: Some("ECM-SK".into()), why_no_board: None }
     }
 
     fn with(serial: Option<&str>, path: Option<&str>) -> UsbOptions {
@@ -122,7 +122,7 @@ mod tests {
             path: "1-1",
             serial: None,
             name: Some("Relay".into()),
-            not_one: Some(NotTheBoard::OtherReports),
+            why_no_board: Some(NotTheBoard::OtherReports),
         };
         assert_eq!(one_of(&[other(), board("1-2", "7")], &ANY), Ok(1));
         let why = one_of(&[other()], &ANY).unwrap_err();
@@ -146,8 +146,8 @@ mod tests {
     /// WIRE-80, SK-9.17 A board without power is named before devices that are none.
     #[test]
     fn a_board_that_is_off_says_why() {
-        let off = Facts { not_one: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };
-        let relay = Facts { path: "1-1", serial: None, name: None, not_one: Some(NotTheBoard::NoHid) };
+        let off = Facts { why_no_board: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };
+        let relay = Facts { path: "1-1", serial: None, name: None, why_no_board: Some(NotTheBoard::NoHid) };
         let why = one_of(&[relay, off], &ANY).unwrap_err();
         assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not switched it on"), "{why}");
         assert!(why.ends_with("a hub with a power supply of its own"), "{why}");

@@ -60,12 +60,12 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Re
     let bus = Bus::open().map_err(unusable)?;
     let found = hid::find(&bus, options.vendor, options.product).map_err(|error| unusable(error.into()))?;
     let system = Sysfs::of_this_machine();
-    let (board, shape) = choose(&name, &found, &options, &system)?;
+    let (board, interface) = choose(&name, &found, &options, &system)?;
     for remark in system.warnings(&board.path, board.high_speed) {
         log::warn!("the board at {}: {remark}", board.path);
     }
-    let limits = PipeOptions { transfers: options.transfers, queue: common.queue, may_pause_input: uncounted };
-    let pipe = Pipe::open(board, shape, limits).map_err(|error| refused(&name, board, error, &system))?;
+    let pipe_options = PipeOptions { transfers: options.transfers, queue: common.queue, may_pause_input: uncounted };
+    let pipe = Pipe::open(board, interface, pipe_options).map_err(|error| refused(&name, board, error, &system))?;
     let over_currents = system.over_currents(&board.path);
     let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };
     let info = LinkInfo {

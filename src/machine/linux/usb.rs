@@ -3,7 +3,7 @@
 
 mod descriptors;
 
-pub use descriptors::shape;
+pub use descriptors::report_interface;
 
 use super::Machine;
 pub use crate::io::descriptors::{NotTheBoard, ReportInterface};
@@ -28,7 +28,7 @@ pub struct UsbDevice {
     /// The manufacturer.
     pub manufacturer: Option<String>,
     /// The interface of its reports, or why it cannot be a board.
-    pub shape: Result<ReportInterface, NotTheBoard>,
+    pub interface: Result<ReportInterface, NotTheBoard>,
     /// The device file that libusb opens, such as `/dev/bus/usb/001/004`; `None` if the kernel does not tell it.
     pub node: Option<String>,
     /// The speed in Mbit/s; `480` is high speed.
@@ -145,7 +145,7 @@ impl Machine {
             name: attribute("product"),
             serial: attribute("serial"),
             manufacturer: attribute("manufacturer"),
-            shape: shape(&bytes, configuration),
+            interface: report_interface(&bytes, configuration),
             node: bus.zip(device).map(|(bus, device)| format!("/dev/bus/usb/{bus:03}/{device:03}")),
             speed: attribute("speed"),
             configured: configuration.is_some(),

@@ -26,7 +26,7 @@ pub struct Board {
     /// The serial number, safe to print.
     pub serial: Option<String>,
     /// Why it cannot be a board; `None` if it is one.
-    pub not_one: Option<NotTheBoard>,
+    pub why_no_board: Option<NotTheBoard>,
     /// Why Windows does not open it; `None` if it does.
     pub refused: Option<UsbError>,
 }
@@ -82,7 +82,7 @@ impl Machine {
             .map(|found| {
                 let (name, serial) = found.texts(&system, true);
                 Board {
-                    not_one: found.shape.err(),
+                    why_no_board: found.interface.err(),
                     refused: found.refused(),
                     name: name.as_deref().map(printable),
                     serial: serial.as_deref().map(printable),
@@ -116,9 +116,9 @@ impl Machine {
             }
         };
         let mut all = Vec::new();
-        let (others, boards): (Vec<_>, Vec<_>) = devices.into_iter().partition(|device| device.not_one.is_some());
+        let (others, boards): (Vec<_>, Vec<_>) = devices.into_iter().partition(|device| device.why_no_board.is_some());
         for other in &others {
-            let why = other.not_one.map(|why| why.to_string()).unwrap_or_default();
+            let why = other.why_no_board.map(|why| why.to_string()).unwrap_or_default();
             all.push(Finding::fine(USB, format!("another device with the board's ids: {why}")).of(&other.path));
         }
         if boards.is_empty() {

@@ -32,7 +32,7 @@ fn usb(machine: &Machine) -> impl Iterator<Item = Row> {
     let files: Vec<String> = devices.iter().flat_map(UsbDevice::files).collect();
     let (holders, rule) = (machine.holders(&files), machine.udev_rule());
     devices.into_iter().map(move |device| {
-        let findings = device.shape.is_ok().then(|| machine.board_findings(&device, &holders, &rule));
+        let findings = device.interface.is_ok().then(|| machine.board_findings(&device, &holders, &rule));
         usb_row(&device, findings.unwrap_or_default())
     })
 }
@@ -43,11 +43,11 @@ fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
     let facts = json!({
         "path": device.path, "name": device.name, "serial": device.serial, "manufacturer": device.manufacturer,
         "speed_mbit_per_s": device.speed.as_deref().and_then(|speed| speed.parse::<f64>().ok()),
-        "board": device.shape.is_ok(),
+        "board": device.interface.is_ok(),
     });
     let name = device.name.as_deref().unwrap_or("a board without a name");
     let serial = device.serial.as_ref().map_or(String::new(), |serial| format!(", serial {serial}"));
-    let (link, what, obstacle) = match device.shape {
+    let (link, what, obstacle) = match device.interface {
         Ok(_) => (Some(device.link()), format!("{name}{serial}"), None),
         Err(why) => (None, format!("{} at {}", device.shown().unwrap_or("a device".into()), device.path), Some(why)),
     };

@@ -35,7 +35,7 @@ pub fn rows(_: &SystemArgs) -> Vec<Row> {
 fn row(board: &Board) -> Row {
     let obstacle = board.obstacle();
     let facts = json!({
-        "path": board.path, "name": board.name, "serial": board.serial, "board": board.not_one.is_none(),
+        "path": board.path, "name": board.name, "serial": board.serial, "board": board.why_no_board.is_none(),
     });
     let row = |link, what, why| Row {
         scheme: Scheme::Usb,
@@ -46,7 +46,7 @@ fn row(board: &Board) -> Row {
         next: Vec::new(),
         facts,
     };
-    match board.not_one {
+    match board.why_no_board {
         Some(why) => row(None, format!("{} at {}", board.shown(), board.path), Some(why.to_string())),
         None => Row {
             next: obstacle.iter().filter_map(|finding| finding.next.clone()).collect(),

@@ -14,14 +14,14 @@ struct LibusbBackend {
     output: Transfer,
     claim: Mutex<Option<Claim>>,
     handle: Arc<Handle>,
-    shape: ReportInterface,
+    interface: ReportInterface,
 }
 
 impl Device {
     /// Opens the device and claims its interface, which detaches the kernel's driver until it is released.
     pub(in crate::io::hid) fn open_backend(
         &self,
-        shape: ReportInterface,
+        interface: ReportInterface,
         transfers: usize,
         listener: &Arc<impl TransferListener + 'static>,
     ) -> Result<Arc<dyn Backend>, UsbError> {
@@ -31,12 +31,12 @@ impl Device {
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error),
         }
-        let claim = Mutex::new(Some(Claim::new(&handle, shape.interface)?));
+        let claim = Mutex::new(Some(Claim::new(&handle, interface.number)?));
         let transfer =
             |endpoint, number| Transfer::new(&handle, endpoint, number, listener.clone()).ok_or(UsbError::NoMemory);
-        let inputs = (0..transfers).map(|number| transfer(shape.input, number)).collect::<Result<Vec<_>, _>>()?;
-        let output = transfer(shape.output, 0)?;
-        Ok(Arc::new(LibusbBackend { inputs, output, claim, handle, shape }))
+        let inputs = (0..transfers).map(|number| transfer(interface.input, number)).collect::<Result<Vec<_>, _>>()?;
+        let output = transfer(interface.output, 0)?;
+        Ok(Arc::new(LibusbBackend { inputs, output, claim, handle, interface }))
     }
 }
 
@@ -78,12 +78,12 @@ impl Backend for LibusbBackend {
 
     fn clear_input_halt(&self) {
         // If the endpoint stalls again the next transfer reports it.
-        let _ = self.handle.clear_halt(self.shape.input);
+        let _ = self.handle.clear_halt(self.interface.input);
     }
 
     fn clear_output_halt(&self) {
         // If the endpoint stalls again the next transfer reports it.
-        let _ = self.handle.clear_halt(self.shape.output);
+        let _ = self.handle.clear_halt(self.interface.output);
     }
 
     fn release(&self) {

@@ -27,14 +27,14 @@ impl FoundDevice {
 }
 
 fn look(device: Device) -> FoundDevice {
-    let shape = match device.interfaces() {
-        Ok(interfaces) => shape(&interfaces),
+    let interface = match device.interfaces() {
+        Ok(interfaces) => report_interface(&interfaces),
         Err(UsbError::NotFound) => Err(NotTheBoard::Unconfigured),
         Err(_) => Err(NotTheBoard::Descriptors),
     };
     let node = device.node();
     let path = path(node.0, &device.ports());
-    FoundDevice { path, node, high_speed: device.high_speed(), shape, device }
+    FoundDevice { path, node, high_speed: device.high_speed(), interface, device }
 }
 
 fn path(bus: u8, ports: &[u8]) -> String {
@@ -42,7 +42,7 @@ fn path(bus: u8, ports: &[u8]) -> String {
     format!("{bus}-{ports}")
 }
 
-fn shape(interfaces: &[Interface]) -> Result<ReportInterface, NotTheBoard> {
+fn report_interface(interfaces: &[Interface]) -> Result<ReportInterface, NotTheBoard> {
     let mut why = NotTheBoard::NoHid;
     for interface in interfaces.iter().filter(|interface| interface.class == HID) {
         why = NotTheBoard::OtherReports;
@@ -53,7 +53,7 @@ fn shape(interfaces: &[Interface]) -> Result<ReportInterface, NotTheBoard> {
             endpoints.next().map(|endpoint| endpoint.address)
         };
         if let (Some(input), Some(output)) = (endpoint(true), endpoint(false)) {
-            return Ok(ReportInterface { interface: interface.number, input, output });
+            return Ok(ReportInterface { number: interface.number, input, output });
         }
     }
     Err(why)
@@ -83,11 +83,11 @@ mod tests {
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
         let storage = Interface { number: 0, class: 8, endpoints: vec![input, output] };
-        let board = ReportInterface { interface: 1, input: 0x81, output: 0x02 };
-        assert_eq!(shape(&[storage.clone(), hid(&[input, output])]), Ok(board));
-        assert_eq!(shape(&[hid(&[]), hid(&[output, endpoint(0x83, 2, 512), input])]), Ok(board));
-        assert_eq!(shape(&[]), Err(NotTheBoard::NoHid));
-        assert_eq!(shape(&[storage]), Err(NotTheBoard::NoHid));
+        let board = ReportInterface { number: 1, input: 0x81, output: 0x02 };
+        assert_eq!(report_interface(&[storage.clone(), hid(&[input, output])]), Ok(board));
+        assert_eq!(report_interface(&[hid(&[]), hid(&[output, endpoint(0x83, 2, 512), input])]), Ok(board));
+        assert_eq!(report_interface(&[]), Err(NotTheBoard::NoHid));
+        assert_eq!(report_interface(&[storage]), Err(NotTheBoard::NoHid));
         let others = [
             vec![],
             vec![input],
@@ -98,7 +98,7 @@ mod tests {
             vec![input, endpoint(0x02, 3, 513)],
         ];
         for endpoints in others {
-            assert_eq!(shape(&[hid(&endpoints)]), Err(NotTheBoard::OtherReports), "{endpoints:?}");
+            assert_eq!(report_interface(&[hid(&endpoints)]), Err(NotTheBoard::OtherReports), "{endpoints:?}");
         }
     }
 }

@@ -9,7 +9,7 @@ use super::super::libusb::status;
 use super::super::reports::EVENTS_FAILED;
 use super::*;
 
-const SHAPE: ReportInterface = ReportInterface { interface: 0, input: 0x81, output: 0x02 };
+const INTERFACE_OF_BOARD: ReportInterface = ReportInterface { number: 0, input: 0x81, output: 0x02 };
 const LIMITS: PipeOptions = PipeOptions { transfers: 3, queue: 4, may_pause_input: false };
 const NOTHING_LEFT: [isize; 5] = [0; 5];
 const SOON: Option<Duration> = Some(Duration::from_millis(20));
@@ -17,8 +17,8 @@ const SOON: Option<Duration> = Some(Duration::from_millis(20));
 #[track_caller]
 fn open(world: &'static FakeUsb) -> Pipe {
     let found = world.found();
-    assert_eq!((found.shape, found.path.as_str(), found.node), (Ok(SHAPE), "9-2", (9, 7)));
-    Pipe::open(&found, SHAPE, LIMITS).expect("it opens")
+    assert_eq!((found.interface, found.path.as_str(), found.node), (Ok(INTERFACE_OF_BOARD), "9-2", (9, 7)));
+    Pipe::open(&found, INTERFACE_OF_BOARD, LIMITS).expect("it opens")
 }
 
 /// A listener with a defect.
@@ -45,7 +45,7 @@ impl crate::io::hid::backend::TransferListener for Panics {
 fn a_panic_in_the_callback_does_not_end_the_program() {
     let world = FakeUsb::new();
     let listener = Arc::new(Panics::default());
-    let backend = world.found().device.open_backend(SHAPE, 1, &listener).expect("it opens");
+    let backend = world.found().device.open_backend(INTERFACE_OF_BOARD, 1, &listener).expect("it opens");
     backend.submit_input(0).expect("it is handed over");
     world.send(status::COMPLETED, &[1; 512]);
     while !*listener.lost.lock() {
@@ -254,7 +254,7 @@ fn a_stall_of_the_board_ends_every_read() {
     assert_eq!(pipe.write(&[0; REPORT_LEN], None), Err(PipeError::Lost(why)));
     assert!(world.halts_cleared().is_empty());
     pipe.close();
-    assert_eq!(world.halts_cleared(), [SHAPE.input]);
+    assert_eq!(world.halts_cleared(), [INTERFACE_OF_BOARD.input]);
     drop(pipe);
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
@@ -266,7 +266,7 @@ fn a_stall_of_a_write_is_an_error_of_that_write() {
     let pipe = open(world);
     world.set_takes(Takes::Nothing);
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Stalled));
-    assert_eq!(world.halts_cleared(), [SHAPE.output]);
+    assert_eq!(world.halts_cleared(), [INTERFACE_OF_BOARD.output]);
     world.set_takes(Takes::All);
     assert_eq!(pipe.write(&[2; REPORT_LEN], None), Ok(()));
     world.send(status::COMPLETED, &[7; 512]);
@@ -313,8 +313,8 @@ fn a_cable_cut_at_any_moment_ends_every_call() {
         let found = super::super::find(&bus, fake::VENDOR, fake::PRODUCT)?.pop();
         let found = found.ok_or(UsbError::NoDevice)?;
         // Its descriptors are not there any more.
-        let shape = found.shape.map_err(|_| UsbError::NoDevice)?;
-        let pipe = Pipe::open(&found, shape, LIMITS)?;
+        let interface = found.interface.map_err(|_| UsbError::NoDevice)?;
+        let pipe = Pipe::open(&found, interface, LIMITS)?;
         world.send(status::COMPLETED, &[1; 512]);
         let mut all = Ok(());
         for _ in 0..2 {
@@ -420,7 +420,7 @@ fn an_open_that_fails_leaves_nothing() {
         let world = FakeUsb::new();
         world.answer(name, code);
         let found = world.found();
-        let refused = Pipe::open(&found, SHAPE, LIMITS).map(drop);
+        let refused = Pipe::open(&found, INTERFACE_OF_BOARD, LIMITS).map(drop);
         assert_eq!(refused, Err(error), "{name}");
         drop(found);
         assert_eq!(world.leaked(), NOTHING_LEFT, "{name}");
@@ -439,7 +439,7 @@ fn a_device_without_descriptors_is_no_board() {
     for (code, why) in [(-5, NotTheBoard::Unconfigured), (-1, NotTheBoard::Descriptors)] {
         let world = FakeUsb::new();
         world.answer("configuration", code);
-        assert_eq!(world.found().shape, Err(why));
+        assert_eq!(world.found().interface, Err(why));
     }
     assert!(NotTheBoard::Unconfigured.to_string().contains("too little power"));
     let world = FakeUsb::new();

@@ -36,7 +36,7 @@ impl Device {
     /// Opens the device shared: every handle gets every report.
     pub fn open_backend(
         &self,
-        _shape: ReportInterface,
+        _interface: ReportInterface,
         transfers: usize,
         listener: &Arc<impl TransferListener + 'static>,
     ) -> Result<Arc<dyn Backend>, UsbError> {

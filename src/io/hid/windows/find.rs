@@ -31,7 +31,7 @@ pub struct ReportInterface(());
 pub(super) struct Candidate {
     pub device: Device,
     pub instance: String,
-    pub shape: Result<ReportInterface, NotTheBoard>,
+    pub interface: Result<ReportInterface, NotTheBoard>,
 }
 
 /// All devices with this vendor and product id. Nothing is sent to any of them.
@@ -41,8 +41,8 @@ pub(super) struct Candidate {
 #[cfg(windows)]
 pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice>, UsbError> {
     let found = candidates(bus, vendor, product)?.into_iter().map(|candidate| {
-        let Candidate { device, instance, shape } = candidate;
-        FoundDevice { device, path: instance, node: (0, 0), high_speed: true, shape }
+        let Candidate { device, instance, interface } = candidate;
+        FoundDevice { device, path: instance, node: (0, 0), high_speed: true, interface }
     });
     Ok(found.collect())
 }
@@ -70,18 +70,18 @@ pub(super) fn candidates(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Ve
         let Some(named) = named.filter(|named| (named.vendor, named.product) == (vendor, product)) else { continue };
         let device = Device { bus: bus.clone(), path, serial: serial(bus, node) };
         // A device that is unplugged meanwhile is left out.
-        let shape = match device.capabilities() {
-            Ok(capabilities) => shape(&capabilities),
+        let interface = match device.capabilities() {
+            Ok(capabilities) => report_interface(&capabilities),
             Err(UsbError::NoDevice) => continue,
             Err(_) => Err(NotTheBoard::Descriptors),
         };
-        found.push(Candidate { device, instance: named.instance, shape });
+        found.push(Candidate { device, instance: named.instance, interface });
     }
     found.sort_by(|a, b| a.instance.cmp(&b.instance));
     Ok(found)
 }
 
-fn shape(capabilities: &Capabilities) -> Result<ReportInterface, NotTheBoard> {
+fn report_interface(capabilities: &Capabilities) -> Result<ReportInterface, NotTheBoard> {
     let both = [capabilities.input_len, capabilities.output_len].map(usize::from);
     if both == [NUMBERED_LEN; 2] { Ok(ReportInterface(())) } else { Err(NotTheBoard::OtherReports) }
 }

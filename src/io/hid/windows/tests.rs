@@ -23,8 +23,8 @@ fn try_open(world: &'static FakeWindows) -> Result<Pipe, PipeError> {
 fn open_with(world: &'static FakeWindows, limits: PipeOptions) -> Result<Pipe, PipeError> {
     let candidate = world.candidates().expect("it lists").pop().expect("it is there");
     let shared = Arc::new(Shared::new(limits));
-    let shape = candidate.shape.expect("a board");
-    let backend = candidate.device.open_backend(shape, TRANSFERS, &shared)?;
+    let interface = candidate.interface.expect("a board");
+    let backend = candidate.device.open_backend(interface, TRANSFERS, &shared)?;
     Pipe::with_backend(backend, shared)
 }
 
@@ -46,7 +46,7 @@ fn a_board_is_found_by_its_names() {
     };
     let world = FakeWindows::new(vec![composite, keyboard, relay, BOARD]);
     let found = world.candidates().expect("it lists");
-    let seen: Vec<_> = found.iter().map(|one| (one.instance.as_str(), one.shape.err())).collect();
+    let seen: Vec<_> = found.iter().map(|one| (one.instance.as_str(), one.interface.err())).collect();
     let expected = [("7-1a2b-0-0000", None), ("7-2-0-0000", Some(NotTheBoard::OtherReports)), ("8-4-0-0000", None)];
     assert_eq!(seen, expected);
     assert!(world.opened().iter().all(|path| path.contains("vid_16c0")), "{:?}", world.opened());
@@ -219,7 +219,7 @@ fn an_open_that_fails_leaves_nothing() {
     world.pull(1167);
     let shared = Arc::new(Shared::new(LIMITS));
     let device = &found[0].device;
-    let refused = device.open_backend(found[0].shape.expect("a board"), TRANSFERS, &shared).map(drop);
+    let refused = device.open_backend(found[0].interface.expect("a board"), TRANSFERS, &shared).map(drop);
     assert_eq!(refused, Err(UsbError::NoDevice));
     drop(found);
     assert_eq!(world.leaked(), 0);

@@ -21,7 +21,7 @@ impl Machine {
     pub(super) fn usb_findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let wanted = wanted.filter(|link| link.scheme() == Scheme::Usb);
         let devices = self.usb_devices();
-        let (boards, others): (Vec<_>, Vec<_>) = devices.into_iter().partition(|device| device.shape.is_ok());
+        let (boards, others): (Vec<_>, Vec<_>) = devices.into_iter().partition(|device| device.interface.is_ok());
         let mut all = vec![self.presence(&boards, &others, wanted)];
         let rule = self.udev_rule();
         let files: Vec<String> = boards.iter().flat_map(UsbDevice::files).collect();

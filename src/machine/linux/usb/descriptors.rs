@@ -17,7 +17,7 @@ const DEVICE_LEN: usize = 18;
 ///
 /// # Errors
 /// Why the device cannot be a board.
-pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface, NotTheBoard> {
+pub fn report_interface(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface, NotTheBoard> {
     let mut rest = bytes.split_at_checked(DEVICE_LEN).ok_or(NotTheBoard::Descriptors).and_then(|(device, rest)| {
         let is_device = usize::from(device[0]) == DEVICE_LEN && device[1] == DEVICE;
         if is_device { Ok(rest) } else { Err(NotTheBoard::Descriptors) }
@@ -50,8 +50,8 @@ pub fn shape(bytes: &[u8], configuration: Option<u8>) -> Result<ReportInterface,
                 let fits = carries_reports(*attributes, u16::from_le_bytes([*low, *high]));
                 if let Some(setting) = setting.as_mut().filter(|_| fits) {
                     setting.take(*address);
-                    if let Some(shape) = setting.shape() {
-                        return Ok(shape);
+                    if let Some(interface) = setting.report_interface() {
+                        return Ok(interface);
                     }
                 }
             }
@@ -84,8 +84,8 @@ impl Setting {
         end.get_or_insert(address);
     }
 
-    fn shape(&self) -> Option<ReportInterface> {
-        Some(ReportInterface { interface: self.interface, input: self.input?, output: self.output? })
+    fn report_interface(&self) -> Option<ReportInterface> {
+        Some(ReportInterface { number: self.interface, input: self.input?, output: self.output? })
     }
 }
 
@@ -122,22 +122,29 @@ mod tests {
         [device(), configuration(1), interface(0, HID), HID_DESCRIPTOR.to_vec(), ends].concat()
     }
 
-    const SHAPE: ReportInterface = ReportInterface { interface: 0, input: 0x81, output: 0x02 };
+    const INTERFACE_OF_BOARD: ReportInterface = ReportInterface { number: 0, input: 0x81, output: 0x02 };
 
     /// TOOL-97, WIRE-17, SK-9.2 A HID interface with interrupt endpoints of 512 bytes both ways is a board, whether it is
     /// configured or not; anything less is none.
     #[test]
     fn a_board_is_told_from_other_devices() {
-        assert_eq!((shape(&board(), Some(1)), shape(&board(), None)), (Ok(SHAPE), Ok(SHAPE)));
+        assert_eq!(
+            (report_interface(&board(), Some(1)), report_interface(&board(), None)),
+            (Ok(INTERFACE_OF_BOARD), Ok(INTERFACE_OF_BOARD))
+        );
         let with = |class, ends: &[Vec<u8>]| {
             let bytes = [device(), configuration(1), interface(0, class), ends.concat()].concat();
-            shape(&bytes, Some(1))
+            report_interface(&bytes, Some(1))
         };
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
         assert_eq!(with(HID, std::slice::from_ref(&input)), Err(NotTheBoard::OtherReports));
         assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 2, 512)]), Err(NotTheBoard::OtherReports), "bulk");
         assert_eq!(with(HID, &[input.clone(), endpoint(0x02, 3, 64)]), Err(NotTheBoard::OtherReports));
-        assert_eq!(with(HID, &[endpoint(0x81, 3, 512 | 1 << 11), output.clone()]), Ok(SHAPE), "two in a microframe");
+        assert_eq!(
+            with(HID, &[endpoint(0x81, 3, 512 | 1 << 11), output.clone()]),
+            Ok(INTERFACE_OF_BOARD),
+            "two in a microframe"
+        );
         assert_eq!(with(HID, &[endpoint(0x81, 3, 8)]), Err(NotTheBoard::OtherReports), "a relay card");
         assert_eq!(with(0xFF, &[input, output]), Err(NotTheBoard::NoHid));
         assert_eq!(with(HID, &[]), Err(NotTheBoard::OtherReports));
@@ -148,13 +155,20 @@ mod tests {
     fn the_active_configuration_counts() {
         let hobby = [configuration(2), interface(0, 0xFF)].concat();
         let both = [board(), hobby].concat();
-        assert_eq!((shape(&both, Some(1)), shape(&both, Some(2))), (Ok(SHAPE), Err(NotTheBoard::NoHid)));
-        assert_eq!(shape(&both, Some(3)), Err(NotTheBoard::Descriptors));
+        assert_eq!(
+            (report_interface(&both, Some(1)), report_interface(&both, Some(2))),
+            (Ok(INTERFACE_OF_BOARD), Err(NotTheBoard::NoHid))
+        );
+        assert_eq!(report_interface(&both, Some(3)), Err(NotTheBoard::Descriptors));
         let halves = [
             [device(), configuration(1), interface(0, HID), endpoint(0x81, 3, 512)].concat(),
             [interface(1, HID), endpoint(0x02, 3, 512)].concat(),
         ];
-        assert_eq!(shape(&halves.concat(), None), Err(NotTheBoard::OtherReports), "both ends belong to one interface");
+        assert_eq!(
+            report_interface(&halves.concat(), None),
+            Err(NotTheBoard::OtherReports),
+            "both ends belong to one interface"
+        );
     }
 
     /// TOOL-97 Descriptors that lie about their length, or end early, are an error and no panic.
@@ -162,12 +176,12 @@ mod tests {
     fn descriptors_that_lie() {
         let board = board();
         for cut in 0..board.len() {
-            assert!(shape(&board[..cut], Some(1)).is_err(), "cut at {cut}");
+            assert!(report_interface(&board[..cut], Some(1)).is_err(), "cut at {cut}");
         }
         for (at, len) in [(18, 0), (18, 1), (27, 200), (0, 17)] {
             let mut lying = board.clone();
             lying[at] = len;
-            assert_eq!(shape(&lying, Some(1)), Err(NotTheBoard::Descriptors), "{len} at {at}");
+            assert_eq!(report_interface(&lying, Some(1)), Err(NotTheBoard::Descriptors), "{len} at {at}");
         }
     }
 
@@ -180,15 +194,15 @@ mod tests {
 
         let descriptors = Descriptors::new(&Identity::default()).expect("a valid identity");
         let part = |kind| descriptors.get(kind, 0).expect("it has one").to_vec();
-        assert_eq!(shape(&[part(DEVICE), part(CONFIGURATION)].concat(), Some(1)), Ok(SHAPE));
+        assert_eq!(report_interface(&[part(DEVICE), part(CONFIGURATION)].concat(), Some(1)), Ok(INTERFACE_OF_BOARD));
     }
 
     proptest! {
-        /// TOOL-97 Whatever bytes a device sends, they are a shape or a reason.
+        /// TOOL-97 Whatever bytes a device sends, they give an interface or a reason.
         #[test]
         fn any_bytes(tail in proptest::collection::vec(any::<u8>(), 0..300), number in any::<Option<u8>>()) {
-            let _ = shape(&tail, number);
-            if let Ok(found) = shape(&[device(), configuration(1), tail].concat(), Some(1)) {
+            let _ = report_interface(&tail, number);
+            if let Ok(found) = report_interface(&[device(), configuration(1), tail].concat(), Some(1)) {
                 prop_assert!(found.input & TO_HOST != 0 && found.output & TO_HOST == 0);
             }
         }

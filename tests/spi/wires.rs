@@ -107,11 +107,11 @@ impl Wires for Held {
         Ok(())
     }
 
-    fn has_busy(&self) -> bool {
+    fn has_busy_line(&self) -> bool {
         self.0.lock().busy != Busy::None
     }
 
-    fn busy(&mut self) -> Result<bool, WireError> {
+    fn is_busy(&mut self) -> Result<bool, WireError> {
         let state = self.0.lock();
         Ok(match state.busy {
             Busy::True => state.face.is_busy(),
@@ -122,7 +122,7 @@ impl Wires for Held {
 
     fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
         let began = Instant::now();
-        while self.busy()? {
+        while self.is_busy()? {
             if began.elapsed() >= limit {
                 return Ok(false);
             }
@@ -131,7 +131,7 @@ impl Wires for Held {
         Ok(true)
     }
 
-    fn has_fallen(&mut self) -> Result<bool, WireError> {
+    fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
         Ok(std::mem::take(&mut self.0.lock().fallen))
     }
 

@@ -69,11 +69,11 @@ impl Wires for Device {
         })
     }
 
-    fn has_busy(&self) -> bool {
+    fn has_busy_line(&self) -> bool {
         self.busy.is_some()
     }
 
-    fn busy(&mut self) -> Result<bool, WireError> {
+    fn is_busy(&mut self) -> Result<bool, WireError> {
         self.busy.as_ref().map_or(Ok(false), BusyLine::is_high)
     }
 
@@ -81,7 +81,7 @@ impl Wires for Device {
         self.busy.as_mut().map_or(Ok(true), |busy| busy.wait_low(limit))
     }
 
-    fn has_fallen(&mut self) -> Result<bool, WireError> {
+    fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
         self.busy.as_mut().map_or(Ok(false), BusyLine::has_fallen)
     }
 

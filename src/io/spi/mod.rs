@@ -22,13 +22,13 @@ pub trait Wires: Send {
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
 
     /// Whether a BUSY line is wired, which is low when the next exchange may begin.
-    fn has_busy(&self) -> bool;
+    fn has_busy_line(&self) -> bool;
 
     /// Whether the BUSY line is high; `false` if none is wired.
     ///
     /// # Errors
     /// [`WireError`].
-    fn busy(&mut self) -> Result<bool, WireError>;
+    fn is_busy(&mut self) -> Result<bool, WireError>;
 
     /// Waits until the BUSY line is low, for at most `limit`; whether it is. It may have fallen and risen again meanwhile.
     ///
@@ -40,7 +40,7 @@ pub trait Wires: Send {
     ///
     /// # Errors
     /// [`WireError`].
-    fn has_fallen(&mut self) -> Result<bool, WireError>;
+    fn busy_has_fallen(&mut self) -> Result<bool, WireError>;
 
     /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
     ///

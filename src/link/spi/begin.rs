@@ -61,8 +61,8 @@ pub(super) fn begin(
                     if !wires.wait_ready(options.busy_limit).map_err(|error| refused(name, error))? {
                         return Err(no_board(busy_is_high(options.busy_limit)));
                     }
-                    rises |= wires.has_fallen().map_err(|error| refused(name, error))?;
-                    if wires.has_busy() && !rises {
+                    rises |= wires.busy_has_fallen().map_err(|error| refused(name, error))?;
+                    if wires.has_busy_line() && !rises {
                         return Err(no_board(BUSY_IS_LOW.to_owned()));
                     }
                     return Ok(response);
@@ -80,7 +80,7 @@ pub(super) fn begin(
         if let Some(lie) = lie {
             invalid += 1;
             // Without BUSY, a board that is starting up answers zeros.
-            let may_start = lie == Lie::Zeros && !wires.has_busy();
+            let may_start = lie == Lie::Zeros && !wires.has_busy_line();
             if (invalid >= INVALID_ANSWERS_MAX && !may_start) || began.elapsed() >= options.open_limit {
                 return Err(no_board(lie.to_string()));
             }

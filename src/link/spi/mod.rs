@@ -111,7 +111,7 @@ impl SpiLink {
     ) -> Result<Self, LinkError> {
         let mut judge = Judge::new(options.slot);
         let first = begin(name, &mut *wires, &options, &mut judge)?;
-        let busy = wires.has_busy();
+        let busy = wires.has_busy_line();
         let mut pacer = Pacer::new(PacerOptions {
             slot: options.slot,
             cycle: options.cycle,

@@ -124,11 +124,11 @@ impl Runner {
         self.wires.exchange(command.wire(size), &mut answer.bytes_mut()[..size.frame_len()])?;
         self.pacer.ended(self.shared.now());
         self.publish_counts();
-        if self.wires.has_busy() {
+        if self.wires.has_busy_line() {
             *since_edge += 1;
             if *since_edge >= EXCHANGES_PER_EDGE_CHECK {
                 *since_edge = 0;
-                if !self.wires.has_fallen()? {
+                if !self.wires.busy_has_fallen()? {
                     return Err(EndReason::Lost(BUSY_IS_LOW.to_owned()));
                 }
             }
@@ -166,7 +166,7 @@ impl Runner {
 
     /// Waits until BUSY is low.
     fn wait_ready(&mut self) -> Result<(), EndReason> {
-        if !self.wires.busy()? {
+        if !self.wires.is_busy()? {
             return Ok(());
         }
         let began = Instant::now();
@@ -246,11 +246,11 @@ mod tests {
             Ok(())
         }
 
-        fn has_busy(&self) -> bool {
+        fn has_busy_line(&self) -> bool {
             true
         }
 
-        fn busy(&mut self) -> Result<bool, WireError> {
+        fn is_busy(&mut self) -> Result<bool, WireError> {
             Ok(self.left.is_multiple_of(2))
         }
 
@@ -258,7 +258,7 @@ mod tests {
             Ok(true)
         }
 
-        fn has_fallen(&mut self) -> Result<bool, WireError> {
+        fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
             Ok(true)
         }
 

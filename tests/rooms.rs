@@ -142,6 +142,30 @@ fn each_room_uses_what_the_table_says() {
     assert!(wrong.is_empty(), "what the table of rooms in CONTRIBUTING.md does not say:\n{}", wrong.join("\n"));
 }
 
+/// No room is above another one that is above it: the table has an order.
+#[test]
+fn no_two_rooms_use_each_other() {
+    let table = table(&fs::read_to_string(root().join("CONTRIBUTING.md")).expect("CONTRIBUTING.md"));
+    let mut left: BTreeMap<&str, BTreeSet<&str>> = table
+        .iter()
+        .filter_map(|(room, may_use)| Some((room.as_str(), may_use.as_ref()?.iter().map(String::as_str).collect())))
+        .collect();
+    loop {
+        let grounded: Vec<&str> = left
+            .iter()
+            .filter(|(_, uses)| uses.iter().all(|other| !left.contains_key(other)))
+            .map(|(room, _)| *room)
+            .collect();
+        if grounded.is_empty() {
+            break;
+        }
+        grounded.iter().for_each(|room| {
+            left.remove(room);
+        });
+    }
+    assert!(left.is_empty(), "these rooms use each other: {left:?}");
+}
+
 /// What the test reads of a file is what the compiler sees of it.
 #[test]
 fn imports_are_found() {

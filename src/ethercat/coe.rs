@@ -63,6 +63,15 @@ impl SdoSize {
     }
 }
 
+/// What an SDO transfer moves (ETG.1000.6 5.6.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SdoScope {
+    /// The value at one sub-index.
+    Entry,
+    /// Complete access: all sub-indices from 0 or 1 on, one behind the other, sub-index 0 with a byte of padding behind it.
+    Complete,
+}
+
 /// An SDO abort code (ETG.1000.6, table "SDO abort codes"; the same as CiA 301).
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct AbortCode(pub u32);

@@ -11,6 +11,7 @@
 //!   known by the ids that come back in [`CycleDone::outputs`] and by nothing else: how full such a bus is it knows only
 //!   as of some exchanges ago. Throwing away what lies ahead takes a while, too: [`Fieldbus::clear_ahead`].
 
+pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;
 
@@ -63,14 +64,9 @@ impl Role {
     }
 
     /// Whether there are process data for it (SK-7, table): a pulse module has none in CST, and a stepper in CSP alone
-    /// \[OURS].
-    pub const fn has_process_data(self) -> bool {
-        match self {
-            Self::Drive(mode) => matches!(mode, Mode::Csp | Mode::Csv | Mode::Cst),
-            Self::Hsp(mode) => matches!(mode, Mode::Csp | Mode::Csv),
-            Self::Step(mode) => matches!(mode, Mode::Csp),
-            Self::Io | Self::Unused => true,
-        }
+    /// \[OURS]. True of a slave that is not used, which needs none.
+    pub fn has_process_data(self) -> bool {
+        self == Self::Unused || pdo::ProcessData::of(self, false).is_some()
     }
 }
 

@@ -15,13 +15,16 @@
 //!
 //! Allocates when it is made, never in a cycle.
 
+mod configure;
 mod handle;
 mod jobs;
 mod timing;
 
+pub use configure::configure;
 pub use handle::{Shafts, SimHandle};
 pub use timing::Timing;
 
+use super::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use super::{
     AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
     SlaveSet,
@@ -36,6 +39,8 @@ struct Station {
     slave: Box<dyn Slave>,
     /// The AL state that a job brought it to.
     brought: AlState,
+    /// What was mapped for its role; `None`: nothing.
+    process_data: Option<ProcessData>,
 }
 
 /// The simulated bus.
@@ -61,7 +66,8 @@ impl SimBus {
     /// A network of these slaves in the order of the cable, switched on at time 0. Those beyond the 40th are never
     /// found.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
-        let stations = slaves.into_iter().map(|slave| Station { slave, brought: AlState::Init }).collect();
+        let stations =
+            slaves.into_iter().map(|slave| Station { slave, brought: AlState::Init, process_data: None }).collect();
         let mut bus = Self {
             stations,
             timing: Timing::default(),
@@ -111,7 +117,7 @@ impl SimBus {
     /// Finds out who is lost; see the module's page.
     fn look_for_lost(&mut self) {
         let answering = self.handle.answering();
-        for (slave, Station { slave: device, brought }) in (1..).zip(&self.stations[..usize::from(self.found)]) {
+        for (slave, Station { slave: device, brought, .. }) in (1..).zip(&self.stations[..usize::from(self.found)]) {
             if !answering.contains(slave) || device.state() < *brought {
                 self.lost.insert(slave);
             } else if *brought < AlState::SafeOp {
@@ -126,12 +132,13 @@ impl SimBus {
         let (mut deaf, mut mute) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
         let stations = &mut self.stations[..usize::from(self.found)];
+        let (mut output_image, mut input_image) = ([0; IMAGE_BYTES_MAX], [0; IMAGE_BYTES_MAX]);
         for (slave, (station, (outputs, inputs))) in (1..).zip(stations.iter_mut().zip(images)) {
-            let (outputs, count) = match station.brought {
-                AlState::Op => (Some(outputs), 3),
+            let (in_op, count) = match station.brought {
+                AlState::Op => (true, 3),
                 AlState::SafeOp => {
                     deaf.insert(slave);
-                    (None, 1)
+                    (false, 1)
                 }
                 AlState::Init | AlState::PreOp => {
                     deaf.insert(slave);
@@ -141,7 +148,12 @@ impl SimBus {
             };
             expected_working_counter += count;
             if !self.lost.contains(slave) {
-                station.slave.exchange(outputs, inputs);
+                if let Some(process_data) = &station.process_data {
+                    let sent = in_op.then(|| process_data.put_outputs(outputs, &mut output_image));
+                    let answer = &mut input_image[..process_data.input_bytes()];
+                    station.slave.exchange(sent, answer);
+                    process_data.take_inputs(answer, inputs);
+                }
                 working_counter += count;
             }
         }

@@ -16,7 +16,6 @@ use super::state_machine::{OptionCodes, Power, StateMachine, TransitionTimes};
 use super::switches::{Switches, Travel};
 use crate::cia402::{DriveState, Mode, Statusword};
 use crate::ethercat::Ns;
-use crate::fieldbus::{AxisIn, AxisOut};
 
 /// Error code of a following error (CiA 402-2, 0x603F).
 pub const FOLLOWING_ERROR: u16 = 0x8611;
@@ -62,6 +61,19 @@ pub struct Targets {
     pub torque: i16,
 }
 
+/// What an axis has measured at the end of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Measured {
+    /// 0x6041.
+    pub statusword: Statusword,
+    /// 0x6077, 0.1 % of rated torque.
+    pub torque: i16,
+    /// 0x6064, counts.
+    pub position: i32,
+    /// 0x603F.
+    pub error_code: u16,
+}
+
 /// What the motor is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Motion {
@@ -95,7 +107,7 @@ struct Reached {
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Axis {
-    measured: AxisIn,
+    measured: Measured,
     targets: Targets,
     mode: Mode,
     motion: Motion,
@@ -176,7 +188,7 @@ impl Axis {
             reached: false,
             position_reached: i64::from(reached.counts),
             velocity_reached: reached.velocity,
-            measured: AxisIn::default(),
+            measured: Measured::default(),
             stepping: false,
         };
         axis.set(settings);
@@ -244,19 +256,8 @@ impl Axis {
         &mut self.targets
     }
 
-    /// Process data of a cycle have come: the controlword, and the target that `mode`'s RxPDO carries.
-    pub fn command(&mut self, mode: Mode, out: &AxisOut) {
-        self.machine.command(out.controlword);
-        match mode {
-            Mode::Csp => self.take_target_position(out.target),
-            Mode::Csv => self.targets.velocity = out.target,
-            Mode::Cst => self.targets.torque = out.target as i16,
-            Mode::Homing => {}
-        }
-    }
-
     /// What was measured at the end of the last step.
-    pub const fn measured(&self) -> &AxisIn {
+    pub const fn measured(&self) -> &Measured {
         &self.measured
     }
 
@@ -378,12 +379,11 @@ impl Axis {
     fn measure(&mut self) {
         let Shown { position, torque, limited } = self.plant.shown();
         let torque = rounded(torque * 1000.0);
-        self.measured = AxisIn {
+        self.measured = Measured {
             statusword: self.statusword(limited),
             torque: torque.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
             position: position.wrapping_add(self.origin) as i32,
             error_code: self.machine.fault().map_or(0, |fault| fault.code),
-            inputs: 0,
         };
     }
 

@@ -1,8 +1,7 @@
-//! What every simulated device does alike: AL states, mailbox, identity, the way process data reach its axes.
+//! What every simulated device does alike: AL states, mailbox, identity, process data.
 //!
-//! A device keeps a [`Base`] and implements [`Model`] with what is its own: its objects, the roles it takes, and what
-//! its outputs and its time do apart from its axes. [`Slave`] and the dictionary's
-//! [`Device`](super::dictionary::Device) follow from that.
+//! A device keeps a [`Base`] and implements [`Model`] with what is its own: its objects, its axes, and what its time does
+//! apart from its axes. [`Slave`] and the dictionary's [`Device`](super::dictionary::Device) follow from that.
 
 use super::al::ApplicationLayer;
 use super::axis::Axis;
@@ -10,14 +9,12 @@ use super::dictionary::{self, Object, Values};
 use super::lines::{InputPattern, Lines};
 use super::makers::MakersObjects;
 use super::plant::Following;
+use super::process_data::{self, Mapping, Pdo, Plan};
 use super::state_machine::DeviceFault;
 use super::switches::Input;
-use super::{AlStatus, SdoValue, Slave};
-use crate::cia402::MODES_OF_OPERATION;
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use super::{AXES_MAX, AlStatus, Slave};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
-use crate::fieldbus::{MAX_AXES, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
-use crate::sk::DriveSync;
 
 /// 0x1018:1 of the devices that are no vendor's. \[OURS] "ECMS": no vendor's number.
 pub const VENDOR_ID: u32 = 0x4543_4D53;
@@ -40,25 +37,27 @@ pub struct Identity {
 /// What every device keeps.
 #[derive(Clone, Debug)]
 #[repr(C)] // What a cycle uses lies at the end.
-pub struct Base {
+pub struct Base<M> {
     name: String,
     serial: u32,
-    sync: DriveSync,
     identity: &'static Identity,
     /// The stored values of its objects.
     pub values: Values,
     /// Objects besides those of its table; apart from what a cycle uses.
     makers: Option<Box<MakersObjects>>,
-    mapped: Option<Role>,
+    mapping: Mapping,
+    /// Lengths of sync managers 2 and 3.
+    sync_managers: (u16, u16),
+    plan: Plan<M>,
     al: ApplicationLayer,
 }
 
-impl Base {
+impl<M> Base<M> {
     /// A device that is switched on now: its name for people, its serial number (0x1018:4), what it says of itself,
-    /// its stored values.
-    pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values) -> Self {
-        let (al, sync) = (ApplicationLayer::default(), DriveSync::default());
-        Self { name, serial, identity, al, values, makers: None, mapped: None, sync }
+    /// its stored values, the PDOs that it has.
+    pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
+        let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos), Plan::with_room());
+        Self { name, serial, identity, al, values, makers: None, mapping, sync_managers: (0, 0), plan }
     }
 
     /// Its AL state.
@@ -66,9 +65,15 @@ impl Base {
         self.al.state()
     }
 
-    /// The role that process data are mapped for; `None`: none are.
-    pub const fn mapped(&self) -> Option<Role> {
-        self.mapped
+    /// Whether the process data that the plan moves are as long as the master has set the sync managers.
+    ///
+    /// \[OURS] Sync manager 2 is looked at first.
+    fn fits_sync_managers(&self) -> Result<(), AlStatus> {
+        let ((outputs, inputs), (wanted_outputs, wanted_inputs)) = (self.plan.lengths(), self.sync_managers);
+        if outputs != wanted_outputs {
+            return Err(AlStatus::INVALID_OUTPUTS);
+        }
+        if inputs == wanted_inputs { Ok(()) } else { Err(AlStatus::INVALID_INPUTS) }
     }
 }
 
@@ -77,13 +82,16 @@ pub trait Model: Send + Sized + 'static {
     /// Its objects, ascending by address, [`identity`] first; [`check`](dictionary::check) them when compiling.
     fn objects() -> &'static [Object<Self>];
 
+    /// Its PDOs when it is switched on, of whatever kind it is.
+    fn pdos() -> &'static [Pdo<Self>];
+
     /// What every device keeps.
-    fn base(&self) -> &Base;
+    fn base(&self) -> &Base<Self>;
 
     /// What every device keeps, to change it.
-    fn base_mut(&mut self) -> &mut Base;
+    fn base_mut(&mut self) -> &mut Base<Self>;
 
-    /// Its axes, in the order of their process data.
+    /// Its axes.
     fn axes(&self) -> &[Axis] {
         &[]
     }
@@ -98,25 +106,9 @@ pub trait Model: Send + Sized + 'static {
         &mut []
     }
 
-    /// Gets ready for a role, in PreOP; never asked for [`Role::Unused`].
-    ///
-    /// # Errors
-    /// [`not_of_this_kind`], or [`mode_refused`].
-    fn take_role(&mut self, role: Role) -> Result<(), Refusal>;
-
     /// Whether it has distributed clocks.
     fn has_dc(&self) -> bool {
         true
-    }
-
-    /// Outputs have come, in OP. The axes have theirs already.
-    fn take_outputs(&mut self, outputs: &SlaveOut) {
-        let _ = outputs;
-    }
-
-    /// The inputs of a cycle. The axes have put in what they measured.
-    fn put_inputs(&self, inputs: &mut SlaveIn) {
-        let _ = inputs;
     }
 
     /// `dt_ns` pass, apart from the axes.
@@ -128,22 +120,41 @@ pub trait Model: Send + Sized + 'static {
     fn lose_outputs(&mut self) {}
 }
 
-/// [`Model::take_role`]: the device has not the process data of that role.
-///
-/// \[OURS] Sync manager 2 is looked at first, and no two kinds have the same outputs.
-pub const fn not_of_this_kind() -> Refusal {
-    let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-    Refusal { slave: 0, al_status, abort: None }
-}
-
-/// [`Model::take_role`]: the device does not take that mode.
-pub const fn mode_refused(code: AbortCode) -> Refusal {
-    Refusal { slave: 0, al_status: 0, abort: Some((ObjectAddress::new(MODES_OF_OPERATION, 0), code)) }
-}
-
 fn lose_outputs<M: Model>(device: &mut M) {
     device.axes_mut().iter_mut().for_each(|axis| axis.machine_mut().lose_master());
     device.lose_outputs();
+}
+
+/// Time passes in the AL state machine. True: its watchdog has just ended OP.
+fn step_al<M: Model>(device: &mut M, dt_ns: Ns) -> bool {
+    let Base { al, plan, .. } = device.base_mut();
+    if plan.lengths().0 == 0 {
+        // Who has no outputs misses none.
+        al.feed();
+    }
+    al.step(dt_ns)
+}
+
+/// Makes the plan of what is mapped now.
+fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
+    let mut plan = std::mem::take(&mut device.base_mut().plan);
+    let compiled = plan.compile(device, &device.base().mapping);
+    device.base_mut().plan = plan;
+    compiled.and_then(|()| device.base().fits_sync_managers())
+}
+
+/// Whether an entry may stand in a PDO.
+fn may_map<M: Model>(device: &M, direction: dictionary::PdoDirection, entry: u32) -> Result<(), AbortCode> {
+    process_data::may_map(device, direction, entry).map_err(|code| {
+        let at = ObjectAddress::new((entry >> 16) as u16, (entry >> 8) as u8);
+        let is_elsewhere = device.base().mapping.has(at.index) || makers_have(device, at);
+        if is_absent(code) && is_elsewhere { AbortCode::NOT_MAPPABLE } else { code }
+    })
+}
+
+fn makers_have<M: Model>(device: &M, at: ObjectAddress) -> bool {
+    let read = |makers: &MakersObjects| makers.read(at, SdoScope::Entry, &mut [], AbortCode::NO_OBJECT).is_ok();
+    device.base().makers.as_deref().is_some_and(read)
 }
 
 /// Whether the device has no object at an address, so that its maker's are looked at.
@@ -166,12 +177,12 @@ impl<M: Model> Slave for M {
     }
 
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        let was = self.base().al_state();
+        let ready = if (was, target) == (AlState::PreOp, AlState::SafeOp) { compile(self) } else { Ok(()) };
         let base = self.base_mut();
-        let was = base.al_state();
-        let ready = if base.mapped.is_some() { Ok(()) } else { Err(AlStatus::INVALID_OUTPUTS) };
         base.al.enter(target, ready)?;
         if target == AlState::Init {
-            base.mapped = None;
+            base.sync_managers = (0, 0);
         }
         if was == AlState::Op && target != AlState::Op {
             lose_outputs(self);
@@ -179,61 +190,51 @@ impl<M: Model> Slave for M {
         Ok(())
     }
 
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-        if self.base().al_state() != AlState::PreOp {
-            let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
-            return Err(Refusal { slave: 0, al_status, abort: None });
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        mailbox(self)?;
+        let Base { mapping, makers, .. } = self.base();
+        if mapping.has(object.index) {
+            return mapping.read(object, scope, value);
         }
-        if config.role == Role::Unused {
-            self.base_mut().mapped = None;
+        match dictionary::read(self, object, scope, value) {
+            Err(code) if is_absent(code) => {
+                makers.as_ref().map_or(Err(code), |makers| makers.read(object, scope, value, code))
+            }
+            answer => answer,
+        }
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        mailbox(self)?;
+        let Base { mapping, al, .. } = self.base();
+        if mapping.has(object.index) {
+            let may_map = |direction, entry| may_map(self, direction, entry);
+            let list = mapping.written(object, scope, value, al.state(), may_map)?;
+            self.base_mut().mapping.put(list);
             return Ok(());
         }
-        self.take_role(config.role)?;
-        let base = self.base_mut();
-        base.mapped = Some(config.role);
-        base.sync = config.sync;
-        Ok(())
-    }
-
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
-        mailbox(self)?;
-        match dictionary::upload(self, object) {
-            Err(code) if is_absent(code) => {
-                self.base().makers.as_ref().map_or(Err(code), |makers| makers.upload(object, code))
-            }
-            answer => answer,
-        }
-    }
-
-    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-        mailbox(self)?;
-        match dictionary::download(self, object, size, value) {
+        match dictionary::write(self, object, scope, value) {
             Err(code) if is_absent(code) => {
                 let makers = self.base_mut().makers.as_mut();
-                makers.map_or(Err(code), |makers| makers.download(object, size, value, code))
+                makers.map_or(Err(code), |makers| makers.write(object, scope, value, code))
             }
             answer => answer,
         }
     }
 
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
-        for (input, axis) in inputs.iter_mut().zip(self.axes()) {
-            *input = *axis.measured();
-        }
-        self.put_inputs(inputs);
+    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+        self.base_mut().sync_managers = (outputs, inputs);
+    }
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        process_data::put_inputs(self, inputs);
         let Some(outputs) = outputs.filter(|_| self.base().al_state() == AlState::Op) else { return };
-        let base = self.base_mut();
-        base.al.feed();
-        if let Some(mode) = base.mapped.and_then(Role::mode) {
-            for (axis, out) in self.axes_mut().iter_mut().zip(outputs) {
-                axis.command(mode, out);
-            }
-        }
-        self.take_outputs(outputs);
+        self.base_mut().al.feed();
+        process_data::take_outputs(self, outputs);
     }
 
     fn step(&mut self, dt_ns: Ns) {
-        if self.base_mut().al.step(dt_ns) {
+        if step_al(self, dt_ns) {
             lose_outputs(self);
         }
         self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
@@ -241,7 +242,7 @@ impl<M: Model> Slave for M {
     }
 
     fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
-        if self.base_mut().al.step(dt_ns) {
+        if step_al(self, dt_ns) {
             lose_outputs(self);
         }
         match self.axes_mut() {
@@ -292,8 +293,8 @@ impl<M: Model> Slave for M {
         self.axes().get(axis).map(|axis| axis.plant().position())
     }
 
-    fn shafts(&self) -> [Option<i64>; MAX_AXES] {
-        let mut shafts = [None; MAX_AXES];
+    fn shafts(&self) -> [Option<i64>; AXES_MAX] {
+        let mut shafts = [None; AXES_MAX];
         for (shaft, axis) in shafts.iter_mut().zip(self.axes()) {
             *shaft = Some(axis.plant().position());
         }
@@ -319,8 +320,18 @@ impl<M: Model> dictionary::Device for M {
     }
 }
 
-/// Objects 0x1000 to 0x1018, which every device has and programs look for.
-pub const fn identity<M: Model>() -> [Object<M>; 8] {
+impl<M: Model> process_data::Planned for M {
+    fn plan(&self) -> &Plan<M> {
+        &self.base().plan
+    }
+
+    fn pdos() -> &'static [Pdo<M>] {
+        M::pdos()
+    }
+}
+
+/// Objects 0x1000 to 0x1018, which every device has and programs look for, and 0x1C00: what its sync managers are for.
+pub const fn identity<M: Model>() -> [Object<M>; 13] {
     [
         Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
         Object::u8(0x1001, 0, "Error register").live(error_register),
@@ -330,25 +341,24 @@ pub const fn identity<M: Model>() -> [Object<M>; 8] {
         Object::u32(0x1018, 2, "Product code").live(|device: &M| device.base().identity.product_code.into()),
         Object::u32(0x1018, 3, "Revision").live(|device: &M| device.base().identity.revision.into()),
         Object::u32(0x1018, 4, "Serial number").live(|device: &M| device.base().serial.into()),
+        Object::u8(0x1C00, 0, "Sync manager types").default(4),
+        Object::u8(0x1C00, 1, "Mailbox out").default(1),
+        Object::u8(0x1C00, 2, "Mailbox in").default(2),
+        Object::u8(0x1C00, 3, "Outputs").default(3),
+        Object::u8(0x1C00, 4, "Inputs").default(4),
     ]
 }
 
-/// Objects 0x1C32 and 0x1C33 of a device with a clock of its own: how it is synchronised.
+/// Objects 0x1C32 and 0x1C33 of a device with a clock of its own: how it is synchronised. \[OURS] DC with SYNC0 until a
+/// master says otherwise, and the type makes no difference: the simulated network has one clock.
 pub const fn synchronization<M: Model>() -> [Object<M>; 4] {
+    const DC_SYNC0: i64 = 2;
     [
         Object::u8(0x1C32, 0, "SM output parameter").default(1),
-        Object::u16(0x1C32, 1, "Synchronization type").live(synchronization_type),
+        Object::u16(0x1C32, 1, "Synchronization type").rw_up_to(AlState::PreOp).range(0, DC_SYNC0).default(DC_SYNC0),
         Object::u8(0x1C33, 0, "SM input parameter").default(1),
-        Object::u16(0x1C33, 1, "Synchronization type").live(synchronization_type),
+        Object::u16(0x1C33, 1, "Synchronization type").rw_up_to(AlState::PreOp).range(0, DC_SYNC0).default(DC_SYNC0),
     ]
-}
-
-/// 0 free run, 2 DC with SYNC0.
-fn synchronization_type<M: Model>(device: &M) -> i64 {
-    match device.base().sync {
-        DriveSync::FreeRun => 0,
-        DriveSync::DcSync => 2,
-    }
 }
 
 /// Error register (CiA 301 7.5.2.2) of the axes' error codes: bit 0 for any, and the bits of their groups.

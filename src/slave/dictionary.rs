@@ -1,7 +1,8 @@
 //! Object dictionaries as tables: one row says all that an SDO transfer has to know of an object.
 //!
 //! A device lists its objects in a constant slice of [`Object`], ascending by address, and implements [`Device`];
-//! [`upload`] and [`download`] then do the rest, abort codes included. A row keeps its value in one of two ways:
+//! [`read`] and [`write()`] then do the rest, abort codes included; [`upload`] and [`download`] are the same of at most 4
+//! bytes. A row keeps its value in one of two ways:
 //!
 //! - *stored*: in the device's [`Values`]. The device reads it through a [`Slot`], which is looked up when the program
 //!   is compiled: neither a search nor a wrong type is possible at run time.
@@ -35,6 +36,7 @@
 //! assert_eq!(hot, Err(AbortCode::VALUE_HIGH));
 //! ```
 
+mod complete;
 mod object;
 mod values;
 
@@ -42,7 +44,7 @@ pub use object::{Access, DataType, Object, PdoDirection, check, join, only_if, r
 pub use values::{Slot, Value, Values, slot};
 
 use super::SdoValue;
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::AlState;
 use object::Cell;
 
@@ -61,24 +63,35 @@ pub trait Device: Sized + 'static {
     fn al_state(&self) -> AlState;
 }
 
-/// SDO upload. Text longer than 4 bytes is cut to its first 4.
+/// SDO upload of at most 4 bytes, the first ones of a longer value.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::WRITE_ONLY`].
+/// As [`read`].
 pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, AbortCode> {
-    let (object, cell) = find(device, at)?;
-    if matches!(object.access, Access::WriteOnly) {
-        return Err(AbortCode::WRITE_ONLY);
-    }
-    let size = object.data.bytes();
-    Ok(match object.cell {
-        Cell::Text(text) => first_bytes(text(device)),
-        Cell::Stored { .. } => SdoValue { size, bits: device.values().bits(cell) },
-        Cell::Live { get, .. } => SdoValue { size, bits: object.data.encode(get(device)) },
-    })
+    SdoValue::of(|value| read(device, at, SdoScope::Entry, value))
 }
 
-/// SDO download.
+/// SDO download of 1, 2 or 4 bytes.
+///
+/// # Errors
+/// As [`write`].
+pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
+    write(device, at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
+}
+
+/// SDO upload: the first bytes of the value go into `value`. How long the value is.
+///
+/// # Errors
+/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::WRITE_ONLY`]; with complete access
+/// [`AbortCode::UNSUPPORTED_ACCESS`] from another sub-index than 0 and 1, [`AbortCode::COMPLETE_ACCESS`] of a text.
+pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+    match scope {
+        SdoScope::Entry => read_entry(device, at, value),
+        SdoScope::Complete => complete::read(device, at, value),
+    }
+}
+
+/// SDO download of a whole value.
 ///
 /// Checked in this order \[OURS]: does the object exist, can it be written, does the size fit, does the AL state allow
 /// it, is the value in range, and what the row's own check says.
@@ -86,23 +99,43 @@ pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, Abor
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`],
 /// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the
-/// code of the row's own check; the value is then as before.
-pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-    let (object, cell) = find(device, at)?;
+/// code of the row's own check; the value is then as before. With complete access what [`read`] says, and
+/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one; sub-indices before one that refuses
+/// its value have been written \[OURS].
+pub fn write<D: Device>(device: &mut D, at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+    match scope {
+        SdoScope::Entry => write_entry(device, at, value),
+        SdoScope::Complete => complete::write(device, at, value),
+    }
+}
+
+fn read_entry<D: Device>(device: &D, at: ObjectAddress, value: &mut [u8]) -> Result<usize, AbortCode> {
+    let Place { row, cell } = find(device, at)?;
+    let object = &D::objects()[row];
+    if matches!(object.access, Access::WriteOnly) {
+        return Err(AbortCode::WRITE_ONLY);
+    }
+    Ok(match object.cell {
+        Cell::Text(text) => put_first(text(device).as_bytes(), value),
+        _ => {
+            let bits = object.data.encode(number(device, object, cell));
+            put_first(&bits.to_le_bytes()[..object.data.bytes().into()], value)
+        }
+    })
+}
+
+fn write_entry<D: Device>(device: &mut D, at: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
+    let Place { row, cell } = find(device, at)?;
+    let object = &D::objects()[row];
     match object.access {
         Access::ReadOnly => return Err(AbortCode::READ_ONLY),
-        _ if size.bytes() > object.data.bytes() => return Err(AbortCode::TOO_LONG),
-        _ if size.bytes() < object.data.bytes() => return Err(AbortCode::TOO_SHORT),
+        _ if value.len() > object.data.bytes().into() => return Err(AbortCode::TOO_LONG),
+        _ if value.len() < object.data.bytes().into() => return Err(AbortCode::TOO_SHORT),
         Access::ReadWriteUpTo(highest) if device.al_state() > highest => return Err(AbortCode::DEVICE_STATE),
         Access::ReadWrite | Access::ReadWriteUpTo(_) | Access::WriteOnly => {}
     }
-    let number = object.data.decode(value);
-    if number > object.max {
-        return Err(AbortCode::VALUE_HIGH);
-    }
-    if number < object.min {
-        return Err(AbortCode::VALUE_LOW);
-    }
+    let number = object.data.decode(number_of(value));
+    in_range(object, number)?;
     match object.cell {
         Cell::Text(_) | Cell::Live { set: None, .. } => Err(AbortCode::READ_ONLY),
         Cell::Live { set: Some(set), .. } => set(device, number),
@@ -119,17 +152,31 @@ pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, val
     }
 }
 
-/// The row at an address and its place in [`Values`]. A plain walk: SDO transfers are rare and tables short.
-fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<(&'static Object<D>, usize), AbortCode> {
+fn in_range<D>(object: &Object<D>, number: i64) -> Result<(), AbortCode> {
+    if number > object.max {
+        return Err(AbortCode::VALUE_HIGH);
+    }
+    if number < object.min { Err(AbortCode::VALUE_LOW) } else { Ok(()) }
+}
+
+/// Where an object is: its row in the table, and its cell in [`Values`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    pub(super) row: usize,
+    pub(super) cell: usize,
+}
+
+/// The place of an address. A plain walk: SDO transfers are rare and tables short.
+pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, AbortCode> {
     let mut cell = 0;
     let mut index_exists = false;
-    for object in D::objects() {
+    for (row, object) in D::objects().iter().enumerate() {
         if object.index == at.index && object.only_if.is_none_or(|has| has(device)) {
             index_exists = true;
             if let Some(offset) = at.sub.checked_sub(object.first_sub)
                 && offset < object.count
             {
-                return Ok((object, cell + usize::from(offset)));
+                return Ok(Place { row, cell: cell + usize::from(offset) });
             }
         }
         cell += usize::from(object.count);
@@ -137,9 +184,57 @@ fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<(&'static Object<D>,
     Err(if index_exists { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT })
 }
 
-fn first_bytes(text: &str) -> SdoValue {
-    let size = text.len().min(4);
-    let mut bytes = [0; 4];
-    bytes[..size].copy_from_slice(&text.as_bytes()[..size]);
-    SdoValue { size: size as u8, bits: u32::from_le_bytes(bytes) }
+/// The number that an object has now; a text has none.
+#[inline(always)]
+pub(super) fn number<D: Device>(device: &D, object: &Object<D>, cell: usize) -> i64 {
+    match object.cell {
+        Cell::Live { get, .. } => get(device),
+        Cell::Stored { .. } => object.data.decode(device.values().bits(cell)),
+        Cell::Text(_) => 0,
+    }
+}
+
+/// Outputs bring a number. \[OURS] One that the object does not take, as an SDO would be told, is left out.
+#[inline(always)]
+pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: usize, number: i64) {
+    if let Some(output) = object.output {
+        return output(device, number);
+    }
+    if in_range(object, number).is_err() {
+        return;
+    }
+    match object.cell {
+        Cell::Live { set: Some(set), .. } => {
+            let _ = set(device, number);
+        }
+        Cell::Stored { accept, changed } => {
+            let bits = object.data.encode(number);
+            // A mapped object comes in every cycle, and what follows from a new value is work.
+            if device.values().bits(cell) == bits
+                || accept.is_some_and(|accept| accept(device, object.address(), number).is_err())
+            {
+                return;
+            }
+            device.values_mut().set_bits(cell, bits);
+            if let Some(changed) = changed {
+                changed(device);
+            }
+        }
+        Cell::Text(_) | Cell::Live { set: None, .. } => {}
+    }
+}
+
+/// As much of the bytes as there is room for. How many they are.
+pub(super) fn put_first(bytes: &[u8], value: &mut [u8]) -> usize {
+    let shown = bytes.len().min(value.len());
+    value[..shown].copy_from_slice(&bytes[..shown]);
+    bytes.len()
+}
+
+/// The number of at most 8 bytes, the lowest first.
+pub(super) fn number_of(bytes: &[u8]) -> u64 {
+    let mut whole = [0; 8];
+    let len = bytes.len().min(8);
+    whole[..len].copy_from_slice(&bytes[..len]);
+    u64::from_le_bytes(whole)
 }

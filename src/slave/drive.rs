@@ -1,31 +1,30 @@
-//! A CiA 402 drive of one axis, with process data fixed by its role: a servo drive in CSP, CSV and CST, or a stepper,
-//! which is a drive that has CSP alone (SK-3). Both do homing.
+//! A CiA 402 drive of one axis: a servo drive in CSP, CSV and CST, or a stepper, which is a drive that has CSP alone. Both do
+//! homing.
 
 mod objects;
 
 use std::slice;
 
 use super::axis::{Axis, Settings};
-use super::device::{Base, Model, mode_refused, not_of_this_kind};
+use super::device::{Base, Model};
 use super::dictionary::{Object, Values};
 use super::homing::HomingSettings;
 use super::plant::Motor;
+use super::process_data::Pdo;
 use super::state_machine::{OptionCodes, TransitionTimes};
 use super::switches::Travel;
 use crate::cia402::Mode;
 use crate::coe::AbortCode;
-use crate::fieldbus::{Refusal, Role};
 
 pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 
 /// What a [`Drive`] is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DriveKind {
-    /// A servo drive; its role is [`Role::Drive`] in CSP, CSV or CST, or [`Role::Step`], which has the same process data
-    /// as CSP.
+    /// A servo drive: CSP, CSV and CST.
     #[default]
     Servo,
-    /// A stepper with an encoder; its role is [`Role::Step`] or [`Role::Drive`], in CSP.
+    /// A stepper with an encoder: CSP.
     Stepper,
 }
 
@@ -79,7 +78,7 @@ impl DriveConfig {
 #[derive(Clone, Debug)]
 #[repr(C)] // What a cycle uses lies side by side: the end of `base` and the beginning of `axis`.
 pub struct Drive {
-    base: Base,
+    base: Base<Drive>,
     axis: Axis,
     kind: DriveKind,
     motor: Motor,
@@ -91,7 +90,12 @@ impl Drive {
         let DriveConfig { name, serial, kind, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
         let axis = Axis::new(&motor, times, settings(&values), position).on(&travel, motor.counts_per_turn);
-        Self { base: Base::new(name, serial, objects::identity_of(kind), values), kind, motor, axis }
+        Self {
+            base: Base::new(name, serial, objects::identity_of(kind), values, objects::pdos_of(kind)),
+            kind,
+            motor,
+            axis,
+        }
     }
 
     /// The axis, for measurements that no object shows.
@@ -147,11 +151,15 @@ impl Model for Drive {
         objects::OBJECTS
     }
 
-    fn base(&self) -> &Base {
+    fn pdos() -> &'static [Pdo<Self>] {
+        objects::PDOS
+    }
+
+    fn base(&self) -> &Base<Self> {
         &self.base
     }
 
-    fn base_mut(&mut self) -> &mut Base {
+    fn base_mut(&mut self) -> &mut Base<Self> {
         &mut self.base
     }
 
@@ -161,15 +169,5 @@ impl Model for Drive {
 
     fn axes_mut(&mut self) -> &mut [Axis] {
         slice::from_mut(&mut self.axis)
-    }
-
-    fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
-        match role {
-            // It has no outputs of its own: a drive enters it by 0x6060.
-            Role::Drive(Mode::Homing) | Role::Step(Mode::Homing) => Err(mode_refused(AbortCode::VALUE_RANGE)),
-            // A stepper's process data are those of a drive in CSP: either may be declared as the other (SK-4).
-            Role::Drive(mode) | Role::Step(mode) => self.set_mode(mode.code().into()).map_err(mode_refused),
-            _ => Err(not_of_this_kind()),
-        }
     }
 }

@@ -8,17 +8,18 @@
 
 mod objects;
 
+use super::AXES_MAX;
 use super::axis::Axis;
-use super::device::{Base, Model, mode_refused, not_of_this_kind};
+use super::device::{Base, Model};
 use super::dictionary::Object;
 use super::lines::Lines;
 use super::plant::PulseTrain;
+use super::process_data::Pdo;
 use super::state_machine::TransitionTimes;
 use super::switches::Travel;
 use crate::cia402::Mode;
 use crate::coe::AbortCode;
 use crate::ethercat::Ns;
-use crate::fieldbus::{MAX_AXES, Refusal, Role, SlaveIn, SlaveOut};
 
 pub use objects::{PRODUCT_CODES, REVISION};
 
@@ -42,7 +43,7 @@ pub struct HspConfig {
     /// One channel or two.
     pub channels: Channels,
     /// What its counters stand at at power-on.
-    pub positions: [i64; MAX_AXES],
+    pub positions: [i64; AXES_MAX],
     /// The pulses of every channel.
     pub train: PulseTrain,
     /// How long the transitions of every channel take.
@@ -50,7 +51,7 @@ pub struct HspConfig {
     /// Pulses of a turn of the steppers: so often comes their index pulse.
     pub pulses_per_turn: u32,
     /// What is along the way of every channel, in pulses. End stops have no effect: pulses are counted all the same.
-    pub travels: [Travel; MAX_AXES],
+    pub travels: [Travel; AXES_MAX],
 }
 
 /// \[OURS] What many stepper drivers are set to.
@@ -69,11 +70,11 @@ impl HspConfig {
             name: name.into(),
             serial: 0,
             channels,
-            positions: [0; MAX_AXES],
+            positions: [0; AXES_MAX],
             train: PulseTrain::default(),
             times,
             pulses_per_turn: PULSES_PER_TURN,
-            travels: [Travel::for_turn(PULSES_PER_TURN); MAX_AXES],
+            travels: [Travel::for_turn(PULSES_PER_TURN); AXES_MAX],
         }
     }
 }
@@ -87,9 +88,9 @@ impl Default for HspConfig {
 /// The module.
 #[derive(Clone, Debug)]
 pub struct Hsp {
-    base: Base,
+    base: Base<Hsp>,
     axes: Vec<Axis>,
-    lines: [Lines; MAX_AXES],
+    lines: [Lines; AXES_MAX],
 }
 
 impl Hsp {
@@ -102,7 +103,11 @@ impl Hsp {
             Axis::of_pulses(&train, times, settings, positions[n]).on(&travels[n], pulses_per_turn)
         };
         let axes = (0..channels as usize).map(new).collect();
-        Self { base: Base::new(name, serial, objects::identity_of(channels), values), axes, lines: Default::default() }
+        Self {
+            base: Base::new(name, serial, objects::identity_of(channels), values, objects::pdos_of(channels)),
+            axes,
+            lines: Default::default(),
+        }
     }
 
     /// The axes, for measurements that no object shows.
@@ -113,7 +118,7 @@ impl Hsp {
     /// The outputs of a channel (from 0) as they are, bit k is output k.
     ///
     /// # Panics
-    /// If `channel` is not below [`MAX_AXES`].
+    /// If `channel` is not below [`AXES_MAX`].
     pub const fn outputs(&self, channel: usize) -> u16 {
         self.lines[channel].outputs()
     }
@@ -145,11 +150,15 @@ impl Model for Hsp {
         objects::OBJECTS
     }
 
-    fn base(&self) -> &Base {
+    fn pdos() -> &'static [Pdo<Self>] {
+        objects::PDOS
+    }
+
+    fn base(&self) -> &Base<Self> {
         &self.base
     }
 
-    fn base_mut(&mut self) -> &mut Base {
+    fn base_mut(&mut self) -> &mut Base<Self> {
         &mut self.base
     }
 
@@ -159,27 +168,6 @@ impl Model for Hsp {
 
     fn axes_mut(&mut self) -> &mut [Axis] {
         &mut self.axes
-    }
-
-    fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
-        let Role::Hsp(mode) = role else { return Err(not_of_this_kind()) };
-        if mode == Mode::Homing {
-            // It has no outputs of its own: a channel enters it by 0x6060.
-            return Err(mode_refused(AbortCode::VALUE_RANGE));
-        }
-        (0..self.axes.len()).try_for_each(|channel| self.set_mode(channel, mode.code().into())).map_err(mode_refused)
-    }
-
-    fn put_inputs(&self, inputs: &mut SlaveIn) {
-        for (input, (_, lines)) in inputs.iter_mut().zip(self.axes.iter().zip(&self.lines)) {
-            input.inputs = lines.inputs();
-        }
-    }
-
-    fn take_outputs(&mut self, outputs: &SlaveOut) {
-        for (lines, (_, out)) in self.lines.iter_mut().zip(self.axes.iter().zip(outputs)) {
-            lines.set_outputs(out.outputs);
-        }
     }
 
     fn lines_mut(&mut self) -> &mut [Lines] {

@@ -1,14 +1,14 @@
-//! A digital IO module: 16 outputs and 16 inputs (SK-7, table).
+//! A digital IO module: 16 outputs and 16 inputs.
 //!
 //! Its outputs are wired to its inputs, see [`lines`](super::lines). \[OURS] Outside OP the outputs are off.
 
 use std::slice;
 
-use super::device::{Base, Identity, Model, VENDOR_ID, identity, not_of_this_kind};
+use super::device::{Base, Identity, Model, VENDOR_ID, identity};
 use super::dictionary::{Object, Values, check, join, rows};
 use super::lines::Lines;
+use super::process_data::{Pdo, rx_pdo, tx_pdo};
 use crate::ethercat::Ns;
-use crate::fieldbus::{AxisIn, Refusal, Role, SlaveIn, SlaveOut};
 
 /// 0x1018:2. \[OURS] "IO16".
 pub const PRODUCT_CODE: u32 = 0x494F_3136;
@@ -42,7 +42,7 @@ impl Default for IoConfig {
 /// The module.
 #[derive(Clone, Debug)]
 pub struct Io {
-    base: Base,
+    base: Base<Io>,
     lines: Lines,
 }
 
@@ -50,7 +50,7 @@ impl Io {
     /// A module that is switched on now.
     pub fn new(config: IoConfig) -> Self {
         let IoConfig { name, serial } = config;
-        Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS)), lines: Lines::default() }
+        Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS), PDOS), lines: Lines::default() }
     }
 
     /// The outputs as they are, bit k is output k.
@@ -70,29 +70,20 @@ impl Model for Io {
         OBJECTS
     }
 
-    fn base(&self) -> &Base {
+    fn pdos() -> &'static [Pdo<Self>] {
+        PDOS
+    }
+
+    fn base(&self) -> &Base<Self> {
         &self.base
     }
 
-    fn base_mut(&mut self) -> &mut Base {
+    fn base_mut(&mut self) -> &mut Base<Self> {
         &mut self.base
-    }
-
-    /// Its synchronisation makes no difference: a module without a clock of its own takes outputs when they come.
-    fn take_role(&mut self, role: Role) -> Result<(), Refusal> {
-        if role == Role::Io { Ok(()) } else { Err(not_of_this_kind()) }
-    }
-
-    fn put_inputs(&self, inputs: &mut SlaveIn) {
-        inputs[0] = AxisIn { inputs: self.lines.inputs(), ..AxisIn::default() };
     }
 
     fn has_dc(&self) -> bool {
         false
-    }
-
-    fn take_outputs(&mut self, [out, ..]: &SlaveOut) {
-        self.lines.set_outputs(out.outputs);
     }
 
     fn lines_mut(&mut self) -> &mut [Lines] {
@@ -117,16 +108,14 @@ const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 2] = [&identity(), OWN];
 
 const OWN: &[Row] = &[
-    Row::u8(0x1600, 0, "RxPDO").default(1),
-    Row::u32(0x1600, 1, "Outputs").default(0x7000_0110),
-    Row::u8(0x1A00, 0, "TxPDO").default(1),
-    Row::u32(0x1A00, 1, "Inputs").default(0x6000_0110),
-    Row::u8(0x1C12, 0, "RxPDO assign").live(|io| io.base.mapped().is_some().into()),
-    Row::u16(0x1C12, 1, "RxPDO").live(|io| if io.base.mapped().is_some() { 0x1600 } else { 0 }),
-    Row::u8(0x1C13, 0, "TxPDO assign").live(|io| io.base.mapped().is_some().into()),
-    Row::u16(0x1C13, 1, "TxPDO").live(|io| if io.base.mapped().is_some() { 0x1A00 } else { 0 }),
     Row::u8(0x6000, 0, "Digital inputs").default(1),
     Row::u16(0x6000, 1, "Inputs").tx().live(|io| io.lines.inputs().into()),
     Row::u8(0x7000, 0, "Digital outputs").default(1),
-    Row::u16(0x7000, 1, "Outputs").rx().live(|io| io.lines.outputs().into()),
+    Row::u16(0x7000, 1, "Outputs")
+        .rx_by(|io, bits| io.lines.set_outputs(bits as u16))
+        .live(|io| io.lines.outputs().into()),
 ];
+
+/// PDOs at power-on.
+const PDOS: &[Pdo<Io>] =
+    &[rx_pdo!(OBJECTS, 0x1600, true, [0x7000_0110]), tx_pdo!(OBJECTS, 0x1A00, true, [0x6000_0110])];

@@ -23,13 +23,13 @@ mod format;
 use std::fmt;
 
 use super::SdoValue;
-use super::dictionary::Access;
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use super::dictionary::{Access, number_of, put_first};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 
 pub use format::{FormatError, MAKERS_BYTES_MAX};
 
-/// Data type of a maker's object. The board moves 4 bytes at most: of longer ones the first 4 are read, and none can be
-/// written.
+/// Data type of a maker's object. The board moves 4 bytes at most: of longer ones it reads the first 4, and it can write
+/// none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MakersType {
     /// `bool`, one byte.
@@ -106,6 +106,15 @@ impl MakersType {
             Self::I32 | Self::U32 | Self::F32 => Some(4),
             Self::I64 | Self::U64 | Self::F64 => Some(8),
             Self::Text | Self::Any => None,
+        }
+    }
+
+    /// Bytes that are read of it: of a text the 8 that are kept, and of what nobody knows 4.
+    const fn shown_bytes(self) -> u8 {
+        match self.bytes() {
+            Some(bytes) => bytes,
+            None if matches!(self, Self::Text) => 8,
+            None => 4,
         }
     }
 }
@@ -200,28 +209,18 @@ impl MakersObjects {
         self.any && Self::ANY.iter().any(|range| range.contains(&at.index))
     }
 
-    /// SDO upload of an object that the slave does not have itself, whose own answer is `otherwise`.
+    /// SDO upload of at most 4 bytes of an object that the slave does not have itself, whose own answer is `otherwise`.
     ///
     /// # Errors
-    /// [`AbortCode::WRITE_ONLY`], [`AbortCode::NO_SUB_INDEX`], `otherwise`.
+    /// As [`Self::read`].
     pub fn upload(&self, at: ObjectAddress, otherwise: AbortCode) -> Result<SdoValue, AbortCode> {
-        match self.find(at) {
-            Ok(place) if self.objects[place].access == Access::WriteOnly => Err(AbortCode::WRITE_ONLY),
-            Ok(place) => {
-                let MakersObject { data, bits, .. } = self.objects[place];
-                Ok(SdoValue { size: data.bytes().unwrap_or(4).min(4), bits: bits as u32 })
-            }
-            Err(_) if self.is_any(at) => Ok(SdoValue { size: 4, bits: 0 }),
-            Err(_) => Err(self.no_object(at, otherwise)),
-        }
+        SdoValue::of(|value| self.read(at, SdoScope::Entry, value, otherwise))
     }
 
-    /// SDO download to an object that the slave does not have itself, whose own answer is `otherwise`. The order of the
-    /// checks is that of [`dictionary::download`](super::dictionary::download).
+    /// SDO download of at most 4 bytes to an object that the slave does not have itself, whose own answer is `otherwise`.
     ///
     /// # Errors
-    /// [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`], [`AbortCode::NO_SUB_INDEX`],
-    /// [`AbortCode::OUT_OF_MEMORY`], `otherwise`.
+    /// As [`Self::write`].
     pub fn download(
         &mut self,
         at: ObjectAddress,
@@ -229,30 +228,78 @@ impl MakersObjects {
         value: u32,
         otherwise: AbortCode,
     ) -> Result<(), AbortCode> {
-        let value = u64::from(value & size.mask());
+        self.write(at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()], otherwise)
+    }
+
+    /// SDO upload: the first bytes of the value go into `value`. How long the value is.
+    ///
+    /// # Errors
+    /// [`AbortCode::WRITE_ONLY`], [`AbortCode::NO_SUB_INDEX`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].
+    pub fn read(
+        &self,
+        at: ObjectAddress,
+        scope: SdoScope,
+        value: &mut [u8],
+        otherwise: AbortCode,
+    ) -> Result<usize, AbortCode> {
+        self.one_entry(at, scope)?;
+        match self.find(at) {
+            Ok(place) if self.objects[place].access == Access::WriteOnly => Err(AbortCode::WRITE_ONLY),
+            Ok(place) => {
+                let MakersObject { data, bits, .. } = self.objects[place];
+                Ok(put_first(&bits.to_le_bytes()[..data.shown_bytes().into()], value))
+            }
+            Err(_) if self.is_any(at) => Ok(put_first(&[0; 4], value)),
+            Err(_) => Err(self.no_object(at, otherwise)),
+        }
+    }
+
+    /// SDO download of a whole value. The order of the checks is that of
+    /// [`dictionary::write`](super::dictionary::write()).
+    ///
+    /// # Errors
+    /// [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`], [`AbortCode::NO_SUB_INDEX`],
+    /// [`AbortCode::OUT_OF_MEMORY`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].
+    pub fn write(
+        &mut self,
+        at: ObjectAddress,
+        scope: SdoScope,
+        value: &[u8],
+        otherwise: AbortCode,
+    ) -> Result<(), AbortCode> {
+        self.one_entry(at, scope)?;
         let place = match self.find(at) {
             Ok(place) => place,
             Err(place) if self.is_any(at) => {
+                if value.len() > size_of::<u64>() {
+                    return Err(AbortCode::TOO_LONG);
+                }
                 if self.objects.len() >= MADE_MAX {
                     return Err(AbortCode::OUT_OF_MEMORY);
                 }
-                let (data, access) = (MakersType::Any, Access::ReadWrite);
-                self.objects
-                    .insert(place, MakersObject { address: at, data, access, bits: value, name: String::new() });
+                let (data, access, bits) = (MakersType::Any, Access::ReadWrite, number_of(value));
+                self.objects.insert(place, MakersObject { address: at, data, access, bits, name: String::new() });
                 return Ok(());
             }
             Err(_) => return Err(self.no_object(at, otherwise)),
         };
         let object = &mut self.objects[place];
+        let most = usize::from(object.data.bytes().unwrap_or(8));
         match object.data.bytes() {
             _ if object.access == Access::ReadOnly => Err(AbortCode::READ_ONLY),
-            Some(bytes) if size.bytes() > bytes => Err(AbortCode::TOO_LONG),
-            Some(bytes) if size.bytes() < bytes => Err(AbortCode::TOO_SHORT),
+            _ if value.len() > most => Err(AbortCode::TOO_LONG),
+            Some(_) if value.len() < most => Err(AbortCode::TOO_SHORT),
             _ => {
-                object.bits = value;
+                object.bits = number_of(value);
                 Ok(())
             }
         }
+    }
+
+    /// Nobody knows what other sub-indices such an object has.
+    fn one_entry(&self, at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
+        let is_here = self.is_any(at) || self.objects.iter().any(|object| object.address.index == at.index);
+        if scope == SdoScope::Complete && is_here { Err(AbortCode::COMPLETE_ACCESS) } else { Ok(()) }
     }
 
     /// Why there is nothing at an address.

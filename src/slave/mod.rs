@@ -1,6 +1,7 @@
-//! Models of EtherCAT slaves. The simulated bus ([`crate::fieldbus::sim`]) drives them through [`Slave`].
+//! Models of EtherCAT slaves. Whatever is their master drives them through [`Slave`]; they know of no board.
 //!
-//! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`state_machine`] and
+//! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`process_data`] what of them a cycle
+//! moves, [`state_machine`] and
 //! [`plant`] joined to an [`axis`], which does its [`homing`] by [`switches`]; [`device`] is what all of them do alike.
 //! [`drive`] is a servo drive or a stepper made of them, [`hsp`] a pulse module, [`io`] a module of digital inputs and
 //! outputs; both have digital [`lines`].
@@ -16,6 +17,7 @@ pub mod io;
 pub mod lines;
 mod makers;
 pub mod plant;
+pub mod process_data;
 pub mod state_machine;
 pub mod switches;
 
@@ -29,19 +31,30 @@ pub use switches::{HomeSwitch, Input, Travel};
 
 pub use crate::ethercat::AlStatus;
 
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use plant::Following;
 
 use crate::ethercat::{AlState, Ns};
-use crate::fieldbus::{MAX_AXES, Refusal, SlaveConfig, SlaveIn, SlaveOut};
 
-/// A value read from an object dictionary.
+/// Axes that a slave has at most: those of a pulse module of two channels.
+pub const AXES_MAX: usize = 2;
+
+/// A value of at most 4 bytes, or the first 4 of a longer one, read from an object dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoValue {
-    /// The object's size in bytes; text and records are cut to 4.
+    /// The object's size in bytes, at most 4.
     pub size: u8,
     /// The value, zero-extended.
     pub bits: u32,
+}
+
+impl SdoValue {
+    /// What `read` puts into 4 bytes, and how long it says that the value is.
+    fn of(read: impl FnOnce(&mut [u8]) -> Result<usize, AbortCode>) -> Result<Self, AbortCode> {
+        let mut first = [0; 4];
+        let len = read(&mut first)?;
+        Ok(Self { size: len.min(4) as u8, bits: u32::from_le_bytes(first) })
+    }
 }
 
 /// One simulated slave: state machine of the application layer, mailbox, process data and physics.
@@ -61,27 +74,44 @@ pub trait Slave: Send {
     /// The AL status code of the refusal.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
-    /// Maps process data for a role and writes the mode, in PreOP.
-    ///
-    /// # Errors
-    /// A [`Refusal`] if the slave does not have the role's objects; its slave number is filled in by the bus.
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal>;
-
-    /// SDO upload.
+    /// SDO upload: the first bytes of the value go into `value`, as many as there is room for; what is behind them stays.
+    /// How long the value is.
     ///
     /// # Errors
     /// The CoE abort code.
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode>;
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode>;
 
-    /// SDO download.
+    /// SDO download of a whole value.
     ///
     /// # Errors
     /// The CoE abort code.
-    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode>;
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// The process data frame passes: what the slave measured last goes in, `outputs` come out of it. `None`: the slave
-    /// is in SafeOP and takes no outputs.
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn);
+    /// SDO upload of one sub-index; of more than 4 bytes the first 4, as the ECM-SK shows them (SK-6).
+    ///
+    /// # Errors
+    /// The CoE abort code.
+    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
+        SdoValue::of(|value| self.read(object, SdoScope::Entry, value))
+    }
+
+    /// SDO download of 1, 2 or 4 bytes to one sub-index.
+    ///
+    /// # Errors
+    /// The CoE abort code.
+    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
+        self.write(object, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
+    }
+
+    /// The master sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0: off. A device goes to SafeOP only if
+    /// they are as long as what is mapped. Init sets both to 0.
+    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+        let _ = (outputs, inputs);
+    }
+
+    /// The process data frame passes: what the slave measured last goes into the image of its inputs, the image of its
+    /// outputs comes out of it. `None`: the slave is in SafeOP and takes no outputs.
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]);
 
     /// `dt_ns` pass.
     fn step(&mut self, dt_ns: Ns);
@@ -140,7 +170,7 @@ pub trait Slave: Send {
     }
 
     /// Where the shafts of all its axes are.
-    fn shafts(&self) -> [Option<i64>; MAX_AXES] {
+    fn shafts(&self) -> [Option<i64>; AXES_MAX] {
         std::array::from_fn(|axis| self.shaft(axis))
     }
 }

@@ -5,17 +5,18 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::cia402::{DriveState, Statusword};
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use ecmsk::engine::{EngineConfig, Event, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Fieldbus, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Fieldbus, Ns};
 use ecmsk::sk::{Frame, SlaveCommand};
-use ecmsk::slave::{AlStatus, SdoValue, Slave};
+use ecmsk::slave::{AlStatus, Slave};
 
 use crate::host::Host;
 use crate::puppet::{DISABLED, ENABLED, READY, SWITCHED_ON};
 use crate::watch::{Spans, Watch};
 use support::ahead_bus::{Ahead, AheadBus};
+use support::images::{Images, number};
 
 pub const BIT_4: u16 = 0x10;
 pub const BIT_10: u16 = 1 << 10;
@@ -67,6 +68,7 @@ pub struct State {
     braking: Option<u32>,
     /// Homings begun.
     pub begun: u32,
+    images: Images,
 }
 
 /// The drive; clones are the same one.
@@ -91,6 +93,7 @@ impl Homer {
             under_way: None,
             braking: None,
             begun: 0,
+            images: Images::default(),
         })))
     }
 
@@ -145,7 +148,8 @@ impl Homer {
 }
 
 impl State {
-    fn obey(&mut self, out: &AxisOut) {
+    /// Outputs have come.
+    pub fn obey(&mut self, out: &AxisOut) {
         use DriveState::*;
         let Statusword(word) = self.shows.statusword;
         let state = self.shows.statusword.state().expect("a state");
@@ -235,21 +239,22 @@ impl Slave for Homer {
         Ok(())
     }
 
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-        if let Role::Drive(mode) = config.role {
-            Self::state(self).mode = mode.code();
-        }
-        Ok(())
-    }
-
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
+    fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
         let state = Self::state(self);
         let bits = state.objects.get(&object.index).ok_or(AbortCode::NO_OBJECT)?;
-        Ok(SdoValue { size: 4, bits: *bits })
+        value.copy_from_slice(&bits.to_le_bytes());
+        Ok(4)
     }
 
-    fn download(&mut self, object: ObjectAddress, _size: SdoSize, value: u32) -> Result<(), AbortCode> {
+    fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
         let mut state = Self::state(self);
+        let value = number(value);
+        if state.images.take(object, value) {
+            if object.index == 0x6060 {
+                state.mode = value as u8;
+            }
+            return Ok(());
+        }
         let kept = state.objects.get_mut(&object.index).ok_or(AbortCode::NO_OBJECT)?;
         if object.index == 0x6060 && value == 99 {
             return Err(AbortCode::VALUE_RANGE);
@@ -262,11 +267,11 @@ impl Slave for Homer {
         Ok(())
     }
 
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
         let mut state = Self::state(self);
-        inputs[0] = state.shows;
-        if let Some([out, ..]) = outputs {
-            state.obey(out);
+        state.images.put_inputs(&[state.shows, AxisIn::default()], inputs);
+        if let Some([out, _]) = outputs.map(|outputs| state.images.outputs(outputs)) {
+            state.obey(&out);
         }
     }
 

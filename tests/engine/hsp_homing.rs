@@ -2,25 +2,26 @@
 //! does meanwhile. With axes on strings first, then with the simulated module.
 
 use ecmsk::cia402::Mode;
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use ecmsk::engine::{EngineConfig, Firmware, HomingEnd, HomingPhase, Reason};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{AlState, Fieldbus, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::fieldbus::{AlState, Fieldbus, Ns};
 use ecmsk::sk::{
     AxisTarget, DriveSync, HspResponse, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, SlotSize,
 };
-use ecmsk::slave::{AlStatus, Channels, HomeSwitch, Hsp, HspConfig, SdoValue, Slave, Travel};
+use ecmsk::slave::{AlStatus, Channels, HomeSwitch, Hsp, HspConfig, Slave, Travel};
 
 use crate::homer::{BIT_4, BIT_13, Homer, Script};
 use crate::host::Host;
 use crate::rig::ahead;
 use support::ahead_bus::AheadBus;
+use support::images::{Images, number};
 
 const SECOND: u16 = 0x800;
 
 /// A module of two channels whose axes are on strings.
 #[derive(Clone)]
-struct Pair([Homer; 2]);
+struct Pair([Homer; 2], Images);
 
 impl Pair {
     fn split(object: ObjectAddress) -> (usize, ObjectAddress) {
@@ -44,33 +45,29 @@ impl Slave for Pair {
         self.0.iter_mut().try_for_each(|axis| axis.enter(target))
     }
 
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-        let Role::Hsp(mode) = config.role else { panic!("{config:?}") };
-        let config = SlaveConfig { role: Role::Drive(mode), ..*config };
-        self.0.iter_mut().try_for_each(|axis| axis.configure(&config))
-    }
-
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
         let (axis, object) = Self::split(object);
         // That it has a controlword is how a master tells that there is the axis.
-        if object.index == 0x6040 { Ok(SdoValue { size: 2, bits: 0 }) } else { self.0[axis].upload(object) }
+        if object.index == 0x6040 { Ok(2) } else { self.0[axis].read(object, scope, value) }
     }
 
-    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        let configures = self.1.take(object, number(value));
         let (axis, object) = Self::split(object);
-        self.0[axis].download(object, size, value)
+        match object.index {
+            0x6060 if configures => self.0[axis].state().mode = value[0],
+            _ if configures => {}
+            _ => return self.0[axis].write(object, scope, value),
+        }
+        Ok(())
     }
 
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
-        for (n, axis) in self.0.iter_mut().enumerate() {
-            let mut own = SlaveIn::default();
-            let out = outputs.map(|outputs| {
-                let mut out = SlaveOut::default();
-                out[0] = outputs[n];
-                out
-            });
-            axis.exchange(out.as_ref(), &mut own);
-            inputs[n] = own[0];
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        let shown = self.0.each_ref().map(|axis| axis.state().shows);
+        self.1.put_inputs(&shown, inputs);
+        let Some(outputs) = outputs.map(|outputs| self.1.outputs(outputs)) else { return };
+        for (axis, out) in self.0.iter().zip(&outputs) {
+            axis.state().obey(out);
         }
     }
 
@@ -91,7 +88,7 @@ fn on(bus: impl Fieldbus + 'static, slot: SlotSize, firmware: Firmware, mode: Mo
 
 fn pair_on(slot: SlotSize, firmware: Firmware) -> (Host, [Homer; 2]) {
     let axes = [Homer::new(), Homer::new()];
-    let host = on(SimBus::new(vec![Box::new(Pair(axes.clone()))]), slot, firmware, Mode::Csp);
+    let host = on(SimBus::new(vec![Box::new(Pair(axes.clone(), Images::default()))]), slot, firmware, Mode::Csp);
     (host, axes)
 }
 
@@ -173,7 +170,7 @@ fn no_axis_is_restored_before_the_other_is_home() {
     let buses = std::iter::once(None).chain(ahead().map(Some));
     for (how, late) in buses.flat_map(|how| [(how, 0), (how, 1)]) {
         let axes = [Homer::new(), Homer::new()];
-        let bus = SimBus::new(vec![Box::new(Pair(axes.clone()))]);
+        let bus = SimBus::new(vec![Box::new(Pair(axes.clone(), Images::default()))]);
         let mut host = match how {
             None => on(bus, SlotSize::Bytes16, Firmware::V17, Mode::Csp),
             Some(how) => on(AheadBus::new(bus, how), SlotSize::Bytes16, Firmware::V17, Mode::Csp),
@@ -247,7 +244,7 @@ fn ends_of_one_axis_and_of_both() {
 #[test]
 fn the_next_slave_waits_for_both_axes() {
     let (axes, next) = ([Homer::new(), Homer::new()], Homer::new());
-    let bus = SimBus::new(vec![Box::new(Pair(axes.clone())), Box::new(next.clone())]);
+    let bus = SimBus::new(vec![Box::new(Pair(axes.clone(), Images::default())), Box::new(next.clone())]);
     let mut host = Host::new(EngineConfig { slot: SlotSize::Bytes16, ..EngineConfig::default() }, bus);
     let mut kinds = [SlaveKind::None; 8];
     (kinds[0], kinds[1]) = (SlaveKind::Hsp, SlaveKind::Drive);

@@ -1,15 +1,16 @@
 //! A board under test with both ends of its network, and slaves that take any role.
 
 use ecmsk::cia402::Statusword;
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
-use ecmsk::fieldbus::{AlState, AxisIn, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::fieldbus::{AlState, AxisIn, Ns};
 use ecmsk::slave::al::ApplicationLayer;
-use ecmsk::slave::{AlStatus, Drive, DriveConfig, SdoValue, Slave};
+use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
 
 use crate::host::Host;
 use crate::watch::{Spans, Watch};
+use support::images::{Images, number};
 
 /// What an [`AnySlave`] measures, but for its position.
 pub const MEASURED: AxisIn =
@@ -20,6 +21,7 @@ pub const MEASURED: AxisIn =
 pub struct AnySlave {
     al: ApplicationLayer,
     passed: i32,
+    images: Images,
 }
 
 impl Slave for AnySlave {
@@ -35,21 +37,19 @@ impl Slave for AnySlave {
         self.al.enter(target, Ok(()))
     }
 
-    fn configure(&mut self, _config: &SlaveConfig) -> Result<(), Refusal> {
+    fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        value.copy_from_slice(&u32::from(object.index).to_le_bytes());
+        Ok(4)
+    }
+
+    fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.images.take(object, number(value));
         Ok(())
     }
 
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
-        Ok(SdoValue { size: 4, bits: object.index.into() })
-    }
-
-    fn download(&mut self, _object: ObjectAddress, _size: SdoSize, _value: u32) -> Result<(), AbortCode> {
-        Ok(())
-    }
-
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
         self.passed += 1;
-        *inputs = [AxisIn { position: self.passed, ..MEASURED }; 2];
+        self.images.put_inputs(&[AxisIn { position: self.passed, ..MEASURED }; 2], inputs);
         if outputs.is_some() {
             self.al.feed();
         }

@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::cia402::{Controlword, DriveState, Statusword};
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
-use ecmsk::slave::{AlStatus, SdoValue, Slave};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Role};
+use ecmsk::slave::{AlStatus, Slave};
+
+use support::images::{Images, number};
 
 /// Statuswords of a drive with voltage on, as CiA 402-2 draws them.
 pub const NOT_READY: u16 = 0x0000;
@@ -40,6 +42,7 @@ pub struct Strings {
     /// Objects read so far.
     pub uploads: Vec<ObjectAddress>,
     pub reflex: Option<Reflex>,
+    images: Images,
 }
 
 impl Strings {
@@ -177,38 +180,43 @@ impl Slave for Puppet {
         Ok(())
     }
 
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-        self.strings().roles.push(config.role);
-        Ok(())
-    }
-
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
+    fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
         let mut strings = self.strings();
         strings.uploads.push(object);
-        let found = strings.objects.get(&(object.index, object.sub));
-        found.map(|(size, bits)| SdoValue { size: *size, bits: *bits }).ok_or(AbortCode::NO_OBJECT)
+        let (size, bits) = strings.objects.get(&(object.index, object.sub)).ok_or(AbortCode::NO_OBJECT)?;
+        let size = usize::from(*size);
+        value[..size].copy_from_slice(&bits.to_le_bytes()[..size]);
+        Ok(size)
     }
 
-    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-        match self.strings().objects.get_mut(&(object.index, object.sub)) {
+    fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        let mut strings = self.strings();
+        let number = number(value);
+        if strings.images.take(object, number) {
+            if let (0x1C12, Some(role)) = (object.index, strings.images.role()) {
+                strings.roles.push(role);
+            }
+            return Ok(());
+        }
+        match strings.objects.get_mut(&(object.index, object.sub)) {
             None => Err(AbortCode::NO_OBJECT),
-            Some((bytes, _)) if *bytes != size.bytes() => Err(AbortCode::LENGTH),
+            Some((bytes, _)) if usize::from(*bytes) != value.len() => Err(AbortCode::LENGTH),
             Some((_, kept)) => {
-                *kept = value;
+                *kept = number;
                 Ok(())
             }
         }
     }
 
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
         let mut strings = self.strings();
-        *inputs = [strings.shows, strings.shows_second];
-        let Some([out, second]) = outputs else { return };
-        strings.sent.push(*out);
-        strings.sent_second.push(*second);
+        strings.images.put_inputs(&[strings.shows, strings.shows_second], inputs);
+        let Some([out, second]) = outputs.map(|outputs| strings.images.outputs(outputs)) else { return };
+        strings.sent.push(out);
+        strings.sent_second.push(second);
         if let Some(reflex) = strings.reflex {
-            reflex(&mut strings.shows, out);
-            reflex(&mut strings.shows_second, second);
+            reflex(&mut strings.shows, &out);
+            reflex(&mut strings.shows_second, &second);
         }
     }
 

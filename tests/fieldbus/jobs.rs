@@ -1,9 +1,11 @@
 //! The simulated bus: its jobs, their timing, and how they fail.
 
-use ecmsk::cia402::Mode;
+use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::{AbortCode, SdoSize};
+use ecmsk::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use ecmsk::fieldbus::sim::{SimBus, Timing};
-use ecmsk::fieldbus::{AlState, Busy, Configured, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Busy, Configured, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
+use ecmsk::sk::DriveSync;
 use ecmsk::slave::{AlStatus, Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use support::fieldbus_rig::{Bench, MS, SECOND, configure, refused, sdo, set, state};
 
@@ -268,4 +270,96 @@ fn sdo_faults() {
     assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(10)), "nothing was written");
     bench.handle.delay_sdo(0, MS);
     bench.handle.delay_sdo(41, MS);
+}
+
+/// SK-7.54 What the board writes to map process data and to set the mode, in its order.
+#[test]
+fn downloads_of_each_role() {
+    let written = |role, second| -> Vec<(u16, u8, u8, u32)> {
+        let data = ProcessData::of(role, second).expect("the role has process data");
+        let downloads = data.downloads(DriveSync::DcSync).into_iter();
+        downloads.map(|to| (to.object.index, to.object.sub, to.size.bytes(), to.value)).collect()
+    };
+    let clear = [(0x1C12, 0, 1, 0), (0x1C13, 0, 1, 0)];
+    let sync = [(0x1C32, 1, 2, 2), (0x1C33, 1, 2, 2)];
+    let drive_inputs = [
+        (0x1A00, 0, 1, 0),
+        (0x1A00, 1, 4, 0x6041_0010),
+        (0x1A00, 2, 4, 0x6064_0020),
+        (0x1A00, 3, 4, 0x6077_0010),
+        (0x1A00, 4, 4, 0x603F_0010),
+        (0x1A00, 0, 1, 4),
+        (0x1C13, 1, 2, 0x1A00),
+        (0x1C13, 0, 1, 1),
+    ];
+    for (mode, pdo, target) in
+        [(Mode::Csp, 0x1600, 0x607A_0020), (Mode::Csv, 0x1601, 0x60FF_0020), (Mode::Cst, 0x1602, 0x6071_0010)]
+    {
+        let mode_and_outputs = [
+            (0x6060, 0, 1, mode.code().into()),
+            (pdo, 0, 1, 0),
+            (pdo, 1, 4, 0x6040_0010),
+            (pdo, 2, 4, target),
+            (pdo, 0, 1, 2),
+            (0x1C12, 1, 2, pdo.into()),
+            (0x1C12, 0, 1, 1),
+        ];
+        let expected = [&clear[..], &drive_inputs, &mode_and_outputs, &sync].concat();
+        assert_eq!(written(Role::Drive(mode), false), expected, "{mode}");
+    }
+    assert_eq!(written(Role::Step(Mode::Csp), false), written(Role::Drive(Mode::Csp), false));
+    let hsp = written(Role::Hsp(Mode::Csv), true);
+    for download in [
+        (0x1A10, 3, 4, 0x68FD_0020),
+        (0x1C13, 2, 2, 0x1A10),
+        (0x1C13, 0, 1, 2),
+        (0x6860, 0, 1, 9),
+        (0x1611, 2, 4, 0x68FF_0020),
+        (0x1611, 3, 4, 0x68FE_0120),
+        (0x1C12, 2, 2, 0x1611),
+        (0x1C12, 0, 1, 2),
+    ] {
+        assert!(hsp.contains(&download), "{download:04X?}");
+    }
+    let io = written(Role::Io, false);
+    assert!(io.contains(&(0x1600, 1, 4, 0x7000_0110)) && io.contains(&(0x1A00, 1, 4, 0x6000_0110)));
+    assert!(!io.iter().any(|(index, ..)| *index == 0x6060), "no mode");
+}
+
+/// SK-7.1 SK-7.3 SK-7.4 SK-7.5 SK-7.7 Words come out of an image as they went in, byte by byte where the tables say.
+#[test]
+fn images_of_each_role() {
+    let out =
+        |n: i32| AxisOut { controlword: Controlword(0x0F + n as u16), outputs: 0xA5C3 - n as u16, target: -7 - n };
+    let outputs = [out(0), out(1)];
+    let image = |role, second| {
+        let data = ProcessData::of(role, second).expect("the role has process data");
+        let mut image = [0; IMAGE_BYTES_MAX];
+        let sent = data.put_outputs(&outputs, &mut image).to_vec();
+        (sent.clone(), data.take_outputs(&sent))
+    };
+    let (sent, back) = image(Role::Drive(Mode::Csp), false);
+    assert_eq!((sent, back[0]), (vec![0x0F, 0, 0xF9, 0xFF, 0xFF, 0xFF], AxisOut { outputs: 0, ..out(0) }));
+    let (sent, back) = image(Role::Drive(Mode::Cst), false);
+    assert_eq!((sent, back[0].target), (vec![0x0F, 0, 0xF9, 0xFF], -7));
+    let (sent, back) = image(Role::Hsp(Mode::Csp), true);
+    assert_eq!(sent[10..], [0x10, 0, 0xF8, 0xFF, 0xFF, 0xFF, 0xC2, 0xA5, 0, 0]);
+    assert_eq!((sent.len(), back), (20, outputs));
+    let (sent, back) = image(Role::Io, false);
+    assert_eq!((sent, back[0].outputs), (vec![0xC3, 0xA5], 0xA5C3));
+
+    let seen =
+        AxisIn { statusword: Statusword(0x1637), torque: -3, position: -70_000, error_code: 0x8611, inputs: 0xBEEF };
+    for (role, expected) in [
+        (Role::Drive(Mode::Csp), AxisIn { inputs: 0, ..seen }),
+        (Role::Hsp(Mode::Csv), AxisIn { torque: 0, error_code: 0, ..seen }),
+        (Role::Io, AxisIn { inputs: seen.inputs, ..AxisIn::default() }),
+    ] {
+        let data = ProcessData::of(role, false).expect("the role has process data");
+        let mut image = [0; IMAGE_BYTES_MAX];
+        data.put_inputs(&[seen; 2], &mut image);
+        let mut taken = [seen; 2];
+        data.take_inputs(&image[..data.input_bytes()], &mut taken);
+        assert_eq!(taken, [expected, seen], "{role:?}: the second axis is left alone");
+    }
 }

@@ -1,13 +1,12 @@
 //! The simulated bus: process data, lost slaves, cut cables, faults.
 
 use ecmsk::cia402::{Controlword, DriveState, Mode};
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{
-    AlState, BusConfig, BusError, Cleared, Configured, Fieldbus, Job, JobDone, Ns, Pacing, Refusal, Role, SlaveConfig,
-    SlaveIn, SlaveOut, SlaveSet,
+    AlState, BusConfig, BusError, Cleared, Configured, Fieldbus, Job, JobDone, Ns, Pacing, Role, SlaveSet,
 };
-use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, SdoValue, Slave};
+use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Slave};
 use support::fieldbus_rig::{Bench, MS, SECOND, configure, sdo, set, state};
 
 use AlState::*;
@@ -205,16 +204,16 @@ fn a_slave_that_falls_is_lost() {
         fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
             self.0.enter(target)
         }
-        fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-            self.0.configure(config)
+        fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+            self.0.read(object, scope, value)
         }
-        fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
-            self.0.upload(object)
+        fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+            self.0.write(object, scope, value)
         }
-        fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-            self.0.download(object, size, value)
+        fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+            self.0.set_sync_managers(outputs, inputs);
         }
-        fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
+        fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
             self.0.exchange(outputs, inputs);
         }
         fn step(&mut self, dt_ns: Ns) {

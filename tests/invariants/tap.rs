@@ -2,9 +2,11 @@
 
 use std::sync::{Arc, Mutex};
 
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
-use ecmsk::slave::{AlStatus, DeviceFault, Input, SdoValue, Slave};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::fieldbus::{AlState, Ns, SlaveOut};
+use ecmsk::slave::{AlStatus, DeviceFault, Input, Slave};
+
+use support::images::{Images, number};
 
 /// What went into a slave in the last cycle; `None`: it took nothing.
 pub type Seen = Arc<Mutex<Option<SlaveOut>>>;
@@ -13,12 +15,13 @@ pub type Seen = Arc<Mutex<Option<SlaveOut>>>;
 pub struct Tap {
     inner: Box<dyn Slave>,
     seen: Seen,
+    images: Images,
 }
 
 impl Tap {
     pub fn on(inner: Box<dyn Slave>) -> (Box<dyn Slave>, Seen) {
         let seen = Seen::default();
-        (Box::new(Self { inner, seen: seen.clone() }), seen)
+        (Box::new(Self { inner, seen: seen.clone(), images: Images::default() }), seen)
     }
 }
 
@@ -39,20 +42,22 @@ impl Slave for Tap {
         entered
     }
 
-    fn configure(&mut self, config: &SlaveConfig) -> Result<(), Refusal> {
-        self.inner.configure(config)
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        self.inner.read(object, scope, value)
     }
 
-    fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
-        self.inner.upload(object)
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.inner.write(object, scope, value)?;
+        self.images.take(object, number(value));
+        Ok(())
     }
 
-    fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
-        self.inner.download(object, size, value)
+    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+        self.inner.set_sync_managers(outputs, inputs);
     }
 
-    fn exchange(&mut self, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
-        *self.seen.lock().expect("no panic") = outputs.copied();
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        *self.seen.lock().expect("no panic") = outputs.map(|outputs| self.images.outputs(outputs));
         self.inner.exchange(outputs, inputs);
     }
 

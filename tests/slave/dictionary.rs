@@ -1,5 +1,5 @@
 //! Object dictionaries: types, access, ranges and the CoE abort codes of ETG.1000.6.
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use ecmsk::fieldbus::AlState;
 use ecmsk::slave::SdoValue;
 use ecmsk::slave::dictionary::{
@@ -34,6 +34,15 @@ const OBJECTS: &[Row] = &[
     Row::u16(0x2006, 0, "Early").rw_up_to(AlState::PreOp),
     Row::text(0x2007, 0, "Long name", |_| "TEST bench"),
     Row::text(0x2008, 0, "Short name", |_| "ab"),
+    Row::i64(0x2009, 0, "Longer").rw().range(-5_000_000_000, 5_000_000_000).default(-1),
+    Row::u64(0x200A, 0, "Longest").rw(),
+    Row::u8(0x200B, 0, "Mixed record").default(5),
+    Row::u16(0x200B, 1, "Readable"),
+    Row::u32(0x200B, 3, "Written").wo().live(|bench| bench.written.into()).setter(|bench, value| {
+        bench.written = value as u32;
+        Ok(())
+    }),
+    Row::u8(0x200B, 5, "Both").rw().range(0, 9),
 ];
 const _: () = check(OBJECTS);
 
@@ -162,6 +171,50 @@ fn downloads() {
     assert_eq!(bench.written, 0xDEAD_BEEF);
 }
 
+/// SK-7.53 SK-6.11 Numbers of 64 bits are moved whole by whom can; a board reads the first 4 bytes and writes none.
+#[test]
+fn numbers_of_64_bits() {
+    let mut bench = bench();
+    let whole = |bench: &Bench, index| {
+        let mut value = [0xEE; 9];
+        let len = dictionary::read(bench, ObjectAddress::new(index, 0), SdoScope::Entry, &mut value);
+        (len, value)
+    };
+    let put = |bench: &mut Bench, index, value: &[u8]| {
+        dictionary::write(bench, ObjectAddress::new(index, 0), SdoScope::Entry, value).map_err(|code| code.0)
+    };
+    assert_eq!(whole(&bench, 0x2009), (Ok(8), [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xEE]));
+    assert_eq!(read(&bench, 0x2009, 0), value(4, u32::MAX));
+    assert_eq!(write(&mut bench, 0x2009, 0, SdoSize::Four, 1), Err(AbortCode::TOO_SHORT));
+    assert_eq!(put(&mut bench, 0x2009, &4_999_999_999_i64.to_le_bytes()), Ok(()));
+    assert_eq!(put(&mut bench, 0x2009, &5_000_000_001_i64.to_le_bytes()), Err(0x0609_0031));
+    assert_eq!(put(&mut bench, 0x2009, &(-5_000_000_001_i64).to_le_bytes()), Err(0x0609_0032));
+    assert_eq!(put(&mut bench, 0x2009, &[0; 9]), Err(0x0607_0012));
+    for number in [0, 1, u64::MAX, 1 << 63] {
+        assert_eq!(put(&mut bench, 0x200A, &number.to_le_bytes()), Ok(()));
+        assert_eq!(whole(&bench, 0x200A).1[..8], number.to_le_bytes());
+    }
+}
+
+/// SK-7.53 Complete access of a record with gaps, and with values that go one way alone.
+#[test]
+fn complete_access_of_a_record() {
+    let mut bench = Bench { written: 0x0403_0201, ..bench() };
+    let at = |sub| ObjectAddress::new(0x200B, sub);
+    let mut record = [0xEE; 10];
+    assert_eq!(dictionary::read(&bench, at(0), SdoScope::Complete, &mut record), Ok(9));
+    assert_eq!(record, [5, 0, 0, 0, 0, 0, 0, 0, 0, 0], "zeros instead of what can only be written");
+    assert_eq!(dictionary::read(&bench, at(1), SdoScope::Complete, &mut record), Ok(7));
+    let mut write =
+        |sub, value: &[u8]| dictionary::write(&mut bench, at(sub), SdoScope::Complete, value).map_err(|code| code.0);
+    assert_eq!(write(0, &[9, 0, 9, 9, 0x78, 0x56, 0x34, 0x12, 7]), Ok(()), "what can only be read is left out");
+    assert_eq!(write(1, &[9, 9, 1, 0, 0, 0, 10]), Err(0x0609_0031), "the last one is too high");
+    for wrong in [0, 1, 3, 5, 10] {
+        assert_eq!(write(0, &[0; 10][..wrong]), Err(0x0607_0010), "{wrong} bytes");
+    }
+    assert_eq!((bench.written, read(&bench, 0x200B, 5), read(&bench, 0x200B, 1)), (1, value(1, 7), value(2, 0)));
+}
+
 /// A row says whether it may be mapped, and where.
 #[test]
 fn pdo_mappability() {
@@ -179,7 +232,9 @@ fn tables_are_checked() {
     const WIDE: &[Row] = &[Row::u8(0x2000, 0, "a").rw().range(0, 256)];
     const OUTSIDE: &[Row] = &[Row::u8(0x2000, 0, "a").rw().range(1, 2)];
     const NOWHERE: &[Row] = &[Row::u8(0x2000, 0, "a").rw().live(|bench| bench.told.into())];
-    for rows in [TWICE, OVERLAP, UNSORTED, WIDE, OUTSIDE, NOWHERE] {
+    const DEAF: &[Row] = &[Row::u8(0x2000, 0, "a").rx()];
+    const ENDLESS: &[Row] = &[Row::text(0x2000, 0, "a", |_| "b").tx()];
+    for rows in [TWICE, OVERLAP, UNSORTED, WIDE, OUTSIDE, NOWHERE, DEAF, ENDLESS] {
         assert!(rejected(rows), "{}", rows[0].name());
     }
     assert!(!rejected(OBJECTS));

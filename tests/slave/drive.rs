@@ -1,8 +1,10 @@
 //! The simulated servo drive as a slave: AL states, configuration, objects, process data, faults.
 
 use crate::rig::{MS, Rig, enter, read, write};
+use crate::wired::{config, configure, exchange as exchange_words};
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::fieldbus::pdo::ProcessData;
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Refusal, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::dictionary::{Device, PdoDirection};
@@ -20,14 +22,10 @@ fn drive_in(state: AlState, role: Role) -> Drive {
         }
         enter(&mut drive, next);
         if next == PreOp {
-            drive.configure(&config(role)).expect("the drive has the role");
+            configure(&mut drive, &config(role)).expect("the drive has the role");
         }
     }
     drive
-}
-
-fn config(role: Role) -> SlaveConfig {
-    SlaveConfig { role, sync: DriveSync::DcSync }
 }
 
 const CSP: Role = Role::Drive(Mode::Csp);
@@ -52,15 +50,15 @@ fn safeop_needs_a_configuration() {
     let mut drive = Drive::new(DriveConfig::default());
     enter(&mut drive, PreOp);
     assert_eq!(drive.enter(SafeOp), Err(AlStatus(0x001D)));
-    drive.configure(&config(CSP)).unwrap();
+    configure(&mut drive, &config(CSP)).unwrap();
     enter(&mut drive, SafeOp);
     enter(&mut drive, PreOp);
     enter(&mut drive, SafeOp);
     enter(&mut drive, Init);
     enter(&mut drive, PreOp);
     assert_eq!(drive.enter(SafeOp), Err(AlStatus(0x001D)));
-    drive.configure(&config(CSP)).unwrap();
-    drive.configure(&config(Role::Unused)).unwrap();
+    configure(&mut drive, &config(CSP)).unwrap();
+    configure(&mut drive, &config(Role::Unused)).unwrap();
     assert_eq!(drive.enter(SafeOp), Err(AlStatus(0x001D)), "not used");
 }
 
@@ -74,12 +72,12 @@ fn roles() {
     let mut drive = drive_in(PreOp, CSP);
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
     for role in [Role::Io, Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv)] {
-        assert_eq!(drive.configure(&config(role)), refused(0x001D, None), "{role:?}");
+        assert_eq!(configure(&mut drive, &config(role)), refused(0x001D, None), "{role:?}");
     }
     let no_homing = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));
-    assert_eq!(drive.configure(&config(Role::Drive(Mode::Homing))), refused(0, no_homing));
+    assert_eq!(configure(&mut drive, &config(Role::Drive(Mode::Homing))), refused(0, no_homing));
     for state in [Init, SafeOp, Op] {
-        assert_eq!(drive_in(state, CSP).configure(&config(CSP)), refused(0x0011, None), "{state:?}");
+        assert_eq!(configure(&mut drive_in(state, CSP), &config(CSP)), refused(0x0011, None), "{state:?}");
     }
 }
 
@@ -248,7 +246,7 @@ fn mapped_process_data() {
     }
     let mut unused = drive_in(Init, CSP);
     enter(&mut unused, PreOp);
-    assert_eq!((read(&mut unused, 0x1C12, 0), read(&mut unused, 0x1C13, 0)), (Ok(0), Ok(0)));
+    assert_eq!((read(&mut unused, 0x1C12, 0), read(&mut unused, 0x1C13, 0)), (Ok(1), Ok(1)), "of CSP at power-on");
 }
 
 /// 0x1C32:1 shows whether the drive runs free or with SYNC0.
@@ -256,7 +254,7 @@ fn mapped_process_data() {
 fn synchronization_type() {
     for (sync, shown) in [(DriveSync::FreeRun, 0), (DriveSync::DcSync, 2)] {
         let mut drive = drive_in(PreOp, CSP);
-        drive.configure(&SlaveConfig { role: CSP, sync }).unwrap();
+        configure(&mut drive, &SlaveConfig { role: CSP, sync }).unwrap();
         assert_eq!((read(&mut drive, 0x1C32, 1), read(&mut drive, 0x1C33, 1)), (Ok(shown), Ok(shown)));
     }
 }
@@ -274,19 +272,20 @@ fn exchange() {
                 value => value as i32,
             })
         };
+        let data = ProcessData::of(Role::Drive(mode), false).expect("a drive has the mode");
         let mut drive = drive_in(SafeOp, Role::Drive(mode));
         let mut inputs = [AxisIn::default(); MAX_AXES];
         drive.step(200 * MS);
-        drive.exchange(None, &mut inputs);
+        exchange_words(&mut drive, &data, None, &mut inputs);
         assert_eq!(inputs[0], AxisIn { statusword: Statusword(0x0250), ..AxisIn::default() });
-        drive.exchange(Some(&out), &mut inputs);
+        exchange_words(&mut drive, &data, Some(&out), &mut inputs);
         assert_eq!((targets(&mut drive), read(&mut drive, 0x6040, 0)), ([0; 3], Ok(0)), "{mode}: in SafeOP");
         enter(&mut drive, Op);
-        drive.exchange(Some(&out), &mut inputs);
+        exchange_words(&mut drive, &data, Some(&out), &mut inputs);
         assert_eq!((targets(&mut drive), read(&mut drive, 0x6040, 0)), (expected, Ok(6)), "{mode}: in OP");
         assert_eq!(inputs[0].statusword.0, 0x0250, "measured before");
         drive.step(MS);
-        drive.exchange(Some(&out), &mut inputs);
+        exchange_words(&mut drive, &data, Some(&out), &mut inputs);
         assert_eq!(inputs[0].statusword.0, 0x0231);
         assert_eq!(inputs[1], AxisIn::default(), "there is no second axis");
     }

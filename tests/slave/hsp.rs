@@ -1,26 +1,24 @@
 //! The simulated pulse module as a slave: roles, objects, pulses that follow their targets, digital lines.
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Refusal, Role, SlaveConfig};
-use ecmsk::sk::DriveSync;
+use ecmsk::fieldbus::pdo::ProcessData;
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Refusal, Role};
 use ecmsk::slave::plant::PulseTrain;
 use ecmsk::slave::{AlStatus, Channels, DeviceFault, Hsp, HspConfig, Slave};
 
 use AlState::*;
 
+use crate::wired::{config, configure, exchange};
+
 const MS: Ns = 1_000_000;
 const BOTH: [Channels; 2] = [Channels::One, Channels::Two];
-
-fn config(role: Role) -> SlaveConfig {
-    SlaveConfig { role, sync: DriveSync::DcSync }
-}
 
 fn hsp_in(state: AlState, config_: HspConfig, mode: Mode) -> Hsp {
     let mut hsp = Hsp::new(config_);
     for next in [PreOp, SafeOp, Op].into_iter().take_while(|next| *next <= state) {
         hsp.enter(next).expect("the state is open to it");
         if next == PreOp {
-            hsp.configure(&config(Role::Hsp(mode))).expect("it has this mode");
+            configure(&mut hsp, &config(Role::Hsp(mode))).expect("it has this mode");
         }
     }
     hsp
@@ -37,6 +35,7 @@ fn write(hsp: &mut Hsp, index: u16, sub: u8, size: SdoSize, value: u32) -> Resul
 /// A master that exchanges process data with a module once a cycle.
 struct Master {
     hsp: Hsp,
+    data: ProcessData,
     cycle_ns: Ns,
     out: [AxisOut; 2],
     seen: [AxisIn; 2],
@@ -45,8 +44,9 @@ struct Master {
 impl Master {
     /// The module in OP, its self test over.
     fn op(config: HspConfig, mode: Mode, cycle_ns: Ns) -> Self {
+        let data = ProcessData::of(Role::Hsp(mode), config.channels == Channels::Two).expect("it has the mode");
         let hsp = hsp_in(Op, config, mode);
-        let mut master = Self { hsp, cycle_ns, out: Default::default(), seen: Default::default() };
+        let mut master = Self { hsp, data, cycle_ns, out: Default::default(), seen: Default::default() };
         master.cycles((200 * MS).div_ceil(cycle_ns));
         master
     }
@@ -71,7 +71,7 @@ impl Master {
     }
 
     fn cycle(&mut self) {
-        self.hsp.exchange(Some(&self.out), &mut self.seen);
+        exchange(&mut self.hsp, &self.data, Some(&self.out), &mut self.seen);
         self.hsp.step(self.cycle_ns);
     }
 
@@ -113,27 +113,27 @@ fn roles() {
         let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
         let mut hsp = hsp_in(PreOp, module.clone(), Mode::Csp);
         for mode in [Mode::Csp, Mode::Csv, Mode::Cst] {
-            for role in [Role::Drive(mode), Role::Step(mode), Role::Io] {
-                assert_eq!(hsp.configure(&config(role)), refused(0x001D, None), "{role:?}");
+            for role in [Role::Drive(mode), Role::Step(Mode::Csp), Role::Io] {
+                assert_eq!(configure(&mut hsp, &config(role)), refused(0x001D, None), "{role:?}");
             }
         }
         for mode in [Mode::Cst, Mode::Homing] {
             let no_mode = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));
-            assert_eq!(hsp.configure(&config(Role::Hsp(mode))), refused(0, no_mode), "{mode}");
+            assert_eq!(configure(&mut hsp, &config(Role::Hsp(mode))), refused(0, no_mode), "{mode}");
         }
         for mode in [Mode::Csv, Mode::Csp] {
-            assert_eq!(hsp.configure(&config(Role::Hsp(mode))), Ok(()));
+            assert_eq!(configure(&mut hsp, &config(Role::Hsp(mode))), Ok(()));
             assert_eq!(read(&mut hsp, 0x6061, 0), Ok((1, mode.code().into())));
         }
         for state in [Init, SafeOp, Op] {
             let mut hsp = hsp_in(state, module.clone(), Mode::Csp);
-            assert_eq!(hsp.configure(&config(Role::Hsp(Mode::Csp))), refused(0x0011, None), "{state:?}");
+            assert_eq!(configure(&mut hsp, &config(Role::Hsp(Mode::Csp))), refused(0x0011, None), "{state:?}");
         }
         let mut hsp = Hsp::new(module.clone());
         hsp.enter(PreOp).unwrap();
         assert_eq!(hsp.enter(SafeOp), Err(AlStatus(0x001D)), "nothing is mapped");
-        hsp.configure(&config(Role::Hsp(Mode::Csp))).unwrap();
-        hsp.configure(&config(Role::Unused)).unwrap();
+        configure(&mut hsp, &config(Role::Hsp(Mode::Csp))).unwrap();
+        configure(&mut hsp, &config(Role::Unused)).unwrap();
         assert_eq!(hsp.enter(SafeOp), Err(AlStatus(0x001D)), "not used");
     }
 }
@@ -163,7 +163,7 @@ fn process_data_are_what_the_mode_fixes() {
         }
         let mut unmapped = Hsp::new(HspConfig::with(channels));
         unmapped.enter(PreOp).unwrap();
-        assert_eq!([0x1C12, 0x1C13].map(|assign| read(&mut unmapped, assign, 0)), [Ok((1, 0)); 2]);
+        assert_eq!([0x1C12, 0x1C13].map(|assign| read(&mut unmapped, assign, 0)), [Ok((1, channels as u32)); 2]);
     }
 }
 
@@ -382,7 +382,7 @@ fn axes_are_independent() {
         master.cycles(5);
         assert_eq!(master.state(axis), Some(DriveState::Fault));
         assert_eq!(master.state(other), Some(DriveState::SwitchOnDisabled));
-        assert_eq!((master.seen[axis].error_code, master.seen[other].error_code), (0x7500, 0));
+        assert_eq!(master.seen.map(|seen| seen.error_code), [0; 2], "it is not mapped");
         assert_eq!(read(&mut master.hsp, 0x603F + 0x800 * axis as u16, 0), Ok((2, 0x7500)));
         assert_eq!(read(&mut master.hsp, 0x1001, 0), Ok((1, 0x21)), "the error register is of both");
     }
@@ -474,9 +474,9 @@ fn outside_op_outputs_are_off_and_pulses_end() {
     assert_eq!(master.hsp.state(), SafeOp);
     (0..200).for_each(|_| master.hsp.step(MS));
     let mut seen = Default::default();
-    master.hsp.exchange(None, &mut seen);
+    exchange(&mut master.hsp, &master.data, None, &mut seen);
     assert!(seen.iter().all(|axis| axis.statusword.state() == Some(DriveState::SwitchOnDisabled)));
     // SafeOP takes no outputs.
-    master.hsp.exchange(Some(&master.out), &mut seen);
+    exchange(&mut master.hsp, &master.data, Some(&master.out), &mut seen);
     assert_eq!(master.hsp.outputs(0), 0);
 }

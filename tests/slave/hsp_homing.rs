@@ -2,11 +2,12 @@
 
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Role, SlaveConfig};
-use ecmsk::sk::DriveSync;
+use ecmsk::fieldbus::pdo::ProcessData;
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Role};
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{Channels, HomeSwitch, Hsp, HspConfig, Input, Slave, Travel};
 
+use crate::wired::{exchange, map};
 use support::homing_tables::{METHODS, Places};
 
 const MS: Ns = 1_000_000;
@@ -38,6 +39,7 @@ fn travel() -> Travel {
 /// A module in Operation enabled, with a master that sends what it saw and so never asks for a jump.
 struct Bench {
     hsp: Hsp,
+    data: ProcessData,
     out: [AxisOut; 2],
     seen: [AxisIn; 2],
 }
@@ -50,10 +52,10 @@ impl Bench {
     fn of(config: HspConfig, mode: Mode) -> Self {
         let mut hsp = Hsp::new(config);
         hsp.enter(AlState::PreOp).unwrap();
-        hsp.configure(&SlaveConfig { role: Role::Hsp(mode), sync: DriveSync::DcSync }).unwrap();
+        let data = map(&mut hsp, Role::Hsp(mode));
         hsp.enter(AlState::SafeOp).unwrap();
         hsp.enter(AlState::Op).unwrap();
-        let mut bench = Self { hsp, out: Default::default(), seen: Default::default() };
+        let mut bench = Self { hsp, data, out: Default::default(), seen: Default::default() };
         (0..200).for_each(|_| bench.cycle(mode == Mode::Csp));
         for word in [Controlword::SHUTDOWN, Controlword::SWITCH_ON, Controlword::ENABLE_OPERATION] {
             bench.out.iter_mut().for_each(|out| out.controlword = word);
@@ -81,7 +83,7 @@ impl Bench {
         for (out, seen) in self.out.iter_mut().zip(&self.seen) {
             out.target = if holds { seen.position } else { out.target };
         }
-        self.hsp.exchange(Some(&self.out), &mut self.seen);
+        exchange(&mut self.hsp, &self.data, Some(&self.out), &mut self.seen);
         self.hsp.step(MS);
     }
 

@@ -1,17 +1,16 @@
 //! The simulated IO module as a slave: AL states, roles, objects, and outputs that come back as inputs.
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
+use ecmsk::fieldbus::pdo::ProcessData;
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Ns, Refusal, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::{AlStatus, Io, IoConfig, Slave};
 
 use AlState::*;
 
-const MS: Ns = 1_000_000;
+use crate::wired::{config, configure, exchange};
 
-fn config(role: Role) -> SlaveConfig {
-    SlaveConfig { role, sync: DriveSync::DcSync }
-}
+const MS: Ns = 1_000_000;
 
 fn io_in(state: AlState) -> Io {
     let mut io = Io::new(IoConfig { serial: 0x1234, ..IoConfig::default() });
@@ -21,7 +20,7 @@ fn io_in(state: AlState) -> Io {
         }
         io.enter(next).expect("the state is open to it");
         if next == PreOp {
-            io.configure(&config(Role::Io)).expect("it is an IO module");
+            configure(&mut io, &config(Role::Io)).expect("it is an IO module");
         }
     }
     io
@@ -31,7 +30,8 @@ fn io_in(state: AlState) -> Io {
 fn cycle(io: &mut Io, outputs: Option<u16>) -> u16 {
     let mut inputs = [AxisIn::default(); MAX_AXES];
     let outputs = outputs.map(|outputs| [AxisOut { outputs, ..AxisOut::default() }, AxisOut::default()]);
-    io.exchange(outputs.as_ref(), &mut inputs);
+    let data = ProcessData::of(Role::Io, false).expect("16 and 16 lines");
+    exchange(io, &data, outputs.as_ref(), &mut inputs);
     io.step(MS);
     inputs[0].inputs
 }
@@ -61,8 +61,8 @@ fn al_states() {
     io.enter(Init).unwrap();
     io.enter(PreOp).unwrap();
     assert_eq!(io.enter(SafeOp), Err(AlStatus(0x001D)));
-    io.configure(&config(Role::Io)).unwrap();
-    io.configure(&config(Role::Unused)).unwrap();
+    configure(&mut io, &config(Role::Io)).unwrap();
+    configure(&mut io, &config(Role::Unused)).unwrap();
     assert_eq!(io.enter(SafeOp), Err(AlStatus(0x001D)), "not used");
 }
 
@@ -72,15 +72,15 @@ fn roles() {
     let refused = |al_status| Err(Refusal { slave: 0, al_status, abort: None });
     let mut io = io_in(PreOp);
     for mode in [Mode::Csp, Mode::Csv, Mode::Cst] {
-        for role in [Role::Drive(mode), Role::Step(mode), Role::Hsp(mode)] {
-            assert_eq!(io.configure(&config(role)), refused(0x001D), "{role:?}");
+        for role in [Role::Drive(mode), Role::Step(Mode::Csp), Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv)] {
+            assert_eq!(configure(&mut io, &config(role)), refused(0x001D), "{role:?}");
         }
     }
     for sync in [DriveSync::FreeRun, DriveSync::DcSync] {
-        assert_eq!(io.configure(&SlaveConfig { role: Role::Io, sync }), Ok(()));
+        assert_eq!(configure(&mut io, &SlaveConfig { role: Role::Io, sync }), Ok(()));
     }
     for state in [Init, SafeOp, Op] {
-        assert_eq!(io_in(state).configure(&config(Role::Io)), refused(0x0011), "{state:?}");
+        assert_eq!(configure(&mut io_in(state), &config(Role::Io)), refused(0x0011), "{state:?}");
     }
 }
 
@@ -91,8 +91,12 @@ fn objects() {
     let mut io = io_in(Init);
     assert_eq!(read(&mut io, 0x1000, 0), Err(AbortCode::TIMEOUT), "no mailbox");
     io.enter(PreOp).unwrap();
-    assert_eq!((read(&mut io, 0x1C12, 0), read(&mut io, 0x1C12, 1)), (Ok((1, 0)), Ok((2, 0))), "nothing is mapped");
-    io.configure(&config(Role::Io)).unwrap();
+    assert_eq!(
+        (read(&mut io, 0x1C12, 0), read(&mut io, 0x1C12, 1)),
+        (Ok((1, 1)), Ok((2, 0x1600))),
+        "mapped at power-on"
+    );
+    configure(&mut io, &config(Role::Io)).unwrap();
     assert_eq!(read(&mut io, 0x1000, 0), Ok((4, 0x0003_0191)), "device profile 401, inputs and outputs");
     assert_eq!(read(&mut io, 0x1001, 0), Ok((1, 0)));
     assert_eq!(read(&mut io, 0x1008, 0), Ok((4, u32::from_le_bytes(*b"IO16"))));

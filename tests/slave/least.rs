@@ -1,8 +1,8 @@
 //! A slave that is no device of ours and has only what it must: what the others have, it does without.
 
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, Ns, Refusal, SlaveConfig, SlaveIn, SlaveOut};
-use ecmsk::slave::{AlStatus, DeviceFault, Input, InputPattern, SdoValue, Slave};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::ethercat::{AlState, Ns};
+use ecmsk::slave::{AlStatus, DeviceFault, Input, InputPattern, Slave};
 
 struct Least;
 
@@ -19,19 +19,15 @@ impl Slave for Least {
         Err(AlStatus::INVALID_CHANGE)
     }
 
-    fn configure(&mut self, _: &SlaveConfig) -> Result<(), Refusal> {
-        Ok(())
-    }
-
-    fn upload(&mut self, _: ObjectAddress) -> Result<SdoValue, AbortCode> {
+    fn read(&mut self, _: ObjectAddress, _: SdoScope, _: &mut [u8]) -> Result<usize, AbortCode> {
         Err(AbortCode::TIMEOUT)
     }
 
-    fn download(&mut self, _: ObjectAddress, _: SdoSize, _: u32) -> Result<(), AbortCode> {
+    fn write(&mut self, _: ObjectAddress, _: SdoScope, _: &[u8]) -> Result<(), AbortCode> {
         Err(AbortCode::TIMEOUT)
     }
 
-    fn exchange(&mut self, _: Option<&SlaveOut>, _: &mut SlaveIn) {}
+    fn exchange(&mut self, _: Option<&[u8]>, _: &mut [u8]) {}
 
     fn step(&mut self, _: Ns) {}
 }

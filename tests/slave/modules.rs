@@ -1,10 +1,13 @@
 //! What the simulated modules and drives have alike: names, clocks, forced inputs, the error register.
 
+use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::fieldbus::{AlState, Ns};
+use ecmsk::fieldbus::{AlState, Ns, Role};
 use ecmsk::slave::{
     AlStatus, Channels, DeviceFault, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, InputPattern, Io, IoConfig, Slave,
 };
+
+use crate::wired::{exchange, map};
 
 const MS: Ns = 1_000_000;
 
@@ -81,9 +84,11 @@ fn inputs_of_channels() {
             let pattern = InputPattern::Bits(0x0101 << channel);
             assert_eq!(hsp.force_inputs(channel, Some(pattern)), channel < count, "{channels:?} {channel}");
         }
+        let data = map(&mut hsp, Role::Hsp(Mode::Csp));
         let mut seen = Default::default();
+        hsp.enter(AlState::SafeOp).unwrap();
         hsp.step(MS);
-        hsp.exchange(None, &mut seen);
+        exchange(&mut hsp, &data, None, &mut seen);
         let expected = if count == 2 { [0x0101, 0x0202] } else { [0x0101, 0] };
         assert_eq!(seen.map(|axis| axis.inputs), expected, "{channels:?}");
     }

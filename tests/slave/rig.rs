@@ -2,14 +2,17 @@
 
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Ns, Role, SlaveConfig};
-use ecmsk::sk::DriveSync;
+use ecmsk::fieldbus::pdo::ProcessData;
+use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Ns, Role};
 use ecmsk::slave::{Drive, DriveConfig, DriveKind, Slave};
+
+use crate::wired::{exchange, map};
 
 pub const MS: Ns = 1_000_000;
 
 pub struct Rig {
     pub drive: Drive,
+    data: ProcessData,
     pub cycle_ns: Ns,
     pub out: AxisOut,
     pub seen: AxisIn,
@@ -24,11 +27,10 @@ impl Rig {
         };
         let mut drive = Drive::new(config);
         enter(&mut drive, AlState::PreOp);
-        let role = SlaveConfig { role, sync: DriveSync::DcSync };
-        drive.configure(&role).expect("a drive has this mode");
+        let data = map(&mut drive, role);
         enter(&mut drive, AlState::SafeOp);
         enter(&mut drive, AlState::Op);
-        let mut rig = Self { drive, cycle_ns, out: AxisOut::default(), seen: AxisIn::default() };
+        let mut rig = Self { drive, data, cycle_ns, out: AxisOut::default(), seen: AxisIn::default() };
         rig.run_for(200 * MS);
         rig
     }
@@ -67,7 +69,7 @@ impl Rig {
     /// One cycle: process data, then time.
     pub fn cycle(&mut self) -> AxisIn {
         let mut inputs = [AxisIn::default(); MAX_AXES];
-        self.drive.exchange(Some(&[self.out, AxisOut::default()]), &mut inputs);
+        exchange(&mut self.drive, &self.data, Some(&[self.out, AxisOut::default()]), &mut inputs);
         self.seen = inputs[0];
         self.drive.step(self.cycle_ns);
         self.seen

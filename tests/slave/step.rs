@@ -1,15 +1,11 @@
 //! The simulated stepper as a slave: a drive that has CSP alone.
 
 use crate::rig::{MS, Rig, enter, read, write};
+use crate::wired::{config, configure};
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, Refusal, Role, SlaveConfig};
-use ecmsk::sk::DriveSync;
-use ecmsk::slave::{Drive, DriveConfig, Slave};
-
-fn config(role: Role) -> SlaveConfig {
-    SlaveConfig { role, sync: DriveSync::DcSync }
-}
+use ecmsk::fieldbus::{AlState, Refusal, Role};
+use ecmsk::slave::{Drive, DriveConfig};
 
 fn in_preop() -> Drive {
     let mut step = Drive::new(DriveConfig::stepper());
@@ -24,22 +20,20 @@ fn in_preop() -> Drive {
 fn roles() {
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
     let mut step = in_preop();
-    for mode in [Mode::Csp, Mode::Csv, Mode::Cst] {
-        for role in [Role::Hsp(mode), Role::Io] {
-            assert_eq!(step.configure(&config(role)), refused(0x001D, None), "{role:?}");
-        }
+    for role in [Role::Hsp(Mode::Csp), Role::Io] {
+        assert_eq!(configure(&mut step, &config(role)), refused(0x001D, None), "{role:?}");
     }
     for mode in [Mode::Csv, Mode::Cst, Mode::Homing] {
         let no_mode = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));
-        for role in [Role::Step(mode), Role::Drive(mode)] {
-            assert_eq!(step.configure(&config(role)), refused(0, no_mode), "{role:?}");
+        for role in [Role::Step(mode), Role::Drive(mode), Role::Hsp(mode)] {
+            assert_eq!(configure(&mut step, &config(role)), refused(0, no_mode), "{role:?}");
         }
     }
     let mut servo = Drive::new(DriveConfig::default());
     enter(&mut servo, AlState::PreOp);
     for role in [Role::Drive(Mode::Csp), Role::Step(Mode::Csp)] {
         for slave in [&mut step, &mut servo] {
-            assert_eq!(slave.configure(&config(role)), Ok(()), "{role:?}");
+            assert_eq!(configure(slave, &config(role)), Ok(()), "{role:?}");
             assert_eq!([1, 2].map(|n| read(slave, 0x1600, n)), [Ok(0x6040_0010), Ok(0x607A_0020)]);
             assert_eq!(read(slave, 0x6061, 0), Ok(8));
         }
@@ -50,7 +44,7 @@ fn roles() {
 #[test]
 fn objects() {
     let mut step = in_preop();
-    step.configure(&config(Role::Step(Mode::Csp))).unwrap();
+    configure(&mut step, &config(Role::Step(Mode::Csp))).unwrap();
     assert_eq!((read(&mut step, 0x1C12, 1), read(&mut step, 0x1C13, 1)), (Ok(0x1600), Ok(0x1A00)));
     assert_eq!([1, 2].map(|n| read(&mut step, 0x1600, n)), [Ok(0x6040_0010), Ok(0x607A_0020)]);
     let measured = [0x6041_0010, 0x6064_0020, 0x6077_0010, 0x603F_0010].map(Ok);

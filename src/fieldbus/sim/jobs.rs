@@ -1,8 +1,8 @@
 //! Jobs of the simulated bus: what they do, when, and how they fail.
 
-use super::SimBus;
-use crate::cia402::{CONTROLWORD, SECOND_AXIS_OFFSET};
-use crate::coe::{AbortCode, ObjectAddress};
+use super::configure::configure;
+use super::{SimBus, Station};
+use crate::coe::AbortCode;
 use crate::fieldbus::{
     AlState, BusConfig, Configured, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest,
     SlaveSet,
@@ -68,11 +68,10 @@ impl SimBus {
                     if now < *due {
                         return None;
                     }
-                    if let Err(refusal) = self.configure_slave(config, *next) {
-                        return Some(JobDone::Configure(Err(refusal)));
-                    }
-                    if self.has_second_axis(config, *next) {
-                        second_axes.insert(*next);
+                    match self.configure_slave(config, *next) {
+                        Err(refusal) => return Some(JobDone::Configure(Err(refusal))),
+                        Ok(true) => second_axes.insert(*next),
+                        Ok(false) => {}
                     }
                     *next += 1;
                     *due += self.timing.configure_slave_ns;
@@ -112,7 +111,7 @@ impl SimBus {
         for slave in 1..=self.found {
             let answers = self.answers(slave);
             let station = self.station(slave);
-            station.brought = AlState::Init;
+            (station.brought, station.process_data) = (AlState::Init, None);
             if answers {
                 // Down is open to every slave; one that stays up all the same shows when it is to go up.
                 let _ = station.slave.enter(AlState::Init);
@@ -121,21 +120,21 @@ impl SimBus {
         self.found
     }
 
-    fn configure_slave(&mut self, config: &BusConfig, slave: u8) -> Result<(), Refusal> {
+    /// Whether the slave is a pulse module of two channels.
+    fn configure_slave(&mut self, config: &BusConfig, slave: u8) -> Result<bool, Refusal> {
         let wanted = &config.slaves[usize::from(slave) - 1];
         if !self.answers(slave) {
             // Nobody waits for a slave that is not used (SK-4 [OURS]).
             let unused = wanted.role == Role::Unused;
-            return if unused { Ok(()) } else { Err(Refusal { slave, al_status: 0, abort: None }) };
+            return if unused { Ok(false) } else { Err(Refusal { slave, al_status: 0, abort: None }) };
         }
-        self.station(slave).slave.configure(wanted).map_err(|refusal| Refusal { slave, ..refusal })
-    }
-
-    /// Whether a slave that was just configured is a pulse module of two channels: it says so by its objects.
-    fn has_second_axis(&mut self, config: &BusConfig, slave: u8) -> bool {
-        let controlword = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
-        matches!(config.slaves[usize::from(slave) - 1].role, Role::Hsp(_))
-            && self.station(slave).slave.upload(controlword).is_ok()
+        let Station { slave: device, process_data, .. } = self.station(slave);
+        if device.state() == AlState::PreOp {
+            *process_data = None;
+        }
+        let configured = configure(&mut **device, wanted).map_err(|refusal| Refusal { slave, ..refusal })?;
+        *process_data = configured;
+        Ok(configured.is_some_and(|data| data.axes() > 1))
     }
 
     /// Slaves of the set that were found and are not where they shall be.

@@ -20,17 +20,31 @@ pub enum DataType {
     I32,
     /// UNSIGNED32.
     U32,
-    /// VISIBLE_STRING, of which an upload carries the first 4 bytes.
+    /// INTEGER64.
+    I64,
+    /// UNSIGNED64. Where a number is an `i64` it is the one with the same bits, so that a row of it has no range.
+    U64,
+    /// VISIBLE_STRING, of any length.
     Text,
 }
 
 impl DataType {
-    /// Bytes an SDO moves.
+    /// Bytes of a value; 0: not fixed, a text is as long as it is.
     pub const fn bytes(self) -> u8 {
         match self {
             Self::Bool | Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::Text => 4,
+            Self::I32 | Self::U32 => 4,
+            Self::I64 | Self::U64 => 8,
+            Self::Text => 0,
+        }
+    }
+
+    /// Bits of a value in process data: a BOOLEAN is one there (ETG.1000.6 5.6.7).
+    pub const fn bits(self) -> u8 {
+        match self {
+            Self::Bool => 1,
+            other => other.bytes() * 8,
         }
     }
 
@@ -43,28 +57,31 @@ impl DataType {
             Self::I16 => (i16::MIN as i64, i16::MAX as i64),
             Self::U16 => (0, u16::MAX as i64),
             Self::I32 => (i32::MIN as i64, i32::MAX as i64),
-            Self::U32 | Self::Text => (0, u32::MAX as i64),
+            Self::U32 => (0, u32::MAX as i64),
+            Self::I64 | Self::U64 | Self::Text => (i64::MIN, i64::MAX),
         }
     }
 
     /// The number that the low bytes of `bits` mean.
-    pub(super) const fn decode(self, bits: u32) -> i64 {
+    pub(in crate::slave) const fn decode(self, bits: u64) -> i64 {
         match self {
             Self::Bool | Self::U8 => bits as u8 as i64,
             Self::I8 => bits as i8 as i64,
             Self::I16 => bits as i16 as i64,
             Self::U16 => bits as u16 as i64,
             Self::I32 => bits as i32 as i64,
-            Self::U32 | Self::Text => bits as i64,
+            Self::U32 => bits as u32 as i64,
+            Self::I64 | Self::U64 | Self::Text => bits as i64,
         }
     }
 
     /// The number as it goes over the wire, zero-extended.
-    pub(super) const fn encode(self, number: i64) -> u32 {
+    pub(super) const fn encode(self, number: i64) -> u64 {
         match self.bytes() {
-            1 => number as u8 as u32,
-            2 => number as u16 as u32,
-            _ => number as u32,
+            1 => number as u8 as u64,
+            2 => number as u16 as u64,
+            4 => number as u32 as u64,
+            _ => number as u64,
         }
     }
 }
@@ -128,6 +145,8 @@ pub struct Object<D: 'static> {
     pub(super) max: i64,
     pub(super) default: i64,
     pub(super) only_if: Option<fn(&D) -> bool>,
+    /// How outputs write it, if otherwise than an SDO does.
+    pub(super) output: Option<fn(&mut D, i64)>,
     pub(super) cell: Cell<D>,
 }
 
@@ -156,6 +175,8 @@ impl<D> Object<D> {
         u16 U16 "UNSIGNED16";
         i32 I32 "INTEGER32";
         u32 U32 "UNSIGNED32";
+        i64 I64 "INTEGER64";
+        u64 U64 "UNSIGNED64";
     }
 
     /// A read-only text.
@@ -168,8 +189,8 @@ impl<D> Object<D> {
     const fn row(index: u16, first_sub: u8, name: &'static str, data: DataType) -> Self {
         let (min, max) = data.range();
         let cell = Cell::Stored { accept: None, changed: None };
-        let (access, pdo) = (Access::ReadOnly, None);
-        Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, only_if: None, cell }
+        let (access, pdo, only_if, output) = (Access::ReadOnly, None, None, None);
+        Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, only_if, output, cell }
     }
 
     /// The row stands for that many sub-indices, from its own on.
@@ -206,6 +227,12 @@ impl<D> Object<D> {
     pub const fn rx(mut self) -> Self {
         self.pdo = Some(PdoDirection::Rx);
         self
+    }
+
+    /// May be mapped into an RxPDO, and outputs reach the device by that function and not as an SDO does.
+    pub const fn rx_by(mut self, output: fn(&mut D, i64)) -> Self {
+        self.output = Some(output);
+        self.rx()
     }
 
     /// May be mapped into a TxPDO.
@@ -264,6 +291,11 @@ impl<D> Object<D> {
     /// Address of the row's first sub-index.
     pub const fn address(&self) -> ObjectAddress {
         ObjectAddress::new(self.index, self.first_sub)
+    }
+
+    /// Whether the row has that address.
+    pub const fn has(&self, at: ObjectAddress) -> bool {
+        self.index == at.index && at.sub >= self.first_sub && at.sub - self.first_sub < self.count
     }
 
     /// How many sub-indices the row stands for.
@@ -345,6 +377,10 @@ pub const fn check<D>(objects: &[Object<D>]) {
         assert!(min <= object.min && object.min <= object.max && object.max <= max, "range outside the data type");
         assert!(min <= object.default && object.default <= max, "default outside the data type");
         let read_only = matches!(object.access, Access::ReadOnly);
+        let mappable_text = object.pdo.is_some() && matches!(object.data, DataType::Text);
+        assert!(!mappable_text, "a text has no fixed length in process data");
+        let is_output = matches!(object.pdo, Some(PdoDirection::Rx));
+        assert!(!is_output || !read_only || object.output.is_some(), "outputs have nowhere to go");
         if !read_only {
             assert!(object.min <= object.default && object.default <= object.max || object.is_live(), "bad default");
             assert!(!matches!(object.cell, Cell::Text(_) | Cell::Live { set: None, .. }), "nowhere to write to");

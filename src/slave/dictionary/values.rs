@@ -10,10 +10,10 @@ pub trait Value: Copy {
     const DATA: DataType;
 
     /// From the low bits.
-    fn from_bits(bits: u32) -> Self;
+    fn from_bits(bits: u64) -> Self;
 
     /// Zero-extended.
-    fn to_bits(self) -> u32;
+    fn to_bits(self) -> u64;
 }
 
 macro_rules! values {
@@ -21,12 +21,12 @@ macro_rules! values {
         $(impl Value for $rust {
             const DATA: DataType = DataType::$data;
 
-            fn from_bits(bits: u32) -> Self {
+            fn from_bits(bits: u64) -> Self {
                 bits as Self
             }
 
-            fn to_bits(self) -> u32 {
-                (self as $unsigned).into()
+            fn to_bits(self) -> u64 {
+                (self as $unsigned) as u64
             }
         })*
     };
@@ -39,16 +39,18 @@ values! {
     u16 u16 U16;
     i32 u32 I32;
     u32 u32 U32;
+    i64 u64 I64;
+    u64 u64 U64;
 }
 
 impl Value for bool {
     const DATA: DataType = DataType::Bool;
 
-    fn from_bits(bits: u32) -> Self {
+    fn from_bits(bits: u64) -> Self {
         bits & 1 != 0
     }
 
-    fn to_bits(self) -> u32 {
+    fn to_bits(self) -> u64 {
         self.into()
     }
 }
@@ -82,7 +84,7 @@ pub const fn slot<D, T: Value>(objects: &[Object<D>], index: u16, sub: u8) -> Sl
 
 /// The stored values of one device, one cell for each sub-index of its table. Allocates when it is made, never after.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Values(Box<[u32]>);
+pub struct Values(Box<[u64]>);
 
 impl Values {
     /// The defaults of a table.
@@ -101,11 +103,11 @@ impl Values {
         self.0[usize::from(slot.cell)] = value.to_bits();
     }
 
-    pub(super) fn bits(&self, cell: usize) -> u32 {
+    pub(super) fn bits(&self, cell: usize) -> u64 {
         self.0[cell]
     }
 
-    pub(super) fn set_bits(&mut self, cell: usize, bits: u32) {
+    pub(super) fn set_bits(&mut self, cell: usize, bits: u64) {
         self.0[cell] = bits;
     }
 }

@@ -3,11 +3,11 @@
 use super::{Drive, DriveKind};
 use crate::cia402::Controlword;
 use crate::ethercat::AlState;
-use crate::fieldbus::Role;
 use crate::slave::axis::rounded;
 use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::plant::Motor;
+use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
 
 /// 0x1018:2. \[OURS] "SERV".
 pub const PRODUCT_CODE: u32 = 0x5345_5256;
@@ -86,28 +86,22 @@ type Row = Object<Drive>;
 /// by the cycle as it is.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 4] = [&identity(), PROCESS_DATA, &synchronization(), CIA402];
+const PARTS: [&[Row]; 3] = [&identity(), &synchronization(), CIA402];
 
-const PROCESS_DATA: &[Row] = &[
-    Row::u8(0x1600, 0, "RxPDO CSP").default(2),
-    Row::u32(0x1600, 1, "Controlword").default(0x6040_0010),
-    Row::u32(0x1600, 2, "Target position").default(0x607A_0020),
-    Row::u8(0x1601, 0, "RxPDO CSV").default(2).only_if(is_servo),
-    Row::u32(0x1601, 1, "Controlword").default(0x6040_0010).only_if(is_servo),
-    Row::u32(0x1601, 2, "Target velocity").default(0x60FF_0020).only_if(is_servo),
-    Row::u8(0x1602, 0, "RxPDO CST").default(2).only_if(is_servo),
-    Row::u32(0x1602, 1, "Controlword").default(0x6040_0010).only_if(is_servo),
-    Row::u32(0x1602, 2, "Target torque").default(0x6071_0010).only_if(is_servo),
-    Row::u8(0x1A00, 0, "TxPDO").default(4),
-    Row::u32(0x1A00, 1, "Statusword").default(0x6041_0010),
-    Row::u32(0x1A00, 2, "Position actual value").default(0x6064_0020),
-    Row::u32(0x1A00, 3, "Torque actual value").default(0x6077_0010),
-    Row::u32(0x1A00, 4, "Error code").default(0x603F_0010),
-    Row::u8(0x1C12, 0, "RxPDO assign").live(|drive| drive.base.mapped().is_some().into()),
-    Row::u16(0x1C12, 1, "RxPDO").live(rx_pdo),
-    Row::u8(0x1C13, 0, "TxPDO assign").live(|drive| drive.base.mapped().is_some().into()),
-    Row::u16(0x1C13, 1, "TxPDO").live(|drive| drive.base.mapped().map_or(0, |_| 0x1A00)),
+/// PDOs at power-on: for CSP, CSV and CST. \[OURS] That of CSP is assigned.
+pub(super) const PDOS: &[Pdo<Drive>] = &[
+    tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x6077_0010, 0x603F_0010]),
+    rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020]),
+    rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020]),
+    rx_pdo!(OBJECTS, 0x1602, false, [0x6040_0010, 0x6071_0010]),
 ];
+
+pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
+    match kind {
+        DriveKind::Servo => PDOS,
+        DriveKind::Stepper => PDOS.split_at(2).0,
+    }
+}
 
 const CIA402: &[Row] = &[
     Row::u16(0x603F, 0, "Error code").tx().live(|drive| drive.axis.measured().error_code.into()),
@@ -130,7 +124,7 @@ const CIA402: &[Row] = &[
         .setter(Drive::set_mode),
     Row::i8(0x6061, 0, "Modes of operation display").tx().live(|drive| drive.axis.mode().code().into()),
     Row::i32(0x6062, 0, "Position demand value").tx().live(|drive| drive.axis.demand()),
-    Row::i32(0x6064, 0, "Position actual value").tx().live(|drive| drive.axis.position()),
+    Row::i32(0x6064, 0, "Position actual value").tx().live(|drive| drive.axis.measured().position.into()),
     Row::u32(0x6065, 0, "Following error window").rw().rx().changed(Drive::settings_changed),
     Row::u16(0x6066, 0, "Following error time out").rw().rx().default(10).changed(Drive::settings_changed),
     Row::i32(0x606C, 0, "Velocity actual value").tx().live(|drive| rounded(drive.axis.plant().velocity())),
@@ -146,12 +140,14 @@ const CIA402: &[Row] = &[
     Row::u16(0x6072, 0, "Max torque").rw().rx().changed(Drive::settings_changed),
     Row::u32(0x6076, 0, "Motor rated torque").live(|drive| drive.motor.rated_torque.into()),
     Row::i16(0x6077, 0, "Torque actual value").tx().live(|drive| drive.axis.measured().torque.into()),
-    Row::i32(0x607A, 0, "Target position").rw().rx().live(|drive| drive.axis.targets().position.into()).setter(
-        |drive, position| {
+    Row::i32(0x607A, 0, "Target position")
+        .rw()
+        .rx_by(|drive, position| drive.axis.take_target_position(position as i32))
+        .live(|drive| drive.axis.targets().position.into())
+        .setter(|drive, position| {
             drive.axis.targets_mut().position = position as i32;
             Ok(())
-        },
-    ),
+        }),
     Row::i32(0x607C, 0, "Home offset").rw().changed(Drive::settings_changed),
     Row::u8(0x607D, 0, "Software position limit").default(2),
     Row::i32(0x607D, 1, "Min position limit").rw().default(i32::MIN as i64).changed(Drive::settings_changed),
@@ -189,7 +185,8 @@ const CIA402: &[Row] = &[
         .live(|drive| drive.axis.following_error().clamp(i32::MIN.into(), i32::MAX.into())),
     Row::u32(0x60FD, 0, "Digital inputs").tx().live(|drive| drive.axis.inputs().bits().into()),
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
-    Row::u32(0x60FE, 1, "Physical outputs").rw().rx(),
+    // [OURS] They are wired to nothing, and cannot be mapped: a drive is no pulse module.
+    Row::u32(0x60FE, 1, "Physical outputs").rw(),
     Row::u32(0x60FE, 2, "Bit mask").rw(),
     Row::i32(0x60FF, 0, "Target velocity")
         .only_if(is_servo)
@@ -212,13 +209,5 @@ fn supported_modes(drive: &Drive) -> i64 {
     match drive.kind {
         DriveKind::Servo => 1 << 5 | 1 << 7 | 1 << 8 | 1 << 9,
         DriveKind::Stepper => 1 << 5 | 1 << 7,
-    }
-}
-
-/// 0x1C12:1, the mode's PDO.
-fn rx_pdo(drive: &Drive) -> i64 {
-    match drive.base.mapped() {
-        Some(Role::Drive(mode) | Role::Step(mode)) => 0x1600 + i64::from(mode.code() - 8),
-        _ => 0,
     }
 }

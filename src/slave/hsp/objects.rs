@@ -2,16 +2,17 @@
 
 use super::{Channels, Hsp};
 use crate::cia402::{Controlword, SECOND_AXIS_OFFSET};
-use crate::fieldbus::{MAX_AXES, Role};
+use crate::slave::AXES_MAX;
 use crate::slave::axis::{Axis, NO_FOLLOWING_WINDOW, Settings, rounded};
-use crate::slave::device::{Identity, Model, VENDOR_ID, identity, synchronization};
+use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, only_if, rows, slot};
 use crate::slave::homing::HomingSettings;
 use crate::slave::plant::PulseTrain;
+use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
 
 /// 0x1018:2 of a module of one and of two channels. \[OURS] "HSP1", "HSP2".
-pub const PRODUCT_CODES: [u32; MAX_AXES] = [0x4853_5031, 0x4853_5032];
+pub const PRODUCT_CODES: [u32; AXES_MAX] = [0x4853_5031, 0x4853_5032];
 /// 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
 
@@ -45,7 +46,7 @@ macro_rules! of_each_axis {
     };
 }
 
-type Slots<T> = [Slot<T>; MAX_AXES];
+type Slots<T> = [Slot<T>; AXES_MAX];
 const QUICK_STOP_OPTION: Slots<i16> = of_each_axis!(0x605A);
 const SHUTDOWN_OPTION: Slots<i16> = of_each_axis!(0x605B);
 const DISABLE_OPTION: Slots<i16> = of_each_axis!(0x605C);
@@ -65,7 +66,7 @@ const HOMING_ACCELERATION: Slots<u32> = of_each_axis!(0x609A);
 pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = pulses_per_turn.max(5);
-    for n in 0..MAX_AXES {
+    for n in 0..AXES_MAX {
         values.set(MAX_VELOCITY[n], train.max_rate);
         values.set(PROFILE_DECELERATION[n], train.max_rate.saturating_mul(10).max(1));
         values.set(QUICK_STOP_DECELERATION[n], train.max_rate.saturating_mul(100).max(1));
@@ -109,67 +110,29 @@ type Row = Object<Hsp>;
 /// when it is started \[OURS].
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 11] = [
-    &identity(),
-    &pdo(0x1600, "RxPDO CSP", ["Controlword", "Target position", "Digital outputs"], CSP),
-    &pdo(0x1601, "RxPDO CSV", ["Controlword", "Target velocity", "Digital outputs"], CSV),
-    // [OURS] PDOs of the second axis are 16 further on, as in ETG.6010.
-    &only_if(has::<1>, pdo(0x1610, "RxPDO CSP", ["Controlword", "Target position", "Digital outputs"], second(CSP))),
-    &only_if(has::<1>, pdo(0x1611, "RxPDO CSV", ["Controlword", "Target velocity", "Digital outputs"], second(CSV))),
-    &pdo(0x1A00, "TxPDO", ["Statusword", "Position actual value", "Digital inputs"], INPUTS),
-    &only_if(has::<1>, pdo(0x1A10, "TxPDO", ["Statusword", "Position actual value", "Digital inputs"], second(INPUTS))),
-    ASSIGN,
-    &synchronization(),
-    &channel::<0>(),
-    &channel::<1>(),
+const PARTS: [&[Row]; 4] = [&identity(), &synchronization(), &channel::<0>(), &channel::<1>()];
+
+/// PDOs at power-on. \[OURS] Those of the second axis are 16 further on, as in ETG.6010; those of CSP are assigned.
+/// Of the digital lines the low 16 bits are used.
+pub(super) const PDOS: &[Pdo<Hsp>] = &[
+    rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
+    rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),
+    tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x60FD_0020]),
+    rx_pdo!(OBJECTS, 0x1610, true, [0x6840_0010, 0x687A_0020, 0x68FE_0120]),
+    rx_pdo!(OBJECTS, 0x1611, false, [0x6840_0010, 0x68FF_0020, 0x68FE_0120]),
+    tx_pdo!(OBJECTS, 0x1A10, true, [0x6841_0010, 0x6864_0020, 0x68FD_0020]),
 ];
 
-/// Entries of axis 1's PDOs: index, sub-index, bits. Of the digital lines the low 16 bits are used.
-const CSP: [u32; 3] = [0x6040_0010, 0x607A_0020, 0x60FE_0120];
-const CSV: [u32; 3] = [0x6040_0010, 0x60FF_0020, 0x60FE_0120];
-const INPUTS: [u32; 3] = [0x6041_0010, 0x6064_0020, 0x60FD_0020];
-
-const fn second([a, b, c]: [u32; 3]) -> [u32; 3] {
-    const OFFSET: u32 = (SECOND_AXIS_OFFSET as u32) << 16;
-    [a + OFFSET, b + OFFSET, c + OFFSET]
+pub(super) const fn pdos_of(channels: Channels) -> &'static [Pdo<Hsp>] {
+    match channels {
+        Channels::One => PDOS.split_at(3).0,
+        Channels::Two => PDOS,
+    }
 }
-
-const fn pdo(index: u16, name: &'static str, names: [&'static str; 3], entries: [u32; 3]) -> [Row; 4] {
-    [
-        Row::u8(index, 0, name).default(3),
-        Row::u32(index, 1, names[0]).default(entries[0] as i64),
-        Row::u32(index, 2, names[1]).default(entries[1] as i64),
-        Row::u32(index, 3, names[2]).default(entries[2] as i64),
-    ]
-}
-
-const ASSIGN: &[Row] = &[
-    Row::u8(0x1C12, 0, "RxPDO assign").live(assigned),
-    Row::u16(0x1C12, 1, "RxPDO").live(rx_pdo::<0>),
-    Row::u16(0x1C12, 2, "RxPDO").live(rx_pdo::<1>).only_if(has::<1>),
-    Row::u8(0x1C13, 0, "TxPDO assign").live(assigned),
-    Row::u16(0x1C13, 1, "TxPDO").live(tx_pdo::<0>),
-    Row::u16(0x1C13, 2, "TxPDO").live(tx_pdo::<1>).only_if(has::<1>),
-];
 
 /// Whether the module has channel `N` (from 0).
 fn has<const N: usize>(hsp: &Hsp) -> bool {
     hsp.axes.len() > N
-}
-
-fn assigned(hsp: &Hsp) -> i64 {
-    hsp.base().mapped().map_or(0, |_| hsp.axes.len() as i64)
-}
-
-fn rx_pdo<const N: usize>(hsp: &Hsp) -> i64 {
-    match hsp.base().mapped() {
-        Some(Role::Hsp(mode)) => 0x1600 + i64::from(mode.code() - 8) + 0x10 * N as i64,
-        _ => 0,
-    }
-}
-
-fn tx_pdo<const N: usize>(hsp: &Hsp) -> i64 {
-    hsp.base().mapped().map_or(0, |_| 0x1A00 + 0x10 * N as i64)
 }
 
 fn axis<const N: usize>(hsp: &Hsp) -> &Axis {
@@ -220,13 +183,15 @@ const fn channel<const N: usize>() -> [Row; 28] {
                 .tx()
                 .live(|hsp| axis::<N>(hsp).mode().code().into()),
             Row::i32(index(0x6062, N), 0, "Position demand value").tx().live(|hsp| axis::<N>(hsp).demand()),
-            Row::i32(index(0x6064, N), 0, "Position actual value").tx().live(|hsp| axis::<N>(hsp).position()),
+            Row::i32(index(0x6064, N), 0, "Position actual value")
+                .tx()
+                .live(|hsp| axis::<N>(hsp).measured().position.into()),
             Row::i32(index(0x606C, N), 0, "Velocity actual value")
                 .tx()
                 .live(|hsp| rounded(axis::<N>(hsp).plant().velocity())),
             Row::i32(index(0x607A, N), 0, "Target position")
                 .rw()
-                .rx()
+                .rx_by(|hsp, position| hsp.axes[N].take_target_position(position as i32))
                 .live(|hsp| axis::<N>(hsp).targets().position.into())
                 .setter(|hsp, position| {
                     hsp.axes[N].targets_mut().position = position as i32;

@@ -13,6 +13,7 @@ pub mod examples;
 pub mod fieldbus_rig;
 pub mod heard;
 pub mod homing_tables;
+pub mod images;
 pub mod pe;
 pub mod recorded;
 pub mod recording;

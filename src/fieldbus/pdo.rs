@@ -1,0 +1,348 @@
+//! What the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in PreOP, and how
+//! [`AxisOut`](super::AxisOut) and [`AxisIn`](super::AxisIn) lie in the images of bytes that the slave then sends and takes.
+//!
+//! Every bus maps the same: one writes [`ProcessData::downloads`] over its mailboxes, and moves images with
+//! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. The other two, [`ProcessData::take_outputs`] and
+//! [`ProcessData::put_inputs`], are the slave's side of the same, for models of slaves that know nothing of objects.
+
+mod downloads;
+
+use super::{AxisIn, MAX_AXES, Role, SlaveIn, SlaveOut};
+use crate::cia402::{CONTROLWORD, Controlword, ERROR_CODE, Mode, SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
+use crate::coe::ObjectAddress;
+use crate::sk::DriveSync;
+
+pub use downloads::{Download, Downloads, NO_SUCH_MODE};
+
+/// The longest image that the board maps, bytes: that of a pulse module of two channels.
+pub const IMAGE_BYTES_MAX: usize = 20;
+
+/// The object by which a pulse module says that it has a second axis: it can be read \[OURS].
+pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
+
+/// A word of [`AxisOut`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum OutWord {
+    Controlword,
+    Target,
+    Outputs,
+}
+
+/// A word of [`AxisIn`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum InWord {
+    Statusword,
+    Position,
+    Torque,
+    ErrorCode,
+    Inputs,
+}
+
+/// An object of the first axis that is mapped, and which word it carries.
+#[derive(Clone, Copy, Debug)]
+struct Mapped<W> {
+    object: ObjectAddress,
+    /// 2 or 4.
+    bytes: usize,
+    word: W,
+}
+
+const fn mapped<W: Copy>(index: u16, sub: u8, bytes: usize, word: W) -> Mapped<W> {
+    Mapped { object: ObjectAddress::new(index, sub), bytes, word }
+}
+
+impl<W> Mapped<W> {
+    /// The entry of a mapping object that maps it, or its like of another axis.
+    const fn entry(&self, axis: usize) -> u32 {
+        let index = self.object.index + SECOND_AXIS_OFFSET * axis as u16;
+        let bits = self.bytes as u32 * 8;
+        (index as u32) << 16 | (self.object.sub as u32) << 8 | bits
+    }
+}
+
+type Out = Mapped<OutWord>;
+type In = Mapped<InWord>;
+
+const DRIVE_CSP: [Out; 2] = [mapped(CONTROLWORD, 0, 2, OutWord::Controlword), mapped(0x607A, 0, 4, OutWord::Target)];
+const DRIVE_CSV: [Out; 2] = [mapped(CONTROLWORD, 0, 2, OutWord::Controlword), mapped(0x60FF, 0, 4, OutWord::Target)];
+const DRIVE_CST: [Out; 2] = [mapped(CONTROLWORD, 0, 2, OutWord::Controlword), mapped(0x6071, 0, 2, OutWord::Target)];
+const DRIVE_IN: [In; 4] = [
+    mapped(STATUSWORD, 0, 2, InWord::Statusword),
+    mapped(0x6064, 0, 4, InWord::Position),
+    mapped(0x6077, 0, 2, InWord::Torque),
+    mapped(ERROR_CODE, 0, 2, InWord::ErrorCode),
+];
+/// The digital lines of a pulse module are objects of 32 bits, of which the low 16 are used.
+const HSP_CSP: [Out; 3] = [
+    mapped(CONTROLWORD, 0, 2, OutWord::Controlword),
+    mapped(0x607A, 0, 4, OutWord::Target),
+    mapped(0x60FE, 1, 4, OutWord::Outputs),
+];
+const HSP_CSV: [Out; 3] = [
+    mapped(CONTROLWORD, 0, 2, OutWord::Controlword),
+    mapped(0x60FF, 0, 4, OutWord::Target),
+    mapped(0x60FE, 1, 4, OutWord::Outputs),
+];
+const HSP_IN: [In; 3] = [
+    mapped(STATUSWORD, 0, 2, InWord::Statusword),
+    mapped(0x6064, 0, 4, InWord::Position),
+    mapped(0x60FD, 0, 4, InWord::Inputs),
+];
+/// \[OURS] The modular profile's areas (ETG.5001): inputs at 0x6000, outputs at 0x7000.
+const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
+const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
+
+/// Which table the outputs of an axis go by.
+#[derive(Clone, Copy, Debug)]
+enum OutTable {
+    DriveCsp,
+    DriveCsv,
+    DriveCst,
+    HspCsp,
+    HspCsv,
+    Io,
+}
+
+/// Which table its inputs go by.
+#[derive(Clone, Copy, Debug)]
+enum InTable {
+    Drive,
+    Hsp,
+    Io,
+}
+
+/// Calls a function with the table as a constant, so that the compiler makes straight code of each.
+macro_rules! with_outputs {
+    ($table:expr, $call:ident ( $($argument:expr),* )) => {
+        match $table {
+            OutTable::DriveCsp => $call(&DRIVE_CSP, $($argument),*),
+            OutTable::DriveCsv => $call(&DRIVE_CSV, $($argument),*),
+            OutTable::DriveCst => $call(&DRIVE_CST, $($argument),*),
+            OutTable::HspCsp => $call(&HSP_CSP, $($argument),*),
+            OutTable::HspCsv => $call(&HSP_CSV, $($argument),*),
+            OutTable::Io => $call(&IO_OUT, $($argument),*),
+        }
+    };
+}
+
+/// The same of inputs.
+macro_rules! with_inputs {
+    ($table:expr, $call:ident ( $($argument:expr),* )) => {
+        match $table {
+            InTable::Drive => $call(&DRIVE_IN, $($argument),*),
+            InTable::Hsp => $call(&HSP_IN, $($argument),*),
+            InTable::Io => $call(&IO_IN, $($argument),*),
+        }
+    };
+}
+
+/// The process data of one slave.
+#[derive(Clone, Copy, Debug)]
+pub struct ProcessData {
+    /// Of each axis.
+    outputs: OutTable,
+    inputs: InTable,
+    axes: u8,
+    output_bytes: u8,
+    input_bytes: u8,
+    mode: Option<Mode>,
+}
+
+impl ProcessData {
+    /// Those of a slave that is used as `role`, of a pulse module with one axis or two. `None`: there are none, see
+    /// [`Role::has_process_data`], or it is not used.
+    pub fn of(role: Role, has_second_axis: bool) -> Option<Self> {
+        let (outputs, inputs) = match role {
+            Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => (OutTable::DriveCsp, InTable::Drive),
+            Role::Drive(Mode::Csv) => (OutTable::DriveCsv, InTable::Drive),
+            Role::Drive(Mode::Cst) => (OutTable::DriveCst, InTable::Drive),
+            Role::Hsp(Mode::Csp) => (OutTable::HspCsp, InTable::Hsp),
+            Role::Hsp(Mode::Csv) => (OutTable::HspCsv, InTable::Hsp),
+            Role::Io => (OutTable::Io, InTable::Io),
+            Role::Unused | Role::Drive(_) | Role::Step(_) | Role::Hsp(_) => return None,
+        };
+        let axes = if matches!(role, Role::Hsp(_)) && has_second_axis { MAX_AXES as u8 } else { 1 };
+        let (output_bytes, input_bytes) = (with_outputs!(outputs, length()), with_inputs!(inputs, length()));
+        Some(Self {
+            outputs,
+            inputs,
+            axes,
+            output_bytes: axes * output_bytes as u8,
+            input_bytes: axes * input_bytes as u8,
+            mode: role.mode(),
+        })
+    }
+
+    /// How long the image of the outputs is, at most [`IMAGE_BYTES_MAX`].
+    pub const fn output_bytes(&self) -> usize {
+        self.output_bytes as usize
+    }
+
+    /// How long the image of the inputs is, at most [`IMAGE_BYTES_MAX`].
+    pub const fn input_bytes(&self) -> usize {
+        self.input_bytes as usize
+    }
+
+    /// How many axes it has, 1 or 2; an IO slave counts as 1.
+    pub const fn axes(&self) -> usize {
+        self.axes as usize
+    }
+
+    /// What is to be written to the slave in PreOP, in this order.
+    pub fn downloads(&self, sync: DriveSync) -> Downloads {
+        Downloads::of(self, sync)
+    }
+
+    /// The entries of the RxPDO of an axis (from 0).
+    fn output_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
+        let outputs: &'static [Out] = with_outputs!(self.outputs, all());
+        outputs.iter().map(move |mapped| mapped.entry(axis))
+    }
+
+    /// The entries of the TxPDO of an axis (from 0).
+    fn input_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
+        let inputs: &'static [In] = with_inputs!(self.inputs, all());
+        inputs.iter().map(move |mapped| mapped.entry(axis))
+    }
+
+    /// The master's side: the image of what is sent to the slave, which begins at the beginning of `image`.
+    ///
+    /// # Panics
+    /// If `image` is shorter than [`Self::output_bytes`].
+    #[inline]
+    pub fn put_outputs<'a>(&self, outputs: &SlaveOut, image: &'a mut [u8]) -> &'a [u8] {
+        let image = &mut image[..self.output_bytes()];
+        with_outputs!(self.outputs, put_outputs(outputs, image));
+        image
+    }
+
+    /// The master's side: what the slave has sent. Words that are not mapped are 0, and an axis that it does not have stays as
+    /// it was.
+    ///
+    /// # Panics
+    /// If `image` is shorter than [`Self::input_bytes`].
+    #[inline]
+    pub fn take_inputs(&self, image: &[u8], inputs: &mut SlaveIn) {
+        with_inputs!(self.inputs, take_inputs(&image[..self.input_bytes()], inputs));
+    }
+
+    /// The slave's side of [`Self::put_outputs`]: what was sent to it; words that are not mapped are 0.
+    ///
+    /// # Panics
+    /// If `image` is shorter than [`Self::output_bytes`].
+    pub fn take_outputs(&self, image: &[u8]) -> SlaveOut {
+        let mut outputs = SlaveOut::default();
+        with_outputs!(self.outputs, take_outputs(&image[..self.output_bytes()], &mut outputs));
+        outputs
+    }
+
+    /// The slave's side of [`Self::take_inputs`].
+    ///
+    /// # Panics
+    /// If `image` is shorter than [`Self::input_bytes`].
+    pub fn put_inputs(&self, inputs: &SlaveIn, image: &mut [u8]) {
+        with_inputs!(self.inputs, put_inputs(inputs, &mut image[..self.input_bytes()]));
+    }
+}
+
+/// How long the image of an axis is, bytes.
+const fn length<W, const N: usize>(mapped: &[Mapped<W>; N]) -> usize {
+    let (mut n, mut bytes) = (0, 0);
+    while n < N {
+        bytes += mapped[n].bytes;
+        n += 1;
+    }
+    bytes
+}
+
+const fn all<W, const N: usize>(mapped: &'static [Mapped<W>; N]) -> &'static [Mapped<W>] {
+    mapped
+}
+
+/// Of as many axes as the image has room for, and so the others.
+#[inline(always)]
+fn put_outputs<const N: usize>(mapped: &[Out; N], outputs: &SlaveOut, image: &mut [u8]) {
+    for (axis, mut image) in outputs.iter().zip(image.chunks_exact_mut(length(mapped))) {
+        for Mapped { bytes, word, .. } in mapped {
+            let number = match word {
+                OutWord::Controlword => axis.controlword.0.into(),
+                OutWord::Target => axis.target as u32,
+                OutWord::Outputs => axis.outputs.into(),
+            };
+            image = put(image, *bytes, number);
+        }
+    }
+}
+
+#[inline(always)]
+fn take_outputs<const N: usize>(mapped: &[Out; N], image: &[u8], outputs: &mut SlaveOut) {
+    for (axis, mut image) in outputs.iter_mut().zip(image.chunks_exact(length(mapped))) {
+        for Mapped { bytes, word, .. } in mapped {
+            let number;
+            (number, image) = take(image, *bytes);
+            match word {
+                OutWord::Controlword => axis.controlword = Controlword(number as u16),
+                OutWord::Target if *bytes == 2 => axis.target = i32::from(number as i16),
+                OutWord::Target => axis.target = number as i32,
+                OutWord::Outputs => axis.outputs = number as u16,
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn put_inputs<const N: usize>(mapped: &[In; N], inputs: &SlaveIn, image: &mut [u8]) {
+    for (axis, mut image) in inputs.iter().zip(image.chunks_exact_mut(length(mapped))) {
+        for Mapped { bytes, word, .. } in mapped {
+            let number = match word {
+                InWord::Statusword => axis.statusword.0.into(),
+                InWord::Position => axis.position as u32,
+                InWord::Torque => axis.torque as u32,
+                InWord::ErrorCode => axis.error_code.into(),
+                InWord::Inputs => axis.inputs.into(),
+            };
+            image = put(image, *bytes, number);
+        }
+    }
+}
+
+#[inline(always)]
+fn take_inputs<const N: usize>(mapped: &[In; N], image: &[u8], inputs: &mut SlaveIn) {
+    for (axis, mut image) in inputs.iter_mut().zip(image.chunks_exact(length(mapped))) {
+        *axis = AxisIn::default();
+        for Mapped { bytes, word, .. } in mapped {
+            let number;
+            (number, image) = take(image, *bytes);
+            match word {
+                InWord::Statusword => axis.statusword = Statusword(number as u16),
+                InWord::Position => axis.position = number as i32,
+                InWord::Torque => axis.torque = number as i16,
+                InWord::ErrorCode => axis.error_code = number as u16,
+                InWord::Inputs => axis.inputs = number as u16,
+            }
+        }
+    }
+}
+
+/// Puts a number of 2 or 4 bytes at the beginning of an image; what is behind it.
+#[inline(always)]
+fn put(image: &mut [u8], bytes: usize, number: u32) -> &mut [u8] {
+    let (here, rest) = image.split_at_mut(bytes);
+    match here {
+        [a, b] => [*a, *b] = (number as u16).to_le_bytes(),
+        here => here.copy_from_slice(&number.to_le_bytes()),
+    }
+    rest
+}
+
+/// The number of 2 or 4 bytes at the beginning of an image, and what is behind it.
+#[inline(always)]
+fn take(image: &[u8], bytes: usize) -> (u32, &[u8]) {
+    let (here, rest) = image.split_at(bytes);
+    let number = match *here {
+        [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
+        [a, b] => u16::from_le_bytes([a, b]).into(),
+        _ => 0,
+    };
+    (number, rest)
+}

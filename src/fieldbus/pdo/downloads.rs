@@ -1,0 +1,141 @@
+//! The SDOs that map a slave's process data and set its mode.
+
+use super::ProcessData;
+use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
+use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::ethercat::AlStatus;
+use crate::fieldbus::Refusal;
+use crate::sk::DriveSync;
+
+/// Assignment of PDOs to sync manager 2.
+const RX_ASSIGNMENT: u16 = 0x1C12;
+/// Assignment of PDOs to sync manager 3.
+const TX_ASSIGNMENT: u16 = 0x1C13;
+/// The TxPDO.
+const TX_PDO: u16 = 0x1A00;
+/// \[OURS] The RxPDO of CSP; those of CSV and CST are the next ones, and those of a second axis are 16 further on, as in
+/// ETG.6010.
+const RX_PDO: u16 = 0x1600;
+const SECOND_AXIS_PDO_OFFSET: u16 = 0x10;
+/// Synchronization types of outputs and inputs.
+const SYNC_TYPES: [u16; 2] = [0x1C32, 0x1C33];
+
+/// One SDO download.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Download {
+    /// Where.
+    pub object: ObjectAddress,
+    /// How many bytes.
+    pub size: SdoSize,
+    /// What.
+    pub value: u32,
+    /// A slave may do without the object, or have it as it is.
+    optional: bool,
+}
+
+impl Download {
+    const UNUSED: Self = Self::new(0, 0, SdoSize::One, 0);
+
+    const fn new(index: u16, sub: u8, size: SdoSize, value: u32) -> Self {
+        Self { object: ObjectAddress::new(index, sub), size, value, optional: false }
+    }
+
+    /// Whether the slave may answer with that code and the rest is written all the same: it has no settings of
+    /// synchronisation, or fixed ones.
+    pub const fn may_fail_with(&self, code: AbortCode) -> bool {
+        self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
+    }
+
+    /// What a slave says by aborting this download; its number is 0. \[OURS] Of one that cannot map what its role needs, or has no
+    /// modes at all, it is told as of one that has other process data.
+    pub const fn refused(&self, code: AbortCode) -> Refusal {
+        let is_mode = self.object.index & !SECOND_AXIS_OFFSET == MODES_OF_OPERATION;
+        if is_mode && !matches!(code, AbortCode::NO_OBJECT) {
+            return Refusal { slave: 0, al_status: 0, abort: Some((self.object, code)) };
+        }
+        let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
+        Refusal { slave: 0, al_status, abort: None }
+    }
+}
+
+/// A slave is to be used in a mode in which its role has no process data; its number is 0.
+pub const NO_SUCH_MODE: Refusal = Refusal {
+    slave: 0,
+    al_status: 0,
+    abort: Some((ObjectAddress::new(MODES_OF_OPERATION, 0), AbortCode::VALUE_RANGE)),
+};
+
+/// Most downloads of one slave: a pulse module of two channels.
+const DOWNLOADS_MAX: usize = 32;
+
+/// The downloads of one slave, in their order: the inputs are mapped, then the mode is written, then the outputs that it needs
+/// are mapped, so that a slave without a mode says so by 0x6060 \[OURS].
+#[derive(Clone, Copy, Debug)]
+pub struct Downloads {
+    list: [Download; DOWNLOADS_MAX],
+    len: usize,
+}
+
+impl Downloads {
+    pub(super) fn of(data: &ProcessData, sync: DriveSync) -> Self {
+        let mut downloads = Self { list: [Download::UNUSED; DOWNLOADS_MAX], len: 0 };
+        downloads.put(RX_ASSIGNMENT, 0, SdoSize::One, 0);
+        downloads.put(TX_ASSIGNMENT, 0, SdoSize::One, 0);
+        downloads.map(TX_ASSIGNMENT, TX_PDO, data.axes(), |axis| data.input_entries(axis));
+        for (axis, mode) in (0..data.axes() as u16).zip(data.mode.into_iter().cycle()) {
+            downloads.put(MODES_OF_OPERATION + SECOND_AXIS_OFFSET * axis, 0, SdoSize::One, mode.code().into());
+        }
+        let rx_pdo = RX_PDO + data.mode.map_or(0, |mode| u16::from(mode.code()) - 8);
+        downloads.map(RX_ASSIGNMENT, rx_pdo, data.axes(), |axis| data.output_entries(axis));
+        let sync_type = match sync {
+            DriveSync::FreeRun => 0,
+            DriveSync::DcSync => 2,
+        };
+        for index in SYNC_TYPES {
+            downloads.push(Download { optional: true, ..Download::new(index, 1, SdoSize::Two, sync_type) });
+        }
+        downloads
+    }
+
+    /// Maps the entries of each axis into a PDO and assigns them.
+    fn map<E: ExactSizeIterator<Item = u32>>(
+        &mut self,
+        assignment: u16,
+        pdo: u16,
+        axes: usize,
+        entries_of: impl Fn(usize) -> E,
+    ) {
+        let pdos = (0..axes).map(|axis| pdo + SECOND_AXIS_PDO_OFFSET * axis as u16);
+        for (axis, pdo) in pdos.clone().enumerate() {
+            let entries = entries_of(axis);
+            let count = entries.len() as u32;
+            self.put(pdo, 0, SdoSize::One, 0);
+            for (sub, entry) in (1..).zip(entries) {
+                self.put(pdo, sub, SdoSize::Four, entry);
+            }
+            self.put(pdo, 0, SdoSize::One, count);
+        }
+        for (sub, pdo) in (1..).zip(pdos) {
+            self.put(assignment, sub, SdoSize::Two, pdo.into());
+        }
+        self.put(assignment, 0, SdoSize::One, axes as u32);
+    }
+
+    fn put(&mut self, index: u16, sub: u8, size: SdoSize, value: u32) {
+        self.push(Download::new(index, sub, size, value));
+    }
+
+    fn push(&mut self, download: Download) {
+        self.list[self.len] = download;
+        self.len += 1;
+    }
+}
+
+impl IntoIterator for Downloads {
+    type Item = Download;
+    type IntoIter = std::iter::Take<std::array::IntoIter<Download, DOWNLOADS_MAX>>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.list.into_iter().take(self.len)
+    }
+}

@@ -1,0 +1,14 @@
+//! Process data of a device: what is mapped into them ([`mapping`]), and how a cycle moves them ([`plan`]).
+//!
+//! A master in PreOP writes which objects make up a PDO (0x1600.. for outputs, 0x1A00.. for inputs) and which PDOs there
+//! are (0x1C12, 0x1C13). When the device goes to SafeOP the mapping is compiled into a [`Plan`], and from then on a cycle
+//! moves an image of bytes without looking for an object.
+
+mod mapping;
+mod plan;
+
+pub use mapping::{ENTRIES_MAX, IMAGE_BYTES_MAX, Mapping, Mover, PDOS_MAX, Pdo};
+pub use plan::MAPPED_MAX;
+pub(super) use plan::{
+    Plan, Planned, each_entry, fixed, may_map, put_inputs, put_object, rx_pdo, take_object, take_outputs, tx_pdo,
+};

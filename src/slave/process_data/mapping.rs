@@ -1,0 +1,260 @@
+//! The objects by which a master maps process data (ETG.1000.6 5.6.7.4): PDO mapping 0x1600..=0x17FF (RxPDO: outputs) and
+//! 0x1A00..=0x1BFF (TxPDO: inputs), and the assignment of PDOs to sync manager 2 (0x1C12) and 3 (0x1C13).
+//!
+//! Each is a list: sub-index 0 is the count, the items follow. An item of a PDO is `index << 16 | sub-index << 8 | bits`, or
+//! padding, of which only the bits are given; an item of an assignment is the index of a PDO. All are written in PreOP alone,
+//! in the usual order: count 0, then items, then the count. \[OURS] A PDO may be changed while it is assigned, since only
+//! going to SafeOP makes it count; and a count may be followed by another one than 0.
+
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::AlState;
+use crate::slave::dictionary::{PdoDirection, number_of, put_first};
+
+/// Entries of a PDO at most \[OURS].
+pub const ENTRIES_MAX: usize = 12;
+/// PDOs of one direction that may be assigned at most \[OURS].
+pub const PDOS_MAX: usize = 4;
+/// Bytes of process data of one direction at most \[OURS].
+pub const IMAGE_BYTES_MAX: usize = 64;
+
+const RX_ASSIGNMENT: u16 = 0x1C12;
+const TX_ASSIGNMENT: u16 = 0x1C13;
+
+/// A PDO that a device has, as it is when the device is switched on.
+pub struct Pdo<D> {
+    /// Its index: 0x1600..=0x17FF or 0x1A00..=0x1BFF.
+    pub index: u16,
+    /// Its entries, at most [`ENTRIES_MAX`].
+    pub entries: &'static [u32],
+    /// Whether it is assigned then.
+    pub assigned: bool,
+    /// Moves it as long as it has these entries.
+    pub mover: Mover<D>,
+}
+
+/// Moves a whole PDO, which begins at the beginning of the image.
+pub enum Mover<D> {
+    /// Outputs to the device.
+    Outputs(fn(&mut D, &[u8])),
+    /// Inputs from the device.
+    Inputs(fn(&D, &mut [u8])),
+}
+
+/// Which process data a PDO or an assignment is about.
+const fn direction_of(index: u16) -> PdoDirection {
+    match index {
+        0x1600..=0x17FF | RX_ASSIGNMENT => PdoDirection::Rx,
+        _ => PdoDirection::Tx,
+    }
+}
+
+/// One mapping object or assignment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::slave) struct List {
+    index: u16,
+    count: u8,
+    items: [u32; ENTRIES_MAX],
+}
+
+impl List {
+    fn new(index: u16, items: impl Iterator<Item = u32>) -> Self {
+        let mut list = Self { index, count: 0, items: [0; ENTRIES_MAX] };
+        for (place, item) in list.items.iter_mut().zip(items) {
+            *place = item;
+            list.count += 1;
+        }
+        list
+    }
+
+    const fn is_assignment(&self) -> bool {
+        matches!(self.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
+    }
+
+    const fn items_max(&self) -> usize {
+        if self.is_assignment() { PDOS_MAX } else { ENTRIES_MAX }
+    }
+
+    const fn item_bytes(&self) -> usize {
+        if self.is_assignment() { 2 } else { 4 }
+    }
+
+    /// The items that count.
+    fn items(&self) -> &[u32] {
+        &self.items[..usize::from(self.count).min(ENTRIES_MAX)]
+    }
+
+    /// The value at a sub-index, and how many bytes it has.
+    fn value(&self, sub: u8) -> Option<(u32, usize)> {
+        match sub {
+            0 => Some((self.count.into(), 1)),
+            sub if usize::from(sub) <= self.items_max() => Some((self.items[usize::from(sub) - 1], self.item_bytes())),
+            _ => None,
+        }
+    }
+}
+
+/// The mapping objects and assignments of a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mapping(Box<[List]>);
+
+impl Mapping {
+    /// Those of a device that has these PDOs.
+    pub fn new<D>(pdos: &[Pdo<D>]) -> Self {
+        let assignment = |index| {
+            let assigned =
+                pdos.iter().filter(move |pdo| pdo.assigned && direction_of(pdo.index) == direction_of(index));
+            List::new(index, assigned.map(|pdo| pdo.index.into()))
+        };
+        let lists = pdos.iter().map(|pdo| List::new(pdo.index, pdo.entries.iter().copied()));
+        Self(lists.chain([RX_ASSIGNMENT, TX_ASSIGNMENT].map(assignment)).collect())
+    }
+
+    fn list(&self, index: u16) -> Option<&List> {
+        self.0.iter().find(|list| list.index == index)
+    }
+
+    /// Whether an object is one of these.
+    pub fn has(&self, index: u16) -> bool {
+        self.list(index).is_some()
+    }
+
+    /// The PDOs that are assigned in one direction, in their order: index and entries.
+    pub(super) fn assigned(&self, direction: PdoDirection) -> impl Iterator<Item = (u16, &[u32])> {
+        let assignment = match direction {
+            PdoDirection::Rx => RX_ASSIGNMENT,
+            PdoDirection::Tx => TX_ASSIGNMENT,
+        };
+        let assigned = self.list(assignment).into_iter().flat_map(List::items);
+        let pdos = assigned.filter_map(|index| self.list(u16::try_from(*index).ok()?));
+        pdos.map(|pdo| (pdo.index, pdo.items()))
+    }
+
+    /// SDO upload, as [`dictionary::read`](crate::slave::dictionary::read).
+    pub(in crate::slave) fn read(
+        &self,
+        at: ObjectAddress,
+        scope: SdoScope,
+        value: &mut [u8],
+    ) -> Result<usize, AbortCode> {
+        let list = self.list(at.index).ok_or(AbortCode::NO_OBJECT)?;
+        match scope {
+            SdoScope::Entry => {
+                let (number, bytes) = list.value(at.sub).ok_or(AbortCode::NO_SUB_INDEX)?;
+                Ok(put_first(&number.to_le_bytes()[..bytes], value))
+            }
+            SdoScope::Complete => {
+                let mut len = match at.sub {
+                    0 => put_first(&[list.count, 0], value),
+                    1 => 0,
+                    _ => return Err(AbortCode::UNSUPPORTED_ACCESS),
+                };
+                for item in list.items() {
+                    let room = value.get_mut(len..).unwrap_or_default();
+                    len += put_first(&item.to_le_bytes()[..list.item_bytes()], room);
+                }
+                Ok(len)
+            }
+        }
+    }
+
+    /// SDO download: the list as it is then, for [`Self::put`]. `may_map` says whether an entry may stand in a PDO of a
+    /// direction.
+    ///
+    /// # Errors
+    /// [`AbortCode::NO_SUB_INDEX`], [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] of a transfer
+    /// that has not the length of the value; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`]
+    /// of an item while the count is not 0; [`AbortCode::VALUE_HIGH`] of a count that is too high;
+    /// [`AbortCode::NOT_MAPPABLE`] and what `may_map` says of items; [`AbortCode::PDO_LENGTH`] of a PDO longer than
+    /// [`IMAGE_BYTES_MAX`]; [`AbortCode::PARAMETER_INCOMPATIBLE`] of a PDO that is assigned twice.
+    pub(in crate::slave) fn written(
+        &self,
+        at: ObjectAddress,
+        scope: SdoScope,
+        value: &[u8],
+        state: AlState,
+        may_map: impl Fn(PdoDirection, u32) -> Result<(), AbortCode>,
+    ) -> Result<List, AbortCode> {
+        let mut list = *self.list(at.index).ok_or(AbortCode::NO_OBJECT)?;
+        let in_preop = || if state == AlState::PreOp { Ok(()) } else { Err(AbortCode::DEVICE_STATE) };
+        match scope {
+            SdoScope::Entry => {
+                let (_, bytes) = list.value(at.sub).ok_or(AbortCode::NO_SUB_INDEX)?;
+                match value.len() {
+                    len if len > bytes => return Err(AbortCode::TOO_LONG),
+                    len if len < bytes => return Err(AbortCode::TOO_SHORT),
+                    _ => in_preop()?,
+                }
+                let number = number_of(value) as u32;
+                match at.sub {
+                    0 => list.count = count_of(&list, number)?,
+                    _ if list.count != 0 => return Err(AbortCode::SUB_INDEX_READ_ONLY),
+                    sub => {
+                        if number != 0 {
+                            self.check_item(&list, number, &may_map)?;
+                        }
+                        list.items[usize::from(sub) - 1] = number;
+                    }
+                }
+            }
+            SdoScope::Complete => {
+                if at.sub != 0 {
+                    // [OURS] Without the count nobody would know how many items are meant.
+                    return Err(AbortCode::UNSUPPORTED_ACCESS);
+                }
+                let (count, items) = value.split_at_checked(2).ok_or(AbortCode::LENGTH)?;
+                let count = count_of(&list, count[0].into())?;
+                if items.len() != usize::from(count) * list.item_bytes() {
+                    return Err(AbortCode::LENGTH);
+                }
+                in_preop()?;
+                let items = items.chunks_exact(list.item_bytes()).map(|item| number_of(item) as u32);
+                list = List::new(list.index, items);
+            }
+        }
+        self.check(&list, &may_map)?;
+        Ok(list)
+    }
+
+    /// Puts a list in the place of the one with its index.
+    pub(in crate::slave) fn put(&mut self, list: List) {
+        if let Some(place) = self.0.iter_mut().find(|old| old.index == list.index) {
+            *place = list;
+        }
+    }
+
+    /// Whether the items that count may stand there together.
+    fn check(
+        &self,
+        list: &List,
+        may_map: &impl Fn(PdoDirection, u32) -> Result<(), AbortCode>,
+    ) -> Result<(), AbortCode> {
+        let items = list.items();
+        items.iter().try_for_each(|item| self.check_item(list, *item, may_map))?;
+        let bits: usize = items.iter().map(|item| (item & 0xFF) as usize).sum();
+        if !list.is_assignment() {
+            return if bits > IMAGE_BYTES_MAX * 8 { Err(AbortCode::PDO_LENGTH) } else { Ok(()) };
+        }
+        let twice = items.iter().enumerate().any(|(n, item)| items[..n].contains(item));
+        if twice { Err(AbortCode::PARAMETER_INCOMPATIBLE) } else { Ok(()) }
+    }
+
+    fn check_item(
+        &self,
+        list: &List,
+        item: u32,
+        may_map: &impl Fn(PdoDirection, u32) -> Result<(), AbortCode>,
+    ) -> Result<(), AbortCode> {
+        let direction = direction_of(list.index);
+        if !list.is_assignment() {
+            return may_map(direction, item);
+        }
+        let pdo = u16::try_from(item).ok().and_then(|index| self.list(index));
+        let fits = pdo.is_some_and(|pdo| !pdo.is_assignment() && direction_of(pdo.index) == direction);
+        if fits { Ok(()) } else { Err(AbortCode::NOT_MAPPABLE) }
+    }
+}
+
+fn count_of(list: &List, number: u32) -> Result<u8, AbortCode> {
+    let count = u8::try_from(number).ok().filter(|count| usize::from(*count) <= list.items_max());
+    count.ok_or(AbortCode::VALUE_HIGH)
+}

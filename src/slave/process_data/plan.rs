@@ -1,0 +1,355 @@
+//! The plan by which a cycle moves process data between an image of bytes and the objects of a device.
+//!
+//! In an image the entries lie one behind the other, the lowest bit first, with no gap but padding; it ends with a whole
+//! byte (ETG.1000.6 5.6.7.4.7).
+
+use std::fmt;
+
+use super::mapping::{IMAGE_BYTES_MAX, Mapping, Mover, Pdo};
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::AlStatus;
+use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
+
+/// Objects that may be mapped in one direction at most, all PDOs together \[OURS].
+pub const MAPPED_MAX: usize = 32;
+
+/// One object that a cycle moves.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::slave) struct Move {
+    /// Its row and its cell, see [`Place`].
+    row: u16,
+    cell: u16,
+    /// Where it begins in the image, bits.
+    bit: u16,
+    /// How many bits it has.
+    bits: u8,
+}
+
+/// One step of a plan.
+enum Step<D> {
+    Object(Move),
+    /// A PDO that is as it was when the device was switched on, and begins at that byte.
+    Inputs(usize, fn(&D, &mut [u8])),
+    Outputs(usize, fn(&mut D, &[u8])),
+}
+
+// Written out because a derive would ask for `D: Copy`.
+impl<D> Clone for Step<D> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<D> Copy for Step<D> {}
+
+/// The plan. It allocates when it is made, and never after.
+pub(in crate::slave) struct Plan<D> {
+    /// First those of the inputs, then those of the outputs.
+    steps: Vec<Step<D>>,
+    inputs: usize,
+    input_bytes: usize,
+    output_bytes: usize,
+    /// Some bits of the inputs are no object's.
+    has_padding: bool,
+}
+
+impl<D> Clone for Plan<D> {
+    fn clone(&self) -> Self {
+        let mut steps = Vec::with_capacity(2 * MAPPED_MAX);
+        steps.extend_from_slice(&self.steps);
+        Self { steps, ..*self }
+    }
+}
+
+impl<D> fmt::Debug for Plan<D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Plan").field("steps", &self.steps.len()).field("lengths", &self.lengths()).finish()
+    }
+}
+
+impl<D> Default for Plan<D> {
+    fn default() -> Self {
+        Self { steps: Vec::new(), inputs: 0, input_bytes: 0, output_bytes: 0, has_padding: false }
+    }
+}
+
+/// What a plan is compiled of an entry.
+enum Entry {
+    Padding,
+    Object(Place),
+}
+
+/// Whether an object may be mapped, and where it is.
+///
+/// # Errors
+/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::NOT_MAPPABLE`] also of an entry with another length
+/// than the object's (CiA 301 7.4.9.4).
+fn entry<D: Device>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
+    let (at, bits) = parts(entry);
+    if bits == 0 {
+        return Err(AbortCode::NOT_MAPPABLE);
+    }
+    if at.index == 0 && at.sub == 0 {
+        return Ok(Entry::Padding);
+    }
+    let place = find(device, at)?;
+    let object = &D::objects()[place.row];
+    let fits = object.pdo() == Some(direction) && object.data_type().bits() == bits;
+    if fits { Ok(Entry::Object(place)) } else { Err(AbortCode::NOT_MAPPABLE) }
+}
+
+/// The object that an entry is about, and how many bits it has.
+const fn parts(entry: u32) -> (ObjectAddress, u8) {
+    let [bits, sub, low, high] = entry.to_le_bytes();
+    (ObjectAddress::new(u16::from_le_bytes([low, high]), sub), bits)
+}
+
+/// Whether an entry may stand in a PDO of that direction.
+///
+/// # Errors
+/// As [`entry`].
+pub(in crate::slave) fn may_map<D: Device>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
+    entry(device, direction, wanted).map(|_| ())
+}
+
+impl<D> Plan<D> {
+    /// A plan for nothing, with room for any.
+    pub(in crate::slave) fn with_room() -> Self {
+        Self { steps: Vec::with_capacity(2 * MAPPED_MAX), ..Self::default() }
+    }
+
+    /// How long the images of outputs and inputs are, bytes.
+    pub(in crate::slave) const fn lengths(&self) -> (u16, u16) {
+        (self.output_bytes as u16, self.input_bytes as u16)
+    }
+}
+
+impl<D: Planned> Plan<D> {
+    /// Makes this the plan of a mapping.
+    ///
+    /// # Errors
+    /// [`AlStatus::INVALID_INPUT_MAPPING`], [`AlStatus::INVALID_OUTPUT_MAPPING`]: an entry cannot be mapped, or it is more
+    /// than [`IMAGE_BYTES_MAX`] or [`MAPPED_MAX`]. The plan is then for nothing.
+    pub(in crate::slave) fn compile(&mut self, device: &D, mapping: &Mapping) -> Result<(), AlStatus> {
+        let mut steps = std::mem::take(&mut self.steps);
+        steps.clear();
+        *self = Self { steps, ..Self::default() };
+        let compiled = self.compile_both(device, mapping);
+        if compiled.is_err() {
+            self.steps.clear();
+            (self.inputs, self.input_bytes, self.output_bytes) = (0, 0, 0);
+        }
+        compiled
+    }
+
+    fn compile_both(&mut self, device: &D, mapping: &Mapping) -> Result<(), AlStatus> {
+        let inputs = self.add(device, PdoDirection::Tx, mapping).ok_or(AlStatus::INVALID_INPUT_MAPPING)?;
+        self.inputs = self.steps.len();
+        self.has_padding = inputs.bits % 8 != 0 || inputs.padding;
+        let outputs = self.add(device, PdoDirection::Rx, mapping).ok_or(AlStatus::INVALID_OUTPUT_MAPPING)?;
+        (self.input_bytes, self.output_bytes) = (inputs.bits.div_ceil(8), outputs.bits.div_ceil(8));
+        Ok(())
+    }
+
+    /// Adds the steps of one direction. `None`: that is no mapping.
+    fn add(&mut self, device: &D, direction: PdoDirection, mapping: &Mapping) -> Option<Image> {
+        let mut image = Image::default();
+        for (index, entries) in mapping.assigned(direction) {
+            let (first, begin) = (self.steps.len(), image.bits);
+            for wanted in entries {
+                let (_, bits) = parts(*wanted);
+                match entry(device, direction, *wanted).ok()? {
+                    Entry::Padding => image.padding = true,
+                    Entry::Object(Place { row, cell }) => {
+                        image.objects += 1;
+                        let (row, cell, bit) = (row as u16, cell as u16, image.bits as u16);
+                        self.steps.push(Step::Object(Move { row, cell, bit, bits }));
+                    }
+                }
+                image.bits += usize::from(bits);
+                if image.objects > MAPPED_MAX || image.bits > IMAGE_BYTES_MAX * 8 {
+                    return None;
+                }
+            }
+            if let Some(whole) = whole_pdo(index, entries, begin) {
+                self.steps.truncate(first);
+                self.steps.push(whole);
+            }
+        }
+        Some(image)
+    }
+}
+
+/// The step of a PDO that is as it was when the device was switched on, and begins with a whole byte.
+fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
+    let pdo = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries)?;
+    let step = match pdo.mover {
+        Mover::Inputs(put) => Step::Inputs(bit / 8, put),
+        Mover::Outputs(take) => Step::Outputs(bit / 8, take),
+    };
+    (bit % 8 == 0).then_some(step)
+}
+
+/// The image of one direction while it is compiled.
+#[derive(Default)]
+struct Image {
+    bits: usize,
+    objects: usize,
+    padding: bool,
+}
+
+/// A device that moves process data by a plan.
+pub(in crate::slave) trait Planned: Device {
+    /// Its plan.
+    fn plan(&self) -> &Plan<Self>;
+
+    /// Its PDOs at power-on.
+    fn pdos() -> &'static [Pdo<Self>];
+}
+
+/// Puts what the device shows into the image of its inputs; an image that is too short stays as it is.
+pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
+    let plan = device.plan();
+    if image.len() < plan.input_bytes {
+        return;
+    }
+    if plan.has_padding {
+        image[..plan.input_bytes].fill(0);
+    }
+    for step in &plan.steps[..plan.inputs] {
+        match *step {
+            Step::Inputs(at, put) => put(device, &mut image[at..]),
+            Step::Object(step) => put_object(device, step, image),
+            Step::Outputs(..) => {}
+        }
+    }
+}
+
+/// Hands the image of its outputs to the device; one that is too short is left out.
+pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
+    let plan = device.plan();
+    if image.len() < plan.output_bytes {
+        return;
+    }
+    for n in plan.inputs..plan.steps.len() {
+        match device.plan().steps[n] {
+            Step::Outputs(at, take) => take(device, &image[at..]),
+            Step::Object(step) => take_object(device, step, image),
+            Step::Inputs(..) => {}
+        }
+    }
+}
+
+/// Where an entry of whole bytes is in a table of objects, which begins at `bit` in its image; for a constant.
+///
+/// # Panics
+/// If there is no such object, or it has another length: in a constant, when compiling.
+pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u32) -> Move {
+    let (at, bits) = parts(entry);
+    let (mut row, mut cell) = (0, 0);
+    while !objects[row].has(at) {
+        cell += objects[row].count() as u16;
+        row += 1;
+    }
+    cell += (at.sub - objects[row].address().sub) as u16;
+    assert!(objects[row].data_type().bits() == bits && bits % 8 == 0, "the entry has not the object's length");
+    Move { row: row as u16, cell, bit: bit as u16, bits }
+}
+
+/// A PDO of outputs that a device has at power-on: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, assigned then
+/// or not. Its mover is straight code, since the compiler knows which objects it moves.
+macro_rules! rx_pdo {
+    ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
+        $crate::slave::process_data::Pdo {
+            index: $index,
+            entries: &[$($entry),*],
+            assigned: $assigned,
+            mover: $crate::slave::process_data::Mover::Outputs(|device, image| {
+                let Some(image) = image.get(..(0 $(+ ($entry & 0xFF))*) / 8) else { return };
+                $crate::slave::process_data::each_entry!(take_object, device, image, $objects, 0, $($entry)*);
+            }),
+        }
+    };
+}
+
+/// The same of inputs.
+macro_rules! tx_pdo {
+    ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
+        $crate::slave::process_data::Pdo {
+            index: $index,
+            entries: &[$($entry),*],
+            assigned: $assigned,
+            mover: $crate::slave::process_data::Mover::Inputs(|device, image| {
+                let Some(image) = image.get_mut(..(0 $(+ ($entry & 0xFF))*) / 8) else { return };
+                $crate::slave::process_data::each_entry!(put_object, device, image, $objects, 0, $($entry)*);
+            }),
+        }
+    };
+}
+
+/// One call for each entry, with the bit at which it begins.
+macro_rules! each_entry {
+    ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr,) => {};
+    ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr, $entry:literal $($rest:literal)*) => {
+        let step = const { $crate::slave::process_data::fixed($objects, $entry, $bit) };
+        $crate::slave::process_data::$move($device, step, $image);
+        $crate::slave::process_data::each_entry!(
+            $move, $device, $image, $objects, $bit + ($entry & 0xFF), $($rest)*
+        );
+    };
+}
+
+pub(in crate::slave) use {each_entry, rx_pdo, tx_pdo};
+
+#[inline(always)]
+pub(in crate::slave) fn put_object<D: Device>(device: &D, step: Move, image: &mut [u8]) {
+    let object = &D::objects()[usize::from(step.row)];
+    put(image, step, number(device, object, step.cell.into()) as u64);
+}
+
+#[inline(always)]
+pub(in crate::slave) fn take_object<D: Device>(device: &mut D, step: Move, image: &[u8]) {
+    let object = &D::objects()[usize::from(step.row)];
+    let number = object.data_type().decode(take(image, step));
+    take_output(device, object, step.cell.into(), number);
+}
+
+/// Puts the lowest bits of a number into an image.
+#[inline(always)]
+fn put(image: &mut [u8], Move { bit, bits, .. }: Move, number: u64) {
+    let at = usize::from(bit / 8);
+    match (bit % 8, bits) {
+        (0, 16) => image[at..at + 2].copy_from_slice(&(number as u16).to_le_bytes()),
+        (0, 32) => image[at..at + 4].copy_from_slice(&(number as u32).to_le_bytes()),
+        _ => put_bits(image, bit.into(), bits, number),
+    }
+}
+
+fn put_bits(image: &mut [u8], bit: usize, bits: u8, number: u64) {
+    for n in 0..usize::from(bits) {
+        let (byte, mask) = place_of(bit + n);
+        let is_set = number >> n & 1 != 0;
+        image[byte] = if is_set { image[byte] | mask } else { image[byte] & !mask };
+    }
+}
+
+/// The bits of an image as a number.
+#[inline(always)]
+fn take(image: &[u8], Move { bit, bits, .. }: Move) -> u64 {
+    let at = usize::from(bit / 8);
+    match (bit % 8, bits) {
+        (0, 16) => u16::from_le_bytes([image[at], image[at + 1]]).into(),
+        (0, 32) => u32::from_le_bytes([image[at], image[at + 1], image[at + 2], image[at + 3]]).into(),
+        _ => take_bits(image, bit.into(), bits),
+    }
+}
+
+fn take_bits(image: &[u8], bit: usize, bits: u8) -> u64 {
+    (0..usize::from(bits)).fold(0, |number, n| {
+        let (byte, mask) = place_of(bit + n);
+        number | u64::from(image[byte] & mask != 0) << n
+    })
+}
+
+const fn place_of(bit: usize) -> (usize, u8) {
+    (bit / 8, 1 << (bit % 8))
+}

@@ -17,8 +17,8 @@ use ecmsk::sk::{
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize,
 };
 
-use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
 use super::usbfs::Usbfs;
+use support::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
 
 /// All buses. A `read` gives one event: the first 48 bytes of its header and its data (usbmon.rst, "Binary API").
 const MONITOR: &str = "/dev/usbmon0";

@@ -5,7 +5,7 @@ use std::time::Duration;
 use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 
 use super::hidraw::Hidraw;
-use super::served::{Board, PATIENCE, Served, attach, detach_all, until};
+use support::served::{Board, PATIENCE, Served, attach, detach_all, until};
 
 /// Reads until the board is gone.
 fn until_gone(board: &Hidraw) {
@@ -52,7 +52,7 @@ fn a_board_that_is_reset_goes_and_can_be_attached_again() {
     let _ = board.put(reset.bytes());
     until_gone(&board);
     let shown = until("it is back", || {
-        let done = super::served::usbip(&["attach", "-r", "127.0.0.1", "-b", "1-1"]);
+        let done = support::served::usbip(&["attach", "-r", "127.0.0.1", "-b", "1-1"]);
         done.status.success().then(|| until("the kernel shows it", || Board::all().pop()))
     });
     assert!(Hidraw::open(&shown).get(PATIENCE).expect("it is there").is_some());

@@ -6,7 +6,7 @@ use ecmsk::link::Dir;
 use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlotSize, StateByte};
 
 use super::hidraw::Hidraw;
-use super::served::{PATIENCE, Served, attach, detach_all, recorded};
+use support::served::{PATIENCE, Served, attach, detach_all, recorded};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 
 use super::hidraw::Hidraw;
-use super::served::{Board, PATIENCE, Served, until};
+use support::served::{Board, PATIENCE, Served, until};
 
 /// WIRE-8, WIRE-13
 #[test]

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::served::Board;
+use support::served::Board;
 
 /// The report id in front of every output report: none.
 const REPORT_ID: u8 = 0;

@@ -8,7 +8,7 @@ use ecmsk::sk::Frame;
 
 use super::links::open;
 use super::rogue::{Answer, Manners, Rogue};
-use super::served::{PATIENCE, until};
+use support::served::{PATIENCE, until};
 
 /// Less than a transfer or a report is, for each of the rounds.
 const NOISE: usize = 100;

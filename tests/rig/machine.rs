@@ -7,7 +7,7 @@ use ecmsk::machine::findings::Verdict;
 use ecmsk::machine::{Access, Machine};
 use serde_json::Value;
 
-use super::served::{Board, Served, TOOL, attach, detach_all, until};
+use support::served::{Board, Served, TOOL, attach, detach_all, until};
 
 /// What the tool prints, one object a line. Root it is here.
 #[track_caller]

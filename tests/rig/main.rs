@@ -12,7 +12,6 @@ mod links;
 mod machine;
 mod program;
 mod rogue;
-mod served;
 mod shown;
 mod silence;
 mod sleep;

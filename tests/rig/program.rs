@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, SlotSize};
 
-use super::served::{Served, attach, detach_all, recorded};
+use support::served::{Served, attach, detach_all, recorded};
 
 const PROGRAM: &str = "/rig/examples/two_axes_12b";
 /// Folders with a library of that name each: this project's, and one that moves a hidraw node.

@@ -15,7 +15,7 @@ use ecmsk::port::usbip::setup::{Request, Setup, descriptor};
 use ecmsk::port::usbip::wire::{self, Command, Direction, Status, Submit};
 use ecmsk::port::usbip::{Identity, VHCI, free_ports};
 
-use super::served::until;
+use support::served::until;
 
 /// What the device does with a transfer.
 pub enum Answer {

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::served::{Served, attach, detach_all, usbip};
+use support::served::{Served, attach, detach_all, usbip};
 
 /// WIRE-1, SK-9.1 Debian's `usbip list` shows the board's pair.
 #[test]

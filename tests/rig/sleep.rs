@@ -7,7 +7,7 @@ use ecmsk::link::{self, LinkError, Share, Wait};
 use ecmsk::sk::Frame;
 
 use super::links::open;
-use super::served::{PATIENCE, Served, attach, detach_all, until};
+use support::served::{PATIENCE, Served, attach, detach_all, until};
 
 /// How far going to sleep gets before it is called off (Documentation/power/basic-pm-debugging.rst).
 const TEST: &str = "/sys/power/pm_test";

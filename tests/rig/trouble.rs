@@ -17,7 +17,7 @@ use ecmsk::sk::{Frame, SlotSize};
 
 use super::links::refused;
 use super::rogue::{Answer, Manners, Rogue, plugged_in};
-use super::served::{Board, PATIENCE, Served, TOOL, attach, detach_all, until};
+use support::served::{Board, PATIENCE, Served, TOOL, attach, detach_all, until};
 
 fn open(uri: &str) -> Result<Arc<dyn Link>, LinkError> {
     link::open(uri, Share::ByName)

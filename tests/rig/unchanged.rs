@@ -10,8 +10,8 @@ use std::sync::{Mutex, PoisonError};
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, MasterResponse, RawSlot, SlotSize};
 
-use super::served::{Served, attach, detach_all, recorded};
 use super::spi::{self, Model};
+use support::served::{Served, attach, detach_all, recorded};
 
 /// The folder with all programs.
 const EXAMPLES: &str = "/rig/examples";

@@ -10,7 +10,7 @@ use ecmsk::link::{self, Dir, LinkError, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
 
 use super::links::{frame, open, reads_end, refused, state};
-use super::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
+use support::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
 
 /// WIRE-19, SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
 #[test]

@@ -6,7 +6,7 @@ use std::io;
 use std::os::fd::AsRawFd;
 use std::time::Duration;
 
-use super::served::Board;
+use support::served::Board;
 
 /// `struct usbdevfs_bulktransfer` of linux/usbdevice_fs.h, which moves interrupt transfers too.
 #[repr(C)]

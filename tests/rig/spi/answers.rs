@@ -11,7 +11,7 @@ use spidev::{SpiModeFlags, Spidev, SpidevTransfer};
 use super::kernel::{next_edge, spidev};
 use super::model::Model;
 use super::{BUSY, CHIP, RESET};
-use crate::served::until;
+use support::served::until;
 
 fn frame(size: SlotSize, command: MasterCommand) -> Frame {
     let mut frame = Frame::new();

@@ -10,7 +10,7 @@ use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 
 use super::played::{Busy, Played};
 use super::{BUSY, CHIP, RESET, SPIDEV};
-use crate::served::{PATIENCE, until};
+use support::served::{PATIENCE, until};
 
 pub fn spidev(mode: SpiModeFlags, speed_hz: u32) -> Spidev {
     let mut device = Spidev::open(SPIDEV).expect("the kernel shows it");

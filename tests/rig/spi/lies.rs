@@ -10,7 +10,7 @@ use super::model::{Miso, Model, straight};
 use super::played::Busy;
 use super::{LINK, LINK_WITHOUT_BUSY};
 use crate::links::{open, refused};
-use crate::served::{PATIENCE, until};
+use support::served::{PATIENCE, until};
 
 const BOARD: &str = "sim:?slaves=io";
 

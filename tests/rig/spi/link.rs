@@ -12,7 +12,7 @@ use super::model::Model;
 use super::played::Busy;
 use super::{LINK, RESET_KEY, model};
 use crate::links::{frame, open, reads_end, refused, state};
-use crate::served::{PATIENCE, recorded, until};
+use support::served::{PATIENCE, recorded, until};
 
 const BOARD: &str = "sim:?slaves=io";
 

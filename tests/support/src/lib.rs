@@ -18,6 +18,8 @@ pub mod pe;
 pub mod recorded;
 pub mod recording;
 pub mod script_client;
+#[cfg(target_os = "linux")]
+pub mod served;
 pub mod swift;
 #[cfg(any(unix, windows))]
 pub mod tcp;

@@ -5,7 +5,7 @@ use ecmsk::link::Dir;
 use serde_json::{Value, json};
 
 use crate::program::{Program, Width, passes};
-use crate::served::{Board, Served, recorded, until};
+use support::served::{Board, Served, recorded, until};
 
 /// A board that sends a report each millisecond; one that sends none.
 pub const BOARD: &str = "sim:?slaves=io";

@@ -5,9 +5,6 @@
 
 mod boards;
 mod program;
-#[path = "../../rig/served.rs"]
-#[allow(dead_code, reason = "the wire tests use the rest")]
-mod served;
 mod speed;
 
 /// Makes a test of each function for each width.

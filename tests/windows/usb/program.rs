@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 
-use crate::served::PATIENCE;
+use support::served::PATIENCE;
 
 /// Where the guest has the programs and the DLL of a width; and a place of its own, for Wine loads from there more surely.
 const GIVEN: &str = "/rig";

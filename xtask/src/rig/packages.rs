@@ -12,6 +12,9 @@ const KERNEL: &str = "linux-image-amd64";
 /// Busybox is the guest's user land; usbip attaches a board; libusb, with what it needs, is what the link `usb:` loads;
 /// libelf1 is what the programs of linux-kbuild load.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
+/// Folders of the kernel's modules for what the guest has none of: most of the kernel's package.
+const LEFT_OUT: [&str; 6] =
+    ["drivers/gpu", "drivers/infiniband", "drivers/media", "drivers/net", "drivers/scsi", "sound"];
 /// File in the root that says which packages it was made of.
 const MADE_OF: &str = "made-of";
 
@@ -41,8 +44,9 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
         println!("fetching for the guest: {made_of}");
         command::run(Command::new("apt-get").current_dir(&debs).args(["-qq", "download"]).args(names))?;
         for deb in list(&debs)? {
-            command::run(Command::new("dpkg").arg("-x").args([&deb, &unpacked]))?;
+            unpack(&deb, &unpacked)?;
         }
+        fs::remove_dir_all(&debs).map_err(Error::file("remove", &debs))?;
         let list = unpacked.join(MADE_OF);
         fs::write(&list, made_of).map_err(Error::file("write", &list))?;
         if root.exists() {
@@ -78,6 +82,15 @@ impl Packages {
         }
         Ok(found)
     }
+}
+
+/// Unpacks a package but for what no guest has.
+fn unpack(deb: &Path, to: &Path) -> Result<(), Error> {
+    let without = LEFT_OUT.map(|folder| format!("--exclude=*/kernel/{folder}")).join(" ");
+    let mut shell = Command::new("sh");
+    // A package whose packed files cannot be read is an error of the first program.
+    let line = format!("dpkg-deb --fsys-tarfile \"$0\" | tar --extract --directory \"$1\" {without}");
+    command::run(shell.args(["-ec", &line]).arg(deb).arg(to))
 }
 
 /// All packages: the kernel, what modules for it are built with, and the others.

@@ -64,6 +64,9 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
         wine.run(".", &["wineboot.exe", "-i"])?;
         // It has written all when its server ends.
         wine.run("--server", &["-w"])?;
+        if width == Width::X86 {
+            share_dlls(&wine.root(), &prefix)?;
+        }
     }
     // One that an interrupted run has left would be in the way; mostly there is none.
     let _ = wine.run("--server", &["-k"]);
@@ -94,6 +97,26 @@ impl Drop for Wine {
         // Nothing depends on it.
         let _ = self.run("--server", &["-k"]);
     }
+}
+
+/// Wine's folders in a Debian with the DLLs of each width, and where a prefix has its copies of them.
+const DLLS: [(&str, &str); 2] =
+    [("usr/lib/x86_64-linux-gnu/wine/x86_64-windows", "system32"), ("usr/lib/i386-linux-gnu/wine/i386-windows", "syswow64")];
+
+/// Wine has copied all its DLLs into the prefix, more than a gigabyte. Each copy becomes a second name of the file that it is
+/// a copy of, which in a Debian of its own nobody else has.
+fn share_dlls(root: &Path, prefix: &Path) -> Result<(), Error> {
+    for (from, to) in DLLS.map(|(from, to)| (root.join(from), prefix.join("drive_c/windows").join(to))) {
+        for entry in fs::read_dir(&from).map_err(Error::file("list", &from))?.flatten() {
+            let (original, copy) = (entry.path(), to.join(entry.file_name()));
+            let bytes = |path: &Path| fs::read(path).map_err(Error::file("read", path));
+            if copy.is_file() && bytes(&original)? == bytes(&copy)? {
+                fs::remove_file(&copy).map_err(Error::file("remove", &copy))?;
+                fs::hard_link(&original, &copy).map_err(Error::file("link", &copy))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// What Wine is to know: nothing of .NET and HTML, no word about itself, a drive C of its own.

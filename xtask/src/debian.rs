@@ -52,6 +52,9 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     command::output(&mut inside(&new, &["apt-get", "-qq", "update"]))?;
     command::output(&mut inside(&new, &[&["apt-get", "-qq", "-y", "install"], system.packages].concat()))?;
     command::output(&mut inside(&new, &["apt-get", "clean"]))?;
+    // What there is to fetch: nothing more is.
+    let lists = new.join("var/lib/apt/lists");
+    fs::remove_dir_all(&lists).map_err(Error::file("remove", &lists))?;
     write(&new.join(MADE_OF), &made_of)?;
     // Named last, when all is in its place.
     fs::rename(&new, &root).map_err(Error::file("rename", &new))?;

@@ -23,7 +23,7 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
         fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
     }
     // Neither the paths nor their lengths are those of the first time.
-    let copy = Project { root: place.join("sources of ecmsk"), target: place.join("built") };
+    let copy = Project { root: place.join("sources of ecmsk"), target: place.join("built"), incremental: false };
     copy_sources(&project.root, &copy.root)?;
     let second = make(&copy, release, &place.join("packages"))?;
     let differing = differing(first, &second)?;

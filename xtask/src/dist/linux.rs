@@ -27,6 +27,8 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
             cargo.env_remove(name);
         }
         cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
+        // It is stripped of that.
+        cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false");
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
         command::run(cargo.args(["build", "--locked", "--profile", PROFILE, "--package", package]))?;
     }

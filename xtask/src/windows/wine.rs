@@ -100,8 +100,10 @@ impl Drop for Wine {
 }
 
 /// Wine's folders in a Debian with the DLLs of each width, and where a prefix has its copies of them.
-const DLLS: [(&str, &str); 2] =
-    [("usr/lib/x86_64-linux-gnu/wine/x86_64-windows", "system32"), ("usr/lib/i386-linux-gnu/wine/i386-windows", "syswow64")];
+const DLLS: [(&str, &str); 2] = [
+    ("usr/lib/x86_64-linux-gnu/wine/x86_64-windows", "system32"),
+    ("usr/lib/i386-linux-gnu/wine/i386-windows", "syswow64"),
+];
 
 /// Wine has copied all its DLLs into the prefix, more than a gigabyte. Each copy becomes a second name of the file that it is
 /// a copy of, which in a Debian of its own nobody else has.

@@ -263,7 +263,7 @@ fn documentation(site: &Site) -> Result<(), Error> {
         let mut cargo = site.project.cargo();
         command::run(cargo.env("RUSTDOCFLAGS", flags).args(["doc", "--no-deps"]).args(packages))
     };
-    doc("-Dwarnings", &["--package=ecmsk"])?;
+    doc("-Dwarnings", &["--package=ecmsk", "--all-features"])?;
     // The other packages have no Rust that others use: their documentation is for those who work on them.
     doc(
         "-Dwarnings -Arustdoc::private-intra-doc-links",

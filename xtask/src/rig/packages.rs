@@ -88,7 +88,7 @@ impl Packages {
 fn unpack(deb: &Path, to: &Path) -> Result<(), Error> {
     let without = LEFT_OUT.map(|folder| format!("--exclude=*/kernel/{folder}")).join(" ");
     let mut shell = Command::new("sh");
-    // A package whose packed files cannot be read is an error of the first program.
+    // If dpkg-deb fails, tar misses the end of the archive, which is an error.
     let line = format!("dpkg-deb --fsys-tarfile \"$0\" | tar --extract --directory \"$1\" {without}");
     command::run(shell.args(["-ec", &line]).arg(deb).arg(to))
 }

@@ -4,7 +4,7 @@
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
 use crate::cia402::{Controlword, DriveState, Mode};
-use crate::fieldbus::{AxisIn, AxisOut};
+use crate::fieldbus::{AxisIn, AxisOut, Ns};
 
 /// Where the board wants the axis to be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -136,15 +136,15 @@ impl Axis {
         follows
     }
 
-    /// A cycle's answer: the next step of a walk, and the target that holds the axis where it is while it does not
+    /// The answer of the cycle at `at`: the next step of a walk, and the target that holds the axis where it is while it does not
     /// follow. `written` is 0x6060 as it was written last.
     ///
     /// Once enabled the last such target stays until the first motion command: a load that pulls does not take the
     /// target along.
-    pub(super) fn answer(&mut self, input: &AxisIn, mode: Mode, written: u8) {
+    pub(super) fn answer(&mut self, at: Ns, input: &AxisIn, mode: Mode, written: u8) {
         let state = input.statusword.state();
         let in_mode = written == mode.code();
-        self.homing.watch(written == Mode::Homing.code(), input.statusword);
+        self.homing.watch(at, written == Mode::Homing.code(), input.statusword);
         self.enabled = state == Some(DriveState::OperationEnabled) && in_mode;
         self.faulted = matches!(state, Some(DriveState::Fault | DriveState::FaultReactionActive));
         if !self.faulted {

@@ -157,9 +157,10 @@ pub(super) struct AxisHoming {
     phase: Phase,
     /// Sets of outputs with bit 4 clear that are still to come before it may rise.
     rest: u8,
-    /// Answers in a row, before bit 4 came, that showed a drive in mode 6 without a result; negative: so many are still
-    /// to come that may be older than the mode.
-    quiet: i64,
+    /// Answers in a row, before bit 4 came, that showed a drive in mode 6 without a result.
+    quiet: u64,
+    /// Answers of cycles before this time may be older than the mode.
+    mode_since: Ns,
     /// The first outputs of the newest homing that the drive has ended.
     ended: Option<(u64, HomingEnd)>,
 }
@@ -167,7 +168,7 @@ pub(super) struct AxisHoming {
 impl AxisHoming {
     /// Not homing, with so many sets of outputs to come before bit 4 may rise.
     pub(super) const fn idle(rest: u8) -> Self {
-        Self { phase: Phase::Idle, rest, quiet: 0, ended: None }
+        Self { phase: Phase::Idle, rest, quiet: 0, mode_since: 0, ended: None }
     }
 
     /// Sets of outputs with bit 4 clear that are still to come before it may rise.
@@ -223,18 +224,19 @@ impl AxisHoming {
         }
     }
 
-    /// 0x6060 was written. Answers that may be older than that say nothing: as many as `delay`.
-    pub(super) const fn mode_written(&mut self, delay: i64) {
-        self.quiet = -delay;
+    /// 0x6060 was written by that time. Answers of cycles before it say nothing.
+    pub(super) const fn mode_written(&mut self, at: Ns) {
+        self.quiet = 0;
+        self.mode_since = at;
     }
 
-    /// A cycle's answer while bit 4 is not up: whether the drive is in mode 6, enabled, and shows no result.
-    pub(super) fn watch(&mut self, in_mode_6: bool, statusword: Statusword) {
+    /// The answer of the cycle at `at` while bit 4 is not up: whether the drive is in mode 6, enabled, and shows no result.
+    pub(super) fn watch(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;
         }
         let quiet = in_mode_6 && statusword.is_enabled() && shows_no_result(statusword);
-        self.quiet = if quiet || self.quiet < 0 { self.quiet + 1 } else { 0 };
+        self.quiet = if quiet && at >= self.mode_since { self.quiet + 1 } else { 0 };
     }
 
     /// Whether a report has told the host that it is over: it has shown the outputs that carried bit 4, the newest of
@@ -294,7 +296,7 @@ impl AxisHoming {
                 *in_a_row = if shown == *result { *in_a_row + 1 } else { 1 };
                 *result = shown;
                 let settling = answer.in_time(SETTLE_NS).max(SETTLE_ANSWERS);
-                *clear_seen |= shows_no_result(answer.statusword) || self.quiet >= settling as i64;
+                *clear_seen |= shows_no_result(answer.statusword) || self.quiet >= settling;
                 let settled = *in_a_row >= settling;
                 let end = match shown {
                     Shown::Attained => HomingEnd::Attained,
@@ -409,13 +411,13 @@ mod tests {
     /// SK-7.39 Answers that may be older than the mode say nothing, whatever they show: the 20 ms begin after them.
     #[test]
     fn answers_of_before_the_mode_say_nothing() {
-        const DELAY: i64 = 16;
+        const MS: Ns = 1_000_000;
         for older in [CLEAR, ATTAINED] {
             for (quiet, believed) in [(SETTLE_NS / 1_000_000 - 1, false), (SETTLE_NS / 1_000_000, true)] {
                 let mut homing = AxisHoming::default();
-                homing.mode_written(DELAY);
-                (0..DELAY).for_each(|_| homing.watch(true, older));
-                (0..quiet).for_each(|_| homing.watch(true, CLEAR));
+                homing.mode_written(16 * MS);
+                (0..16).for_each(|ms| homing.watch(ms * MS, true, older));
+                (0..quiet).for_each(|ms| homing.watch((16 + ms) * MS, true, CLEAR));
                 homing.start();
                 assert!(homing.next_bit(10));
                 let end = homing.answer(&answer(ATTAINED, 10));

@@ -223,6 +223,15 @@ impl Engine {
         at_rest && !self.is_clearing()
     }
 
+    /// Cycles from this time on were after something that has ended by `now`.
+    pub(super) fn fresh_from(&self, now: Ns) -> Ns {
+        match self.pacing {
+            Pacing::Runner => now,
+            // Its clock is not quite ours.
+            Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
+        }
+    }
+
     /// A step has moved slaves.
     pub(super) fn slaves_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
@@ -230,11 +239,7 @@ impl Engine {
             Step::Move(to) if to > MasterState::PreOp => self.used_slaves(),
             _ => return,
         };
-        let fresh_from = match self.pacing {
-            Pacing::Runner => 0,
-            // Its clock is not quite ours.
-            Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
-        };
+        let fresh_from = self.fresh_from(now);
         who.iter().for_each(|slave| self.v.fresh_from[usize::from(slave) - 1] = fresh_from);
         if step == Step::Return(MasterState::Op) {
             // What they measure now goes into their first outputs: those hold them where they are.

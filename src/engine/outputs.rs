@@ -175,7 +175,7 @@ impl Engine {
         if entries == 0 && self.v.network.in_op() {
             self.counters.idle_cycles += 1;
         }
-        if done.answers_lost > 0 {
+        if done.answers_lost > 0 && self.v.network.in_op() {
             self.counters.answers_lost += u64::from(done.answers_lost);
             self.log.push(Event::AnswersLost { at: done.at, cycles: done.answers_lost });
         }

@@ -65,11 +65,11 @@ impl Engine {
     #[inline]
     pub(super) fn answer_slave(&mut self, slave: usize) {
         let Some(mode) = self.role(slave).mode() else { return };
-        let axes = self.axes(slave);
+        let (axes, at) = (self.axes(slave), self.last_passed);
         let n = slave - 1;
         let answers = self.inputs.slaves[n].iter().zip(self.v.modes_written[n]);
         for (axis, (input, written)) in self.v.axes[n].iter_mut().zip(answers).take(axes) {
-            axis.answer(input, mode, written);
+            axis.answer(at, input, mode, written);
         }
     }
 

@@ -5,7 +5,7 @@ use super::jobs::{Transfer, mode_object};
 use super::{Engine, Event};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, Pacing, SdoRequest, SlaveSet};
+use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
 /// A transfer that fails is tried so often \[OURS]; then the drive stays in mode 6, which is counted and logged.
@@ -119,13 +119,10 @@ impl Engine {
         self.v.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
         // The mode has changed: there is nothing to wait for, and nothing to write back.
-        let delay = match self.pacing {
-            Pacing::Runner => 0,
-            Pacing::Bus { answer_delay, .. } => answer_delay.into(),
-        };
+        let since = self.fresh_from(now);
         let homing = &mut self.v.axes[usize::from(slave) - 1][axis].homing;
         homing.wait_no_more();
-        homing.mode_written(delay);
+        homing.mode_written(since);
     }
 
     /// Whether the host's transfer that waits has to wait on: it writes the mode of an axis that was homing, which it

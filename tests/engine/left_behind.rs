@@ -110,7 +110,7 @@ fn simulated_drives() {
 /// SK-4.73 SK-4.62 An IO slave comes back with its outputs off, until it is sent some. SK-3.14 Its slot says so.
 #[test]
 fn outputs_are_off() {
-    for (how, to) in two_buses().into_iter().flat_map(|how| [(how, PreOp), (how, Init)]) {
+    for (how, to) in two_buses().flat_map(|how| [(how, PreOp), (how, Init)]) {
         let what = format!("{how:?} {to}");
         let bus = SimBus::new(vec![Box::<Io>::default() as Box<dyn Slave>, Box::<Io>::default()]);
         let network = bus.handle();

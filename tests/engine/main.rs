@@ -39,6 +39,7 @@ mod mixed;
 mod models;
 mod modes;
 mod network_rig;
+mod over;
 mod partial_frames;
 mod probe;
 mod profiles;

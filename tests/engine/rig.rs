@@ -9,6 +9,7 @@ use ecmsk::sk::{
     SlotSize, StateByte,
 };
 
+use crate::host::is_over;
 use crate::puppet::Puppet;
 use support::ahead_bus::{Ahead, AheadBus};
 
@@ -18,9 +19,11 @@ const CYCLE: Ns = 1_000_000;
 /// Every kind of bus that the tests go through.
 pub fn ahead() -> impl Iterator<Item = Ahead> {
     let clocks = [(0, 333_333, 0), (1, 1, 100), (2, 999_999, 2500), (4, 500_000, 300)];
-    [1, 8, 64]
-        .into_iter()
-        .flat_map(move |depth| clocks.map(|(pipeline, phase, slower)| Ahead::kind(depth, pipeline, phase, slower)))
+    // Where all boards are over one that the run has chosen, these would be the same once more.
+    let depths = if is_over() { &[][..] } else { &[1, 8, 64] };
+    depths
+        .iter()
+        .flat_map(move |&depth| clocks.map(|(pipeline, phase, slower)| Ahead::kind(depth, pipeline, phase, slower)))
 }
 
 pub struct Rig {

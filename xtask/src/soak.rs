@@ -1,5 +1,6 @@
-//! `cargo xtask soak`: the random schedules, the writers that die and the long day of tests/invariants, and the random frames against every
-//! network of tests/engine, many more than the test runs.
+//! `cargo xtask soak`: the random schedules, the writers that die and the long day of tests/invariants, and the random
+//! frames against every network of tests/engine, many more than the test runs; and all of tests/engine over a bus that takes
+//! outputs ahead.
 
 use std::process::Command;
 
@@ -24,7 +25,7 @@ pub struct Arguments {
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    let mut frames = test(project, "engine", &["random_networks::"]);
+    let mut frames = test(project, "engine", &["random_networks::", "over::"]);
     frames.env("ECMSK_SOAK_FRAMES", arguments.frames.to_string());
     frames.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
     command::run(&mut frames)?;

@@ -87,7 +87,26 @@ impl Ahead {
         Self { depth, pipeline, phase, slower, honesty }
     }
 
-    /// One that is like a chip at the end of an SPI: all of it, as the seed has it.
+    /// One that is like a chip at the end of an SPI: all of it, but nothing for long.
+    pub const fn chip() -> Self {
+        let honesty = Honesty {
+            seed: 1,
+            jitter: 2,
+            stale_looks: 2,
+            bytes: 0x4000,
+            clear_looks: 3,
+            blind: 10,
+            keeps: 64,
+            loses: 0,
+            refuses_sdo: false,
+            loss_delay: 3,
+            disturbs: false,
+            uncounted: true,
+        };
+        Self { depth: 64, pipeline: 2, phase: 333_333, slower: 100, honesty }
+    }
+
+    /// One that is like a chip at the end of an SPI: each of it as little or as much as the seed has it.
     pub fn honest(seed: u64) -> Self {
         let mut dice = Dice(seed ^ 0x686F_6E65_7374_2121);
         let pipeline = dice.pick(&[0, 1, 2, 2, 3, 5, 20]);
@@ -113,7 +132,7 @@ impl Ahead {
 /// A slave that is silent.
 #[derive(Clone, Copy)]
 struct Silence {
-    /// The cycle in which it began, and the outputs of that cycle.
+    /// The cycle in which it began, and the first outputs that the slave has not got.
     since: u64,
     outputs: Option<u64>,
 }
@@ -134,9 +153,8 @@ pub struct AheadBus<B> {
     /// Sets of outputs that it holds with the process data that are configured.
     depth: u16,
     last: Outputs,
-    /// The newest outputs sent, and those among them that slaves in OP have now.
+    /// The newest outputs sent.
     sent: Option<u64>,
-    carried: Option<u64>,
     /// What the slaves sent in the newest cycle.
     newest: Inputs,
     answers: VecDeque<(CycleDone, Inputs)>,
@@ -174,7 +192,6 @@ impl<B: Fieldbus> AheadBus<B> {
             depth: how.depth,
             last: Outputs::default(),
             sent: None,
-            carried: None,
             newest: Inputs::default(),
             answers: VecDeque::with_capacity(256),
             late: how.pipeline,
@@ -222,19 +239,22 @@ impl<B: Fieldbus> AheadBus<B> {
     fn pass(&mut self) {
         let at = self.next;
         self.next += if self.in_op.is_empty() { CycleTime::DEFAULT } else { self.cycle_in_op }.ns() + self.how.slower;
+        let mut news = false;
         if !self.in_op.is_empty() && self.inner.room() > 0 {
-            if let Some(outputs) = self.queue.pop_front() {
-                (self.sent, self.carried) = (Some(outputs.id), Some(outputs.id));
+            let outputs = self.queue.front().unwrap_or(&self.last);
+            if self.inner.push(outputs).is_ok()
+                && let Some(outputs) = self.queue.pop_front()
+            {
+                news = true;
+                self.sent = Some(outputs.id);
                 self.last = outputs;
             }
-            self.inner.push(&self.last).expect("there is room");
         }
         let Some(done) = self.inner.poll(at, &mut self.newest) else { return };
         self.cycles += 1;
         let mut seen = self.newest.clone();
-        self.hide_losses(&mut seen);
-        let carried = if self.in_op.is_empty() { None } else { self.carried };
-        let mut done = CycleDone { at, outputs: carried, ..done };
+        self.hide_losses(&mut seen, news);
+        let mut done = CycleDone { at, outputs: self.sent, ..done };
         let Honesty { keeps, loses, uncounted, .. } = self.how.honesty;
         if uncounted {
             (done.working_counter, done.expected_working_counter) = (0, 0);
@@ -256,14 +276,15 @@ impl<B: Fieldbus> AheadBus<B> {
     }
 
     /// A slave that does not answer is named as lost when it has been silent for long enough.
-    fn hide_losses(&mut self, seen: &mut Inputs) {
+    fn hide_losses(&mut self, seen: &mut Inputs, carries_news: bool) {
         let delay = self.how.honesty.loss_delay;
+        let first = self.sent.map(|id| if carries_news { id } else { id + 1 });
         for (slave, silent) in (1..).zip(&mut self.silent) {
             if !seen.lost.contains(slave) {
                 *silent = None;
                 continue;
             }
-            let began = Silence { since: self.cycles, outputs: self.carried };
+            let began = Silence { since: self.cycles, outputs: first };
             let Silence { since, outputs } = *silent.get_or_insert(began);
             let known = self.cycles - since;
             if known < delay {
@@ -348,7 +369,7 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
                 self.in_op = self.in_op.difference(slaves);
             } else if self.in_op.is_empty() {
                 // What was sent before the slaves left OP is not meant for now.
-                (self.last, self.carried) = (Outputs::default(), None);
+                self.last = Outputs::default();
                 self.in_op = slaves;
             } else {
                 self.in_op = self.in_op.union(slaves);

@@ -34,7 +34,7 @@ fn the_id_stays() {
                 assert_eq!(head(&bench.report, 3), (0, 0));
             }
         }
-        assert_eq!(bench.pacer.counts().unseen, 0, "{answers:?}");
+        assert_eq!(bench.pacer.counts().unanswered, 0, "{answers:?}");
     }
 }
 
@@ -59,7 +59,7 @@ fn the_programs_own_get_status_is_shown() {
         bench.until(|bench| bench.held.is_empty());
         (0..6).for_each(|_| _ = bench.exchange(u64::MAX));
         assert_eq!(head(&bench.report, 1), (0, 0));
-        assert_eq!(bench.pacer.counts().unseen, 0);
+        assert_eq!(bench.pacer.counts().unanswered, 0);
     }
 }
 
@@ -76,7 +76,7 @@ fn a_rejected_command_is_not_shown_as_answered() {
             bench.exchange(u64::MAX);
             assert_eq!(head(&bench.report, 1), (0, 0), "{answers:?}");
         }
-        assert_eq!(bench.pacer.counts().unseen, 1);
+        assert_eq!(bench.pacer.counts().unanswered, 1);
         assert_eq!(bench.board.engine().counters().rejected_total(), 1);
     }
 }
@@ -94,7 +94,7 @@ fn what_was_dropped_is_not_answered() {
     bench.held[0].put_master(SIZE, &MasterCommand::SetFifo(ecmsk::sk::FifoAction::Clear));
     bench.until(|bench| bench.free == 160 && head(&bench.report, 1) == (CommandId::AlarmClear.code(), 5));
     assert_eq!(bench.targets().0, Vec::<u8>::new(), "no target was executed");
-    assert_eq!(bench.pacer.counts().unseen, 0);
+    assert_eq!(bench.pacer.counts().unanswered, 0);
 }
 
 /// WIRE-120, SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
@@ -189,7 +189,7 @@ fn garble(held: &Held) -> Arc<AtomicU32> {
 #[test]
 fn outputs_that_no_report_has_shown() {
     let held = Held::board("sim:?queue=1&slaves=io");
-    let garbled = garble(&held);
+    let invalid_answers = garble(&held);
     let link = held.open("spi:/dev/spidev0.0").unwrap();
     let write = |frame: &Frame| link.write(frame, Wait::Forever).unwrap();
     write(&board(&MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Io; 8] }));
@@ -211,7 +211,7 @@ fn outputs_that_no_report_has_shown() {
     first_outputs(&link, 2, &mut Frame::new());
     for (index, outputs) in [(1, 0x0F0F), (2, 0x1111), (3, 0x2222)] {
         // Fewer than would lose the board, more than its entry stays in the FIFO.
-        garbled.store(12, Relaxed);
+        invalid_answers.store(12, Relaxed);
         write(&all(2, CommandId::IoWrite, index, outputs));
         until(&|report| master(report).fifo_free == 160 && shows(report, index, outputs as u32));
     }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::link::spi::{Carry, Held, Pacer, PacerOptions, Plan};
+use ecmsk::link::spi::{ExchangeContent, Pacer, PacerOptions, Plan, WaitingFrames};
 use ecmsk::sk::{CommandId, CycleTime, Frame, MasterState};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
@@ -65,7 +65,7 @@ pub struct Bench {
     /// Each cycle of OP, as slave 1 says; all slaves say the same.
     pub executed: Vec<Executed>,
     /// When each exchange began, and what it carried.
-    pub begins: Vec<(Ns, Carry)>,
+    pub begins: Vec<(Ns, ExchangeContent)>,
     /// The highest level the FIFO had.
     pub highest: u16,
     pub now: Ns,
@@ -131,7 +131,7 @@ impl Bench {
     pub fn exchange(&mut self, by: Ns) -> bool {
         loop {
             let motion = self.held.front().is_some_and(|frame| frame.slot(SIZE, 1).id == CommandId::Csp.code());
-            let held = Held { frames: self.held.len(), motion, last: false };
+            let held = WaitingFrames { frames: self.held.len(), motion, last: false };
             match self.pacer.plan(self.now, held) {
                 Plan::Wait(at) if at > by => {
                     self.now = by;
@@ -142,22 +142,22 @@ impl Bench {
                     assert!(at > self.now, "a wait that is over");
                     self.now = at;
                 }
-                Plan::Exchange { carry, extra } => {
-                    self.carry_out(carry, extra);
+                Plan::Exchange { content, extra } => {
+                    self.carry_out(content, extra);
                     return true;
                 }
             }
         }
     }
 
-    fn carry_out(&mut self, carry: Carry, extra: bool) {
+    fn carry_out(&mut self, content: ExchangeContent, extra: bool) {
         let mut frame = Frame::new();
-        match carry {
-            Carry::Host => frame = self.held.pop_front().expect("the pacer knows what is held"),
+        match content {
+            ExchangeContent::Host => frame = self.held.pop_front().expect("the pacer knows what is held"),
             own => self.pacer.own_frame(own, &mut frame),
         }
-        self.begins.push((self.now, carry));
-        self.pacer.begins(&frame, carry, extra, self.now);
+        self.begins.push((self.now, content));
+        self.pacer.begins(&frame, content, extra, self.now);
         self.board_to_now();
         let mut answer = if self.setup.answers == Answers::Newest { self.newest.clone() } else { self.staged.clone() };
         self.now += ON_THE_WIRES;

@@ -1,8 +1,8 @@
-//! Wires that lie are named.
+//! Wires that fault are named.
 
 use std::time::Duration;
 
-use ecmsk::link::spi::Judge;
+use ecmsk::link::spi::AnswerCheck;
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{CommandId, Frame, MasterState, RawSlot, SlotSize};
 
@@ -189,9 +189,9 @@ fn a_bad_answer_now_and_then() {
     for _ in 0..100 {
         last = Some(link.read(&mut report, Wait::For(Duration::from_secs(20))).unwrap().sequence);
     }
-    let garbled = link.spi_stats().garbled;
-    assert!(garbled > 0);
-    assert!(last.unwrap() + 1 >= link.stats().read + garbled);
+    let invalid_answers = link.spi_stats().invalid_answers;
+    assert!(invalid_answers > 0);
+    assert!(last.unwrap() + 1 >= link.stats().read + invalid_answers);
 }
 
 /// WIRE-47 What is none has a right CRC once in 256 times: a board without a CRC is not taken for one that fills it because of
@@ -209,16 +209,16 @@ fn a_crc_that_is_right_by_chance() {
         answer.fill_crc(SlotSize::Bytes12);
         answer
     };
-    let mut judge = Judge::new(SlotSize::Bytes12);
-    assert!(judge.look(&answer(1)).is_ok());
+    let mut answer_check = AnswerCheck::new(SlotSize::Bytes12);
+    assert!(answer_check.check(&answer(1)).is_ok());
     let mut noise = Frame::from_bytes([0x5B; 512]);
     noise.fill_crc(SlotSize::Bytes12);
     for _ in 0..3 {
-        assert!(judge.look(&noise).is_ok(), "nothing tells that it is none");
+        assert!(answer_check.check(&noise).is_ok(), "nothing tells that it is none");
     }
-    assert!(!judge.fills_crc());
-    assert!(judge.look(&answer(2)).is_ok());
-    assert!(judge.look(&with_crc(1)).is_ok() && !judge.fills_crc());
-    assert!(judge.look(&with_crc(2)).is_ok() && judge.fills_crc());
-    assert!(judge.look(&answer(3)).is_err(), "from now on each has to have one");
+    assert!(!answer_check.fills_crc());
+    assert!(answer_check.check(&answer(2)).is_ok());
+    assert!(answer_check.check(&with_crc(1)).is_ok() && !answer_check.fills_crc());
+    assert!(answer_check.check(&with_crc(2)).is_ok() && answer_check.fills_crc());
+    assert!(answer_check.check(&answer(3)).is_err(), "from now on each has to have one");
 }

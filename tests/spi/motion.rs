@@ -1,6 +1,6 @@
 //! What programs see: one report a cycle, a free count to go by, every frame once and in order.
 
-use ecmsk::link::spi::Carry;
+use ecmsk::link::spi::ExchangeContent;
 use ecmsk::sk::{CommandId, FifoAction, MasterCommand, MasterState};
 
 use super::bench::{Answers, Bench, Setup};
@@ -89,7 +89,9 @@ fn a_host_that_starves_makes_gaps_and_loses_nothing() {
             bench.held.push_back(target(1, n));
             let _ = bench.exchange(u64::MAX);
             if n % 3 == 0 {
-                let status = |bench: &Bench| bench.begins.iter().filter(|(_, carry)| *carry == Carry::Status).count();
+                let status = |bench: &Bench| {
+                    bench.begins.iter().filter(|(_, content)| *content == ExchangeContent::Status).count()
+                };
                 let before = status(&bench);
                 bench.until(|bench| status(bench) > before);
             }

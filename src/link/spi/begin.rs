@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::judge::{Judge, Lie};
+use super::answer_check::{AnswerCheck, WiringFault};
 use super::options::SpiOptions;
 use crate::io::spi::{WireError, Wires};
 use crate::link::LinkError;
@@ -30,7 +30,7 @@ pub(super) fn begin(
     name: &str,
     wires: &mut dyn Wires,
     options: &SpiOptions,
-    judge: &mut Judge,
+    answer_check: &mut AnswerCheck,
 ) -> Result<MasterResponse, LinkError> {
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
     let began = Instant::now();
@@ -38,7 +38,7 @@ pub(super) fn begin(
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
     // Answers shifted by some bits may look valid, so the fault that an earlier invalid answer has shown is kept.
-    let mut known_fault = Lie::Garbled;
+    let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
         if !wires.wait_ready(left).map_err(|error| refused(name, error))? {
@@ -50,11 +50,11 @@ pub(super) fn begin(
             .exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length])
             .map_err(|error| refused(name, error))?;
         exchanges += 1;
-        let lie = match judge.look(&answer) {
-            Ok(_) if answer.wire(options.slot) == question.wire(options.slot) => Some(Lie::Echo),
+        let fault = match answer_check.check(&answer) {
+            Ok(_) if answer.wire(options.slot) == question.wire(options.slot) => Some(WiringFault::Echo),
             Ok(response) => {
                 (valid, invalid) = (valid + 1, 0);
-                let sure = judge.fills_crc()
+                let sure = answer_check.fills_crc()
                     || response.state.state() == Some(MasterState::Op)
                     || response.id == CommandId::LocalRead.code();
                 if valid >= VALID_ANSWERS_MIN && sure {
@@ -70,19 +70,19 @@ pub(super) fn begin(
                 (valid >= UNCONFIRMED_ANSWERS_MAX).then_some(known_fault)
             }
             Err(_) => {
-                let lie = judge.explain();
-                if lie != Lie::Garbled {
-                    known_fault = lie;
+                let fault = answer_check.explain();
+                if fault != WiringFault::Garbled {
+                    known_fault = fault;
                 }
-                Some(lie)
+                Some(fault)
             }
         };
-        if let Some(lie) = lie {
+        if let Some(fault) = fault {
             invalid += 1;
             // Without BUSY, a board that is starting up answers zeros.
-            let may_start = lie == Lie::Zeros && !wires.has_busy_line();
+            let may_start = fault == WiringFault::Zeros && !wires.has_busy_line();
             if (invalid >= INVALID_ANSWERS_MAX && !may_start) || began.elapsed() >= options.open_limit {
-                return Err(no_board(lie.to_string()));
+                return Err(no_board(fault.to_string()));
             }
         }
         // Each answer reports the cycle before it, so the next one is only new after a cycle.

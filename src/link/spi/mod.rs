@@ -22,11 +22,12 @@
 //! - `runner.rs`: the link's thread
 //! - `pacer.rs`: when the next exchange is due and what it carries
 //! - `sent_frames.rs`: what was sent, to show the program the answers to its own commands
-//! - `judge.rs`: whether an answer is valid, and if not, which wire is faulty
+//! - `answer_check.rs`: whether an answer is valid, and if not, which wire is faulty
 //! - `begin.rs`: the first exchanges, which test the wires
 
+mod answer_check;
 mod begin;
-mod judge;
+
 mod options;
 mod pacer;
 mod queues;
@@ -40,11 +41,11 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 
-pub use self::judge::Lie;
+pub use self::answer_check::WiringFault;
 #[doc(hidden)]
-pub use self::judge::{Judge, NoAnswer};
+pub use self::answer_check::{AnswerCheck, InvalidAnswer};
 pub use self::options::SpiOptions;
-pub use self::pacer::{Carry, Held, Pacer, PacerCounts, PacerOptions, Plan};
+pub use self::pacer::{ExchangeContent, Pacer, PacerCounts, PacerOptions, Plan, WaitingFrames};
 
 use self::begin::{begin, refused};
 use self::options::PERIOD_WITHOUT_BUSY;
@@ -79,7 +80,7 @@ pub struct SpiStats {
     /// Counters of its exchanges.
     pub pacer: PacerCounts,
     /// Invalid answers, which were not passed on as reports.
-    pub garbled: u64,
+    pub invalid_answers: u64,
     /// Frames of the program that were discarded before they were sent, because of a later SET_FIFO clear, a change of
     /// state out of OP, or SW_RESET.
     pub cleared: u64,
@@ -109,8 +110,8 @@ impl SpiLink {
         options: SpiOptions,
         common: &CommonOptions,
     ) -> Result<Self, LinkError> {
-        let mut judge = Judge::new(options.slot);
-        let first = begin(name, &mut *wires, &options, &mut judge)?;
+        let mut answer_check = AnswerCheck::new(options.slot);
+        let first = begin(name, &mut *wires, &options, &mut answer_check)?;
         let busy = wires.has_busy_line();
         let mut pacer = Pacer::new(PacerOptions {
             slot: options.slot,
@@ -126,11 +127,12 @@ impl SpiLink {
             opened: Instant::now(),
             counts: Mutex::default(),
             cycle_us: AtomicU64::new(options.cycle.us().into()),
-            garbled: AtomicU64::new(0),
+            invalid_answers: AtomicU64::new(0),
         });
         // The last exchange of `begin` has just ended.
         pacer.ended(shared.now());
-        let runner = Runner { shared: shared.clone(), wires, options: options.clone(), pacer, judge, reset_doubt: 0 };
+        let runner =
+            Runner { shared: shared.clone(), wires, options: options.clone(), pacer, answer_check, reset_doubt: 0 };
         let thread = threads::spawn("ecmsk-spi", move || runner.run()).map_err(|error| LinkError::Io {
             what: format!("start the thread of `{name}`"),
             message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
@@ -161,7 +163,7 @@ impl SpiLink {
         let queues = self.shared.queues.counts();
         SpiStats {
             pacer: *self.shared.counts.lock(),
-            garbled: self.shared.garbled.load(Ordering::Relaxed),
+            invalid_answers: self.shared.invalid_answers.load(Ordering::Relaxed),
             cleared: queues.cleared,
             unsent: queues.unsent,
             held: queues.held,

@@ -40,7 +40,7 @@ const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
 
 /// What an exchange carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Carry {
+pub enum ExchangeContent {
     /// The oldest frame of the program that the link has not sent yet.
     Host,
     /// GET_STATUS in every slot.
@@ -60,7 +60,7 @@ pub enum Plan {
     /// An exchange is due now.
     Exchange {
         /// What it carries.
-        carry: Carry,
+        content: ExchangeContent,
         /// Whether it comes in addition to the regular exchange of the cycle.
         extra: bool,
     },
@@ -68,7 +68,7 @@ pub enum Plan {
 
 /// The frames of the program that are waiting to be sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Held {
+pub struct WaitingFrames {
     /// The number of frames.
     pub frames: usize,
     /// Whether the oldest contains a motion command (CSP, CSV or CST).
@@ -113,12 +113,12 @@ pub struct PacerCounts {
     /// Exchanges in addition to one per cycle.
     pub extra: u64,
     /// Cycles in which the exchange was skipped because the FIFO's level was too high, as the clocks differ.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Cycles in which the exchange was skipped because the program had no frame and the prefill was not used up.
-    pub spared: u64,
+    pub skipped_with_prefill: u64,
     /// Commands of the program for slaves that no answer has shown, because they were rejected or were executed between
     /// two answers.
-    pub unseen: u64,
+    pub unanswered: u64,
 }
 
 /// The pacer of one link.
@@ -179,7 +179,7 @@ impl Pacer {
     }
 
     /// What is due at the time `now`, with `held` frames of the program waiting.
-    pub fn plan(&mut self, now: Ns, held: Held) -> Plan {
+    pub fn plan(&mut self, now: Ns, held: WaitingFrames) -> Plan {
         self.handle_lateness(now, held);
         // A SET_DC command may have shortened the cycle.
         self.tick = self.tick.min(now + self.period());
@@ -188,25 +188,25 @@ impl Pacer {
             while held.last && self.tick <= now {
                 self.pass_tick();
             }
-            return self.plan_exchange(now, self.not_before, self.carry(held), true);
+            return self.plan_exchange(now, self.not_before, self.content(held), true);
         }
         while self.tick <= now && self.skips_tick(held) {
             self.pass_tick();
         }
-        self.plan_exchange(now, self.tick.max(self.not_before), self.carry(held), false)
+        self.plan_exchange(now, self.tick.max(self.not_before), self.content(held), false)
     }
 
-    const fn plan_exchange(&self, now: Ns, due: Ns, carry: Carry, extra: bool) -> Plan {
-        if now < due { Plan::Wait(due) } else { Plan::Exchange { carry, extra } }
+    const fn plan_exchange(&self, now: Ns, due: Ns, content: ExchangeContent, extra: bool) -> Plan {
+        if now < due { Plan::Wait(due) } else { Plan::Exchange { content, extra } }
     }
 
-    fn carry(&self, held: Held) -> Carry {
+    fn content(&self, held: WaitingFrames) -> ExchangeContent {
         let arms = self.options.prefill > 0 && self.prefill == PrefillState::Unset && self.op();
         match held.frames {
-            0 if held.last && matches!(self.prefill, PrefillState::Waiting(_)) => Carry::Release,
-            1.. if arms && held.motion => Carry::Prefill,
-            1.. if self.has_room() => Carry::Host,
-            _ => Carry::Status,
+            0 if held.last && matches!(self.prefill, PrefillState::Waiting(_)) => ExchangeContent::Release,
+            1.. if arms && held.motion => ExchangeContent::Prefill,
+            1.. if self.has_room() => ExchangeContent::Host,
+            _ => ExchangeContent::Status,
         }
     }
 
@@ -222,7 +222,7 @@ impl Pacer {
 
     /// A machine that was late does not make up for the missed cycles: the next exchange is due now. Frames that were
     /// waiting in the meantime should have been in the FIFO, so for a while more entries are kept there.
-    fn handle_lateness(&mut self, now: Ns, held: Held) {
+    fn handle_lateness(&mut self, now: Ns, held: WaitingFrames) {
         if now <= self.tick + self.period() {
             return;
         }
@@ -242,10 +242,10 @@ impl Pacer {
     }
 
     /// Whether the regular exchange that is due is skipped.
-    fn skips_tick(&mut self, held: Held) -> bool {
+    fn skips_tick(&mut self, held: WaitingFrames) -> bool {
         if self.to_skip > 0 {
             self.to_skip -= 1;
-            self.counts.passed_over += 1;
+            self.counts.skipped += 1;
             return true;
         }
         // While the link is being closed, the remaining frames are sent as soon as there is room.
@@ -258,7 +258,7 @@ impl Pacer {
         }
         let lasts = self.op() && self.options.prefill > 0 && self.prefill == PrefillState::Done && self.level >= 2;
         if lasts && held.frames == 0 && !held.last {
-            self.counts.spared += 1;
+            self.counts.skipped_with_prefill += 1;
             self.ignored_reports = IGNORED_REPORTS;
             return true;
         }
@@ -275,9 +275,9 @@ impl Pacer {
     }
 
     /// An exchange with that frame begins.
-    pub fn begins(&mut self, frame: &Frame, carry: Carry, extra: bool, now: Ns) {
+    pub fn begins(&mut self, frame: &Frame, content: ExchangeContent, extra: bool, now: Ns) {
         self.counts.exchanges += 1;
-        self.counts.host += u64::from(carry == Carry::Host);
+        self.counts.host += u64::from(content == ExchangeContent::Host);
         self.counts.extra += u64::from(extra);
         if extra {
             self.extra = self.extra.saturating_sub(1);
@@ -292,15 +292,15 @@ impl Pacer {
             }
         }
         self.not_before = now + self.options.period_ns;
-        self.sent.push(frame, carry == Carry::Host, now);
-        match carry {
-            Carry::Host => self.note_command(frame),
-            Carry::Prefill => {
+        self.sent.push(frame, content == ExchangeContent::Host, now);
+        match content {
+            ExchangeContent::Host => self.note_command(frame),
+            ExchangeContent::Prefill => {
                 self.prefill = PrefillState::Waiting(0);
                 self.extra = self.target_level;
             }
-            Carry::Release => self.prefill = PrefillState::Done,
-            Carry::Status => {}
+            ExchangeContent::Release => self.prefill = PrefillState::Done,
+            ExchangeContent::Status => {}
         }
         if self.op() {
             self.level = (self.level + 1).min(FIFO_ENTRIES);
@@ -392,7 +392,7 @@ impl Pacer {
         let level = if self.op() { FIFO_ENTRIES.saturating_sub(free) } else { 0 };
         let old = ANSWER_AGE_MAX_CYCLES * self.period() + self.options.wires_ns;
         let put = self.sent.restore_answers(answer, level, old, self.op());
-        self.counts.unseen = self.sent.unseen();
+        self.counts.unanswered = self.sent.unanswered();
         if !self.op() {
             return put;
         }
@@ -429,13 +429,13 @@ impl Pacer {
 
     /// Builds the link's own frame for an exchange that does not carry one of the program. Its CRC is valid, whether or
     /// not the board checks it.
-    pub fn own_frame(&self, carry: Carry, frame: &mut Frame) {
+    pub fn own_frame(&self, content: ExchangeContent, frame: &mut Frame) {
         let size = self.options.slot;
         frame.set_prefix(&[]);
-        let free = match carry {
-            Carry::Prefill => FIFO_ENTRIES + 1 - self.options.prefill,
-            Carry::Release => FIFO_ENTRIES,
-            Carry::Host | Carry::Status => 0,
+        let free = match content {
+            ExchangeContent::Prefill => FIFO_ENTRIES + 1 - self.options.prefill,
+            ExchangeContent::Release => FIFO_ENTRIES,
+            ExchangeContent::Host | ExchangeContent::Status => 0,
         };
         if free > 0 {
             frame.put_master(size, &MasterCommand::SetFifo(FifoAction::Threshold(free.into())));

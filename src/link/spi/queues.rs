@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
-use super::pacer::{Held, Ns, has_motion};
+use super::pacer::{Ns, WaitingFrames, has_motion};
 use crate::link::{Dir, LinkError};
 use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
 
@@ -226,8 +226,8 @@ impl QueueState {
     }
 
     /// The frames that are waiting to be sent, as the pacer needs to know them.
-    pub fn held(&self, size: SlotSize) -> Held {
-        Held {
+    pub fn held(&self, size: SlotSize) -> WaitingFrames {
+        WaitingFrames {
             frames: self.held.len(),
             motion: self.held.front().is_some_and(|frame| has_motion(frame, size)),
             last: self.closing.is_some(),

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 
+use super::answer_check::{AnswerCheck, WiringFault};
 use super::begin::{BUSY_IS_LOW, busy_is_high};
-use super::judge::{Judge, Lie};
 use super::options::SpiOptions;
-use super::pacer::{Carry, Ns, Pacer, PacerCounts, Plan};
+use super::pacer::{ExchangeContent, Ns, Pacer, PacerCounts, Plan};
 use super::queues::FrameQueues;
 use crate::io::spi::{WireError, Wires};
 use crate::link::LinkError;
@@ -39,7 +39,7 @@ pub(super) struct Shared {
     /// The cycle time that OP has or will have, in microseconds.
     pub cycle_us: AtomicU64,
     /// Invalid answers.
-    pub garbled: AtomicU64,
+    pub invalid_answers: AtomicU64,
 }
 
 impl Shared {
@@ -67,7 +67,7 @@ pub(super) struct Runner {
     pub wires: Box<dyn Wires>,
     pub options: SpiOptions,
     pub pacer: Pacer,
-    pub judge: Judge,
+    pub answer_check: AnswerCheck,
     /// How many more valid answers are needed to show that the board is still there, after a SW_RESET that it may have
     /// refused.
     pub reset_doubt: u32,
@@ -108,18 +108,18 @@ impl Runner {
         invalid: &mut u32,
         since_edge: &mut u32,
     ) -> Result<(), EndReason> {
-        let (carry, extra) = self.wait_for_turn()?;
+        let (content, extra) = self.wait_for_turn()?;
         self.wait_ready()?;
         // While BUSY was high the program may have discarded its frames.
-        let carry = match carry {
-            Carry::Host if !self.shared.queues.take(command) => Carry::Status,
-            carry => carry,
+        let content = match content {
+            ExchangeContent::Host if !self.shared.queues.take(command) => ExchangeContent::Status,
+            content => content,
         };
-        if carry != Carry::Host {
-            self.pacer.own_frame(carry, command);
+        if content != ExchangeContent::Host {
+            self.pacer.own_frame(content, command);
         }
         let at = self.shared.now();
-        self.pacer.begins(command, carry, extra, at);
+        self.pacer.begins(command, content, extra, at);
         let size = self.options.slot;
         self.wires.exchange(command.wire(size), &mut answer.bytes_mut()[..size.frame_len()])?;
         self.pacer.ended(self.shared.now());
@@ -134,7 +134,7 @@ impl Runner {
             }
         }
         self.handle_answer(answer, extra, at, invalid)?;
-        let resets = carry == Carry::Host
+        let resets = content == ExchangeContent::Host
             && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
         if resets {
             // A board that checks CRCs refuses a SW_RESET whose CRC is wrong; the next answers show it.
@@ -147,7 +147,7 @@ impl Runner {
     }
 
     /// Waits until an exchange is due.
-    fn wait_for_turn(&mut self) -> Result<(Carry, bool), EndReason> {
+    fn wait_for_turn(&mut self) -> Result<(ExchangeContent, bool), EndReason> {
         let shared = Arc::clone(&self.shared);
         let mut state = shared.queues.lock();
         loop {
@@ -158,7 +158,7 @@ impl Runner {
                 return Err(EndReason::Closed);
             }
             match self.pacer.plan(shared.now(), held) {
-                Plan::Exchange { carry, extra } => return Ok((carry, extra)),
+                Plan::Exchange { content, extra } => return Ok((content, extra)),
                 Plan::Wait(at) => shared.queues.wait_for_work(&mut state, shared.instant(at)),
             }
         }
@@ -189,23 +189,23 @@ impl Runner {
 
     /// Passes a valid answer on as a report, and counts an invalid one.
     fn handle_answer(&mut self, answer: &mut Frame, extra: bool, at: Ns, invalid: &mut u32) -> Result<(), EndReason> {
-        let Ok(response) = self.judge.look(answer) else {
+        let Ok(response) = self.answer_check.check(answer) else {
             *invalid += 1;
-            self.shared.garbled.fetch_add(1, Ordering::Relaxed);
+            self.shared.invalid_answers.fetch_add(1, Ordering::Relaxed);
             self.shared.queues.no_report();
-            if self.reset_doubt > 0 && self.judge.explain() == Lie::Zeros {
+            if self.reset_doubt > 0 && self.answer_check.explain() == WiringFault::Zeros {
                 return Err(EndReason::Lost(WAS_RESET.to_owned()));
             }
             return if *invalid < INVALID_ANSWERS_MAX {
                 Ok(())
             } else {
-                Err(EndReason::Lost(self.judge.explain().to_string()))
+                Err(EndReason::Lost(self.answer_check.explain().to_string()))
             };
         };
         *invalid = 0;
         self.reset_doubt = self.reset_doubt.saturating_sub(1);
         self.pacer.answered(&response, extra, self.shared.queues.held());
-        let has_crc = answer.crc_byte() != 0 || self.judge.fills_crc();
+        let has_crc = answer.crc_byte() != 0 || self.answer_check.fills_crc();
         if self.pacer.show(answer, self.shared.queues.held()) && has_crc {
             answer.fill_crc(self.options.slot);
         }
@@ -278,7 +278,7 @@ mod tests {
             opened: Instant::now(),
             counts: Mutex::default(),
             cycle_us: AtomicU64::new(0),
-            garbled: AtomicU64::new(0),
+            invalid_answers: AtomicU64::new(0),
         });
         let pacer = Pacer::new(PacerOptions {
             slot: SIZE,
@@ -291,7 +291,14 @@ mod tests {
         answer.bytes_mut()[..12].copy_from_slice(&[MASTER_CYCLIC, 0, 8, 0, 0, 0, 0, 0, 160, 0, 0, 0]);
         answer.fill_crc(SIZE);
         let wires = Box::new(Constant { answer, left: 1000, shared: shared.clone() });
-        let runner = Runner { shared: shared.clone(), wires, options, pacer, judge: Judge::new(SIZE), reset_doubt: 0 };
+        let runner = Runner {
+            shared: shared.clone(),
+            wires,
+            options,
+            pacer,
+            answer_check: AnswerCheck::new(SIZE),
+            reset_doubt: 0,
+        };
         let host = std::thread::spawn({
             let shared = shared.clone();
             move || {
@@ -311,6 +318,6 @@ mod tests {
         let counts = *shared.counts.lock();
         assert_eq!(counts.exchanges, 1000);
         assert!(counts.host > 100, "{counts:?}");
-        assert!(shared.garbled.load(Ordering::Relaxed) >= 60);
+        assert!(shared.invalid_answers.load(Ordering::Relaxed) >= 60);
     }
 }

@@ -62,7 +62,7 @@ pub(super) struct SentFrames {
     /// Frames with a smaller number may be among those that the board did not execute.
     doubtful_before: u64,
     /// How many commands of the program no answer has shown.
-    unseen: u64,
+    unanswered: u64,
 }
 
 impl SentFrames {
@@ -78,7 +78,7 @@ impl SentFrames {
             repeats_index: true,
             error_counts: None,
             doubtful_before: 0,
-            unseen: 0,
+            unanswered: 0,
         }
     }
 
@@ -230,7 +230,7 @@ impl SentFrames {
         // The command was executed between two answers, or rejected. The answer of an IO slave can be derived from it.
         self.answers[slot] = self.io_answer(slot, command, number).map(|slot| Answered { slot, entry: number });
         if slot > 0 && command.id != GET_STATUS && self.answers[slot].is_none() {
-            self.unseen += 1;
+            self.unanswered += 1;
         }
     }
 
@@ -249,8 +249,8 @@ impl SentFrames {
 
     /// How many commands of the program for slaves no answer has shown, because they were rejected or were executed
     /// between two answers.
-    pub const fn unseen(&self) -> u64 {
-        self.unseen
+    pub const fn unanswered(&self) -> u64 {
+        self.unanswered
     }
 }
 

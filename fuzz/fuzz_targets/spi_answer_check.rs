@@ -1,4 +1,4 @@
-//! Exchanges on SPI with a modelled board, over wires that lie or do not: whatever the board answers is taken for an answer, a
+//! Exchanges on SPI with a modelled board, over wires that fault or do not: whatever the board answers is taken for an answer, a
 //! flipped bit in one with a CRC never is, wires that are stuck or that slip are named, and the pacer lives through it all.
 
 #![no_main]
@@ -9,7 +9,9 @@ mod board;
 mod frames;
 
 use ecmsk::engine::{Board, Firmware};
-use ecmsk::link::spi::{Carry, Held, Judge, Lie, NoAnswer, Pacer, PacerOptions, Plan};
+use ecmsk::link::spi::{
+    AnswerCheck, ExchangeContent, InvalidAnswer, Pacer, PacerOptions, Plan, WaitingFrames, WiringFault,
+};
 use ecmsk::sk::{CrcPolicy, CycleTime, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 use libfuzzer_sys::fuzz_target;
 
@@ -41,11 +43,11 @@ fuzz_target!(|bytes: &[u8]| {
             _ => {
                 // Any bytes at all: if they are an answer, their CRC or their form is right.
                 let answer = Frame::from_prefix(step);
-                let fills = wires.judge.fills_crc();
-                let taken = wires.judge.look(&answer);
+                let fills = wires.answer_check.fills_crc();
+                let taken = wires.answer_check.check(&answer);
                 let is_right = answer.check_crc(wires.size, CrcPolicy::Strict).is_ok();
                 assert!(taken.is_err() || is_right || !fills && answer.crc_byte() == 0);
-                assert!(taken.is_ok() || !wires.judge.explain().to_string().is_empty());
+                assert!(taken.is_ok() || !wires.answer_check.explain().to_string().is_empty());
                 wires.bad = if taken.is_ok() { Bad::None } else { Bad::Mixed };
                 wires.lucky += u32::from(taken.is_ok() && answer.crc_byte() != 0);
             }
@@ -95,7 +97,7 @@ struct Wires {
     board: Board,
     size: SlotSize,
     fills_crc: bool,
-    judge: Judge,
+    answer_check: AnswerCheck,
     pacer: Pacer,
     now: u64,
     newest: Frame,
@@ -122,9 +124,21 @@ impl Wires {
             period_ns: if kind & 16 == 0 { 0 } else { 300_000 },
             wires_ns: 200_000,
         });
-        let judge = Judge::new(size);
+        let answer_check = AnswerCheck::new(size);
         let (now, held, fills_crc) = (board.now(), Vec::new(), kind & 2 == 0);
-        Self { board, size, fills_crc, judge, pacer, now, newest, held, left: EXCHANGES_MAX, bad: Bad::None, lucky: 0 }
+        Self {
+            board,
+            size,
+            fills_crc,
+            answer_check,
+            pacer,
+            now,
+            newest,
+            held,
+            left: EXCHANGES_MAX,
+            bad: Bad::None,
+            lucky: 0,
+        }
     }
 
     /// A frame of those that bring a network up, or take it down.
@@ -155,10 +169,10 @@ impl Wires {
         }
         self.left -= 1;
         let motion = self.held.last().is_some_and(|frame| frame.slot(self.size, 1).id != 0);
-        let held = Held { frames: self.held.len(), motion, last: false };
-        let (carry, extra) = loop {
+        let held = WaitingFrames { frames: self.held.len(), motion, last: false };
+        let (content, extra) = loop {
             match self.pacer.plan(self.now, held) {
-                Plan::Exchange { carry, extra } => break (carry, extra),
+                Plan::Exchange { content, extra } => break (content, extra),
                 Plan::Wait(at) => {
                     assert!(at > self.now && at - self.now < WAIT_MAX_NS, "{at} at {}", self.now);
                     self.now = at;
@@ -166,12 +180,12 @@ impl Wires {
             }
         };
         let mut command = Frame::new();
-        if carry == Carry::Host {
+        if content == ExchangeContent::Host {
             command = self.held.pop().expect("it is the host's");
         } else {
-            self.pacer.own_frame(carry, &mut command);
+            self.pacer.own_frame(content, &mut command);
         }
-        self.pacer.begins(&command, carry, extra, self.now);
+        self.pacer.begins(&command, content, extra, self.now);
         let Self { board, newest, .. } = self;
         // What comes back was made before this.
         board.advance(self.now, &mut |report, _| newest.clone_from(report));
@@ -210,8 +224,8 @@ impl Wires {
     }
 
     fn hear(&mut self, mut answer: Frame, right: &Frame, extra: bool, damage: Damage) {
-        let fills = self.judge.fills_crc();
-        let taken = self.judge.look(&answer);
+        let fills = self.answer_check.fills_crc();
+        let taken = self.answer_check.check(&answer);
         if answer.bytes() == right.bytes() {
             // A CRC that is right by chance is one in 256, and two of them are the wires' victory.
             assert!(taken.is_ok() || self.lucky > 1, "an answer of the board: {:02X?}", right.wire(self.size));
@@ -219,14 +233,14 @@ impl Wires {
             self.lucky += 1;
         }
         if fills && self.fills_crc && matches!(damage, Damage::Flipped { .. }) {
-            assert_eq!(taken, Err(NoAnswer), "a flipped bit");
+            assert_eq!(taken, Err(InvalidAnswer), "a flipped bit");
         }
         let Ok(response) = taken else {
             return self.note_bad(right, damage);
         };
         self.bad = Bad::None;
         assert_eq!(response, MasterResponse::decode(&answer.slot(self.size, 0)));
-        assert!(self.judge.fills_crc() >= fills);
+        assert!(self.answer_check.fills_crc() >= fills);
         self.pacer.answered(&response, extra, self.held.len());
         let before = answer.clone();
         let differs = self.pacer.show(&mut answer, self.held.len());
@@ -253,13 +267,16 @@ impl Wires {
         if self.bad == Bad::None {
             return;
         }
-        let lie = self.judge.explain();
-        assert!(!lie.to_string().is_empty());
+        let fault = self.answer_check.explain();
+        assert!(!fault.to_string().is_empty());
         match (damage, self.bad) {
-            (Damage::Stuck(0), _) => assert_eq!(lie, Lie::Zeros),
-            (Damage::Stuck(_), _) => assert_eq!(lie, Lie::Ones),
+            (Damage::Stuck(0), _) => assert_eq!(fault, WiringFault::Zeros),
+            (Damage::Stuck(_), _) => assert_eq!(fault, WiringFault::Ones),
             (_, Bad::Late(bits)) => {
-                assert!(!matches!(lie, Lie::Ones | Lie::Zeros | Lie::Garbled), "{bits} bits late: {lie:?}");
+                assert!(
+                    !matches!(fault, WiringFault::Ones | WiringFault::Zeros | WiringFault::Garbled),
+                    "{bits} bits late: {fault:?}"
+                );
             }
             _ => {}
         }

@@ -1,0 +1,218 @@
+//! Whether the bytes received on MISO are a valid answer of the board, and if not, which wire is faulty.
+
+use std::collections::VecDeque;
+
+use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
+
+/// By how many bits an answer may be shifted for the shift to be recognised. \[OURS]
+const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
+
+/// What is wrong with the wires, as far as the answers show it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WiringFault {
+    /// MISO is always high: nothing drives it, or it is connected to the supply.
+    #[error(
+        "MISO is high all the time (all ones): look at MISO (J3/J2 pin 9), at ground and at the chip select (pin 7), and \
+         whether the board has power"
+    )]
+    Ones,
+    /// MISO is always low: it is connected to ground, or the board is starting up.
+    #[error(
+        "MISO is low all the time (all zeros): the board starts up, finds no slave or has CONFIG0 set to USB; if not, look \
+         at MISO (J3/J2 pin 9), SCLK (pin 8) and the chip select (pin 7)"
+    )]
+    Zeros,
+    /// MISO is connected to MOSI.
+    #[error(
+        "MISO repeats what MOSI says: the two are connected to one another; connect each to its own pin (J3/J2 9, 10)"
+    )]
+    Echo,
+    /// The board has the other slot size.
+    #[error("the answers have slots of {fits} bytes, not of {set} (CONFIG2): set slot={fits} in the link")]
+    SlotSize {
+        /// The slot size in the URI, in bytes.
+        set: usize,
+        /// The slot size of the answers, in bytes.
+        fits: usize,
+    },
+    /// The answers are shifted by some bits.
+    #[error(
+        "the answers come {bits} bit(s) too {}: the SPI mode is another (mode=1), or the clock is too fast for the wires \
+         (speed=, jumper wires less than 10M)",
+        if *late { "late" } else { "early" }
+    )]
+    Bits {
+        /// By how many bits.
+        bits: usize,
+        /// Whether they come too late, and not too early.
+        late: bool,
+    },
+    /// The answers are shifted by whole bytes.
+    #[error(
+        "the answers come {bytes} byte(s) too {}: the board and this machine are out of step; look at the chip select \
+         (J3/J2 pin 7), then reset the board or switch it off and on",
+        if *late { "late" } else { "early" }
+    )]
+    Bytes {
+        /// By how many bytes.
+        bytes: usize,
+        /// Whether they come too late, and not too early.
+        late: bool,
+    },
+    /// The answers are invalid in another way.
+    #[error(
+        "the answers have neither a right CRC nor the form of a frame: set a slower speed= (jumper wires less than 10M), \
+         look at the wires and at slot= and mode="
+    )]
+    Garbled,
+}
+
+/// How many invalid answers are kept. A fault is only reported if it explains all of them. \[OURS]
+const INVALID_KEPT: usize = 4;
+
+/// After how many answers with different valid CRCs the board counts as one that sends CRCs. An invalid answer has a
+/// valid CRC by chance once in 256 times. \[OURS]
+const VALID_CRCS_MIN: u8 = 2;
+
+/// Checks the answers of one board.
+#[derive(Clone, Debug)]
+pub struct AnswerCheck {
+    size: SlotSize,
+    /// Answers with a valid CRC, each different from the one before, since the latest answer without one. Once it has
+    /// reached [`VALID_CRCS_MIN`] it does not change any more.
+    valid_crcs: u8,
+    /// The latest of these CRCs.
+    crc: u8,
+    /// The latest invalid answers since a valid one. An answer equal to the one before it is not kept.
+    invalid: VecDeque<Frame>,
+}
+
+impl AnswerCheck {
+    /// A check for a board with that slot size.
+    pub fn new(size: SlotSize) -> Self {
+        Self { size, valid_crcs: 0, crc: 0, invalid: VecDeque::with_capacity(INVALID_KEPT) }
+    }
+
+    /// Whether the board sends CRCs, as far as its answers have shown.
+    pub const fn fills_crc(&self) -> bool {
+        self.valid_crcs >= VALID_CRCS_MIN
+    }
+
+    /// Checks an answer.
+    ///
+    /// # Errors
+    /// The answer is invalid; [`Self::explain`] tells why.
+    pub fn check(&mut self, answer: &Frame) -> Result<MasterResponse, InvalidAnswer> {
+        if !self.fits(answer) {
+            if self.invalid.back() != Some(answer) {
+                if self.invalid.len() == INVALID_KEPT {
+                    self.invalid.pop_front();
+                }
+                self.invalid.push_back(answer.clone());
+            }
+            return Err(InvalidAnswer);
+        }
+        self.invalid.clear();
+        self.note_crc(answer.crc_byte());
+        Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
+    }
+
+    /// Notes the CRC of a valid answer; 0 may be a missing CRC.
+    const fn note_crc(&mut self, crc: u8) {
+        if self.fills_crc() || crc == self.crc {
+            return;
+        }
+        self.crc = crc;
+        self.valid_crcs = if crc == 0 { 0 } else { self.valid_crcs + 1 };
+    }
+
+    fn fits(&self, answer: &Frame) -> bool {
+        let bytes = answer.wire(self.size);
+        if same(bytes, 0xFF) {
+            return false;
+        }
+        if answer.crc_byte() != 0 || self.fills_crc() {
+            return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
+        }
+        !same(bytes, 0) && SlotForm::Answer.fits(answer, self.size)
+    }
+
+    /// What is wrong, judging by the latest invalid answers.
+    pub fn explain(&self) -> WiringFault {
+        let newest = self.invalid.back().map(|answer| answer.wire(self.size)).unwrap_or_default();
+        if same(newest, 0xFF) {
+            return WiringFault::Ones;
+        }
+        if same(newest, 0) {
+            return WiringFault::Zeros;
+        }
+        // A valid CRC is better evidence than the form of a frame, because frames that are nearly all zeros often have
+        // that form.
+        [CrcPolicy::Strict, CrcPolicy::AbsentAllowed]
+            .into_iter()
+            .find_map(|policy| self.explain_by(policy))
+            .unwrap_or(WiringFault::Garbled)
+    }
+
+    fn explain_by(&self, policy: CrcPolicy) -> Option<WiringFault> {
+        let all = |is: &dyn Fn(&[u8]) -> bool| self.invalid.iter().all(|answer| is(answer.wire(self.size)));
+        let other = self.size.other();
+        // The end of a longer frame was not received. It belongs to the SDO slot and is mostly 0.
+        if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
+            return Some(WiringFault::SlotSize { set: self.size.bytes(), fits: other.bytes() });
+        }
+        // Without a CRC, a shift by whole bytes cannot be told from other faults.
+        let most = if policy == CrcPolicy::Strict { *SHIFT_BITS.end() } else { 7 };
+        let mut shifts = SHIFT_BITS.take_while(|bits| *bits <= most).flat_map(|bits| [(bits, true), (bits, false)]);
+        let (bits, late) = shifts.find(|shift| all(&|bytes| self.is_shifted(bytes, *shift, policy)))?;
+        Some(match bits % 8 {
+            0 => WiringFault::Bytes { bytes: bits / 8, late },
+            _ => WiringFault::Bits { bits, late },
+        })
+    }
+
+    fn is_shifted(&self, bytes: &[u8], (bits, late): (usize, bool), policy: CrcPolicy) -> bool {
+        let mut moved = Frame::from_prefix(&unshift(bytes, bits, late));
+        if late {
+            return is_answer(&moved, self.size, policy);
+        }
+        // The first bits are lost. They belong to the command id of slot 0, so all ids of a first answer are tried.
+        FIRST_ANSWER_IDS.into_iter().any(|id| {
+            moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] & (0xFF >> bits) | id & !(0xFF >> bits) } else { id };
+            is_answer(&moved, self.size, policy)
+        })
+    }
+}
+
+/// The bytes received are not a valid answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvalidAnswer;
+
+/// The command ids in slot 0 of the first answers: GET_STATUS, LIO_RD, and that of OP.
+const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
+
+/// Whether both the CRC and the form are those of an answer; a CRC alone is valid by chance once in 256 times.
+fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
+    let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
+    fits && frame.check_crc(size, policy).is_ok() && SlotForm::Answer.fits(frame, size) && !same(frame.wire(size), 0)
+}
+
+fn same(bytes: &[u8], value: u8) -> bool {
+    bytes.iter().all(|byte| *byte == value)
+}
+
+/// The bytes before they were shifted by that many bits; lost bits are 0.
+fn unshift(bytes: &[u8], bits: usize, late: bool) -> Vec<u8> {
+    let (whole, part) = (bits / 8, bits % 8);
+    let at = |index: isize| usize::try_from(index).ok().and_then(|index| bytes.get(index)).copied().unwrap_or(0);
+    let pair = |first: isize| u16::from_be_bytes([at(first), at(first + 1)]);
+    (0..bytes.len() as isize)
+        .map(|index| {
+            if late {
+                (pair(index + whole as isize) << part >> 8) as u8
+            } else {
+                (pair(index - whole as isize - 1) >> part) as u8
+            }
+        })
+        .collect()
+}

@@ -8,7 +8,7 @@ use super::makers;
 use super::options::{Clock, CommonOptions, SimOptions};
 use super::script::{self, Script};
 use super::slaves::{SlaveModel, SlaveSpec};
-use super::travel::{Span, TravelSpec};
+use super::travel::{PositionRange, TravelSpec};
 use super::uri::LinkUri;
 use super::{FAILED_OPEN, LinkError, Share};
 use crate::engine::{Board, EngineConfig, Rate, RealTime};
@@ -126,11 +126,11 @@ fn build(spec: &SlaveSpec) -> Box<dyn Slave> {
 
 /// The travel of a kind of slave, with the values that the link gives replaced.
 fn travel(said: &TravelSpec, usual: Travel) -> Travel {
-    let home = |span: Span| match span {
-        Span { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
-        Span { from: Some(first), to: None } => Some(HomeSwitch::From(first)),
-        Span { from: None, to: Some(last) } => Some(HomeSwitch::UpTo(last)),
-        Span { from: None, to: None } => None,
+    let home = |span: PositionRange| match span {
+        PositionRange { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
+        PositionRange { from: Some(first), to: None } => Some(HomeSwitch::From(first)),
+        PositionRange { from: None, to: Some(last) } => Some(HomeSwitch::UpTo(last)),
+        PositionRange { from: None, to: None } => None,
     };
     Travel {
         negative_limit: said.limits.map_or(usual.negative_limit, |limits| limits?.from),

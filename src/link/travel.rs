@@ -17,14 +17,14 @@ const NONE: &str = "none";
 /// A range of positions in counts, both ends included. One of the two ends may be missing; the range is then unlimited
 /// in that direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Span {
+pub struct PositionRange {
     /// The lowest position.
     pub from: Option<i64>,
     /// The highest position.
     pub to: Option<i64>,
 }
 
-impl Span {
+impl PositionRange {
     fn parse(text: &str) -> Option<Self> {
         let (from, to) = text.split_once("..")?;
         let end = |text: &str| if text.is_empty() { Some(None) } else { position(text).map(Some) };
@@ -37,7 +37,7 @@ impl Span {
     }
 }
 
-impl fmt::Display for Span {
+impl fmt::Display for PositionRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let end = |end: Option<i64>| end.map(|place| place.to_string()).unwrap_or_default();
         write!(f, "{}..{}", end(self.from), end(self.to))
@@ -51,13 +51,13 @@ pub struct TravelSpec {
     /// The position at power-on; 0 if not given.
     pub start: Option<i64>,
     /// The limit switches: the negative one is active at `from` and below, the positive one at `to` and above.
-    pub limits: Option<Option<Span>>,
+    pub limits: Option<Option<PositionRange>>,
     /// Where the home switch is active: a cam, or, if one end is missing, everything beyond the other one.
-    pub home: Option<Option<Span>>,
+    pub home: Option<Option<PositionRange>>,
     /// A position of the index pulse, which repeats every turn.
     pub index: Option<Option<u32>>,
     /// Mechanical end stops that the shaft cannot pass.
-    pub stops: Option<Span>,
+    pub stops: Option<PositionRange>,
     /// How far a homing run may search for its reference.
     pub search: Option<u64>,
 }
@@ -90,7 +90,7 @@ const PARTS: [Part; 6] = [
         form: "N..P|N..|..P|none",
         meaning: "limit switches: the negative one at N and below, the positive one at P and above",
         read: |travel, text| {
-            travel.limits = unless_none(text, Span::parse);
+            travel.limits = unless_none(text, PositionRange::parse);
             travel.limits.is_some()
         },
         write: |travel| travel.limits.map(or_none),
@@ -100,7 +100,7 @@ const PARTS: [Part; 6] = [
         form: "A..B|A..|..B|none",
         meaning: "where the home switch is on",
         read: |travel, text| {
-            travel.home = unless_none(text, Span::parse);
+            travel.home = unless_none(text, PositionRange::parse);
             travel.home.is_some()
         },
         write: |travel| travel.home.map(or_none),
@@ -121,8 +121,8 @@ const PARTS: [Part; 6] = [
         form: "A..B",
         meaning: "mechanical end stops (drive and step)",
         read: |travel, text| {
-            let both = |span: &Span| span.from.is_some() && span.to.is_some() && span.from < span.to;
-            travel.stops = Span::parse(text).filter(both);
+            let both = |span: &PositionRange| span.from.is_some() && span.to.is_some() && span.from < span.to;
+            travel.stops = PositionRange::parse(text).filter(both);
             travel.stops.is_some()
         },
         write: |travel| travel.stops.map(|stops| stops.to_string()),
@@ -170,7 +170,7 @@ impl TravelSpec {
     }
 
     fn check(&self) -> Result<(), String> {
-        let Some(Span { from: Some(from), to: Some(to) }) = self.stops else { return Ok(()) };
+        let Some(PositionRange { from: Some(from), to: Some(to) }) = self.stops else { return Ok(()) };
         let start = self.start.unwrap_or(0);
         if (from..=to).contains(&start) {
             return Ok(());

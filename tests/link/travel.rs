@@ -3,7 +3,7 @@
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::link::keys::help;
 use ecmsk::link::options::SimOptions;
-use ecmsk::link::travel::{Span, TravelSpec};
+use ecmsk::link::travel::{PositionRange, TravelSpec};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::{DriveResponse, SdoCommand, SdoResponse, SlaveCommand};
 use proptest::prelude::*;
@@ -17,8 +17,8 @@ fn travel(parts: &str) -> TravelSpec {
     SimOptions::from_uri(&uri(&format!("drive:{parts}"))).expect(parts).slaves[0].travel
 }
 
-const fn span(from: Option<i64>, to: Option<i64>) -> Span {
-    Span { from, to }
+const fn span(from: Option<i64>, to: Option<i64>) -> PositionRange {
+    PositionRange { from, to }
 }
 
 #[test]

@@ -14,13 +14,13 @@ use std::error::Error;
 use std::io::{self, ErrorKind, Read as _, Write as _};
 
 use ecmsk::link::{self, Share};
-use ecmsk::port::spi::Face;
+use ecmsk::port::spi::SpiBoard;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // queue=1: the face answers with the newest report. A name: the board is found again after its reset.
+    // queue=1: the board answers with the newest report. A name: the board is found again after its reset.
     let link = std::env::args().nth(1).unwrap_or("sim:?slaves=drive&queue=1&name=mcu".to_owned());
-    let mut face = Face::new(link::open(&link, Share::ByName)?);
-    let mut tx = vec![0; face.frame_len()];
+    let mut spi_board = SpiBoard::new(link::open(&link, Share::ByName)?);
+    let mut tx = vec![0; spi_board.frame_len()];
     let mut rx = tx.clone();
     let (mut mosi, mut miso) = (io::stdin().lock(), io::stdout().lock());
     loop {
@@ -29,18 +29,18 @@ fn main() -> Result<(), Box<dyn Error>> {
             whole => whole?,
         }
         // Reset or unplugged: it is there again when it opens.
-        if face.is_busy() {
-            face.close();
+        if spi_board.is_busy() {
+            spi_board.close();
             if let Ok(again) = link::open(&link, Share::ByName) {
-                face.replace(again);
+                spi_board.replace(again);
             }
         }
-        face.exchange(&tx, &mut rx);
+        spi_board.exchange(&tx, &mut rx);
         miso.write_all(&rx)?;
         miso.flush()?;
     }
-    let counters = face.counters();
+    let counters = spi_board.counters();
     eprintln!("{} exchanges, {} of them while BUSY was high", counters.frames, counters.while_busy);
-    face.close();
+    spi_board.close();
     Ok(())
 }

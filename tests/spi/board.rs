@@ -4,35 +4,35 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::link::{self, Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
-use ecmsk::port::spi::Face;
+use ecmsk::port::spi::SpiBoard;
 use ecmsk::sk::{CrcPolicy, FIFO_ENTRIES, Frame, MasterCommand, MasterState, RawSlot, SlotSize};
 use parking_lot::Mutex;
 
 use super::frames::{SIZE, board, master, state, target};
 
-fn face(keys: &str) -> Face {
-    Face::new(link::open(&format!("sim:?queue=1&clock=virtual&{keys}"), Share::ByName).unwrap())
+fn spi_board(keys: &str) -> SpiBoard {
+    SpiBoard::new(link::open(&format!("sim:?queue=1&clock=virtual&{keys}"), Share::ByName).unwrap())
 }
 
-fn exchange(face: &mut Face, frame: &Frame) -> Frame {
+fn exchange(spi_board: &mut SpiBoard, frame: &Frame) -> Frame {
     let mut answer = Frame::from_bytes([0xA5; 512]);
-    let length = face.frame_len();
-    face.exchange(&frame.bytes()[..length], &mut answer.bytes_mut()[..length]);
+    let length = spi_board.frame_len();
+    spi_board.exchange(&frame.bytes()[..length], &mut answer.bytes_mut()[..length]);
     answer
 }
 
 /// WIRE-40, SK-10.3 The answer comes in an exchange after the command's, never in the same.
 #[test]
 fn an_answer_belongs_to_an_earlier_exchange() {
-    let mut face = face("slaves=drive");
-    assert!(!face.is_busy());
-    let first = exchange(&mut face, &board(&MasterCommand::LocalRead));
+    let mut spi_board = spi_board("slaves=drive");
+    assert!(!spi_board.is_busy());
+    let first = exchange(&mut spi_board, &board(&MasterCommand::LocalRead));
     assert_eq!((master(&first).id, state(&first)), (0, Some(MasterState::PreOp)));
     assert_eq!(first.check_crc(SIZE, CrcPolicy::Strict), Ok(()));
-    let second = exchange(&mut face, &Frame::new());
+    let second = exchange(&mut spi_board, &Frame::new());
     assert_eq!(master(&second).id, 0x21, "that to the command before, however soon");
-    assert_eq!(master(&exchange(&mut face, &Frame::new())).id, 0);
-    assert_eq!(face.counters().frames, 3);
+    assert_eq!(master(&exchange(&mut spi_board, &Frame::new())).id, 0);
+    assert_eq!(spi_board.counters().frames, 3);
 }
 
 /// A board in OP whose cycles are the test's: a frame is an entry of its FIFO until a cycle executes it.
@@ -132,7 +132,7 @@ fn the_free_count_is_that_after_the_exchange_before() {
     for fills_crc in [true, false] {
         let board = Arc::new(Cycles::default());
         board.pass(fills_crc);
-        let mut face = Face::new(board.clone());
+        let mut spi_board = SpiBoard::new(board.clone());
         for exchanges_a_cycle in [1, 2, 7, 200] {
             for _ in 0..200 {
                 for _ in 0..exchanges_a_cycle {
@@ -140,7 +140,7 @@ fn the_free_count_is_that_after_the_exchange_before() {
                     if before == 0 {
                         break;
                     }
-                    let answer = exchange(&mut face, &target(1, 1));
+                    let answer = exchange(&mut spi_board, &target(1, 1));
                     assert_eq!((master(&answer).fifo_free, master(&answer).full_count), (before, 0));
                     if fills_crc {
                         assert_eq!(answer.check_crc(SIZE, CrcPolicy::Strict), Ok(()));
@@ -154,20 +154,20 @@ fn the_free_count_is_that_after_the_exchange_before() {
         // A host that does not look at the count is told of the frames that the board did not keep, and two cycles later the
         // count is the board's again.
         (0..200).for_each(|_| {
-            exchange(&mut face, &target(1, 1));
+            exchange(&mut spi_board, &target(1, 1));
         });
-        assert_eq!(master(&exchange(&mut face, &target(1, 1))).fifo_free, 0);
-        let look = |face: &mut Face| {
+        assert_eq!(master(&exchange(&mut spi_board, &target(1, 1))).fifo_free, 0);
+        let look = |spi_board: &mut SpiBoard| {
             // A chip select of no frame.
             let mut answer = Frame::new();
-            face.exchange(&[], &mut answer.bytes_mut()[..504]);
+            spi_board.exchange(&[], &mut answer.bytes_mut()[..504]);
             master(&answer)
         };
         board.pass(fills_crc);
-        let told = look(&mut face);
+        let told = look(&mut spi_board);
         assert!(told.fifo_free <= 1 && told.full_count > 100, "{told:?}");
         board.pass(fills_crc);
-        assert_eq!(look(&mut face).fifo_free, 2);
+        assert_eq!(look(&mut spi_board).fifo_free, 2);
     }
 }
 
@@ -177,11 +177,11 @@ fn the_free_count_is_that_after_the_exchange_before() {
 fn a_frame_that_comes_late_is_counted() {
     let board = Arc::new(Cycles::default());
     board.pass(true);
-    let mut face = Face::new(board.clone());
+    let mut spi_board = SpiBoard::new(board.clone());
     let mut free = 0;
     for cycle in 0..2000 {
         for _ in 0..3 {
-            free = master(&exchange(&mut face, &target(1, 1))).fifo_free;
+            free = master(&exchange(&mut spi_board, &target(1, 1))).fifo_free;
             if free <= 1 {
                 break;
             }
@@ -191,22 +191,22 @@ fn a_frame_that_comes_late_is_counted() {
         }
         board.pass(true);
     }
-    let told = master(&exchange(&mut face, &target(1, 1)));
+    let told = master(&exchange(&mut spi_board, &target(1, 1)));
     assert!(free < 5 && told.full_count == 0, "{told:?}");
 }
 
 /// WIRE-40, SK-10.3 Fewer bytes than a frame are none; more are answered by zeros.
 #[test]
 fn an_exchange_is_a_whole_frame() {
-    let mut face = face("slaves=drive");
+    let mut spi_board = spi_board("slaves=drive");
     let reset = board(&MasterCommand::SoftReset);
     let mut answer = [0xA5; 512];
-    face.exchange(&reset.bytes()[..503], &mut answer[..503]);
-    assert!(!face.is_busy());
-    face.exchange(&board(&MasterCommand::GetStatus).bytes()[..], &mut answer);
+    spi_board.exchange(&reset.bytes()[..503], &mut answer[..503]);
+    assert!(!spi_board.is_busy());
+    spi_board.exchange(&board(&MasterCommand::GetStatus).bytes()[..], &mut answer);
     assert_eq!(answer[504..], [0; 8]);
-    assert_eq!((face.counters().frames, face.counters().incomplete), (1, 1));
-    let mut wide = Face::new(link::open("sim:?queue=1&clock=virtual&slot=16", Share::ByName).unwrap());
+    assert_eq!((spi_board.counters().frames, spi_board.counters().incomplete), (1, 1));
+    let mut wide = SpiBoard::new(link::open("sim:?queue=1&clock=virtual&slot=16", Share::ByName).unwrap());
     assert_eq!(wide.frame_len(), 512);
     let answer = exchange(&mut wide, &Frame::new());
     assert_eq!(answer.check_crc(SlotSize::Bytes16, CrcPolicy::Strict), Ok(()));
@@ -217,25 +217,25 @@ fn an_exchange_is_a_whole_frame() {
 #[test]
 fn busy_is_high_while_the_board_starts_up() {
     for by_line in [false, true] {
-        let board_of = || link::open("sim:?queue=1&clock=virtual&name=face", Share::ByName);
+        let board_of = || link::open("sim:?queue=1&clock=virtual&name=spi_board", Share::ByName);
         let link = board_of().unwrap();
-        let mut face = Face::new(link.clone());
+        let mut spi_board = SpiBoard::new(link.clone());
         if by_line {
-            face.reset();
+            spi_board.reset();
         } else {
-            exchange(&mut face, &board(&MasterCommand::SoftReset));
+            exchange(&mut spi_board, &board(&MasterCommand::SoftReset));
             // The board's time passes by calls alone.
             let _ = link.read(&mut Frame::new(), Wait::For(Duration::from_millis(5)));
             let _ = link.read(&mut Frame::new(), Wait::For(Duration::from_millis(5)));
         }
-        assert!(face.is_busy() && face.lost().is_some());
-        assert_eq!(exchange(&mut face, &board(&MasterCommand::LocalWrite(1))).bytes()[..504], [0; 504]);
-        assert_eq!(face.counters().while_busy, 1);
+        assert!(spi_board.is_busy() && spi_board.lost().is_some());
+        assert_eq!(exchange(&mut spi_board, &board(&MasterCommand::LocalWrite(1))).bytes()[..504], [0; 504]);
+        assert_eq!(spi_board.counters().while_busy, 1);
         link.close();
         let again = (0..10_000).find_map(|_| board_of().ok()).expect("it starts up");
-        face.replace(again.clone());
-        assert!(!face.is_busy());
-        assert_eq!(state(&exchange(&mut face, &Frame::new())), Some(MasterState::PreOp));
+        spi_board.replace(again.clone());
+        assert!(!spi_board.is_busy());
+        assert_eq!(state(&exchange(&mut spi_board, &Frame::new())), Some(MasterState::PreOp));
         again.close();
     }
 }

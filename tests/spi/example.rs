@@ -1,4 +1,4 @@
-//! `examples/rust/spi_face.rs`, fed as a microcontroller's program feeds it.
+//! `examples/rust/spi_board.rs`, fed as a microcontroller's program feeds it.
 
 use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -16,9 +16,9 @@ impl Example {
     fn start(link: &str) -> Self {
         let target = support::target_dir();
         let mut cargo = Command::new(env!("CARGO"));
-        cargo.args(["build", "--quiet", "--example", "spi_face", "--target-dir"]).arg(target);
+        cargo.args(["build", "--quiet", "--example", "spi_board", "--target-dir"]).arg(target);
         assert!(cargo.status().expect("cargo runs").success());
-        let program = target.join("debug/examples/spi_face");
+        let program = target.join("debug/examples/spi_board");
         let mut timeout = Command::new("timeout");
         timeout.arg("300").arg(program).arg(link).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         Self(timeout.spawn().expect("coreutils' timeout is there"))
@@ -53,7 +53,7 @@ impl Example {
 
 /// WIRE-125, WIRE-124 A program moves an axis by a path, paced by the free count alone, and not one of its frames is lost.
 #[test]
-fn a_program_feeds_the_face_through_two_pipes() {
+fn a_program_feeds_the_board_through_two_pipes() {
     const TARGETS: i32 = 2000;
 
     let mut example = Example::start("sim:?slaves=drive&queue=1&name=spi-example");

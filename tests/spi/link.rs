@@ -135,7 +135,7 @@ fn checking(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) ->
     write(&link, &board(&MasterCommand::SetEx { check_commands: true, fill_responses: true }));
     write(&link, &board(&MasterCommand::SoftReset));
     drop(link);
-    held.with(|state| state.face.reset());
+    held.with(|state| state.spi_board.reset());
     let link = come_back(held, open);
     let errors = until(&link, |_| true).slot(SIZE, 0).index;
     (link, errors)
@@ -144,12 +144,12 @@ fn checking(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) ->
 /// The board of the wires boots and is opened again.
 #[track_caller]
 fn come_back(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) -> ecmsk::link::spi::SpiLink {
-    held.with(|state| state.face.close());
+    held.with(|state| state.spi_board.close());
     let again = (0..3000).find_map(|_| {
         thread::sleep(Duration::from_millis(10));
         open().ok()
     });
-    held.with(|state| state.face.replace(again.expect("it starts up")));
+    held.with(|state| state.spi_board.replace(again.expect("it starts up")));
     held.open(LINK).unwrap()
 }
 
@@ -170,7 +170,7 @@ fn sw_reset_takes_the_board_away() {
     assert!(matches!(&lost, LinkError::Lost { reason, .. } if reason.contains("SW_RESET")), "{lost:?}");
     assert_eq!(link.write(&report, PATIENCE), Err(lost));
     drop(link);
-    held.with(|state| state.face.reset());
+    held.with(|state| state.spi_board.reset());
     assert!(held.open(LINK).err().unwrap().to_string().contains("BUSY has been high"));
     let link = come_back(&held, opened);
     until(&link, |report| state(report) == Some(MasterState::PreOp));
@@ -200,7 +200,7 @@ fn a_sw_reset_that_the_board_refuses_ends_nothing() {
         write(&link, &board(&MasterCommand::SoftReset));
         assert!(is_reset(&link), "by a right one it is");
         drop(link);
-        held.with(|state| state.face.close());
+        held.with(|state| state.spi_board.close());
     }
 }
 

@@ -4,9 +4,9 @@
 
 mod answers;
 mod bench;
+mod board;
 mod drift;
 mod example;
-mod face;
 mod frames;
 mod lies;
 mod link;

@@ -1,4 +1,4 @@
-//! Wires in the hands of a test, with a board's face at their other end.
+//! Wires in the hands of a test, with a board's spi_board at their other end.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use ecmsk::link::options::CommonOptions;
 use ecmsk::link::spi::{SpiLink, SpiOptions};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
-use ecmsk::port::spi::Face;
+use ecmsk::port::spi::SpiBoard;
 use ecmsk::sk::Frame;
 use parking_lot::Mutex;
 
@@ -30,7 +30,7 @@ pub enum Busy {
 }
 
 pub struct State {
-    pub face: Face,
+    pub spi_board: SpiBoard,
     pub busy: Busy,
     pub tamper: Option<Tamper>,
     /// When each exchange began, and its frame.
@@ -53,7 +53,7 @@ impl Held {
 
     pub fn over(board: Arc<dyn Link>) -> Self {
         let state = State {
-            face: Face::new(board),
+            spi_board: SpiBoard::new(board),
             busy: Busy::default(),
             tamper: None,
             exchanges: Vec::new(),
@@ -99,8 +99,8 @@ impl Wires for Held {
             return Err(WireError::Refused { what: "exchange".into(), message: "no such device".into() });
         }
         state.exchanges.push((Instant::now(), Frame::from_prefix(tx)));
-        state.face.exchange(tx, rx);
-        state.fallen |= state.busy == Busy::True && !state.face.is_busy();
+        state.spi_board.exchange(tx, rx);
+        state.fallen |= state.busy == Busy::True && !state.spi_board.is_busy();
         if let Some(tamper) = &mut state.tamper {
             tamper(tx, rx);
         }
@@ -114,7 +114,7 @@ impl Wires for Held {
     fn is_busy(&mut self) -> Result<bool, WireError> {
         let state = self.0.lock();
         Ok(match state.busy {
-            Busy::True => state.face.is_busy(),
+            Busy::True => state.spi_board.is_busy(),
             Busy::None | Busy::Low => false,
             Busy::High => true,
         })

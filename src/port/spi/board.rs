@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::link::{Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 
-/// How long a [`Face`] waits for the first report of a board. \[OURS]
+/// How long a [`SpiBoard`] waits for the first report of a board. \[OURS]
 const FIRST_REPORT_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// How long an exchange outside OP waits for the answer to the previous frame: some cycles of the default length, and
@@ -16,7 +16,7 @@ const ANSWER_WAIT_MAX: Duration = Duration::from_millis(50);
 
 /// Counters of the exchanges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FaceCounters {
+pub struct SpiBoardCounters {
     /// Exchanges whose frame the board has taken.
     pub frames: u64,
     /// Exchanges with fewer bytes than a frame, of which the board executes nothing.
@@ -45,8 +45,8 @@ struct ReportedFifo {
 /// exchanges there are in a cycle: the number in the newest report, less the frames exchanged since. So a host that
 /// writes as many frames as the number allows never overfills the FIFO.
 ///
-/// `examples/rust/spi_face.rs` shows how another program uses one.
-pub struct Face {
+/// `examples/rust/spi_board.rs` shows how another program uses one.
+pub struct SpiBoard {
     link: Arc<dyn Link>,
     size: SlotSize,
     write_wait: Wait,
@@ -66,15 +66,15 @@ pub struct Face {
     fills_crc: bool,
     /// Why the board is gone.
     lost: Option<LinkError>,
-    counters: FaceCounters,
+    counters: SpiBoardCounters,
 }
 
-impl Face {
+impl SpiBoard {
     /// The board behind a link that was opened with `queue=1`, so that a read returns its newest report. The slot size
     /// is that of the link, or 12 bytes if unknown. Waits up to 1 s for the first report; until there is one, the
     /// answers are zeros.
     pub fn new(link: Arc<dyn Link>) -> Self {
-        let mut face = Self {
+        let mut spi_board = Self {
             size: SlotSize::default(),
             write_wait: Wait::Forever,
             link,
@@ -86,10 +86,10 @@ impl Face {
             before: None,
             fills_crc: false,
             lost: None,
-            counters: FaceCounters::default(),
+            counters: SpiBoardCounters::default(),
         };
-        face.begin();
-        face
+        spi_board.begin();
+        spi_board
     }
 
     /// Continues with a board that was opened again: after SW_RESET, after a loss, and after [`Self::close`]. The old
@@ -181,7 +181,7 @@ impl Face {
     }
 
     /// The counters so far.
-    pub const fn counters(&self) -> FaceCounters {
+    pub const fn counters(&self) -> SpiBoardCounters {
         self.counters
     }
 

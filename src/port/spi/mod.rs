@@ -1,8 +1,8 @@
 //! The board's side of SPI: what the board sends on MISO and when BUSY is high, for any link.
 //!
-//! A [`Face`] handles whole exchanges. The code that has the wires, in a test or in a rig, passes the bytes to it and
+//! A [`SpiBoard`] handles whole exchanges. The code that has the wires, in a test or in a rig, passes the bytes to it and
 //! drives the BUSY line.
 
-mod face;
+mod board;
 
-pub use face::{Face, FaceCounters};
+pub use board::{SpiBoard, SpiBoardCounters};

@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use ecmsk::link::{self, Link, Share};
-use ecmsk::port::spi::{Face, FaceCounters};
+use ecmsk::port::spi::{SpiBoard, SpiBoardCounters};
 
 use super::played::{Board, Busy, Played, Seen};
 
@@ -34,7 +34,7 @@ struct Control {
 /// A simulated board on the wires, until it is dropped.
 pub struct Model {
     played: Played,
-    face: Arc<Mutex<Face>>,
+    spi_board: Arc<Mutex<SpiBoard>>,
     control: Arc<Control>,
 }
 
@@ -49,14 +49,14 @@ impl Model {
     #[track_caller]
     pub fn on(uri: &str, busy: Busy, miso: Miso) -> Self {
         let uri = format!("{uri}&queue=1");
-        let face = Arc::new(Mutex::new(Face::new(open(&uri).expect("a simulated board"))));
+        let spi_board = Arc::new(Mutex::new(SpiBoard::new(open(&uri).expect("a simulated board"))));
         let control = Arc::new(Control { miso: Mutex::new(miso), hangs: AtomicBool::new(false) });
-        let wired = Wired { face: face.clone(), control: control.clone(), uri, booted: None };
-        Self { played: Played::start(wired, busy), face, control }
+        let wired = Wired { spi_board: spi_board.clone(), control: control.clone(), uri, booted: None };
+        Self { played: Played::start(wired, busy), spi_board, control }
     }
 
-    pub fn counters(&self) -> FaceCounters {
-        locked(&self.face).counters()
+    pub fn counters(&self) -> SpiBoardCounters {
+        locked(&self.spi_board).counters()
     }
 
     /// From now on the wires do that.
@@ -90,7 +90,7 @@ fn locked<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 struct Wired {
-    face: Arc<Mutex<Face>>,
+    spi_board: Arc<Mutex<SpiBoard>>,
     control: Arc<Control>,
     uri: String,
     /// When it is back.
@@ -99,7 +99,7 @@ struct Wired {
 
 impl Board for Wired {
     fn exchange(&mut self, mosi: &[u8], miso: &mut [u8]) {
-        locked(&self.face).exchange(mosi, miso);
+        locked(&self.spi_board).exchange(mosi, miso);
         locked(&self.control.miso)(mosi, miso);
     }
 
@@ -110,23 +110,23 @@ impl Board for Wired {
     fn reset(&mut self, low: Duration) -> bool {
         let is_one = low > SHORTEST_RESET;
         if is_one {
-            locked(&self.face).reset();
+            locked(&self.spi_board).reset();
         }
         is_one
     }
 
     fn is_busy(&mut self) -> bool {
-        let mut face = locked(&self.face);
-        if !face.is_busy() {
+        let mut spi_board = locked(&self.spi_board);
+        if !spi_board.is_busy() {
             return self.control.hangs.load(Ordering::Relaxed);
         }
         let booted = *self.booted.get_or_insert_with(|| Instant::now() + BOOT);
         if Instant::now() >= booted
             && let Some(link) = open(&self.uri)
         {
-            face.replace(link);
+            spi_board.replace(link);
             self.booted = None;
         }
-        face.is_busy()
+        spi_board.is_busy()
     }
 }

@@ -48,7 +48,7 @@ fn watched(link: Arc<dyn Link>) -> Arc<dyn Link> {
 /// Reports to `ecmsk exec`, if that has started the program, that the program opens a board: creates the file that it has
 /// named.
 fn report_opened() {
-    if let Some(file) = config::variable(config::OPENED) {
+    if let Some(file) = config::variable(config::OPENED_VARIABLE) {
         create(Path::new(&file));
     }
 }

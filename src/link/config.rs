@@ -21,20 +21,20 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::{env, fmt, fs, io};
 
-pub use privilege::{is_privileged, made_by_others, variable};
+pub use privilege::{is_privileged, variable, writable_by_others};
 use serde::Deserialize;
 
 use super::keys::WHERE_TO_LOOK;
 use crate::files::{FileError, read_small};
 
 /// The environment variable that names a link.
-pub const VARIABLE: &str = "ECMSK_LINK";
+pub const LINK_VARIABLE: &str = "ECMSK_LINK";
 /// The environment variable that names a marker file. The library creates this file when a program opens a board,
 /// whether or not that succeeds, so that `ecmsk exec` can tell whether the program has called the library at all. An
 /// existing file is left unchanged.
-pub const OPENED: &str = "ECMSK_OPENED";
+pub const OPENED_VARIABLE: &str = "ECMSK_OPENED";
 /// The name of the file that names a link.
-pub const FILE: &str = "ecmsk.toml";
+pub const FILE_NAME: &str = "ecmsk.toml";
 /// The link if nothing names one.
 pub const DEFAULT_LINK: &str = "usb:";
 
@@ -58,7 +58,7 @@ pub struct Environment {
     pub library_dir: Option<PathBuf>,
     /// The configuration folders of the user and of the system.
     pub platform: Platform,
-    /// Whether only files count that nobody but root can have written: see [`made_by_others`].
+    /// Whether only files count that nobody but root can have written: see [`writable_by_others`].
     pub privileged: bool,
 }
 
@@ -115,7 +115,7 @@ pub enum Source {
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Variable => write!(f, "from {VARIABLE}"),
+            Self::Variable => write!(f, "from {LINK_VARIABLE}"),
             Self::File(path) => write!(f, "from {}", path.display()),
             Self::Default => f.write_str("by default"),
         }
@@ -128,7 +128,7 @@ impl fmt::Display for Source {
 pub enum ConfigError {
     /// `ECMSK_LINK` is not UTF-8.
     #[error(
-        "{VARIABLE} is `{found}`, which is not UTF-8; allowed: a link such as sim:?slaves=drive*2; {WHERE_TO_LOOK}"
+        "{LINK_VARIABLE} is `{found}`, which is not UTF-8; allowed: a link such as sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     NotUtf8 {
         /// Its value, with a replacement character for each invalid part.
@@ -144,7 +144,7 @@ pub enum ConfigError {
          have the file and its folder belong to root and be writable by nobody else, or take the file away",
         .path.display()
     )]
-    MadeByOthers {
+    WritableByOthers {
         path: PathBuf,
         /// Who else can have written it.
         reason: String,
@@ -172,7 +172,7 @@ impl Environment {
         };
         let program_dir = env::current_exe().ok().and_then(|program| program.parent().map(Path::to_path_buf));
         Self {
-            link: variable(VARIABLE),
+            link: variable(LINK_VARIABLE),
             working_dir: None,
             program_dir,
             library_dir,
@@ -183,14 +183,16 @@ impl Environment {
 
     /// The files that may name a link, in the order of the search.
     pub fn files(&self) -> Vec<PathBuf> {
-        let beside =
-            [&self.working_dir, &self.program_dir, &self.library_dir].into_iter().flatten().map(|dir| dir.join(FILE));
-        let in_folder = |dir: &PathBuf| dir.join("ecmsk").join(FILE);
+        let beside = [&self.working_dir, &self.program_dir, &self.library_dir]
+            .into_iter()
+            .flatten()
+            .map(|dir| dir.join(FILE_NAME));
+        let in_folder = |dir: &PathBuf| dir.join("ecmsk").join(FILE_NAME);
         let (user, system) = match &self.platform {
             Platform::Unix { xdg_config_home, home, etc } => {
                 let xdg = xdg_config_home.clone().filter(|dir| dir.is_absolute());
                 let user = xdg.or_else(|| home.as_ref().map(|home| home.join(".config")));
-                (user.as_ref().map(in_folder), Some(etc.join(FILE)))
+                (user.as_ref().map(in_folder), Some(etc.join(FILE_NAME)))
             }
             Platform::Windows { app_data, program_data } => {
                 (app_data.as_ref().map(in_folder), program_data.as_ref().map(in_folder))
@@ -216,9 +218,9 @@ pub fn find(environment: &Environment) -> Result<Configured, ConfigError> {
     for path in environment.files() {
         if environment.privileged
             && fs::symlink_metadata(&path).is_ok()
-            && let Some(reason) = made_by_others(&path)
+            && let Some(reason) = writable_by_others(&path)
         {
-            return Err(ConfigError::MadeByOthers { path, reason });
+            return Err(ConfigError::WritableByOthers { path, reason });
         }
         let message = match read_small(&path, FILE_SIZE_MAX_BYTES) {
             Ok(file) => match String::from_utf8(file.bytes) {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use ecmsk::link::LinkError;
-use ecmsk::link::config::{ConfigError, Environment, Source, VARIABLE, find};
+use ecmsk::link::config::{ConfigError, Environment, LINK_VARIABLE, Source, find};
 use ecmsk::link::uri::LinkUri;
 
 use super::error::say;
@@ -30,7 +30,7 @@ pub enum ChoiceError {
 /// Nobody has named a board, and the default does not open.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "no link was given: no --link, {VARIABLE} is not set, there is no {looked}; and the default does not open: {error}; to \
+    "no link was given: no --link, {LINK_VARIABLE} is not set, there is no {looked}; and the default does not open: {error}; to \
      run without a board use `--link 'sim:?slaves=drive*2'`, see `ecmsk link help`"
 )]
 pub struct Unnamed {
@@ -81,7 +81,7 @@ fn working_dir() -> Option<PathBuf> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
-        let file = folder.join(ecmsk::link::config::FILE);
+        let file = folder.join(ecmsk::link::config::FILE_NAME);
         let owner = std::fs::symlink_metadata(&file).map(|file| file.uid());
         let own = rustix::process::geteuid().as_raw();
         if owner.is_ok_and(|owner| owner != own && owner != 0) {

@@ -54,8 +54,8 @@ pub enum CliError {
     #[error(
         "no board to serve was named: no --link, {} is not set, there is no {}; give one, e.g. --link 'sim:?slaves=drive*2', see \
          `ecmsk link help`",
-        ecmsk::link::config::VARIABLE,
-        ecmsk::link::config::FILE
+        ecmsk::link::config::LINK_VARIABLE,
+        ecmsk::link::config::FILE_NAME
     )]
     NothingToServe,
     /// See [`ecmsk::port::tcp::ServeError`].

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use clap::ValueHint;
-use ecmsk::link::config::{ConfigError, OPENED, VARIABLE};
+use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
@@ -199,18 +199,18 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 
     let mut command = Command::new(program);
-    command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED, library.opened());
+    command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED_VARIABLE, library.opened());
     let told = library.told()?;
     command.env(FILE_VARIABLE, &told);
     let told = Told::follow(&told, args.manner()).map_err(|source| ExecError::System { what: "read", source })?;
     if let Some(link) = &link {
-        command.env(VARIABLE, link.to_string());
+        command.env(LINK_VARIABLE, link.to_string());
     }
     if args.verbose {
         say("library", &library.library().display());
         say(library::SEARCH_PATH, &search_path.display());
-        if let Some(link) = link.as_ref().map(LinkUri::to_string).or_else(|| std::env::var(VARIABLE).ok()) {
-            say(VARIABLE, &link);
+        if let Some(link) = link.as_ref().map(LinkUri::to_string).or_else(|| std::env::var(LINK_VARIABLE).ok()) {
+            say(LINK_VARIABLE, &link);
         }
     }
     let ended = child::run(&mut command, Path::new(program))?;

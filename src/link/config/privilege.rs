@@ -3,7 +3,7 @@
 //! the link.
 //!
 //! \[OURS] The rule: the library ignores its environment variables, and an `ecmsk.toml` counts only if nobody but root
-//! can have written it ([`made_by_others`]).
+//! can have written it ([`writable_by_others`]).
 
 use std::env;
 use std::ffi::OsString;
@@ -46,7 +46,7 @@ fn variable_for(privileged: bool, name: &str) -> Option<OsString> {
 /// folder must belong to root and be writable by root alone. The folders above must belong to root; others may write to
 /// them only if they can neither rename nor remove what is in them (sticky bit, as `/tmp` has it).
 #[cfg(unix)]
-pub fn made_by_others(file: &Path) -> Option<String> {
+pub fn writable_by_others(file: &Path) -> Option<String> {
     use std::fs::symlink_metadata;
     use std::os::unix::fs::MetadataExt;
 
@@ -81,7 +81,7 @@ pub fn made_by_others(file: &Path) -> Option<String> {
 
 /// Always `None`: this system has no privileged programs.
 #[cfg(not(unix))]
-pub fn made_by_others(_: &Path) -> Option<String> {
+pub fn writable_by_others(_: &Path) -> Option<String> {
     None
 }
 

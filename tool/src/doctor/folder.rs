@@ -6,7 +6,7 @@ mod program;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use ecmsk::link::config::{self, Environment, FILE, Platform, Source};
+use ecmsk::link::config::{self, Environment, FILE_NAME, Platform, Source};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::Finding;
@@ -49,7 +49,9 @@ pub fn findings(folder: &Path) -> Result<Vec<Finding>, FolderError> {
     }));
     all.push(configuration(folder, ""));
     let with_file = there.libraries.iter().filter_map(|library| library.folder);
-    all.extend(with_file.filter(|name| folder.join(name).join(FILE).exists()).map(|name| configuration(folder, name)));
+    all.extend(
+        with_file.filter(|name| folder.join(name).join(FILE_NAME).exists()).map(|name| configuration(folder, name)),
+    );
     Ok(all)
 }
 
@@ -81,7 +83,7 @@ fn configuration(folder: &Path, inside: &str) -> Finding {
         platform: Platform::Windows { app_data: None, program_data: None },
         privileged: false,
     };
-    let name = if inside.is_empty() { FILE.to_owned() } else { format!("{inside}\\{FILE}") };
+    let name = if inside.is_empty() { FILE_NAME.to_owned() } else { format!("{inside}\\{FILE_NAME}") };
     let wrong = |error: String| {
         let (found, next) = super::link::split(&error);
         Finding::wrong(CHECK, found, next).of(&name)

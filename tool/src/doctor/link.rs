@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ecmsk::link::config::{self, FILE, Platform, Source, VARIABLE};
+use ecmsk::link::config::{self, FILE_NAME, LINK_VARIABLE, Platform, Source};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::Finding;
@@ -40,7 +40,7 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
     };
     let mut found = format!("{}, {source}", configured.link);
     if configured.source != Source::Variable {
-        found += &format!("; {VARIABLE} is not set");
+        found += &format!("; {LINK_VARIABLE} is not set");
         let passed_over: Vec<String> = passed_over.iter().map(|file| file.display().to_string()).collect();
         if !passed_over.is_empty() {
             found += &format!(", there is no {}", passed_over.join(", "));
@@ -59,7 +59,7 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
 /// What the link needs that this build does not have.
 pub fn build(wanted: &LinkUri) -> Option<Finding> {
     let scheme = wanted.scheme();
-    let next = || format!("{}, or name another link with {VARIABLE} or in {FILE}", with_feature(scheme));
+    let next = || format!("{}, or name another link with {LINK_VARIABLE} or in {FILE_NAME}", with_feature(scheme));
     let finding = || Finding::wrong("build", format!("this build has no {scheme}: links"), next());
     (!scheme.in_build()).then(finding)
 }

@@ -66,9 +66,9 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
         symlink(library, folder.path().join(name)).map_err(failed)?;
     }
     // The library looks for it beside the name that it was loaded by.
-    let configuration = library.with_file_name(config::FILE);
+    let configuration = library.with_file_name(config::FILE_NAME);
     if configuration.exists() {
-        symlink(configuration, folder.path().join(config::FILE)).map_err(failed)?;
+        symlink(configuration, folder.path().join(config::FILE_NAME)).map_err(failed)?;
     }
     Ok(folder)
 }

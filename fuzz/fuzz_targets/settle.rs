@@ -24,7 +24,7 @@ use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::link::Link;
 use ecmsk::link::engine::{EngineLink, RunOptions};
 use ecmsk::port::tcp::ServeOptions;
-use ecmsk::port::tcp::unwired::{Caller, Says, Unwired};
+use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryClient, InMemoryServer};
 use ecmsk::sk::{
     CommandId, CycleTime, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SdoCommand, SlaveCommand,
     SlotSize,
@@ -58,7 +58,7 @@ fuzz_target!(|bytes: &[u8]| {
         tell: Arc::new(|line| panic!("nobody takes what a server tells people: {line}")),
         ..ServeOptions::default()
     };
-    let server = Unwired::new(Arc::clone(&eyes) as Arc<dyn Link>, options);
+    let server = InMemoryServer::new(Arc::clone(&eyes) as Arc<dyn Link>, options);
     let caller = server.join(true).expect("the place is free");
     let (at, speed) = (vec![[0; 2]; units.len()], vec![[0; 2]; units.len()]);
     let mut writer = Writer { caller, eyes: &eyes, units: &units, size, cycle_us, left: MESSAGES_MAX, at, speed };
@@ -76,8 +76,11 @@ fuzz_target!(|bytes: &[u8]| {
     let mut caller = writer.caller;
     match end & 3 {
         // It dies in the middle of a message, or while it waits.
-        0 => drop(caller.say(Says::Write(&frame), usize::from(end >> 2) * 8 % Caller::length(Says::Write(&frame)))),
-        1 => drop(caller.begin(Says::Pass(Duration::from_millis(end.into())), usize::MAX)),
+        0 => drop(caller.say(
+            ClientMessage::Write(&frame),
+            usize::from(end >> 2) * 8 % InMemoryClient::length(ClientMessage::Write(&frame)),
+        )),
+        1 => drop(caller.begin(ClientMessage::Pass(Duration::from_millis(end.into())), usize::MAX)),
         _ => {}
     }
     if host >> 4 != 0 {
@@ -102,7 +105,7 @@ fuzz_target!(|bytes: &[u8]| {
 });
 
 struct Writer<'a> {
-    caller: Caller<'a>,
+    caller: InMemoryClient<'a>,
     eyes: &'a Eyes,
     units: &'a [Unit],
     size: SlotSize,
@@ -118,7 +121,7 @@ impl Writer<'_> {
     fn come_up(&mut self, set_up: &[Frame]) {
         set_up.iter().for_each(|frame| self.write(frame));
         for _ in 0..300 {
-            self.say(Says::Read);
+            self.say(ClientMessage::Read);
             if self.state() == Some(MasterState::Op) {
                 break;
             }
@@ -127,7 +130,7 @@ impl Writer<'_> {
         self.units.iter().for_each(|unit| on.put_slave(self.size, unit.slave, &SlaveCommand::ServoOn.into()));
         self.write(&on);
         for _ in 0..400 {
-            self.say(Says::Read);
+            self.say(ClientMessage::Read);
             let report = self.eyes.report();
             if self.units.iter().all(|unit| unit.answer(&report, self.size).0.is_enabled()) {
                 break;
@@ -151,13 +154,13 @@ impl Writer<'_> {
         let place = usize::from(b) % self.units.len();
         let slave = self.units[place].slave;
         match what % 10 {
-            0 => (0..=a % 64).for_each(|_| self.say(Says::Read)),
-            1 => self.say(Says::Pass(Duration::from_micros(u64::from(a) * u64::from(self.cycle_us)))),
+            0 => (0..=a % 64).for_each(|_| self.say(ClientMessage::Read)),
+            1 => self.say(ClientMessage::Pass(Duration::from_micros(u64::from(a) * u64::from(self.cycle_us)))),
             2 => {
                 for _ in 0..=a % 64 {
                     self.write(frame);
                     if b & 1 == 0 {
-                        self.say(Says::Read);
+                        self.say(ClientMessage::Read);
                     }
                 }
             }
@@ -168,7 +171,7 @@ impl Writer<'_> {
                 self.object(slave, 0x6060, 6);
                 self.object(slave, 0x6098, [17, 18, 19, 21, 24, 33, 35, 37][usize::from(c) % 8]);
                 self.slave(slave, SlaveCommand::GoHome);
-                (0..a).for_each(|_| self.say(Says::Read));
+                (0..a).for_each(|_| self.say(ClientMessage::Read));
             }
             6 => {
                 self.object(slave, if a & 1 == 0 { 0x6060 } else { 0x6098 }, [6, 8, 9, 10, 35, 33][usize::from(c) % 6])
@@ -214,7 +217,7 @@ impl Writer<'_> {
             }
             self.write(&frame);
             if n.is_multiple_of(1 + u32::from(how >> 1)) {
-                self.say(Says::Read);
+                self.say(ClientMessage::Read);
             }
         }
     }
@@ -227,7 +230,7 @@ impl Writer<'_> {
             &SdoCommand::Write { slave: slave as u8, object, size: SdoSize::One, value: value.into() },
         );
         self.write(&frame);
-        (0..10).for_each(|_| self.say(Says::Read));
+        (0..10).for_each(|_| self.say(ClientMessage::Read));
     }
 
     fn master(&mut self, action: FifoAction) {
@@ -243,10 +246,10 @@ impl Writer<'_> {
     }
 
     fn write(&mut self, frame: &Frame) {
-        self.say(Says::Write(frame));
+        self.say(ClientMessage::Write(frame));
     }
 
-    fn say(&mut self, what: Says<'_>) {
+    fn say(&mut self, what: ClientMessage<'_>) {
         if self.left == 0 || self.eyes.check().is_err() {
             return;
         }

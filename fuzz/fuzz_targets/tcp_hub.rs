@@ -17,7 +17,7 @@ use std::time::Duration;
 use ecmsk::engine::Firmware;
 use ecmsk::link::engine::{EngineLink, RunOptions};
 use ecmsk::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
-use ecmsk::port::tcp::unwired::{Caller, Says, Sent, Unwired};
+use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryClient, InMemoryServer, ServerMessage};
 use ecmsk::port::tcp::{OnVanish, ServeOptions};
 use ecmsk::sk::{Frame, SlotSize};
 use libfuzzer_sys::fuzz_target;
@@ -45,7 +45,7 @@ fuzz_target!(|bytes: &[u8]| {
         ..ServeOptions::default()
     };
     let max_clients = options.max_clients;
-    let server = Unwired::new(Arc::clone(&link) as Arc<dyn Link>, options);
+    let server = InMemoryServer::new(Arc::clone(&link) as Arc<dyn Link>, options);
     let mut hub =
         Hub { server: &server, link, size, max_clients, clients: Vec::new(), now: Stamp(0), is_lost: false, ends: 0 };
     let mut frame = Frame::new();
@@ -67,7 +67,7 @@ struct Counted {
 
 /// A client, and what it may expect.
 struct Client<'a> {
-    caller: Caller<'a>,
+    caller: InMemoryClient<'a>,
     is_writer: bool,
     /// What it has said so far, with the number of the last.
     said: u64,
@@ -82,7 +82,7 @@ struct Client<'a> {
 }
 
 struct Hub<'a> {
-    server: &'a Unwired,
+    server: &'a InMemoryServer,
     link: Arc<Counted>,
     size: SlotSize,
     max_clients: usize,
@@ -104,15 +104,15 @@ impl Hub<'_> {
             3 if a & 0x80 != 0 => *frame = Frame::new(),
             3 => frame.put(self.size, usize::from(a) % self.size.slots(), &frames::slot(&step[4..])),
             _ if count == 0 => {}
-            4 | 5 => (0..=a % 64).for_each(|_| self.say(who, Says::Write(frame))),
-            6 => (0..=a % 64).for_each(|_| self.say(who, Says::Read)),
-            7 => self.say(who, Says::Pass(Duration::from_micros(u64::from(a) * 500))),
+            4 | 5 => (0..=a % 64).for_each(|_| self.say(who, ClientMessage::Write(frame))),
+            6 => (0..=a % 64).for_each(|_| self.say(who, ClientMessage::Read)),
+            7 => self.say(who, ClientMessage::Pass(Duration::from_micros(u64::from(a) * 500))),
             // As long as it takes: it is only begun.
-            8 => self.begin(who, Says::Pass(Duration::from_nanos(1 << (a % 64)))),
+            8 => self.begin(who, ClientMessage::Pass(Duration::from_nanos(1 << (a % 64)))),
             9 => match a % 4 {
-                0 => self.say(who, Says::Cancel),
-                1 => self.say(who, Says::Ping),
-                _ => self.say(who, Says::Count),
+                0 => self.say(who, ClientMessage::Cancel),
+                1 => self.say(who, ClientMessage::Ping),
+                _ => self.say(who, ClientMessage::Count),
             },
             10 => match a % 3 {
                 0 => self.hear(who, &step[4..]),
@@ -162,7 +162,7 @@ impl Hub<'_> {
     }
 
     /// Has a client say something, and the server do it.
-    fn say(&mut self, who: u8, what: Says<'_>) {
+    fn say(&mut self, who: u8, what: ClientMessage<'_>) {
         self.begin(who, what);
         let who = usize::from(who) % self.clients.len();
         let client = &mut self.clients[who];
@@ -175,7 +175,7 @@ impl Hub<'_> {
         self.look();
     }
 
-    fn begin(&mut self, who: u8, what: Says<'_>) {
+    fn begin(&mut self, who: u8, what: ClientMessage<'_>) {
         let who = usize::from(who) % self.clients.len();
         let client = &mut self.clients[who];
         if client.is_over {
@@ -183,12 +183,14 @@ impl Hub<'_> {
         }
         client.said += 1;
         let is_asked = match what {
-            Says::Write(_) | Says::Read | Says::Pass(_) => client.is_writer && client.asked.is_empty(),
-            Says::Count => client.asked.is_empty(),
+            ClientMessage::Write(_) | ClientMessage::Read | ClientMessage::Pass(_) => {
+                client.is_writer && client.asked.is_empty()
+            }
+            ClientMessage::Count => client.asked.is_empty(),
             _ => false,
         };
-        let is_write = matches!(what, Says::Write(_));
-        let may_say = is_asked || matches!(what, Says::Cancel | Says::Ping);
+        let is_write = matches!(what, ClientMessage::Write(_));
+        let may_say = is_asked || matches!(what, ClientMessage::Cancel | ClientMessage::Ping);
         if is_asked {
             client.asked.push_back(client.said);
         }
@@ -235,8 +237,8 @@ impl Hub<'_> {
         let client = &mut self.clients[who];
         for message in client.caller.take_messages().expect("what a server says can be read") {
             let (request, now) = match message {
-                Sent::Done { request, now } | Sent::Failed { request, now } => (request, now),
-                Sent::Counted { request, reports_dropped, board } => {
+                ServerMessage::Done { request, now } | ServerMessage::Failed { request, now } => (request, now),
+                ServerMessage::Counted { request, reports_dropped, board } => {
                     let stats = link.inner.stats();
                     let read = link.read.load(Ordering::Relaxed) - client.read;
                     let kept = if client.is_writer { 0 } else { read.saturating_sub(KEPT) };
@@ -245,12 +247,12 @@ impl Hub<'_> {
                     assert_eq!(board.frames + board.while_booting, stats.written - client.written);
                     (request, None)
                 }
-                Sent::Bye => {
+                ServerMessage::Bye => {
                     (self.is_lost, client.is_over) = (true, true);
                     assert!(link.inner.check().is_err(), "a good-bye, and the board is there");
                     continue;
                 }
-                Sent::Other => continue,
+                ServerMessage::Other => continue,
             };
             if !any {
                 let asked = client.asked.pop_front();
@@ -270,7 +272,7 @@ impl Hub<'_> {
         let written = self.link.written();
         if says_bye {
             client.said += 1;
-            assert!(!client.caller.begin(Says::Bye, usize::MAX), "it has said good-bye");
+            assert!(!client.caller.begin(ClientMessage::Bye, usize::MAX), "it has said good-bye");
         }
         client.caller.end(says_bye);
         self.ends += u32::from(client.is_writer);

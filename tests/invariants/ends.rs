@@ -16,7 +16,7 @@ use std::time::Duration;
 use ecmsk::link::Link;
 use ecmsk::link::engine::{EngineLink, RunOptions};
 use ecmsk::port::tcp::ServeOptions;
-use ecmsk::port::tcp::unwired::{Caller, Unwired};
+use ecmsk::port::tcp::in_memory::{InMemoryClient, InMemoryServer};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
 
 use crate::machine::Machine;
@@ -88,8 +88,8 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         tell: Arc::new(move |line| assert_ne!(thread::current().id(), here, "the server waits for its log: {line}")),
         ..ServeOptions::default()
     };
-    let server = Unwired::new(Arc::clone(&eyes) as Arc<dyn Link>, options);
-    let readers: Vec<Caller<'_>> = (0..dice.below(3)).map(|_| server.join(false).expect("a reader")).collect();
+    let server = InMemoryServer::new(Arc::clone(&eyes) as Arc<dyn Link>, options);
+    let readers: Vec<InMemoryClient<'_>> = (0..dice.below(3)).map(|_| server.join(false).expect("a reader")).collect();
     let caller = server.join(true).expect("the writer");
     let mut writer = Writer::new(caller, Arc::clone(&eyes), &units, size, cycle, Dice(dice.roll()));
     if checks {

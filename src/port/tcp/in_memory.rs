@@ -17,14 +17,14 @@ use crate::port::notes::Note;
 use crate::sk::Frame;
 
 /// The server of a link on virtual time. Its log is only collected.
-pub struct Unwired {
+pub struct InMemoryServer {
     hub: Arc<Hub>,
     board: Arc<Board>,
 }
 
 /// A message from a client.
 #[derive(Clone, Copy, Debug)]
-pub enum Says<'a> {
+pub enum ClientMessage<'a> {
     /// A request to write a command frame.
     Write(&'a Frame),
     /// A request for the oldest unread report.
@@ -44,7 +44,7 @@ pub enum Says<'a> {
 /// A message to a client. Requests are numbered in the order in which the client makes them, from 1.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "they are looked at one by one and never stored in bulk")]
-pub enum Sent {
+pub enum ServerMessage {
     /// A request has succeeded.
     Done {
         /// The number of the request.
@@ -74,16 +74,16 @@ pub enum Sent {
     Other,
 }
 
-/// A client of an [`Unwired`] server.
-pub struct Caller<'a> {
-    server: &'a Unwired,
+/// A client of an [`InMemoryServer`] server.
+pub struct InMemoryClient<'a> {
+    server: &'a InMemoryServer,
     session: Session<'a>,
     client: Arc<Client>,
     inbox: Inbox,
     requests: u64,
 }
 
-impl Unwired {
+impl InMemoryServer {
     /// Serves a link.
     pub fn new(link: Arc<dyn Link>, options: ServeOptions) -> Self {
         let hub = Arc::new(Hub::new(options));
@@ -101,21 +101,21 @@ impl Unwired {
     }
 
     /// Connects a client as a writer or a reader; `None` if it is refused.
-    pub fn join(&self, is_writer: bool) -> Option<Caller<'_>> {
+    pub fn join(&self, is_writer: bool) -> Option<InMemoryClient<'_>> {
         let role = if is_writer { Role::Writer } else { Role::Reader };
         let hello = Hello { role, keepalive_ms: 500, pid: 1, program: "unwired", proof: &[0; PROOF_LEN] };
         let Introduction { role, keepalive, name, .. } = Introduction::of(&Message::Hello(hello)).ok()?;
         let mut joining = Joining { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
         let (client, board) = self.hub.join(&mut joining).ok()?;
         let session = Session::new(&self.hub, board, Arc::clone(&client));
-        Some(Caller { server: self, session, client, inbox: Inbox::default(), requests: 0 })
+        Some(InMemoryClient { server: self, session, client, inbox: Inbox::default(), requests: 0 })
     }
 }
 
-impl Caller<'_> {
+impl InMemoryClient<'_> {
     /// Sends the first `bytes` bytes of a message and executes the request; returns whether the client is still
     /// connected.
-    pub fn say(&mut self, what: Says<'_>, bytes: usize) -> bool {
+    pub fn say(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         let keeps = self.begin(what, bytes);
         while keeps && self.session.is_busy() {
             self.session.work();
@@ -124,17 +124,19 @@ impl Caller<'_> {
     }
 
     /// As [`say`](Self::say), but a request that takes several steps is only begun.
-    pub fn begin(&mut self, what: Says<'_>, bytes: usize) -> bool {
+    pub fn begin(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;
         let message = match what {
-            Says::Write(frame) => Message::Write { request, wait: Wait::Forever, frame: frame.bytes() },
-            Says::Read => Message::Read { request, wait: Wait::For(Duration::from_secs(1)) },
-            Says::Pass(time) => Message::Pass { request, ns: u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) },
-            Says::Count => Message::Count { request },
-            Says::Cancel => Message::Cancel { request: request - 1 },
-            Says::Ping => Message::Ping,
-            Says::Bye => Message::Bye { end: End::Closed, text: "" },
+            ClientMessage::Write(frame) => Message::Write { request, wait: Wait::Forever, frame: frame.bytes() },
+            ClientMessage::Read => Message::Read { request, wait: Wait::For(Duration::from_secs(1)) },
+            ClientMessage::Pass(time) => {
+                Message::Pass { request, ns: u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) }
+            }
+            ClientMessage::Count => Message::Count { request },
+            ClientMessage::Cancel => Message::Cancel { request: request - 1 },
+            ClientMessage::Ping => Message::Ping,
+            ClientMessage::Bye => Message::Bye { end: End::Closed, text: "" },
         };
         let mut said = [0; MESSAGE_MAX];
         let length = message.encode(&mut said).min(bytes);
@@ -167,9 +169,9 @@ impl Caller<'_> {
     }
 
     /// The length of a message in bytes.
-    pub fn length(what: Says<'_>) -> usize {
+    pub fn length(what: ClientMessage<'_>) -> usize {
         match what {
-            Says::Write(frame) => {
+            ClientMessage::Write(frame) => {
                 let write = Message::Write { request: 0, wait: Wait::Forever, frame: frame.bytes() };
                 write.encode(&mut [0; MESSAGE_MAX])
             }
@@ -186,9 +188,9 @@ impl Caller<'_> {
     ///
     /// # Errors
     /// The first invalid message.
-    pub fn take_messages(&self) -> Result<Vec<Sent>, WireError> {
+    pub fn take_messages(&self) -> Result<Vec<ServerMessage>, WireError> {
         let mut all = Vec::new();
-        each_message(&self.take_sent(), |message| all.push(Sent::from(message)))?;
+        each_message(&self.take_sent(), |message| all.push(ServerMessage::from(message)))?;
         Ok(all)
     }
 
@@ -201,7 +203,7 @@ impl Caller<'_> {
     }
 }
 
-impl From<&Message<'_>> for Sent {
+impl From<&Message<'_>> for ServerMessage {
     fn from(message: &Message<'_>) -> Self {
         match *message {
             Message::Written { request, now, .. }

@@ -34,7 +34,7 @@
 //! - `vanish.rs`, `server_link.rs`: how axes are stopped when the writer has vanished, by a link that the server itself
 //!   uses
 //! - `log_limit.rs`: limits repeated lines in the log
-//! - `unwired.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are
+//! - `in_memory.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are
 //!   tests
 
 mod accept;
@@ -42,6 +42,8 @@ mod accept;
 mod allocation;
 mod client;
 mod hub;
+#[doc(hidden)]
+pub mod in_memory;
 mod log_limit;
 #[cfg(all(test, feature = "sim"))]
 mod man_in_the_middle;
@@ -50,8 +52,6 @@ mod pending_pool;
 mod server_link;
 mod session;
 mod supervise;
-#[doc(hidden)]
-pub mod unwired;
 mod vanish;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ecmsk::link::{Link, Wait};
-use ecmsk::port::tcp::unwired::{Caller, Says, Unwired};
+use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryClient, InMemoryServer};
 use ecmsk::sk::{FIFO_ENTRIES, Frame};
 
 use super::eyes::Eyes;
@@ -31,7 +31,7 @@ pub struct End {
 impl End {
     /// The writer ends without a good-bye. What the server does takes no longer than documented, and what waited behind a
     /// threshold begins no motion.
-    pub fn of(writer: Caller<'_>, server: &Unwired, eyes: &Eyes, cycle_us: u32) -> Self {
+    pub fn of(writer: InMemoryClient<'_>, server: &InMemoryServer, eyes: &Eyes, cycle_us: u32) -> Self {
         let was_held = eyes.holds_what_waits(Duration::from_micros(cycle_us.into()));
         let (began, stood) = (eyes.now(), eyes.shafts());
         writer.end(false);
@@ -71,7 +71,13 @@ pub fn heal(eyes: &Eyes, cycle_us: u32) -> bool {
 
 /// After `rest` axes stand, the FIFO is empty, and so it stays while another writer asks for nothing, long enough to let
 /// everything out that still waits.
-pub fn assert_lasting(server: &Unwired, eyes: &Eyes, readers: &[Caller<'_>], rest: Duration, cycle_us: u32) {
+pub fn assert_lasting(
+    server: &InMemoryServer,
+    eyes: &Eyes,
+    readers: &[InMemoryClient<'_>],
+    rest: Duration,
+    cycle_us: u32,
+) {
     let mut report = Frame::new();
     eyes.pass(rest).expect("it is there");
     let cycles = (LOOK.as_micros() as u64).div_ceil(cycle_us.into()).max(3);
@@ -85,7 +91,7 @@ pub fn assert_lasting(server: &Unwired, eyes: &Eyes, readers: &[Caller<'_>], res
 
     let mut next = server.join(true).expect("the place is free");
     for _ in 0..2 * u64::from(FIFO_ENTRIES) {
-        assert!(next.say(Says::Write(&Frame::new()), usize::MAX) && next.say(Says::Read, usize::MAX));
+        assert!(next.say(ClientMessage::Write(&Frame::new()), usize::MAX) && next.say(ClientMessage::Read, usize::MAX));
         drop(next.take_sent());
         readers.iter().for_each(|reader| drop(reader.take_sent()));
     }

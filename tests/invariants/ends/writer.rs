@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
-use ecmsk::port::tcp::unwired::{Caller, Says};
+use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryClient};
 use ecmsk::sk::{
     FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SdoCommand, SlaveCommand, SlaveKind,
     SlotCommand, SlotSize,
@@ -56,7 +56,7 @@ impl Bounds {
 }
 
 pub struct Writer<'a> {
-    caller: Caller<'a>,
+    caller: InMemoryClient<'a>,
     eyes: Arc<Eyes>,
     units: &'a [Unit],
     size: SlotSize,
@@ -79,7 +79,7 @@ pub struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     pub fn new(
-        caller: Caller<'a>,
+        caller: InMemoryClient<'a>,
         eyes: Arc<Eyes>,
         units: &'a [Unit],
         size: SlotSize,
@@ -118,7 +118,7 @@ impl<'a> Writer<'a> {
         let _: Result<(), Dead> = self.run(set_up);
     }
 
-    pub fn dies(self) -> (Caller<'a>, Bounds, Life) {
+    pub fn dies(self) -> (InMemoryClient<'a>, Bounds, Life) {
         let bounds = Bounds { greatest: self.greatest, jumps: self.life.jumps || self.life.has_homed };
         self.eyes.begin_to_compare();
         (self.caller, bounds, self.life)
@@ -133,7 +133,7 @@ impl<'a> Writer<'a> {
         self.life.jumps |= is_blind;
         for _ in 0..1500 {
             if is_blind {
-                self.say(Says::Pass(Duration::from_millis(300)))?;
+                self.say(ClientMessage::Pass(Duration::from_millis(300)))?;
                 break;
             }
             if self.state() == Some(MasterState::Op) {
@@ -147,7 +147,7 @@ impl<'a> Writer<'a> {
         // Some do not wait for it.
         let patience = if self.dice.one_in(6) { self.dice.below(10) } else { 600 };
         if is_blind {
-            self.say(Says::Pass(Duration::from_millis(100)))?;
+            self.say(ClientMessage::Pass(Duration::from_millis(100)))?;
         }
         for _ in 0..if is_blind { 0 } else { patience } {
             if self.all_on() {
@@ -165,15 +165,15 @@ impl<'a> Writer<'a> {
         self.drive(is_blind)
     }
 
-    /// Says something; half of it if that is its last.
-    fn say(&mut self, what: Says<'_>) -> Result<(), Dead> {
+    /// ClientMessage something; half of it if that is its last.
+    fn say(&mut self, what: ClientMessage<'_>) -> Result<(), Dead> {
         if self.left == 0 {
             if self.dice.one_in(2) {
                 self.life.torn = true;
-                self.caller.say(what, self.dice.below(Caller::length(what) as u64) as usize);
+                self.caller.say(what, self.dice.below(InMemoryClient::length(what) as u64) as usize);
             } else if self.dice.one_in(2) {
                 // It waits for an answer, and so does the board for time.
-                self.caller.begin(Says::Pass(Duration::from_millis(self.dice.below(500))), usize::MAX);
+                self.caller.begin(ClientMessage::Pass(Duration::from_millis(self.dice.below(500))), usize::MAX);
             }
             return Err(Dead);
         }
@@ -207,11 +207,11 @@ impl<'a> Writer<'a> {
         frame.fill_crc(self.size);
         frame.bytes_mut()[3] ^= 0x55;
         self.life.spoiled += 1;
-        self.say(Says::Write(&frame))
+        self.say(ClientMessage::Write(&frame))
     }
 
     fn write_as_it_is(&mut self, frame: &Frame) -> Result<(), Dead> {
-        self.say(Says::Write(frame))?;
+        self.say(ClientMessage::Write(frame))?;
         let full = self.eyes.full();
         if std::mem::replace(&mut self.full, full) != full {
             self.life.lost += 1;
@@ -246,7 +246,7 @@ impl<'a> Writer<'a> {
     }
 
     fn read(&mut self) -> Result<(), Dead> {
-        self.say(Says::Read)
+        self.say(ClientMessage::Read)
     }
 
     fn report(&self) -> Frame {
@@ -358,11 +358,11 @@ impl<'a> Writer<'a> {
                 1 | 2 => self.threshold()?,
                 3 => {
                     let cycles = self.dice.below(200);
-                    self.say(Says::Pass(Duration::from_micros(cycles * u64::from(self.cycle_us))))?;
+                    self.say(ClientMessage::Pass(Duration::from_micros(cycles * u64::from(self.cycle_us))))?;
                 }
                 4 if self.dice.one_in(10) => {
                     // It would take until the end of all days: the server does a part of it, or nothing, and goes on.
-                    self.say(Says::Pass(Duration::from_nanos(1 << 63)))?;
+                    self.say(ClientMessage::Pass(Duration::from_nanos(1 << 63)))?;
                 }
                 _ => {}
             }

@@ -294,7 +294,7 @@ impl Raw {
         })
     }
 
-    /// Says hello as a writer or a reader.
+    /// ClientMessage hello as a writer or a reader.
     pub fn hello(&mut self, is_reader: bool, keepalive_ms: u32) -> Option<(u8, Vec<u8>)> {
         self.send(&hello(is_reader, keepalive_ms));
         self.answer()

@@ -33,7 +33,7 @@ fn who_speaks_another_protocol_is_sent_away() {
     }
     heard.until(
         "it says so",
-        |event| matches!(event, Event::SentAway { why, .. } if why.contains("use a newer client")),
+        |event| matches!(event, Event::ClientRejected { why, .. } if why.contains("use a newer client")),
     );
     works(&server);
 }
@@ -99,7 +99,7 @@ fn a_thousand_connections_one_after_the_other() {
 /// WIRE-11 The oldest of those who ask for nothing makes room.
 #[test]
 fn clients_that_ask_for_nothing_do_not_keep_others_away() {
-    let (_, server, _) = serve(Options { clients: 4, patience: Duration::from_secs(3600), ..options() });
+    let (_, server, _) = serve(Options { clients: 4, request_timeout: Duration::from_secs(3600), ..options() });
     let mut idle: Vec<Client> = (0..100).map(|_| Client::connect(server.address())).collect();
     works(&server);
     assert!(idle[0].is_cut(), "the oldest");
@@ -109,18 +109,21 @@ fn clients_that_ask_for_nothing_do_not_keep_others_away() {
 /// WIRE-11
 #[test]
 fn a_client_that_asks_for_nothing_is_sent_away_after_a_while() {
-    let (_, server, heard) = serve(Options { patience: Duration::from_millis(20), ..options() });
+    let (_, server, heard) = serve(Options { request_timeout: Duration::from_millis(20), ..options() });
     let mut client = Client::connect(server.address());
     client.send(&[0x01, 0x11]);
     assert!(client.is_cut());
-    heard.until("it says so", |event| matches!(event, Event::SentAway { .. }));
+    heard.until("it says so", |event| matches!(event, Event::ClientRejected { .. }));
 }
 
 /// WIRE-11 What such a client asks for is not piled up: the server reads no more until it has sent what it owes.
 #[test]
 fn a_host_that_never_reads_loses_the_board() {
-    let (_, server, heard) =
-        serve(Options { never_reads: Duration::from_millis(50), patience: Duration::from_secs(3600), ..options() });
+    let (_, server, heard) = serve(Options {
+        send_timeout: Duration::from_millis(50),
+        request_timeout: Duration::from_secs(3600),
+        ..options()
+    });
     let mut client = Client::attached(server.address());
     let wish = submit(9, IN, 0, 41, [0x80, 6, 0, 2, 0, 0, 41, 0]);
     while client.stream.write_all(&wish).is_ok() {}

@@ -237,7 +237,7 @@ impl Heard {
     }
 }
 
-/// Options for a test: a port that is free, and little patience with a lost board.
+/// Options for a test: a port that is free, and little request_timeout with a lost board.
 pub fn options() -> Options {
     Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), retry: Duration::from_millis(5), ..Options::default() }
 }

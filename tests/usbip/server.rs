@@ -257,7 +257,7 @@ fn a_lost_board_is_detached_and_can_be_attached_when_it_is_back() {
     assert_eq!(Client::connect(server.address()).devices().0, Vec::<String>::new());
 
     puppet.come_back();
-    heard.until("it says so", |event| matches!(event, Event::Back { .. }));
+    heard.until("it says so", |event| matches!(event, Event::Reopened { .. }));
     assert_eq!(Client::connect(server.address()).devices().0, ["1-1"]);
     let mut client = Client::attached(server.address());
     let given = client.give(&[1; 512]);
@@ -272,7 +272,7 @@ fn a_board_that_is_lost_while_nobody_has_it_is_noticed() {
     puppet.lose();
     heard.until("it says so", |event| matches!(event, Event::Lost { .. }));
     puppet.come_back();
-    heard.until("it says so", |event| matches!(event, Event::Back { .. }));
+    heard.until("it says so", |event| matches!(event, Event::Reopened { .. }));
     Client::attached(server.address());
 }
 
@@ -355,7 +355,7 @@ fn after_a_reset_the_board_is_attached_again() {
     let mut client = Client::attached(server.address());
     client.give(frame(MasterCommand::SoftReset).bytes());
     assert!(client.is_cut());
-    heard.until("it says so", |event| matches!(event, Event::Back { .. }));
+    heard.until("it says so", |event| matches!(event, Event::Reopened { .. }));
     let mut client = Client::attached(server.address());
     client.want_report();
     assert_eq!(state(&client.report().1), StateByte::reached(MasterState::PreOp));

@@ -1,10 +1,10 @@
 //! The messages, byte by byte. Source: Documentation/usb/usbip_protocol.rst of Linux.
 
-use ecmsk::port::usbip::wire::{self, Command, Direction, Op, Refusal, Shown, Status, Submit, WireError};
+use ecmsk::port::usbip::wire::{self, Command, DeviceEntry, Direction, Op, Refusal, Status, Submit, WireError};
 
 use support::usbip_client::{self as client, be16, be32};
 
-const SHOWN: Shown = Shown {
+const DEVICE_ENTRY: DeviceEntry = DeviceEntry {
     path: "/sys/devices/somewhere/usb1/1-1",
     bus_id: "1-1",
     bus: 1,
@@ -96,7 +96,7 @@ fn an_answer_has_its_place_for_each_number() {
 #[test]
 fn a_list_shows_each_device_with_its_interface() {
     let mut bytes = Vec::new();
-    wire::device_list(&mut bytes, &[SHOWN, SHOWN]);
+    wire::device_list(&mut bytes, &[DEVICE_ENTRY, DEVICE_ENTRY]);
     assert_eq!(bytes[..12], [0x01, 0x11, 0x00, 0x05, 0, 0, 0, 0, 0, 0, 0, 2]);
     assert_eq!(bytes.len(), 12 + 2 * (312 + 4));
     let device = &bytes[12..];
@@ -114,7 +114,7 @@ fn a_list_shows_each_device_with_its_interface() {
 #[test]
 fn an_import_gives_the_device_or_the_reason() {
     let mut bytes = Vec::new();
-    wire::import(&mut bytes, Ok(&SHOWN));
+    wire::import(&mut bytes, Ok(&DEVICE_ENTRY));
     assert_eq!(bytes[..8], [0x01, 0x11, 0x00, 0x03, 0, 0, 0, 0]);
     assert_eq!(bytes.len(), 8 + 312, "without interfaces");
     assert_eq!(be32(&bytes, 8 + 292), 7);
@@ -131,7 +131,7 @@ fn an_import_gives_the_device_or_the_reason() {
 fn a_text_that_is_too_long_is_cut_with_its_zero() {
     let long = "x".repeat(300);
     let mut bytes = Vec::new();
-    wire::import(&mut bytes, Ok(&Shown { path: &long, bus_id: &long, ..SHOWN }));
+    wire::import(&mut bytes, Ok(&DeviceEntry { path: &long, bus_id: &long, ..DEVICE_ENTRY }));
     let device = &bytes[8..];
     assert_eq!((device[254], device[255], device[256 + 30], device[256 + 31]), (b'x', 0, b'x', 0));
 }

@@ -8,9 +8,9 @@ use parking_lot::{Condvar, Mutex};
 
 use super::descriptors::{CONFIGURATION_VALUE, Descriptors, INTERFACE_CLASS, Identity, IdentityError};
 use super::device::Counters;
-use super::session::{End, Session};
+use super::session::{Session, SessionEnd};
 use super::stream::Stream;
-use super::wire::{Refusal, Shown, device_id};
+use super::wire::{DeviceEntry, Refusal, device_id};
 use crate::link::{Link, LinkError};
 use crate::port::notes::Notes;
 
@@ -38,7 +38,7 @@ pub enum Event {
         /// The board's bus id.
         bus_id: String,
         /// Why.
-        why: End,
+        why: SessionEnd,
         /// What was moved.
         counters: Counters,
     },
@@ -50,12 +50,12 @@ pub enum Event {
         why: String,
     },
     /// A lost board is open again.
-    Back {
+    Reopened {
         /// The board's bus id.
         bus_id: String,
     },
     /// A client was rejected before it had attached a board.
-    SentAway {
+    ClientRejected {
         /// Which.
         host: String,
         /// Why.
@@ -69,14 +69,14 @@ pub enum Event {
         why: String,
     },
     /// A lost board still cannot be opened. Each reason is reported once.
-    StillAway {
+    ReopenFailed {
         /// The board's bus id.
         bus_id: String,
         /// Why.
         why: String,
     },
     /// The system did not provide a connection or a thread.
-    Trouble {
+    SystemError {
         /// What does not work.
         what: String,
     },
@@ -99,11 +99,11 @@ impl fmt::Display for Event {
                 Ok(())
             }
             Self::Lost { bus_id, why } => write!(f, "{bus_id}: lost, {why}; waiting for its return"),
-            Self::Back { bus_id } => write!(f, "{bus_id}: back, to be attached again"),
-            Self::SentAway { host, why } => write!(f, "{host} sent away: {why}"),
+            Self::Reopened { bus_id } => write!(f, "{bus_id}: back, to be attached again"),
+            Self::ClientRejected { host, why } => write!(f, "{host} sent away: {why}"),
             Self::NotAttached { bus_id, why } => write!(f, "{bus_id}: not attached here: {why}"),
-            Self::StillAway { bus_id, why } => write!(f, "{bus_id}: cannot be opened yet: {why}"),
-            Self::Trouble { what } => f.write_str(what),
+            Self::ReopenFailed { bus_id, why } => write!(f, "{bus_id}: cannot be opened yet: {why}"),
+            Self::SystemError { what } => f.write_str(what),
             Self::Dropped { count } => {
                 write!(f, "{count} lines were dropped, those before were not taken in time")
             }
@@ -127,7 +127,7 @@ pub(super) struct Board {
     identity: Identity,
     descriptors: Descriptors,
     opener: Opener,
-    never_reads: Duration,
+    send_timeout: Duration,
     notes: Notes<Event>,
     state: Mutex<State>,
     changed: Condvar,
@@ -147,7 +147,7 @@ impl Board {
         identity: Identity,
         link: Arc<dyn Link>,
         opener: Opener,
-        never_reads: Duration,
+        send_timeout: Duration,
         notes: Notes<Event>,
     ) -> Result<Self, IdentityError> {
         let (number, bus_id) = (index + 1, bus_id(index));
@@ -161,7 +161,7 @@ impl Board {
             identity,
             descriptors,
             opener,
-            never_reads,
+            send_timeout,
             notes,
             state,
             changed: Condvar::new(),
@@ -178,8 +178,8 @@ impl Board {
     }
 
     /// The entry of the board in a device list.
-    pub fn shown(&self) -> Shown<'_> {
-        Shown {
+    pub fn entry(&self) -> DeviceEntry<'_> {
+        DeviceEntry {
             path: &self.path,
             bus_id: &self.bus_id,
             bus: BUS,
@@ -209,7 +209,7 @@ impl Board {
             return Err((stream, Refusal::Busy));
         }
         let descriptors = self.descriptors.clone();
-        let session = Arc::new(Session::new(stream, link, descriptors, self.device_id(), self.never_reads));
+        let session = Arc::new(Session::new(stream, link, descriptors, self.device_id(), self.send_timeout));
         state.session = Some(session.clone());
         Ok(session)
     }
@@ -218,7 +218,7 @@ impl Board {
     pub fn serve(&self, session: &Session, host: &str) {
         self.tell(Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
         let why = session.run();
-        let lost = matches!(why, End::LinkLost(_));
+        let lost = matches!(why, SessionEnd::LinkLost(_));
         let link = if lost { self.state.lock().link.take() } else { None };
         // The session is removed after the link is closed, because only then the link can be opened again.
         if let Some(link) = &link {
@@ -274,7 +274,7 @@ impl Board {
             state.session.clone()
         };
         if let Some(session) = session {
-            session.end(End::LinkLost(why.clone()));
+            session.end(SessionEnd::LinkLost(why.clone()));
         }
         link.close();
         self.tell(Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
@@ -296,14 +296,14 @@ impl Board {
                     return false;
                 }
                 told.clear();
-                self.tell(Event::Back { bus_id: self.bus_id.clone() });
+                self.tell(Event::Reopened { bus_id: self.bus_id.clone() });
                 true
             }
             Err(error) => {
                 let why = error.to_string();
                 if why != *told {
                     told.clone_from(&why);
-                    self.tell(Event::StillAway { bus_id: self.bus_id.clone(), why });
+                    self.tell(Event::ReopenFailed { bus_id: self.bus_id.clone(), why });
                 }
                 false
             }
@@ -319,7 +319,7 @@ impl Board {
             (state.link.take(), state.session.clone())
         };
         if let Some(session) = session {
-            session.end(End::Stopped);
+            session.end(SessionEnd::Stopped);
         }
         if let Some(link) = link {
             link.close();

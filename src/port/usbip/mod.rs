@@ -28,4 +28,4 @@ pub use attach::{AttachError, VHCI, free_ports};
 pub use board::{Event, Listener, Opener};
 pub use descriptors::{Identity, IdentityError};
 pub use server::{BoardSpec, Options, ServeError, Server};
-pub use session::End;
+pub use session::SessionEnd;

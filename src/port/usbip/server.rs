@@ -17,7 +17,7 @@ use super::board::{Board, Event, Listener, Opener};
 use super::descriptors::{Identity, IdentityError};
 use super::keep_attached;
 use super::stream::{SEND_TIMEOUT, Stream};
-use super::wire::{self, BUS_ID_LEN, OP_LEN, Op, PORT, Refusal, Shown, WireError};
+use super::wire::{self, BUS_ID_LEN, DeviceEntry, OP_LEN, Op, PORT, Refusal, WireError};
 use crate::link::LinkError;
 use crate::port::listen::advice;
 use crate::port::notes::{Note, Notes, Teller};
@@ -42,14 +42,14 @@ pub struct Options {
     /// encryption, so anybody who can reach the server can move the axes.
     pub insecure_anyone: bool,
     /// How long a client may take for its request.
-    pub patience: Duration,
+    pub request_timeout: Duration,
     /// The largest number of clients that have not attached a board; when there is one more, the oldest is
     /// disconnected.
     pub clients: usize,
     /// The pause between two attempts to open a lost board.
     pub retry: Duration,
     /// How long a host may accept no bytes before its connection is closed.
-    pub never_reads: Duration,
+    pub send_timeout: Duration,
     /// The virtual USB host controller of this machine to which all boards are attached, usually [`VHCI`](super::VHCI).
     pub attach: Option<PathBuf>,
 }
@@ -59,10 +59,10 @@ impl Default for Options {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], PORT)),
             insecure_anyone: false,
-            patience: REQUEST_TIME_MAX,
+            request_timeout: REQUEST_TIME_MAX,
             clients: PENDING_CLIENTS_MAX,
             retry: RETRY_PAUSE,
-            never_reads: SEND_TIMEOUT,
+            send_timeout: SEND_TIMEOUT,
             attach: None,
         }
     }
@@ -247,7 +247,7 @@ fn open(index: u16, spec: BoardSpec, options: &Options, notes: &Notes<Event>) ->
     if identity.serial.is_empty() {
         identity.serial = super::board::bus_id(index);
     }
-    Ok(Board::new(index, identity, link, opener, options.never_reads, notes.clone())?)
+    Ok(Board::new(index, identity, link, opener, options.send_timeout, notes.clone())?)
 }
 
 impl Shared {
@@ -299,7 +299,7 @@ impl Shared {
                 }
                 // No file descriptor was left, or the client has disconnected already; the next attempt may succeed.
                 Err(error) => {
-                    self.notes.tell(Event::Trouble { what: format!("cannot take a client of USB/IP: {error}") });
+                    self.notes.tell(Event::SystemError { what: format!("cannot take a client of USB/IP: {error}") });
                     thread::sleep(STOP_CHECK_INTERVAL);
                 }
             }
@@ -318,7 +318,7 @@ impl Shared {
             Ok(stream) => clients.push_back((number, stream)),
             // Its connection ends by the time limit for the request.
             Err(error) => {
-                self.notes.tell(Event::Trouble { what: format!("cannot watch a client of USB/IP: {error}") });
+                self.notes.tell(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
             }
         }
         // `stop` may have ended all registered connections just before this one was registered.
@@ -343,9 +343,9 @@ impl Shared {
 
     /// Reads a client's request, and answers it unless it is to attach a board.
     fn request(&self, mut stream: &TcpStream) -> Result<Wanted, RequestError> {
-        let patience = Some(self.options.patience);
-        stream.set_read_timeout(patience)?;
-        stream.set_write_timeout(patience)?;
+        let request_timeout = Some(self.options.request_timeout);
+        stream.set_read_timeout(request_timeout)?;
+        stream.set_write_timeout(request_timeout)?;
         let mut op = [0; OP_LEN];
         // A client may connect and disconnect without a request.
         match stream.read(&mut op[..1])? {
@@ -355,8 +355,8 @@ impl Shared {
         let mut answer = Vec::new();
         match Op::parse(&op)? {
             Op::DeviceList => {
-                let there: Vec<Shown<'_>> =
-                    self.boards.iter().filter(|board| board.is_there()).map(Board::shown).collect();
+                let there: Vec<DeviceEntry<'_>> =
+                    self.boards.iter().filter(|board| board.is_there()).map(Board::entry).collect();
                 wire::device_list(&mut answer, &there);
             }
             Op::Import => {
@@ -387,14 +387,14 @@ impl Shared {
                 return self.log_rejected(from, &format!("{}: {why}", board.bus_id()));
             }
         };
-        wire::import(&mut answer, Ok(&board.shown()));
+        wire::import(&mut answer, Ok(&board.entry()));
         // If the client is gone, the session notices.
         session.greet(&answer);
         board.serve(&session, &from.to_string());
     }
 
     fn log_rejected(&self, from: SocketAddr, why: &str) {
-        self.notes.tell(Event::SentAway { host: from.to_string(), why: why.to_owned() });
+        self.notes.tell(Event::ClientRejected { host: from.to_string(), why: why.to_owned() });
     }
 }
 

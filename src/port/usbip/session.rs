@@ -28,16 +28,16 @@ const INPUT_BUFFER_BYTES: usize = 16 * 1024;
 
 /// Why a host no longer has the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum End {
+pub enum SessionEnd {
     /// The host closed the connection, or it broke.
     #[error("the host detached the board")]
     Detached,
     /// The host has accepted no bytes for this long.
     #[error("the host read nothing for {0:?}; is it stopped? Attach the board again")]
-    NeverReads(Duration),
+    SendTimeout(Duration),
     /// The host has sent something that is not USB/IP.
     #[error(transparent)]
-    Nonsense(#[from] WireError),
+    InvalidMessage(#[from] WireError),
     /// A command of the host names another device.
     #[error("a command is for device {found:#010x}, this one is {expected:#010x}; is the client one for USB/IP?")]
     OtherDevice {
@@ -62,7 +62,7 @@ pub struct Session {
     stream: Stream,
     link: Arc<dyn Link>,
     device_id: u32,
-    never_reads: Duration,
+    send_timeout: Duration,
     device: Mutex<Device>,
     /// Wakes the thread that waits for reports: the host wants one.
     reads: Condvar,
@@ -72,7 +72,7 @@ pub struct Session {
     /// never the other way round.
     sending: Mutex<Vec<u8>>,
     over: AtomicBool,
-    end: Mutex<Option<End>>,
+    end: Mutex<Option<SessionEnd>>,
 }
 
 impl Session {
@@ -82,13 +82,13 @@ impl Session {
         link: Arc<dyn Link>,
         descriptors: Descriptors,
         device_id: u32,
-        never_reads: Duration,
+        send_timeout: Duration,
     ) -> Self {
         Self {
             stream,
             link,
             device_id,
-            never_reads,
+            send_timeout,
             device: Mutex::new(Device::new(descriptors)),
             reads: Condvar::new(),
             writes: Condvar::new(),
@@ -104,16 +104,16 @@ impl Session {
     }
 
     /// Passes frames on until the host or the board is gone, or until [`Self::end`].
-    pub fn run(&self) -> End {
-        if self.stream.for_traffic(self.never_reads).is_err() {
-            self.end(End::Detached);
+    pub fn run(&self) -> SessionEnd {
+        if self.stream.for_traffic(self.send_timeout).is_err() {
+            self.end(SessionEnd::Detached);
         }
         thread::scope(|scope| {
             // New threads inherit the signal mask of this thread, which blocks all signals.
             let pump = |name: &str, work: fn(&Self)| {
                 let started = thread::Builder::new().name(name.into()).spawn_scoped(scope, move || work(self));
                 if let Err(error) = started {
-                    self.end(End::LinkLost(LinkError::Io {
+                    self.end(SessionEnd::LinkLost(LinkError::Io {
                         what: "start a thread for the board".into(),
                         message: error.to_string(),
                     }));
@@ -124,11 +124,11 @@ impl Session {
             let end = self.receive();
             self.end(end);
         });
-        self.end.lock().clone().unwrap_or(End::Detached)
+        self.end.lock().clone().unwrap_or(SessionEnd::Detached)
     }
 
     /// Ends the session from any thread. The first reason is kept.
-    pub fn end(&self, why: End) {
+    pub fn end(&self, why: SessionEnd) {
         self.end.lock().get_or_insert(why);
         self.over.store(true, Ordering::Release);
         self.stream.shutdown();
@@ -152,14 +152,14 @@ impl Session {
     }
 
     /// Receives the host's commands until the connection ends.
-    fn receive(&self) -> End {
+    fn receive(&self) -> SessionEnd {
         let mut input = BufReader::with_capacity(INPUT_BUFFER_BYTES, &self.stream);
         let mut header = [0; HEADER_LEN];
         let mut data = Vec::new();
         let mut report = Frame::new();
         loop {
             if input.read_exact(&mut header).is_err() {
-                return End::Detached;
+                return SessionEnd::Detached;
             }
             let answered = match Command::parse(&header) {
                 Err(error) => return error.into(),
@@ -171,7 +171,7 @@ impl Session {
                     if transfer.direction == Direction::Out {
                         data.resize(transfer.length as usize, 0);
                         if input.read_exact(&mut data).is_err() {
-                            return End::Detached;
+                            return SessionEnd::Detached;
                         }
                     }
                     let mut device = self.device.lock();
@@ -207,8 +207,8 @@ impl Session {
         }
     }
 
-    fn other_device(&self, found: u32) -> End {
-        End::OtherDevice { found, expected: self.device_id }
+    fn other_device(&self, found: u32) -> SessionEnd {
+        SessionEnd::OtherDevice { found, expected: self.device_id }
     }
 
     fn wake(&self, device: &Device) {
@@ -234,9 +234,9 @@ impl Session {
             match (&mut &self.stream).write_all(&answers) {
                 Ok(()) => {}
                 Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
-                    return self.end(End::NeverReads(self.never_reads));
+                    return self.end(SessionEnd::SendTimeout(self.send_timeout));
                 }
-                Err(_) => return self.end(End::Detached),
+                Err(_) => return self.end(SessionEnd::Detached),
             }
         }
     }
@@ -265,11 +265,11 @@ impl Session {
     }
 
     /// Completes what [`Device::begin_read`] has begun.
-    fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), End> {
+    fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), SessionEnd> {
         match self.link.read(report, wait) {
             Ok(_) => self.device.lock().report(report),
             Err(error) if is_temporary(&error) => self.device.lock().deliver(),
-            Err(error) => return Err(End::LinkLost(error)),
+            Err(error) => return Err(SessionEnd::LinkLost(error)),
         }
         Ok(())
     }
@@ -291,7 +291,7 @@ impl Session {
             match self.link.write(&frame, Wait::For(WAIT_SLICE)) {
                 Ok(_) => self.device.lock().written(),
                 Err(error) if is_temporary(&error) => self.device.lock().not_written(),
-                Err(error) => return self.end(End::LinkLost(error)),
+                Err(error) => return self.end(SessionEnd::LinkLost(error)),
             }
             self.send();
         }

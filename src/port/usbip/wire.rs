@@ -265,7 +265,7 @@ fn reply(command: u32, sequence: u32, status: Status, moved: u32) -> RawHeader {
 
 /// The entry of a device in a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Shown<'a> {
+pub struct DeviceEntry<'a> {
     /// The device's path, as `usbip list` prints it.
     pub path: &'a str,
     /// The name for an import, such as `1-1`.
@@ -304,7 +304,7 @@ pub enum Refusal {
 }
 
 /// Appends the answer to [`Op::DeviceList`].
-pub fn device_list(to: &mut Vec<u8>, devices: &[Shown<'_>]) {
+pub fn device_list(to: &mut Vec<u8>, devices: &[DeviceEntry<'_>]) {
     op(to, OP_REP_DEVLIST, 0);
     to.extend_from_slice(&(devices.len() as u32).to_be_bytes());
     for device in devices {
@@ -315,7 +315,7 @@ pub fn device_list(to: &mut Vec<u8>, devices: &[Shown<'_>]) {
 }
 
 /// Appends the answer to [`Op::Import`].
-pub fn import(to: &mut Vec<u8>, device: Result<&Shown<'_>, Refusal>) {
+pub fn import(to: &mut Vec<u8>, device: Result<&DeviceEntry<'_>, Refusal>) {
     match device {
         Ok(device) => {
             op(to, OP_REP_IMPORT, 0);
@@ -330,7 +330,7 @@ fn op(to: &mut Vec<u8>, code: u16, status: u32) {
     to.extend_from_slice(bytemuck::bytes_of(&op));
 }
 
-fn raw_device(device: &Shown<'_>) -> RawDevice {
+fn raw_device(device: &DeviceEntry<'_>) -> RawDevice {
     RawDevice {
         path: padded(device.path),
         bus_id: padded(device.bus_id),

@@ -1,5 +1,5 @@
-//! Words of EtherCAT, which everybody who has to do with slaves speaks: the AL states, sets of slaves, CANopen over
-//! EtherCAT ([`coe`]) and CiA 402 ([`cia402`]). No I/O, no state, no `std`.
+//! Types of EtherCAT itself, which all parts of the crate that deal with slaves use: AL states, sets of slaves, CANopen over
+//! EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]). No I/O, no state, no `std`.
 
 pub mod cia402;
 pub mod coe;
@@ -7,25 +7,25 @@ mod slave_set;
 
 pub use slave_set::{MAX_SLAVES, SlaveSet};
 
-/// A point in a device's time, nanoseconds since it was switched on, or a span of it.
+/// A time in nanoseconds since a device was switched on, or a duration in nanoseconds.
 pub type Ns = u64;
 
-/// EtherCAT state of a slave (AL state, ETG.1000.6 6.4.1).
+/// The EtherCAT state of a slave: its AL state (ETG.1000.6 6.4.1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum AlState {
-    /// Init: no mailbox, no process data.
+    /// Init: neither mailbox nor process data.
     #[default]
     Init = 1,
-    /// Pre-operational: mailbox.
+    /// Pre-operational: mailbox communication.
     PreOp = 2,
-    /// Safe-operational: mailbox and inputs.
+    /// Safe-operational: mailbox communication and inputs.
     SafeOp = 4,
-    /// Operational: mailbox, inputs and outputs.
+    /// Operational: mailbox communication, inputs and outputs.
     Op = 8,
 }
 
-/// AL status code: why a slave refuses a change of its AL state, or has left one (ETG.1000.6 table 11).
+/// The AL status code: why a slave refuses a change of its AL state, or has left a state (ETG.1000.6 table 11).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AlStatus(pub u16);
 

@@ -1,8 +1,8 @@
-//! Which slot size a frame has, told from the frame alone: the wire does not show the board's CONFIG2.
+//! Finds the slot size of a frame from the frame alone, since the wire does not show the board's CONFIG2.
 //!
-//! A CRC that is right in one size alone tells it. Where a board fills in no CRC the slots do: read in the wrong size they
-//! begin in the middle of other slots, and what stands there is no command that belongs there. Either may fit by chance;
-//! how many frames have to agree is for the caller to say.
+//! If the CRC is right in one size only, that is the size. If the board fills in no CRC the slots show it: read in the wrong
+//! size, slots begin in the middle of other slots, and their first byte is mostly no command that belongs there. Either may
+//! fit by chance, so the caller decides how many frames have to agree.
 
 use super::{
     CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotKind, SlotSize,
@@ -10,7 +10,7 @@ use super::{
 };
 
 impl SlotSize {
-    /// The size that this one is not.
+    /// The other of the two sizes.
     pub const fn other(self) -> Self {
         match self {
             Self::Bytes12 => Self::Bytes16,
@@ -29,30 +29,31 @@ impl SlotSize {
 }
 
 impl Frame {
-    /// The one size in which byte 3 is the frame's CRC. A byte 3 that is 0 is more often no CRC than one.
+    /// The size in which byte 3 is the frame's CRC; `None` if it is so in both or in neither. If byte 3 is 0 the result is not
+    /// reliable, because a board that fills in no CRC sends 0 there.
     pub fn size_by_crc(&self) -> Option<SlotSize> {
         SlotSize::only(|size| self.check_crc(size, CrcPolicy::Strict).is_ok())
     }
 
-    /// The one size in which the slots have that form.
+    /// The size in which the slots have this form; `None` if they have it in both or in neither.
     pub fn size_by_slots(&self, form: SlotForm) -> Option<SlotSize> {
         SlotSize::only(|size| form.fits(self, size))
     }
 }
 
-/// What the slots of a frame look like in the right size, by what is known of the frame. \[OURS]
+/// How the slots of a frame look in the right size, depending on what is known about the frame. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotForm {
-    /// Of a report: each slave's slot and the SDO slot begin with a command that belongs there, GET_STATUS among them
-    /// (SK-3, SK-6), and bytes 12..15 of slot 0, which read 0, are 0 (SK-1).
+    /// The frame is a report. Each slave's slot and the SDO slot begin with a command that belongs there, GET_STATUS included
+    /// (SK-3, SK-6), and bytes 12..15 of slot 0 are 0 (SK-1).
     Report,
-    /// Of a report that is refused if it does not fit, so that only what no board sends may not fit: slot 0 shows a state
-    /// and what belongs to it (SK-2), the SDO slot begins as that of [`SlotForm::Report`] does, a slave's slot begins with
-    /// any command.
+    /// The frame is a report that will be refused if it does not fit, so everything that a board may send has to fit: slot 0
+    /// shows a state and what belongs to it (SK-2), the SDO slot begins as for [`SlotForm::Report`], a slave's slot begins
+    /// with any command.
     Answer,
-    /// Of a command frame or a report, whichever it is: each slave's slot and the SDO slot are all zero or hold a command
-    /// that belongs there (SK-4) and is not GET_STATUS, or the answer to one. A slot of a report that answers GET_STATUS
-    /// holds data without an id: such a frame tells nothing.
+    /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command that
+    /// belongs there (SK-4) and is not GET_STATUS, or the answer to one. A report with slots that answer GET_STATUS does not
+    /// fit, since they hold data without an id.
     CommandOrReport,
 }
 
@@ -78,8 +79,8 @@ impl SlotForm {
     }
 }
 
-/// Whether slot 0 is one that a board answers: in OP with as many free entries as the FIFO may have, outside OP without a
-/// FIFO, by the id of a command for the board or, in OP, that of the cyclic response.
+/// Whether a board may send this slot 0: with the id of a command for the board or, in OP, that of the cyclic response; in OP
+/// with no more free entries than the FIFO has, outside OP with zeros in their place.
 fn is_answer_of_board(slot: &RawSlot) -> bool {
     let master = MasterResponse::decode(slot);
     let is_known = belongs(slot, SlotKind::Master);
@@ -101,7 +102,8 @@ const fn belongs(slot: &RawSlot, kind: SlotKind) -> bool {
     CommandId::from_code(slot.id).belongs_in(kind)
 }
 
-/// Whether a slot of that kind asks for something that belongs there, or answers it; an SDO transfer names its slave.
+/// Whether the slot is a request that belongs into a slot of this kind, or the answer to one. An SDO transfer has to name a
+/// slave.
 fn asks(slot: &RawSlot, kind: SlotKind, size: SlotSize) -> bool {
     let names_slave = kind != SlotKind::Sdo || (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF));
     slot.id != CommandId::GetStatus.code() && belongs(slot, kind) && names_slave

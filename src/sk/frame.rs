@@ -157,7 +157,7 @@ impl core::fmt::Debug for Frame {
     }
 }
 
-/// The way of a frame.
+/// The direction of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dir {
     /// Commands to the board.

@@ -18,6 +18,7 @@
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
 //! | [`response`] | responses with their meaning |
 //! | [`dump`] | a frame as readable lines |
+//! | [`find_size`] | the slot size of a frame, found from the frame alone |
 //!
 //! Three notations stand throughout:
 //! - "40 (30)": the number for slots of 12 bytes and, in brackets, that for slots of 16 bytes.
@@ -57,7 +58,7 @@ pub use response::{
 };
 pub use slot::{RawSlot, SlotSize, Slots};
 
-/// Vendor and product of the board on USB (SK-9). Hobby devices have the same.
+/// The board's vendor and product id on USB (SK-9), which many hobby devices have as well.
 pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);
 /// The depth of the board's command FIFO in OP, in entries (SK-5). An entry is one command frame and lasts one cycle.
 pub const FIFO_ENTRIES: u16 = 160;

@@ -31,6 +31,7 @@ pub enum Takes {
     Nothing,
 }
 
+/// A transfer that has ended and whose callback was not called yet.
 struct Ending {
     transfer: *mut RawTransfer,
     status: c_int,
@@ -38,11 +39,11 @@ struct Ending {
     bytes: Vec<u8>,
 }
 
-// SAFETY: the pointers are those of transfers, which any thread may use.
+// SAFETY: the pointers are those of transfers, which may be used from any thread.
 unsafe impl Send for Inside {}
 
 struct Inside {
-    /// Transfers that libusb has, oldest first.
+    /// Submitted transfers, the oldest first.
     pending: Vec<*mut RawTransfer>,
     endings: VecDeque<Ending>,
     to_send: VecDeque<(c_int, Vec<u8>)>,
@@ -51,26 +52,27 @@ struct Inside {
     halted: bool,
     halts_cleared: Vec<u8>,
     interrupted: bool,
-    /// Waits for events that a signal ends, from now on.
+    /// How many of the next waits for events a signal ends.
     signals: u32,
-    /// Waits for events that fail, from now on.
+    /// How many of the next waits for events fail.
     event_errors: u32,
-    /// Waits for events so far.
+    /// How many waits for events there were.
     event_waits: u64,
     gone: bool,
-    /// Calls so far, and that at which the device is pulled.
+    /// How many calls there were.
     calls: usize,
+    /// The number of the call at which the device is unplugged.
     pulled_at: usize,
-    /// What a call answers instead.
+    /// Return values that calls have instead of their own, by the names of the functions.
     answers: Vec<(&'static str, c_int)>,
-    /// Contexts, devices, handles, claims, transfers that were made and not given back.
+    /// How many contexts, devices, handles, claims and transfers exist.
     leaked: [isize; 5],
-    /// Transfers that a hand over was asked for after the first; see [`FakeUsb::at_next_hand_over`].
+    /// What the next submission of a transfer does besides; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,
     cancels: usize,
 }
 
-/// The bus and its one device.
+/// The simulated bus with one device.
 pub struct FakeUsb {
     inside: Mutex<Inside>,
     changed: Condvar,
@@ -81,7 +83,7 @@ thread_local! {
 }
 
 impl FakeUsb {
-    /// A world, which lives as long as the test program.
+    /// A bus with its device, which exist until the test program ends.
     pub fn new() -> &'static Self {
         Box::leak(Box::new(Self {
             inside: Mutex::new(Inside {
@@ -108,13 +110,13 @@ impl FakeUsb {
         }))
     }
 
-    /// The bus, as the pipe sees it.
+    /// The bus as the code under test sees it.
     pub fn bus(&'static self) -> Result<Arc<Bus>, UsbError> {
         NEXT.set(Some(self));
         Bus::over(&functions::FAKE)
     }
 
-    /// The device.
+    /// The device as the code under test finds it.
     #[track_caller]
     pub fn found(&'static self) -> FoundDevice {
         let bus = self.bus().expect("it opens");
@@ -127,7 +129,7 @@ impl FakeUsb {
         done
     }
 
-    /// The device sends that, or a transfer ends with that status.
+    /// The device sends `bytes`; the transfer that receives them ends with `status`.
     pub fn send(&self, status: c_int, bytes: &[u8]) {
         self.with(|inside| {
             inside.to_send.push_back((status, bytes.to_vec()));
@@ -139,22 +141,22 @@ impl FakeUsb {
         self.with(|inside| inside.takes = takes);
     }
 
-    /// The cable is pulled.
+    /// Unplugs the device.
     pub fn pull(&self) {
         self.with(Inside::pull);
     }
 
-    /// The cable is pulled in that call of libusb, counted from 1.
+    /// Unplugs the device in the call of libusb with this number, counted from 1.
     pub fn pull_at(&self, call: usize) {
         self.with(|inside| inside.pulled_at = call);
     }
 
-    /// The next waits for events are ended by a signal.
+    /// The next `times` waits for events are ended by a signal.
     pub fn signal(&self, times: u32) {
         self.with(|inside| inside.signals = times);
     }
 
-    /// The wait for events that is under way fails, and so do the next ones.
+    /// The next `times` waits for events fail, beginning with one that is under way.
     pub fn fail_events(&self, times: u32) {
         self.with(|inside| inside.event_errors = times);
     }
@@ -164,17 +166,17 @@ impl FakeUsb {
         self.inside.lock().event_waits
     }
 
-    /// Calls of that name answer so.
+    /// Calls of the function `name` return `code`.
     pub fn answer(&self, name: &'static str, code: c_int) {
         self.with(|inside| inside.answers.push((name, code)));
     }
 
-    /// Does something while the next transfer is handed over.
-    pub fn at_next_hand_over(&self, work: impl FnOnce() + Send + 'static) {
+    /// Runs `work` during the next submission of a transfer.
+    pub fn at_next_submit(&self, work: impl FnOnce() + Send + 'static) {
         self.with(|inside| inside.hook = Some(Box::new(work)));
     }
 
-    /// Waits until the pipe has cancelled something, but not long.
+    /// Waits until the pipe has cancelled a transfer, for at most `limit`.
     pub fn wait_for_a_cancel(&self, limit: Duration) {
         let mut inside = self.inside.lock();
         if inside.cancels == 0 {
@@ -182,7 +184,7 @@ impl FakeUsb {
         }
     }
 
-    /// Waits until so many transfers wait.
+    /// Waits until `count` transfers are submitted.
     #[track_caller]
     pub fn until_pending(&self, count: usize) {
         let mut inside = self.inside.lock();
@@ -204,7 +206,7 @@ impl FakeUsb {
         self.inside.lock().halts_cleared.clone()
     }
 
-    /// Contexts, devices, handles, claims and transfers that were not given back.
+    /// How many contexts, devices, handles, claims and transfers exist.
     pub fn leaked(&self) -> [isize; 5] {
         self.inside.lock().leaked
     }
@@ -263,11 +265,11 @@ impl Inside {
 }
 
 fn to_host(transfer: *mut RawTransfer) -> bool {
-    // SAFETY: the pipe's transfers are there while libusb has them, here and below.
+    // SAFETY: a submitted transfer is valid.
     unsafe { (*transfer).endpoint & 0x80 != 0 }
 }
 
 fn report_of(transfer: *mut RawTransfer) -> [u8; REPORT_LEN] {
-    // SAFETY: as above; its buffer has that size.
+    // SAFETY: a submitted transfer is valid, and its buffer has the length of a report.
     unsafe { *(*transfer).buffer.cast::<[u8; REPORT_LEN]>() }
 }

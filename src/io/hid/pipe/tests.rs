@@ -367,7 +367,7 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
     let pipe = Arc::new(open(world));
     let (closing, closed) = mpsc::channel();
     let closer = pipe.clone();
-    world.at_next_hand_over(move || {
+    world.at_next_submit(move || {
         thread::spawn(move || {
             closer.close();
             let _ = closing.send(());

@@ -20,75 +20,75 @@ pub const PRODUCT: u16 = 0x05DF;
 /// `ERROR_OPERATION_ABORTED`
 const ABORTED: u32 = 995;
 
-/// What the board does with a report that it is sent.
+/// What the board does with a report from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
-    /// It takes it.
+    /// It takes the report.
     All,
-    /// It does not take it.
+    /// It does not take the report.
     Nothing,
-    /// The wire fails: Windows says so by this code.
+    /// The transfer fails on the wire, with this error code of Windows.
     Fails(u32),
 }
 
 /// A device as Windows lists it.
 pub struct Listed {
-    /// What stands between `\\?\` and the class: `hid#vid_16c0&pid_05df#7&1&0&0000`.
+    /// The part of its path between `\\?\` and the class, such as `hid#vid_16c0&pid_05df#7&1&0&0000`.
     pub name: &'static str,
-    /// Names of the devices it belongs to, the nearest first.
+    /// The names of its parent devices, the nearest first.
     pub parents: &'static [&'static str],
-    /// Bytes of its reports to the host and to it.
+    /// The lengths in bytes of its reports to the host and from the host.
     pub reports: [u16; 2],
 }
 
-/// The board of most tests.
+/// The board that most tests use.
 pub const BOARD: Listed = Listed {
     name: "hid#vid_16c0&pid_05df#7&1a2b&0&0000",
     parents: &[r"USB\VID_16C0&PID_05DF\0001"],
     reports: [NUMBERED_LEN as u16; 2],
 };
 
-/// A transfer that Windows has.
+/// A transfer that is under way.
 struct Pending {
     overlapped: *mut Overlapped,
     buffer: *mut u8,
     to_host: bool,
 }
 
-// SAFETY: the pointers are those of transfers, which any thread may use.
+// SAFETY: the pointers are those of transfers, which may be used from any thread.
 unsafe impl Send for Inside {}
 
 struct Inside {
     devices: Vec<Listed>,
     pending: Vec<Pending>,
-    /// Transfers that have ended: which, by which code, how many bytes have moved.
+    /// Transfers that have ended, each with its error code and the number of bytes transferred.
     ended: VecDeque<(*mut Overlapped, u32, usize)>,
     woken: bool,
-    /// Events that are set: of the transfer to the device, and of an interruption.
+    /// Whether a backend's two events are set: the end of the transfer to the device, and the interruption.
     set: [bool; 2],
-    /// The first of a backend's events has been made.
+    /// The first of a backend's events was created.
     has_event: bool,
     to_send: VecDeque<Vec<u8>>,
     takes: Takes,
     taken: Vec<Vec<u8>>,
-    /// What every call on the board fails by, once it is pulled.
+    /// The error code of all calls for the board once it is unplugged.
     gone: Option<u32>,
-    /// What opening the board to move reports fails by.
+    /// The error code of opening the board for reports.
     refused: Option<u32>,
-    /// Handles, lists and other things that were made and not given back.
+    /// How many handles, lists and other objects exist.
     leaked: isize,
-    /// Paths that were opened.
+    /// The paths that were opened.
     opened: Vec<String>,
-    /// Texts that a device was asked for.
+    /// How many texts were read from a device.
     asked: usize,
-    /// How many reports the driver was told to keep.
+    /// The length of the driver's queue.
     keeps: Option<u32>,
-    /// The call for the next write does not come back before this has gone.
+    /// A write does not return while this is set.
     held: bool,
 }
 
-/// The devices and the one board that is opened.
-#[repr(align(8))] // Its handles keep something in the lowest bits.
+/// The simulated Windows with its devices, of which one is opened.
+#[repr(align(8))] // The lowest bits of its address tell its handles apart.
 pub struct FakeWindows {
     inside: Mutex<Inside>,
     changed: Condvar,
@@ -99,7 +99,7 @@ thread_local! {
 }
 
 impl FakeWindows {
-    /// A world with these devices, which lives as long as the test program.
+    /// A Windows with these devices, which exists until the test program ends.
     pub fn new(devices: Vec<Listed>) -> &'static Self {
         let inside = Inside {
             devices,
@@ -122,7 +122,7 @@ impl FakeWindows {
         Box::leak(Box::new(Self { inside: Mutex::new(inside), changed: Condvar::new() }))
     }
 
-    /// The devices with the board's ids, as the link sees them.
+    /// The devices with the board's ids, as the code under test finds them.
     pub fn candidates(&'static self) -> Result<Vec<Candidate>, UsbError> {
         HERE.set(Some(self));
         let bus: Arc<Bus> = Bus::over(functions::FAKE);
@@ -135,7 +135,7 @@ impl FakeWindows {
         done
     }
 
-    /// The board sends that: number and report.
+    /// The board sends a report with the report id `number`.
     pub fn send(&self, number: u8, report: &[u8]) {
         self.with(|inside| {
             inside.to_send.push_back([&[number], report].concat());
@@ -147,7 +147,7 @@ impl FakeWindows {
         self.with(|inside| inside.takes = takes);
     }
 
-    /// The call for the next write comes back when [`FakeWindows::let_go`] is called.
+    /// The next write returns only after [`FakeWindows::let_go`] was called.
     pub fn hold(&self) {
         self.with(|inside| inside.held = true);
     }
@@ -160,7 +160,7 @@ impl FakeWindows {
         self.with(|inside| inside.refused = Some(code));
     }
 
-    /// The board is pulled; calls and transfers fail by that code.
+    /// Unplugs the board; calls and transfers fail with this error code.
     pub fn pull(&self, code: u32) {
         self.with(|inside| {
             inside.gone = Some(code);
@@ -170,7 +170,7 @@ impl FakeWindows {
         });
     }
 
-    /// Waits until Windows has so many transfers.
+    /// Waits until `count` transfers are under way.
     pub fn until_pending(&self, count: usize) {
         let mut inside = self.inside.lock();
         while inside.pending.len() != count || !inside.ended.is_empty() {
@@ -178,7 +178,7 @@ impl FakeWindows {
         }
     }
 
-    /// Reports that the board was sent, each with its number.
+    /// The reports that the board has taken, each with its report id.
     pub fn taken(&self) -> Vec<Vec<u8>> {
         self.with(|inside| inside.taken.clone())
     }
@@ -191,7 +191,7 @@ impl FakeWindows {
         self.with(|inside| inside.asked)
     }
 
-    /// Reads that Windows has.
+    /// How many reads are under way.
     pub fn reads(&self) -> usize {
         self.with(|inside| inside.pending.iter().filter(|pending| pending.to_host).count())
     }
@@ -200,20 +200,20 @@ impl FakeWindows {
         self.with(|inside| inside.keeps)
     }
 
-    /// What was made and not given back.
+    /// How many handles, lists and other objects exist.
     pub fn leaked(&self) -> isize {
         self.with(|inside| inside.leaked)
     }
 }
 
 impl Inside {
-    /// Moves what is to be sent into reads, the oldest first.
+    /// Delivers the board's reports to reads, the oldest first.
     fn deliver(&mut self) {
         while !self.to_send.is_empty() {
             let Some(at) = self.pending.iter().position(|pending| pending.to_host) else { break };
             let (Pending { overlapped, buffer, .. }, bytes) = (self.pending.remove(at), self.to_send.pop_front());
             let bytes = bytes.unwrap_or_default();
-            // SAFETY: Windows has the transfer, whose buffer has room for a report.
+            // SAFETY: the transfer is under way, and its buffer has room for a report.
             unsafe { buffer.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len().min(NUMBERED_LEN)) };
             self.end(overlapped, 0, bytes.len());
         }
@@ -221,7 +221,7 @@ impl Inside {
         self.to_send.drain(..self.to_send.len().saturating_sub(keeps));
     }
 
-    /// A write of that report; the code that the function for it fails by.
+    /// Writes a report to the board. Returns the error code of the function.
     fn write(&mut self, overlapped: *mut Overlapped, buffer: *mut u8, report: Vec<u8>) -> u32 {
         if let Some(code) = self.gone {
             return code;
@@ -246,9 +246,9 @@ impl Inside {
         at.is_some()
     }
 
-    /// A transfer has ended, which its event is told, or the port.
+    /// Ends a transfer: sets its event if it has one, otherwise queues it for the completion port.
     fn end(&mut self, overlapped: *mut Overlapped, code: u32, moved: usize) {
-        // SAFETY: Windows has the transfer.
+        // SAFETY: the transfer is under way.
         let transfer = unsafe { &mut *overlapped };
         (transfer.internal, transfer.internal_high) = (code as usize, moved);
         if transfer.event.addr() & 1 == 0 {

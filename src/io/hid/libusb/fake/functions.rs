@@ -14,11 +14,11 @@ use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, report_of,
 const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
 
-/// From here on a limit is long.
+/// A wait with a limit from here on has to be interrupted by the code under test; that it times out is a failure.
 const LONG: Duration = Duration::from_secs(1);
 
 fn world<T>(pointer: *mut T) -> &'static FakeUsb {
-    // SAFETY: contexts, devices and handles of this library are all the address of a world, which is never freed.
+    // SAFETY: all contexts, devices and handles here are the address of a `FakeUsb`, which is never freed.
     unsafe { &*pointer.cast::<FakeUsb>() }
 }
 
@@ -284,7 +284,7 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
         inside.signals -= 1;
         return INTERRUPTED;
     }
-    // A long limit never passes here: whoever needs it to has forgotten to interrupt.
+    // A wait that is not interrupted never ends, so that a test notices it.
     while inside.endings.is_empty() && !inside.interrupted && inside.event_errors == 0 {
         if limit < LONG {
             world.changed.wait_for(&mut inside, limit);

@@ -21,9 +21,9 @@ const INVALID: u32 = 87;
 const NOT_FOUND: u32 = 1168;
 /// `CR_NO_SUCH_DEVNODE`
 const NO_NODE: u32 = 13;
-/// A node's parents are numbered from it.
+/// The difference between the number of a node and that of its parent.
 const GENERATION: u32 = 100;
-/// From here on a limit is long.
+/// A wait with a limit from here on has to be interrupted by the code under test.
 const LONG_MS: u32 = 1000;
 const CLASS: &str = "#{4d1e55b2-f16f-11cf-88cb-001111000030}";
 
@@ -60,19 +60,19 @@ pub(super) const FAKE: Api = Api {
     device_id,
 };
 
-/// Of a handle: all of them are the address of a world, which is never freed, in the lowest bits what else is known.
+/// The Windows that a handle belongs to. A handle is its address, with the kind of the handle in the lowest bits.
 fn world(handle: *mut c_void) -> &'static FakeWindows {
-    // SAFETY: see above.
+    // SAFETY: all handles here are made of the address of a `FakeWindows`, which is never freed.
     unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }
 }
 
-/// Bits that no address of a world has.
+/// The bits that are 0 in the address of a `FakeWindows`.
 const LOWEST: usize = align_of::<FakeWindows>() - 1;
-/// In the handles of a line's events.
+// These bits in the handles of a backend's two events.
 const FIRST: usize = 2;
 const SECOND: usize = 4;
 
-/// Which event a handle is, from 0.
+/// The number of the event that a handle stands for, 0 or 1.
 pub(super) fn event(handle: Handle) -> usize {
     match handle.addr() & LOWEST & !1 {
         FIRST => 0,
@@ -94,7 +94,7 @@ fn give_back(handle: *mut c_void) {
     world(handle).with(|inside| inside.leaked -= 1);
 }
 
-/// True for 0, or false with that as the last error.
+/// Returns true for the code 0; otherwise sets the last error to it and returns false.
 fn answer(code: u32) -> Bool {
     if code == 0 {
         return 1;
@@ -194,7 +194,7 @@ unsafe extern "system" fn next_completion(
 ) -> Bool {
     let world = world(port);
     let mut inside = world.inside.lock();
-    // A long limit never passes here: whoever needs it to has forgotten to interrupt.
+    // A wait that is not interrupted never ends, so that a test notices it.
     while inside.ended.is_empty() && !inside.woken {
         if limit_ms < LONG_MS {
             world.changed.wait_for(&mut inside, Duration::from_millis(limit_ms.into()));

@@ -6,29 +6,8 @@ use crate::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::{
     CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand,
-    SlotCommand, SlotKind,
+    SlaveKind, SlotCommand, SlotKind,
 };
-
-/// In OP these do not wait in the FIFO (SK-5 \[OURS]).
-pub(super) const fn acts_on_arrival(id: CommandId) -> bool {
-    matches!(id, CommandId::SetFifo | CommandId::SetState | CommandId::SoftReset)
-}
-
-/// The states that allow a command: the table of UG17 1.8.
-const fn allowed_in(id: CommandId, state: MasterState) -> bool {
-    use CommandId::*;
-    use MasterState::*;
-    match id {
-        GetStatus | SetState | LocalRead | LocalWrite | SoftReset => true,
-        SetAxis | SetDc | DriveMode => matches!(state, Init | PreOp),
-        SetEx => matches!(state, Init | PreOp | SafeOp),
-        SdoRead | SdoWrite => matches!(state, PreOp | SafeOp | Op),
-        SetFifo | AlarmClear | ServoOn | ServoOff | IoRead | IoWrite | Csp | Csv | Cst | GoHome | AbortHome => {
-            matches!(state, Op)
-        }
-        Unknown(_) => false,
-    }
-}
 
 /// The bit of a kind of slot in [`ADMITTED`].
 const fn slot_bit(slot: SlotKind) -> u8 {
@@ -54,7 +33,7 @@ static ADMITTED: [u8; 256] = {
         }
         let mut state = 0;
         while state < STATES.len() {
-            if allowed_in(id, STATES[state]) {
+            if id.is_allowed_in(STATES[state]) {
                 bits |= state_bit(STATES[state]);
             }
             state += 1;
@@ -83,17 +62,18 @@ enum Done {
     Ignored,
 }
 
-/// Whether a command is one for that kind of slave: the rest of the columns of UG17 1.8.
+/// Whether a slave that is used like this takes the command in its slot.
+#[inline(always)]
 pub(super) const fn suits(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
-    use SlaveCommand::*;
-    match (command, role) {
-        (DriveMode { .. }, _) => Ok(()),
-        (_, Role::Unused) => Err(Reason::NoSlave),
-        (GetStatus, _) | (IoRead | IoWrite(_), Role::Io) => Ok(()),
-        (_, Role::Io) | (IoRead | IoWrite(_) | Other(_), _) => Err(Reason::WrongSlot),
-        (Csv(_), Role::Step(_)) | (Cst(_), Role::Step(_) | Role::Hsp(_)) => Err(Reason::WrongSlot),
-        _ => Ok(()),
-    }
+    let id = command.id();
+    let (takes, why_not) = match role {
+        Role::Unused => (id.is_for(SlaveKind::None), Reason::NoSlave),
+        Role::Drive(_) => (id.is_for(SlaveKind::Drive), Reason::WrongSlot),
+        Role::Step(_) => (id.is_for(SlaveKind::Step), Reason::WrongSlot),
+        Role::Hsp(_) => (id.is_for(SlaveKind::Hsp), Reason::WrongSlot),
+        Role::Io => (id.is_for(SlaveKind::Io), Reason::WrongSlot),
+    };
+    if takes { Ok(()) } else { Err(why_not) }
 }
 
 #[inline]
@@ -142,7 +122,7 @@ impl Engine {
     /// OP is over already; it allows then what OP allows.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
-        if acts_on_arrival(id) {
+        if id.acts_on_arrival() {
             return;
         }
         match admit_in(Some(MasterState::Op), id, SlotKind::Master) {
@@ -264,7 +244,7 @@ impl Engine {
             return Ok(Done::Executed(None));
         }
         suits(command, self.role(slave))?;
-        if self.ignores(slave, command) {
+        if command.id().is_ignored_while_homing() && self.ignores_motion(slave) {
             return Ok(Done::Ignored);
         }
         match *command {

@@ -4,7 +4,6 @@ use super::homing::{Answer, HomingEnd, News};
 use super::{Engine, Event, Reason};
 use crate::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
-use crate::sk::SlaveCommand;
 
 /// Where a slave is on its way home.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -49,13 +48,9 @@ impl Engine {
         slaves
     }
 
-    /// Whether a command is one that counts as ignored while homing, and counts it.
-    ///
-    /// SK-7 \[OURS]: SV_OFF always acts, and ends homing; so does ALM_CLR: it starts no motor.
-    pub(super) fn ignores(&mut self, slave: usize, command: &SlaveCommand) -> bool {
-        use SlaveCommand::{Csp, Cst, Csv, GoHome, ServoOn};
-        let concerned = matches!(command, ServoOn | Csp(_) | Csv(_) | Cst(_) | GoHome);
-        let ignored = concerned && self.homing_phase(slave as u8) != HomingPhase::Idle;
+    /// Whether a command that would move a slave's axes is ignored because the slave is homing, and counts it.
+    pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
+        let ignored = self.homing_phase(slave as u8) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
         ignored
     }

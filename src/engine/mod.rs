@@ -337,7 +337,7 @@ impl Engine {
         // SK-5 [OURS]: these three act on arrival, before queueing and also when the FIFO is full.
         let boots = self.boots;
         let slot = frame.slot(size, 0);
-        if execute::acts_on_arrival(CommandId::from_code(slot.id)) {
+        if CommandId::from_code(slot.id).acts_on_arrival() {
             self.execute_master(&slot, at);
         }
         if self.boots != boots {

@@ -3,6 +3,26 @@
 
 use core::fmt;
 
+use super::command::AxisTarget;
+use crate::coe::ObjectAddress;
+
+/// The value of one argument of a command, for formats that show a command's arguments by name, such as JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Argument {
+    /// A number, in the unit that the name says.
+    Number(i64),
+    /// Yes or no.
+    Flag(bool),
+    /// One of a few words.
+    Word(&'static str),
+    /// The kinds of eight slaves.
+    Kinds([SlaveKind; 8]),
+    /// An object of a slave.
+    Object(ObjectAddress),
+    /// The target and the outputs of an axis.
+    Axis(AxisTarget),
+}
+
 /// What kind of slave a slot belongs to, which the host declares with SET_AXIS, one nibble per slave (UG17 2.1.3). The board
 /// chooses the slave's process data by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -47,6 +67,14 @@ impl SlaveKind {
             Self::Hsp => "HSP",
             Self::Step => "STEP",
             Self::None => "None",
+        }
+    }
+
+    /// The name in a dump.
+    pub(super) const fn dump_name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            named => named.name(),
         }
     }
 }
@@ -127,6 +155,16 @@ pub enum DriveSync {
     /// 1: synchronised by distributed clocks, the default.
     #[default]
     DcSync = 1,
+}
+
+/// A torque in 0.1 % of the rated torque, shown in per cent.
+pub(super) struct TorquePercent(pub i16);
+
+impl fmt::Display for TorquePercent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (sign, tenths) = (if self.0 < 0 { "-" } else { "" }, self.0.unsigned_abs());
+        write!(f, "{sign}{}.{} %", tenths / 10, tenths % 10)
+    }
 }
 
 /// Which argument of a command is none that the guides allow. The modelled board rejects such a command with this reason.

@@ -21,7 +21,9 @@
 mod sdo;
 mod slave;
 
-use super::argument::{CycleTime, DcShift, FifoAction, Malformed, SlaveKind};
+use core::fmt::{self, Display, Formatter};
+
+use super::argument::{Argument, CycleTime, DcShift, FifoAction, Malformed, SlaveKind};
 use super::id::CommandId;
 use super::response::MasterState;
 use super::slot::{RawSlot, SlotSize};
@@ -159,6 +161,93 @@ impl MasterCommand {
             Self::LocalWrite(_) => CommandId::LocalWrite,
             Self::SoftReset => CommandId::SoftReset,
             Self::Other(raw) => CommandId::from_code(raw.id),
+        }
+    }
+
+    /// Writes the arguments as a dump shows them, each with a blank in front.
+    pub(super) fn write_arguments(&self, f: &mut Formatter<'_>, size: SlotSize) -> fmt::Result {
+        match *self {
+            Self::SetState(state) => write!(f, " {state}"),
+            Self::SetAxis { group, kinds } => write_axes(f, group, &kinds, size),
+            Self::SetDc { cycle, shift } => {
+                write!(f, " {} us, ", cycle.us())?;
+                match shift {
+                    DcShift::Auto => f.write_str("auto shift"),
+                    DcShift::AutoHigh => f.write_str("auto shift (0xFFFF0000)"),
+                    DcShift::Other(raw) => write!(f, "shift 0x{raw:08X} (without effect)"),
+                }
+            }
+            Self::SetEx { check_commands, fill_responses } => {
+                let word = |on| if on { "on" } else { "off" };
+                write!(f, " command CRC check {}, response CRC {}", word(check_commands), word(fill_responses))
+            }
+            Self::SetFifo(FifoAction::Clear) => f.write_str(" clear"),
+            Self::SetFifo(FifoAction::Threshold(free)) => write!(f, " threshold {free}"),
+            Self::LocalWrite(outputs) => write!(f, " outputs 0b{outputs:06b}"),
+            Self::GetStatus | Self::LocalRead | Self::SoftReset | Self::Other(_) => Ok(()),
+        }
+    }
+
+    /// Gives the arguments by name, one after the other.
+    pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
+        match *self {
+            Self::SetState(state) => give("state", Argument::Word(state.name())),
+            Self::SetAxis { group, kinds } => {
+                give("group", Argument::Number(group.into()));
+                give("kinds", Argument::Kinds(kinds));
+            }
+            Self::SetDc { cycle, shift } => {
+                give("cycle_us", Argument::Number(cycle.us().into()));
+                let shift = match shift {
+                    DcShift::Auto | DcShift::AutoHigh => "auto",
+                    DcShift::Other(_) => "without effect",
+                };
+                give("shift", Argument::Word(shift));
+            }
+            Self::SetEx { check_commands, fill_responses } => {
+                give("check_commands", Argument::Flag(check_commands));
+                give("fill_responses", Argument::Flag(fill_responses));
+            }
+            Self::SetFifo(FifoAction::Clear) => give("action", Argument::Word("clear")),
+            Self::SetFifo(FifoAction::Threshold(free)) => {
+                give("action", Argument::Word("threshold"));
+                give("threshold_entries", Argument::Number(free.into()));
+            }
+            Self::LocalWrite(outputs) => give("outputs", Argument::Number(outputs.into())),
+            Self::GetStatus | Self::LocalRead | Self::SoftReset | Self::Other(_) => {}
+        }
+    }
+}
+
+/// The arguments of SET_AXIS, such as ` group 0: 1 DRIVE, 2 IO, 3..8 none`. Three or more neighbours of the same kind are
+/// written as a range.
+fn write_axes(f: &mut Formatter<'_>, group: u8, kinds: &[SlaveKind; 8], size: SlotSize) -> fmt::Result {
+    write!(f, " group {group}:")?;
+    let first = usize::from(group) * 8 + 1;
+    let slaves_of_group = size.max_slaves().saturating_sub(first - 1).min(8);
+    let mut comma = "";
+    let mut k = 0;
+    while k < slaves_of_group {
+        let equal = kinds[k..slaves_of_group].iter().take_while(|kind| **kind == kinds[k]).count();
+        let run = if equal >= 3 { equal } else { 1 };
+        write!(f, "{comma} {} {}", SlaveRange(first + k, first + k + run - 1), kinds[k].dump_name())?;
+        comma = ",";
+        k += run;
+    }
+    if slaves_of_group < 8 {
+        write!(f, "{comma} {} ignored", SlaveRange(first + slaves_of_group, first + 7))?;
+    }
+    Ok(())
+}
+
+/// A slave's number or a range of them: `5` or `6..8`.
+struct SlaveRange(usize, usize);
+
+impl Display for SlaveRange {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self(first, last) if first == last => write!(f, "{first}"),
+            Self(first, last) => write!(f, "{first}..{last}"),
         }
     }
 }

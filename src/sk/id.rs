@@ -1,12 +1,80 @@
-//! The ids of the 22 commands, and which slot takes which of them (UG17 1.8, table 1.3).
+//! The 22 commands: their ids, which slots and which slaves take them, in which states, and when they act (UG17 1.8, table
+//! 1.3).
 //!
-//! A new command of the board begins here: its id, and its slot in [`CommandId::belongs_in`]. The compiler then names the
-//! other places.
+//! A new command of the board begins here, with a row of the table. Four places follow:
+//!
+//! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in JSON;
+//! - `engine/execute.rs`: what the board does;
+//! - `tests/engine/commands.rs` and `docs/rules/board.md`: the guide's table, and the rule.
+//!
+//! The compiler names the first two, and tests the others. What else depends on a command, such as the kind of slave that a
+//! dump guesses by it, follows from its row.
 
 use core::fmt;
 
+use super::argument::SlaveKind;
+use super::response::MasterState;
+
+/// The slots that take a command.
+#[derive(Clone, Copy)]
+enum Takers {
+    /// Every slot.
+    Every,
+    /// Slot 0.
+    Board,
+    /// The slot of a slave, whatever it is declared as.
+    AnySlave,
+    /// The slot of a slave of these kinds, a bit for each [`SlaveKind::nibble`].
+    Kinds(u16),
+    /// The last slot.
+    Sdo,
+    /// None.
+    Nobody,
+}
+
+impl Takers {
+    /// The slots of slaves of these kinds.
+    const fn kinds(kinds: &[SlaveKind]) -> Self {
+        let (mut bits, mut n) = (0, 0);
+        while n < kinds.len() {
+            bits |= 1 << kinds[n].nibble();
+            n += 1;
+        }
+        Self::Kinds(bits)
+    }
+}
+
+const EVERY_SLOT: Takers = Takers::Every;
+const BOARD: Takers = Takers::Board;
+const ANY_SLAVE: Takers = Takers::AnySlave;
+const AXES: Takers = Takers::kinds(&[SlaveKind::Drive, SlaveKind::Hsp, SlaveKind::Step]);
+const DRIVES_AND_HSPS: Takers = Takers::kinds(&[SlaveKind::Drive, SlaveKind::Hsp]);
+const DRIVES: Takers = Takers::kinds(&[SlaveKind::Drive]);
+const IO: Takers = Takers::kinds(&[SlaveKind::Io]);
+const SDO: Takers = Takers::Sdo;
+
+/// The states that allow a command, by their letters in the guide's table: Init, PreOP, SafeOP, OP.
+const IPSO: &[MasterState] = &[MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
+const IPS: &[MasterState] = &[MasterState::Init, MasterState::PreOp, MasterState::SafeOp];
+const IP: &[MasterState] = &[MasterState::Init, MasterState::PreOp];
+const PSO: &[MasterState] = &[MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
+const O: &[MasterState] = &[MasterState::Op];
+
+/// When a command acts in OP.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Acts {
+    /// When its frame is the next one in the FIFO.
+    InTurn,
+    /// As [`Acts::InTurn`], but it is ignored for an axis that is being homed, since it would move it. SK-7 `[OURS]`:
+    /// SV_OFF always acts, and ends homing; so does ALM_CLR, which starts no motor.
+    UnlessHoming,
+    /// When its frame arrives (SK-5 `[OURS]`).
+    OnArrival,
+}
+use Acts::{InTurn, OnArrival, UnlessHoming};
+
 macro_rules! command_ids {
-    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
+    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal, $takers:ident, $states:ident, $acts:ident;)*) => {
         /// Byte 0 of a command slot. A code that no guide lists is kept as [`CommandId::Unknown`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandId {
@@ -17,7 +85,7 @@ macro_rules! command_ids {
 
         impl CommandId {
             /// The 22 commands in the order of their codes.
-            pub const ALL: [Self; 22] = [$(Self::$name,)*];
+            pub const ALL: [Self; [$($code),*].len()] = [$(Self::$name,)*];
 
             /// The id with this code.
             #[inline]
@@ -41,6 +109,29 @@ macro_rules! command_ids {
                     Self::Unknown(_) => "UNKNOWN",
                 }
             }
+
+            #[inline]
+            const fn takers(self) -> Takers {
+                match self {
+                    $(Self::$name => $takers,)*
+                    Self::Unknown(_) => Takers::Nobody,
+                }
+            }
+
+            const fn states(self) -> &'static [MasterState] {
+                match self {
+                    $(Self::$name => $states,)*
+                    Self::Unknown(_) => &[],
+                }
+            }
+
+            #[inline]
+            const fn acts(self) -> Acts {
+                match self {
+                    $(Self::$name => $acts,)*
+                    Self::Unknown(_) => InTurn,
+                }
+            }
         }
     };
 }
@@ -62,28 +153,28 @@ static BY_CODE: [CommandId; 256] = {
 };
 
 command_ids! {
-    GetStatus = 0x00, "GET_STATUS";
-    SetState = 0x01, "SET_STATE";
-    SetAxis = 0x02, "SET_AXIS";
-    SetDc = 0x03, "SET_DC";
-    SetEx = 0x04, "SET_EX";
-    SetFifo = 0x05, "SET_FIFO";
-    DriveMode = 0x06, "DRIVE_MODE";
-    SdoRead = 0x07, "SDO_RD";
-    SdoWrite = 0x08, "SDO_WR";
-    AlarmClear = 0x10, "ALM_CLR";
-    ServoOn = 0x11, "SV_ON";
-    ServoOff = 0x12, "SV_OFF";
-    IoRead = 0x13, "IO_RD";
-    IoWrite = 0x14, "IO_WR";
-    Csp = 0x15, "CSP";
-    Csv = 0x16, "CSV";
-    Cst = 0x17, "CST";
-    GoHome = 0x18, "GO_HOME";
-    AbortHome = 0x19, "ABORT_HOME";
-    LocalRead = 0x21, "LIO_RD";
-    LocalWrite = 0x22, "LIO_WR";
-    SoftReset = 0xBB, "SW_RESET";
+    GetStatus = 0x00, "GET_STATUS", EVERY_SLOT, IPSO, InTurn;
+    SetState = 0x01, "SET_STATE", BOARD, IPSO, OnArrival;
+    SetAxis = 0x02, "SET_AXIS", BOARD, IP, InTurn;
+    SetDc = 0x03, "SET_DC", BOARD, IP, InTurn;
+    SetEx = 0x04, "SET_EX", BOARD, IPS, InTurn;
+    SetFifo = 0x05, "SET_FIFO", BOARD, O, OnArrival;
+    DriveMode = 0x06, "DRIVE_MODE", ANY_SLAVE, IP, InTurn;
+    SdoRead = 0x07, "SDO_RD", SDO, PSO, InTurn;
+    SdoWrite = 0x08, "SDO_WR", SDO, PSO, InTurn;
+    AlarmClear = 0x10, "ALM_CLR", AXES, O, InTurn;
+    ServoOn = 0x11, "SV_ON", AXES, O, UnlessHoming;
+    ServoOff = 0x12, "SV_OFF", AXES, O, InTurn;
+    IoRead = 0x13, "IO_RD", IO, O, InTurn;
+    IoWrite = 0x14, "IO_WR", IO, O, InTurn;
+    Csp = 0x15, "CSP", AXES, O, UnlessHoming;
+    Csv = 0x16, "CSV", DRIVES_AND_HSPS, O, UnlessHoming;
+    Cst = 0x17, "CST", DRIVES, O, UnlessHoming;
+    GoHome = 0x18, "GO_HOME", AXES, O, UnlessHoming;
+    AbortHome = 0x19, "ABORT_HOME", AXES, O, InTurn;
+    LocalRead = 0x21, "LIO_RD", BOARD, IPSO, InTurn;
+    LocalWrite = 0x22, "LIO_WR", BOARD, IPSO, InTurn;
+    SoftReset = 0xBB, "SW_RESET", BOARD, IPSO, OnArrival;
 }
 
 /// What a slot of a frame is for. Each of the three kinds takes its own commands: the columns of the table in UG17 1.8.
@@ -107,30 +198,63 @@ impl CommandId {
     /// in none.
     #[inline]
     pub const fn belongs_in(self, slot: SlotKind) -> bool {
-        match self {
-            Self::GetStatus => true,
-            Self::SetState
-            | Self::SetAxis
-            | Self::SetDc
-            | Self::SetEx
-            | Self::SetFifo
-            | Self::LocalRead
-            | Self::LocalWrite
-            | Self::SoftReset => matches!(slot, SlotKind::Master),
-            Self::SdoRead | Self::SdoWrite => matches!(slot, SlotKind::Sdo),
-            Self::DriveMode
-            | Self::AlarmClear
-            | Self::ServoOn
-            | Self::ServoOff
-            | Self::IoRead
-            | Self::IoWrite
-            | Self::Csp
-            | Self::Csv
-            | Self::Cst
-            | Self::GoHome
-            | Self::AbortHome => matches!(slot, SlotKind::Slave),
-            Self::Unknown(_) => false,
+        match self.takers() {
+            Takers::Every => true,
+            Takers::Board => matches!(slot, SlotKind::Master),
+            Takers::AnySlave | Takers::Kinds(_) => matches!(slot, SlotKind::Slave),
+            Takers::Sdo => matches!(slot, SlotKind::Sdo),
+            Takers::Nobody => false,
         }
+    }
+
+    /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may also come before a slave is
+    /// declared: [`SlaveKind::None`] takes it alone.
+    #[inline]
+    pub const fn is_for(self, kind: SlaveKind) -> bool {
+        match self.takers() {
+            Takers::Every => !matches!(kind, SlaveKind::None),
+            Takers::AnySlave => true,
+            Takers::Kinds(kinds) => kinds >> kind.nibble() & 1 != 0,
+            Takers::Board | Takers::Sdo | Takers::Nobody => false,
+        }
+    }
+
+    /// Whether slaves with axes take this command and IO slaves do not.
+    pub const fn is_for_axes(self) -> bool {
+        self.is_for(SlaveKind::Drive) && !self.is_for(SlaveKind::Io)
+    }
+
+    /// The kind of slave that alone takes this command; `None` if several do, or no slave.
+    pub const fn only_kind(self) -> Option<SlaveKind> {
+        match self.takers() {
+            Takers::Kinds(kinds) if kinds.is_power_of_two() => SlaveKind::from_nibble(kinds.trailing_zeros() as u8),
+            _ => None,
+        }
+    }
+
+    /// Whether the board executes this command in that state (UG17 1.8), an unknown code in none.
+    pub const fn is_allowed_in(self, state: MasterState) -> bool {
+        let states = self.states();
+        let mut n = 0;
+        while n < states.len() {
+            if states[n] as u8 == state as u8 {
+                return true;
+            }
+            n += 1;
+        }
+        false
+    }
+
+    /// Whether this command acts when its frame arrives, in OP too, where others wait in the FIFO (SK-5 `[OURS]`).
+    #[inline]
+    pub const fn acts_on_arrival(self) -> bool {
+        matches!(self.acts(), OnArrival)
+    }
+
+    /// Whether the board ignores this command for an axis that is being homed, since it would move it (SK-7 `[OURS]`).
+    #[inline]
+    pub const fn is_ignored_while_homing(self) -> bool {
+        matches!(self.acts(), UnlessHoming)
     }
 }
 

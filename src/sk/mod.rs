@@ -46,7 +46,7 @@ pub mod id;
 pub mod response;
 pub mod slot;
 
-pub use argument::{CycleTime, DcShift, DriveSync, FifoAction, Malformed, SlaveKind};
+pub use argument::{Argument, CycleTime, DcShift, DriveSync, FifoAction, Malformed, SlaveKind};
 pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};

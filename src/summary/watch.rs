@@ -142,7 +142,7 @@ impl FrameWatch {
                 Some(SlaveKind::Hsp) => 0,
                 Some(SlaveKind::Io | SlaveKind::None) => continue,
                 // The slaves were declared before the first frame: a slot that answers a command of drives is a drive's.
-                None if is_of_drives(CommandId::from_code(slot.id)) => drive.error_code,
+                None if CommandId::from_code(slot.id).is_for_axes() => drive.error_code,
                 None => continue,
             };
             self.alarm(slave, is_fault(drive.statusword).then_some(code), on_event);
@@ -162,9 +162,4 @@ impl FrameWatch {
 
 fn is_fault(statusword: Statusword) -> bool {
     matches!(statusword.state(), Some(DriveState::Fault | DriveState::FaultReactionActive))
-}
-
-fn is_of_drives(id: CommandId) -> bool {
-    use CommandId::{AbortHome, AlarmClear, Csp, Cst, Csv, GoHome, ServoOff, ServoOn};
-    matches!(id, AlarmClear | ServoOn | ServoOff | Csp | Csv | Cst | GoHome | AbortHome)
 }

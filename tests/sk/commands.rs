@@ -3,8 +3,8 @@
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::sk::{
-    AxisTarget, CommandId, CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, SdoCommand,
-    SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize,
+    AxisTarget, CommandId, CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, RawSlot,
+    SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize,
 };
 use vectors::rubbish;
 
@@ -249,4 +249,48 @@ fn each_command_belongs_in_one_kind_of_slot() {
             assert_eq!(size.kind_of(slot), expected, "slot {slot}");
         }
     }
+}
+
+/// SK-4.1 In each kind of slot the commands that belong there are decoded, and no others: what is missing in `command/` shows.
+#[test]
+fn each_command_is_decoded_in_its_slots() {
+    for (code, size) in (0..=u8::MAX).flat_map(|code| SlotSize::ALL.map(|size| (code, size))) {
+        let id = CommandId::from_code(code);
+        let slot = RawSlot { id: code, ..RawSlot::ZERO };
+        // A command whose arguments must not be 0 is malformed, and not another one.
+        let master = MasterCommand::decode(&slot, size)
+            .map(|command| (matches!(command, MasterCommand::Other(_)), command.id()));
+        let slave = SlotCommand::decode(&slot, size)
+            .map(|slot| (matches!(slot.command, SlaveCommand::Other(_)), slot.command.id()));
+        let sdo =
+            SdoCommand::decode(&slot, size).map(|command| (matches!(command, SdoCommand::Other(_)), command.id()));
+        for (kind, decoded) in SlotKind::ALL.into_iter().zip([master, slave, sdo]) {
+            match decoded {
+                Ok((is_other, found)) => assert_eq!((is_other, found), (!id.belongs_in(kind), id), "{id} in {kind:?}"),
+                Err(_) => assert!(id.belongs_in(kind), "{id} in {kind:?}"),
+            }
+        }
+    }
+}
+
+/// SK-4.1 The kinds of slaves that take a command, and what follows for a slot whose slave is not known.
+#[test]
+fn each_command_is_for_some_kinds_of_slaves() {
+    let kinds = [SlaveKind::Drive, SlaveKind::Hsp, SlaveKind::Step, SlaveKind::Io, SlaveKind::None];
+    for id in CommandId::ALL {
+        let takers: Vec<_> = kinds.into_iter().filter(|kind| id.is_for(*kind)).collect();
+        let expected = match id.code() {
+            0x00 => &kinds[..4],
+            0x06 => &kinds[..],
+            0x10..=0x12 | 0x15 | 0x18 | 0x19 => &kinds[..3],
+            0x13 | 0x14 => &kinds[3..4],
+            0x16 => &kinds[..2],
+            0x17 => &kinds[..1],
+            _ => &[],
+        };
+        assert_eq!(takers, expected, "{id}");
+        assert_eq!(id.only_kind(), (takers.len() == 1).then(|| takers[0]), "{id}");
+        assert_eq!(id.is_for_axes(), matches!(id.code(), 0x10..=0x12 | 0x15..=0x19), "{id}");
+    }
+    assert!(kinds.into_iter().all(|kind| !CommandId::Unknown(0x77).is_for(kind)));
 }

@@ -5,7 +5,7 @@ use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::sk::{
     AxisTarget, CommandDump, CommandId, CycleTime, DcShift, DriveResponse, DriveSync, FifoAction, Frame, HspAxis,
     HspResponse, IoResponse, MasterCommand, MasterResponse, MasterState, Motion, RawSlot, ResponseDump, SdoCommand,
-    SdoResponse, SlaveCommand, SlaveKind, SlaveResponse, SlotCommand, SlotSize, StateByte,
+    SdoResponse, SlaveCommand, SlaveKind, SlaveResponse, SlotCommand, SlotKind, SlotSize, StateByte,
 };
 use proptest::array::{uniform8, uniform32};
 use proptest::prelude::*;
@@ -19,9 +19,9 @@ fn kind() -> impl Strategy<Value = SlaveKind> {
     proptest::sample::select(&[Drive, Io, Hsp, Step, None])
 }
 
-/// A slot of an id that `known` does not list, byte 3 and Data3 empty so that it fits everywhere.
-fn foreign(known: &'static [u8]) -> impl Strategy<Value = RawSlot> {
-    let id = any::<u8>().prop_filter("a command of this slot", |id| !known.contains(id));
+/// A slot of an id that does not belong there, byte 3 and Data3 empty so that it fits everywhere.
+fn foreign(kind: SlotKind) -> impl Strategy<Value = RawSlot> {
+    let id = any::<u8>().prop_filter("a command of this slot", move |id| !CommandId::from_code(*id).belongs_in(kind));
     (id, any::<(u8, u8, u32, u32)>()).prop_map(|(id, (index, parm, data1, data2))| RawSlot {
         id,
         index,
@@ -53,7 +53,7 @@ fn master_command() -> impl Strategy<Value = MasterCommand> {
         Just(M::LocalRead),
         (0u8..64).prop_map(M::LocalWrite),
         Just(M::SoftReset),
-        foreign(&[0, 1, 2, 3, 4, 5, 0x21, 0x22, 0xBB]).prop_map(M::Other),
+        foreign(SlotKind::Master).prop_map(M::Other),
     ]
 }
 
@@ -87,8 +87,7 @@ fn slave_command(size: SlotSize) -> impl Strategy<Value = SlotCommand> {
         any::<i16>().prop_map(S::Cst),
     ];
     let known = (command, any::<u8>()).prop_map(|(command, index)| command.with_index(index));
-    let foreign = foreign(&[0, 6, 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19])
-        .prop_map(|raw| S::Other(raw).with_index(raw.index));
+    let foreign = foreign(SlotKind::Slave).prop_map(|raw| S::Other(raw).with_index(raw.index));
     prop_oneof![12 => known, 1 => foreign]
 }
 
@@ -108,7 +107,7 @@ fn sdo_command(size: SlotSize) -> impl Strategy<Value = SdoCommand> {
             size,
             value
         }),
-        foreign(&[0, 7, 8]).prop_map(SdoCommand::Other),
+        foreign(SlotKind::Sdo).prop_map(SdoCommand::Other),
     ]
 }
 

@@ -3,7 +3,7 @@
 //! the answers of the slots.
 
 use super::pacer::Ns;
-use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlotSize};
+use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
 
 /// How many of the newest entries count as being in the FIFO however low its reported level is: the frame of this
 /// exchange, and those that are newer than the answer. \[OURS]
@@ -274,5 +274,5 @@ fn shown_slot(now: &RawSlot, answers: &RawSlot, slot: usize) -> RawSlot {
 }
 
 fn is_io(id: u8) -> bool {
-    [CommandId::IoRead, CommandId::IoWrite].map(CommandId::code).contains(&id)
+    CommandId::from_code(id).only_kind() == Some(SlaveKind::Io)
 }

@@ -1,7 +1,9 @@
 //! Commands for the SDO slot.
 
+use core::fmt::{self, Formatter};
+
 use crate::coe::{ObjectAddress, SdoSize};
-use crate::sk::argument::Malformed;
+use crate::sk::argument::{Argument, Malformed};
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize};
 
@@ -75,6 +77,43 @@ impl SdoCommand {
                 ..slot
             },
             Self::Other(raw) => raw,
+        }
+    }
+
+    /// Writes the arguments as a dump shows them, each with a blank in front.
+    pub(in crate::sk) fn write_arguments(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Read { slave, object } => write!(f, " slave {slave} {object}"),
+            Self::Write { slave, object, size, value } => {
+                let bits = match size {
+                    SdoSize::One => "u8",
+                    SdoSize::Two => "u16",
+                    SdoSize::Four => "u32",
+                };
+                write!(f, " slave {slave} {object} {bits} = {}", value & size.mask())?;
+                if value & !size.mask() != 0 {
+                    write!(f, " (of 0x{value:08X})")?;
+                }
+                Ok(())
+            }
+            Self::GetStatus | Self::Other(_) => Ok(()),
+        }
+    }
+
+    /// Gives the arguments by name, one after the other.
+    pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
+        let mut transfer = |slave: u8, object| {
+            give("slave", Argument::Number(slave.into()));
+            give("object", Argument::Object(object));
+        };
+        match *self {
+            Self::Read { slave, object } => transfer(slave, object),
+            Self::Write { slave, object, size, value } => {
+                transfer(slave, object);
+                give("size_bytes", Argument::Number(size.bytes().into()));
+                give("value", Argument::Number(value.into()));
+            }
+            Self::GetStatus | Self::Other(_) => {}
         }
     }
 

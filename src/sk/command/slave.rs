@@ -1,7 +1,9 @@
 //! Commands for one slave, in its slot.
 
+use core::fmt::{self, Formatter};
+
 use crate::cia402::Mode;
-use crate::sk::argument::{DriveSync, Malformed};
+use crate::sk::argument::{Argument, DriveSync, Malformed, TorquePercent};
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};
 
@@ -39,6 +41,34 @@ impl Motion {
                     AxisTarget { target: wide.counts2.get(), outputs: wide.bits2.get() }
                 }
             },
+        }
+    }
+
+    /// Writes the targets as a dump shows them; axis 2 only if something of it is set.
+    fn write(&self, f: &mut Formatter<'_>, what: &str) -> fmt::Result {
+        let axis = |f: &mut Formatter<'_>, axis: &AxisTarget| {
+            write!(f, " {what} {}", axis.target)?;
+            match axis.outputs {
+                0 => Ok(()),
+                outputs => write!(f, ", outputs 0x{outputs:04X}"),
+            }
+        };
+        axis(f, &self.first)?;
+        if self.second == AxisTarget::default() {
+            return Ok(());
+        }
+        f.write_str("; axis 2")?;
+        axis(f, &self.second)
+    }
+
+    /// Gives the targets by name; outputs and axis 2, which most slaves do not have, only if something of them is set.
+    fn give(&self, what: &'static str, give: &mut dyn FnMut(&'static str, Argument)) {
+        give(what, Argument::Number(self.first.target.into()));
+        if self.first.outputs != 0 {
+            give("outputs", Argument::Number(self.first.outputs.into()));
+        }
+        if self.second != AxisTarget::default() {
+            give("axis2", Argument::Axis(self.second));
         }
     }
 
@@ -116,6 +146,52 @@ impl SlaveCommand {
         }
     }
 
+    /// Writes the arguments as a dump shows them, each with a blank in front.
+    pub(in crate::sk) fn write_arguments(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DriveMode { mode, sync: DriveSync::DcSync } => write!(f, " {mode}, DC sync"),
+            Self::DriveMode { mode, sync: DriveSync::FreeRun } => write!(f, " {mode}, free run"),
+            Self::IoWrite(outputs) => write!(f, " outputs 0x{outputs:04X}"),
+            Self::Csp(motion) => motion.write(f, "target"),
+            Self::Csv(motion) => motion.write(f, "velocity"),
+            Self::Cst(torque) => write!(f, " torque {}", TorquePercent(*torque)),
+            Self::GetStatus
+            | Self::AlarmClear
+            | Self::ServoOn
+            | Self::ServoOff
+            | Self::IoRead
+            | Self::GoHome
+            | Self::AbortHome
+            | Self::Other(_) => Ok(()),
+        }
+    }
+
+    /// Gives the arguments by name, one after the other.
+    pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
+        match self {
+            Self::DriveMode { mode, sync } => {
+                give("mode", Argument::Word(mode.name()));
+                let sync = match sync {
+                    DriveSync::FreeRun => "free run",
+                    DriveSync::DcSync => "dc",
+                };
+                give("sync", Argument::Word(sync));
+            }
+            Self::IoWrite(outputs) => give("outputs", Argument::Number((*outputs).into())),
+            Self::Csp(motion) => motion.give("target_counts", give),
+            Self::Csv(motion) => motion.give("target_velocity", give),
+            Self::Cst(torque) => give("target_torque_permille", Argument::Number((*torque).into())),
+            Self::GetStatus
+            | Self::AlarmClear
+            | Self::ServoOn
+            | Self::ServoOff
+            | Self::IoRead
+            | Self::GoHome
+            | Self::AbortHome
+            | Self::Other(_) => {}
+        }
+    }
+
     /// The command with an index of the caller's choice, which the response to it repeats.
     pub const fn with_index(self, index: u8) -> SlotCommand {
         SlotCommand { index, command: self }
@@ -186,7 +262,13 @@ impl SlotCommand {
             SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion) => motion.encode(slot.id, slot.index, size),
             SlaveCommand::Cst(torque) => RawSlot { data1: u32::from(torque as u16), ..slot },
             SlaveCommand::Other(raw) => RawSlot { index: self.index, ..raw },
-            _ => slot,
+            SlaveCommand::GetStatus
+            | SlaveCommand::AlarmClear
+            | SlaveCommand::ServoOn
+            | SlaveCommand::ServoOff
+            | SlaveCommand::IoRead
+            | SlaveCommand::GoHome
+            | SlaveCommand::AbortHome => slot,
         }
     }
 }

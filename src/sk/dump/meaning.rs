@@ -65,21 +65,14 @@ impl KindEvidence {
 
     /// Applies the rules that stand at [`super::ResponseDump`].
     fn from_fields(slot: &RawSlot) -> Self {
-        match CommandId::from_code(slot.id) {
-            CommandId::IoRead | CommandId::IoWrite => Self::Implied(SlaveKind::Io),
-            CommandId::Cst => Self::Implied(SlaveKind::Drive),
+        let id = CommandId::from_code(slot.id);
+        match id.only_kind() {
+            Some(kind) => Self::Implied(kind),
             // Only the two-channel HSP uses bytes 12..15.
-            _ if slot.data3 != 0 => Self::Guessed(SlaveKind::Hsp),
-            CommandId::AlarmClear
-            | CommandId::ServoOn
-            | CommandId::ServoOff
-            | CommandId::Csp
-            | CommandId::Csv
-            | CommandId::GoHome
-            | CommandId::AbortHome => Self::Guessed(SlaveKind::Drive),
-            _ if slot.parm != 0 => Self::Guessed(SlaveKind::Drive),
-            _ if slot.data1 != 0 && slot.data1 <= 0xFFFF && slot.data2 == 0 => Self::Guessed(SlaveKind::Io),
-            _ => Self::Unknown,
+            None if slot.data3 != 0 => Self::Guessed(SlaveKind::Hsp),
+            None if id.is_for_axes() || slot.parm != 0 => Self::Guessed(SlaveKind::Drive),
+            None if slot.data1 != 0 && slot.data1 <= 0xFFFF && slot.data2 == 0 => Self::Guessed(SlaveKind::Io),
+            None => Self::Unknown,
         }
     }
 }

@@ -6,10 +6,10 @@ use super::{
     ByteOne, CommandDump, KindEvidence, ResponseDump, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole,
 };
 use crate::cia402::{Mode, Statusword};
-use crate::coe::SdoSize;
+use crate::sk::argument::TorquePercent;
 use crate::sk::{
-    AxisTarget, CommandId, DcShift, DriveSync, FifoAction, HspAxis, MASTER_CYCLIC, MasterCommand, MasterResponse,
-    MasterState, Motion, RawSlot, SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotCommand, SlotSize,
+    CommandId, HspAxis, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SdoResponse,
+    SlaveCommand, SlotCommand, SlotSize,
 };
 
 impl Display for CommandDump<'_> {
@@ -87,25 +87,9 @@ impl SlotLine {
 
     fn master_command(&self, f: &mut Formatter<'_>, command: &MasterCommand) -> fmt::Result {
         command.id().fmt(f)?;
-        match *command {
-            MasterCommand::GetStatus | MasterCommand::LocalRead | MasterCommand::SoftReset => Ok(()),
-            MasterCommand::SetState(state) => write!(f, " {state}"),
-            MasterCommand::SetAxis { group, kinds } => set_axis(f, group, &kinds, self.size),
-            MasterCommand::SetDc { cycle, shift } => {
-                write!(f, " {} us, ", cycle.us())?;
-                match shift {
-                    DcShift::Auto => f.write_str("auto shift"),
-                    DcShift::AutoHigh => f.write_str("auto shift (0xFFFF0000)"),
-                    DcShift::Other(raw) => write!(f, "shift 0x{raw:08X} (without effect)"),
-                }
-            }
-            MasterCommand::SetEx { check_commands, fill_responses } => {
-                write!(f, " command CRC check {}, response CRC {}", on_off(check_commands), on_off(fill_responses))
-            }
-            MasterCommand::SetFifo(FifoAction::Clear) => f.write_str(" clear"),
-            MasterCommand::SetFifo(FifoAction::Threshold(free)) => write!(f, " threshold {free}"),
-            MasterCommand::LocalWrite(outputs) => write!(f, " outputs 0b{outputs:06b}"),
+        match command {
             MasterCommand::Other(_) => self.foreign_id(f),
+            _ => command.write_arguments(f, self.size),
         }
     }
 
@@ -114,48 +98,23 @@ impl SlotLine {
         if slot.index != 0 {
             write!(f, " #{}", slot.index)?;
         }
-        match &slot.command {
-            SlaveCommand::DriveMode { mode, sync: DriveSync::DcSync } => write!(f, " {mode}, DC sync"),
-            SlaveCommand::DriveMode { mode, sync: DriveSync::FreeRun } => write!(f, " {mode}, free run"),
-            SlaveCommand::IoWrite(outputs) => write!(f, " outputs 0x{outputs:04X}"),
-            SlaveCommand::Csp(to) => motion(f, "target", to),
-            SlaveCommand::Csv(to) => motion(f, "velocity", to),
-            SlaveCommand::Cst(torque) => write!(f, " torque {}", Percent(*torque)),
+        match slot.command {
             SlaveCommand::Other(_) => self.foreign_id(f),
-            SlaveCommand::GetStatus
-            | SlaveCommand::AlarmClear
-            | SlaveCommand::ServoOn
-            | SlaveCommand::ServoOff
-            | SlaveCommand::IoRead
-            | SlaveCommand::GoHome
-            | SlaveCommand::AbortHome => Ok(()),
+            _ => slot.command.write_arguments(f),
         }
     }
 
     fn sdo_command(&self, f: &mut Formatter<'_>, command: &SdoCommand) -> fmt::Result {
         command.id().fmt(f)?;
-        match *command {
-            SdoCommand::GetStatus => Ok(()),
-            SdoCommand::Read { slave, object } => {
-                write!(f, " slave {slave} {object}")?;
-                match self.raw.parm >> 8 {
-                    0 => Ok(()),
-                    high => write!(f, " (0x{high:02X} above the slave's number is not looked at)"),
-                }
+        match command {
+            SdoCommand::Other(_) => return self.foreign_id(f),
+            _ => command.write_arguments(f)?,
+        }
+        match (command, self.raw.parm >> 8) {
+            (SdoCommand::Read { .. }, high @ 1..) => {
+                write!(f, " (0x{high:02X} above the slave's number is not looked at)")
             }
-            SdoCommand::Write { slave, object, size, value } => {
-                let bits = match size {
-                    SdoSize::One => "u8",
-                    SdoSize::Two => "u16",
-                    SdoSize::Four => "u32",
-                };
-                write!(f, " slave {slave} {object} {bits} = {}", value & size.mask())?;
-                if value & !size.mask() != 0 {
-                    write!(f, " (of 0x{value:08X})")?;
-                }
-                Ok(())
-            }
-            SdoCommand::Other(_) => self.foreign_id(f),
+            _ => Ok(()),
         }
     }
 
@@ -170,15 +129,15 @@ impl SlotLine {
             },
         }
         match reading.kind {
-            KindEvidence::Given(kind) | KindEvidence::Implied(kind) => write!(f, " {}", kind_name(kind))?,
-            KindEvidence::Guessed(kind) => write!(f, " {}?", kind_name(kind))?,
+            KindEvidence::Given(kind) | KindEvidence::Implied(kind) => write!(f, " {}", kind.dump_name())?,
+            KindEvidence::Guessed(kind) => write!(f, " {}?", kind.dump_name())?,
             KindEvidence::Unknown => {}
         }
         match &reading.data {
             SlaveData::Nothing => Ok(()),
             SlaveData::Drive(drive) => {
                 status_and_position(f, drive.statusword, drive.position)?;
-                write!(f, ", torque {}, error code 0x{:04X}", Percent(drive.torque), drive.error_code)
+                write!(f, ", torque {}, error code 0x{:04X}", TorquePercent(drive.torque), drive.error_code)
             }
             SlaveData::Io(io) if reading.id == CommandId::IoWrite => write!(f, " outputs 0x{:04X}", io.bits),
             SlaveData::Io(io) => write!(f, " inputs 0x{:04X}", io.bits),
@@ -248,43 +207,6 @@ fn master_response(f: &mut Formatter<'_>, response: &MasterResponse) -> fmt::Res
     Ok(())
 }
 
-/// The arguments of SET_AXIS, such as ` group 0: 1 DRIVE, 2 IO, 3..8 none`. Three or more neighbours of the same kind are
-/// written as a range.
-fn set_axis(f: &mut Formatter<'_>, group: u8, kinds: &[SlaveKind; 8], size: SlotSize) -> fmt::Result {
-    write!(f, " group {group}:")?;
-    let first = usize::from(group) * 8 + 1;
-    let slaves_of_group = size.max_slaves().saturating_sub(first - 1).min(8);
-    let mut comma = "";
-    let mut k = 0;
-    while k < slaves_of_group {
-        let equal = kinds[k..slaves_of_group].iter().take_while(|kind| **kind == kinds[k]).count();
-        let run = if equal >= 3 { equal } else { 1 };
-        write!(f, "{comma} {} {}", SlaveRange(first + k, first + k + run - 1), kind_name(kinds[k]))?;
-        comma = ",";
-        k += run;
-    }
-    if slaves_of_group < 8 {
-        write!(f, "{comma} {} ignored", SlaveRange(first + slaves_of_group, first + 7))?;
-    }
-    Ok(())
-}
-
-fn motion(f: &mut Formatter<'_>, what: &str, motion: &Motion) -> fmt::Result {
-    let axis = |f: &mut Formatter<'_>, axis: &AxisTarget| {
-        write!(f, " {what} {}", axis.target)?;
-        match axis.outputs {
-            0 => Ok(()),
-            outputs => write!(f, ", outputs 0x{outputs:04X}"),
-        }
-    };
-    axis(f, &motion.first)?;
-    if motion.second == AxisTarget::default() {
-        return Ok(());
-    }
-    f.write_str("; axis 2")?;
-    axis(f, &motion.second)
-}
-
 fn status_and_position(f: &mut Formatter<'_>, statusword: Statusword, position: i32) -> fmt::Result {
     write!(f, " statusword 0x{:04X} ", statusword.0)?;
     match statusword.state() {
@@ -292,39 +214,6 @@ fn status_and_position(f: &mut Formatter<'_>, statusword: Statusword, position: 
         None => f.write_str("(no CiA 402 state)")?,
     }
     write!(f, ", position {position}")
-}
-
-fn kind_name(kind: SlaveKind) -> &'static str {
-    match kind {
-        SlaveKind::None => "none",
-        named => named.name(),
-    }
-}
-
-const fn on_off(on: bool) -> &'static str {
-    if on { "on" } else { "off" }
-}
-
-/// A slave's number or a range of them: `5` or `6..8`.
-struct SlaveRange(usize, usize);
-
-impl Display for SlaveRange {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self(first, last) if first == last => write!(f, "{first}"),
-            Self(first, last) => write!(f, "{first}..{last}"),
-        }
-    }
-}
-
-/// A torque, given in 0.1 % of the rated torque.
-struct Percent(i16);
-
-impl Display for Percent {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let (sign, tenths) = (if self.0 < 0 { "-" } else { "" }, self.0.unsigned_abs());
-        write!(f, "{sign}{}.{} %", tenths / 10, tenths % 10)
-    }
 }
 
 /// The fields of a slot as hexadecimal numbers, without the id and the CRC.

@@ -3,10 +3,10 @@
 use ecmsk::coe::ObjectAddress;
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole};
 use ecmsk::sk::{
-    CommandId, DcShift, DriveSync, FifoAction, HspAxis, MASTER_CYCLIC, MasterCommand, MasterResponse, Motion, RawSlot,
-    SdoCommand, SdoResponse, SlaveCommand, SlotSize,
+    Argument, AxisTarget, CommandId, HspAxis, MASTER_CYCLIC, MasterResponse, RawSlot, SdoResponse, SlotSize,
 };
-use serde::Serialize;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 
 use crate::kinds;
 
@@ -65,30 +65,7 @@ enum Fields {
     Malformed {
         malformed: String,
     },
-    State {
-        state: &'static str,
-    },
-    Axes {
-        group: u8,
-        kinds: [&'static str; 8],
-    },
-    Dc {
-        cycle_us: u32,
-        shift: &'static str,
-    },
-    Crc {
-        check_commands: bool,
-        fill_responses: bool,
-    },
-    Fifo {
-        action: &'static str,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        threshold_entries: Option<u32>,
-    },
-    LocalOutputs {
-        outputs: u8,
-    },
-    Slave(SlaveFields),
+    Command(Arguments),
     Sdo(SdoFields),
     Master {
         state: String,
@@ -102,26 +79,26 @@ enum Fields {
     Reading(ReadingFields),
 }
 
-/// A slave's slot of a command.
-#[derive(Default, Serialize)]
-#[serde(default)]
-struct SlaveFields {
-    index: u8,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mode: Option<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sync: Option<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    target_counts: Option<i32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    target_velocity: Option<i32>,
-    /// 0.1 % of rated.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    target_torque_permille: Option<i16>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    outputs: Option<u16>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    axis2: Option<Axis2>,
+/// The arguments of a command by name, in the order in which the command gives them.
+struct Arguments(Vec<(&'static str, Argument)>);
+
+impl Serialize for Arguments {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for (name, argument) in &self.0 {
+            match argument {
+                Argument::Number(number) => map.serialize_entry(name, number)?,
+                Argument::Flag(flag) => map.serialize_entry(name, flag)?,
+                Argument::Word(word) => map.serialize_entry(name, word)?,
+                Argument::Kinds(kinds) => map.serialize_entry(name, &kinds.map(kinds::word))?,
+                Argument::Object(object) => map.serialize_entry(name, &Object::of(*object))?,
+                Argument::Axis(AxisTarget { target, outputs }) => {
+                    map.serialize_entry(name, &Axis2::Target { target: *target, outputs: *outputs })?;
+                }
+            }
+        }
+        map.end()
+    }
 }
 
 /// Axis 2 of a two-channel HSP.
@@ -132,13 +109,11 @@ enum Axis2 {
     Actual { position_counts: i32, inputs: u16 },
 }
 
-/// The SDO slot, both ways.
+/// The SDO slot of a response.
 #[derive(Serialize)]
 struct SdoFields {
     slave: u8,
     object: Object,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    size_bytes: Option<u8>,
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -151,6 +126,12 @@ struct SdoFields {
 struct Object {
     index: u16,
     sub: u8,
+}
+
+impl Object {
+    const fn of(object: ObjectAddress) -> Self {
+        Self { index: object.index, sub: object.sub }
+    }
 }
 
 /// A slave's slot of a response.
@@ -186,9 +167,12 @@ struct ReadingFields {
 impl Fields {
     fn of(meaning: &SlotMeaning) -> Self {
         match meaning {
-            SlotMeaning::MasterCommand(command) => Self::master_command(command),
-            SlotMeaning::SlaveCommand(slot) => Self::Slave(SlaveFields::of(slot.index, &slot.command)),
-            SlotMeaning::SdoCommand(command) => SdoFields::of_command(command).map_or_else(Self::default, Self::Sdo),
+            SlotMeaning::MasterCommand(command) => Self::command(|give| command.arguments(give)),
+            SlotMeaning::SlaveCommand(slot) => Self::command(|give| {
+                give("index", Argument::Number(slot.index.into()));
+                slot.command.arguments(give);
+            }),
+            SlotMeaning::SdoCommand(command) => Self::command(|give| command.arguments(give)),
             SlotMeaning::Malformed(reason) => Self::Malformed { malformed: reason.to_string() },
             SlotMeaning::MasterResponse(response) => Self::master_response(response),
             SlotMeaning::SlaveResponse(reading) => Self::Reading(ReadingFields::of(reading)),
@@ -198,28 +182,10 @@ impl Fields {
         }
     }
 
-    fn master_command(command: &MasterCommand) -> Self {
-        match *command {
-            MasterCommand::SetState(state) => Self::State { state: state.name() },
-            MasterCommand::SetAxis { group, kinds } => Self::Axes { group, kinds: kinds.map(kinds::word) },
-            MasterCommand::SetDc { cycle, shift } => Self::Dc {
-                cycle_us: cycle.us(),
-                shift: match shift {
-                    DcShift::Auto | DcShift::AutoHigh => "auto",
-                    DcShift::Other(_) => "without effect",
-                },
-            },
-            MasterCommand::SetEx { check_commands, fill_responses } => Self::Crc { check_commands, fill_responses },
-            MasterCommand::SetFifo(FifoAction::Clear) => Self::Fifo { action: "clear", threshold_entries: None },
-            MasterCommand::SetFifo(FifoAction::Threshold(free)) => {
-                Self::Fifo { action: "threshold", threshold_entries: Some(free) }
-            }
-            MasterCommand::LocalWrite(outputs) => Self::LocalOutputs { outputs },
-            MasterCommand::GetStatus
-            | MasterCommand::LocalRead
-            | MasterCommand::SoftReset
-            | MasterCommand::Other(_) => Self::Nothing,
-        }
+    fn command(give_all: impl FnOnce(&mut dyn FnMut(&'static str, Argument))) -> Self {
+        let mut arguments = Vec::new();
+        give_all(&mut |name, argument| arguments.push((name, argument)));
+        Self::Command(Arguments(arguments))
     }
 
     fn master_response(response: &MasterResponse) -> Self {
@@ -235,53 +201,7 @@ impl Fields {
     }
 }
 
-impl SlaveFields {
-    fn of(index: u8, command: &SlaveCommand) -> Self {
-        let fields = Self { index, ..Self::default() };
-        match *command {
-            SlaveCommand::DriveMode { mode, sync } => Self {
-                mode: Some(mode.name()),
-                sync: Some(match sync {
-                    DriveSync::FreeRun => "free run",
-                    DriveSync::DcSync => "dc",
-                }),
-                ..fields
-            },
-            SlaveCommand::IoWrite(outputs) => Self { outputs: Some(outputs), ..fields },
-            SlaveCommand::Csp(motion) => Self { target_counts: Some(motion.first.target), ..fields.moving(&motion) },
-            SlaveCommand::Csv(motion) => Self { target_velocity: Some(motion.first.target), ..fields.moving(&motion) },
-            SlaveCommand::Cst(torque) => Self { target_torque_permille: Some(torque), ..fields },
-            SlaveCommand::GetStatus
-            | SlaveCommand::AlarmClear
-            | SlaveCommand::ServoOn
-            | SlaveCommand::ServoOff
-            | SlaveCommand::IoRead
-            | SlaveCommand::GoHome
-            | SlaveCommand::AbortHome
-            | SlaveCommand::Other(_) => fields,
-        }
-    }
-
-    /// What CSP and CSV share; most slaves have neither outputs nor a second axis.
-    fn moving(self, motion: &Motion) -> Self {
-        let second = motion.second;
-        let axis2 =
-            (second != Default::default()).then_some(Axis2::Target { target: second.target, outputs: second.outputs });
-        Self { outputs: Some(motion.first.outputs).filter(|outputs| *outputs != 0), axis2, ..self }
-    }
-}
-
 impl SdoFields {
-    fn of_command(command: &SdoCommand) -> Option<Self> {
-        match *command {
-            SdoCommand::Read { slave, object } => Some(Self::new(slave, object)),
-            SdoCommand::Write { slave, object, size, value } => {
-                Some(Self { size_bytes: Some(size.bytes()), value: Some(value), ..Self::new(slave, object) })
-            }
-            SdoCommand::GetStatus | SdoCommand::Other(_) => None,
-        }
-    }
-
     fn of_response(response: &SdoResponse) -> Option<Self> {
         match *response {
             SdoResponse::Done { slave, object, value, .. } => {
@@ -295,8 +215,7 @@ impl SdoFields {
     }
 
     const fn new(slave: u8, object: ObjectAddress) -> Self {
-        let object = Object { index: object.index, sub: object.sub };
-        Self { slave, object, size_bytes: None, value: None, abort_code: None, abort_text: None }
+        Self { slave, object: Object::of(object), value: None, abort_code: None, abort_text: None }
     }
 }
 

@@ -186,7 +186,7 @@ fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step
         Mover::Inputs(put) => Step::Inputs(bit / 8, put),
         Mover::Outputs(take) => Step::Outputs(bit / 8, take),
     };
-    (bit % 8 == 0).then_some(step)
+    bit.is_multiple_of(8).then_some(step)
 }
 
 /// The image of one direction while it is compiled.

@@ -7,6 +7,8 @@ use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::{CommandId, MasterState, RawSlot, SlaveKind, SlotSize};
 use ecmsk::slave::Slave;
 
+use support::guide::{self, Column};
+
 use crate::host::Host;
 use crate::probe::{AnySlave, drives};
 
@@ -46,56 +48,33 @@ impl Place {
     fn is_slave(self) -> bool {
         !matches!(self, Master | Sdo)
     }
+
+    /// What a slave is declared as; `None` for none, and outside slaves' slots.
+    fn kind(self) -> Option<SlaveKind> {
+        let kind = KINDS.get(self.slot(SlotSize::Bytes12).checked_sub(1)?).copied();
+        kind.filter(|kind| self != Empty && *kind != SlaveKind::None)
+    }
 }
-
-const ALL: &[Place] = &PLACES;
-const E: &[Place] = &[Master];
-const S: &[Place] = &[Sdo];
-const I: &[Place] = &[Io];
-const D: &[Place] = &[Drive, Hsp, Step];
-const SLAVES: &[Place] = &[Drive, Io, Hsp, Step, DeclaredNone, Empty];
-
-/// UG17 1.8, table 1.3: id, name, slots, states (Init, PreOP, SafeOP, OP). DRIVE_MODE goes into any slave's slot, CSV
-/// not to a stepper, CST only to a drive.
-const TABLE: [(u8, &str, &[Place], &str); 22] = [
-    (0x00, "GET_STATUS", ALL, "ipso"),
-    (0x01, "SET_STATE", E, "ipso"),
-    (0x02, "SET_AXIS", E, "ip  "),
-    (0x03, "SET_DC", E, "ip  "),
-    (0x04, "SET_EX", E, "ips "),
-    (0x05, "SET_FIFO", E, "   o"),
-    (0x06, "DRIVE_MODE", SLAVES, "ip  "),
-    (0x07, "SDO_RD", S, " pso"),
-    (0x08, "SDO_WR", S, " pso"),
-    (0x10, "ALM_CLR", D, "   o"),
-    (0x11, "SV_ON", D, "   o"),
-    (0x12, "SV_OFF", D, "   o"),
-    (0x13, "IO_RD", I, "   o"),
-    (0x14, "IO_WR", I, "   o"),
-    (0x15, "CSP", D, "   o"),
-    (0x16, "CSV", &[Drive, Hsp], "   o"),
-    (0x17, "CST", &[Drive], "   o"),
-    (0x18, "GO_HOME", D, "   o"),
-    (0x19, "ABORT_HOME", D, "   o"),
-    (0x21, "LIO_RD", E, "ipso"),
-    (0x22, "LIO_WR", E, "ipso"),
-    (0xBB, "SW_RESET", E, "ipso"),
-];
 
 const STATES: [(MasterState, char); 4] =
     [(MasterState::Init, 'i'), (MasterState::PreOp, 'p'), (MasterState::SafeOp, 's'), (MasterState::Op, 'o')];
 
 /// Why a command is rejected: any of what holds. Empty: it is accepted.
 fn reasons(id: u8, place: Place, state: char) -> Vec<Reason> {
-    let Some((.., places, states)) = TABLE.iter().find(|row| row.0 == id) else { return vec![Reason::UnknownId] };
+    let Some((column, states)) = guide::row(id) else { return vec![Reason::UnknownId] };
     let mut reasons = Vec::new();
     if !states.contains(state) {
         reasons.push(Reason::WrongState);
     }
-    if !places.contains(&place) {
-        let nobody = matches!(place, DeclaredNone | Empty) && SLAVES.iter().any(|slave| places.contains(slave));
-        reasons.push(if nobody { Reason::NoSlave } else { Reason::WrongSlot });
-    }
+    let why_not = match column {
+        Column::Any => None,
+        Column::Board => (place != Master).then_some(Reason::WrongSlot),
+        Column::Sdo => (place != Sdo).then_some(Reason::WrongSlot),
+        Column::AnySlave => (!place.is_slave()).then_some(Reason::WrongSlot),
+        Column::Kinds(_) if matches!(place, DeclaredNone | Empty) => Some(Reason::NoSlave),
+        Column::Kinds(kinds) => (!place.kind().is_some_and(|kind| kinds.contains(&kind))).then_some(Reason::WrongSlot),
+    };
+    reasons.extend(why_not);
     // All are in CSP.
     if reasons.is_empty() && matches!(place, Drive | Hsp) && matches!(id, 0x16 | 0x17) {
         reasons.push(Reason::WrongMode);
@@ -233,12 +212,4 @@ fn commands_in_safeop() {
 #[test]
 fn commands_in_op() {
     compare_state(STATES[3]);
-}
-
-/// SK-4.1 There are 22 commands, with the guide's names.
-#[test]
-fn the_table_has_the_guides_names() {
-    let named: Vec<(u8, &str)> = TABLE.iter().map(|row| (row.0, row.1)).collect();
-    let known: Vec<(u8, &str)> = CommandId::ALL.iter().map(|id| (id.code(), id.name())).collect();
-    assert_eq!(named, known);
 }

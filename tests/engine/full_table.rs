@@ -2,7 +2,8 @@
 //! and the decisions of SK-4, SK-6 and SK-7; `full_table_run` goes through all of it.
 
 use ecmsk::engine::{Firmware, Reason};
-use ecmsk::sk::{Malformed, RawSlot, SlotSize};
+use ecmsk::sk::{Malformed, RawSlot, SlaveKind, SlotSize};
+use support::guide::{self, Column};
 
 /// What stands at a place, in the order of their slots: slot 0, then slaves from 1 on, then the SDO slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,52 +78,17 @@ impl Place {
         matches!(self, DeclaredNone | Empty)
     }
 
-    /// Whether it has an axis: column D of the guide.
-    fn has_axis(self) -> bool {
-        self.is_drive() || matches!(self, Step | Hsp | Hsp2)
+    /// What a slave is declared as; `None` for nobody, and outside slaves' slots.
+    fn kind(self) -> Option<SlaveKind> {
+        match self {
+            _ if self.is_drive() => Some(SlaveKind::Drive),
+            Step => Some(SlaveKind::Step),
+            Hsp | Hsp2 => Some(SlaveKind::Hsp),
+            _ if self.is_io() || self == Witness => Some(SlaveKind::Io),
+            _ => None,
+        }
     }
 }
-
-/// Where a command belongs: column "slot" of the guide.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Column {
-    Any,
-    /// The board.
-    E,
-    /// Drives, steppers, pulse modules.
-    D,
-    /// Any slave's slot, whoever is there (DRIVE_MODE).
-    AnySlave,
-    I,
-    S,
-}
-use Column::{Any, AnySlave, D, E, I, S};
-
-/// UG17 1.8, table 1.3: id, where, states.
-const TABLE: [(u8, Column, &str); 22] = [
-    (0x00, Any, "ipso"),
-    (0x01, E, "ipso"),
-    (0x02, E, "ip"),
-    (0x03, E, "ip"),
-    (0x04, E, "ips"),
-    (0x05, E, "o"),
-    (0x06, AnySlave, "ip"),
-    (0x07, S, "pso"),
-    (0x08, S, "pso"),
-    (0x10, D, "o"),
-    (0x11, D, "o"),
-    (0x12, D, "o"),
-    (0x13, I, "o"),
-    (0x14, I, "o"),
-    (0x15, D, "o"),
-    (0x16, D, "o"),
-    (0x17, D, "o"),
-    (0x18, D, "o"),
-    (0x19, D, "o"),
-    (0x21, E, "ipso"),
-    (0x22, E, "ipso"),
-    (0xBB, E, "ipso"),
-];
 
 /// Ids that are none: beside those of the table, and at the ends. `commands` sends all of them.
 const UNKNOWN: [u8; 14] = [0x09, 0x0A, 0x0F, 0x1A, 0x1F, 0x20, 0x23, 0x33, 0x7F, 0x80, 0xBA, 0xBC, 0xBF, 0xFF];
@@ -207,8 +173,9 @@ pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
     for bytes in [0u8, 3, 5, 0xFF] {
         put(0x08, u16::from(bytes) << 8 | 1, 0x6065_0000, 0, Some(Malformed::SdoSize(bytes)));
     }
-    for id in [0x00, 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x21, 0x22, 0xBB] {
-        put(id, 0, 0, 0, None);
+    // The others have no arguments that could be wrong.
+    for (id, ..) in guide::TABLE.iter().filter(|row| !(0x01..=0x08).contains(&row.0)) {
+        put(*id, 0, 0, 0, None);
     }
     for id in UNKNOWN {
         put(id, 0, 0x0102_0304, 0, None);
@@ -232,14 +199,12 @@ pub enum Outcome {
 pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> Outcome {
     use Outcome::*;
     let id = sent.slot.id;
-    let Some((_, column, states)) = TABLE.iter().find(|row| row.0 == id) else {
-        return Rejected(Reason::UnknownId);
-    };
+    let Some((column, states)) = guide::row(id) else { return Rejected(Reason::UnknownId) };
     let belongs = match column {
-        Any => true,
-        E => place == Master,
-        S => place == Sdo,
-        D | I | AnySlave => place.is_slave(),
+        Column::Any => true,
+        Column::Board => place == Master,
+        Column::Sdo => place == Sdo,
+        Column::Kinds(_) | Column::AnySlave => place.is_slave(),
     };
     if !belongs {
         return Rejected(Reason::WrongSlot);
@@ -248,24 +213,16 @@ pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> O
         return Rejected(Reason::WrongState);
     }
     if let Some(wrong) = sent.wrong
-        && *column != Any
+        && column != Column::Any
     {
         return Rejected(Reason::BadArgument(wrong));
     }
-    if !place.is_slave() || matches!(column, Any | AnySlave) {
-        return Accepted;
-    }
+    let Column::Kinds(kinds) = column else { return Accepted };
     // What follows is in OP alone.
     if place.is_nobody() {
         return Rejected(Reason::NoSlave);
     }
-    let suits = match id {
-        0x13 | 0x14 => place.is_io(),
-        0x16 => place.is_drive() || matches!(place, Hsp | Hsp2),
-        0x17 => place.is_drive(),
-        _ => place.has_axis(),
-    };
-    if !suits {
+    if !place.kind().is_some_and(|kind| kinds.contains(&kind)) {
         return Rejected(Reason::WrongSlot);
     }
     if place.is_lost(state) {

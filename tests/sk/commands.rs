@@ -6,6 +6,7 @@ use ecmsk::sk::{
     AxisTarget, CommandId, CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, RawSlot,
     SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize,
 };
+use support::guide::{self, Column};
 use vectors::rubbish;
 
 type Bytes = [u8; 12];
@@ -53,31 +54,8 @@ fn sdo(wire: Bytes, command: SdoCommand) {
 /// SK-4.1 There are 22 commands, with these codes and names; every other code survives as unknown.
 #[test]
 fn ids() {
-    let table = [
-        (0x00, "GET_STATUS"),
-        (0x01, "SET_STATE"),
-        (0x02, "SET_AXIS"),
-        (0x03, "SET_DC"),
-        (0x04, "SET_EX"),
-        (0x05, "SET_FIFO"),
-        (0x06, "DRIVE_MODE"),
-        (0x07, "SDO_RD"),
-        (0x08, "SDO_WR"),
-        (0x10, "ALM_CLR"),
-        (0x11, "SV_ON"),
-        (0x12, "SV_OFF"),
-        (0x13, "IO_RD"),
-        (0x14, "IO_WR"),
-        (0x15, "CSP"),
-        (0x16, "CSV"),
-        (0x17, "CST"),
-        (0x18, "GO_HOME"),
-        (0x19, "ABORT_HOME"),
-        (0x21, "LIO_RD"),
-        (0x22, "LIO_WR"),
-        (0xBB, "SW_RESET"),
-    ];
-    assert_eq!(CommandId::ALL.map(|id| (id.code(), id.name())), table);
+    let table = guide::TABLE.map(|(code, name, ..)| (code, name));
+    assert_eq!(CommandId::ALL.map(|id| (id.code(), id.name())).as_slice(), table);
     for code in 0..=255 {
         let id = CommandId::from_code(code);
         assert_eq!(id.code(), code);
@@ -228,12 +206,12 @@ fn soft_reset() {
 #[test]
 fn each_command_belongs_in_one_kind_of_slot() {
     for code in 0..=u8::MAX {
-        let expected: &[SlotKind] = match code {
-            0x00 => &SlotKind::ALL,
-            0x01..=0x05 | 0x21 | 0x22 | 0xBB => &[SlotKind::Master],
-            0x07 | 0x08 => &[SlotKind::Sdo],
-            0x06 | 0x10..=0x19 => &[SlotKind::Slave],
-            _ => &[],
+        let expected: &[SlotKind] = match guide::row(code).map(|(column, _)| column) {
+            Some(Column::Any) => &SlotKind::ALL,
+            Some(Column::Board) => &[SlotKind::Master],
+            Some(Column::Sdo) => &[SlotKind::Sdo],
+            Some(Column::AnySlave | Column::Kinds(_)) => &[SlotKind::Slave],
+            None => &[],
         };
         let id = CommandId::from_code(code);
         let found: Vec<_> = SlotKind::ALL.into_iter().filter(|slot| id.belongs_in(*slot)).collect();
@@ -279,18 +257,16 @@ fn each_command_is_for_some_kinds_of_slaves() {
     let kinds = [SlaveKind::Drive, SlaveKind::Hsp, SlaveKind::Step, SlaveKind::Io, SlaveKind::None];
     for id in CommandId::ALL {
         let takers: Vec<_> = kinds.into_iter().filter(|kind| id.is_for(*kind)).collect();
-        let expected = match id.code() {
-            0x00 => &kinds[..4],
-            0x06 => &kinds[..],
-            0x10..=0x12 | 0x15 | 0x18 | 0x19 => &kinds[..3],
-            0x13 | 0x14 => &kinds[3..4],
-            0x16 => &kinds[..2],
-            0x17 => &kinds[..1],
+        let expected = match guide::row(id.code()).map(|(column, _)| column) {
+            Some(Column::Any) => &kinds[..4],
+            Some(Column::AnySlave) => &kinds[..],
+            Some(Column::Kinds(kinds)) => kinds,
             _ => &[],
         };
         assert_eq!(takers, expected, "{id}");
         assert_eq!(id.only_kind(), (takers.len() == 1).then(|| takers[0]), "{id}");
-        assert_eq!(id.is_for_axes(), matches!(id.code(), 0x10..=0x12 | 0x15..=0x19), "{id}");
+        let is_for_axes = takers.contains(&SlaveKind::Drive) && !takers.contains(&SlaveKind::Io);
+        assert_eq!(id.is_for_axes(), is_for_axes, "{id}");
     }
     assert!(kinds.into_iter().all(|kind| !CommandId::Unknown(0x77).is_for(kind)));
 }

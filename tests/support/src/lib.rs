@@ -11,6 +11,7 @@ pub mod dice;
 pub mod dotnet;
 pub mod examples;
 pub mod fieldbus_rig;
+pub mod guide;
 pub mod heard;
 pub mod homing_tables;
 pub mod images;

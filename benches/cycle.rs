@@ -2,6 +2,9 @@
 //! response with CRC. The baseline is what it cannot do without, in one plain loop: two CRCs, 40 slots copied, 40 plants
 //! moved. Also memory with 40 drives in OP, and virtual cycles a second.
 //!
+//! `cycle_40_ahead`: the same over a bus that takes outputs ahead, 8 of them in hand, against the one over the simulated bus
+//! itself. That bus is the simulated one behind queues; what they take is what any such bus would need.
+//!
 //! `cycle_40_csp_busy`: the same beside a thread that goes over more memory than the caches hold, on another processor.
 
 mod common;
@@ -16,10 +19,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
+use ecmsk::engine::Board;
 use ecmsk::sk::{Frame, MasterResponse, MasterState, Motion, SlaveCommand, StateByte, crc::frame_crc};
 use ecmsk::slave::plant::{Effort, Motor, Servo};
-use host::{Path, SIZE, drives_in_op};
+use host::{Path, SIZE, drives_in_op, drives_in_op_ahead};
 use places::Places;
+use support::ahead_bus::Ahead;
 
 const DRIVES: usize = 40;
 const CYCLE_NS: u64 = 1_000_000;
@@ -28,38 +33,64 @@ fn main() {
     let mut board = drives_in_op(DRIVES);
     common::fact("memory_40_drives_op", resident_kib() - memory_before, "KiB");
 
-    let mut command = Frame::new();
-    let mut report = Frame::new();
-    let mut path = Path::default();
-    let mut ours = || {
-        path.advance();
-        for slave in 1..=DRIVES {
-            command.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(path.target)).into());
-        }
-        command.fill_crc(SIZE);
-        let at = board.next_cycle() - 1;
-        board.host(black_box(&command), at, &mut |_, _| {});
-        board.cycle(&mut |frame, _| report.clone_from(frame));
-        black_box(&report);
-    };
+    let mut host = Host::new(&mut board);
+    let mut ahead = drives_in_op_ahead(DRIVES, Ahead::kind(64, 2, 333_333, 0));
+    let mut host_ahead = Host::new(&mut ahead);
+    (0..8).for_each(|_| host_ahead.send());
     let mut plain = PlainLoop::new();
-    common::pair("cycle_40_csp", 2.3, &mut ours, || plain.cycle());
+    common::pair("cycle_40_csp", 2.3, || host.cycle(), || plain.cycle());
+    common::pair("cycle_40_ahead", 1.2, || host_ahead.cycle(), || host.cycle());
+    host_ahead.assert_well();
 
     let cycles = 20_000;
     let start = Instant::now();
-    (0..cycles).for_each(|_| ours());
+    (0..cycles).for_each(|_| host.cycle());
     common::fact("virtual_cycles_per_second_40_drives", f64::from(cycles) / start.elapsed().as_secs_f64(), "1/s");
     if thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
         let busy = Busy::start();
-        common::pair("cycle_40_csp_busy", 2.7, &mut ours, || plain.cycle());
+        common::pair("cycle_40_csp_busy", 2.7, || host.cycle(), || plain.cycle());
         busy.end();
     }
-    let answer = MasterResponse::decode(&report.slot(SIZE, 0));
-    assert_eq!(
-        (answer.state, answer.full_count),
-        (StateByte::reached(MasterState::Op), 0),
-        "the bench's board ran well"
-    );
+    host.assert_well();
+}
+
+/// A program that sends every drive a target in every cycle.
+struct Host<'a> {
+    board: &'a mut Board,
+    command: Frame,
+    report: Frame,
+    path: Path,
+}
+
+impl<'a> Host<'a> {
+    fn new(board: &'a mut Board) -> Self {
+        Self { board, command: Frame::new(), report: Frame::new(), path: Path::default() }
+    }
+
+    fn send(&mut self) {
+        self.path.advance();
+        for slave in 1..=DRIVES {
+            self.command.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(self.path.target)).into());
+        }
+        self.command.fill_crc(SIZE);
+        let at = self.board.next_cycle() - 1;
+        self.board.host(black_box(&self.command), at, &mut |_, _| {});
+    }
+
+    fn cycle(&mut self) {
+        self.send();
+        let Self { board, report, .. } = self;
+        board.cycle(&mut |frame, _| report.clone_from(frame));
+        black_box(&self.report);
+    }
+
+    fn assert_well(&self) {
+        let answer = MasterResponse::decode(&self.report.slot(SIZE, 0));
+        let expected = (StateByte::reached(MasterState::Op), 0);
+        assert_eq!((answer.state, answer.full_count), expected, "the bench's board ran well");
+        let counters = self.board.engine().counters();
+        assert!(counters.idle_cycles < 3000, "it had a target for every cycle: {counters:?}");
+    }
 }
 
 /// A program that keeps another processor and the caches busy.

@@ -3,11 +3,13 @@
 #![allow(dead_code, reason = "each bench takes what it needs")]
 
 use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::{
     DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::{Drive, DriveConfig, Slave};
+use support::ahead_bus::{Ahead, AheadBus};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
 /// Counts in a cycle: the axes move all the time.
@@ -31,15 +33,31 @@ impl Path {
     }
 }
 
+fn drives(n: usize) -> impl Iterator<Item = (SlaveKind, Box<dyn Slave>)> {
+    (0..n).map(|_| (SlaveKind::Drive, Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>))
+}
+
 /// `n` servo drives in CSP.
 pub fn drives_in_op(n: usize) -> Board {
-    board_in_op((0..n).map(|_| (SlaveKind::Drive, Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>)))
+    board_in_op(drives(n))
+}
+
+/// The same over a bus that takes outputs ahead.
+pub fn drives_in_op_ahead(n: usize, how: Ahead) -> Board {
+    board_in_op_over(drives(n), |bus| Box::new(AheadBus::new(bus, how)))
 }
 
 /// A board with these slaves.
 pub fn board_in_op(network: impl Iterator<Item = (SlaveKind, Box<dyn Slave>)>) -> Board {
+    board_in_op_over(network, |bus| Box::new(bus))
+}
+
+fn board_in_op_over(
+    network: impl Iterator<Item = (SlaveKind, Box<dyn Slave>)>,
+    over: impl FnOnce(SimBus) -> Box<dyn Fieldbus>,
+) -> Board {
     let (kinds, slaves): (Vec<_>, Vec<_>) = network.unzip();
-    let mut board = Board::new(EngineConfig::default(), Box::new(SimBus::new(slaves)));
+    let mut board = Board::new(EngineConfig::default(), over(SimBus::new(slaves)));
     assert!(board.boot(60_000_000_000));
     for group in 0..5 {
         let mut of_group = [SlaveKind::None; 8];

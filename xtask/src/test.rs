@@ -10,7 +10,7 @@ use crate::needs::{
 use crate::project::Project;
 use crate::spend::Spend;
 use crate::windows::{self, Width};
-use crate::{command, dist, features, needs, rig, stage};
+use crate::{command, dist, features, needs, rig, stage, tidy};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -28,19 +28,24 @@ pub struct Arguments {
     names: Vec<String>,
 }
 
+impl Arguments {
+    /// Those of `cargo xtask test --all`.
+    pub const ALL: Self = Self { all: true, rig: false, windows: false, names: Vec::new() };
+}
+
 /// One step of the test.
 #[derive(Clone, Copy)]
-struct Part {
-    name: &'static str,
+pub struct Part {
+    pub name: &'static str,
     /// Without these the part is skipped.
-    needs: &'static [Need],
+    pub needs: &'static [Need],
     /// Whether tests of this name, or of a part of it, are its own.
     takes: fn(&str) -> bool,
     run: fn(&Site) -> Result<(), Error>,
 }
 
 /// A part that takes all names there are.
-const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> Result<(), Error>) -> Part {
+pub const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> Result<(), Error>) -> Part {
     Part { name, needs, takes: |_| true, run }
 }
 
@@ -53,18 +58,18 @@ impl Part {
 }
 
 /// What a part works with.
-struct Site<'a> {
-    project: &'a Project,
+pub struct Site<'a> {
+    pub project: &'a Project,
     /// Of all that the parts need, what is not there.
     missing: &'a [Need],
     /// Of the tests of a part that can choose those alone, all if there are none.
     names: Vec<String>,
 }
 
-const PARTS: &[Part] = &[
+pub const PARTS: &[Part] = &[
     part("format", &[RUSTFMT], format),
     part("lints", &[CLIPPY], lints),
-    part("small builds", &[], small_builds),
+    part("combinations of features", &[], |site| tidy::combinations(site.project)),
     part("documentation", &[], documentation),
     part("rules and features", &[], rules),
     part("fuzz targets compile", &[CXX], fuzz_targets),
@@ -73,7 +78,11 @@ const PARTS: &[Part] = &[
 ];
 
 /// What `--all` adds.
-const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
+pub const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
+    tidy::PARTS[0],
+    tidy::PARTS[1],
+    tidy::PARTS[2],
+    tidy::PARTS[3],
     part("wire tests in a guest", rig::NEEDS, |site| rig::run(site.project, &site.names)),
     WINDOWS[0],
     WINDOWS[1],
@@ -86,8 +95,9 @@ const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
 /// What `--all` takes.
 const ALL: Spend = Spend { disk_mb: 14_000, time: "much time: each part says how long it took" };
 
-/// What `--all` leaves to `cargo xtask dist --check`: everything would be compiled twice.
-const LEFT_TO_DIST: &str = "the packages made twice, to the same bytes";
+/// What `--all` leaves out.
+const LEFT_TO_DIST: &str =
+    "the packages made twice, to the same bytes, since everything is compiled twice for that: cargo xtask dist --check";
 
 /// What `--windows` runs alone.
 const WINDOWS: [Part; 5] = [
@@ -124,12 +134,12 @@ const WINDOWS: [Part; 5] = [
 ];
 
 /// Tests that need more than Rust stand in modules of these names, so that they can be left out by name.
-struct Gate {
+pub struct Gate {
     module: &'static str,
-    needs: &'static [Need],
+    pub needs: &'static [Need],
 }
 
-const GATES: &[Gate] = &[
+pub const GATES: &[Gate] = &[
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
     Gate { module: "needs_mono", needs: &[MCS, MONO] },
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
@@ -170,6 +180,11 @@ impl Site<'_> {
     fn closed_gates(&self) -> impl Iterator<Item = &'static Gate> {
         GATES.iter().filter(|gate| !self.lacks(gate.needs).is_empty())
     }
+
+    /// What a program of tests is told, so that it leaves out what this machine cannot run.
+    pub fn skipped_modules(&self) -> impl Iterator<Item = String> {
+        self.closed_gates().map(|gate| format!("--skip={}::", gate.module))
+    }
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
@@ -190,12 +205,25 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     }
     // All is run before something is given away, mostly in a fresh clone: who works on a part runs that part.
     let project = &Project { incremental: !arguments.all, ..project.clone() };
+    let left_out = if arguments.all { &[LEFT_TO_DIST][..] } else { &[] };
+    run_parts(project, parts, gates, &missing, left_out)
+}
+
+/// Runs the parts in order, each with the names that it was asked for, and says at the end what was skipped for want of what
+/// is `missing`, and what was `left_out` by choice.
+pub fn run_parts(
+    project: &Project,
+    parts: Vec<(&Part, Vec<String>)>,
+    gates: &[Gate],
+    missing: &[Need],
+    left_out: &[&str],
+) -> Result<(), Error> {
     let begin = Instant::now();
     let mut skipped = Vec::new();
     let mut without = Without::default();
     let count = parts.len();
     for (number, (part, names)) in parts.into_iter().enumerate() {
-        let site = Site { project, missing: &missing, names };
+        let site = Site { project, missing, names };
         let title = format!("[{}/{count}] {}", number + 1, part.name);
         let lacking = site.lacks(part.needs);
         if !lacking.is_empty() {
@@ -215,13 +243,13 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         without.hear(result)?;
     }
     without.all()?;
-    let site = Site { project, missing: &missing, names: Vec::new() };
+    let site = Site { project, missing, names: Vec::new() };
     let closed = gates.iter().filter(|gate| !site.lacks(gate.needs).is_empty());
     skipped.extend(closed.map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
 
     println!("\nall that ran passed, in {}", seconds(begin.elapsed()));
-    if arguments.all {
-        println!("not in --all, since it compiles everything twice: {LEFT_TO_DIST}; cargo xtask dist --check");
+    for what in left_out {
+        println!("left out: {what}");
     }
     if !skipped.is_empty() {
         println!("skipped:");
@@ -236,26 +264,17 @@ fn seconds(time: Duration) -> String {
     format!("{:.1} s", time.as_secs_f64())
 }
 
-fn format(site: &Site) -> Result<(), Error> {
+pub fn format(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["fmt", "--all", "--check"]))?;
     command::run(site.project.cargo().args(["fmt", "--check", "--manifest-path=fuzz/Cargo.toml"]))
 }
 
-fn lints(site: &Site) -> Result<(), Error> {
+pub fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
     // What `--all-targets` leaves out: the tests that run in the guest.
     let beyond =
         ["clippy", "--package=ecmsk", "--test=rig", "--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
     command::run(site.project.cargo().args(beyond))
-}
-
-/// What a program that needs little of the crate may ask for: the wire format without std, and what README says.
-fn small_builds(site: &Site) -> Result<(), Error> {
-    for features in ["", "sim", "sim,tcp", "usb"] {
-        let check = ["check", "--package=ecmsk", "--lib", "--no-default-features", "--features", features];
-        command::run(site.project.cargo().args(check))?;
-    }
-    Ok(())
 }
 
 fn documentation(site: &Site) -> Result<(), Error> {
@@ -271,7 +290,7 @@ fn documentation(site: &Site) -> Result<(), Error> {
     )
 }
 
-fn rules(site: &Site) -> Result<(), Error> {
+pub fn rules(site: &Site) -> Result<(), Error> {
     features::check(site.project)
 }
 
@@ -285,8 +304,7 @@ fn staged(site: &Site) -> Result<(), Error> {
 
 fn tests(site: &Site) -> Result<(), Error> {
     let mut cargo = site.project.cargo();
-    cargo.args(["test", "--workspace", "--", "--quiet"]);
-    cargo.args(site.closed_gates().map(|gate| format!("--skip={}::", gate.module)));
+    cargo.args(["test", "--workspace", "--", "--quiet"]).args(site.skipped_modules());
     command::run(&mut cargo)
 }
 

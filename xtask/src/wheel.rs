@@ -1,7 +1,5 @@
 //! Programs that are to be had as Python wheels: fetched by pip, unpacked by Python.
 
-use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 
@@ -9,6 +7,7 @@ use crate::command;
 use crate::error::Error;
 use crate::fetched::{Fetched, Index};
 use crate::needs::{PIP, PYTHON};
+use crate::system::set_mode;
 
 /// Microsoft's runtime of .NET Core 3.1, for Linux on x86-64.
 pub const DOTNET_CORE_3: Fetched = Fetched {
@@ -18,6 +17,16 @@ pub const DOTNET_CORE_3: Fetched = Fetched {
     sha256: "5f076ddc39da0c685e7de20ecb91ee81185928918ec86fbeb3bffc55dd867ab5",
     program: "dotnetcore2/bin/dotnet",
     cost: "31 MB to fetch, 80 MB in the target folder",
+};
+
+/// The spelling checker of the project's own words and of all others, for Linux on x86-64.
+pub const TYPOS: Fetched = Fetched {
+    index: Index::Pip,
+    name: "typos",
+    version: "1.52.0",
+    sha256: "418fd85f7fc11dec14e5482e747f6e916af56da96207cde0cdd69540a4b389f6",
+    program: "typos-1.52.0.data/scripts/typos",
+    cost: "8 MB to fetch, 25 MB in the target folder",
 };
 
 /// Lays the wheel into the empty folder `into`.
@@ -31,5 +40,5 @@ pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
 pub fn unpack(wheel: &Fetched, archive: &Path, into: &Path) -> Result<(), Error> {
     command::run(Command::new(PYTHON.program).args(["-m", "zipfile", "-e"]).arg(archive).arg(into))?;
     let program = into.join(wheel.program);
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).map_err(Error::file("set up", &program))
+    set_mode(&program, 0o755).map_err(Error::file("set up", &program))
 }

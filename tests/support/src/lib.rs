@@ -35,7 +35,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
-use std::{env, fs, io};
+use std::{env, fs};
 
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
@@ -127,9 +127,15 @@ pub fn library() -> &'static Library {
 #[cfg(unix)]
 fn link(to: &Path, at: &Path) {
     match fs::remove_file(at) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => panic!("{}: {error}", at.display()),
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => panic!("{}: {error}", at.display()),
         _ => std::os::unix::fs::symlink(to, at).expect("a symbolic link"),
     }
+}
+
+#[cfg(not(unix))]
+fn link(to: &Path, at: &Path) {
+    let from = at.parent().expect("a folder").join(to);
+    fs::copy(from, at).expect("a copy");
 }
 
 /// A language as a compiler's option names it.

@@ -1,16 +1,15 @@
 //! The same packages made a second time: a copy of the sources in another folder, everything compiled anew.
 
 use std::fs;
-use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::process::Command;
-use std::{ffi::OsStr, path::PathBuf};
 
 use super::release::Release;
 use super::{Made, folder, make};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
+use crate::system::path_of;
 
 /// Makes the packages again, and compares them byte by byte.
 pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(), Error> {
@@ -46,7 +45,7 @@ fn copy_sources(from: &Path, to: &Path) -> Result<(), Error> {
     let listed = command::output(&mut git)?;
     let names = listed.split(|byte| *byte == 0).filter(|name| !name.is_empty());
     // A file that was removed since the last commit is listed too.
-    for name in names.map(|name| PathBuf::from(OsStr::from_bytes(name))).filter(|name| from.join(name).exists()) {
+    for name in names.map(path_of).filter(|name| from.join(name).exists()) {
         let file = to.join(&name);
         let folder = file.parent().unwrap_or(to);
         fs::create_dir_all(folder).map_err(Error::file("make", folder))?;

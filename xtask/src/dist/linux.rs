@@ -2,7 +2,6 @@
 //! whatever folder they are built.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, str};
@@ -11,6 +10,7 @@ use super::release::Release;
 use crate::error::Error;
 use crate::needs::STRIP;
 use crate::project::{Project, cargo_home};
+use crate::system::set_mode;
 use crate::{command, stage};
 
 /// Cargo's profile, and its folder.
@@ -59,8 +59,7 @@ fn write_wrapper(project: &Project, target: &Path) -> Result<PathBuf, Error> {
     let wrapper = super::folder(project).join("rustc");
     fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;
     fs::write(&wrapper, wrapper_text(&names(project, target)?)).map_err(Error::file("write", &wrapper))?;
-    let mode = fs::Permissions::from_mode(0o755);
-    fs::set_permissions(&wrapper, mode).map_err(Error::file("make executable", &wrapper))?;
+    set_mode(&wrapper, 0o755).map_err(Error::file("make executable", &wrapper))?;
     Ok(wrapper)
 }
 

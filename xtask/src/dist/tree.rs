@@ -1,11 +1,11 @@
 //! A folder that becomes a package: every mode and time in it is said here and none comes from this machine.
 
-use std::fs::{self, File, Permissions};
-use std::os::unix::fs::{PermissionsExt, symlink};
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, UNIX_EPOCH};
 
 use crate::error::Error;
+use crate::system::{self, symlink};
 
 /// A folder with fixed modes.
 pub struct Tree {
@@ -125,12 +125,13 @@ fn collect(root: &Path, below: &Path, found: &mut Vec<PathBuf>) -> Result<(), Er
 }
 
 fn set_mode(path: &Path, mode: u32) -> Result<(), Error> {
-    fs::set_permissions(path, Permissions::from_mode(mode)).map_err(Error::file("set the mode of", path))
+    system::set_mode(path, mode).map_err(Error::file("set the mode of", path))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::system::mode_of;
 
     #[test]
     fn modes_and_times_are_those_that_were_said() {
@@ -146,7 +147,7 @@ mod tests {
         assert_eq!(tree.files().unwrap(), ["a/b/program", "a/link", "a/text"].map(PathBuf::from));
         for (path, mode) in [("", 0o755), ("a/b", 0o755), ("a/b/program", 0o755), ("a/text", 0o644)] {
             let metadata = fs::metadata(tree.at(path)).unwrap();
-            assert_eq!(metadata.permissions().mode() & 0o7777, mode, "{path}");
+            assert_eq!(mode_of(&metadata), mode, "{path}");
             if metadata.is_file() {
                 assert_eq!(metadata.modified().unwrap(), UNIX_EPOCH + Duration::from_secs(1_000_000_000));
             }

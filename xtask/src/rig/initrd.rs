@@ -3,10 +3,10 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use crate::error::Error;
+use crate::system::mode_of;
 
 const FOLDER: u32 = 0o040_755;
 const FILE: u32 = 0o100_000;
@@ -39,7 +39,7 @@ impl Archive {
 
     /// Adds a copy of a file, with its permissions.
     pub fn copy(&mut self, path: &str, from: &Path) -> Result<(), Error> {
-        let read = || Ok((fs::read(from)?, fs::metadata(from)?.permissions().mode() & 0o777));
+        let read = || Ok((fs::read(from)?, mode_of(&fs::metadata(from)?) & 0o777));
         let (content, permissions) = read().map_err(Error::file("read", from))?;
         self.file(path, permissions, &content);
         Ok(())

@@ -5,12 +5,11 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
-
 use super::{DLL, Width, build_width, folder, wine};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
+use crate::system::stay_on_one_processor;
 
 const SOURCE: &str = "benches/windows";
 /// Where it lies below the folder of all programs.
@@ -25,7 +24,9 @@ pub fn bench(project: &Project) -> Result<String, Error> {
         build_width(project, width, &prefix)?;
     }
     said += &(super::usb::bench(project)? + "\n");
-    stay_on_one_processor()?;
+    // Wine asks its server many times while it loads a DLL; on two processors it depends on chance how long each of them takes to
+    // wake up, which is as much as what is measured.
+    stay_on_one_processor().map_err(Error::Processor)?;
     for width in Width::ALL {
         let wine = wine::set_up(project, width)?;
         let place = wine.programs.join(PLACE);
@@ -44,15 +45,6 @@ pub fn bench(project: &Project) -> Result<String, Error> {
         said += &String::from_utf8_lossy(&measured).replace('\r', "");
     }
     Ok(said)
-}
-
-/// This program and all that it starts from now on. Wine asks its server many times while it loads a DLL; on two processors
-/// it depends on chance how long each of them takes to wake up, which is as much as what is measured.
-fn stay_on_one_processor() -> Result<(), Error> {
-    let allowed = sched_getaffinity(None).map_err(Error::Processor)?;
-    let mut one = CpuSet::new();
-    (0..CpuSet::MAX_CPU).find(|cpu| allowed.is_set(*cpu)).into_iter().for_each(|cpu| one.set(cpu));
-    sched_setaffinity(None, &one).map_err(Error::Processor)
 }
 
 fn compile(project: &Project, width: Width, name: &str, options: &[&str], out: &Path) -> Result<(), Error> {

@@ -5,7 +5,6 @@
 //! that folder and is the program's current one.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -14,6 +13,7 @@ use crate::command;
 use crate::debian::{self, System};
 use crate::error::Error;
 use crate::project::Project;
+use crate::system::set_mode;
 
 /// The Debian with both Wines.
 const SYSTEM: System = System {
@@ -160,7 +160,7 @@ fn quoted(path: &Path) -> String {
 
 fn write_script(script: &Path, text: &str) -> Result<(), Error> {
     fs::write(script, text).map_err(Error::file("write", script))?;
-    fs::set_permissions(script, fs::Permissions::from_mode(0o755)).map_err(Error::file("make executable", script))
+    set_mode(script, 0o755).map_err(Error::file("make executable", script))
 }
 
 #[cfg(test)]

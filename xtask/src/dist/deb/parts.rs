@@ -180,7 +180,7 @@ mod tests {
 
     /// Debian's rule: the SONAME in lower case, with its number.
     #[test]
-    fn the_librarys_package_has_the_name_of_its_soname() {
+    fn the_package_of_the_library_has_the_name_of_its_soname() {
         let (name, number) = SONAME.split_once(".so.").unwrap();
         assert_eq!(LIBRARY, format!("{}{number}", name.to_lowercase()));
     }

@@ -1,0 +1,75 @@
+//! What chores do with files and processors that other systems than Unix do not know. `cargo xtask ci --fast` and what it is
+//! made of need none of it, and run on Windows too.
+
+#[cfg(unix)]
+pub use unix::{mode_of, path_of, set_mode, stay_on_one_processor, symlink};
+#[cfg(not(unix))]
+pub use without::{mode_of, path_of, set_mode, stay_on_one_processor, symlink};
+
+#[cfg(unix)]
+mod unix {
+    use std::ffi::OsStr;
+    use std::fs::{self, Permissions};
+    use std::io;
+    use std::os::unix::ffi::OsStrExt;
+    use std::os::unix::fs::PermissionsExt;
+    use std::path::{Path, PathBuf};
+
+    use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+    pub use std::os::unix::fs::symlink;
+
+    /// Who may read, write and run a file, as chmod has it.
+    pub fn mode_of(metadata: &fs::Metadata) -> u32 {
+        metadata.permissions().mode() & 0o7777
+    }
+
+    /// Sets who may read, write and run a file, as chmod does.
+    pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
+        fs::set_permissions(path, Permissions::from_mode(mode))
+    }
+
+    /// A path as programs print it.
+    pub fn path_of(bytes: &[u8]) -> PathBuf {
+        PathBuf::from(OsStr::from_bytes(bytes))
+    }
+
+    /// Keeps this program, and all that it starts from now on, on the first processor that it may use.
+    pub fn stay_on_one_processor() -> io::Result<()> {
+        let allowed = sched_getaffinity(None)?;
+        let mut one = CpuSet::new();
+        (0..CpuSet::MAX_CPU).find(|cpu| allowed.is_set(*cpu)).into_iter().for_each(|cpu| one.set(cpu));
+        Ok(sched_setaffinity(None, &one)?)
+    }
+}
+
+#[cfg(not(unix))]
+mod without {
+    use std::fs;
+    use std::io;
+    use std::path::{Path, PathBuf};
+
+    fn unsupported() -> io::Error {
+        io::Error::new(io::ErrorKind::Unsupported, "this chore runs on Linux")
+    }
+
+    pub fn mode_of(_: &fs::Metadata) -> u32 {
+        0o644
+    }
+
+    pub fn set_mode(_: &Path, _: u32) -> io::Result<()> {
+        Err(unsupported())
+    }
+
+    pub fn symlink(_: impl AsRef<Path>, _: impl AsRef<Path>) -> io::Result<()> {
+        Err(unsupported())
+    }
+
+    pub fn path_of(bytes: &[u8]) -> PathBuf {
+        PathBuf::from(String::from_utf8_lossy(bytes).into_owned())
+    }
+
+    pub fn stay_on_one_processor() -> io::Result<()> {
+        Err(unsupported())
+    }
+}

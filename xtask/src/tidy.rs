@@ -1,0 +1,150 @@
+//! `cargo xtask tidy`: what keeps the tree clean beside rustfmt and clippy: spelling and dependencies. And the combinations of
+//! features.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::iter;
+use std::process::Command;
+
+use serde::Deserialize;
+
+use crate::command;
+use crate::error::Error;
+use crate::needs::{self, ADVISORIES, Need, PIP, PYTHON, TYPOS};
+use crate::project::{Project, cargo_home};
+use crate::test::{self, Part, part};
+use crate::tools::{CARGO_DENY, CARGO_MACHETE, Tool};
+use crate::wheel;
+
+/// The workspace of the fuzz targets, which has dependencies of its own.
+const FUZZ: &str = "fuzz/Cargo.toml";
+
+/// What `cargo xtask tidy` runs, and `cargo xtask test --all` too.
+pub const PARTS: [Part; 4] = [
+    part("spelling", &[PYTHON, PIP, TYPOS], |site| spelling(site.project)),
+    part("licences and sources of dependencies", &[needs::CARGO_DENY], |site| dependencies(site.project)),
+    part("known weaknesses of dependencies", &[needs::CARGO_DENY, ADVISORIES], |site| advisories(site.project)),
+    part("unused dependencies", &[needs::CARGO_MACHETE], |site| unused(site.project)),
+];
+
+/// `cargo xtask tidy`.
+pub fn run(project: &Project) -> Result<(), Error> {
+    let needed: Vec<Need> = PARTS.iter().flat_map(|part| part.needs).copied().collect();
+    let missing = needs::set_up(project, &needed);
+    test::run_parts(project, PARTS.iter().map(|part| (part, Vec::new())).collect(), &[], &missing, &[])
+}
+
+/// Words that nobody writes so: `_typos.toml` says which of ours are meant.
+fn spelling(project: &Project) -> Result<(), Error> {
+    command::run(project.program(wheel::TYPOS.program(project)).arg("--hidden"))
+}
+
+/// Licences and sources of all dependencies, by `deny.toml`.
+fn dependencies(project: &Project) -> Result<(), Error> {
+    ["Cargo.toml", FUZZ].into_iter().try_for_each(|manifest| {
+        let mut deny = tool(project, &CARGO_DENY);
+        command::run(deny.args(["--manifest-path", manifest, "check", "bans", "licenses", "sources"]))
+    })
+}
+
+/// Known weaknesses of dependencies, and versions that their authors have taken back.
+fn advisories(project: &Project) -> Result<(), Error> {
+    command::run(tool(project, &CARGO_DENY).args(["--offline", "check", "advisories"]))
+}
+
+/// Fetches the list of known weaknesses, a repository of git, where a network reaches it.
+pub fn fetch_advisories(project: &Project) {
+    println!("fetching the list of known weaknesses of crates");
+    command::succeeds(tool(project, &CARGO_DENY).args(["fetch", "db"]));
+}
+
+/// Whether that list is on this machine.
+pub fn advisories_are_there() -> bool {
+    let Some(lists) = cargo_home().map(|home| home.join("advisory-dbs")) else { return false };
+    lists.read_dir().is_ok_and(|entries| entries.flatten().any(|entry| entry.path().join("crates").is_dir()))
+}
+
+/// Dependencies that no source names.
+fn unused(project: &Project) -> Result<(), Error> {
+    command::run(tool(project, &CARGO_MACHETE).arg("--with-metadata"))
+}
+
+/// The library with no feature, each alone, each pair, and all of them, as a program may ask for it.
+///
+/// `cargo hack` does not do here: it leaves out `--package`, and at the root the tool is built too, which needs every feature.
+pub fn combinations(project: &Project) -> Result<(), Error> {
+    let mut ask = project.cargo();
+    ask.args(["metadata", "--no-deps", "--format-version=1"]);
+    let metadata: Metadata = serde_json::from_slice(&command::output(&mut ask)?)
+        .map_err(|source| Error::Output { command: command::shown(&ask), source })?;
+    let library = metadata.packages.into_iter().find(|package| package.name == LIBRARY);
+    let features = library.map(|library| library.features).unwrap_or_default();
+    for features in sets(&features) {
+        let mut cargo = project.cargo();
+        cargo.args([
+            "check",
+            "--package",
+            LIBRARY,
+            "--lib",
+            "--no-default-features",
+            "--features",
+            &features.join(","),
+        ]);
+        command::run(&mut cargo)?;
+    }
+    Ok(())
+}
+
+const LIBRARY: &str = "ecmsk";
+
+#[derive(Deserialize)]
+struct Metadata {
+    packages: Vec<Package>,
+}
+
+#[derive(Deserialize)]
+struct Package {
+    name: String,
+    features: Features,
+}
+
+/// What each feature switches on.
+type Features = BTreeMap<String, Vec<String>>;
+
+/// No feature, each alone, each pair, all; of sets that switch on the same only the first.
+fn sets(features: &Features) -> Vec<Vec<String>> {
+    let names: Vec<&str> = features.keys().map(String::as_str).filter(|name| *name != "default").collect();
+    let alone = names.iter().map(|&name| vec![name]);
+    let pairs =
+        names.iter().enumerate().flat_map(|(at, &one)| names[at + 1..].iter().map(move |&other| vec![one, other]));
+    let mut seen = BTreeSet::new();
+    let sets = iter::once(Vec::new()).chain(alone).chain(pairs).chain([names.clone()]);
+    let new = sets.filter(|set| {
+        let mut on = BTreeSet::new();
+        set.iter().for_each(|name| switch_on(features, name, &mut on));
+        seen.insert(on)
+    });
+    new.map(|set| set.into_iter().map(str::to_owned).collect()).collect()
+}
+
+fn switch_on(features: &Features, name: &str, on: &mut BTreeSet<String>) {
+    if on.insert(name.to_owned()) {
+        features.get(name).into_iter().flatten().for_each(|other| switch_on(features, other, on));
+    }
+}
+
+fn tool(project: &Project, tool: &Tool) -> Command {
+    project.program(tool.program(project))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets_of_features_that_differ_are_tried() {
+        let features = [("default", "sim"), ("serve", "tcp"), ("sim", "std"), ("std", "dep:log"), ("tcp", "std")];
+        let features: Features = features.map(|(name, on)| (name.to_owned(), vec![on.to_owned()])).into();
+        let sets: Vec<String> = sets(&features).iter().map(|set| set.join(",")).collect();
+        assert_eq!(sets, ["", "serve", "sim", "std", "tcp", "serve,sim", "sim,tcp"]);
+    }
+}

@@ -6,7 +6,7 @@
 #[path = "support/folder.rs"]
 mod folder;
 
-use ecmsk::link::config::{ConfigError, Configured, Environment, FILE, Source, find};
+use ecmsk::link::config::{ConfigError, Configured, Environment, FILE_NAME, Source, find};
 use ecmsk::link::uri::LinkUri;
 use folder::Folder;
 use libfuzzer_sys::fuzz_target;
@@ -16,7 +16,7 @@ const LONGEST: usize = 1 << 16;
 
 fuzz_target!(|bytes: &[u8]| {
     let folder = Folder::make();
-    let file = folder.write(FILE, bytes);
+    let file = folder.write(FILE_NAME, bytes);
     let environment = Environment { program_dir: Some(folder.path().into()), ..Environment::default() };
     let found = find(&environment);
     match &found {
@@ -27,7 +27,7 @@ fuzz_target!(|bytes: &[u8]| {
                 Ok(uri) => assert_eq!(LinkUri::parse(&uri.to_string()).as_ref(), Ok(uri), "{link}"),
                 Err(error) => assert!(!error.to_string().is_empty()),
             }
-            folder.write(FILE, format!("# written again\r\n\"link\"={}", quoted(link)));
+            folder.write(FILE_NAME, format!("# written again\r\n\"link\"={}", quoted(link)));
             assert_eq!(find(&environment), found);
             // A variable that is empty is as one that is not set.
             let variable = Environment { link: Some(link.into()), ..environment };
@@ -39,7 +39,7 @@ fuzz_target!(|bytes: &[u8]| {
             let text = std::str::from_utf8(bytes).expect("text, or it is unreadable");
             assert_eq!(*path, file);
             assert!((1..=1 + text.matches('\n').count()).contains(line), "line {line} of {text:?}");
-            assert!(!message.is_empty() && error.to_string().contains(FILE));
+            assert!(!message.is_empty() && error.to_string().contains(FILE_NAME));
         }
         Err(error @ ConfigError::Unreadable { path, .. }) => {
             assert_eq!(*path, file);

@@ -53,7 +53,9 @@ fn any_frames(bytes: &[u8], size: SlotSize) {
             assert_eq!(config.check(size).map(|_| ()), Ok(()), "what is declared can be run");
         }
         let slaves = size.max_slaves();
-        assert!(watch.homing().all(|slave| slave <= slaves && misses.homing().any(|other| other == slave)));
+        assert!(
+            watch.homing().all(|slave| usize::from(slave) <= slaves && misses.homing().any(|other| other == slave))
+        );
     }
 }
 
@@ -216,7 +218,7 @@ impl Watched {
         for slave in 1..=board::SLAVES as u8 {
             let goes_home = self.board.engine().homing_phase(slave) == HomingPhase::Homing;
             assert!(
-                !goes_home || self.watch.homing().any(|known| known == usize::from(slave)),
+                !goes_home || self.watch.homing().any(|known| known == slave),
                 "slave {slave} goes home, and the watch does not know"
             );
         }

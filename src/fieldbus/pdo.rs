@@ -1,5 +1,5 @@
 //! What the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in PreOP, and how
-//! [`AxisOut`](super::AxisOut) and [`AxisIn`](super::AxisIn) lie in the images of bytes that the slave then sends and takes.
+//! [`AxisOut`](super::AxisOut) and [`AxisIn`] lie in the images of bytes that the slave then sends and takes.
 //!
 //! Every bus maps the same: one writes [`ProcessData::downloads`] over its mailboxes, and moves images with
 //! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. The other two, [`ProcessData::take_outputs`] and

@@ -74,7 +74,7 @@ pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, Abor
 /// SDO download of 1, 2 or 4 bytes.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
     write(device, at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
 }

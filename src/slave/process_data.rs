@@ -1,7 +1,7 @@
-//! Process data of a device: what is mapped into them ([`mapping`]), and how a cycle moves them ([`plan`]).
+//! Process data of a device: what is mapped into them (`mapping`), and how a cycle moves them (`plan`).
 //!
 //! A master in PreOP writes which objects make up a PDO (0x1600.. for outputs, 0x1A00.. for inputs) and which PDOs there
-//! are (0x1C12, 0x1C13). When the device goes to SafeOP the mapping is compiled into a [`Plan`], and from then on a cycle
+//! are (0x1C12, 0x1C13). When the device goes to SafeOP the mapping is compiled into a `Plan`, and from then on a cycle
 //! moves an image of bytes without looking for an object.
 
 mod mapping;

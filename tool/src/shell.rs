@@ -20,6 +20,7 @@ use input::Input;
 /// Without a terminal lines are read as they come, and the first one that fails ends it: it is told with its number, and
 /// the exit code is 1.
 #[derive(Debug, clap::Args)]
+#[allow(rustdoc::broken_intra_doc_links, reason = "the text is what --help prints, in which [VERB] is no link")]
 pub struct Args {
     /// Without a terminal, go on after lines that fail; the exit code is 1 if there was one
     #[arg(long)]

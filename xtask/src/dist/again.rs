@@ -1,11 +1,11 @@
 //! The same packages made a second time: a copy of the sources in another folder, everything compiled anew.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::release::Release;
-use super::{Made, folder, make};
+use super::{Made, make};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
@@ -13,7 +13,7 @@ use crate::system::path_of;
 
 /// Makes the packages again, and compares them byte by byte.
 pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(), Error> {
-    let place = folder(project).join("once-more");
+    let place = place(&project.root);
     println!(
         "making everything once more in {}: all is compiled anew, which takes 3 GB and, on two free cores, ten minutes",
         place.display()
@@ -21,7 +21,7 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
     if place.exists() {
         fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
     }
-    // Neither the paths nor their lengths are those of the first time.
+    // Neither the paths nor their lengths are those of the first time, nor their place in the alphabet.
     let copy = Project { root: place.join("sources of ecmsk"), target: place.join("built"), incremental: false };
     copy_sources(&project.root, &copy.root)?;
     let second = make(&copy, release, &place.join("packages"))?;
@@ -36,6 +36,12 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
         first.folder.display(),
         second.folder.display()
     )))
+}
+
+/// A folder on the other side of `/usr` in the alphabet: linkers sort by paths.
+fn place(root: &Path) -> PathBuf {
+    let other = if root < Path::new("/usr") { "/var/tmp" } else { "/tmp" };
+    Path::new(other).join("ecmsk-once-more")
 }
 
 /// Copies what git knows, or would know if it was told; what is built is none of that.

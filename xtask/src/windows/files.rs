@@ -80,18 +80,21 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
         "-Zhas-thread-local=yes".to_owned(),
     ];
     // No path of this machine in the file.
-    for (folder, name) in [(Some(project.root.clone()), "ecmsk"), (cargo_home(), "cargo")] {
+    let target = in_order(target);
+    for (folder, name) in
+        [(Some(project.root.clone()), "ecmsk"), (cargo_home(), "cargo"), (Some(target.clone()), "target")]
+    {
         flags.extend(folder.map(|folder| format!("--remap-path-prefix={}={name}", folder.display())));
     }
     if width == Width::X86 {
-        flags.push(format!("-Lnative={}", start_and_end(target)?.display()));
+        flags.push(format!("-Lnative={}", start_and_end(&target)?.display()));
     }
     let mut cargo = Command::new(CARGO);
     cargo.current_dir(&project.root);
     // Otherwise rustup's, which runs this program, would be found first.
     cargo.env("RUSTC", RUSTC).env("PATH", "/usr/bin:/bin").env_remove("RUSTUP_TOOLCHAIN");
     // The standard library is built too, which only a nightly compiler does without being told that it may.
-    cargo.env("RUSTC_BOOTSTRAP", "1").env("CARGO_TARGET_DIR", target);
+    cargo.env("RUSTC_BOOTSTRAP", "1").env("CARGO_TARGET_DIR", &target);
     cargo.env_remove("RUSTFLAGS").env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1F"));
     // For ld: the files have no time, so that linking them again gives the same bytes.
     cargo.env("SOURCE_DATE_EPOCH", "0");
@@ -99,6 +102,12 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
     cargo.env(format!("CC_{variable}"), format!("{}-gcc", width.mingw()));
     cargo.env(format!("AR_{variable}"), format!("{}-ar", width.mingw()));
     Ok(cargo)
+}
+
+/// A folder by a name that comes before `/usr` in the alphabet, wherever it lies. GNU ld puts what a DLL imports into the order of
+/// the paths of the archives that it comes from; some of them are built here, and MinGW's lie in `/usr`.
+fn in_order(folder: &Path) -> PathBuf {
+    Path::new("/proc/self/root").join(folder.strip_prefix("/").unwrap_or(folder))
 }
 
 /// What the unwinder of 32-bit DLLs needs of threads.
@@ -127,4 +136,20 @@ fn start_and_end(target: &Path) -> Result<PathBuf, Error> {
         command::run(rustc.arg(folder.join(name).with_extension("o")).arg(sources.join(name).with_extension("rs")))?;
     }
     Ok(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// DIST-1 Whatever folder the archives are built in, ld finds them before those of MinGW.
+    #[test]
+    fn folders_come_in_one_order() {
+        for folder in ["/work/a", "/home/a", "/tmp/a", "/var/a", "/usr/local/src/a"] {
+            let named = in_order(Path::new(folder));
+            assert!(named.to_str() < Some("/usr") && named.ends_with(&folder[1..]), "{}", named.display());
+        }
+        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+        assert_eq!(in_order(here).canonicalize().unwrap(), here.canonicalize().unwrap());
+    }
 }

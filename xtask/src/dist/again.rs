@@ -13,7 +13,7 @@ use crate::system::path_of;
 
 /// Makes the packages again, and compares them byte by byte.
 pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(), Error> {
-    let place = place(&project.root);
+    let place = place(&project.target);
     println!(
         "making everything once more in {}: all is compiled anew, which takes 3 GB and, on two free cores, ten minutes",
         place.display()
@@ -39,8 +39,8 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
 }
 
 /// A folder on the other side of `/usr` in the alphabet: linkers sort by paths.
-fn place(root: &Path) -> PathBuf {
-    let other = if root < Path::new("/usr") { "/var/tmp" } else { "/tmp" };
+fn place(target: &Path) -> PathBuf {
+    let other = if target < Path::new("/usr") { "/var/tmp" } else { "/tmp" };
     Path::new(other).join("ecmsk-once-more")
 }
 

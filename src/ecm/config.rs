@@ -84,6 +84,17 @@ pub enum Slave {
 }
 
 impl Slave {
+    /// A slave of that kind, its axis in CSP.
+    pub const fn of_kind(kind: SlaveKind) -> Self {
+        match kind {
+            SlaveKind::Drive => Self::Drive(Axis::CSP),
+            SlaveKind::Step => Self::Step(Axis::CSP),
+            SlaveKind::Hsp => Self::Hsp(Axis::CSP),
+            SlaveKind::Io => Self::Io,
+            SlaveKind::None => Self::Unused,
+        }
+    }
+
     /// Its kind in SET_AXIS.
     pub const fn kind(&self) -> SlaveKind {
         match self {

@@ -11,6 +11,8 @@
 //!   known by the ids that come back in [`CycleDone::outputs`] and by nothing else: how full such a bus is it knows only
 //!   as of some exchanges ago. Throwing away what lies ahead takes a while, too: [`Fieldbus::clear_ahead`].
 
+#[cfg(feature = "sim")]
+pub mod cable;
 pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;

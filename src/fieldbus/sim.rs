@@ -31,7 +31,6 @@ use super::{
 };
 use crate::slave::Slave;
 use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
-use handle::Mishap;
 use jobs::Running;
 
 /// A place in the cable.
@@ -172,7 +171,7 @@ impl SimBus {
 
     /// Slaves that lose their power forget what they were told: they are in Init when they answer again.
     fn power_off(&mut self) {
-        for slave in self.handle.take_powered_off() {
+        for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {
                 // Down is open to every slave.
                 let _ = station.slave.enter(AlState::Init);
@@ -180,16 +179,12 @@ impl SimBus {
         }
     }
 
-    fn let_mishaps_happen(&mut self) {
+    fn let_faults_happen(&mut self) {
         let stations = &mut self.stations;
-        self.handle.take_mishaps(|slave, axis, mishap| {
-            let Some(Station { slave, .. }) = stations.get_mut(usize::from(slave).wrapping_sub(1)) else { return };
-            match mishap {
-                Mishap::Fault(fault) => slave.raise_fault(axis, fault),
-                Mishap::Stuck(input, value) => slave.stick_input(axis, input, value),
-                Mishap::Jam(jammed) => slave.jam(axis, jammed),
-                Mishap::Forced(pattern) => slave.force_inputs(axis, pattern),
-            };
+        self.handle.take_faults(|slave, fault| {
+            if let Some(station) = stations.get_mut(usize::from(slave).wrapping_sub(1)) {
+                station.slave.suffer(fault);
+            }
         });
     }
 
@@ -270,7 +265,7 @@ impl Fieldbus for SimBus {
         self.power_off();
         self.look_for_lost();
         let done = (!self.is_down()).then(|| self.exchange(inputs));
-        self.let_mishaps_happen();
+        self.let_faults_happen();
         for stations in self.stations.chunks_mut(SIDE_BY_SIDE) {
             let mut motors = [const { None }; SIDE_BY_SIDE];
             for (motor, station) in motors.iter_mut().zip(&mut *stations) {

@@ -10,7 +10,7 @@
 //! at 3s   cut 2 for 1s         # the cable is cut before slave 2, and whole again at 4 s
 //! ```
 //!
-//! `ecmsk link help` lists every verb. What a line does is what [`SimHandle`] and [`BoardHandle`] do for a test in Rust:
+//! `ecmsk link help` lists every verb. What a line does is what [`Cable`] and [`BoardHandle`] do for a test in Rust:
 //! the file is read when the link is opened, and nothing moves if it is wrong. Each line is carried out at the beginning
 //! of the first cycle at or after its time, on a virtual clock and on the real one alike, and logged with the board's
 //! time.
@@ -53,7 +53,7 @@ use super::slaves::SlaveSpec;
 use super::uri::visible;
 use crate::engine::BoardHandle;
 use crate::fieldbus::Ns;
-use crate::fieldbus::sim::SimHandle;
+use crate::fieldbus::cable::Cable;
 use crate::files::read_small;
 
 pub use run::Run;
@@ -133,7 +133,7 @@ impl Script {
     }
 
     /// Starts it on a board and its network: its times count from `now`, in board time.
-    pub fn start(self, network: SimHandle, board: BoardHandle, now: Ns) -> Run {
+    pub fn start(self, network: Cable, board: BoardHandle, now: Ns) -> Run {
         Run::new(self.steps, network, board, now)
     }
 }

@@ -7,14 +7,13 @@ use super::engine::{EngineLink, Keeper, RunOptions};
 use super::makers;
 use super::options::{Clock, CommonOptions, SimOptions};
 use super::script::{self, Script};
-use super::slaves::{SlaveModel, SlaveSpec};
 use super::travel::{PositionRange, TravelSpec};
 use super::uri::LinkUri;
 use super::{FAILED_OPEN, LinkError, Share};
 use crate::engine::{Board, EngineConfig, Rate, RealTime};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{MAX_AXES, Ns};
-use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, MakersObjects, Slave, Travel};
+use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, MakersObjects, Slave, Travel};
 
 /// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -47,7 +46,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         }
     };
     if let Some(script) = script {
-        let run = script.start(network.clone(), board.handle(), board.now());
+        let run = script.start(network.cable().clone(), board.handle(), board.now());
         board.set_script(Some(Box::new(run)));
     }
     let keeper = key.clone().map(|key| {
@@ -70,7 +69,7 @@ pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
     let (mut board, network) = switch_on(&options, makers::of_slaves(&options.slaves)?);
     if let Some(script) = script {
-        let run = script.start(network, board.handle(), board.now());
+        let run = script.start(network.cable().clone(), board.handle(), board.now());
         board.set_script(Some(Box::new(run)));
     }
     if board.engine().talks() {
@@ -89,7 +88,7 @@ fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board
         ..EngineConfig::default()
     };
     let slaves = options.slaves.iter().zip(makers).map(|(spec, makers)| {
-        let mut slave = build(spec);
+        let mut slave = spec.model.build(&spec.travel);
         if let Some(makers) = makers {
             slave.give_makers_objects(makers);
         }
@@ -103,25 +102,18 @@ fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board
     (board, network)
 }
 
-fn build(spec: &SlaveSpec) -> Box<dyn Slave> {
-    let SlaveSpec { model, travel: said, .. } = spec;
-    let position = said.start.unwrap_or(0);
-    let drive = |config: DriveConfig| {
-        let travel = travel(said, config.travel);
-        Box::new(Drive::new(DriveConfig { position, travel, ..config }))
-    };
-    let hsp = |channels| {
-        let config = HspConfig::with(channels);
-        let travels = config.travels.map(|usual| travel(said, usual));
-        Box::new(Hsp::new(HspConfig { positions: [position; MAX_AXES], travels, ..config }))
-    };
-    match model {
-        SlaveModel::Drive => drive(DriveConfig::default()),
-        SlaveModel::Step => drive(DriveConfig::stepper()),
-        SlaveModel::Hsp => hsp(Channels::One),
-        SlaveModel::Hsp2 => hsp(Channels::Two),
-        SlaveModel::Io => Box::<Io>::default(),
-    }
+/// A drive as a link describes it.
+pub(super) fn drive(config: DriveConfig, said: &TravelSpec) -> Box<dyn Slave> {
+    let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
+    Box::new(Drive::new(DriveConfig { position, travel, ..config }))
+}
+
+/// A pulse module as a link describes it.
+pub(super) fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
+    let config = HspConfig::with(channels);
+    let travels = config.travels.map(|usual| travel(said, usual));
+    let positions = [said.start.unwrap_or(0); MAX_AXES];
+    Box::new(Hsp::new(HspConfig { positions, travels, ..config }))
 }
 
 /// The travel of a kind of slave, with the values that the link gives replaced.

@@ -4,9 +4,13 @@
 use std::fmt;
 use std::sync::Arc;
 
+#[cfg(feature = "sim")]
+use super::sim;
 use super::travel::TravelSpec;
 use super::uri::suggestion;
-use crate::sk::SlotSize;
+use crate::sk::{SlaveKind, SlotSize};
+#[cfg(feature = "sim")]
+use crate::slave::{Channels, DriveConfig, Io, Slave};
 
 /// A model of a slave that this build has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -29,40 +33,107 @@ impl SlaveModel {
 
     /// Its name in a link.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Drive => "drive",
-            Self::Step => "step",
-            Self::Hsp => "hsp",
-            Self::Hsp2 => "hsp2",
-            Self::Io => "io",
-        }
+        self.row().name
+    }
+
+    /// The name with its article, for messages.
+    pub(super) const fn with_article(self) -> &'static str {
+        self.row().with_article
+    }
+
+    /// What SET_AXIS calls it.
+    pub const fn kind(self) -> SlaveKind {
+        self.row().kind
     }
 
     /// Axes it has: 0..=2.
     pub const fn axes(self) -> usize {
-        match self {
-            Self::Io => 0,
-            Self::Drive | Self::Step | Self::Hsp => 1,
-            Self::Hsp2 => 2,
-        }
+        self.row().axes
     }
 
     /// Axes with a motor of their own, which can be jammed: 0..=1.
     pub const fn motors(self) -> usize {
-        match self {
-            Self::Drive | Self::Step => 1,
-            Self::Hsp | Self::Hsp2 | Self::Io => 0,
-        }
+        self.row().motors
     }
 
     /// Channels with 16 digital inputs and outputs: 0..=2.
     pub const fn channels(self) -> usize {
+        self.row().channels
+    }
+
+    /// One with what a link says of its axes, just switched on.
+    #[cfg(feature = "sim")]
+    pub(super) fn build(self, travel: &TravelSpec) -> Box<dyn Slave> {
+        (self.row().build)(travel)
+    }
+
+    /// All that is said of a model, one row each.
+    const fn row(self) -> Row {
         match self {
-            Self::Drive | Self::Step => 0,
-            Self::Hsp | Self::Io => 1,
-            Self::Hsp2 => 2,
+            Self::Drive => Row {
+                name: "drive",
+                with_article: "a drive",
+                kind: SlaveKind::Drive,
+                axes: 1,
+                motors: 1,
+                channels: 0,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::drive(DriveConfig::default(), travel),
+            },
+            Self::Step => Row {
+                name: "step",
+                with_article: "a step",
+                kind: SlaveKind::Step,
+                axes: 1,
+                motors: 1,
+                channels: 0,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::drive(DriveConfig::stepper(), travel),
+            },
+            Self::Hsp => Row {
+                name: "hsp",
+                with_article: "an hsp",
+                kind: SlaveKind::Hsp,
+                axes: 1,
+                motors: 0,
+                channels: 1,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::hsp(Channels::One, travel),
+            },
+            Self::Hsp2 => Row {
+                name: "hsp2",
+                with_article: "an hsp2",
+                kind: SlaveKind::Hsp,
+                axes: 2,
+                motors: 0,
+                channels: 2,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::hsp(Channels::Two, travel),
+            },
+            Self::Io => Row {
+                name: "io",
+                with_article: "an io",
+                kind: SlaveKind::Io,
+                axes: 0,
+                motors: 0,
+                channels: 1,
+                #[cfg(feature = "sim")]
+                build: |_| Box::<Io>::default(),
+            },
         }
     }
+}
+
+/// What follows from a model: keys of a link, words of scripts, what a host declares it as.
+struct Row {
+    name: &'static str,
+    with_article: &'static str,
+    kind: SlaveKind,
+    axes: usize,
+    motors: usize,
+    channels: usize,
+    #[cfg(feature = "sim")]
+    build: fn(&TravelSpec) -> Box<dyn Slave>,
 }
 
 /// Kinds whose names are known, but which are in no build yet: Xinje DP3CL.

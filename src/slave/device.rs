@@ -6,13 +6,12 @@
 use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::dictionary::{self, Object, Values};
-use super::lines::{InputPattern, Lines};
+use super::lines::Lines;
 use super::makers::MakersObjects;
 use super::plant::Following;
 use super::process_data::{self, Mapping, Pdo, Plan};
-use super::state_machine::DeviceFault;
 use super::switches::Input;
-use super::{AXES_MAX, AlStatus, Slave};
+use super::{AXES_MAX, AlStatus, Fault, Slave};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
@@ -261,24 +260,24 @@ impl<M: Model> Slave for M {
         self.pass(dt_ns);
     }
 
-    fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
-        let found = self.axes_mut().get_mut(axis);
-        found.map(|axis| axis.machine_mut().raise(fault)).is_some()
-    }
-
-    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
-        let found = self.axes_mut().get_mut(axis);
-        found.map(|axis| axis.stick(input, value)).is_some()
-    }
-
-    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
-        let found = self.axes_mut().get_mut(axis);
-        found.map(|axis| axis.jam(jammed)).is_some()
-    }
-
-    fn force_inputs(&mut self, channel: usize, pattern: Option<InputPattern>) -> bool {
-        let found = self.lines_mut().get_mut(channel);
-        found.map(|lines| lines.force(pattern)).is_some()
+    fn suffer(&mut self, fault: Fault) -> bool {
+        if let Fault::ForceInputs { channel, pattern } = fault {
+            return self.lines_mut().get_mut(channel).map(|lines| lines.force(pattern)).is_some();
+        }
+        let (Fault::Alarm { axis, .. } | Fault::Stick { axis, .. } | Fault::Jam { axis, .. }) = fault else {
+            return false;
+        };
+        let Some(axis) = self.axes_mut().get_mut(axis) else { return false };
+        match fault {
+            Fault::Alarm { fault, .. } => axis.machine_mut().raise(fault),
+            Fault::Stick { input: Some(input), value, .. } => axis.stick(input, value),
+            Fault::Stick { input: None, value, .. } => {
+                Input::ALL.into_iter().for_each(|input| axis.stick(input, value))
+            }
+            Fault::Jam { jammed, .. } => axis.jam(jammed),
+            Fault::ForceInputs { .. } => {}
+        }
+        true
     }
 
     fn give_makers_objects(&mut self, makers: MakersObjects) {

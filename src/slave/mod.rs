@@ -11,6 +11,7 @@ pub mod axis;
 pub mod device;
 pub mod dictionary;
 pub mod drive;
+mod fault;
 pub mod homing;
 pub mod hsp;
 pub mod io;
@@ -22,6 +23,7 @@ pub mod state_machine;
 pub mod switches;
 
 pub use drive::{Drive, DriveConfig, DriveKind};
+pub use fault::Fault;
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use lines::InputPattern;
@@ -128,28 +130,9 @@ pub trait Slave: Send {
         let _ = dt_ns;
     }
 
-    /// A fault happens in the device, on an axis (from 0). False: it has no such axis.
-    fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
-        let _ = (axis, fault);
-        false
-    }
-
-    /// An input of an axis (from 0) sticks at a value, or works again: `None`. False: it has no such axis.
-    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
-        let _ = (axis, input, value);
-        false
-    }
-
-    /// The shaft of an axis (from 0) is jammed, so that it stands whatever the torque, or free again. False: it has no
-    /// such axis.
-    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
-        let _ = (axis, jammed);
-        false
-    }
-
-    /// The digital inputs of a channel (from 0) are forced, or work again: `None`. False: it has no such channel.
-    fn force_inputs(&mut self, channel: usize, pattern: Option<InputPattern>) -> bool {
-        let _ = (channel, pattern);
+    /// Something goes wrong in the device, or is as it was. False: it has no such axis or channel.
+    fn suffer(&mut self, fault: Fault) -> bool {
+        let _ = fault;
         false
     }
 

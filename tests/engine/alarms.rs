@@ -4,7 +4,7 @@ use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{FifoAction, Frame, MasterCommand, SlaveCommand};
-use ecmsk::slave::{DeviceFault, Drive, DriveConfig};
+use ecmsk::slave::{DeviceFault, Drive, DriveConfig, Fault};
 
 use crate::drives::board;
 use crate::host::Host;
@@ -36,7 +36,7 @@ fn state(host: &Host) -> DriveState {
 /// A drive that was on and is in Fault now.
 fn faulted(host: &mut Host, network: &SimHandle, resettable: bool) {
     host.servo_on(1).cycles(5);
-    network.raise_fault(1, 0, DeviceFault { code: 0x2310, resettable });
+    network.inflict(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable } });
     host.until("Fault", |host| state(host) == DriveState::Fault);
     assert_eq!(host.drive(1).error_code, 0x2310);
 }

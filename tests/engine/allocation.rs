@@ -11,7 +11,7 @@ use ecmsk::sk::{
     FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand, SlotSize,
     StateByte,
 };
-use ecmsk::slave::{DeviceFault, Drive, DriveConfig, Slave};
+use ecmsk::slave::{DeviceFault, Drive, DriveConfig, Fault, Slave};
 
 use crate::host::Host;
 use support::ahead_bus::{Ahead, AheadBus};
@@ -117,7 +117,7 @@ fn what_goes_wrong_allocates_nothing() {
         host.cycles(20);
         host.master(MasterCommand::SetFifo(FifoAction::Clear)).cycles(20);
     });
-    network.raise_fault(1, 0, DeviceFault { code: 0x2310, resettable: true });
+    network.inflict(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } });
     allocates_nothing("a fault", || {
         host.cycles(100);
     });

@@ -6,7 +6,7 @@ use ecmsk::engine::{EngineConfig, Event, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind};
 use ecmsk::slave::plant::Motor;
-use ecmsk::slave::{Drive, DriveConfig, HomeSwitch, Input, Slave, Travel};
+use ecmsk::slave::{Drive, DriveConfig, Fault, HomeSwitch, Input, Slave, Travel};
 
 use crate::homer::{BIT_10, BIT_12, BIT_13};
 use crate::host::Host;
@@ -223,8 +223,8 @@ fn a_homing_that_fails() {
         let mut axes = Axes::on(firmware, Kind::Servo, vec![config]);
         axes.prepare(1, if case == 2 { 16 } else { 17 }, places.turn);
         if case == 0 {
-            axes.network.stick_input(1, 0, Input::PositiveLimit, Some(true));
-            axes.network.stick_input(1, 0, Input::NegativeLimit, Some(true));
+            axes.network.inflict(1, Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(true) });
+            axes.network.inflict(1, Fault::Stick { axis: 0, input: Some(Input::NegativeLimit), value: Some(true) });
         }
         let mark = axes.host.mark();
         axes.host.slave(1, SlaveCommand::GoHome);
@@ -250,9 +250,9 @@ fn a_jam_ends_homing_by_a_fault() {
         let mark = axes.host.mark();
         axes.host.slave(1, SlaveCommand::GoHome);
         axes.cycles(100);
-        axes.network.jam(1, 0, true);
+        axes.network.inflict(1, Fault::Jam { axis: 0, jammed: true });
         axes.until("the following error", |host| host.drive(1).error_code == 0x8611);
-        axes.network.jam(1, 0, false);
+        axes.network.inflict(1, Fault::Jam { axis: 0, jammed: false });
         axes.back_to_csp(1, firmware);
         assert_eq!(axes.ends(mark), [(1, HomingEnd::NotEnabled)]);
         axes.host.slave(1, SlaveCommand::AlarmClear).cycles(50);

@@ -6,7 +6,7 @@ use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{
     AlState, BusConfig, BusError, Cleared, Configured, Fieldbus, Job, JobDone, Ns, Pacing, Role, SlaveSet,
 };
-use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Slave};
+use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Fault, Slave};
 use support::fieldbus_rig::{Bench, MS, SECOND, configure, sdo, set, state};
 
 use AlState::*;
@@ -272,9 +272,9 @@ fn old_outputs_do_not_come_back() {
 fn faults_from_outside() {
     let mut bench = Bench::enabled(3);
     let fault = DeviceFault { code: 0x4210, resettable: true };
-    bench.handle.raise_fault(2, 0, fault);
+    bench.handle.inflict(2, Fault::Alarm { axis: 0, fault });
     for (slave, axis) in [(0, 0), (4, 0), (1, 1)] {
-        bench.handle.raise_fault(slave, axis, fault);
+        bench.handle.inflict(slave, Fault::Alarm { axis, fault });
     }
     bench.cycles(3);
     assert_eq!([1, 2, 3].map(|slave| bench.inputs.slaves[slave - 1][0].error_code), [0, 0x4210, 0]);
@@ -300,7 +300,7 @@ fn a_long_pause() {
 #[test]
 fn a_cycle_allocates_nothing() {
     let mut bench = Bench::enabled(40);
-    bench.handle.raise_fault(7, 0, DeviceFault { code: 0x4210, resettable: true });
+    bench.handle.inflict(7, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x4210, resettable: true } });
     let allocated = allocation_counter::measure(|| {
         for cycle in 0..100 {
             for slave in 1..=40 {

@@ -9,7 +9,7 @@ use ecmsk::sk::{
     FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SlaveCommand,
     StateByte,
 };
-use ecmsk::slave::{AlStatus, DeviceFault, Input};
+use ecmsk::slave::{AlStatus, DeviceFault, Fault, Input};
 
 use crate::books::Books;
 use crate::machine::{MARKER, Machine};
@@ -280,7 +280,7 @@ impl Program {
                 let code = self.dice.pick(&[0x7500, 0x8611, 0x2310, 0x3210]);
                 let fault = DeviceFault { code, resettable: !self.dice.one_in(10) };
                 // Both axes of a module: its statusword is that of one, and a program sees no more.
-                (0..2).for_each(|axis| network.raise_fault(slave, axis, fault));
+                (0..2).for_each(|axis| network.inflict(slave, Fault::Alarm { axis, fault }));
             }
             4 | 5 => {
                 network.cut_after(self.dice.below(1 + units) as u8);
@@ -295,13 +295,20 @@ impl Program {
                 self.broken = 1 + self.dice.below(100);
             }
             8 if self.jam == 0 => {
-                (0..axes).for_each(|axis| network.jam(slave, axis, true));
+                (0..axes).for_each(|axis| network.inflict(slave, Fault::Jam { axis, jammed: true }));
                 self.watch.jam(n, true);
                 self.jam = 600;
             }
             9 => {
                 let input = self.dice.pick(&[Input::NegativeLimit, Input::PositiveLimit, Input::Home, Input::Index]);
-                network.stick_input(slave, 0, input, self.dice.pick(&[None, Some(false), Some(true)]));
+                network.inflict(
+                    slave,
+                    Fault::Stick {
+                        axis: 0,
+                        input: Some(input),
+                        value: self.dice.pick(&[None, Some(false), Some(true)]),
+                    },
+                );
             }
             10 => network.refuse(slave, self.dice.one_in(3).then_some((AlState::SafeOp, AlStatus::INVALID_OUTPUTS))),
             11 => network.delay_sdo(slave, if self.dice.one_in(2) { 50_000_000 } else { 0 }),
@@ -324,7 +331,7 @@ impl Program {
         self.jam = self.jam.saturating_sub(1);
         if self.jam == 300 {
             for unit in &self.machine.units {
-                (0..unit.axes).for_each(|axis| network.jam(unit.slave as u8, axis, false));
+                (0..unit.axes).for_each(|axis| network.inflict(unit.slave as u8, Fault::Jam { axis, jammed: false }));
             }
         } else if self.jam == 0 {
             (0..self.paths.len()).for_each(|n| self.watch.jam(n, false));

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::fieldbus::{AlState, Ns, SlaveOut};
-use ecmsk::slave::{AlStatus, DeviceFault, Input, Slave};
+use ecmsk::slave::{AlStatus, Fault, Slave};
 
 use support::images::{Images, number};
 
@@ -65,16 +65,8 @@ impl Slave for Tap {
         self.inner.step(dt_ns);
     }
 
-    fn raise_fault(&mut self, axis: usize, fault: DeviceFault) -> bool {
-        self.inner.raise_fault(axis, fault)
-    }
-
-    fn stick_input(&mut self, axis: usize, input: Input, value: Option<bool>) -> bool {
-        self.inner.stick_input(axis, input, value)
-    }
-
-    fn jam(&mut self, axis: usize, jammed: bool) -> bool {
-        self.inner.jam(axis, jammed)
+    fn suffer(&mut self, fault: Fault) -> bool {
+        self.inner.suffer(fault)
     }
 
     fn has_dc(&self) -> bool {

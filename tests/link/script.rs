@@ -233,7 +233,7 @@ fn a_script_does_what_the_handles_do() {
         Script::parse("test", "at 5ms silent for 3ms\nat 2ms cut 1 for 1ms", &slaves("drive")).expect("a script");
     assert_eq!(script.len(), 4);
     let events = board.engine().events_total();
-    let run = script.start(network, board.handle(), board.now());
+    let run = script.start(network.cable().clone(), board.handle(), board.now());
     assert!(!run.is_over());
     board.set_script(Some(Box::new(run)));
     let counted = allocation_counter::measure(|| assert_eq!(reports(&mut board, 20), 17));

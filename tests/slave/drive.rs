@@ -8,7 +8,7 @@ use ecmsk::fieldbus::pdo::ProcessData;
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, MAX_AXES, Refusal, Role, SlaveConfig};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::dictionary::{Device, PdoDirection};
-use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Slave};
+use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Fault, Slave};
 
 use AlState::*;
 
@@ -383,8 +383,11 @@ fn watchdog_of_the_outputs() {
 fn injected_faults() {
     for (resettable, after) in [(true, DriveState::SwitchOnDisabled), (false, DriveState::Fault)] {
         let mut rig = moving();
-        assert!(rig.drive.raise_fault(0, DeviceFault { code: 0x3210, resettable }));
-        assert!(!rig.drive.raise_fault(1, DeviceFault { code: 0x3210, resettable }), "there is no second axis");
+        assert!(rig.drive.suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3210, resettable } }));
+        assert!(
+            !rig.drive.suffer(Fault::Alarm { axis: 1, fault: DeviceFault { code: 0x3210, resettable } }),
+            "there is no second axis"
+        );
         rig.cycle();
         assert_eq!((rig.state(), rig.torque() < 0), (DriveState::FaultReactionActive, true), "it brakes");
         rig.run_for(50 * MS);

@@ -2,7 +2,7 @@
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, Ns};
-use ecmsk::slave::{AlStatus, DeviceFault, Input, InputPattern, Slave};
+use ecmsk::slave::{AlStatus, DeviceFault, Fault, Input, InputPattern, Slave};
 
 struct Least;
 
@@ -36,10 +36,10 @@ impl Slave for Least {
 #[test]
 fn it_has_no_axis_and_no_channel() {
     let mut slave = Least;
-    assert!(!slave.raise_fault(0, DeviceFault { code: 0x7305, resettable: true }));
-    assert!(!slave.stick_input(0, Input::Home, Some(true)));
-    assert!(!slave.jam(0, true));
-    assert!(!slave.force_inputs(0, Some(InputPattern::Bits(1))));
+    assert!(!slave.suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x7305, resettable: true } }));
+    assert!(!slave.suffer(Fault::Stick { axis: 0, input: Some(Input::Home), value: Some(true) }));
+    assert!(!slave.suffer(Fault::Jam { axis: 0, jammed: true }));
+    assert!(!slave.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) }));
     assert_eq!(slave.shaft(0), None);
 }
 

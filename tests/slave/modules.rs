@@ -4,7 +4,8 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::fieldbus::{AlState, Ns, Role};
 use ecmsk::slave::{
-    AlStatus, Channels, DeviceFault, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, InputPattern, Io, IoConfig, Slave,
+    AlStatus, Channels, DeviceFault, Drive, DriveConfig, Fault, HomeSwitch, Hsp, HspConfig, InputPattern, Io, IoConfig,
+    Slave,
 };
 
 use crate::wired::{exchange, map};
@@ -55,13 +56,16 @@ fn inputs(io: &mut Io) -> u32 {
 fn inputs_of_a_module_are_forced() {
     let mut io = in_preop(Io::new(IoConfig::default()));
     assert_eq!(inputs(&mut io), 0);
-    assert!(io.force_inputs(0, Some(InputPattern::Bits(0xA5C3))));
+    assert!(io.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0xA5C3)) }));
     assert_eq!([inputs(&mut io), inputs(&mut io)], [0xA5C3; 2]);
-    assert!(io.force_inputs(0, Some(InputPattern::Walk { step_ns: 2 * MS })));
+    assert!(io.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 2 * MS }) }));
     let walk: Vec<u32> = (0..34).map(|_| inputs(&mut io)).collect();
     let expected: Vec<u32> = (0..34).map(|n| 1 << (n / 2 % 16)).collect();
     assert_eq!(walk, expected);
-    assert!(io.force_inputs(0, Some(InputPattern::Walk { step_ns: 0 })), "every nanosecond is the fastest");
+    assert!(
+        io.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 0 }) }),
+        "every nanosecond is the fastest"
+    );
     let fastest: Vec<u32> = (0..5)
         .map(|_| {
             io.step(3);
@@ -69,9 +73,9 @@ fn inputs_of_a_module_are_forced() {
         })
         .collect();
     assert_eq!(fastest, [1, 1 << 3, 1 << 6, 1 << 9, 1 << 12]);
-    assert!(io.force_inputs(0, None));
+    assert!(io.suffer(Fault::ForceInputs { channel: 0, pattern: None }));
     assert_eq!(inputs(&mut io), 0);
-    assert!(!io.force_inputs(1, Some(InputPattern::Bits(1))), "it has one channel");
+    assert!(!io.suffer(Fault::ForceInputs { channel: 1, pattern: Some(InputPattern::Bits(1)) }), "it has one channel");
     assert_eq!(inputs(&mut io), 0);
 }
 
@@ -82,7 +86,11 @@ fn inputs_of_channels() {
         let mut hsp = in_preop(Hsp::new(HspConfig::with(channels)));
         for channel in 0..3 {
             let pattern = InputPattern::Bits(0x0101 << channel);
-            assert_eq!(hsp.force_inputs(channel, Some(pattern)), channel < count, "{channels:?} {channel}");
+            assert_eq!(
+                hsp.suffer(Fault::ForceInputs { channel, pattern: Some(pattern) }),
+                channel < count,
+                "{channels:?} {channel}"
+            );
         }
         let data = map(&mut hsp, Role::Hsp(Mode::Csp));
         let mut seen = Default::default();
@@ -92,7 +100,10 @@ fn inputs_of_channels() {
         let expected = if count == 2 { [0x0101, 0x0202] } else { [0x0101, 0] };
         assert_eq!(seen.map(|axis| axis.inputs), expected, "{channels:?}");
     }
-    assert!(!Drive::new(DriveConfig::default()).force_inputs(0, Some(InputPattern::Bits(1))));
+    assert!(
+        !Drive::new(DriveConfig::default())
+            .suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) })
+    );
 }
 
 /// CiA 301 7.5.2.2 The error register has bit 0 for any error, and the bit of its group.
@@ -111,14 +122,14 @@ fn error_registers() {
         (0xFF01, 0x81), // the maker's own
     ] {
         let mut drive = in_preop(Drive::new(DriveConfig::default()));
-        assert!(drive.raise_fault(0, DeviceFault { code, resettable: true }));
+        assert!(drive.suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code, resettable: true } }));
         drive.step(MS);
         assert_eq!(read(&mut drive, 0x603F, 0), u32::from(code));
         assert_eq!(read(&mut drive, 0x1001, 0), expected, "{code:#06x}");
     }
     let mut hsp = in_preop(Hsp::new(HspConfig::with(Channels::Two)));
     for (axis, code) in [(0, 0x2310), (1, 0x3210)] {
-        assert!(hsp.raise_fault(axis, DeviceFault { code, resettable: true }));
+        assert!(hsp.suffer(Fault::Alarm { axis, fault: DeviceFault { code, resettable: true } }));
     }
     hsp.step(MS);
     assert_eq!(read(&mut hsp, 0x1001, 0), 0x07, "the register is of both axes");

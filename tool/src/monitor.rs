@@ -18,7 +18,6 @@ use ecmsk::ecm::EcmError;
 use ecmsk::engine::Firmware;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::options::SimOptions;
-use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{KnownNetwork, LinkError};
 use ecmsk::recording::RecordError;
@@ -232,13 +231,7 @@ fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
         return Some(list.kinds().to_vec());
     }
     let uri = uri.filter(|uri| uri.scheme() == Scheme::Sim)?;
-    let kind = |model| match model {
-        SlaveModel::Drive => SlaveKind::Drive,
-        SlaveModel::Step => SlaveKind::Step,
-        SlaveModel::Hsp | SlaveModel::Hsp2 => SlaveKind::Hsp,
-        SlaveModel::Io => SlaveKind::Io,
-    };
-    Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| kind(slave.model)).collect())
+    Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 
 /// Shortest interval: nobody sees more. \[OURS]

@@ -49,8 +49,8 @@ impl SimBus {
                 Running::State { target, slaves, due, deadline: now.saturating_add(timeout_ns) }
             }
             Job::Sdo(request) => {
-                let delay = self.orders(request.slave).map_or(0, |orders| orders.sdo_delay_ns);
-                let due = now.saturating_add(self.timing.sdo_ns).saturating_add(delay);
+                let delay_ns = self.handle.sdo_delay_ns(request.slave);
+                let due = now.saturating_add(self.timing.sdo_ns).saturating_add(delay_ns);
                 Running::Sdo { request, due, deadline: now.saturating_add(request.timeout_ns) }
             }
         }
@@ -187,9 +187,7 @@ impl SimBus {
     }
 
     fn enter(&mut self, slave: u8, state: AlState) -> Result<(), AlStatus> {
-        if let Some((refused, status)) = self.handle.orders(slave).refuse
-            && refused == state
-        {
+        if let Some(status) = self.handle.refusal(slave, state) {
             return Err(status);
         }
         let station = self.station(slave);
@@ -203,22 +201,12 @@ impl SimBus {
         Ok(())
     }
 
-    fn orders(&self, slave: u8) -> Option<super::handle::Orders> {
-        (1..=MAX_SLAVES as u8).contains(&slave).then(|| self.handle.orders(slave))
-    }
-
     fn has_mailbox(&self, slave: u8) -> bool {
         (1..=self.found).contains(&slave) && self.answers(slave) && self.state(slave) > AlState::Init
     }
 
     fn transfer(&mut self, request: &SdoRequest) -> Result<u32, AbortCode> {
-        let orders = self.handle.orders(request.slave);
-        if let Some(code) = orders.sdo_abort {
-            return Err(code);
-        }
-        if let Some((object, code)) = orders.object_abort
-            && object == request.object
-        {
+        if let Some(code) = self.handle.sdo_abort(request.slave, request.object) {
             return Err(code);
         }
         let device = &mut self.station(request.slave).slave;

@@ -65,7 +65,7 @@ impl Reader<'_, '_> {
         let count = parts(model);
         let part = whole(part).and_then(|part| usize::try_from(part).ok()).filter(|part| (1..=count).contains(part));
         let allowed = match count {
-            0 => format!("a slave with {has}; slave {slave} is {} {}", article(model), model.name()),
+            0 => format!("a slave with {has}; slave {slave} is {}", model.with_article()),
             1 => format!("{slave}, slave {slave} has one {name}"),
             n => format!("{slave}.1 to {slave}.{n}"),
         };
@@ -131,12 +131,5 @@ impl Reader<'_, '_> {
         let sub = parts.and_then(|(_, sub)| u8::try_from(whole(sub)?).ok());
         let object = index.zip(sub).map(|(index, sub)| ObjectAddress::new(index, sub));
         object.map(Some).ok_or_else(|| word.wrong("no object", "index and subindex, such as 0x6098:0"))
-    }
-}
-
-const fn article(model: SlaveModel) -> &'static str {
-    match model {
-        SlaveModel::Drive | SlaveModel::Step => "a",
-        SlaveModel::Hsp | SlaveModel::Hsp2 | SlaveModel::Io => "an",
     }
 }

@@ -2,17 +2,17 @@
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::engine::{self, BoardHandle, Event};
-use crate::fieldbus::sim::SimHandle;
+use crate::fieldbus::cable::Cable;
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
-use crate::slave::{AlStatus, DeviceFault, Input, InputPattern};
+use crate::slave::{AlStatus, Fault};
 
 /// Something that happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Deed {
-    Alarm {
+    /// In a slave.
+    Fault {
         slave: u8,
-        axis: usize,
-        fault: DeviceFault,
+        fault: Fault,
     },
     /// The cable reaches that many slaves; `None`: it is whole.
     Cut(Option<u8>),
@@ -33,27 +33,9 @@ pub(super) enum Deed {
         slave: u8,
         abort: Option<(Option<ObjectAddress>, AbortCode)>,
     },
-    /// One input of an axis, or all of them; `None`: it works.
-    Stick {
-        slave: u8,
-        axis: usize,
-        input: Option<Input>,
-        value: Option<bool>,
-    },
-    Jam {
-        slave: u8,
-        axis: usize,
-        jammed: bool,
-    },
     Lose {
         slave: u8,
         lost: bool,
-    },
-    /// `None`: its inputs work.
-    Force {
-        slave: u8,
-        channel: usize,
-        pattern: Option<InputPattern>,
     },
     Silent(bool),
     Full(bool),
@@ -64,24 +46,22 @@ impl Deed {
     /// What takes it back; itself where nothing does.
     pub(super) const fn end(self) -> Self {
         match self {
-            Self::Alarm { .. } | Self::Inputs(_) => self,
+            Self::Inputs(_) => self,
+            Self::Fault { slave, fault } => Self::Fault { slave, fault: fault.end() },
             Self::Cut(_) => Self::Cut(None),
             Self::Mute { slave, .. } => Self::Mute { slave, mute: false },
             Self::Refuse { slave, .. } => Self::Refuse { slave, state: None },
             Self::SdoDelay { slave, .. } => Self::SdoDelay { slave, ns: 0 },
             Self::SdoAbort { slave, .. } => Self::SdoAbort { slave, abort: None },
-            Self::Stick { slave, axis, input, .. } => Self::Stick { slave, axis, input, value: None },
-            Self::Jam { slave, axis, .. } => Self::Jam { slave, axis, jammed: false },
             Self::Lose { slave, .. } => Self::Lose { slave, lost: false },
-            Self::Force { slave, channel, .. } => Self::Force { slave, channel, pattern: None },
             Self::Silent(_) => Self::Silent(false),
             Self::Full(_) => Self::Full(false),
         }
     }
 
-    fn happen(self, network: &SimHandle, board: &BoardHandle) {
+    fn happen(self, network: &Cable, board: &BoardHandle) {
         match self {
-            Self::Alarm { slave, axis, fault } => network.raise_fault(slave, axis, fault),
+            Self::Fault { slave, fault } => network.inflict(slave, fault),
             Self::Cut(Some(slaves)) => network.cut_after(slaves),
             Self::Cut(None) => network.heal(),
             Self::Mute { slave, mute } => network.silence(slave, mute),
@@ -95,14 +75,8 @@ impl Deed {
             Self::SdoAbort { slave, abort: Some((Some(object), code)) } => {
                 network.abort_object(slave, Some((object, code)));
             }
-            Self::Stick { slave, axis, input: Some(input), value } => network.stick_input(slave, axis, input, value),
-            Self::Stick { slave, axis, input: None, value } => {
-                Input::ALL.into_iter().for_each(|input| network.stick_input(slave, axis, input, value));
-            }
-            Self::Jam { slave, axis, jammed } => network.jam(slave, axis, jammed),
             Self::Lose { slave, lost: true } => network.lose(slave),
             Self::Lose { slave, lost: false } => network.find(slave),
-            Self::Force { slave, channel, pattern } => network.force_inputs(slave, channel, pattern),
             Self::Silent(silent) => board.mute(silent),
             Self::Full(full) => board.hold_fifo(full),
             Self::Inputs(bits) => board.set_local_inputs(bits),
@@ -127,12 +101,12 @@ pub struct Run {
     steps: Vec<Step>,
     next: usize,
     zero: Ns,
-    network: SimHandle,
+    network: Cable,
     board: BoardHandle,
 }
 
 impl Run {
-    pub(super) const fn new(steps: Vec<Step>, network: SimHandle, board: BoardHandle, zero: Ns) -> Self {
+    pub(super) const fn new(steps: Vec<Step>, network: Cable, board: BoardHandle, zero: Ns) -> Self {
         Self { steps, next: 0, zero, network, board }
     }
 }
@@ -152,7 +126,7 @@ impl engine::Script for Run {
 }
 
 /// Makes network and board whole again, whatever a script did to them.
-pub(crate) fn take_back(network: &SimHandle, board: &BoardHandle) {
+pub(crate) fn take_back(network: &Cable, board: &BoardHandle) {
     let everywhere = [Deed::Cut(None), Deed::Silent(false), Deed::Full(false), Deed::Inputs(0)];
     let of_slave = |slave| {
         [
@@ -163,13 +137,7 @@ pub(crate) fn take_back(network: &SimHandle, board: &BoardHandle) {
             Deed::SdoAbort { slave, abort: None },
         ]
     };
-    let of_axis = |(slave, axis)| {
-        [
-            Deed::Stick { slave, axis, input: None, value: None },
-            Deed::Jam { slave, axis, jammed: false },
-            Deed::Force { slave, channel: axis, pattern: None },
-        ]
-    };
+    let of_axis = |(slave, axis)| Fault::all_ends(axis).map(|fault| Deed::Fault { slave, fault });
     let slaves = 1..=MAX_SLAVES as u8;
     let axes = slaves.clone().flat_map(|slave| (0..MAX_AXES).map(move |axis| (slave, axis)));
     for deed in everywhere.into_iter().chain(slaves.flat_map(of_slave)).chain(axes.flat_map(of_axis)) {

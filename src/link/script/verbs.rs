@@ -4,7 +4,7 @@ use super::reader::Reader;
 use super::run::{Deed, Step};
 use super::words::{Word, Words, Wrong, number, time};
 use crate::link::slaves::SlaveSpec;
-use crate::slave::DeviceFault;
+use crate::slave::{DeviceFault, Fault};
 
 /// One verb.
 struct Verb {
@@ -28,7 +28,7 @@ const VERBS: &[Verb] = &[
             let (slave, axis) = line.axis()?;
             let code = number(line.words, "CODE", &line.form, 1, 0xFFFF)? as u16;
             let resettable = !line.words.take("stays");
-            Ok(Deed::Alarm { slave, axis, fault: DeviceFault { code, resettable } })
+            Ok(Deed::Fault { slave, fault: Fault::Alarm { axis, fault: DeviceFault { code, resettable } } })
         },
     },
     Verb {
@@ -108,7 +108,8 @@ const VERBS: &[Verb] = &[
         read: |line| {
             let (slave, axis) = line.axis()?;
             let stuck = if line.ends { None } else { Some((line.input()?, line.on_or_off()?)) };
-            Ok(Deed::Stick { slave, axis, input: stuck.map(|(input, _)| input), value: stuck.map(|(_, on)| on) })
+            let (input, value) = (stuck.map(|(input, _)| input), stuck.map(|(_, on)| on));
+            Ok(Deed::Fault { slave, fault: Fault::Stick { axis, input, value } })
         },
     },
     Verb {
@@ -118,7 +119,7 @@ const VERBS: &[Verb] = &[
         lasts: true,
         read: |line| {
             let (slave, axis) = line.motor()?;
-            Ok(Deed::Jam { slave, axis, jammed: true })
+            Ok(Deed::Fault { slave, fault: Fault::Jam { axis, jammed: true } })
         },
     },
     Verb {
@@ -130,7 +131,7 @@ const VERBS: &[Verb] = &[
         read: |line| {
             let (slave, channel) = line.channel()?;
             let pattern = if line.ends { None } else { Some(line.pattern()?) };
-            Ok(Deed::Force { slave, channel, pattern })
+            Ok(Deed::Fault { slave, fault: Fault::ForceInputs { channel, pattern } })
         },
     },
     Verb {

@@ -9,7 +9,7 @@ use ecmsk::fieldbus::sim::{Shafts, SimHandle};
 use ecmsk::link::engine::EngineLink;
 use ecmsk::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use ecmsk::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
-use ecmsk::slave::DeviceFault;
+use ecmsk::slave::{DeviceFault, Fault};
 
 use crate::machine::Unit;
 use crate::tap::Seen as Taken;
@@ -207,7 +207,8 @@ impl Eyes {
             Break::Silence(slave) => self.network.silence(slave, true),
             Break::Power(slave) => self.network.lose(slave),
             Break::Alarm(slave) => {
-                self.network.raise_fault(slave, 0, DeviceFault { code: 0x8611, resettable: true });
+                self.network
+                    .inflict(slave, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x8611, resettable: true } });
             }
         }
         (seen.breaks_in, seen.is_broken) = (None, true);

@@ -3,7 +3,7 @@
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{DeviceFault, Slave};
+use ecmsk::slave::{DeviceFault, Fault, Slave};
 
 use super::bench::{Bench, Bits, CAM, FAST, FIRST, LAST, RAMP, SLOW, travel};
 
@@ -209,7 +209,14 @@ fn ended_by_the_power_stage() {
         ("leaving OP", Bench::leave_op, DriveState::SwitchOnDisabled),
         (
             "fault",
-            |bench| assert!(bench.rig.drive.raise_fault(0, DeviceFault { code: 0x2310, resettable: true })),
+            |bench| {
+                assert!(
+                    bench
+                        .rig
+                        .drive
+                        .suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } })
+                )
+            },
             DriveState::Fault,
         ),
     ];

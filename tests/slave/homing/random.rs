@@ -2,7 +2,7 @@
 
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
+use ecmsk::slave::{Fault, HomeSwitch, Input, Slave, Travel};
 use proptest::prelude::*;
 
 use super::bench::{Bench, INDEX, TURN};
@@ -89,7 +89,8 @@ proptest! {
         }
         bench.rig.write(0x609A, 0, SdoSize::Four, case.ramp);
         if let Some((input, value)) = case.stuck {
-            prop_assert!(bench.rig.drive.stick_input(0, input, Some(value)));
+            let stuck = Fault::Stick { axis: 0, input: Some(input), value: Some(value) };
+            prop_assert!(bench.rig.drive.suffer(stuck));
         }
         // A 20th for what the loops overshoot when a ramp ends, and the ramp for the while they lag.
         bench.way_limit = (case.fast.max(case.slow) as f64 * 1.05 + case.ramp as f64 * 4e-3) / 1000.0;

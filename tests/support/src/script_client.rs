@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use ecmsk::link::options::SimOptions;
-use ecmsk::link::slaves::{SlaveModel, SlaveSpec};
+use ecmsk::link::slaves::SlaveSpec;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize, StateByte};
@@ -45,13 +45,7 @@ impl Client {
         let uri = format!("sim:?slaves={list}&{options}&script={}", file(name, script).display());
         let link = link::open(&uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"));
         let zero = link.info().opened_at.0;
-        let kind = |slave: SlaveSpec| match slave.model {
-            SlaveModel::Drive => SlaveKind::Drive,
-            SlaveModel::Step => SlaveKind::Step,
-            SlaveModel::Hsp | SlaveModel::Hsp2 => SlaveKind::Hsp,
-            SlaveModel::Io => SlaveKind::Io,
-        };
-        let kinds = slaves(list).into_iter().map(kind).collect();
+        let kinds = slaves(list).into_iter().map(|slave| slave.model.kind()).collect();
         Self { link, report: Frame::new(), zero, kinds }
     }
 

@@ -3,7 +3,6 @@
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
 use ecmsk::link::options::SimOptions;
-use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
@@ -53,12 +52,7 @@ impl Network {
     /// What a link of simulated slaves has; `None` for any other link.
     pub fn of_link(link: &LinkUri) -> Option<Self> {
         let options = SimOptions::from_uri(link).ok()?;
-        let slaves = options.slaves.iter().map(|slave| match slave.model {
-            SlaveModel::Drive => Slave::Drive(Axis::CSP),
-            SlaveModel::Step => Slave::Step(Axis::CSP),
-            SlaveModel::Hsp | SlaveModel::Hsp2 => Slave::Hsp(Axis::CSP),
-            SlaveModel::Io => Slave::Io,
-        });
+        let slaves = options.slaves.iter().map(|slave| Slave::of_kind(slave.model.kind()));
         Some(Self(slaves.collect()))
     }
 

@@ -19,7 +19,7 @@ use ecmsk::sk::{
     CommandId, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand,
     SlaveCommand, SlotSize, StateByte,
 };
-use ecmsk::slave::{Fault, DeviceFault};
+use ecmsk::slave::{DeviceFault, Fault};
 use libfuzzer_sys::fuzz_target;
 
 /// Cycles of an input at most: a model lives through them.
@@ -148,7 +148,10 @@ impl Watched {
                 }
                 8 => self.blind = count & 1 != 0,
                 _ => match count % 4 {
-                    0 => self.network.inflict(1 + step[2] % 3, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x8611, resettable: true } }),
+                    0 => self.network.inflict(
+                        1 + step[2] % 3,
+                        Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x8611, resettable: true } },
+                    ),
                     1 => self.network.cut_after(step[2] % 5),
                     2 => self.network.heal(),
                     _ => self.network.delay_sdo(1 + step[2] % 3, u64::from(step[3]) * 1_000_000),

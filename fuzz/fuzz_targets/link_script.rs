@@ -4,7 +4,7 @@
 
 use ecmsk::engine::{BoardHandle, Script as _};
 use ecmsk::fieldbus::Ns;
-use ecmsk::fieldbus::sim::SimHandle;
+use ecmsk::fieldbus::cable::Cable;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::script::{Script, ScriptError};
 use ecmsk::link::uri::LinkUri;
@@ -16,7 +16,7 @@ fuzz_target!(|text: &str| {
     match Script::parse("any", text, &slaves) {
         Ok(script) => {
             let steps = script.len();
-            let mut run = script.start(SimHandle::default(), BoardHandle::default(), 0);
+            let mut run = script.start(Cable::default(), BoardHandle::default(), 0);
             let mut done = 0;
             run.run(Ns::MAX, &mut |event| {
                 assert!(!event.to_string().is_empty());

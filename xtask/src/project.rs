@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use crate::command;
 use crate::error::Error;
@@ -28,14 +29,16 @@ struct Metadata {
     target_directory: PathBuf,
 }
 
+/// What `cargo metadata` with one more `option` says, as far as `T` names it.
+pub fn metadata<T: DeserializeOwned>(mut cargo: Command, option: &str) -> Result<T, Error> {
+    let answer = command::output(cargo.args(["metadata", "--format-version=1", option]))?;
+    serde_json::from_slice(&answer).map_err(|source| Error::Output { command: command::shown(&cargo), source })
+}
+
 impl Project {
     /// The workspace around the current directory.
     pub fn find() -> Result<Self, Error> {
-        let mut ask = Command::new(cargo_program());
-        ask.args(["metadata", "--no-deps", "--format-version=1"]);
-        let answer = command::output(&mut ask)?;
-        let metadata: Metadata = serde_json::from_slice(&answer)
-            .map_err(|source| Error::Output { command: command::shown(&ask), source })?;
+        let metadata: Metadata = metadata(Command::new(cargo_program()), "--no-deps")?;
         Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, incremental: true })
     }
 

@@ -10,7 +10,7 @@ use serde::Deserialize;
 use crate::command;
 use crate::error::Error;
 use crate::needs::{self, ADVISORIES, Need, PIP, PYTHON, TYPOS};
-use crate::project::{Project, cargo_home};
+use crate::project::{Project, cargo_home, metadata};
 use crate::test::{self, Part, part};
 use crate::tools::{CARGO_DENY, CARGO_MACHETE, Tool};
 use crate::wheel;
@@ -72,10 +72,7 @@ fn unused(project: &Project) -> Result<(), Error> {
 ///
 /// `cargo hack` does not do here: it leaves out `--package`, and at the root the tool is built too, which needs every feature.
 pub fn combinations(project: &Project) -> Result<(), Error> {
-    let mut ask = project.cargo();
-    ask.args(["metadata", "--no-deps", "--format-version=1"]);
-    let metadata: Metadata = serde_json::from_slice(&command::output(&mut ask)?)
-        .map_err(|source| Error::Output { command: command::shown(&ask), source })?;
+    let metadata: Metadata = metadata(project.cargo(), "--no-deps")?;
     let library = metadata.packages.into_iter().find(|package| package.name == LIBRARY);
     let features = library.map(|library| library.features).unwrap_or_default();
     for features in sets(&features) {

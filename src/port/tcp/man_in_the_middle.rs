@@ -31,11 +31,7 @@ fn somebody_in_between_gets_nothing() {
     let (seen, address) = (Arc::clone(&hellos), server.address());
     let between = std::thread::spawn(move || {
         let deadline = Instant::now() + Duration::from_secs(30);
-        let mut out = Out::default();
-        let mut victim = Channel::new(listener.accept().unwrap().0).unwrap();
-        victim.stage_plain(&Greeting { tls: true, has_room: true }.encode(), &mut out);
-        victim.flush(&mut out, deadline).unwrap();
-        victim.secure(ServerTls::new().unwrap().accept().unwrap(), deadline).unwrap();
+        let victim = accept_client(&listener, deadline);
         let mut server = Channel::new(TcpStream::connect(address).unwrap()).unwrap();
         let mut greeting = [0; GREETING_LEN];
         while server.receive_plain(&mut greeting).is_err_and(|error| error.kind() == ErrorKind::WouldBlock) {
@@ -80,10 +76,7 @@ fn somebody_who_pretends_gets_no_client() {
         let pretending = std::thread::spawn(move || {
             let deadline = Instant::now() + Duration::from_secs(30);
             let mut out = Out::default();
-            let mut victim = Channel::new(listener.accept().unwrap().0).unwrap();
-            victim.stage_plain(&Greeting { tls: true, has_room: true }.encode(), &mut out);
-            victim.flush(&mut out, deadline).unwrap();
-            victim.secure(ServerTls::new().unwrap().accept().unwrap(), deadline).unwrap();
+            let victim = accept_client(&listener, deadline);
             let proof = first_message(&victim, &mut Inbox::default(), deadline, |message| match message {
                 Message::Hello(hello) => *hello.proof,
                 other => panic!("{other:?}"),
@@ -110,4 +103,14 @@ fn write_secret(file: &std::path::Path) {
     // One that others may read is refused there.
     #[cfg(unix)]
     std::fs::set_permissions(file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+}
+
+/// The TLS session with the client that connects next, who takes us for the server.
+fn accept_client(listener: &TcpListener, deadline: Instant) -> Channel {
+    let mut out = Out::default();
+    let mut client = Channel::new(listener.accept().unwrap().0).unwrap();
+    client.stage_plain(&Greeting { tls: true, has_room: true }.encode(), &mut out);
+    client.flush(&mut out, deadline).unwrap();
+    client.secure(ServerTls::new().unwrap().accept().unwrap(), deadline).unwrap();
+    client
 }

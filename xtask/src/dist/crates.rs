@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use crate::command;
 use crate::error::Error;
-use crate::project::Project;
+use crate::project::{Project, metadata};
 
 /// A crate.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -52,10 +52,7 @@ pub struct Known(BTreeMap<(String, String), Crate>);
 
 impl Known {
     pub fn find(project: &Project) -> Result<Self, Error> {
-        let mut ask = project.cargo();
-        let answer = command::output(ask.args(["metadata", "--locked", "--format-version=1"]))?;
-        let metadata: Metadata = serde_json::from_slice(&answer)
-            .map_err(|source| Error::Output { command: command::shown(&ask), source })?;
+        let metadata: Metadata = metadata(project.cargo(), "--locked")?;
         let lock = project.root.join("Cargo.lock");
         let sums = checksums(&fs::read_to_string(&lock).map_err(Error::file("read", &lock))?);
         let crates = metadata.packages.into_iter().map(|package| {

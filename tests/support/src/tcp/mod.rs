@@ -243,8 +243,7 @@ pub const GREETING: &[u8; 16] = b"ecmsktcp\x02\x00\x00\x01\x00\x00\x00\x00";
 impl Raw {
     /// Connects, and takes the greeting.
     pub fn connect(server: &Server) -> Self {
-        let raw = Self::dial(server);
-        let mut raw = raw;
+        let mut raw = Self::dial(server);
         assert_eq!(&raw.take::<16>().expect("a greeting"), GREETING);
         raw
     }

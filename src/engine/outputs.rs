@@ -275,8 +275,10 @@ fn refresh_outputs(outputs: &mut Outputs, v: &mut Volatile, executed: &mut Execu
         }
     }
     executed.homers = v.homers;
-    for n in v.homers.iter().map(|slave| usize::from(slave) - 1) {
-        executed.homing[n] = v.axes[n].each_ref().map(|axis| axis.homing);
+    for slave in v.homers.iter() {
+        let n = usize::from(slave) - 1;
+        let kept = executed.homing[n].iter_mut().zip(&v.axes[n]);
+        kept.take(used_axes(v.second_axes, slave)).for_each(|(then, axis)| *then = axis.homing);
     }
 }
 

@@ -1,9 +1,10 @@
 //! The link to a board in this process: the engine with a simulated network, on the real clock or on a virtual one.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
+use super::call_counts::CallCounts;
 use super::rejections::RejectionLog;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::engine::{Board, Counters, Rate, RealTime, Stepped, Stop, Threaded};
@@ -60,7 +61,7 @@ pub struct EngineLink {
     closed: AtomicBool,
     /// The board's counters, and the number of dropped reports, when the link was closed.
     last: OnceLock<(Counters, u64)>,
-    counts: Counts,
+    counts: CallCounts,
     logged: Mutex<Logged>,
 }
 
@@ -69,14 +70,6 @@ struct Logged {
     /// How many events have been logged (virtual time only; a cyclic thread hands over each event once).
     events: u64,
     rejections: RejectionLog,
-}
-
-#[derive(Default)]
-struct Counts {
-    written: AtomicU64,
-    read: AtomicU64,
-    write_errors: AtomicU64,
-    read_errors: AtomicU64,
 }
 
 impl EngineLink {
@@ -112,10 +105,7 @@ impl EngineLink {
             Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
         } else {
             let threaded = Threaded::start(board, options.host_ns, options.queue, options.real_time, options.rate);
-            Runner::Threaded(threaded.map_err(|e| LinkError::Io {
-                what: format!("start the thread of `{name}`"),
-                message: format!("{e}; free some threads (`ulimit -u`) and open it again"),
-            })?)
+            Runner::Threaded(threaded.map_err(|error| LinkError::no_thread(name, &error))?)
         };
         Ok(Self {
             info,
@@ -123,7 +113,7 @@ impl EngineLink {
             keeper,
             closed: AtomicBool::new(false),
             last: OnceLock::new(),
-            counts: Counts::default(),
+            counts: CallCounts::default(),
             logged: Mutex::new(logged),
         })
     }
@@ -147,14 +137,7 @@ impl EngineLink {
 
     fn error(&self, stop: Stop, dir: Dir, wait: Wait) -> LinkError {
         match stop {
-            Stop::Timeout => LinkError::Timeout {
-                dir,
-                waited: limit(wait).unwrap_or_default(),
-                what: match dir {
-                    Dir::Write => "the board takes no more frames",
-                    Dir::Read => "no report came",
-                },
-            },
+            Stop::Timeout => LinkError::timed_out(dir, wait),
             Stop::Silent { since, cycles } => LinkError::Silent { since_ns: since, cycles },
             Stop::Rebooted => {
                 LinkError::Lost { name: self.info.name.clone(), reason: "it was reset (SW_RESET)".into() }
@@ -213,14 +196,6 @@ fn write_log(lines: Vec<(log::Level, String)>) {
     }
 }
 
-fn limit(wait: Wait) -> Option<Duration> {
-    match wait {
-        Wait::Forever => None,
-        Wait::For(limit) => Some(limit),
-        Wait::Now => Some(Duration::ZERO),
-    }
-}
-
 impl Link for EngineLink {
     fn info(&self) -> LinkInfo {
         self.info.clone()
@@ -229,37 +204,20 @@ impl Link for EngineLink {
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let done = match &self.runner {
             Runner::Stepped(stepped) => stepped.write(frame),
-            Runner::Threaded(threaded) => threaded.write(frame, limit(wait)),
+            Runner::Threaded(threaded) => threaded.write(frame, wait.limit()),
         };
         self.log_events();
-        match done {
-            Ok(at) => {
-                self.counts.written.fetch_add(1, Ordering::Relaxed);
-                Ok(Stamp(at))
-            }
-            Err(stop) => {
-                self.counts.write_errors.fetch_add(1, Ordering::Relaxed);
-                Err(self.error(stop, Dir::Write, wait))
-            }
-        }
+        self.counts.write(done.map(Stamp).map_err(|stop| self.error(stop, Dir::Write, wait)))
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let done = match &self.runner {
-            Runner::Stepped(stepped) => stepped.read(out, limit(wait)),
-            Runner::Threaded(threaded) => threaded.read(out, limit(wait)),
+            Runner::Stepped(stepped) => stepped.read(out, wait.limit()),
+            Runner::Threaded(threaded) => threaded.read(out, wait.limit()),
         };
         self.log_events();
-        match done {
-            Ok(report) => {
-                self.counts.read.fetch_add(1, Ordering::Relaxed);
-                Ok(ReadMeta { at: Stamp(report.at), sequence: report.sequence, dropped: report.dropped })
-            }
-            Err(stop) => {
-                self.counts.read_errors.fetch_add(1, Ordering::Relaxed);
-                Err(self.error(stop, Dir::Read, wait))
-            }
-        }
+        let report = self.counts.read(done.map_err(|stop| self.error(stop, Dir::Read, wait)))?;
+        Ok(ReadMeta { at: Stamp(report.at), sequence: report.sequence, dropped: report.dropped })
     }
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
@@ -319,19 +277,11 @@ impl Link for EngineLink {
 
     fn stats(&self) -> LinkStats {
         let board = self.board_counters();
-        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         LinkStats {
-            written: count(&self.counts.written),
-            read: count(&self.counts.read),
             reports_dropped: board.as_ref().map_or(0, |(_, dropped)| *dropped),
-            write_errors: count(&self.counts.write_errors),
-            read_errors: count(&self.counts.read_errors),
-            reports_short: 0,
-            transfers_failed: 0,
-            record_dropped: 0,
-            faults: super::fault::FaultStats::default(),
             board: board.map(|(counters, _)| counters),
             state_failure: self.snapshot().and_then(|snapshot| snapshot.failure),
+            ..self.counts.stats()
         }
     }
 }

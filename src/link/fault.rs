@@ -182,7 +182,7 @@ impl FaultLink {
         let at = match self.inner.write(frame, left) {
             Err(LinkError::Timeout { .. }) => {
                 self.check_connected()?;
-                return Err(timeout(Dir::Write, wait, "the board takes no more frames"));
+                return Err(LinkError::timed_out(Dir::Write, wait));
             }
             done => done?,
         };
@@ -207,7 +207,7 @@ impl FaultLink {
             let meta = match self.inner.read(&mut frame, left) {
                 Err(LinkError::Timeout { .. }) => {
                     self.check_connected()?;
-                    return Err(timeout(Dir::Read, wait, "no report came"));
+                    return Err(LinkError::timed_out(Dir::Read, wait));
                 }
                 done => done?,
             };
@@ -291,11 +291,7 @@ fn flip_bit(frame: &Frame, bit: usize) -> Frame {
 }
 
 fn timeout(dir: Dir, wait: Wait, what: &'static str) -> LinkError {
-    let waited = match wait {
-        Wait::For(limit) => limit,
-        Wait::Forever | Wait::Now => Duration::ZERO,
-    };
-    LinkError::Timeout { dir, waited, what }
+    LinkError::Timeout { dir, waited: wait.limit().unwrap_or_default(), what }
 }
 
 impl Layer for FaultLink {

@@ -17,10 +17,12 @@
 //! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
 //!   board
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
+//! - `call_counts.rs`: the counters of a program's calls, which every link has
 //! - `network.rs`: what is known of the slaves behind a link, for programs that ask the server of a board
 
 #[cfg(feature = "sim")]
 mod boards;
+mod call_counts;
 pub mod config;
 pub mod engine;
 mod episodes;
@@ -53,7 +55,7 @@ mod usb;
 
 use std::borrow::Cow;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 #[cfg(feature = "sim")]
 #[doc(hidden)]
@@ -76,6 +78,27 @@ pub enum Wait {
     For(Duration),
     /// Not at all: the call succeeds at once or fails with [`LinkError::Timeout`].
     Now,
+}
+
+impl Wait {
+    /// At most that long; a wait of no time is [`Wait::Now`].
+    pub const fn at_most(limit: Duration) -> Self {
+        if limit.is_zero() { Self::Now } else { Self::For(limit) }
+    }
+
+    /// The longest time; `None` if there is no limit.
+    pub const fn limit(self) -> Option<Duration> {
+        match self {
+            Self::Forever => None,
+            Self::For(limit) => Some(limit),
+            Self::Now => Some(Duration::ZERO),
+        }
+    }
+
+    /// When a wait that begins now ends; `None`: never, or beyond the range of [`Instant`].
+    pub fn deadline(self) -> Option<Instant> {
+        Instant::now().checked_add(self.limit()?)
+    }
 }
 
 /// What a link is: its name, its slot size, its clock and its default time limits.
@@ -244,6 +267,25 @@ pub enum LinkError {
         /// The system's message.
         message: String,
     },
+}
+
+impl LinkError {
+    /// The error of a call that has reached its limit.
+    pub(crate) fn timed_out(dir: Dir, wait: Wait) -> Self {
+        let what = match dir {
+            Dir::Write => "the board takes no more frames",
+            Dir::Read => "no report came",
+        };
+        Self::Timeout { dir, waited: wait.limit().unwrap_or_default(), what }
+    }
+
+    /// The error of the link `name` that gets no thread.
+    pub(crate) fn no_thread(name: &str, error: &std::io::Error) -> Self {
+        Self::Io {
+            what: format!("start the thread of `{name}`"),
+            message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
+        }
+    }
 }
 
 const fn config2(size: SlotSize) -> &'static str {

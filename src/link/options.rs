@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::Wait;
 use super::fault::FaultOptions;
 use super::fraction::Fraction;
 use super::keys::Scheme;
 use super::slaves::{self, SlaveSpec};
 use super::uri::{LinkUri, UriError, slot_size};
+use super::{LinkInfo, Stamp, Wait};
 use crate::engine::Firmware;
 pub use crate::recording::Clock;
 use crate::sk::SlotSize;
@@ -55,6 +55,12 @@ impl CommonOptions {
     pub const fn write_wait(&self) -> Wait {
         Wait::For(self.write_timeout)
     }
+
+    /// What a link with these options is, whose real clock begins when it is opened.
+    pub fn info(&self, name: String, slot: Option<SlotSize>) -> LinkInfo {
+        let (read_wait, write_wait) = (self.read_wait(), self.write_wait());
+        LinkInfo { name, slot, virtual_time: false, opened_at: Stamp(0), read_wait, write_wait }
+    }
 }
 
 /// Options of `sim:`.
@@ -96,37 +102,19 @@ impl SimOptions {
     /// # Errors
     /// [`UriError::OtherScheme`] if it is not a `sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
-        if uri.scheme() != Scheme::Sim {
-            return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Sim });
-        }
+        uri.expect_scheme(Scheme::Sim)?;
         Ok(Self {
             slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
             slot: uri.required("slot", slot_size)?,
-            clock: uri.required("clock", |value| match value {
-                "real" => Some(Clock::Real),
-                "virtual" => Some(Clock::Virtual),
-                _ => None,
-            })?,
-            firmware: uri.required("fw", |value| match value {
-                "1.7" => Some(Firmware::V17),
-                "1.5" => Some(Firmware::V15),
-                _ => None,
-            })?,
-            test: uri.required("test", |value| match value {
-                "0" => Some(false),
-                "1" => Some(true),
-                _ => None,
-            })?,
+            clock: uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])?,
+            firmware: uri.choice("fw", [("1.7", Firmware::V17), ("1.5", Firmware::V15)])?,
+            test: uri.choice("test", [("0", false), ("1", true)])?,
             name: uri.typed("name", |value| Some(value.to_owned()))?,
             host_us: uri.required("host_us", |value| value.parse().ok())?,
             state_timeout: uri.required("state_timeout_ms", millis)?,
             sdo_timeout: uri.required("sdo_timeout_ms", millis)?,
             priority: uri.typed("priority", |value| value.parse().ok())?,
-            lock_memory: uri.required("lock_memory", |value| match value {
-                "no" => Some(false),
-                "yes" => Some(true),
-                _ => None,
-            })?,
+            lock_memory: uri.choice("lock_memory", [("no", false), ("yes", true)])?,
             catch_up: uri.required("catch_up_ms", millis)?,
             rate: uri.required("rate", Fraction::parse)?,
             script: uri.typed("script", |value| Some(PathBuf::from(value)))?,

@@ -171,6 +171,19 @@ impl LinkUri {
         self.typed(key, read)?.ok_or_else(|| self.unknown_key(key, ""))
     }
 
+    /// As [`required`](Self::required), for a key whose values are these words.
+    pub(super) fn choice<T, const N: usize>(&self, key: &str, words: [(&str, T); N]) -> Result<T, UriError> {
+        self.required(key, |value| words.into_iter().find(|(word, _)| *word == value).map(|(_, meaning)| meaning))
+    }
+
+    /// Refuses a link of another scheme.
+    pub(super) fn expect_scheme(&self, expected: Scheme) -> Result<(), UriError> {
+        if self.scheme == expected {
+            return Ok(());
+        }
+        Err(UriError::OtherScheme { uri: self.to_string(), expected })
+    }
+
     fn add(&mut self, part: &str) -> Result<(), UriError> {
         let scheme = self.scheme;
         let Some((key, value)) = part.split_once('=') else {

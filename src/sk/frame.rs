@@ -161,9 +161,9 @@ impl core::fmt::Debug for Frame {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dir {
     /// Commands to the board.
-    Write,
+    Write = 0,
     /// Reports from the board.
-    Read,
+    Read = 1,
 }
 
 impl core::fmt::Display for Dir {

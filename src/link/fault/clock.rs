@@ -73,13 +73,12 @@ impl Clock {
 
     /// Begins a call with that time limit.
     pub(super) fn call(&self, dir: Dir, wait: Wait) -> Result<Call, LinkError> {
-        let cancels = self.cancellation.lock().cancels[index(dir)];
-        let deadline = match wait {
-            Wait::Forever => None,
-            Wait::For(limit) => self.now()?.checked_add(limit),
-            Wait::Now => Some(self.now()?),
+        let cancels = self.cancellation.lock().cancels[dir as usize];
+        let deadline = match wait.limit() {
+            None => None,
+            Some(limit) => self.now()?.checked_add(limit),
         };
-        Ok(Call { dir, cancels, deadline, no_wait: wait == Wait::Now || wait == Wait::For(Duration::ZERO) })
+        Ok(Call { dir, cancels, deadline, no_wait: wait.limit() == Some(Duration::ZERO) })
     }
 
     /// Fails if the call was cancelled or the link closed.
@@ -88,7 +87,7 @@ impl Clock {
         if cancellation.closed {
             return Err(LinkError::Closed);
         }
-        let cancelled = cancellation.cancels[index(call.dir)] != call.cancels;
+        let cancelled = cancellation.cancels[call.dir as usize] != call.cancels;
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
@@ -97,7 +96,7 @@ impl Clock {
         let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };
         let left = end.saturating_sub(self.now()?);
-        Ok(if call.no_wait || left.is_zero() { Wait::Now } else { Wait::For(left) })
+        Ok(if call.no_wait { Wait::Now } else { Wait::at_most(left) })
     }
 
     /// Waits until `time`, or until the call's deadline if that is earlier. Returns whether `time` is reached.
@@ -110,7 +109,7 @@ impl Clock {
             let mut cancellation = self.cancellation.lock();
             while self.opened.elapsed() < to
                 && !cancellation.closed
-                && cancellation.cancels[index(call.dir)] == call.cancels
+                && cancellation.cancels[call.dir as usize] == call.cancels
             {
                 let left = to.saturating_sub(self.opened.elapsed());
                 self.changed.wait_for(&mut cancellation, left);
@@ -123,7 +122,7 @@ impl Clock {
 
     /// Ends the waits in one direction that are in progress.
     pub(super) fn cancel(&self, dir: Dir) {
-        self.cancellation.lock().cancels[index(dir)] += 1;
+        self.cancellation.lock().cancels[dir as usize] += 1;
         self.changed.notify_all();
     }
 
@@ -131,12 +130,5 @@ impl Clock {
     pub(super) fn close(&self) {
         self.cancellation.lock().closed = true;
         self.changed.notify_all();
-    }
-}
-
-const fn index(dir: Dir) -> usize {
-    match dir {
-        Dir::Write => 0,
-        Dir::Read => 1,
     }
 }

@@ -26,11 +26,7 @@ pub(super) struct FaultSequence {
 impl FaultSequence {
     /// The sequence for frames of that many bits.
     pub(super) fn new(seed: u64, dir: Dir, rates: FaultRates, bits: usize) -> Self {
-        let direction = match dir {
-            Dir::Write => 0,
-            Dir::Read => 1,
-        };
-        Self { random: Rand64::new(u128::from(seed) << 1 | direction), rates, bits: bits as u64 }
+        Self { random: Rand64::new(u128::from(seed) << 1 | dir as u128), rates, bits: bits as u64 }
     }
 
     /// The faults of the next frame. Every frame uses the same number of random numbers, whatever its faults, so that

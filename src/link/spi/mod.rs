@@ -49,8 +49,9 @@ pub use self::pacer::{ExchangeContent, Pacer, PacerCounts, PacerOptions, Plan, W
 
 use self::begin::{begin, refused};
 use self::options::PERIOD_WITHOUT_BUSY;
-use self::queues::{CallError, FrameQueues};
+use self::queues::FrameQueues;
 use self::runner::{Runner, Shared};
+use super::call_counts::CallCounts;
 use super::options::CommonOptions;
 use super::uri::LinkUri;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
@@ -68,10 +69,7 @@ pub struct SpiLink {
     busy: bool,
     shared: Arc<Shared>,
     thread: Mutex<Option<JoinHandle<()>>>,
-    written: AtomicU64,
-    read: AtomicU64,
-    write_errors: AtomicU64,
-    read_errors: AtomicU64,
+    counts: CallCounts,
 }
 
 /// Counters of a link on SPI, besides those that every link has.
@@ -133,29 +131,10 @@ impl SpiLink {
         pacer.ended(shared.now());
         let runner =
             Runner { shared: shared.clone(), wires, options: options.clone(), pacer, answer_check, reset_doubt: 0 };
-        let thread = threads::spawn("ecmsk-spi", move || runner.run()).map_err(|error| LinkError::Io {
-            what: format!("start the thread of `{name}`"),
-            message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
-        })?;
-        let info = LinkInfo {
-            name: name.to_owned(),
-            slot: Some(options.slot),
-            virtual_time: false,
-            opened_at: Stamp(0),
-            read_wait: common.read_wait(),
-            write_wait: common.write_wait(),
-        };
-        Ok(Self {
-            info,
-            options,
-            busy,
-            shared,
-            thread: Mutex::new(Some(thread)),
-            written: AtomicU64::new(0),
-            read: AtomicU64::new(0),
-            write_errors: AtomicU64::new(0),
-            read_errors: AtomicU64::new(0),
-        })
+        let thread = threads::spawn("ecmsk-spi", move || runner.run());
+        let thread = thread.map_err(|error| LinkError::no_thread(name, &error))?;
+        let info = common.info(name.to_owned(), Some(options.slot));
+        Ok(Self { info, options, busy, shared, thread: Mutex::new(Some(thread)), counts: CallCounts::default() })
     }
 
     /// The counters of this link.
@@ -188,27 +167,6 @@ impl SpiLink {
             None => Ok(()),
         }
     }
-
-    fn error(&self, dir: Dir, error: CallError) -> LinkError {
-        match error {
-            CallError::Timeout(waited) => {
-                let what = match dir {
-                    Dir::Read => "the board sent no report",
-                    Dir::Write => "the board takes no more frames",
-                };
-                LinkError::Timeout { dir, waited, what }
-            }
-            CallError::Error(error) => error,
-        }
-    }
-}
-
-const fn limit(wait: Wait) -> Option<Duration> {
-    match wait {
-        Wait::Forever => None,
-        Wait::For(limit) => Some(limit),
-        Wait::Now => Some(Duration::ZERO),
-    }
 }
 
 impl Link for SpiLink {
@@ -217,20 +175,12 @@ impl Link for SpiLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let taken = self.refuse(frame).and_then(|()| {
-            let done = self.shared.queues.write(frame, self.options.slot, limit(wait));
-            done.map_err(|error| self.error(Dir::Write, error))
-        });
-        let counter = if taken.is_ok() { &self.written } else { &self.write_errors };
-        counter.fetch_add(1, Ordering::Relaxed);
-        taken.map(|()| Stamp(self.shared.now()))
+        let taken = self.refuse(frame).and_then(|()| self.shared.queues.write(frame, self.options.slot, wait.limit()));
+        self.counts.write(taken).map(|()| Stamp(self.shared.now()))
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let got = self.shared.queues.read(out, limit(wait)).map_err(|error| self.error(Dir::Read, error));
-        let counter = if got.is_ok() { &self.read } else { &self.read_errors };
-        counter.fetch_add(1, Ordering::Relaxed);
-        got.map(|(at, sequence, dropped)| ReadMeta { at: Stamp(at), sequence, dropped })
+        self.counts.read(self.shared.queues.read(out, wait.limit()))
     }
 
     fn cancel(&self, dir: Dir) {
@@ -257,15 +207,7 @@ impl Link for SpiLink {
     }
 
     fn stats(&self) -> LinkStats {
-        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        LinkStats {
-            written: count(&self.written),
-            read: count(&self.read),
-            reports_dropped: self.shared.queues.counts().dropped,
-            write_errors: count(&self.write_errors),
-            read_errors: count(&self.read_errors),
-            ..LinkStats::default()
-        }
+        LinkStats { reports_dropped: self.shared.queues.counts().dropped, ..self.counts.stats() }
     }
 }
 

@@ -56,9 +56,7 @@ impl SpiOptions {
     /// [`UriError::OtherScheme`] if it is not an `spi:` link; [`UriError::BadPath`] without a device;
     /// [`UriError::BadValue`] for a cycle time that does not exist or is too short for these wires.
     pub fn from_uri(uri: &LinkUri) -> Result<(Self, SpiSettings), UriError> {
-        if uri.scheme() != Scheme::Spi {
-            return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Spi });
-        }
+        uri.expect_scheme(Scheme::Spi)?;
         if !uri.path().starts_with('/') || uri.path().contains('\0') {
             return Err(UriError::BadPath {
                 scheme: Scheme::Spi,

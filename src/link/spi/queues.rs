@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use super::pacer::{Ns, WaitingFrames, has_motion};
-use crate::link::{Dir, LinkError};
+use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
 
 /// How many frames a program may write ahead: as many as the board's FIFO has entries. \[OURS]
@@ -32,8 +32,8 @@ pub(super) struct QueueState {
     over: Option<LinkError>,
     /// The program has closed the link; until this time the frames that it has written are still sent.
     closing: Option<Instant>,
-    cancelled_reads: u64,
-    cancelled_writes: u64,
+    /// How many cancellations there were, by direction.
+    cancels: [u64; 2],
     op: bool,
 }
 
@@ -71,8 +71,7 @@ impl FrameQueues {
             unsent: 0,
             over: None,
             closing: None,
-            cancelled_reads: 0,
-            cancelled_writes: 0,
+            cancels: [0; 2],
             op: false,
         };
         Self { state: Mutex::new(state), work: Condvar::new(), readable: Condvar::new(), room: Condvar::new() }
@@ -83,10 +82,10 @@ impl FrameQueues {
     }
 
     /// For the program: queues a frame, and waits for room up to `limit`.
-    pub fn write(&self, frame: &Frame, size: SlotSize, limit: Option<Duration>) -> Result<(), CallError> {
+    pub fn write(&self, frame: &Frame, size: SlotSize, limit: Option<Duration>) -> Result<(), LinkError> {
         let began = Instant::now();
         let mut state = self.state.lock();
-        let cancelled = state.cancelled_writes;
+        let cancels = state.cancels;
         loop {
             state.check_open()?;
             if state.op && discards_fifo(frame, size) {
@@ -97,22 +96,21 @@ impl FrameQueues {
             if state.held.len() < FRAMES_MAX {
                 break;
             }
-            if state.cancelled_writes != cancelled {
-                return Err(LinkError::Cancelled { dir: Dir::Write }.into());
+            state.check_cancelled(Dir::Write, cancels)?;
+            if let Err(waited) = wait(&self.room, &mut state, began, limit) {
+                return Err(LinkError::Timeout { dir: Dir::Write, waited, what: "the board takes no more frames" });
             }
-            wait(&self.room, &mut state, began, limit)?;
         }
         state.held.push_back(frame.clone());
         self.work.notify_one();
         Ok(())
     }
 
-    /// For the program: takes the oldest report, and waits for one up to `limit`. Returns its time, its number, and how
-    /// many reports have been dropped.
-    pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<(Ns, u64, u64), CallError> {
+    /// For the program: takes the oldest report, and waits for one up to `limit`.
+    pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<ReadMeta, LinkError> {
         let began = Instant::now();
         let mut state = self.state.lock();
-        let cancelled = state.cancelled_reads;
+        let cancels = state.cancels;
         loop {
             // Reports that came before the board was lost can still be read, but nothing can be read after closing.
             if state.closing.is_some() {
@@ -120,23 +118,19 @@ impl FrameQueues {
             }
             if let Some((frame, at, number)) = state.reports.pop_front() {
                 out.clone_from(&frame);
-                return Ok((at, number, state.dropped));
+                return Ok(ReadMeta { at: Stamp(at), sequence: number, dropped: state.dropped });
             }
             state.check_open()?;
-            if state.cancelled_reads != cancelled {
-                return Err(LinkError::Cancelled { dir: Dir::Read }.into());
+            state.check_cancelled(Dir::Read, cancels)?;
+            if let Err(waited) = wait(&self.readable, &mut state, began, limit) {
+                return Err(LinkError::Timeout { dir: Dir::Read, waited, what: "the board sent no report" });
             }
-            wait(&self.readable, &mut state, began, limit)?;
         }
     }
 
     /// For the program: ends the waiting calls of one direction.
     pub fn cancel(&self, dir: Dir) {
-        let mut state = self.state.lock();
-        match dir {
-            Dir::Write => state.cancelled_writes += 1,
-            Dir::Read => state.cancelled_reads += 1,
-        }
+        self.state.lock().cancels[dir as usize] += 1;
         self.room.notify_all();
         self.readable.notify_all();
     }
@@ -225,6 +219,11 @@ impl QueueState {
         self.over.clone().map_or(Ok(()), Err)
     }
 
+    /// Fails if a call in this direction was cancelled that began with this number of cancellations.
+    fn check_cancelled(&self, dir: Dir, before: [u64; 2]) -> Result<(), LinkError> {
+        if self.cancels[dir as usize] == before[dir as usize] { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
+    }
+
     /// The frames that are waiting to be sent, as the pacer needs to know them.
     pub fn held(&self, size: SlotSize) -> WaitingFrames {
         WaitingFrames {
@@ -240,20 +239,6 @@ impl QueueState {
     }
 }
 
-/// Why a call of the program failed.
-pub(super) enum CallError {
-    /// Its time limit has passed.
-    Timeout(Duration),
-    /// Any other reason.
-    Error(LinkError),
-}
-
-impl From<LinkError> for CallError {
-    fn from(error: LinkError) -> Self {
-        Self::Error(error)
-    }
-}
-
 /// Whether the board executes the frame on arrival and thereby discards the entries of its FIFO (SK-5). The frames that
 /// the link has not sent yet are then discarded as well. \[OURS]
 fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
@@ -264,15 +249,16 @@ fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
     }
 }
 
+/// Waits for a change of the state; fails with the limit if that has passed.
 fn wait(
     condition: &Condvar,
     state: &mut MutexGuard<'_, QueueState>,
     began: Instant,
     limit: Option<Duration>,
-) -> Result<(), CallError> {
+) -> Result<(), Duration> {
     // A limit beyond the range of `Instant` counts as no limit.
     match limit.and_then(|limit| Some((limit, began.checked_add(limit)?))) {
-        Some((limit, until)) if Instant::now() >= until => Err(CallError::Timeout(limit)),
+        Some((limit, until)) if Instant::now() >= until => Err(limit),
         Some((_, until)) => {
             condition.wait_until(state, until);
             Ok(())

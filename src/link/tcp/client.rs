@@ -1,18 +1,18 @@
 //! The link `tcp:` itself: opening, closing, and the calls of a [`Link`].
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
 
 use super::connect::{Connected, connect, until_closed};
-use super::connection::{CallCounts, Sender, Shared, State};
+use super::connection::{Sender, Shared, State};
 use super::exchange::{Answer, Ended, Exchange};
 use super::hang::MotionInForce;
 use super::options::TcpOptions;
-use super::wire::{Counts, End, Message, Role};
+use super::wire::{End, Message, Role};
+use crate::link::call_counts::CallCounts;
 use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait, check_pass};
@@ -40,14 +40,7 @@ impl TcpLink {
             connect(&name, options)?;
         // Virtual time advances by the writer's calls, so for a reader it seems to pass by itself.
         let virtual_time = virtual_time && options.role == Role::Writer;
-        let info = LinkInfo {
-            name: name.clone(),
-            slot: common.slot.or(slot),
-            virtual_time,
-            opened_at: now,
-            read_wait: common.read_wait(),
-            write_wait: common.write_wait(),
-        };
+        let info = LinkInfo { virtual_time, opened_at: now, ..common.info(name.clone(), common.slot.or(slot)) };
         // On virtual time nothing moves while the program makes no call.
         let watches = !options.hang.is_zero() && options.role == Role::Writer && !virtual_time;
         if watches && info.slot.is_none() {
@@ -76,10 +69,7 @@ impl TcpLink {
             let shared = Arc::clone(&shared);
             move || shared.run_background()
         });
-        let background = background.map_err(|error| LinkError::Io {
-            what: format!("start the thread of `{}`", shared.info.name),
-            message: format!("{error}; free some threads (`ulimit -u`) and open it again"),
-        })?;
+        let background = background.map_err(|error| LinkError::no_thread(&shared.info.name, &error))?;
         Ok(Self { shared, background: Mutex::new(Some(background)) })
     }
 
@@ -125,12 +115,6 @@ impl TcpLink {
     }
 }
 
-fn counted<T>(done: &AtomicU64, failed: &AtomicU64, result: Result<T, LinkError>) -> Result<T, LinkError> {
-    let counter = if result.is_ok() { done } else { failed };
-    counter.fetch_add(1, Ordering::Relaxed);
-    result
-}
-
 impl Link for TcpLink {
     fn info(&self) -> LinkInfo {
         self.shared.info.clone()
@@ -141,13 +125,11 @@ impl Link for TcpLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let counts = &self.shared.counts;
-        counted(&counts.written, &counts.write_errors, self.shared.write(frame, wait))
+        self.shared.counts.write(self.shared.write(frame, wait))
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let counts = &self.shared.counts;
-        counted(&counts.read, &counts.read_errors, self.shared.read(out, wait))
+        self.shared.counts.read(self.shared.read(out, wait))
     }
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
@@ -200,24 +182,14 @@ impl Link for TcpLink {
         // Without an answer the counters of the previous answer are used.
         let counts = match asked {
             Ok(Answer::Counted(counts)) => counts,
-            _ => Counts { ..state.exchange.counts },
+            _ => state.exchange.counts,
         };
         let here = state.exchange.dropped();
         drop(state);
-        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         LinkStats {
-            written: count(&shared.counts.written),
-            read: count(&shared.counts.read),
             reports_dropped: counts.reports_dropped.saturating_add(here),
-            write_errors: count(&shared.counts.write_errors),
-            read_errors: count(&shared.counts.read_errors),
-            reports_short: 0,
-            transfers_failed: 0,
-            record_dropped: 0,
-            faults: Default::default(),
             board: counts.board,
-            // The protocol has no field for it.
-            state_failure: None,
+            ..shared.counts.stats()
         }
     }
 }

@@ -1,7 +1,6 @@
 //! How the program's threads and the background thread share a client's connection: which thread receives, which one
 //! sends, and how waits end.
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
@@ -9,10 +8,10 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use super::DEAD_AFTER;
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
-use super::failure::timeout;
 use super::hang::{CallMonitor, MotionInForce};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};
+use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
@@ -60,15 +59,6 @@ pub(super) struct State {
     pub(super) cancels: [u64; 2],
 }
 
-/// Counters of the program's calls.
-#[derive(Default)]
-pub(super) struct CallCounts {
-    pub(super) written: AtomicU64,
-    pub(super) read: AtomicU64,
-    pub(super) write_errors: AtomicU64,
-    pub(super) read_errors: AtomicU64,
-}
-
 impl Shared {
     /// How long the other end may send nothing before the connection counts as dead.
     pub(super) fn patience(&self) -> Duration {
@@ -114,10 +104,7 @@ impl Shared {
 
     /// How many calls the program has made so far.
     fn calls(&self, state: &State) -> u64 {
-        let CallCounts { written, read, write_errors, read_errors } = &self.counts;
-        let ended: u64 =
-            [written, read, write_errors, read_errors].map(|count| count.load(Ordering::Relaxed)).iter().sum();
-        ended + state.exchange.requests()
+        self.counts.ended() + state.exchange.requests()
     }
 
     fn ping(&self) {
@@ -224,7 +211,7 @@ impl Shared {
         wait: Wait,
         message: impl FnOnce(u64) -> Message<'a>,
     ) -> (MutexGuard<'a, State>, Result<Answer, LinkError>) {
-        let limit = deadline(wait);
+        let limit = wait.deadline();
         let state = self.state.lock();
         let cancels = state.cancels[dir as usize];
         // Only one request may be in progress at a time.
@@ -238,7 +225,7 @@ impl Shared {
             state.exchange.request.is_none().then(|| Ok(state.exchange.begin(dir, wait)))
         });
         let number = match turn {
-            None => return (state, Err(timeout(dir, wait))),
+            None => return (state, Err(LinkError::timed_out(dir, wait))),
             Some(Err(error)) => return (state, Err(error)),
             Some(Ok(number)) => number,
         };
@@ -342,7 +329,7 @@ impl Shared {
         }
         let state = self.state.lock();
         let cancels = state.cancels[Dir::Read as usize];
-        let (_, done) = self.wait(state, deadline(wait), |state| {
+        let (_, done) = self.wait(state, wait.deadline(), |state| {
             if let Some(ended) = &state.exchange.ended {
                 return Some(Err(ended.error.clone()));
             }
@@ -351,7 +338,7 @@ impl Shared {
             }
             state.exchange.pop(out).map(Ok)
         });
-        done.unwrap_or_else(|| Err(timeout(Dir::Read, wait)))
+        done.unwrap_or_else(|| Err(LinkError::timed_out(Dir::Read, wait)))
     }
 
     pub(super) fn unexpected_answer(&self) -> LinkError {
@@ -362,13 +349,4 @@ impl Shared {
 /// Whether another thread is in a call.
 const fn is_call_in_progress(state: &State) -> bool {
     state.receiving || state.waiting > 0 || state.exchange.request.is_some()
-}
-
-/// When a wait that begins now ends; `None`: never.
-fn deadline(wait: Wait) -> Option<Instant> {
-    match wait {
-        Wait::Forever => None,
-        Wait::Now => Some(Instant::now()),
-        Wait::For(limit) => Instant::now().checked_add(limit),
-    }
 }

@@ -1,45 +1,14 @@
 //! A board's counters in messages.
 
-use super::fields::Get;
+use super::fields::{Get, Put};
 use super::wire::{Counts, WireError};
-use crate::engine::{Counters, Reason};
+use crate::engine::Counters;
 
 /// How many counters of [`Counters`] come before those of the rejections.
 const BEFORE_REJECTED: usize = 14;
 
 /// All counters of a board, in the order of the message.
-pub(super) fn counters(counters: &Counters) -> [u64; BEFORE_REJECTED + Reason::KINDS] {
-    let c = counters;
-    let plain: [u64; BEFORE_REJECTED] = [
-        c.frames,
-        c.reports,
-        c.ignored_homing,
-        c.modes_not_restored,
-        c.discarded_before_enabled,
-        c.for_lost,
-        c.cleared,
-        c.full,
-        c.crc,
-        c.incomplete,
-        c.executed,
-        c.idle_cycles,
-        c.while_booting,
-        c.sdo_aborted,
-    ];
-    std::array::from_fn(|i| plain.get(i).copied().unwrap_or_else(|| c.rejected[i - BEFORE_REJECTED]))
-}
-
-pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
-    let mut numbers = [0; BEFORE_REJECTED + Reason::KINDS];
-    for number in &mut numbers {
-        *number = get.u64()?;
-    }
-    Ok(from_numbers(&numbers))
-}
-
-/// The counters from these numbers, which are in the order of [`counters`].
-fn from_numbers(numbers: &[u64; BEFORE_REJECTED + Reason::KINDS]) -> Counters {
-    let mut of = Counters::default();
+fn in_order(of: &mut Counters) -> impl Iterator<Item = &mut u64> {
     let plain: [&mut u64; BEFORE_REJECTED] = [
         &mut of.frames,
         &mut of.reports,
@@ -56,21 +25,30 @@ fn from_numbers(numbers: &[u64; BEFORE_REJECTED + Reason::KINDS]) -> Counters {
         &mut of.while_booting,
         &mut of.sdo_aborted,
     ];
-    plain.into_iter().chain(&mut of.rejected).zip(numbers).for_each(|(count, number)| *count = *number);
-    of
+    plain.into_iter().chain(&mut of.rejected)
+}
+
+pub(super) fn put_counters(put: &mut Put<'_>, mut counters: Counters) {
+    in_order(&mut counters).for_each(|count| put.u64(*count));
+}
+
+pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
+    let mut counters = Counters::default();
+    for count in in_order(&mut counters) {
+        *count = get.u64()?;
+    }
+    Ok(counters)
 }
 
 impl Counts {
     /// What was counted since the counters were `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
-        let board = self.board.zip(before.board).map(|(now, before)| {
-            let (now, before) = (counters(&now), counters(&before));
-            from_numbers(&std::array::from_fn(|i| now[i].saturating_sub(before[i])))
-        });
-        Self {
-            reports_dropped: self.reports_dropped.saturating_sub(before.reports_dropped),
-            board: board.or(self.board),
+        let mut since = *self;
+        since.reports_dropped = self.reports_dropped.saturating_sub(before.reports_dropped);
+        if let (Some(now), Some(mut before)) = (&mut since.board, before.board) {
+            in_order(now).zip(in_order(&mut before)).for_each(|(now, before)| *now = now.saturating_sub(*before));
         }
+        since
     }
 }

@@ -253,11 +253,7 @@ pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> 
 fn feed(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> bool) {
     let mut inbox = Inbox::default();
     while !bytes.is_empty() {
-        let room = inbox.room();
-        let count = room.len().min(bytes.len());
-        room[..count].copy_from_slice(&bytes[..count]);
-        bytes = &bytes[count..];
-        inbox.came(count);
+        bytes = inbox.fill(bytes);
         if !take(&mut inbox) {
             return;
         }

@@ -35,7 +35,7 @@ impl<'a> Failure<'a> {
     /// The error of a client's call on the link `name`.
     pub fn error(&self, name: &str, dir: Dir, wait: Wait) -> LinkError {
         match self.code {
-            TIMEOUT => timeout(dir, wait),
+            TIMEOUT => LinkError::timed_out(dir, wait),
             SILENT => LinkError::Silent { since_ns: self.numbers[0], cycles: self.numbers[1] },
             LOST => LinkError::Lost { name: name.to_owned(), reason: self.text.to_owned().into() },
             CANCELLED => LinkError::Cancelled { dir },
@@ -43,16 +43,4 @@ impl<'a> Failure<'a> {
             _ => LinkError::Io { what: format!("{dir} on the server of `{name}`"), message: self.text.to_owned() },
         }
     }
-}
-
-pub(super) fn timeout(dir: Dir, wait: Wait) -> LinkError {
-    let waited = match wait {
-        Wait::For(limit) => limit,
-        Wait::Forever | Wait::Now => std::time::Duration::ZERO,
-    };
-    let what = match dir {
-        Dir::Write => "the board takes no more frames",
-        Dir::Read => "no report came",
-    };
-    LinkError::Timeout { dir, waited, what }
 }

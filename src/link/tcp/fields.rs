@@ -133,10 +133,6 @@ impl<'a> Get<'a> {
         std::str::from_utf8(text).map_err(|_| WireError::Text { kind: self.kind })
     }
 
-    pub(super) fn frame(&mut self) -> Result<&'a [u8; FRAME_LEN], WireError> {
-        self.array()
-    }
-
     pub(super) const fn value(&self, field: &'static str, found: u64) -> WireError {
         WireError::Value { kind: self.kind, field, found }
     }

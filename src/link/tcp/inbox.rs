@@ -29,6 +29,15 @@ impl Inbox {
         &mut self.bytes[self.end..]
     }
 
+    /// Takes as many of these bytes as there is room for; returns the others.
+    pub fn fill<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
+        let room = self.room();
+        let (taken, left) = bytes.split_at(room.len().min(bytes.len()));
+        room[..taken.len()].copy_from_slice(taken);
+        self.came(taken.len());
+        left
+    }
+
     /// Discards all received bytes.
     pub const fn clear(&mut self) {
         (self.start, self.end) = (0, 0);

@@ -40,9 +40,7 @@ impl TcpOptions {
     /// [`UriError::OtherScheme`] if it is not a `tcp:` link; [`UriError::BadPath`] for an invalid host or port;
     /// [`UriError::BadValue`] for a writer with `reconnect_ms=`.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
-        if uri.scheme() != Scheme::Tcp {
-            return Err(UriError::OtherScheme { uri: uri.to_string(), expected: Scheme::Tcp });
-        }
+        uri.expect_scheme(Scheme::Tcp)?;
         let (host, port) = address(uri.path()).ok_or_else(|| UriError::BadPath {
             scheme: Scheme::Tcp,
             path: uri.path().to_owned(),
@@ -51,11 +49,7 @@ impl TcpOptions {
         let options = Self {
             host,
             port,
-            role: uri.required("role", |value| match value {
-                "writer" => Some(Role::Writer),
-                "reader" => Some(Role::Reader),
-                _ => None,
-            })?,
+            role: uri.choice("role", [("writer", Role::Writer), ("reader", Role::Reader)])?,
             secret_file: uri.typed("secret_file", |value| Some(PathBuf::from(value)))?,
             keepalive: uri.required("keepalive_ms", millis)?,
             hang: uri.required("hang_ms", millis)?,

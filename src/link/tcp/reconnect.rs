@@ -116,11 +116,7 @@ impl Link for Reconnecting {
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let until = match wait {
-            Wait::Forever => None,
-            Wait::Now => Some(Instant::now()),
-            Wait::For(limit) => Instant::now().checked_add(limit),
-        };
+        let until = wait.deadline();
         let mut wait = wait;
         loop {
             let link = self.current();
@@ -133,10 +129,7 @@ impl Link for Reconnecting {
                 Err(error @ LinkError::Lost { .. }) => self.reconnect(&link, error, until)?,
                 Err(error) => return Err(error),
             }
-            wait = until.map_or(wait, |until| match until.saturating_duration_since(Instant::now()) {
-                Duration::ZERO => Wait::Now,
-                left => Wait::For(left),
-            });
+            wait = until.map_or(wait, |until| Wait::at_most(until.saturating_duration_since(Instant::now())));
         }
     }
 

@@ -6,7 +6,7 @@
 //! is [`Message::Welcome`] or [`Message::Refused`]. The client numbers its requests; the server answers each of them
 //! once and in their order. A client has at most one request in progress.
 
-use super::counts::{counters, get_counters};
+use super::counts::{get_counters, put_counters};
 use super::fields::{Get, Put};
 pub use super::message::{Counts, End, Failure, Hello, Message, Refusal, Role, Welcome};
 use crate::link::{ReadMeta, Stamp};
@@ -224,7 +224,7 @@ impl<'a> Message<'a> {
                 put.u64(request);
                 put.u64(counts.reports_dropped);
                 put.u8(counts.board.is_some().into());
-                counts.board.iter().flat_map(counters).for_each(|count| put.u64(count));
+                counts.board.into_iter().for_each(|board| put_counters(put, board));
             }
             Self::Failed { request, now, failure } => {
                 put.u64(request);
@@ -256,7 +256,7 @@ impl<'a> Message<'a> {
                 proof: get.array()?,
                 program: get.text()?,
             }),
-            WRITE => Self::Write { request: get.u64()?, wait: get.wait()?, frame: get.frame()? },
+            WRITE => Self::Write { request: get.u64()?, wait: get.wait()?, frame: get.array()? },
             READ => Self::Read { request: get.u64()?, wait: get.wait()? },
             PASS => Self::Pass { request: get.u64()?, ns: get.u64()? },
             COUNT => Self::Count { request: get.u64()? },
@@ -298,9 +298,9 @@ impl<'a> Message<'a> {
                 };
                 Self::Refused { why, text: get.text()? }
             }
-            REPORT => Self::Report { meta: get_meta(get)?, frame: get.frame()? },
+            REPORT => Self::Report { meta: get_meta(get)?, frame: get.array()? },
             WRITTEN => Self::Written { request: get.u64()?, at: Stamp(get.u64()?), now: get.stamp()? },
-            GOT => Self::Got { request: get.u64()?, now: get.stamp()?, meta: get_meta(get)?, frame: get.frame()? },
+            GOT => Self::Got { request: get.u64()?, now: get.stamp()?, meta: get_meta(get)?, frame: get.array()? },
             PASSED => Self::Passed { request: get.u64()?, now: get.stamp()? },
             COUNTED => {
                 let (request, reports_dropped) = (get.u64()?, get.u64()?);

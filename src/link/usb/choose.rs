@@ -105,7 +105,7 @@ fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
 mod tests {
     use super::*;
 
-    const ANY: UsbOptions = UsbOptions { vendor: 0, product: 0, serial: None, path: None, transfers: 8 };
+    const ANY: UsbOptions = UsbOptions { serial: None, path: None, transfers: 8 };
 
     fn board<'a>(path: &'a str, serial: &'a str) -> Facts<'a> {
         Facts { path, serial: Some(serial.into()), name: Some("ECM-SK".into()), why_no_board: None }

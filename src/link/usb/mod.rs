@@ -5,7 +5,6 @@ mod options;
 mod refused;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
@@ -13,12 +12,13 @@ use parking_lot::Mutex;
 use self::choose::choose;
 use self::options::UsbOptions;
 use self::refused::refused;
+use super::call_counts::CallCounts;
 use super::options::CommonOptions;
 use super::slot_watch::SlotWatch;
 use super::uri::LinkUri;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::io::hid::{self, Bus, BusError, Pipe, PipeError, PipeOptions, Sysfs};
-use crate::sk::{Frame, SlotSize};
+use crate::sk::{BOARD_IDS, Frame, SlotSize};
 
 /// What a write that may not wait has for the wire itself: a frame takes a microframe of 125 us, and the system its time
 /// to say so. A board that is busy longer than that has not taken it. \[OURS]
@@ -30,7 +30,7 @@ struct UsbLink {
     pipe: Pipe,
     place: Place,
     opened: Instant,
-    counts: Counts,
+    counts: CallCounts,
     /// Looks at reports as long as they may show another slot size than was given.
     slots: Option<Mutex<SlotWatch>>,
 }
@@ -44,21 +44,13 @@ struct Place {
     over_currents: u32,
 }
 
-#[derive(Default)]
-struct Counts {
-    written: AtomicU64,
-    read: AtomicU64,
-    write_errors: AtomicU64,
-    read_errors: AtomicU64,
-}
-
 /// Opens the board that the URI chooses. `uncounted`: reports that nobody reads need not be counted.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
     let unusable = |error: BusError| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
     let bus = Bus::open().map_err(unusable)?;
-    let found = hid::find(&bus, options.vendor, options.product).map_err(|error| unusable(error.into()))?;
+    let found = hid::find(&bus, BOARD_IDS.0, BOARD_IDS.1).map_err(|error| unusable(error.into()))?;
     let system = Sysfs::of_this_machine();
     let (board, interface) = choose(&name, &found, &options, &system)?;
     for remark in system.warnings(&board.path, board.high_speed) {
@@ -68,16 +60,9 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Re
     let pipe = Pipe::open(board, interface, pipe_options).map_err(|error| refused(&name, board, error, &system))?;
     let over_currents = system.over_currents(&board.path);
     let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };
-    let info = LinkInfo {
-        name,
-        slot: common.slot,
-        virtual_time: false,
-        opened_at: Stamp(0),
-        read_wait: common.read_wait(),
-        write_wait: common.write_wait(),
-    };
+    let info = common.info(name, common.slot);
     let slots = common.slot.map(|given| Mutex::new(SlotWatch::new(given)));
-    Ok(Arc::new(UsbLink { info, pipe, place, opened: Instant::now(), counts: Counts::default(), slots }))
+    Ok(Arc::new(UsbLink { info, pipe, place, opened: Instant::now(), counts: CallCounts::default(), slots }))
 }
 
 impl Place {
@@ -142,11 +127,7 @@ impl UsbLink {
 
     fn try_write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         self.slots_may_fit(None)?;
-        let limit = match wait {
-            Wait::Forever => None,
-            Wait::For(limit) => Some(limit.max(ON_THE_WIRE)),
-            Wait::Now => Some(ON_THE_WIRE),
-        };
+        let limit = wait.limit().map(|limit| limit.max(ON_THE_WIRE));
         match self.pipe.write(frame.bytes(), limit) {
             Ok(()) => Ok(self.stamp(Instant::now())),
             Err(PipeError::Timeout(_)) if wait == Wait::Now => {
@@ -157,24 +138,13 @@ impl UsbLink {
     }
 
     fn try_read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let limit = match wait {
-            Wait::Forever => None,
-            Wait::For(limit) => Some(limit),
-            Wait::Now => Some(Duration::ZERO),
-        };
         let mut report = Frame::new();
-        let (at, sequence) = self.pipe.read(report.bytes_mut(), limit).map_err(|error| self.error(Dir::Read, error))?;
+        let read = self.pipe.read(report.bytes_mut(), wait.limit());
+        let (at, sequence) = read.map_err(|error| self.error(Dir::Read, error))?;
         self.slots_may_fit(Some(&report))?;
         *out = report;
         Ok(ReadMeta { at: self.stamp(at), sequence, dropped: self.pipe.stats().dropped })
     }
-}
-
-/// Counts a call.
-fn counted<T>(done: Result<T, LinkError>, good: &AtomicU64, bad: &AtomicU64) -> Result<T, LinkError> {
-    let count = if done.is_ok() { good } else { bad };
-    count.fetch_add(1, Ordering::Relaxed);
-    done
 }
 
 impl Link for UsbLink {
@@ -183,11 +153,11 @@ impl Link for UsbLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        counted(self.try_write(frame, wait), &self.counts.written, &self.counts.write_errors)
+        self.counts.write(self.try_write(frame, wait))
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        counted(self.try_read(out, wait), &self.counts.read, &self.counts.read_errors)
+        self.counts.read(self.try_read(out, wait))
     }
 
     fn cancel(&self, dir: Dir) {
@@ -206,17 +176,12 @@ impl Link for UsbLink {
     }
 
     fn stats(&self) -> LinkStats {
-        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         let pipe = self.pipe.stats();
         LinkStats {
-            written: count(&self.counts.written),
-            read: count(&self.counts.read),
             reports_dropped: pipe.dropped,
-            write_errors: count(&self.counts.write_errors),
-            read_errors: count(&self.counts.read_errors),
             reports_short: pipe.short,
             transfers_failed: pipe.failed,
-            ..LinkStats::default()
+            ..self.counts.stats()
         }
     }
 }

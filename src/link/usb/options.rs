@@ -1,13 +1,10 @@
 //! What a URI `usb:` says, as types.
 
 use super::super::uri::{LinkUri, UriError};
-use crate::sk::BOARD_IDS;
 
 /// Options of `usb:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct UsbOptions {
-    pub vendor: u16,
-    pub product: u16,
     /// The serial number of the board that is meant.
     pub serial: Option<String>,
     /// Where the board that is meant is plugged in: bus and ports as Linux names them, or Windows' name of its instance.
@@ -19,10 +16,7 @@ pub(super) struct UsbOptions {
 impl UsbOptions {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let text = |value: &str| Some(value.to_owned());
-        let (vendor, product) = BOARD_IDS;
         Ok(Self {
-            vendor,
-            product,
             serial: uri.typed("serial", text)?,
             path: uri.typed("path", text)?,
             transfers: uri.required("transfers", |value| value.parse().ok())?,

@@ -146,11 +146,7 @@ impl InMemoryClient<'_> {
     /// The server receives these bytes; returns whether the client is still connected.
     pub fn hear(&mut self, mut bytes: &[u8]) -> bool {
         while !bytes.is_empty() {
-            let room = self.inbox.room();
-            let count = room.len().min(bytes.len());
-            room[..count].copy_from_slice(&bytes[..count]);
-            bytes = &bytes[count..];
-            self.inbox.came(count);
+            bytes = self.inbox.fill(bytes);
             loop {
                 match self.inbox.next() {
                     Ok(None) => break,

@@ -82,11 +82,7 @@ impl Link for ServerLink {
             self.hub.publish(&self.board, out, meta);
             return Ok(meta);
         }
-        let limit = match wait {
-            Wait::Forever => WAIT_MAX,
-            Wait::For(limit) => limit.min(WAIT_MAX),
-            Wait::Now => Duration::ZERO,
-        };
+        let limit = wait.limit().unwrap_or(WAIT_MAX).min(WAIT_MAX);
         let timeout = LinkError::Timeout { dir: Dir::Read, waited: limit, what: "no report came" };
         self.queue.pop(out, limit).ok_or(timeout)
     }

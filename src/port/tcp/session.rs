@@ -129,20 +129,11 @@ impl<'a> Session<'a> {
         }
         match *message {
             Message::Write { request, wait, frame } => {
-                let until = match wait {
-                    Wait::Forever => None,
-                    Wait::Now => Some(Instant::now()),
-                    Wait::For(limit) => Instant::now().checked_add(limit),
-                };
                 self.frame = Frame::from_bytes(*frame);
-                self.begin(request, Work::Write { until });
+                self.begin(request, Work::Write { until: wait.deadline() });
             }
             Message::Read { request, wait } if self.board.info.virtual_time => {
-                let left_ns = match wait {
-                    Wait::Forever => None,
-                    Wait::Now => Some(0),
-                    Wait::For(limit) => Some(u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX)),
-                };
+                let left_ns = wait.limit().map(|limit| u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX));
                 self.begin(request, Work::Read { left_ns });
             }
             Message::Pass { request, ns } if self.board.info.virtual_time => match check_pass(Duration::from_nanos(ns))
@@ -175,8 +166,7 @@ impl<'a> Session<'a> {
     /// Tries to write the frame; returns what is left to do, as do the functions below.
     fn write(&mut self, request: u64, until: Option<Instant>) -> Option<Work> {
         let left = until.map_or(WRITE_SLICE, |until| until.saturating_duration_since(Instant::now()).min(WRITE_SLICE));
-        let wait = if left.is_zero() { Wait::Now } else { Wait::For(left) };
-        match self.board.write(&self.frame, wait) {
+        match self.board.write(&self.frame, Wait::at_most(left)) {
             Ok(at) => self.client.reply(&Message::Written { request, at, now: self.board.now() }),
             Err(LinkError::Timeout { .. }) if until.is_none_or(|until| Instant::now() < until) => {
                 return Some(Work::Write { until });
@@ -189,11 +179,7 @@ impl<'a> Session<'a> {
     fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
         // The last step may be longer than the others: a very short read would advance the time by more than its limit.
         let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
-        let wait = match step_ns {
-            None => Wait::Forever,
-            Some(0) => Wait::Now,
-            Some(step) => Wait::For(Duration::from_nanos(step)),
-        };
+        let wait = step_ns.map_or(Wait::Forever, |step| Wait::at_most(Duration::from_nanos(step)));
         match self.board.link.read(&mut self.frame, wait) {
             Ok(meta) => {
                 self.hub.publish(&self.board, &self.frame, meta);
@@ -263,11 +249,7 @@ pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
         if left.is_empty() {
             return said(&session);
         }
-        let room = inbox.room();
-        let count = room.len().min(left.len());
-        room[..count].copy_from_slice(&left[..count]);
-        left = &left[count..];
-        inbox.came(count);
+        left = inbox.fill(left);
     }
 }
 

@@ -2,8 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::exchange::Task;
-use super::servo::require_op;
+use super::exchange::{Session, Task, ahead_of_the_board};
 use super::standstill::LeftBehind;
 use super::{Close, Ecm, EcmError, Options};
 use crate::link::uri::LinkUri;
@@ -56,24 +55,13 @@ impl Ecm {
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
     pub fn clear_fifo(&self) -> Result<(), EcmError> {
-        {
-            let mut session = self.exchange.lock()?;
-            self.exchange.catch_up(&mut session)?;
-            require_op(&session, "clear_fifo")?;
-        }
-        let task = Task {
-            what: "clearing the FIFO",
-            hint: "see whether frames get lost (Ecm::stats)",
-            limit: self.exchange.options.servo_limit,
-            commands: &[(0, MasterCommand::SetFifo(FifoAction::Clear).encode())],
-            resend: true,
-            claim_exclusive: false,
-        };
+        drop(self.exchange.lock_in_op("clear_fifo")?);
+        let (hint, limit) = ("see whether frames get lost (Ecm::stats)", self.exchange.options.servo_limit);
+        let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.exchange.run(
-            &task,
+            &Task::new("clearing the FIFO", hint, limit, &clear).seen(&ahead_of_the_board),
             // The command acts on arrival; its own frame is the first entry after it.
             |session, sent| Ok(session.executed(sent).then_some(())),
-            |session| format!("{} entries are ahead of the board", session.credit.ahead()),
         )
     }
 
@@ -100,21 +88,14 @@ impl Ecm {
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let rested = self.bring_to_rest(false, &mut LeftBehind::default());
-        let task = Task {
-            what: "SW_RESET",
-            hint: "see whether frames get lost (Ecm::stats), or switch the board off and on",
-            limit: self.exchange.options.state_limit,
-            commands: &[(0, MasterCommand::SoftReset.encode())],
-            resend: true,
-            claim_exclusive: false,
-        };
-        let done = self.exchange.run(
-            &task,
-            |_, _| Ok(None::<()>),
-            |session| format!("it still reports, in {}", session.board().state),
-        );
+        let hint = "see whether frames get lost (Ecm::stats), or switch the board off and on";
+        let (limit, commands) = (self.exchange.options.state_limit, [(0, MasterCommand::SoftReset.encode())]);
+        let task = Task::new("SW_RESET", hint, limit, &commands);
+        let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
+        let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
         // No axis is left to be ramped.
-        self.close_as_it_is();
+        // Closing in this way cannot fail.
+        let _ = self.end(Close::Leave);
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,
             Err(error) => Err(error),
@@ -156,11 +137,5 @@ impl Ecm {
             }
             tries += 1;
         }
-    }
-
-    /// Closes the board without sending anything.
-    fn close_as_it_is(&mut self) {
-        // Closing in this way cannot fail.
-        let _ = self.end(Close::Leave);
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::EcmError;
 use super::scale::Scale;
 use crate::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
@@ -86,10 +87,15 @@ pub enum Slave {
 impl Slave {
     /// A slave of that kind, its axis in CSP.
     pub const fn of_kind(kind: SlaveKind) -> Self {
+        Self::with_axis(kind, Axis::CSP)
+    }
+
+    /// A slave of that kind, whose axis, if it has one, is run so.
+    pub(super) const fn with_axis(kind: SlaveKind, axis: Axis) -> Self {
         match kind {
-            SlaveKind::Drive => Self::Drive(Axis::CSP),
-            SlaveKind::Step => Self::Step(Axis::CSP),
-            SlaveKind::Hsp => Self::Hsp(Axis::CSP),
+            SlaveKind::Drive => Self::Drive(axis),
+            SlaveKind::Step => Self::Step(axis),
+            SlaveKind::Hsp => Self::Hsp(axis),
             SlaveKind::Io => Self::Io,
             SlaveKind::None => Self::Unused,
         }
@@ -106,12 +112,27 @@ impl Slave {
         }
     }
 
+    /// The error of a call that is for other slaves than this one.
+    pub(super) const fn wrong_kind(&self, slave: u8, what: &'static str, wanted: &'static str) -> EcmError {
+        EcmError::WrongKind { slave, kind: self.kind().name(), what, wanted }
+    }
+
     /// How its axis is run; `None` for an IO slave and an unused one.
     pub const fn axis(&self) -> Option<&Axis> {
         match self {
             Self::Drive(axis) | Self::Step(axis) | Self::Hsp(axis) => Some(axis),
             Self::Io | Self::Unused => None,
         }
+    }
+}
+
+/// The modes that a kind of slave has (SK-7.35, SK-7.36).
+pub(super) const fn modes(kind: SlaveKind) -> &'static [Mode] {
+    match kind {
+        SlaveKind::Drive => &[Mode::Csp, Mode::Csv, Mode::Cst],
+        SlaveKind::Hsp => &[Mode::Csp, Mode::Csv],
+        SlaveKind::Step => &[Mode::Csp],
+        SlaveKind::Io | SlaveKind::None => &[],
     }
 }
 
@@ -165,11 +186,7 @@ impl Config {
         }
         for (slave, config) in (1..).zip(&self.slaves) {
             let Some(axis) = config.axis() else { continue };
-            let allowed: &'static [Mode] = match config {
-                Slave::Step(_) => &[Mode::Csp],
-                Slave::Hsp(_) => &[Mode::Csp, Mode::Csv],
-                _ => &[Mode::Csp, Mode::Csv, Mode::Cst],
-            };
+            let allowed = modes(config.kind());
             if !allowed.contains(&axis.mode) {
                 return Err(ConfigError::Mode { slave, kind: config.kind().name(), found: axis.mode, allowed });
             }

@@ -4,7 +4,6 @@ use std::cell::RefCell;
 use std::time::Duration;
 
 use super::exchange::{Session, Task};
-use super::servo::{declared, refuse_alarm, require_op};
 use super::{Ecm, EcmError};
 use crate::cia402::{MODES_OF_OPERATION, Mode, Statusword};
 use crate::coe::ObjectAddress;
@@ -115,15 +114,11 @@ impl Ecm {
             return Ok(());
         }
         let modes = self.reserve(&slaves)?;
-        let mut tell = |slave: u8, phase| -> Result<(), EcmError> {
-            // The session is free while the program's own function runs: it may use the board.
-            let elapsed = self.exchange.now().saturating_sub(began);
-            let told = progress_of(&*self.exchange.lock()?, slave, phase, elapsed);
-            progress(&told);
-            Ok(())
-        };
         let limit = axes.iter().map(|(_, homing)| homing.limit).max().unwrap_or_default();
-        let prepared = axes.iter().try_for_each(|(slave, homing)| self.prepare(*slave, homing, &mut tell));
+        let prepared = axes.iter().try_for_each(|(slave, homing)| {
+            self.tell(*slave, HomingPhase::Preparing, began, &mut progress)?;
+            self.prepare(*slave, homing)
+        });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
         // \[OURS] No axis homes any more when this returns. A single axis that failed has ended by itself.
@@ -137,15 +132,9 @@ impl Ecm {
         // even if some calls fail.
         let mut restored = Ok(());
         for (slave, mode) in slaves.iter().zip(modes) {
-            let told = self.exchange.lock().map(|session| {
-                let elapsed = self.exchange.now().saturating_sub(began);
-                progress_of(&session, *slave, HomingPhase::Restoring, elapsed)
-            });
-            let one = told.and_then(|told| {
-                progress(&told);
-                self.sdo_write(*slave, ObjectAddress::new(MODES_OF_OPERATION, 0), mode.code())
-            });
-            restored = restored.and(one);
+            let told = self.tell(*slave, HomingPhase::Restoring, began, &mut progress);
+            let mode_of = ObjectAddress::new(MODES_OF_OPERATION, 0);
+            restored = restored.and(told.and_then(|()| self.sdo_write(*slave, mode_of, mode.code())));
         }
         let released = self
             .exchange
@@ -161,8 +150,8 @@ impl Ecm {
         let mut session = self.exchange.lock()?;
         let mut modes = Vec::with_capacity(slaves.len());
         for slave in slaves.iter().copied() {
-            let config = declared(&session, slave)?;
-            refuse_alarm(&session, slave)?;
+            let config = *session.network.declared(slave)?;
+            session.refuse_alarm(slave)?;
             let statusword = session.statusword(slave);
             if !statusword.is_enabled() {
                 return Err(EcmError::NotEnabled { slave, statusword });
@@ -177,32 +166,34 @@ impl Ecm {
         Ok(modes)
     }
 
-    /// Writes the objects of one axis.
-    fn prepare(
+    /// Tells the program how far the homing of an axis is.
+    fn tell(
         &self,
         slave: u8,
-        homing: &Homing,
-        tell: &mut impl FnMut(u8, HomingPhase) -> Result<(), EcmError>,
+        phase: HomingPhase,
+        began: Duration,
+        progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
+        let elapsed = self.exchange.now().saturating_sub(began);
+        // The session is free while the program's own function runs: it may use the board.
+        let told = progress_of(&*self.exchange.lock()?, slave, phase, elapsed);
+        progress(&told);
+        Ok(())
+    }
+
+    /// Writes the objects of one axis.
+    fn prepare(&self, slave: u8, homing: &Homing) -> Result<(), EcmError> {
         let object = ObjectAddress::new;
-        tell(slave, HomingPhase::Preparing)?;
         refuse_aborted(&*self.exchange.lock()?, slave)?;
         self.sdo_write(slave, object(MODES_OF_OPERATION, 0), Mode::Homing.code())?;
         self.sdo_write(slave, object(0x6098, 0), homing.method)?;
         refuse_aborted(&*self.exchange.lock()?, slave)?;
-        if let Some(speed) = homing.switch_speed {
-            self.sdo_write(slave, object(0x6099, 1), speed)?;
+        let Homing { switch_speed, zero_speed, acceleration, offset, .. } = *homing;
+        let given = [(0x6099, 1, switch_speed), (0x6099, 2, zero_speed), (0x609A, 0, acceleration)].into_iter();
+        for (index, sub, value) in given.filter_map(|(index, sub, value)| Some((index, sub, value?))) {
+            self.sdo_write(slave, object(index, sub), value)?;
         }
-        if let Some(speed) = homing.zero_speed {
-            self.sdo_write(slave, object(0x6099, 2), speed)?;
-        }
-        if let Some(acceleration) = homing.acceleration {
-            self.sdo_write(slave, object(0x609A, 0), acceleration)?;
-        }
-        if let Some(offset) = homing.offset {
-            self.sdo_write(slave, object(0x607C, 0), offset)?;
-        }
-        Ok(())
+        offset.map_or(Ok(()), |offset| self.sdo_write(slave, object(0x607C, 0), offset))
     }
 
     /// Sends GO_HOME to all axes in one frame, and waits until all are home.
@@ -215,7 +206,14 @@ impl Ecm {
         progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
         // A repeat after the end of homing would start it again: a frame that is lost is an error.
-        let task = Task { what: "homing", hint: HINT, limit, commands, resend: false, claim_exclusive: true };
+        let seen = |session: &Session| {
+            let words = slaves.iter().map(|slave| {
+                let word = session.statusword(*slave).0;
+                format!("slave {slave} shows statusword 0x{word:04X}")
+            });
+            words.collect::<Vec<_>>().join(", ")
+        };
+        let task = Task::new("homing", HINT, limit, commands).once().exclusive().seen(&seen);
         let mut axes: Vec<AxisHoming> = slaves.iter().map(|slave| AxisHoming::of(*slave)).collect();
         let told = RefCell::new(Vec::new());
         let mut tell_all = || told.take().iter().for_each(&mut *progress);
@@ -223,13 +221,13 @@ impl Ecm {
         let done = self.exchange.run_with(
             &task,
             |session| {
-                require_op(session, "homing")?;
+                session.require_op("homing")?;
                 slaves.iter().try_for_each(|slave| refuse_aborted(session, *slave))?;
                 session.homing.started = session.homing.active;
                 Ok(())
             },
             |session, sent| {
-                require_op(session, "homing")?;
+                session.require_op("homing")?;
                 let reports = session.stats.reports;
                 let is_lost = reports - *sent_at.get_or_insert(reports) > ANSWER_REPORTS_MAX;
                 let mut all = true;
@@ -243,13 +241,6 @@ impl Ecm {
                 Ok(all.then_some(()))
             },
             &mut tell_all,
-            |session| {
-                let words = slaves.iter().map(|slave| {
-                    let word = session.statusword(*slave).0;
-                    format!("slave {slave} shows statusword 0x{word:04X}")
-                });
-                words.collect::<Vec<_>>().join(", ")
-            },
         );
         tell_all();
         done
@@ -262,9 +253,7 @@ impl Ecm {
     /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::Link`].
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
-            let mut session = self.exchange.lock()?;
-            self.exchange.catch_up(&mut session)?;
-            require_op(&session, "abort_homing")?;
+            let mut session = self.exchange.lock_in_op("abort_homing")?;
             let Some(slave) = session.homing.active.iter().next() else { return Ok(()) };
             session.homing.aborted = session.homing.active;
             // Objects are still being written: homing ends before GO_HOME is sent.
@@ -273,20 +262,9 @@ impl Ecm {
             }
             (usize::from(slave), SlotCommand::from(SlaveCommand::AbortHome).encode(session.size))
         };
-        let limit = self.exchange.options.servo_limit;
-        let task = Task {
-            what: "ending homing",
-            hint: HINT,
-            limit,
-            commands: &[(slot, command)],
-            resend: true,
-            claim_exclusive: false,
-        };
-        self.exchange.run(
-            &task,
-            |session, sent| Ok(session.executed(sent).then_some(())),
-            |session| format!("the board is in {}", session.board().state),
-        )
+        let (limit, commands) = (self.exchange.options.servo_limit, [(slot, command)]);
+        let task = Task::new("ending homing", HINT, limit, &commands);
+        self.exchange.run(&task, |session, sent| Ok(session.executed(sent).then_some(())))
     }
 }
 
@@ -333,7 +311,7 @@ impl AxisHoming {
         if !self.home {
             tell(slave, HomingPhase::Moving);
         }
-        refuse_alarm(session, slave)?;
+        session.refuse_alarm(slave)?;
         if session.homing.aborted.contains(slave) {
             return failed("it was aborted");
         }

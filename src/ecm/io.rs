@@ -2,7 +2,6 @@
 
 use super::config::Slave;
 use super::exchange::Task;
-use super::servo::{declared, require_op};
 use super::{Ecm, EcmError};
 use crate::sk::{IoResponse, MasterCommand, SlaveCommand, SlotCommand};
 
@@ -28,29 +27,21 @@ impl Ecm {
 
     fn io(&self, what: &'static str, slave: u8, command: SlaveCommand) -> Result<u16, EcmError> {
         let slot = {
-            let mut session = self.exchange.lock()?;
-            self.exchange.catch_up(&mut session)?;
-            require_op(&session, what)?;
-            let config = declared(&session, slave)?;
-            if config != Slave::Io {
-                return Err(EcmError::WrongKind { slave, kind: config.kind().name(), what, wanted: "an IO slave" });
+            let session = self.exchange.lock_in_op(what)?;
+            let config = session.network.declared(slave)?;
+            if *config != Slave::Io {
+                return Err(config.wrong_kind(slave, what, "an IO slave"));
             }
             SlotCommand::from(command).encode(session.size)
         };
-        let limit = self.exchange.options.servo_limit;
-        let task =
-            Task { what, hint: HINT, limit, commands: &[(slave.into(), slot)], resend: true, claim_exclusive: true };
-        self.exchange.run(
-            &task,
-            |session, sent| {
-                require_op(session, what)?;
-                if session.lost.contains(slave) {
-                    return Err(EcmError::SlaveLost { slave: Some(slave), found: session.board().state });
-                }
-                Ok(session.answer(sent, slave.into(), slot.id).map(|answer| IoResponse::decode(&answer).bits))
-            },
-            |session| format!("the board is in {}", session.board().state),
-        )
+        let (limit, commands) = (self.exchange.options.servo_limit, [(slave.into(), slot)]);
+        self.exchange.run(&Task::new(what, HINT, limit, &commands).exclusive(), |session, sent| {
+            session.require_op(what)?;
+            if session.lost.contains(slave) {
+                return Err(EcmError::SlaveLost { slave: Some(slave), found: session.board().state });
+            }
+            Ok(session.answer(sent, slave.into(), slot.id).map(|answer| IoResponse::decode(&answer).bits))
+        })
     }
 
     /// Reads the board's own six inputs, in any state. Bit k is input k.
@@ -75,18 +66,13 @@ impl Ecm {
 
     fn local(&self, what: &'static str, command: MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
-        let limit = self.exchange.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands: &[(0, slot)], resend: true, claim_exclusive: true };
-        self.exchange.run(
-            &task,
-            |session, sent| {
-                if !session.in_op() {
-                    return Ok((session.board().id == slot.id).then_some(session.board().result));
-                }
-                // In OP the answer does not say to which command it belongs: it is valid once the frame was executed (SK-8.3).
-                Ok(session.result(sent))
-            },
-            |session| format!("the board is in {}", session.board().state),
-        )
+        let (limit, commands) = (self.exchange.options.servo_limit, [(0, slot)]);
+        self.exchange.run(&Task::new(what, HINT, limit, &commands).exclusive(), |session, sent| {
+            if !session.in_op() {
+                return Ok((session.board().id == slot.id).then_some(session.board().result));
+            }
+            // In OP the answer does not say to which command it belongs: it is valid once the frame was executed (SK-8.3).
+            Ok(session.result(sent))
+        })
     }
 }

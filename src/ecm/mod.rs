@@ -150,9 +150,7 @@ impl Ecm {
     /// # Errors
     /// [`EcmError::Link`], [`EcmError::Busy`].
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
-        let mut session = self.exchange.lock()?;
-        self.exchange.catch_up(&mut session)?;
-        Ok(session.snapshot())
+        Ok(self.exchange.lock_newest()?.snapshot())
     }
 
     /// Waits for the next report. Called often enough it gives one of each cycle.

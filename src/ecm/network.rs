@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use super::config::{Config, Slave};
+use super::EcmError;
+use super::config::{Axis, Config, Slave};
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
+use crate::sk::{DriveResponse, RawSlot};
 
 /// A copy of a [`Config`] that allocates nothing.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +44,27 @@ impl Network {
     /// The configuration of slave 1..; `None` if it has none.
     pub(super) fn slave(&self, slave: u8) -> Option<&Slave> {
         self.slaves[..self.count].get(usize::from(slave).checked_sub(1)?)
+    }
+
+    /// The configuration of a slave, which must have one.
+    pub(super) fn declared(&self, slave: u8) -> Result<&Slave, EcmError> {
+        // Called for each of 40 axes in a cycle: no error is made that is then dropped.
+        self.slave(slave).ok_or_else(|| EcmError::NoSuchSlave { slave, declared: self.count })
+    }
+
+    /// How the axis of a slave is run, which `what` is for.
+    pub(super) fn axis(&self, slave: u8, what: &'static str) -> Result<&Axis, EcmError> {
+        let config = self.declared(slave)?;
+        config.axis().ok_or_else(|| config.wrong_kind(slave, what, "a drive, STEP or HSP"))
+    }
+
+    /// The error of a slave that shows an alarm in this slot of a report.
+    pub(super) fn alarm(&self, slave: u8, slot: &RawSlot) -> EcmError {
+        let code = match self.slave(slave) {
+            Some(Slave::Hsp(_)) => 0,
+            _ => DriveResponse::decode(slot).error_code,
+        };
+        EcmError::Alarm { slave, code }
     }
 
     /// The slaves that are configured, with their numbers.

@@ -97,13 +97,9 @@ impl Ecm {
         self.wait_for_sdo_of_stream()?;
         let wanted = Wanted::of(&command);
         let (size, in_between) = {
-            let mut session = self.exchange.lock()?;
-            self.exchange.catch_up(&mut session)?;
-            if !matches!(
-                session.board().state.state(),
-                Some(MasterState::PreOp | MasterState::SafeOp | MasterState::Op)
-            ) {
-                let found = session.board().state;
+            let session = self.exchange.lock_newest()?;
+            let found = session.board().state;
+            if found.state().is_none_or(|state| state < MasterState::PreOp) {
                 return Err(EcmError::WrongState { what: "an SDO", needs: "PreOP, SafeOP or OP", found });
             }
             let late = &session.late_sdos;
@@ -133,16 +129,12 @@ impl Ecm {
     fn transfer_once(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
         let wanted = Wanted::of(&command);
         let slot = self.exchange.lock()?.size.sdo_slot();
-        let task = Task {
-            what: if wanted.id == CommandId::SdoRead { "an SDO read" } else { "an SDO write" },
-            hint: "see whether the slave is on the network, and give it more time with Options::sdo_limit",
-            limit,
-            commands: &[(slot, command.encode())],
-            resend: true,
-            claim_exclusive: false,
-        };
+        let what = if wanted.id == CommandId::SdoRead { "an SDO read" } else { "an SDO write" };
+        let hint = "see whether the slave is on the network, and give it more time with Options::sdo_limit";
         let seen = move |_: &Session| format!("slave {} has not answered for {}", wanted.slave, wanted.object);
-        let done = self.exchange.run(&task, |session, _| wanted.answer(session), seen);
+        let commands = [(slot, command.encode())];
+        let task = Task::new(what, hint, limit, &commands).seen(&seen);
+        let done = self.exchange.run(&task, |session, _| wanted.answer(session));
         if let Err(EcmError::Timeout { .. }) = done {
             // The answer may come yet, and must not be taken for that of a later transfer.
             let mut session = self.exchange.lock()?;

@@ -2,12 +2,11 @@
 
 use std::time::Duration;
 
-use super::config::Slave;
 use super::exchange::marks::Echo;
 use super::exchange::{Sent, Session, Task};
 use super::{Ecm, EcmError};
 use crate::cia402::Statusword;
-use crate::sk::{DriveResponse, RawSlot, SlaveCommand, SlotCommand};
+use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
 const HINT: &str = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
 
@@ -34,7 +33,7 @@ impl Ecm {
         slaves.iter().try_for_each(|slave| self.second_statusword(*slave).map(drop))?;
         {
             let session = self.exchange.lock()?;
-            slaves.iter().try_for_each(|slave| refuse_alarm(&session, *slave))?;
+            slaves.iter().try_for_each(|slave| session.refuse_alarm(*slave))?;
             // In the frame of a stream the command would stand where the axis's next target does.
             commands.retain(|(slave, _)| !session.is_on(*slave as u8));
         }
@@ -43,7 +42,7 @@ impl Ecm {
         }
         let limit = self.exchange.options.servo_limit;
         let ended = self.until("switching on", &commands, |session, slave, _| {
-            refuse_alarm(session, slave)?;
+            session.refuse_alarm(slave)?;
             Ok(session.statusword(slave).is_enabled())
         });
         let ended =
@@ -107,7 +106,7 @@ impl Ecm {
         slaves.iter().try_for_each(|slave| self.second_statusword(*slave).map(drop))?;
         {
             let session = self.exchange.lock()?;
-            commands.retain(|(slave, _)| refuse_alarm(&session, *slave as u8).is_err());
+            commands.retain(|(slave, _)| session.refuse_alarm(*slave as u8).is_err());
         }
         if commands.is_empty() {
             return Ok(());
@@ -121,7 +120,7 @@ impl Ecm {
         let done = done.and_then(|()| self.until_second("an alarm clear", &commands, limit, no_fault, false));
         if let Err(EcmError::Timeout { .. }) = done {
             let session = self.exchange.lock()?;
-            slaves.iter().try_for_each(|slave| refuse_alarm(&session, *slave))?;
+            slaves.iter().try_for_each(|slave| session.refuse_alarm(*slave))?;
         }
         done
     }
@@ -133,28 +132,24 @@ impl Ecm {
         commands: &[(usize, RawSlot)],
         is_done: impl Fn(&Session, u8, Sent) -> Result<bool, EcmError>,
     ) -> Result<(), EcmError> {
-        let limit = self.exchange.options.servo_limit;
-        let task = Task { what, hint: HINT, limit, commands, resend: true, claim_exclusive: false };
-        self.exchange.run(
-            &task,
-            |session, sent| {
-                require_op(session, what)?;
-                for (slave, _) in commands {
-                    if !is_done(session, *slave as u8, sent)? {
-                        return Ok(None);
-                    }
+        let seen = |session: &Session| {
+            let words = commands.iter().map(|(slave, _)| {
+                let word = session.statusword(*slave as u8);
+                let state = word.state().map_or("unknown", |state| state.name());
+                format!("slave {slave} is in {state} (0x{:04X})", word.0)
+            });
+            words.collect::<Vec<_>>().join(", ")
+        };
+        let task = Task::new(what, HINT, self.exchange.options.servo_limit, commands).seen(&seen);
+        self.exchange.run(&task, |session, sent| {
+            session.require_op(what)?;
+            for (slave, _) in commands {
+                if !is_done(session, *slave as u8, sent)? {
+                    return Ok(None);
                 }
-                Ok(Some(()))
-            },
-            |session| {
-                let words = commands.iter().map(|(slave, _)| {
-                    let word = session.statusword(*slave as u8);
-                    let state = word.state().map_or("unknown", |state| state.name());
-                    format!("slave {slave} is in {state} (0x{:04X})", word.0)
-                });
-                words.collect::<Vec<_>>().join(", ")
-            },
-        )
+            }
+            Ok(Some(()))
+        })
     }
 
     /// Reads the statuswords of second channels until all are right; with `no_alarm` an alarm ends that at once.
@@ -170,7 +165,7 @@ impl Ecm {
         for slave in commands.iter().map(|(slave, _)| *slave as u8) {
             while let Some(word) = self.second_statusword(slave)?.filter(|word| !is_right(*word)) {
                 if no_alarm {
-                    refuse_alarm(&*self.exchange.lock()?, slave)?;
+                    self.exchange.lock()?.refuse_alarm(slave)?;
                 }
                 let waited = self.exchange.now().saturating_sub(began);
                 if waited >= limit {
@@ -191,14 +186,8 @@ impl Ecm {
                 return Ok(());
             }
         }
-        let commands = &[(0, RawSlot::ZERO)];
-        let task =
-            Task { what: "looking for lost slaves", hint: HINT, limit, commands, resend: true, claim_exclusive: false };
-        self.exchange.run(
-            &task,
-            |session, sent| Ok((!session.in_op() || session.executed(sent)).then_some(())),
-            |session| format!("the board is in {}", session.board().state),
-        )
+        let task = Task::new("looking for lost slaves", HINT, limit, &[(0, RawSlot::ZERO)]);
+        self.exchange.run(&task, |session, sent| Ok((!session.in_op() || session.executed(sent)).then_some(())))
     }
 
     /// Refuses a slave that is lost: what its slot shows is old.
@@ -225,44 +214,9 @@ impl Ecm {
         slaves: &[u8],
         command: SlaveCommand,
     ) -> Result<Vec<(usize, RawSlot)>, EcmError> {
-        let mut session = self.exchange.lock()?;
-        self.exchange.catch_up(&mut session)?;
-        require_op(&session, what)?;
+        let session = self.exchange.lock_in_op(what)?;
         let slot = SlotCommand::from(command).encode(session.size);
-        slaves
-            .iter()
-            .map(|slave| {
-                let config = declared(&session, *slave)?;
-                if config.axis().is_none() {
-                    let kind = config.kind().name();
-                    return Err(EcmError::WrongKind { slave: *slave, kind, what, wanted: "a drive, STEP or HSP" });
-                }
-                Ok((usize::from(*slave), slot))
-            })
-            .collect()
+        let command_of = |slave: &u8| session.network.axis(*slave, what).map(|_| (usize::from(*slave), slot));
+        slaves.iter().map(command_of).collect()
     }
-}
-
-/// Refuses what needs OP, outside of it.
-pub(super) fn require_op(session: &Session, what: &'static str) -> Result<(), EcmError> {
-    if session.in_op() { Ok(()) } else { Err(EcmError::WrongState { what, needs: "OP", found: session.board().state }) }
-}
-
-/// The configuration of a slave, which must have one.
-pub(super) fn declared(session: &Session, slave: u8) -> Result<Slave, EcmError> {
-    let none = EcmError::NoSuchSlave { slave, declared: session.network.count };
-    session.network.slave(slave).copied().ok_or(none)
-}
-
-/// Refuses a slave that shows an alarm.
-pub(super) fn refuse_alarm(session: &Session, slave: u8) -> Result<(), EcmError> {
-    let second = session.second_channels.statusword(slave).unwrap_or_default();
-    if (session.statusword(slave).0 | second.0) & Statusword::FAULT == 0 {
-        return Ok(());
-    }
-    let code = match session.network.slave(slave) {
-        Some(Slave::Hsp(_)) => 0,
-        _ => DriveResponse::decode(&session.slot(slave.into())).error_code,
-    };
-    Err(EcmError::Alarm { slave, code })
 }

@@ -53,30 +53,18 @@ impl Ecm {
             })
             .collect();
         if !modes.is_empty() {
-            let task = Task {
-                what: "DRIVE_MODE",
-                hint: HINT,
-                limit: CONFIGURE_LIMIT,
-                commands: &modes,
-                resend: true,
-                claim_exclusive: true,
-            };
             let id = CommandId::DriveMode.code();
-            self.exchange.run(
-                &task,
-                |session, _| {
-                    if !modes.iter().all(|(slot, _)| session.slot(*slot).id == id) {
-                        return Ok(None);
-                    }
-                    let echoes = modes.iter().all(|(slot, _)| session.slot(*slot).index == Marks::PROBE);
-                    session.marks.set_echo(echoes);
-                    Ok(Some(()))
-                },
-                |session| format!("the board is in {}", session.board().state),
-            )?;
+            let task = Task::new("DRIVE_MODE", HINT, CONFIGURE_LIMIT, &modes).exclusive();
+            self.exchange.run(&task, |session, _| {
+                if !modes.iter().all(|(slot, _)| session.slot(*slot).id == id) {
+                    return Ok(None);
+                }
+                let echoes = modes.iter().all(|(slot, _)| session.slot(*slot).index == Marks::PROBE);
+                session.marks.set_echo(echoes);
+                Ok(Some(()))
+            })?;
         }
-        self.exchange.set_network(config)?;
-        Ok(())
+        self.exchange.set_network(config)
     }
 
     /// Takes over a board that is configured already, as a board in OP: `config` is what it was configured as. Nothing is
@@ -86,26 +74,15 @@ impl Ecm {
     /// [`EcmError::Config`], [`EcmError::Busy`].
     pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
         config.check(self.slot_size()?)?;
-        self.exchange.set_network(config)?;
-        Ok(())
+        self.exchange.set_network(config)
     }
 
     /// Sends a command for the board itself, outside OP; gives its result.
     pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
-        let task = Task {
-            what,
-            hint: HINT,
-            limit: CONFIGURE_LIMIT,
-            commands: &[(0, slot)],
-            resend: true,
-            claim_exclusive: true,
-        };
-        self.exchange.run(
-            &task,
-            |session, _| Ok((session.board().id == slot.id).then_some(session.board().result)),
-            |session| format!("the board is in {}", session.board().state),
-        )
+        self.exchange.run(&Task::new(what, HINT, CONFIGURE_LIMIT, &[(0, slot)]).exclusive(), |session, _| {
+            Ok((session.board().id == slot.id).then_some(session.board().result))
+        })
     }
 
     /// Changes the network's state and waits until it is reached. From Init it has to go to PreOP first, where the network
@@ -124,15 +101,10 @@ impl Ecm {
     /// # Errors
     /// As [`Ecm::set_state`].
     pub fn set_state_within(&self, wanted: MasterState, limit: Duration) -> Result<(), EcmError> {
-        let task = Task {
-            what: "a change of state",
-            hint: "give it more time, or look at the slaves' LEDs",
-            limit,
-            commands: &[(0, MasterCommand::SetState(wanted).encode())],
-            // A repeat would start a change again that has failed. A frame that is lost ends in a timeout.
-            resend: false,
-            claim_exclusive: false,
-        };
+        let commands = [(0, MasterCommand::SetState(wanted).encode())];
+        let hint = "give it more time, or look at the slaves' LEDs";
+        // A repeat would start a change again that has failed. A frame that is lost ends in a timeout.
+        let task = Task::new("a change of state", hint, limit, &commands).once();
         // A failure that is shown before the change has begun is an old one.
         let old = self.state()?;
         // The board rejects that change (SK-4.63) without showing it.
@@ -140,18 +112,14 @@ impl Ecm {
             return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
         }
         let mut moved = !old.is_failed();
-        let ended = self.exchange.run(
-            &task,
-            |session, _| {
-                let now = session.board().state;
-                moved |= now != old;
-                if now == StateByte::reached(wanted) {
-                    return Ok(Some(None));
-                }
-                Ok((moved && now.is_failed()).then_some(Some(now)))
-            },
-            |session| format!("the board is in {}", session.board().state),
-        );
+        let ended = self.exchange.run(&task, |session, _| {
+            let now = session.board().state;
+            moved |= now != old;
+            if now == StateByte::reached(wanted) {
+                return Ok(Some(None));
+            }
+            Ok((moved && now.is_failed()).then_some(Some(now)))
+        });
         match ended {
             Ok(None) => Ok(()),
             Ok(Some(found)) => Err(EcmError::StateStuck { wanted, found, suspect: self.suspect() }),

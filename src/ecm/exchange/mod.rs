@@ -39,14 +39,14 @@ pub use outgoing::Sent;
 pub use second_channels::SecondChannels;
 pub use session::Session;
 pub use stats::{News, Stats};
-pub use task::Task;
+pub use task::{Task, ahead_of_the_board};
 
 use super::EcmError;
 use super::config::Config;
 use super::network::Network;
 use super::options::Options;
 use crate::link::{Link, LinkError, LinkInfo, Wait};
-use crate::sk::SlotSize;
+use crate::sk::{RawSlot, SlotSize};
 
 /// \[OURS] A stream that has not stepped for that long no longer carries commands of other threads.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
@@ -120,6 +120,20 @@ impl Exchange {
         Ok(session)
     }
 
+    /// As [`Exchange::lock`], with the newest report read.
+    pub fn lock_newest(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
+        let mut session = self.lock()?;
+        self.catch_up(&mut session)?;
+        Ok(session)
+    }
+
+    /// As [`Exchange::lock_newest`], for `what`, which needs OP.
+    pub fn lock_in_op(&self, what: &'static str) -> Result<MutexGuard<'_, Session>, EcmError> {
+        let session = self.lock_newest()?;
+        session.require_op(what)?;
+        Ok(session)
+    }
+
     /// A stream ended while another thread had the session: whoever locks it next ends the stream there.
     pub fn abandon(&self) {
         self.abandoned.store(true, Ordering::Release);
@@ -158,10 +172,7 @@ impl Exchange {
 
     /// As [`Exchange::read`], for a caller that knows the time.
     pub fn read_at(&self, session: &mut Session, now: Duration, deadline: Duration) -> Result<bool, EcmError> {
-        let wait = match deadline.saturating_sub(now).min(self.silence_max(session)) {
-            Duration::ZERO => Wait::Now,
-            left => Wait::For(left),
-        };
+        let wait = Wait::at_most(deadline.saturating_sub(now).min(self.silence_max(session)));
         match self.link.read(&mut session.reports.incoming, wait) {
             Ok(meta) => {
                 let usable = session.take_report(meta);
@@ -201,6 +212,21 @@ impl Exchange {
     /// Writes the next frame by `deadline`. The caller has seen that the board takes one.
     pub fn write(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
+    }
+
+    /// Writes a frame with these commands by `deadline`. A command of another thread that waits for one of their slots goes
+    /// out first.
+    pub fn write_commands(
+        &self,
+        session: &mut Session,
+        commands: &[(usize, RawSlot)],
+        deadline: Duration,
+    ) -> Result<(), EcmError> {
+        if !session.posts.post(commands) {
+            self.write(session, deadline)?;
+            session.posts.post(commands);
+        }
+        self.write(session, deadline)
     }
 
     /// Writes the next frame, within that time.

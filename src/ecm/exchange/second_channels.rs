@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::session::Session;
 use super::task::Task;
-use crate::cia402::{STATUSWORD, Statusword};
+use crate::cia402::{SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ecm::config::Slave;
 use crate::ecm::network::Network;
@@ -13,9 +13,7 @@ use crate::ecm::{Ecm, EcmError};
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
 
-/// The objects of the second channel are those of the first one and so much higher (SK-3).
-const CHANNEL: u16 = 0x800;
-const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + CHANNEL, 0);
+const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + SECOND_AXIS_OFFSET, 0);
 /// An object that every slave has. It is read between two transfers that would have equal answers, so that the second
 /// answer can be told from the first (SK-6.10).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
@@ -184,16 +182,9 @@ impl Ecm {
         if self.exchange.lock()?.second_channels.asked.is_none() {
             return Ok(());
         }
-        let task = Task {
-            what: "an SDO",
-            hint: "try again",
-            limit: STREAM_SDO_LIMIT,
-            commands: &[],
-            resend: false,
-            claim_exclusive: false,
-        };
+        let task = Task::new("an SDO", "try again", STREAM_SDO_LIMIT, &[]);
         let is_over = |session: &mut Session, _| Ok(session.second_channels.asked.is_none().then_some(()));
-        match self.exchange.run(&task, is_over, |_| "the SDO slot is busy".to_owned()) {
+        match self.exchange.run(&task, is_over) {
             Ok(()) | Err(EcmError::Timeout { .. }) => Ok(()),
             Err(error) => Err(error),
         }

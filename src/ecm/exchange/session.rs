@@ -17,6 +17,7 @@ use super::second_channels::SecondChannels;
 use super::stats::{News, NewsQueue, Stats};
 use crate::cia402::Statusword;
 use crate::coe::ObjectAddress;
+use crate::ecm::EcmError;
 use crate::ecm::config::Slave;
 use crate::ecm::network::Network;
 use crate::ecm::snapshot::Snapshot;
@@ -55,7 +56,7 @@ pub struct Session {
     pub reports: Reports,
     pub outgoing: Outgoing,
     pub posts: Posts,
-    answers: Answers,
+    pub answers: Answers,
     pub marks: Marks,
     pub credit: Credit,
     /// Slaves that are lost, as far as their answers have shown it.
@@ -103,6 +104,20 @@ impl Session {
 
     pub fn in_op(&self) -> bool {
         self.reports.in_op()
+    }
+
+    /// Refuses `what`, which needs OP, outside of it.
+    pub fn require_op(&self, what: &'static str) -> Result<(), EcmError> {
+        if self.in_op() { Ok(()) } else { Err(EcmError::WrongState { what, needs: "OP", found: self.board().state }) }
+    }
+
+    /// Refuses a slave that shows an alarm.
+    pub fn refuse_alarm(&self, slave: u8) -> Result<(), EcmError> {
+        let second = self.second_channels.statusword(slave).unwrap_or_default();
+        if (self.statusword(slave).0 | second.0) & Statusword::FAULT == 0 {
+            return Ok(());
+        }
+        Err(self.network.alarm(slave, &self.slot(slave.into())))
     }
 
     /// Slot 0 of the newest report.
@@ -230,13 +245,9 @@ impl Session {
         self.executed(sent).then(|| if marked { self.marks.result(sent.mark) } else { self.reports.board.result })
     }
 
-    /// Claims slots for a call that must be sure of its own answers; [`Session::release`] ends that.
+    /// Claims slots for a call that must be sure of its own answers; [`Answers::release`] ends that.
     pub fn claim(&mut self, commands: &[(usize, RawSlot)]) -> bool {
         self.answers.claim(commands, &self.reports.newest, self.size)
-    }
-
-    pub fn release(&mut self, commands: &[(usize, RawSlot)]) {
-        self.answers.release(commands);
     }
 
     /// The answer in a claimed slot to that frame's command there, once it has come.

@@ -22,11 +22,36 @@ pub struct Task<'a> {
     pub limit: Duration,
     /// What is sent, by slot. A task without commands only waits.
     pub commands: &'a [(usize, RawSlot)],
+    /// What the board shows instead of what is waited for, for the error of a timeout.
+    seen: &'a dyn Fn(&Session) -> String,
     /// Whether the commands may go out again, if they show no effect.
-    pub resend: bool,
-    /// Whether the call must be sure of the answers to its own commands. Then no other such call has the slots meanwhile,
-    /// and an answer that stands in them already is cleared first.
-    pub claim_exclusive: bool,
+    resend: bool,
+    /// Whether the call must be sure of the answers to its own commands.
+    claim_exclusive: bool,
+}
+
+impl<'a> Task<'a> {
+    /// Commands that may go out again, and whose effect shows whoever has sent them.
+    pub fn new(what: &'static str, hint: &'static str, limit: Duration, commands: &'a [(usize, RawSlot)]) -> Self {
+        let seen = &|session: &Session| format!("the board is in {}", session.board().state);
+        Self { what, hint, limit, commands, seen, resend: true, claim_exclusive: false }
+    }
+
+    /// What reports show instead of the board's state, for the error of a timeout.
+    pub fn seen(self, seen: &'a dyn Fn(&Session) -> String) -> Self {
+        Self { seen, ..self }
+    }
+
+    /// The commands go out once.
+    pub fn once(self) -> Self {
+        Self { resend: false, ..self }
+    }
+
+    /// The call must be sure of the answers to its own commands: no other such call has the slots meanwhile, and an answer
+    /// that stands in them already is cleared first.
+    pub fn exclusive(self) -> Self {
+        Self { claim_exclusive: true, ..self }
+    }
 }
 
 /// How far the commands of a task are on their way.
@@ -75,16 +100,20 @@ impl Delivery {
     }
 }
 
+/// How far the board is behind, for the error of a timeout.
+pub fn ahead_of_the_board(session: &Session) -> String {
+    format!("{} entries are ahead of the board", session.credit.ahead())
+}
+
 impl Exchange {
     /// Sends a task's commands and gives each report that is made after that to `look`, until that has what it wants: it gives
-    /// `Ok(None)` while it waits. `seen` says for the error of a timeout what the board showed instead.
+    /// `Ok(None)` while it waits.
     pub fn run<T>(
         &self,
         task: &Task<'_>,
         look: impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
-        seen: impl Fn(&Session) -> String,
     ) -> Result<T, EcmError> {
-        self.run_with(task, |_| Ok(()), look, || {}, seen)
+        self.run_with(task, |_| Ok(()), look, || {})
     }
 
     /// As [`Exchange::run`]; `before` may refuse as long as the commands have not gone out, and `between` runs between two
@@ -95,20 +124,18 @@ impl Exchange {
         before: impl FnMut(&mut Session) -> Result<(), EcmError>,
         look: impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
         between: impl FnMut(),
-        seen: impl Fn(&Session) -> String,
     ) -> Result<T, EcmError> {
-        let mut session = self.lock()?;
-        self.catch_up(&mut session)?;
+        let mut session = self.lock_newest()?;
         session.marks.awaited += 1;
         let mut delivery = Delivery::default();
-        let done = self.run_rounds(&mut session, &mut delivery, task, (before, look, between, seen));
+        let done = self.run_rounds(&mut session, &mut delivery, task, (before, look, between));
         session.marks.awaited -= 1;
         // What has gone out cannot be taken back, and its slot may hold another call's command by now.
         if delivery.posted_at == Some(session.outgoing.written) {
             session.posts.withdraw(task.commands);
         }
         if delivery.claimed {
-            session.release(task.commands);
+            session.answers.release(task.commands);
             self.news.notify_all();
         }
         done
@@ -119,11 +146,10 @@ impl Exchange {
         session: &mut MutexGuard<'_, Session>,
         delivery: &mut Delivery,
         task: &Task<'_>,
-        (mut before, mut look, mut between, seen): (
+        (mut before, mut look, mut between): (
             impl FnMut(&mut Session) -> Result<(), EcmError>,
             impl FnMut(&mut Session, Sent) -> Result<Option<T>, EcmError>,
             impl FnMut(),
-            impl Fn(&Session) -> String,
         ),
     ) -> Result<T, EcmError> {
         let began = self.now();
@@ -154,11 +180,11 @@ impl Exchange {
             }
             reports = session.stats.reports;
             let waited = self.now().saturating_sub(began);
-            if waited >= limit {
-                self.check_silence(session, began, task.what)?;
-                return Err(EcmError::Timeout { what: task.what, waited, seen: seen(session), hint: task.hint });
-            }
             self.check_silence(session, began, task.what)?;
+            if waited >= limit {
+                let seen = (task.seen)(session);
+                return Err(EcmError::Timeout { what: task.what, waited, seen, hint: task.hint });
+            }
             if let Some(now) = sent
                 && !task.commands.is_empty()
                 && reports - sent_reports >= RESEND_REPORTS

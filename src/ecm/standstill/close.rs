@@ -1,6 +1,5 @@
 //! Closing a board, and what becomes of its axes. It ends within 2 s, also when the board is dropped.
 
-use std::cell::Cell;
 use std::time::Duration;
 
 use super::LeftBehind;
@@ -67,33 +66,22 @@ impl Ecm {
         commands: &[(usize, RawSlot)],
         limit: Duration,
     ) -> Result<(), EcmError> {
-        let task = Task {
-            what: "switching off",
-            hint: "switch the drives off by hand",
-            limit,
-            commands,
-            resend: true,
-            claim_exclusive: false,
-        };
-        let lost = Cell::new(None);
-        self.exchange.run(
-            &task,
-            |session, sent| {
-                if !session.in_op() {
-                    return Ok(Some(()));
+        let task = Task::new("switching off", "switch the drives off by hand", limit, commands);
+        let mut lost = None;
+        self.exchange.run(&task, |session, sent| {
+            if !session.in_op() {
+                return Ok(Some(()));
+            }
+            let mut is_off = |slave: u8| {
+                let is_lost = session.lost.contains(slave);
+                if is_lost {
+                    lost = Some(EcmError::SlaveLost { slave: Some(slave), found: session.board().state });
                 }
-                let is_off = |slave: u8| {
-                    let is_lost = session.lost.contains(slave);
-                    if is_lost {
-                        lost.set(Some(EcmError::SlaveLost { slave: Some(slave), found: session.board().state }));
-                    }
-                    is_lost || session.probably_executed(sent) && !session.statusword(slave).is_enabled()
-                };
-                Ok(commands.iter().all(|(slave, _)| is_off(*slave as u8)).then_some(()))
-            },
-            |session| format!("the board is in {}", session.board().state),
-        )?;
-        lost.take().map_or(Ok(()), Err)
+                is_lost || session.probably_executed(sent) && !session.statusword(slave).is_enabled()
+            };
+            Ok(commands.iter().all(|(slave, _)| is_off(*slave as u8)).then_some(()))
+        })?;
+        lost.map_or(Ok(()), Err)
     }
 }
 

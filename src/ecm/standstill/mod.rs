@@ -18,10 +18,11 @@ use std::time::Duration;
 use parking_lot::MutexGuard;
 
 use axis_ramp::{AxisRamp, needs_observation, ramp_from_position, ramp_of};
-pub use left_behind::{LeftBehind, discard_held, stop_in_one_step};
+pub use left_behind::LeftBehind;
 use movement::Observation;
 
-use super::exchange::Session;
+use super::config::Slave;
+use super::exchange::{Session, ahead_of_the_board};
 use super::{Ecm, EcmError};
 use crate::ethercat::SlaveSet;
 use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
@@ -48,109 +49,124 @@ pub fn to_standstill(
     deadline: Duration,
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
-    let stood = stop(ecm, session, deadline, left);
+    let mut stop = Stop::new(ecm, session, deadline, left);
+    let stood = stop.to_the_end();
     if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
         // The error of the stop says why axes do not stand; one of this frame would say less.
-        let _ = stop_in_one_step(ecm, session, left);
+        let _ = stop.in_one_step();
     }
     stood
 }
 
-fn stop(
+/// Discards the entries that wait for a threshold, of a network of which nothing else is known.
+pub fn discard_held(
     ecm: &Ecm,
     session: &mut MutexGuard<'_, Session>,
     deadline: Duration,
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
-    ecm.exchange.catch_up(session)?;
-    if !session.in_op() || session.network.count == 0 {
-        return Ok(());
-    }
-    let mut stop = Stop { ecm, began: ecm.exchange.now(), deadline, ramped: SlaveSet::EMPTY, unlocked: false };
-    left_behind::discard_unwanted(ecm, session, deadline, left)?;
-    stop.end_homing(session, left)?;
-    loop {
-        stop.ramp(session, left)?;
-        let may_wait = left.is_held || left.has_threshold && session.credit.ahead() > 0;
-        if !session.posts.is_empty() || may_wait && !stop.unlocked {
-            // No axis has to be ramped yet, but what waits, here or in the board, must not wait for ever.
-            stop.write(session, left)?;
-        }
-        if stop.stands(session, left)? {
-            break;
-        }
-    }
-    if left.has_threshold && !stop.unlocked && session.in_op() {
-        // Nothing had to be done. The frames of the next program must not wait for a threshold that it does not know.
-        stop.write(session, left)?;
-    }
-    Ok(())
+    let mut stop = Stop::new(ecm, session, deadline, left);
+    // The error of the discarding says more than one of the last frame.
+    stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 
 /// The ramps of slaves' axes, by slot; `None` for a slave that needs none.
 type AxisRamps = [Option<AxisRamp>; SlotSize::Bytes12.slots()];
 
 /// A stop under way.
-struct Stop<'a> {
+struct Stop<'a, 's> {
     ecm: &'a Ecm,
+    session: &'a mut MutexGuard<'s, Session>,
     began: Duration,
     deadline: Duration,
+    left: &'a mut LeftBehind,
     /// Slaves whose axes have been ramped.
     ramped: SlaveSet,
     /// The board takes entries out of its FIFO, whatever threshold was in force.
     unlocked: bool,
 }
 
-impl Stop<'_> {
+impl<'a, 's> Stop<'a, 's> {
+    fn new(
+        ecm: &'a Ecm,
+        session: &'a mut MutexGuard<'s, Session>,
+        deadline: Duration,
+        left: &'a mut LeftBehind,
+    ) -> Self {
+        let began = ecm.exchange.now();
+        Self { ecm, session, began, deadline, left, ramped: SlaveSet::EMPTY, unlocked: false }
+    }
+
+    fn to_the_end(&mut self) -> Result<(), EcmError> {
+        self.ecm.exchange.catch_up(self.session)?;
+        if !self.session.in_op() || self.session.network.count == 0 {
+            return Ok(());
+        }
+        self.began = self.ecm.exchange.now();
+        self.discard_unwanted()?;
+        self.end_homing()?;
+        loop {
+            self.ramp()?;
+            let may_wait = self.left.is_held || self.left.has_threshold && self.session.credit.ahead() > 0;
+            if !self.session.posts.is_empty() || may_wait && !self.unlocked {
+                // No axis has to be ramped yet, but what waits, here or in the board, must not wait for ever.
+                self.write()?;
+            }
+            if self.stands()? {
+                break;
+            }
+        }
+        if self.left.has_threshold && !self.unlocked && self.session.in_op() {
+            // Nothing had to be done. The frames of the next program must not wait for a threshold that it does not know.
+            self.write()?;
+        }
+        Ok(())
+    }
+
     /// Ends the homing of slaves, by commands in the slots of one frame.
-    fn end_homing(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<(), EcmError> {
-        let abort = SlotCommand::from(SlaveCommand::AbortHome).encode(session.size);
-        let commands: Vec<_> = left.homing.iter().map(|slave| (slave.into(), abort)).collect();
+    fn end_homing(&mut self) -> Result<(), EcmError> {
+        let abort = SlotCommand::from(SlaveCommand::AbortHome).encode(self.session.size);
+        let commands: Vec<_> = self.left.homing.iter().map(|slave| (slave.into(), abort)).collect();
         if commands.is_empty() {
             return Ok(());
         }
         // They go out with the first frame of a ramp, if there is one, so that the targets of other axes have no gap.
-        if !session.posts.post(&commands) {
-            self.write(session, left)?;
-            session.posts.post(&commands);
+        if !self.session.posts.post(&commands) {
+            self.write()?;
+            self.session.posts.post(&commands);
         }
-        if self.ramps(session, &Observation::begin(session), left).iter().any(Option::is_some) {
+        if self.ramps(&Observation::begin(self.session)).iter().any(Option::is_some) {
             return Ok(());
         }
-        self.write(session, left)
+        self.write()
     }
 
     /// Ramps the axes that move and have not been ramped yet. An axis of which only reports tell how it moves is observed first.
-    fn ramp(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<(), EcmError> {
-        let observed = Observation::begin(session);
-        let network = Arc::clone(&session.network);
-        let is_unclear = |session: &Session, slave, config| {
-            !self.ramped.contains(slave) && needs_observation(session, slave, config, left)
+    fn ramp(&mut self) -> Result<(), EcmError> {
+        let observed = Observation::begin(self.session);
+        let network = Arc::clone(&self.session.network);
+        let is_unclear = |stop: &Self, slave, config| {
+            !stop.ramped.contains(slave) && needs_observation(stop.session, slave, config, stop.left)
         };
-        while !observed.is_long_enough(session)
-            && session.in_op()
-            && network.slaves().any(|(slave, config)| is_unclear(session, slave, config))
+        while !observed.is_long_enough(self.session)
+            && self.session.in_op()
+            && network.slaves().any(|(slave, config)| is_unclear(self, slave, config))
         {
-            self.read(session)?;
+            self.read()?;
         }
-        let ramps = self.ramps(session, &observed, left);
+        let ramps = self.ramps(&observed);
         if ramps.iter().all(Option::is_none) {
             return Ok(());
         }
-        self.run(session, left, &ramps)
+        self.run(&ramps)
     }
 
     /// Writes the frames of ramps.
-    fn run(
-        &mut self,
-        session: &mut MutexGuard<'_, Session>,
-        left: &LeftBehind,
-        ramps: &AxisRamps,
-    ) -> Result<(), EcmError> {
-        let frames = self.frames(session);
-        let network = Arc::clone(&session.network);
+    fn run(&mut self, ramps: &AxisRamps) -> Result<(), EcmError> {
+        let frames = self.frames();
+        let network = Arc::clone(&self.session.network);
         for k in 1..=frames {
-            self.write_with(session, left, |session| {
+            self.write_with(|session| {
                 for (slave, config) in network.slaves() {
                     let Some(ramp) = &ramps[usize::from(slave)] else { continue };
                     // An axis that went off meanwhile gets no target.
@@ -166,110 +182,107 @@ impl Stop<'_> {
     }
 
     /// The ramps of the axes that have not been ramped yet.
-    fn ramps(&self, session: &Session, observed: &Observation, left: &LeftBehind) -> AxisRamps {
+    fn ramps(&self, observed: &Observation) -> AxisRamps {
+        self.ramps_by(|slave, config| {
+            let is_new = !self.ramped.contains(slave);
+            if is_new { ramp_of(self.session, observed, slave, config, self.left) } else { None }
+        })
+    }
+
+    fn ramps_by(&self, ramp: impl Fn(u8, &Slave) -> Option<AxisRamp>) -> AxisRamps {
         let mut ramps = [None; SlotSize::Bytes12.slots()];
-        for (slave, config) in session.network.slaves() {
-            if !self.ramped.contains(slave) {
-                ramps[usize::from(slave)] = ramp_of(session, observed, slave, config, left);
-            }
+        for (slave, config) in self.session.network.slaves() {
+            ramps[usize::from(slave)] = ramp(slave, config);
         }
         ramps
     }
 
     /// Writes the next frame, as soon as the board has room for it and not too many are ahead.
-    fn write(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<(), EcmError> {
-        self.write_with(session, left, |_| ())
+    fn write(&mut self) -> Result<(), EcmError> {
+        self.write_with(|_| ())
     }
 
     /// As [`write`](Self::write), with targets that `aim` sets last: a report that was read after that would take away those of a
     /// slave of which one axis is off. The first frame has the board take entries out, whatever threshold a program has set
     /// (SK-5.12): that command acts on arrival, even if the FIFO is full.
-    fn write_with(
-        &mut self,
-        session: &mut MutexGuard<'_, Session>,
-        left: &LeftBehind,
-        aim: impl Fn(&mut Session),
-    ) -> Result<(), EcmError> {
-        while !self.unlocked && session.in_op() {
-            if session.credit.credit() == 0 && !left.is_held {
-                self.read(session)?;
+    fn write_with(&mut self, aim: impl Fn(&mut Session)) -> Result<(), EcmError> {
+        while !self.unlocked && self.session.in_op() {
+            if self.session.credit.credit() == 0 && !self.left.is_held {
+                self.read()?;
                 continue;
             }
             let threshold = MasterCommand::SetFifo(FifoAction::Threshold(FIFO_ENTRIES.into())).encode();
             // A command of another thread that waits for that slot goes out first.
-            self.unlocked = session.posts.post(&[(0, threshold)]);
-            if self.unlocked && session.credit.credit() > 0 {
-                aim(session);
-                return self.ecm.exchange.write(session, self.deadline);
-            }
+            self.unlocked = self.session.posts.post(&[(0, threshold)]);
+            let has_room = self.session.credit.credit() > 0;
             // A full FIFO does not take the rest of the frame: that is written again when there is room.
-            let posts = session.posts.slots();
-            aim(session);
-            self.ecm.exchange.write(session, self.deadline)?;
+            let posts = self.session.posts.slots();
+            aim(self.session);
+            self.ecm.exchange.write(self.session, self.deadline)?;
+            if self.unlocked && has_room {
+                return Ok(());
+            }
             if self.unlocked {
-                session.posts.post_again(posts);
+                self.session.posts.post_again(posts);
             }
         }
-        while session.in_op() && session.credit.ahead() >= AHEAD_MAX {
-            self.read(session)?;
+        while self.session.in_op() && self.session.credit.ahead() >= AHEAD_MAX {
+            self.read()?;
         }
-        aim(session);
-        self.ecm.exchange.write(session, self.deadline)
+        aim(self.session);
+        self.ecm.exchange.write(self.session, self.deadline)
     }
 
     /// Waits until the FIFO is empty and all axes stand. False if an axis has to be ramped, which an entry of the FIFO has set
     /// going.
-    fn stands(&mut self, session: &mut MutexGuard<'_, Session>, left: &LeftBehind) -> Result<bool, EcmError> {
-        let network = Arc::clone(&session.network);
+    fn stands(&mut self) -> Result<bool, EcmError> {
+        let network = Arc::clone(&self.session.network);
         let mut observation: Option<Observation> = None;
-        while session.in_op() {
-            if session.credit.ahead() > 0 {
+        while self.session.in_op() {
+            if self.session.credit.ahead() > 0 {
                 observation = None;
-                self.read(session)?;
+                self.read()?;
                 continue;
             }
-            let observed = observation.get_or_insert_with(|| Observation::begin(session));
+            let observed = observation.get_or_insert_with(|| Observation::begin(self.session));
             // A program knows what its own axes were told: none of them begins to move.
-            if !left.is_foreign && network.slaves().all(|(slave, config)| !movement::may_move(session, slave, config)) {
+            let may_move = |(slave, config)| movement::may_move(self.session, slave, config);
+            if !self.left.is_foreign && !network.slaves().any(may_move) {
                 return Ok(true);
             }
-            if observed.is_long_enough(session) {
-                if self.ramps(session, observed, left).iter().any(Option::is_some) {
+            if observed.is_long_enough(self.session) {
+                if self.ramps(observed).iter().any(Option::is_some) {
                     return Ok(false);
                 }
-                if network.slaves().all(|(slave, config)| !observed.moves(session, slave, config)) {
+                if network.slaves().all(|(slave, config)| !observed.moves(self.session, slave, config)) {
                     return Ok(true);
                 }
-                let ramps = self.ramps_from_positions(session, observed, left);
+                let ramps = self.ramps_from_positions(observed);
                 observation = None;
                 if ramps.iter().any(Option::is_some) {
-                    self.run(session, left, &ramps)?;
+                    self.run(&ramps)?;
                     continue;
                 }
             }
-            self.read(session)?;
+            self.read()?;
         }
         Ok(true)
     }
 
     /// The ramps of axes that will not have reached their last targets by the limit.
-    fn ramps_from_positions(&self, session: &Session, observed: &Observation, left: &LeftBehind) -> AxisRamps {
-        let cycle = session.network.cycle();
+    fn ramps_from_positions(&self, observed: &Observation) -> AxisRamps {
+        let cycle = self.session.network.cycle();
         let time_left = self.deadline.saturating_sub(self.ecm.exchange.now());
         // Of its own axes a program knows that they have no target which it has not given.
-        let overdue = left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
+        let overdue = self.left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
         let cycles = time_left.as_secs_f64() / cycle.as_secs_f64();
-        let mut ramps = [None; SlotSize::Bytes12.slots()];
-        for (slave, config) in session.network.slaves() {
-            ramps[usize::from(slave)] = ramp_from_position(session, observed, slave, config, cycles, overdue);
-        }
-        ramps
+        self.ramps_by(|slave, config| ramp_from_position(self.session, observed, slave, config, cycles, overdue))
     }
 
     /// Reads a report. The end of the time for the stop, and a board that is silent, are errors.
-    fn read(&self, session: &mut MutexGuard<'_, Session>) -> Result<(), EcmError> {
-        if !self.ecm.exchange.read(session, self.deadline)? {
-            self.ecm.exchange.check_silence(session, self.began, "a standstill")?;
+    fn read(&mut self) -> Result<(), EcmError> {
+        if !self.ecm.exchange.read(self.session, self.deadline)? {
+            self.ecm.exchange.check_silence(self.session, self.began, "a standstill")?;
         }
         let waited = self.ecm.exchange.now().saturating_sub(self.began);
         if self.ecm.exchange.now() < self.deadline {
@@ -278,18 +291,18 @@ impl Stop<'_> {
         Err(EcmError::Timeout {
             what: "a standstill",
             waited,
-            seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+            seen: ahead_of_the_board(self.session),
             hint: "use the emergency stop if axes move",
         })
     }
 
     /// The number of frames of a ramp: those of its time, but no more than end before the limit.
-    fn frames(&self, session: &Session) -> u32 {
-        let cycle = session.network.cycle();
+    fn frames(&self) -> u32 {
+        let cycle = self.session.network.cycle();
         let of = |time: Duration| time.as_nanos().div_ceil(cycle.as_nanos()) as u32;
         let left = self.deadline.saturating_sub(self.ecm.exchange.now()).saturating_sub(settling_time(cycle));
         let possible = (left.as_nanos() / cycle.as_nanos()) as u32;
-        let possible = possible.saturating_sub(session.credit.ahead().into());
+        let possible = possible.saturating_sub(self.session.credit.ahead().into());
         of(self.ecm.exchange.options.ramp).max(RAMP_FRAMES_MIN).min(possible).max(1)
     }
 }

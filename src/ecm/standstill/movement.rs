@@ -72,11 +72,15 @@ impl Observation {
 
 /// The positions of a slave's axes, counts.
 pub(super) fn positions(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
-    let slot = session.slot(slave.into());
+    positions_in(&session.reports.newest, session.size, slave, config)
+}
+
+fn positions_in(report: &Frame, size: SlotSize, slave: u8, config: &Slave) -> [i32; 2] {
+    let slot = report.slot(size, slave.into());
     if !matches!(config, Slave::Hsp(_)) {
         return [slot.data1 as i32, 0];
     }
-    let answer = HspResponse::decode(&slot, session.size);
+    let answer = HspResponse::decode(&slot, size);
     [answer.first.position, answer.second.position]
 }
 
@@ -120,10 +124,6 @@ pub(super) fn may_be_on(session: &Session, slave: u8, config: &Slave) -> bool {
 
 /// Counts that a slave's axes have moved from an earlier report to the newest one.
 fn moved(session: &Session, from: &Frame, slave: u8, config: &Slave) -> [i32; 2] {
-    let (now, before) = (session.slot(slave.into()), from.slot(session.size, slave.into()));
-    if !matches!(config, Slave::Hsp(_)) {
-        return [(now.data1 as i32).wrapping_sub(before.data1 as i32), 0];
-    }
-    let (now, before) = (HspResponse::decode(&now, session.size), HspResponse::decode(&before, session.size));
-    [now.first.position.wrapping_sub(before.first.position), now.second.position.wrapping_sub(before.second.position)]
+    let (now, before) = (positions(session, slave, config), positions_in(from, session.size, slave, config));
+    [0, 1].map(|i| now[i].wrapping_sub(before[i]))
 }

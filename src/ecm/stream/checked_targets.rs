@@ -11,8 +11,7 @@ use crate::ecm::exchange::cyclic_targets::Outputs;
 use crate::ecm::network::Network;
 use crate::ethercat::SlaveSet;
 use crate::sk::{
-    AxisTarget, DriveResponse, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize,
-    StateByte,
+    AxisTarget, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
 };
 
 /// The targets of the next step, and a copy of the session.
@@ -115,15 +114,7 @@ impl CheckedTargets {
 
     /// The settings of a slave's axis.
     pub(super) fn axis(&self, slave: u8) -> Result<&Axis, EcmError> {
-        // Called for each of 40 axes in a cycle: no error is made that is then dropped.
-        let none = || EcmError::NoSuchSlave { slave, declared: self.network.count };
-        let config = self.network.slave(slave).ok_or_else(none)?;
-        config.axis().ok_or_else(|| EcmError::WrongKind {
-            slave,
-            kind: config.kind().name(),
-            what: "a target",
-            wanted: "a drive, STEP or HSP",
-        })
+        self.network.axis(slave, "a target")
     }
 
     /// Sets the target of a slave for the next step, if everything allows it. `guard`: whether the guards of axes act.
@@ -235,11 +226,7 @@ impl CheckedTargets {
         if statusword.0 & Statusword::FAULT == 0 {
             return EcmError::NotEnabled { slave, statusword };
         }
-        let code = match self.network.slave(slave) {
-            Some(Slave::Hsp(_)) => 0,
-            _ => DriveResponse::decode(&self.report.slot(self.size, slave.into())).error_code,
-        };
-        EcmError::Alarm { slave, code }
+        self.network.alarm(slave, &self.report.slot(self.size, slave.into()))
     }
 
     /// Refuses targets that are too far from the actual positions.

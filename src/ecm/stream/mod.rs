@@ -9,9 +9,8 @@ use std::time::{Duration, Instant};
 
 use checked_targets::CheckedTargets;
 
-use super::exchange::Session;
 use super::exchange::session::StreamPacer;
-use super::servo::{declared, require_op};
+use super::exchange::{Session, Stats, ahead_of_the_board};
 use super::snapshot::Snapshot;
 use super::standstill::{self, LeftBehind};
 use super::{CLOSE_LIMIT, Ecm, EcmError};
@@ -52,8 +51,8 @@ pub struct Stream<'a> {
     frames: u64,
     /// No target was set since the last step.
     stepped: bool,
-    underruns_before: u64,
-    losses_before: u64,
+    /// The counts when it began.
+    before: Stats,
     done: bool,
 }
 
@@ -70,10 +69,8 @@ impl Ecm {
             return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
         }
         self.learn_second_channels()?;
-        let mut session = self.exchange.lock()?;
-        self.exchange.catch_up(&mut session)?;
-        require_op(&session, "a stream")?;
-        declared(&session, 1)?;
+        let mut session = self.exchange.lock_in_op("a stream")?;
+        session.network.declared(1)?;
         if session.pacer.is_some() {
             return Err(EcmError::Busy { what: "the stream" });
         }
@@ -84,19 +81,9 @@ impl Ecm {
         }
         session.pacer = Some(pacer());
         session.credit.count_underruns(true);
-        let (underruns_before, losses_before) = (session.stats.underruns, session.stats.losses);
+        let before = session.stats;
         let targets = CheckedTargets::new(&mut session, self.exchange.changes());
-        Ok(Stream {
-            ecm: self,
-            depth,
-            targets,
-            prefill: 0,
-            frames: 0,
-            stepped: false,
-            underruns_before,
-            losses_before,
-            done: false,
-        })
+        Ok(Stream { ecm: self, depth, targets, prefill: 0, frames: 0, stepped: false, before, done: false })
     }
 }
 
@@ -129,7 +116,7 @@ impl Stream<'_> {
             let found = format!("set after {} frames", self.frames);
             return Err(EcmError::Setting { what: "prefill", found, allowed: "it before the first step" });
         }
-        require_op(&*self.ecm.exchange.lock()?, "prefill")?;
+        self.ecm.exchange.lock()?.require_op("prefill")?;
         self.prefill = frames;
         Ok(())
     }
@@ -295,8 +282,8 @@ impl Stream<'_> {
     const fn stats_of(&self, session: &Session) -> StreamStats {
         StreamStats {
             frames: self.frames,
-            underruns: session.stats.underruns - self.underruns_before,
-            losses: session.stats.losses - self.losses_before,
+            underruns: session.stats.underruns - self.before.underruns,
+            losses: session.stats.losses - self.before.losses,
         }
     }
 
@@ -354,18 +341,13 @@ impl Ecm {
             return Ok(());
         }
         session.targets.clear();
-        // A command of another thread that waits for that slot goes out first.
-        let command = MasterCommand::SetFifo(FifoAction::Clear).encode();
-        if !session.posts.post(&[(0, command)]) {
-            self.exchange.write(session, deadline)?;
-            session.posts.post(&[(0, command)]);
-        }
-        self.exchange.write(session, deadline)
+        let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
+        self.exchange.write_commands(session, &clear, deadline)
     }
 
     /// Reads reports until fewer than `depth` frames are ahead of the board. `now` is the time, if the caller knows it.
     fn pace(&self, session: &mut Session, depth: u16, now: Option<Duration>) -> Result<(), EcmError> {
-        require_op(session, "a stream")?;
+        session.require_op("a stream")?;
         if session.credit.ahead() < depth {
             return Ok(());
         }
@@ -377,7 +359,7 @@ impl Ecm {
             if !self.exchange.read_at(session, now, began + limit)? {
                 self.exchange.check_silence(session, began, "a stream")?;
             }
-            require_op(session, "a stream")?;
+            session.require_op("a stream")?;
             if session.credit.ahead() < depth {
                 return Ok(());
             }
@@ -387,7 +369,7 @@ impl Ecm {
                 return Err(EcmError::Timeout {
                     what: "room in the FIFO",
                     waited,
-                    seen: format!("{} entries are ahead of the board", session.credit.ahead()),
+                    seen: ahead_of_the_board(session),
                     hint: "see what else writes to the board, or leave OP and enter it again",
                 });
             }

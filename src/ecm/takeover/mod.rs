@@ -1,6 +1,7 @@
 //! Stopping the axes of a program that has ended without closing its board. A server does this that the program's frames have
-//! passed through: `watch.rs` keeps what they and the reports tell.
+//! passed through: `watch.rs` keeps what they and the reports tell, `seen.rs` what they tell of one slave.
 
+mod seen;
 mod watch;
 
 use std::time::Duration;
@@ -25,6 +26,21 @@ pub(crate) enum Succeeded {
 }
 
 impl Ecm {
+    /// As [`Ecm::adopt`], for a network that another program has run until now. What that program commanded last is known too,
+    /// so that closing can ramp it to a standstill.
+    ///
+    /// # Errors
+    /// As [`Ecm::adopt`]. A network of which nothing is known is adopted as one without slaves.
+    pub fn take_over(&self, watch: &Watch) -> Result<(), EcmError> {
+        let Some(config) = watch.config() else { return Ok(()) };
+        self.adopt(&config)?;
+        let mut session = self.exchange.lock()?;
+        for (slave, seen) in (1..=config.slaves.len() as u8).zip(&watch.slaves) {
+            session.targets.assume(slave, seen.last, seen.before);
+        }
+        Ok(())
+    }
+
     /// Takes over the network of a program that has ended, as far as its frames tell, and reads a report that was made after its
     /// last frame. `watch` gives what the frames and the reports told, up to the newest report. After an error nothing is known,
     /// and nothing was sent.
@@ -48,10 +64,7 @@ impl Ecm {
         if watch.config().is_none() {
             let deadline = self.exchange.now() + super::CLOSE_LIMIT;
             let mut session = self.exchange.lock()?;
-            if let Err(error) = standstill::discard_held(self, &mut session, deadline, &mut left) {
-                let _ = standstill::stop_in_one_step(self, &mut session, &left);
-                return Err(error);
-            }
+            standstill::discard_held(self, &mut session, deadline, &mut left)?;
             return Ok(Succeeded::Unknown { discarded: left.discarded });
         }
         self.take_over(watch)?;

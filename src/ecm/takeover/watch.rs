@@ -1,55 +1,22 @@
 //! What the frames between a program and its board tell of the network, for somebody who sees them pass: what slaves are
 //! declared as, in which modes they are run, and what was commanded last.
 
-use std::sync::Arc;
-
-use crate::cia402::{Mode, Statusword};
-use crate::ecm::config::{Axis, Config, Slave};
-use crate::ecm::exchange::SecondChannels;
-use crate::ecm::network::Network;
-use crate::ecm::{Ecm, EcmError};
+use super::seen::Seen;
+use crate::cia402::Statusword;
+use crate::ecm::config::Config;
 use crate::link::Stamp;
 use crate::recording::Kinds;
 use crate::sk::{
-    CommandId, CycleTime, DriveSync, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState,
-    RawSlot, SlaveCommand, SlaveKind, SlotCommand, SlotSize,
+    CycleTime, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize,
 };
 
 const SLAVES: usize = SlotSize::Bytes12.max_slaves();
-
-/// What is known of one slave.
-#[derive(Clone, Copy, Debug, Default)]
-struct Seen {
-    mode: Option<(Mode, DriveSync)>,
-    /// The last motion command (CSP, CSV, CST), and the one in the frame before.
-    last: Option<SlaveCommand>,
-    before: Option<SlaveCommand>,
-    homing: Homing,
-}
-
-/// How far the homing of an axis is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Homing {
-    /// It is not being homed.
-    #[default]
-    No,
-    /// GO_HOME was written, and so many reports have come since: its entry may wait in the FIFO. If a report was missed, that
-    /// may have been the one which showed it as executed.
-    Asked { reports: u16, missed: bool },
-    /// A report has shown GO_HOME as executed. Until a report shows a motion command after that the axis may be homing: the board
-    /// ignores motion commands for an axis that is homing, and does not show their ids (SK-3).
-    Executed,
-}
-
-/// \[OURS] A GO_HOME that so many reports have not shown was rejected, if no report was missed: every entry has been executed by
-/// then.
-const GO_HOME_REPORTS_MAX: u16 = 2 * FIFO_ENTRIES;
 
 /// What the frames both ways have told of a network: what the board knows, as far as frames show it.
 #[derive(Clone, Debug)]
 pub struct Watch {
     kinds: Kinds,
-    slaves: [Seen; SLAVES],
+    pub(super) slaves: [Seen; SLAVES],
     cycle: CycleTime,
     state: Option<MasterState>,
     /// The FIFO-full count of the newest report in OP.
@@ -98,9 +65,8 @@ impl Watch {
         self.kinds.command(frame, size);
         match command {
             Ok(MasterCommand::SetAxis { group, .. }) if set_up => {
-                // The modes that DRIVE_MODE has set stay (SK-4.42).
                 let slaves = self.slaves.iter_mut().skip(usize::from(group) * 8).take(8);
-                slaves.for_each(|seen| *seen = Seen { mode: seen.mode, ..Seen::default() });
+                slaves.for_each(Seen::forget_all_but_the_mode);
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
             // It is not known any more what was executed last: an entry that is discarded, or one before it.
@@ -140,9 +106,7 @@ impl Watch {
             self.forget_all(self.state);
         }
         if !in_op {
-            for seen in &mut self.slaves {
-                *seen = Seen { mode: seen.mode, ..Seen::default() };
-            }
+            self.slaves.iter_mut().for_each(Seen::forget_all_but_the_mode);
             self.has_threshold = false;
             return;
         }
@@ -162,11 +126,7 @@ impl Watch {
 
     /// Reports were lost before the next one.
     pub fn missed(&mut self) {
-        for seen in &mut self.slaves {
-            if let Homing::Asked { missed, .. } = &mut seen.homing {
-                *missed = true;
-            }
-        }
+        self.slaves.iter_mut().for_each(Seen::missed);
     }
 
     /// The board was reset, and is in this state now.
@@ -176,9 +136,7 @@ impl Watch {
 
     /// It is not certain any more that the last commands were executed.
     fn forget_targets(&mut self) {
-        for seen in &mut self.slaves {
-            (seen.last, seen.before) = (None, None);
-        }
+        self.slaves.iter_mut().for_each(Seen::forget_targets);
     }
 
     /// Whether a threshold of the FIFO may be in force.
@@ -196,89 +154,16 @@ impl Watch {
 
     /// Slaves that may be homing: GO_HOME was written to them, and no report has shown that they follow other commands.
     pub fn homing(&self) -> impl Iterator<Item = u8> {
-        (1..).zip(&self.slaves).filter(|(_, seen)| seen.homing != Homing::No).map(|(n, _)| n)
-    }
-}
-
-impl Seen {
-    fn command(&mut self, slot: &RawSlot, size: SlotSize, set_up: bool, in_op: bool) {
-        match SlotCommand::decode(slot, size).map(|command| command.command) {
-            Ok(SlaveCommand::DriveMode { mode, sync }) if set_up => self.mode = Some((mode, sync)),
-            _ if !in_op => {}
-            Ok(command @ (SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_))) => {
-                (self.before, self.last) = (self.last, Some(command));
-            }
-            Ok(SlaveCommand::GoHome) => {
-                (self.before, self.last, self.homing) = (None, None, Homing::Asked { reports: 0, missed: false })
-            }
-            Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => (self.before, self.last) = (None, None),
-            // A frame without a target: the axis holds the last one.
-            _ => self.before = self.last,
-        }
-    }
-
-    /// Reads the slave's slot of a report: the command that was executed last, and the statusword.
-    fn report(&mut self, id: u8, statusword: Statusword) {
-        let follows = [CommandId::Csp, CommandId::Csv, CommandId::Cst].contains(&CommandId::from_code(id));
-        self.homing = match self.homing {
-            // It was executed, whether the frame with it was seen or not.
-            _ if id == CommandId::GoHome.code() => Homing::Executed,
-            Homing::Executed if follows => Homing::No,
-            Homing::Asked { reports, missed } if reports < GO_HOME_REPORTS_MAX => {
-                Homing::Asked { reports: reports + 1, missed }
-            }
-            Homing::Asked { missed: true, .. } => Homing::Executed,
-            Homing::Asked { .. } => Homing::No,
-            other => other,
-        };
-        if !statusword.is_enabled() {
-            if self.homing == Homing::Executed {
-                self.homing = Homing::No;
-            }
-            // The board has discarded its targets (SK-7.18).
-            (self.before, self.last) = (None, None);
-        }
-    }
-
-    fn slave(&self, kind: Option<SlaveKind>) -> Slave {
-        let (mode, sync) = self.mode.unwrap_or((Mode::Csp, DriveSync::DcSync));
-        let axis = |allowed: &[Mode]| {
-            let mode = if allowed.contains(&mode) { mode } else { Mode::Csp };
-            Axis { mode, sync, ..Axis::CSP }
-        };
-        match kind {
-            Some(SlaveKind::Drive) => Slave::Drive(axis(&[Mode::Csp, Mode::Csv, Mode::Cst])),
-            Some(SlaveKind::Hsp) => Slave::Hsp(axis(&[Mode::Csp, Mode::Csv])),
-            Some(SlaveKind::Step) => Slave::Step(axis(&[Mode::Csp])),
-            Some(SlaveKind::Io) => Slave::Io,
-            Some(SlaveKind::None) | None => Slave::Unused,
-        }
-    }
-}
-
-impl Ecm {
-    /// As [`Ecm::adopt`], for a network that another program has run until now. What that program commanded last is known too,
-    /// so that closing can ramp it to a standstill.
-    ///
-    /// # Errors
-    /// As [`Ecm::adopt`]. A network of which nothing is known is adopted as one without slaves.
-    pub fn take_over(&self, watch: &Watch) -> Result<(), EcmError> {
-        let Some(config) = watch.config() else { return Ok(()) };
-        config.check(self.slot_size()?)?;
-        let mut session = self.exchange.lock()?;
-        session.network = Arc::new(Network::of(&config));
-        session.second_channels = SecondChannels::new();
-        for (slave, seen) in (1..=config.slaves.len() as u8).zip(&watch.slaves) {
-            session.targets.assume(slave, seen.last, seen.before);
-        }
-        Ok(())
+        (1..).zip(&self.slaves).filter(|(_, seen)| seen.may_be_homing()).map(|(n, _)| n)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sk::{MASTER_CYCLIC, Motion, StateByte};
+    use crate::cia402::Mode;
+    use crate::ecm::config::Slave;
+    use crate::sk::{CommandId, DriveSync, MASTER_CYCLIC, Motion, RawSlot, SlaveCommand, StateByte};
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 

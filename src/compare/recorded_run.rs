@@ -75,7 +75,19 @@ impl RecordedRun {
             Some(device) => Some(device),
             None => board_in(path)?,
         };
-        let Start { first, meta, size, size_from } = Start::of(path, slot, device)?;
+        let mut beginning = open(path, device)?;
+        let first = beginning.next().transpose()?;
+        let first = first.ok_or_else(|| CompareError::Empty { name: path.display().to_string() })?;
+        let meta = beginning.meta().cloned();
+        let mut sizes = SizeFinder::new(slot.or_else(|| meta.as_ref()?.slot));
+        sizes.look(&first.frame, FRAME_LEN);
+        for recorded in beginning.map_while(Result::ok).take(SLOT_SIZE_FRAMES_MAX) {
+            if sizes.is_sure() {
+                break;
+            }
+            sizes.look(&recorded.frame, FRAME_LEN);
+        }
+        let (size, size_from) = sizes.size();
         Ok(Self {
             recording: open(path, device)?,
             first_ns: first.at_ns,
@@ -201,38 +213,10 @@ impl Iterator for RecordedRun {
     }
 }
 
-/// What the beginning of a recording tells.
-struct Start {
-    first: Recorded,
-    meta: Option<RecordMeta>,
-    size: SlotSize,
-    size_from: SizeFrom,
-}
-
 fn open(path: &Path, device: Option<Address>) -> Result<Recording<File>, RecordError> {
     let recording = Recording::open(path)?;
     Ok(match device {
         Some(device) => recording.only(device),
         None => recording,
     })
-}
-
-impl Start {
-    fn of(path: &Path, slot: Option<SlotSize>, device: Option<Address>) -> Result<Self, CompareError> {
-        let mut recording = open(path, device)?;
-        let first = recording.next().transpose()?;
-        let first = first.ok_or_else(|| CompareError::Empty { name: path.display().to_string() })?;
-        let meta = recording.meta().cloned();
-        let told = slot.or_else(|| meta.as_ref()?.slot);
-        let mut sizes = SizeFinder::new(told);
-        sizes.look(&first.frame, FRAME_LEN);
-        for recorded in recording.map_while(Result::ok).take(SLOT_SIZE_FRAMES_MAX) {
-            if sizes.is_sure() {
-                break;
-            }
-            sizes.look(&recorded.frame, FRAME_LEN);
-        }
-        let (size, size_from) = sizes.size();
-        Ok(Self { first, meta, size, size_from })
-    }
 }

@@ -40,7 +40,7 @@ pub struct Context {
 }
 
 /// The result of comparing two runs. Its `Display` is a report of a few lines.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Comparison {
     /// The lengths of run A and run B.
     pub counts: [Counts; 2],
@@ -84,52 +84,25 @@ where
     B: Iterator<Item = TimedFrame>,
 {
     let mut found = Found::default();
-    let mut commands = [0, 0];
     loop {
-        let pair = (a.next(), b.next());
-        commands[0] += u64::from(pair.0.is_some());
-        commands[1] += u64::from(pair.1.is_some());
-        match pair {
+        match (a.next(), b.next()) {
             (None, None) => break,
-            (Some(a), Some(b)) if found.aligned => found.pair(a, b, options),
-            (a, b) if found.aligned => found.ended(a.as_ref(), b.as_ref()),
-            _ => {}
+            _ if found.apart => {}
+            (Some(a), Some(b)) => found.pair(a, b, options),
+            (a, b) => found.ended(a.as_ref(), b.as_ref()),
         }
     }
-    found.finish([counts(&a, commands[0]), counts(&b, commands[1])])
-}
-
-fn counts<I>(steps: &Steps<I>, commands: u64) -> Counts {
-    let Steps { polls, repeats, reports, last_ns, .. } = *steps;
-    Counts { commands, polls, repeats, reports, last_ns }
+    found.finish([a.counts, b.counts])
 }
 
 /// The result so far.
+#[derive(Default)]
 struct Found {
-    /// All commands so far were equal.
-    aligned: bool,
+    /// The commands differ, or one run has ended.
+    apart: bool,
     transfer: Transfer,
     recent: VecDeque<(Step, Step)>,
-    answers: u64,
-    differing_answers: u64,
-    first: Option<Difference>,
-    ends_early: Option<Side>,
-    context: Vec<Context>,
-}
-
-impl Default for Found {
-    fn default() -> Self {
-        Self {
-            aligned: true,
-            transfer: Transfer::default(),
-            recent: VecDeque::new(),
-            answers: 0,
-            differing_answers: 0,
-            first: None,
-            ends_early: None,
-            context: Vec::new(),
-        }
-    }
+    result: Comparison,
 }
 
 impl Found {
@@ -139,17 +112,17 @@ impl Found {
             if let (Some(line_a), Some(line_b)) = (line(&a), line(&b)) {
                 self.set_first(Some(&a), Some(&b), vec![Deviation::Command { lines: Box::new([line_a, line_b]) }]);
             }
-            self.aligned = false;
+            self.apart = true;
             return;
         }
-        self.answers += u64::from(a.answer.is_some() && b.answer.is_some());
+        self.result.answers += u64::from(a.answer.is_some() && b.answer.is_some());
         let mut what = answers::differences(&a, &b, options);
         what.extend(self.transfer.steps(&a, &b));
         if !what.is_empty() {
-            self.differing_answers += 1;
+            self.result.differing_answers += 1;
             self.set_first(Some(&a), Some(&b), what);
         }
-        if self.first.is_none() {
+        if self.result.first.is_none() {
             if self.recent.len() == CONTEXT_MAX {
                 self.recent.pop_front();
             }
@@ -159,36 +132,35 @@ impl Found {
 
     fn ended(&mut self, a: Option<&Step>, b: Option<&Step>) {
         let side = if a.is_none() { Side::A } else { Side::B };
-        self.ends_early = Some(side);
+        self.result.ends_early = Some(side);
         self.set_first(a, b, vec![Deviation::Ends { side }]);
-        self.aligned = false;
+        self.apart = true;
     }
 
     /// Keeps the difference with its context if it is the first.
     fn set_first(&mut self, a: Option<&Step>, b: Option<&Step>, what: Vec<Deviation>) {
-        if self.first.is_some() {
+        if self.result.first.is_some() {
             return;
         }
-        self.first = Some(Difference::new(a, b, what));
+        self.result.first = Some(Difference::new(a, b, what));
         let context = self.recent.drain(..).map(|(a, b)| Context {
             command: a.number,
             at_ns: [a.at_ns, b.at_ns],
             text: words(&a, a.asking_slot()),
         });
-        self.context = context.collect();
+        self.result.context = context.collect();
     }
 
     fn finish(mut self, counts: [Counts; 2]) -> Comparison {
-        if self.aligned
+        if !self.apart
             && let Some(what) = self.transfer.end()
         {
             let last = self.recent.back().cloned();
             let (a, b) = last.unzip();
-            self.differing_answers += 1;
+            self.result.differing_answers += 1;
             self.set_first(a.as_ref(), b.as_ref(), vec![what]);
         }
-        let Self { answers, differing_answers, first, ends_early, context, .. } = self;
-        Comparison { counts, answers, differing_answers, first, ends_early, context }
+        Comparison { counts, ..self.result }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::TimedFrame;
+use super::{Counts, TimedFrame};
 use crate::cia402::DriveState;
 use crate::link::Dir;
 use crate::recording::{Executed, Kinds, LastExecuted};
@@ -144,12 +144,8 @@ pub struct Steps<I> {
     open: VecDeque<Step>,
     done: VecDeque<Step>,
     ended: bool,
-    steps: u64,
-    // As in `Counts`.
-    pub(super) polls: u64,
-    pub(super) repeats: u64,
-    pub(super) reports: u64,
-    pub(super) last_ns: i64,
+    /// The length of the run so far.
+    pub(super) counts: Counts,
 }
 
 impl<I: Iterator<Item = TimedFrame>> Steps<I> {
@@ -167,11 +163,7 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
             open: VecDeque::new(),
             done: VecDeque::new(),
             ended: false,
-            steps: 0,
-            polls: 0,
-            repeats: 0,
-            reports: 0,
-            last_ns: 0,
+            counts: Counts::default(),
         }
     }
 
@@ -187,7 +179,7 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         let entry = self.in_op.then(|| self.executed.command(master == Ok(MasterCommand::SetFifo(FifoAction::Clear))));
         let size = self.size;
         let step = Step {
-            number: self.steps + 1,
+            number: self.counts.commands + 1,
             frame_number,
             at_ns,
             command,
@@ -199,17 +191,17 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
             entry,
         };
         if (0..size.slots()).all(|i| step.slot(i).is_zero()) {
-            self.polls += 1;
+            self.counts.polls += 1;
             return;
         }
         if self.ignore_repeats
             && let Some(last) = self.open.back()
             && (0..size.slots()).all(|i| step.slot(i) == last.slot(i))
         {
-            self.repeats += 1;
+            self.counts.repeats += 1;
             return;
         }
-        self.steps += 1;
+        self.counts.commands += 1;
         self.open.push_back(step);
         if self.open.len() > OPEN_STEPS_MAX {
             self.done.extend(self.open.pop_front());
@@ -218,7 +210,7 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
 
     fn report(&mut self, observed: TimedFrame) {
         let TimedFrame { number, at_ns, frame, .. } = observed;
-        self.reports += 1;
+        self.counts.reports += 1;
         self.kinds.response(&frame, self.size);
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         let losses = (board.full_count, board.error);
@@ -300,7 +292,7 @@ impl<I: Iterator<Item = TimedFrame>> Iterator for Steps<I> {
                 self.done.append(&mut self.open);
                 break;
             };
-            self.last_ns = observed.at_ns;
+            self.counts.last_ns = observed.at_ns;
             match observed.dir {
                 Dir::Write => self.command(observed),
                 Dir::Read => self.report(observed),

@@ -1,6 +1,7 @@
 //! What the server of a board knows of the slaves behind it, in the syntax of the tool's options.
 
 use super::options::SimOptions;
+use super::slaves::list;
 use super::uri::LinkUri;
 
 /// Slaves and units of a network, in the syntax of the tool's `--slaves` and `--counts-per-unit`. An empty text means
@@ -38,20 +39,6 @@ impl KnownNetwork {
     pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
         Self { slaves: list(words), ..Self::default() }
     }
-}
-
-/// The words as a list in which neighbours that are equal are counted: `drive*2,io`.
-#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
-fn list(words: impl Iterator<Item = String>) -> String {
-    let mut runs: Vec<(String, usize)> = Vec::new();
-    for word in words {
-        match runs.last_mut() {
-            Some((last, count)) if *last == word => *count += 1,
-            _ => runs.push((word, 1)),
-        }
-    }
-    let runs = runs.into_iter().map(|(word, count)| if count > 1 { format!("{word}*{count}") } else { word });
-    runs.collect::<Vec<_>>().join(",")
 }
 
 #[cfg(test)]

@@ -45,10 +45,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
             (catch_up(board, since.elapsed(), &options), network)
         }
     };
-    if let Some(script) = script {
-        let run = script.start(network.cable().clone(), board.handle(), board.now());
-        board.set_script(Some(Box::new(run)));
-    }
+    start(script, &mut board, &network);
     let keeper = key.clone().map(|key| {
         let network = network.clone();
         Box::new(move |board: Option<_>| match board {
@@ -68,14 +65,19 @@ pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
     let (mut board, network) = switch_on(&options, makers::of_slaves(&options.slaves)?);
-    if let Some(script) = script {
-        let run = script.start(network.cable().clone(), board.handle(), board.now());
-        board.set_script(Some(Box::new(run)));
-    }
+    start(script, &mut board, &network);
     if board.engine().talks() {
         return Ok(board);
     }
     Err(LinkError::NoBoard { name: uri.to_string(), reason: "it finds no slave; give it some with `slaves=`".into() })
+}
+
+/// Starts a script, if there is one, on a board and its network.
+fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
+    if let Some(script) = script {
+        let run = script.start(network.cable().clone(), board.handle(), board.now());
+        board.set_script(Some(Box::new(run)));
+    }
 }
 
 fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board, SimHandle) {
@@ -94,8 +96,7 @@ fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board
         }
         slave
     });
-    let slaves = slaves.collect();
-    let bus = SimBus::new(slaves);
+    let bus = SimBus::new(slaves.collect());
     let network = bus.handle();
     let mut board = Board::new(config, Box::new(bus));
     board.boot(BOOT_LIMIT_NS);

@@ -254,8 +254,13 @@ pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
     let makers =
         |slave: &SlaveSpec| slave.makers.as_ref().map(|makers| format!(":{OBJECTS}@{makers}")).unwrap_or_default();
     let name = |slave: &SlaveSpec| format!("{}{}{}", slave.model.name(), slave.travel, makers(slave));
-    let names: Vec<String> = slaves.iter().map(name).collect();
-    let runs = names.chunk_by(|a, b| a == b).map(|run| match run.len() {
+    list(slaves.iter().map(name))
+}
+
+/// The words as a list in which neighbours that are equal are counted: `drive*2,io`.
+pub(super) fn list(words: impl Iterator<Item = String>) -> String {
+    let words: Vec<String> = words.collect();
+    let runs = words.chunk_by(|a, b| a == b).map(|run| match run.len() {
         1 => run[0].clone(),
         n => format!("{}*{n}", run[0]),
     });

@@ -79,41 +79,28 @@ const PARTS: [Part; 6] = [
         word: "start",
         form: "N",
         meaning: "where the axis stands at power-on",
-        read: |travel, text| {
-            travel.start = position(text);
-            travel.start.is_some()
-        },
+        read: |travel, text| set(&mut travel.start, position(text)),
         write: |travel| travel.start.filter(|start| *start != 0).map(|start| start.to_string()),
     },
     Part {
         word: "limits",
         form: "N..P|N..|..P|none",
         meaning: "limit switches: the negative one at N and below, the positive one at P and above",
-        read: |travel, text| {
-            travel.limits = unless_none(text, PositionRange::parse);
-            travel.limits.is_some()
-        },
+        read: |travel, text| set(&mut travel.limits, unless_none(text, PositionRange::parse)),
         write: |travel| travel.limits.map(or_none),
     },
     Part {
         word: "home",
         form: "A..B|A..|..B|none",
         meaning: "where the home switch is on",
-        read: |travel, text| {
-            travel.home = unless_none(text, PositionRange::parse);
-            travel.home.is_some()
-        },
+        read: |travel, text| set(&mut travel.home, unless_none(text, PositionRange::parse)),
         write: |travel| travel.home.map(or_none),
     },
     Part {
         word: "index",
         form: "N|none",
         meaning: "an index pulse at N, and once a turn",
-        read: |travel, text| {
-            let index = |text: &str| u32::try_from(position(text)?).ok();
-            travel.index = unless_none(text, index);
-            travel.index.is_some()
-        },
+        read: |travel, text| set(&mut travel.index, unless_none(text, |text| u32::try_from(position(text)?).ok())),
         write: |travel| travel.index.filter(|index| *index != Some(0)).map(or_none),
     },
     Part {
@@ -122,8 +109,7 @@ const PARTS: [Part; 6] = [
         meaning: "mechanical end stops (drive and step)",
         read: |travel, text| {
             let both = |span: &PositionRange| span.from.is_some() && span.to.is_some() && span.from < span.to;
-            travel.stops = PositionRange::parse(text).filter(both);
-            travel.stops.is_some()
+            set(&mut travel.stops, PositionRange::parse(text).filter(both))
         },
         write: |travel| travel.stops.map(|stops| stops.to_string()),
     },
@@ -132,12 +118,18 @@ const PARTS: [Part; 6] = [
         form: "N",
         meaning: "a homing run gives up after N counts",
         read: |travel, text| {
-            travel.search = position(text).and_then(|way| u64::try_from(way).ok()).filter(|way| *way > 0);
-            travel.search.is_some()
+            let way = position(text).and_then(|way| u64::try_from(way).ok());
+            set(&mut travel.search, way.filter(|way| *way > 0))
         },
         write: |travel| travel.search.map(|search| search.to_string()),
     },
 ];
+
+/// Stores a value; returns false if there is none.
+fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
+    *place = value;
+    place.is_some()
+}
 
 impl TravelSpec {
     /// Parses the parts behind a kind, which are separated by `:`.

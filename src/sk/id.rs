@@ -15,50 +15,52 @@ use core::fmt;
 use super::argument::SlaveKind;
 use super::response::MasterState;
 
-/// The slots that take a command.
+/// Who takes a command: a bit for each [`SlotKind`], and for each [`SlaveKind::nibble`] of the slaves in whose slots it may
+/// stand.
 #[derive(Clone, Copy)]
-enum Takers {
-    /// Every slot.
-    Every,
-    /// Slot 0.
-    Board,
-    /// The slot of a slave, whatever it is declared as.
-    AnySlave,
-    /// The slot of a slave of these kinds, a bit for each [`SlaveKind::nibble`].
-    Kinds(u16),
-    /// The last slot.
-    Sdo,
-    /// None.
-    Nobody,
+struct Takers {
+    slots: u8,
+    kinds: u16,
 }
 
 impl Takers {
-    /// The slots of slaves of these kinds.
-    const fn kinds(kinds: &[SlaveKind]) -> Self {
-        let (mut bits, mut n) = (0, 0);
-        while n < kinds.len() {
-            bits |= 1 << kinds[n].nibble();
+    const fn new(slots: &[SlotKind], kinds: &[SlaveKind]) -> Self {
+        let (mut takers, mut n) = (Self { slots: 0, kinds: 0 }, 0);
+        while n < slots.len() {
+            takers.slots |= 1 << slots[n] as u8;
             n += 1;
         }
-        Self::Kinds(bits)
+        n = 0;
+        while n < kinds.len() {
+            takers.kinds |= 1 << kinds[n].nibble();
+            n += 1;
+        }
+        takers
+    }
+
+    /// Slaves of these kinds.
+    const fn slaves(kinds: &[SlaveKind]) -> Self {
+        Self::new(&[SlotKind::Slave], kinds)
     }
 }
 
-const EVERY_SLOT: Takers = Takers::Every;
-const BOARD: Takers = Takers::Board;
-const ANY_SLAVE: Takers = Takers::AnySlave;
-const AXES: Takers = Takers::kinds(&[SlaveKind::Drive, SlaveKind::Hsp, SlaveKind::Step]);
-const DRIVES_AND_HSPS: Takers = Takers::kinds(&[SlaveKind::Drive, SlaveKind::Hsp]);
-const DRIVES: Takers = Takers::kinds(&[SlaveKind::Drive]);
-const IO: Takers = Takers::kinds(&[SlaveKind::Io]);
-const SDO: Takers = Takers::Sdo;
+const EVERY_SLOT: Takers =
+    Takers::new(&SlotKind::ALL, &[SlaveKind::Drive, SlaveKind::Io, SlaveKind::Hsp, SlaveKind::Step]);
+const BOARD: Takers = Takers::new(&[SlotKind::Master], &[]);
+const ANY_SLAVE: Takers = Takers { kinds: u16::MAX, ..Takers::slaves(&[]) };
+const AXES: Takers = Takers::slaves(&[SlaveKind::Drive, SlaveKind::Hsp, SlaveKind::Step]);
+const DRIVES_AND_HSPS: Takers = Takers::slaves(&[SlaveKind::Drive, SlaveKind::Hsp]);
+const DRIVES: Takers = Takers::slaves(&[SlaveKind::Drive]);
+const IO: Takers = Takers::slaves(&[SlaveKind::Io]);
+const SDO: Takers = Takers::new(&[SlotKind::Sdo], &[]);
+const NOBODY: Takers = Takers::new(&[], &[]);
 
-/// The states that allow a command, by their letters in the guide's table: Init, PreOP, SafeOP, OP.
-const IPSO: &[MasterState] = &[MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
-const IPS: &[MasterState] = &[MasterState::Init, MasterState::PreOp, MasterState::SafeOp];
-const IP: &[MasterState] = &[MasterState::Init, MasterState::PreOp];
-const PSO: &[MasterState] = &[MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
-const O: &[MasterState] = &[MasterState::Op];
+/// The states that allow a command, by their letters in the guide's table: Init, PreOP, SafeOP, OP. Each has a bit of its own.
+const IP: u8 = MasterState::Init.code() | MasterState::PreOp.code();
+const IPS: u8 = IP | MasterState::SafeOp.code();
+const IPSO: u8 = IPS | O;
+const PSO: u8 = MasterState::PreOp.code() | MasterState::SafeOp.code() | O;
+const O: u8 = MasterState::Op.code();
 
 /// When a command acts in OP.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -72,6 +74,13 @@ enum Acts {
     OnArrival,
 }
 use Acts::{InTurn, OnArrival, UnlessHoming};
+
+/// What the table says of a command besides its code and its name.
+struct Row {
+    takers: Takers,
+    states: u8,
+    acts: Acts,
+}
 
 macro_rules! command_ids {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal, $takers:ident, $states:ident, $acts:ident;)*) => {
@@ -111,25 +120,10 @@ macro_rules! command_ids {
             }
 
             #[inline]
-            const fn takers(self) -> Takers {
+            const fn row(self) -> Row {
                 match self {
-                    $(Self::$name => $takers,)*
-                    Self::Unknown(_) => Takers::Nobody,
-                }
-            }
-
-            const fn states(self) -> &'static [MasterState] {
-                match self {
-                    $(Self::$name => $states,)*
-                    Self::Unknown(_) => &[],
-                }
-            }
-
-            #[inline]
-            const fn acts(self) -> Acts {
-                match self {
-                    $(Self::$name => $acts,)*
-                    Self::Unknown(_) => InTurn,
+                    $(Self::$name => Row { takers: $takers, states: $states, acts: $acts },)*
+                    Self::Unknown(_) => Row { takers: NOBODY, states: 0, acts: InTurn },
                 }
             }
         }
@@ -198,25 +192,14 @@ impl CommandId {
     /// in none.
     #[inline]
     pub const fn belongs_in(self, slot: SlotKind) -> bool {
-        match self.takers() {
-            Takers::Every => true,
-            Takers::Board => matches!(slot, SlotKind::Master),
-            Takers::AnySlave | Takers::Kinds(_) => matches!(slot, SlotKind::Slave),
-            Takers::Sdo => matches!(slot, SlotKind::Sdo),
-            Takers::Nobody => false,
-        }
+        self.row().takers.slots >> slot as u8 & 1 != 0
     }
 
     /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may also come before a slave is
     /// declared: [`SlaveKind::None`] takes it alone.
     #[inline]
     pub const fn is_for(self, kind: SlaveKind) -> bool {
-        match self.takers() {
-            Takers::Every => !matches!(kind, SlaveKind::None),
-            Takers::AnySlave => true,
-            Takers::Kinds(kinds) => kinds >> kind.nibble() & 1 != 0,
-            Takers::Board | Takers::Sdo | Takers::Nobody => false,
-        }
+        self.row().takers.kinds >> kind.nibble() & 1 != 0
     }
 
     /// Whether slaves with axes take this command and IO slaves do not.
@@ -226,35 +209,25 @@ impl CommandId {
 
     /// The kind of slave that alone takes this command; `None` if several do, or no slave.
     pub const fn only_kind(self) -> Option<SlaveKind> {
-        match self.takers() {
-            Takers::Kinds(kinds) if kinds.is_power_of_two() => SlaveKind::from_nibble(kinds.trailing_zeros() as u8),
-            _ => None,
-        }
+        let kinds = self.row().takers.kinds;
+        if kinds.is_power_of_two() { SlaveKind::from_nibble(kinds.trailing_zeros() as u8) } else { None }
     }
 
     /// Whether the board executes this command in that state (UG17 1.8), an unknown code in none.
     pub const fn is_allowed_in(self, state: MasterState) -> bool {
-        let states = self.states();
-        let mut n = 0;
-        while n < states.len() {
-            if states[n] as u8 == state as u8 {
-                return true;
-            }
-            n += 1;
-        }
-        false
+        self.row().states & state.code() != 0
     }
 
     /// Whether this command acts when its frame arrives, in OP too, where others wait in the FIFO (SK-5 `[OURS]`).
     #[inline]
     pub const fn acts_on_arrival(self) -> bool {
-        matches!(self.acts(), OnArrival)
+        matches!(self.row().acts, OnArrival)
     }
 
     /// Whether the board ignores this command for an axis that is being homed, since it would move it (SK-7 `[OURS]`).
     #[inline]
     pub const fn is_ignored_while_homing(self) -> bool {
-        matches!(self.acts(), UnlessHoming)
+        matches!(self.row().acts, UnlessHoming)
     }
 }
 

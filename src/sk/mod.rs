@@ -18,7 +18,6 @@
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
 //! | [`response`] | responses with their meaning |
 //! | [`dump`] | a frame as readable lines |
-//! | [`find_size`] | the slot size of a frame, found from the frame alone |
 //!
 //! Three notations stand throughout:
 //! - "40 (30)": the number for slots of 12 bytes and, in brackets, that for slots of 16 bytes.

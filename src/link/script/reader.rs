@@ -73,18 +73,23 @@ impl Reader<'_, '_> {
     }
 
     pub(super) fn input(&mut self) -> Result<Input, Wrong> {
-        let word = self.words.need("INPUT", &self.form)?;
-        let input = INPUTS.iter().find(|(name, _)| *name == word.text).map(|(_, input)| *input);
-        input.ok_or_else(|| word.unknown("input", &INPUTS.map(|(name, _)| name)))
+        self.one_of("INPUT", "input", INPUTS)
     }
 
     pub(super) fn on_or_off(&mut self) -> Result<bool, Wrong> {
-        let word = self.words.need("on|off", &self.form)?;
-        match word.text {
-            "on" => Ok(true),
-            "off" => Ok(false),
-            _ => Err(word.unknown("value", &["on", "off"])),
-        }
+        self.one_of("on|off", "value", [("on", true), ("off", false)])
+    }
+
+    /// The next word, which is one of these. `form` is its place in the form of the line, `name` what it is called.
+    fn one_of<T: Copy, const N: usize>(
+        &mut self,
+        form: &str,
+        name: &str,
+        words: [(&'static str, T); N],
+    ) -> Result<T, Wrong> {
+        let word = self.words.need(form, &self.form)?;
+        let found = words.iter().find(|(text, _)| *text == word.text).map(|(_, meaning)| *meaning);
+        found.ok_or_else(|| word.unknown(name, &words.map(|(text, _)| text)))
     }
 
     /// What inputs are forced to.
@@ -104,9 +109,7 @@ impl Reader<'_, '_> {
     }
 
     pub(super) fn state(&mut self) -> Result<AlState, Wrong> {
-        let word = self.words.need("STATE", &self.form)?;
-        let state = AL_STATES.iter().find(|(name, _)| *name == word.text).map(|(_, state)| *state);
-        state.ok_or_else(|| word.unknown("state", &AL_STATES.map(|(name, _)| name)))
+        self.one_of("STATE", "state", AL_STATES)
     }
 
     /// The code that a refusal comes with, [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.

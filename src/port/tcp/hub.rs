@@ -100,15 +100,9 @@ impl Board {
     }
 }
 
-/// Whether the board is connected.
-enum BoardState {
-    Present(Arc<Board>),
-    /// It is not, and why.
-    Absent(String),
-}
-
 struct State {
-    board: BoardState,
+    /// The board, or why it is not connected.
+    board: Result<Arc<Board>, String>,
     clients: Vec<Arc<Client>>,
     /// The name of the writer.
     writer: Option<String>,
@@ -143,7 +137,7 @@ pub(super) struct Joining<'a> {
 
 impl Hub {
     pub(super) fn new(options: ServeOptions) -> Self {
-        let board = BoardState::Absent("it is being opened".to_owned());
+        let board = Err("it is being opened".to_owned());
         let (clients, writer, server_reports) = (Vec::with_capacity(options.max_clients), None, None);
         let state = State { board, clients, writer, server_reports, is_stopping: false, is_over: false };
         Self { options, notes: Notes::default(), state: Mutex::new(state), changed: Condvar::new() }
@@ -168,7 +162,7 @@ impl Hub {
             info,
             link,
         });
-        self.state.lock().board = BoardState::Present(Arc::clone(&board));
+        self.state.lock().board = Ok(Arc::clone(&board));
         board
     }
 
@@ -186,7 +180,7 @@ impl Hub {
             client.finish(End::Lost, &reason);
         }
         let line = format!("the board is gone: {reason}");
-        state.board = BoardState::Absent(reason);
+        state.board = Err(reason);
         drop(state);
         self.changed.notify_all();
         self.tell(&line);
@@ -202,11 +196,8 @@ impl Hub {
         let mut state = self.state.lock();
         let board = match &state.board {
             _ if state.is_stopping => return Err((Refusal::NoBoard, "it is being stopped".to_owned())),
-            BoardState::Absent(reason) => {
-                let reason = reason.clone();
-                return Err((Refusal::NoBoard, reason));
-            }
-            BoardState::Present(board) => Arc::clone(board),
+            Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
+            Ok(board) => Arc::clone(board),
         };
         // Readers may not take the last place while there is no writer.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
@@ -295,13 +286,10 @@ impl Hub {
         let board = {
             let mut state = self.state.lock();
             state.is_over = true;
-            match &state.board {
-                BoardState::Present(board) => Some(Arc::clone(board)),
-                BoardState::Absent(_) => None,
-            }
+            state.board.clone()
         };
         self.changed.notify_all();
-        if let Some(board) = board {
+        if let Ok(board) = board {
             board.link.cancel(crate::link::Dir::Read);
         }
     }
@@ -319,6 +307,6 @@ impl Hub {
     }
 }
 
-fn is_present(state: &BoardState, board: &Arc<Board>) -> bool {
-    matches!(state, BoardState::Present(here) if Arc::ptr_eq(here, board))
+fn is_present(state: &Result<Arc<Board>, String>, board: &Arc<Board>) -> bool {
+    state.as_ref().is_ok_and(|here| Arc::ptr_eq(here, board))
 }

@@ -10,7 +10,7 @@ mod transfers;
 use super::descriptors::{Descriptors, IN, OUT};
 use super::wire::{self, Direction, Status, Submit};
 use crate::sk::{FRAME_LEN, Frame};
-use transfers::{Buffers, Read, Write};
+use transfers::Buffers;
 
 /// How many transfers a host may have pending in one direction. \[OURS] Linux' own drivers have a few of them, programs
 /// that use libusb some ten.
@@ -48,9 +48,9 @@ pub struct Device {
     idle: u8,
     halted: Halted,
     /// Pending IN transfers, oldest first.
-    reads: Buffers<Read>,
+    reads: Buffers,
     /// Pending OUT transfers, oldest first.
-    writes: Buffers<Write>,
+    writes: Buffers,
     /// Whether a report is being read from the board.
     reading: bool,
     /// Whether the oldest frame is being written to the board.
@@ -123,7 +123,7 @@ impl Device {
         match (transfer.endpoint, transfer.direction) {
             (0, _) => self.control(transfer, data),
             (number, Direction::In) if number == IN & 0x0F && self.configured && !self.halted.reads => {
-                self.submit_read(transfer)
+                self.reads.push(transfer.sequence, transfer.length as usize, &[])
             }
             (number, Direction::Out) if number == OUT && self.configured && !self.halted.writes => {
                 self.submit_write(transfer.sequence, data)
@@ -260,19 +260,8 @@ impl Device {
         }
     }
 
-    fn submit_read(&mut self, transfer: &Submit) -> Result<(), TooMany> {
-        self.reads.push(transfer.sequence, |read| {
-            read.length = transfer.length as usize;
-            read.bytes.clear();
-        })
-    }
-
     fn submit_write(&mut self, sequence: u32, data: &[u8]) -> Result<(), TooMany> {
-        self.writes.push(sequence, |write| {
-            write.moved = 0;
-            write.bytes.clear();
-            write.bytes.extend_from_slice(data);
-        })?;
+        self.writes.push(sequence, 0, data)?;
         self.settle_writes();
         Ok(())
     }

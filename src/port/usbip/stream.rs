@@ -5,6 +5,8 @@ use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::time::Duration;
 
+use rustix::net::sockopt;
+
 use super::attach::Socket;
 
 /// How long a host may accept no bytes before its connection is closed. \[OURS]
@@ -35,8 +37,10 @@ impl Stream {
         match self {
             Self::Tcp(stream) => {
                 stream.set_nodelay(true)?;
-                rustix::net::sockopt::set_socket_keepalive(stream, true)?;
-                set_keepalive(stream)?;
+                sockopt::set_socket_keepalive(stream, true)?;
+                sockopt::set_tcp_keepidle(stream, KEEPALIVE_IDLE)?;
+                sockopt::set_tcp_keepintvl(stream, KEEPALIVE_INTERVAL)?;
+                sockopt::set_tcp_keepcnt(stream, KEEPALIVE_PROBES)?;
                 stream.set_read_timeout(None)?;
                 stream.set_write_timeout(Some(send_timeout))
             }
@@ -55,14 +59,6 @@ impl Stream {
             Self::Local(stream) => stream.shutdown(Shutdown::Both),
         };
     }
-}
-
-fn set_keepalive(stream: &TcpStream) -> io::Result<()> {
-    use rustix::net::sockopt;
-    sockopt::set_tcp_keepidle(stream, KEEPALIVE_IDLE)?;
-    sockopt::set_tcp_keepintvl(stream, KEEPALIVE_INTERVAL)?;
-    sockopt::set_tcp_keepcnt(stream, KEEPALIVE_PROBES)?;
-    Ok(())
 }
 
 impl Read for &Stream {

@@ -25,19 +25,15 @@ impl Device {
         let room = usize::from(setup.length).min(transfer.length as usize);
         match setup.request {
             Request::GetDescriptor { kind, index } => match self.descriptors.get(kind, index) {
-                Some(descriptor) => {
-                    let moved = descriptor.len().min(room);
-                    let replies = &mut self.replies;
-                    wire::ret_submit(replies, transfer.sequence, Status::Done, moved as u32, &descriptor[..moved]);
-                }
+                Some(descriptor) => answer(&mut self.replies, transfer, room, descriptor),
                 None => self.refuse(transfer),
             },
             // Not self-powered, no remote wake-up.
-            Request::GetStatus => self.answer(transfer, room, &[0, 0]),
+            Request::GetStatus => answer(&mut self.replies, transfer, room, &[0, 0]),
             Request::GetEndpointStatus(endpoint) => match self.halt_of(endpoint) {
                 Some(halted) => {
                     let status = if *halted { HALTED } else { 0 };
-                    self.answer(transfer, room, &[status, 0]);
+                    answer(&mut self.replies, transfer, room, &[status, 0]);
                 }
                 None => self.refuse(transfer),
             },
@@ -52,16 +48,16 @@ impl Device {
             Request::SetAddress => self.done(transfer),
             Request::GetConfiguration => {
                 let value = if self.configured { CONFIGURATION_VALUE } else { 0 };
-                self.answer(transfer, room, &[value]);
+                answer(&mut self.replies, transfer, room, &[value]);
             }
             Request::SetConfiguration(value @ (0 | CONFIGURATION_VALUE)) => {
                 self.configured = value == CONFIGURATION_VALUE;
                 self.halted = super::Halted::default();
                 self.done(transfer);
             }
-            Request::GetInterface => self.answer(transfer, room, &[ALTERNATE]),
+            Request::GetInterface => answer(&mut self.replies, transfer, room, &[ALTERNATE]),
             Request::SetInterface(0) => self.done(transfer),
-            Request::GetIdle => self.answer(transfer, room, &[self.idle]),
+            Request::GetIdle => answer(&mut self.replies, transfer, room, &[self.idle]),
             // The idle rate is stored without effect, because the board makes a report in every cycle. [OURS]
             Request::SetIdle(idle) => {
                 self.idle = idle;
@@ -69,9 +65,7 @@ impl Device {
             }
             // [OURS] The answer is the newest report that was read for the host.
             Request::GetReport { kind: report::INPUT, id: NO_ID } => {
-                let moved = room.min(FRAME_LEN);
-                let bytes = &self.report.bytes()[..moved];
-                wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, moved as u32, bytes);
+                answer(&mut self.replies, transfer, room, self.report.bytes());
             }
             // [OURS] A whole report is a command frame as on the OUT endpoint; any other length is refused.
             Request::SetReport { kind: report::OUTPUT, id: NO_ID } if data.len() == FRAME_LEN && self.configured => {
@@ -86,13 +80,8 @@ impl Device {
         Ok(())
     }
 
-    fn answer(&mut self, transfer: &Submit, room: usize, bytes: &[u8]) {
-        let moved = bytes.len().min(room);
-        wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, moved as u32, &bytes[..moved]);
-    }
-
     fn done(&mut self, transfer: &Submit) {
-        wire::ret_submit(&mut self.replies, transfer.sequence, Status::Done, 0, &[]);
+        answer(&mut self.replies, transfer, 0, &[]);
     }
 
     fn refuse(&mut self, transfer: &Submit) {
@@ -107,4 +96,10 @@ impl Device {
             _ => None,
         }
     }
+}
+
+/// Answers a request with as many of these bytes as the host has room for.
+fn answer(replies: &mut Vec<u8>, transfer: &Submit, room: usize, bytes: &[u8]) {
+    let bytes = &bytes[..bytes.len().min(room)];
+    wire::ret_submit(replies, transfer.sequence, Status::Done, bytes.len() as u32, bytes);
 }

@@ -4,89 +4,61 @@ use std::collections::VecDeque;
 
 use super::{TRANSFERS_AT_ONCE, TooMany};
 
-/// An IN transfer.
+/// A transfer.
 #[derive(Debug, Default)]
-pub(super) struct Read {
+pub(super) struct Transfer {
+    /// The number that the host has given it.
     pub sequence: u32,
-    /// How many bytes the host accepts.
+    /// How many bytes the host accepts of an IN transfer.
     pub length: usize,
+    /// The bytes to the host so far, or all from it.
     pub bytes: Vec<u8>,
+    /// How many bytes of an OUT transfer the board has taken.
+    pub moved: usize,
 }
 
-impl Read {
-    /// How many more bytes fit.
+impl Transfer {
+    /// How many more bytes of an IN transfer fit.
     pub fn room(&self) -> usize {
         self.length - self.bytes.len()
     }
 }
 
-/// An OUT transfer.
-#[derive(Debug, Default)]
-pub(super) struct Write {
-    pub sequence: u32,
-    pub bytes: Vec<u8>,
-    /// How many bytes the board has taken.
-    pub moved: usize,
-}
-
-/// A transfer with the sequence number that the host has given it.
-pub(super) trait Transfer: Default {
-    fn sequence(&mut self) -> &mut u32;
-}
-
-impl Transfer for Read {
-    fn sequence(&mut self) -> &mut u32 {
-        &mut self.sequence
-    }
-}
-
-impl Transfer for Write {
-    fn sequence(&mut self) -> &mut u32 {
-        &mut self.sequence
-    }
-}
-
 /// The transfers of one direction.
-#[derive(Debug)]
-pub(super) struct Buffers<T> {
-    waiting: VecDeque<T>,
-    spare: Vec<T>,
+#[derive(Debug, Default)]
+pub(super) struct Buffers {
+    waiting: VecDeque<Transfer>,
+    spare: Vec<Transfer>,
 }
 
-impl<T> Default for Buffers<T> {
-    fn default() -> Self {
-        Self { waiting: VecDeque::new(), spare: Vec::new() }
-    }
-}
-
-impl<T: Transfer> Buffers<T> {
+impl Buffers {
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty()
     }
 
-    pub fn first(&mut self) -> Option<&mut T> {
+    pub fn first(&mut self) -> Option<&mut Transfer> {
         self.waiting.front_mut()
     }
 
-    pub fn is_first(&mut self, sequence: u32) -> bool {
-        self.first().is_some_and(|first| *first.sequence() == sequence)
+    pub fn is_first(&self, sequence: u32) -> bool {
+        self.waiting.front().is_some_and(|first| first.sequence == sequence)
     }
 
-    /// Adds a transfer; `fill` sets all of its fields except the sequence number.
-    pub fn push(&mut self, sequence: u32, fill: impl FnOnce(&mut T)) -> Result<(), TooMany> {
+    /// Adds a transfer of which no byte was moved yet: `bytes` come from the host, and `length` bytes may go to it.
+    pub fn push(&mut self, sequence: u32, length: usize, bytes: &[u8]) -> Result<(), TooMany> {
         if self.waiting.len() >= TRANSFERS_AT_ONCE {
             return Err(TooMany);
         }
-        let mut transfer = self.spare.pop().unwrap_or_default();
-        *transfer.sequence() = sequence;
-        fill(&mut transfer);
-        self.waiting.push_back(transfer);
+        let mut buffer = self.spare.pop().unwrap_or_default().bytes;
+        buffer.clear();
+        buffer.extend_from_slice(bytes);
+        self.waiting.push_back(Transfer { sequence, length, bytes: buffer, moved: 0 });
         Ok(())
     }
 
     /// Removes a transfer unless it is among the first `fixed`; returns whether it was there.
     pub fn remove(&mut self, sequence: u32, fixed: usize) -> bool {
-        let at = (fixed..self.waiting.len()).find(|at| *self.waiting[*at].sequence() == sequence);
+        let at = (fixed..self.waiting.len()).find(|at| self.waiting[*at].sequence == sequence);
         let removed = at.and_then(|at| self.waiting.remove(at));
         let found = removed.is_some();
         self.spare.extend(removed);
@@ -94,7 +66,7 @@ impl<T: Transfer> Buffers<T> {
     }
 
     /// Removes the first transfer and passes it to `look`.
-    pub fn end_first(&mut self, look: impl FnOnce(&T)) {
+    pub fn end_first(&mut self, look: impl FnOnce(&Transfer)) {
         if let Some(transfer) = self.waiting.pop_front() {
             look(&transfer);
             self.spare.push(transfer);

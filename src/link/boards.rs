@@ -21,18 +21,11 @@ pub(super) enum Key {
     Options(Box<SimOptions>),
 }
 
-/// Whether a link has the board.
-enum Place {
-    /// A link has it.
-    Open,
-    /// It is not open and waits for the next link.
-    Parked { board: Box<Board>, network: SimHandle, since: Instant },
-}
-
 struct Entry {
     key: Key,
     options: SimOptions,
-    place: Place,
+    /// The board, while it waits for the next link; `None`: a link has it.
+    parked: Option<Box<Parked>>,
 }
 
 static BOARDS: Mutex<Vec<Entry>> = Mutex::new(Vec::new());
@@ -46,10 +39,10 @@ pub(super) type Parked = (Board, SimHandle, Instant);
 
 /// Reserves the board with that key for a link. Returns the parked board, or `None` if there is none yet and the caller
 /// has to make one. `uri` is the name of the link in error messages.
-pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Parked>, LinkError> {
+pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Box<Parked>>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
-        boards.push(Entry { key: key.clone(), options: options.clone(), place: Place::Open });
+        boards.push(Entry { key: key.clone(), options: options.clone(), parked: None });
         return Ok(None);
     };
     if entry.options != *options {
@@ -60,20 +53,17 @@ pub(super) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
                 .into(),
         });
     }
-    match std::mem::replace(&mut entry.place, Place::Open) {
-        Place::Open => Err(LinkError::InUse {
-            name: uri.into(),
-            by: " by this process".into(),
-            instead: "give this board a `name=` of its own",
-        }),
-        Place::Parked { board, network, since } => Ok(Some((*board, network, since))),
-    }
+    entry.parked.take().map(Some).ok_or_else(|| LinkError::InUse {
+        name: uri.into(),
+        by: " by this process".into(),
+        instead: "give this board a `name=` of its own",
+    })
 }
 
 /// Parks the board of a link that was closed.
 pub(super) fn park(key: &Key, board: Board, network: SimHandle) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
-        entry.place = Place::Parked { board: Box::new(board), network, since: Instant::now() };
+        entry.parked = Some(Box::new((board, network, Instant::now())));
     }
 }
 
@@ -86,6 +76,6 @@ pub(super) fn forget(key: &Key) {
 #[doc(hidden)]
 pub fn forget_parked() -> usize {
     let mut boards = boards();
-    boards.retain(|entry| matches!(entry.place, Place::Open));
+    boards.retain(|entry| entry.parked.is_none());
     boards.len()
 }

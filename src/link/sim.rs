@@ -37,7 +37,8 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     };
     let (mut board, network) = match found {
         None => switch_on(&options, makers),
-        Some((mut board, network, since)) => {
+        Some(parked) => {
+            let (mut board, network, since) = *parked;
             if script.is_some() {
                 board.set_script(None);
                 script::take_back(&network, &board.handle());

@@ -68,6 +68,18 @@ pub struct SlotLine {
 }
 
 impl SlotLine {
+    /// The line of slot `i`, which means what `meaning` says; `None` if a frame of this size has no such slot.
+    fn of(
+        frame: &Frame,
+        size: SlotSize,
+        i: usize,
+        meaning: impl FnOnce(SlotRole, &RawSlot) -> SlotMeaning,
+    ) -> Option<Self> {
+        let (role, raw) = (SlotRole::of(size, i)?, frame.slot(size, i));
+        let crc = (role == SlotRole::Master).then(|| frame.crc_status(size));
+        Some(Self { role, size, raw, meaning: meaning(role, &raw), crc })
+    }
+
     /// Whether all bytes are 0, so that the slot neither requests nor reports anything. Slot 0 always does: it has the CRC
     /// and the state.
     pub const fn is_idle(&self) -> bool {
@@ -104,15 +116,14 @@ impl<'a> CommandDump<'a> {
 
     /// The line of slot `i`, idle or not; `None` if the frame has no such slot.
     pub fn line(&self, i: usize) -> Option<SlotLine> {
-        let role = SlotRole::of(self.size, i)?;
-        let raw = self.frame.slot(self.size, i);
-        let meaning = match role {
-            SlotRole::Master => MasterCommand::decode(&raw, self.size).map(SlotMeaning::MasterCommand),
-            SlotRole::Slave(_) => SlotCommand::decode(&raw, self.size).map(SlotMeaning::SlaveCommand),
-            SlotRole::Sdo => SdoCommand::decode(&raw, self.size).map(SlotMeaning::SdoCommand),
-        };
-        let meaning = meaning.unwrap_or_else(SlotMeaning::Malformed);
-        Some(SlotLine { role, size: self.size, raw, meaning, crc: crc_of(self.frame, self.size, role) })
+        SlotLine::of(self.frame, self.size, i, |role, raw| {
+            let meaning = match role {
+                SlotRole::Master => MasterCommand::decode(raw, self.size).map(SlotMeaning::MasterCommand),
+                SlotRole::Slave(_) => SlotCommand::decode(raw, self.size).map(SlotMeaning::SlaveCommand),
+                SlotRole::Sdo => SdoCommand::decode(raw, self.size).map(SlotMeaning::SdoCommand),
+            };
+            meaning.unwrap_or_else(SlotMeaning::Malformed)
+        })
     }
 
     /// The lines of the dump in order, each with the number of its slot.
@@ -183,17 +194,14 @@ impl<'a> ResponseDump<'a> {
 
     /// The line of slot `i`, idle or not; `None` if the frame has no such slot.
     pub fn line(&self, i: usize) -> Option<SlotLine> {
-        let role = SlotRole::of(self.size, i)?;
-        let raw = self.frame.slot(self.size, i);
-        let meaning = match role {
-            SlotRole::Master => SlotMeaning::MasterResponse(MasterResponse::decode(&raw)),
+        SlotLine::of(self.frame, self.size, i, |role, raw| match role {
+            SlotRole::Master => SlotMeaning::MasterResponse(MasterResponse::decode(raw)),
             SlotRole::Slave(n) => SlotMeaning::SlaveResponse(SlaveReading {
                 byte_one: if self.mode_in_byte_1 { ByteOne::Mode(raw.index) } else { ByteOne::Index(raw.index) },
-                ..SlaveReading::of(&raw, self.size, self.kinds.map(|kinds| kinds[n as usize - 1]), self.is_op())
+                ..SlaveReading::of(raw, self.size, self.kinds.map(|kinds| kinds[n as usize - 1]), self.is_op())
             }),
-            SlotRole::Sdo => SlotMeaning::SdoResponse(SdoResponse::decode(&raw)),
-        };
-        Some(SlotLine { role, size: self.size, raw, meaning, crc: crc_of(self.frame, self.size, role) })
+            SlotRole::Sdo => SlotMeaning::SdoResponse(SdoResponse::decode(raw)),
+        })
     }
 
     /// The lines of the dump in order, each with the number of its slot.
@@ -206,10 +214,6 @@ impl<'a> ResponseDump<'a> {
     fn is_op(&self) -> bool {
         MasterResponse::decode(&self.frame.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
-}
-
-fn crc_of(frame: &Frame, size: SlotSize, role: SlotRole) -> Option<CrcStatus> {
-    (role == SlotRole::Master).then(|| frame.crc_status(size))
 }
 
 fn lines_of_slots(

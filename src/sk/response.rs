@@ -296,33 +296,27 @@ pub struct HspResponse {
 impl HspResponse {
     /// Decodes an HSP's slot of a response frame. In 12-byte mode axis 2 is not on the wire and becomes 0.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Self {
-        let wide = slot.two_channel();
+        let wide = slot.two_channel(size);
         Self {
             head: SlaveResponse { id: slot.id, index: slot.index },
             statusword: Statusword(slot.parm),
             first: HspAxis { position: wide.counts1.get(), inputs: wide.bits1.get() },
-            second: match size {
-                SlotSize::Bytes12 => HspAxis::default(),
-                SlotSize::Bytes16 => HspAxis { position: wide.counts2.get(), inputs: wide.bits2.get() },
-            },
+            second: HspAxis { position: wide.counts2.get(), inputs: wide.bits2.get() },
         }
     }
 
     /// Encodes the response as a slot. In 12-byte mode bytes 10..11 are 0.
     pub fn encode(&self, size: SlotSize) -> RawSlot {
-        let second = match size {
-            SlotSize::Bytes12 => HspAxis::default(),
-            SlotSize::Bytes16 => self.second,
-        };
-        RawSlot::from_two_channel(TwoChannelSlot {
+        let slot = TwoChannelSlot {
             id: self.head.id,
             index: self.head.index,
             parm: self.statusword.0.into(),
             counts1: self.first.position.into(),
             bits1: self.first.inputs.into(),
-            counts2: second.position.into(),
-            bits2: second.inputs.into(),
-        })
+            counts2: self.second.position.into(),
+            bits2: self.second.inputs.into(),
+        };
+        RawSlot::from_two_channel(slot, size)
     }
 }
 

@@ -155,6 +155,16 @@ pub struct TwoChannelSlot {
     pub bits2: U16Le,
 }
 
+impl TwoChannelSlot {
+    /// The slot as it is in that size: one of 12 bytes has no place for axis 2.
+    const fn in_size(self, size: SlotSize) -> Self {
+        match size {
+            SlotSize::Bytes12 => Self { counts2: I32Le::new(0), bits2: U16Le::new(0), ..self },
+            SlotSize::Bytes16 => self,
+        }
+    }
+}
+
 const _: () = assert!(size_of::<Slot12>() == 12 && align_of::<Slot12>() == 1);
 const _: () = assert!(size_of::<Slot16>() == 16 && align_of::<Slot16>() == 1);
 const _: () = assert!(size_of::<TwoChannelSlot>() == 16 && align_of::<TwoChannelSlot>() == 1);
@@ -190,14 +200,15 @@ impl RawSlot {
         self.id == 0 && self.index == 0 && self.parm == 0 && self.data1 == 0 && self.data2 == 0 && self.data3 == 0
     }
 
-    /// The same 16 bytes in the layout of a two-channel HSP.
-    pub fn two_channel(&self) -> TwoChannelSlot {
-        bytemuck::cast(self.to_wide())
+    /// The same bytes in the layout of a two-channel HSP; axis 2 is 0 in 12-byte mode.
+    pub fn two_channel(&self, size: SlotSize) -> TwoChannelSlot {
+        bytemuck::cast::<_, TwoChannelSlot>(self.to_wide()).in_size(size)
     }
 
-    /// Converts from the layout of a two-channel HSP.
-    pub fn from_two_channel(slot: TwoChannelSlot) -> Self {
-        Self::from(&bytemuck::cast::<_, Slot16>(slot))
+    /// Converts from the layout of a two-channel HSP; in 12-byte mode axis 2 is left out.
+    #[inline]
+    pub fn from_two_channel(slot: TwoChannelSlot, size: SlotSize) -> Self {
+        Self::from(&bytemuck::cast::<_, Slot16>(slot.in_size(size)))
     }
 
     /// Bytes 8..9: bits 0..15 of `data2`.

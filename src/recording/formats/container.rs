@@ -16,6 +16,7 @@ use pcap_file::pcapng::blocks::{
 use pcap_file::pcapng::{Block, PcapNgParser};
 use pcap_file::{DataLink, Endianness, PcapError, TsResolution};
 
+use super::number;
 use crate::recording::error::RecordError;
 use crate::recording::meta::{APPLICATION, RecordMeta};
 
@@ -247,12 +248,8 @@ const BLOCK_TYPE: usize = 0;
 const CAPTURED_LENGTH: usize = 20;
 
 fn field(order: Endianness, block: &[u8], at: usize) -> Result<u32, PcapError> {
-    let bytes =
-        block.get(at..).and_then(|rest| rest.first_chunk()).ok_or(PcapError::InvalidField("block too short"))?;
-    Ok(match order {
-        Endianness::Little => u32::from_le_bytes(*bytes),
-        Endianness::Big => u32::from_be_bytes(*bytes),
-    })
+    let bytes = block.get(at..).and_then(|rest| rest.first_chunk());
+    bytes.map(|bytes| number(order, *bytes)).ok_or(PcapError::InvalidField("block too short"))
 }
 
 /// A time in the interface's units, which are microseconds unless it says otherwise; what does not fit is cut off.

@@ -11,7 +11,7 @@ pub mod transfer;
 pub(crate) mod usbmon;
 mod usbpcap;
 
-use pcap_file::DataLink;
+use pcap_file::{DataLink, Endianness};
 
 use container::Packet;
 use transfer::Event;
@@ -26,5 +26,13 @@ pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<Event<'a>> {
     match packet.link_type {
         link_type if usbpcap::is_usbpcap(link_type) => usbpcap::event(packet.data),
         link_type => usbmon::event(link_type, packet.order, packet.data),
+    }
+}
+
+/// A number in the byte order of a file.
+const fn number(order: Endianness, bytes: [u8; 4]) -> u32 {
+    match order {
+        Endianness::Little => u32::from_le_bytes(bytes),
+        Endianness::Big => u32::from_be_bytes(bytes),
     }
 }

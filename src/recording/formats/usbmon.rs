@@ -6,6 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
 
+use super::number;
 use super::transfer::{Address, Event, Kind, Stage};
 use crate::sk::{Dir, FRAME_LEN};
 
@@ -143,12 +144,5 @@ const fn header_len(link_type: DataLink) -> Option<usize> {
         DataLink::USB_LINUX => Some(SHORT_HEADER_LEN),
         DataLink::USB_LINUX_MMAPPED => Some(HEADER_LEN),
         _ => None,
-    }
-}
-
-const fn number(order: Endianness, bytes: [u8; 4]) -> u32 {
-    match order {
-        Endianness::Little => u32::from_le_bytes(bytes),
-        Endianness::Big => u32::from_be_bytes(bytes),
     }
 }

@@ -32,15 +32,10 @@ impl Motion {
     }
 
     fn decode(slot: &RawSlot, size: SlotSize) -> Self {
+        let slot = slot.two_channel(size);
         Self {
-            first: AxisTarget { target: slot.data1 as i32, outputs: slot.data2_low() },
-            second: match size {
-                SlotSize::Bytes12 => AxisTarget::default(),
-                SlotSize::Bytes16 => {
-                    let wide = slot.two_channel();
-                    AxisTarget { target: wide.counts2.get(), outputs: wide.bits2.get() }
-                }
-            },
+            first: AxisTarget { target: slot.counts1.get(), outputs: slot.bits1.get() },
+            second: AxisTarget { target: slot.counts2.get(), outputs: slot.bits2.get() },
         }
     }
 
@@ -74,19 +69,16 @@ impl Motion {
 
     #[inline]
     fn encode(&self, id: u8, index: u8, size: SlotSize) -> RawSlot {
-        let second = match size {
-            SlotSize::Bytes12 => AxisTarget::default(),
-            SlotSize::Bytes16 => self.second,
-        };
-        RawSlot::from_two_channel(TwoChannelSlot {
+        let slot = TwoChannelSlot {
             id,
             index,
             parm: 0.into(),
             counts1: self.first.target.into(),
             bits1: self.first.outputs.into(),
-            counts2: second.target.into(),
-            bits2: second.outputs.into(),
-        })
+            counts2: self.second.target.into(),
+            bits2: self.second.outputs.into(),
+        };
+        RawSlot::from_two_channel(slot, size)
     }
 }
 

@@ -39,7 +39,12 @@ impl OwnedHandle {
                 ptr::null_mut(),
             )
         };
-        if raw == api::INVALID_HANDLE {
+        Self::made(bus, raw)
+    }
+
+    /// The handle that a call of Windows has made, or the error of that call.
+    fn made(bus: &Arc<Bus>, raw: Handle) -> Result<Self, UsbError> {
+        if raw.is_null() || raw == api::INVALID_HANDLE {
             return Err(codes::open_error(bus.last_error()));
         }
         Ok(Self { bus: bus.clone(), raw })
@@ -49,20 +54,14 @@ impl OwnedHandle {
     pub fn port(&self) -> Result<Self, UsbError> {
         // SAFETY: the handle is open until `drop`.
         let raw = unsafe { (self.bus.api().create_port)(self.raw, ptr::null_mut(), 0, 1) };
-        if raw.is_null() {
-            return Err(codes::open_error(self.bus.last_error()));
-        }
-        Ok(Self { bus: self.bus.clone(), raw })
+        Self::made(&self.bus, raw)
     }
 
     /// An auto-reset event.
     pub fn event(bus: &Arc<Bus>) -> Result<Self, UsbError> {
         // SAFETY: without attributes and name.
         let raw = unsafe { (bus.api().create_event)(ptr::null(), 0, 0, ptr::null()) };
-        if raw.is_null() {
-            return Err(codes::open_error(bus.last_error()));
-        }
-        Ok(Self { bus: bus.clone(), raw })
+        Self::made(bus, raw)
     }
 
     pub const fn bus(&self) -> &Arc<Bus> {

@@ -39,17 +39,7 @@ pub struct Seen {
     /// Frames from it.
     pub read: u64,
     /// What else it did.
-    others: Others,
-}
-
-/// Transfers of a device that moved no frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Others {
-    taken_back: u64,
-    without_report: u64,
-    other_lengths: u64,
-    other_transfers: u64,
-    unwanted: u64,
+    others: Skipped,
 }
 
 impl Seen {
@@ -133,14 +123,14 @@ impl Devices {
     pub fn skipped(&self) -> Skipped {
         let mut skipped = Skipped::default();
         for Seen { written, read, others, .. } in self.devices.values() {
-            let Others { taken_back, without_report, other_lengths, other_transfers, unwanted } = *others;
+            let Skipped { taken_back, without_report, other_lengths, other_transfers, other_devices } = *others;
             if written + read + taken_back > 0 {
                 skipped.taken_back += taken_back;
                 skipped.without_report += without_report;
                 skipped.other_lengths += other_lengths;
                 skipped.other_transfers += other_transfers;
             } else {
-                skipped.other_devices += without_report + other_lengths + other_transfers + unwanted;
+                skipped.other_devices += without_report + other_lengths + other_transfers + other_devices;
             }
         }
         skipped
@@ -166,11 +156,11 @@ impl Devices {
     }
 
     fn device(&mut self, address: Address) -> &mut Seen {
-        let new = Seen { address, ids: None, written: 0, read: 0, others: Others::default() };
+        let new = Seen { address, ids: None, written: 0, read: 0, others: Skipped::default() };
         self.devices.entry(address).or_insert(new)
     }
 
-    fn others(&mut self, address: Address) -> &mut Others {
+    fn others(&mut self, address: Address) -> &mut Skipped {
         &mut self.device(address).others
     }
 
@@ -233,7 +223,7 @@ impl Devices {
             None => self.device(event.at).ids.is_none_or(|ids| ids == BOARD_IDS),
         };
         if !wanted {
-            self.others(event.at).unwanted += 1;
+            self.others(event.at).other_devices += 1;
             return Ok(());
         }
         let Some(data) = event.data.get(..event.length as usize) else {

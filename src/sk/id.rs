@@ -75,8 +75,9 @@ enum Acts {
 }
 use Acts::{InTurn, OnArrival, UnlessHoming};
 
-/// What the table says of a command besides its code and its name.
+/// What the table says of a command besides its code.
 struct Row {
+    name: &'static str,
     takers: Takers,
     states: u8,
     acts: Acts,
@@ -111,19 +112,11 @@ macro_rules! command_ids {
                 }
             }
 
-            /// The name that the guides use, `UNKNOWN` for a code they do not list.
-            pub const fn name(self) -> &'static str {
-                match self {
-                    $(Self::$name => $text,)*
-                    Self::Unknown(_) => "UNKNOWN",
-                }
-            }
-
             #[inline]
             const fn row(self) -> Row {
                 match self {
-                    $(Self::$name => Row { takers: $takers, states: $states, acts: $acts },)*
-                    Self::Unknown(_) => Row { takers: NOBODY, states: 0, acts: InTurn },
+                    $(Self::$name => Row { name: $text, takers: $takers, states: $states, acts: $acts },)*
+                    Self::Unknown(_) => Row { name: "UNKNOWN", takers: NOBODY, states: 0, acts: InTurn },
                 }
             }
         }
@@ -188,6 +181,11 @@ impl SlotKind {
 }
 
 impl CommandId {
+    /// The name that the guides use, `UNKNOWN` for a code they do not list.
+    pub const fn name(self) -> &'static str {
+        self.row().name
+    }
+
     /// Whether this command may stand in slots of that kind (UG17 1.8). GET_STATUS may stand in every slot, an unknown code
     /// in none.
     #[inline]

@@ -346,24 +346,17 @@ impl Ecm {
     }
 
     /// Reads reports until fewer than `depth` frames are ahead of the board. `now` is the time, if the caller knows it.
-    fn pace(&self, session: &mut Session, depth: u16, now: Option<Duration>) -> Result<(), EcmError> {
-        session.require_op("a stream")?;
-        if session.credit.ahead() < depth {
-            return Ok(());
-        }
-        let began = now.unwrap_or_else(|| self.exchange.now());
-        // A board in OP has executed every entry by then.
-        let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
-        let mut now = began;
+    fn pace(&self, session: &mut Session, depth: u16, mut now: Option<Duration>) -> Result<(), EcmError> {
+        let mut began = None;
         loop {
-            if !self.exchange.read_at(session, now, began + limit)? {
-                self.exchange.check_silence(session, began, "a stream")?;
-            }
             session.require_op("a stream")?;
             if session.credit.ahead() < depth {
                 return Ok(());
             }
-            now = self.exchange.now();
+            let now = now.take().unwrap_or_else(|| self.exchange.now());
+            let began = *began.get_or_insert(now);
+            // A board in OP has executed every entry by then.
+            let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
             let waited = now.saturating_sub(began);
             if waited >= limit {
                 return Err(EcmError::Timeout {
@@ -372,6 +365,9 @@ impl Ecm {
                     seen: ahead_of_the_board(session),
                     hint: "see what else writes to the board, or leave OP and enter it again",
                 });
+            }
+            if !self.exchange.read_at(session, now, began + limit)? {
+                self.exchange.check_silence(session, began, "a stream")?;
             }
         }
     }

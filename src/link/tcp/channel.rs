@@ -230,12 +230,11 @@ impl Channel {
                 // In a TLS session the rest of a record may be behind it.
                 Ok(if self.tls.is_none() && count < all { Came::All } else { Came::Bytes })
             }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Came::Nothing),
-            Err(error) if error.kind() == ErrorKind::Interrupted => Ok(Came::Nothing),
-            Err(error) if matches!(error.kind(), ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset) => {
-                Ok(Came::End)
-            }
-            Err(error) => Err(error),
+            Err(error) => match error.kind() {
+                ErrorKind::WouldBlock | ErrorKind::Interrupted => Ok(Came::Nothing),
+                ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset => Ok(Came::End),
+                _ => Err(error),
+            },
         }
     }
 
@@ -341,10 +340,8 @@ pub fn first_message<T>(
     look: impl FnOnce(Message<'_>) -> T,
 ) -> io::Result<T> {
     loop {
-        match inbox.next().map_err(|error| io::Error::new(ErrorKind::InvalidData, error)) {
-            Ok(Some(message)) => return Ok(look(message)),
-            Ok(None) => {}
-            Err(error) => return Err(error),
+        if let Some(message) = inbox.next().map_err(|error| io::Error::new(ErrorKind::InvalidData, error))? {
+            return Ok(look(message));
         }
         match channel.receive(inbox)? {
             Came::Bytes | Came::All => {}

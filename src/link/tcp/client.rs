@@ -77,14 +77,11 @@ impl TcpLink {
     /// them to a standstill.
     fn end(&self, says_bye: bool) {
         let shared = &self.shared;
-        let first = {
-            let mut state = shared.state.lock();
-            let was_open = state.exchange.ended.is_none();
-            let closed = matches!(&state.exchange.ended, Some(ended) if ended.error == LinkError::Closed);
-            state.exchange.ended = Some(Ended { error: LinkError::Closed, unsure: false });
-            was_open.then_some(()).or((!closed).then_some(())).map(|()| was_open)
+        let closed = Ended { error: LinkError::Closed, unsure: false };
+        let was_open = match shared.state.lock().exchange.ended.replace(closed) {
+            Some(Ended { error: LinkError::Closed, .. }) => return,
+            ended => ended.is_none(),
         };
-        let Some(was_open) = first else { return };
         shared.over.notify_all();
         shared.changed.notify_all();
         shared.channel.wake();
@@ -148,7 +145,6 @@ impl Link for TcpLink {
         // Advancing a long time takes long; the server sends keep-alive messages meanwhile.
         match self.shared.request(Dir::Read, Wait::Forever, |request| Message::Pass { request, ns }).1? {
             Answer::Passed(now) => Ok(now),
-            Answer::Failed(error) => Err(error),
             _ => Err(self.shared.unexpected_answer()),
         }
     }
@@ -169,10 +165,7 @@ impl Link for TcpLink {
     }
 
     fn check(&self) -> Result<(), LinkError> {
-        match &self.shared.state.lock().exchange.ended {
-            None => Ok(()),
-            Some(ended) => Err(ended.error.clone()),
-        }
+        self.shared.state.lock().exchange.check()
     }
 
     fn stats(&self) -> LinkStats {
@@ -184,7 +177,7 @@ impl Link for TcpLink {
             Ok(Answer::Counted(counts)) => counts,
             _ => state.exchange.counts,
         };
-        let here = state.exchange.dropped();
+        let here = state.exchange.dropped;
         drop(state);
         LinkStats {
             reports_dropped: counts.reports_dropped.saturating_add(here),

@@ -211,12 +211,8 @@ pub(super) fn until_closed(channel: &Channel, inbox: &mut Inbox, deadline: Insta
     loop {
         match channel.receive(inbox) {
             Ok(Came::Bytes | Came::All) => while matches!(inbox.next(), Ok(Some(_))) {},
-            Ok(Came::Nothing) => {
-                if channel.wait_until(false, deadline).is_err() {
-                    return;
-                }
-            }
-            Ok(Came::End) | Err(_) => return,
+            Ok(Came::Nothing) if channel.wait_until(false, deadline).is_ok() => {}
+            Ok(Came::Nothing | Came::End) | Err(_) => return,
         }
     }
 }

@@ -59,6 +59,14 @@ pub(super) struct State {
     pub(super) cancels: [u64; 2],
 }
 
+impl State {
+    /// An error if the exchange has ended, or if calls were cancelled since `cancels` was their number.
+    fn check(&self, dir: Dir, cancels: u64) -> Result<(), LinkError> {
+        self.exchange.check()?;
+        if self.cancels[dir as usize] == cancels { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
+    }
+}
+
 impl Shared {
     /// How long the other end may send nothing before the connection counts as dead.
     pub(super) fn patience(&self) -> Duration {
@@ -104,7 +112,7 @@ impl Shared {
 
     /// How many calls the program has made so far.
     fn calls(&self, state: &State) -> u64 {
-        self.counts.ended() + state.exchange.requests()
+        self.counts.ended() + state.exchange.next_request
     }
 
     fn ping(&self) {
@@ -183,16 +191,13 @@ impl Shared {
                 return (state, Some(done));
             }
             let late = until.is_some_and(|until| Instant::now() >= until);
-            if late && received {
+            if late && (received || state.receiving) {
                 return (state, None);
             }
             received = true;
             if !state.receiving {
                 state = self.receive_for_all(state, until);
                 continue;
-            }
-            if late {
-                return (state, None);
             }
             state.waiting += 1;
             match until {
@@ -216,18 +221,12 @@ impl Shared {
         let cancels = state.cancels[dir as usize];
         // Only one request may be in progress at a time.
         let (mut state, turn) = self.wait(state, limit, |state| {
-            if let Some(ended) = &state.exchange.ended {
-                return Some(Err(ended.error.clone()));
-            }
-            if state.cancels[dir as usize] != cancels {
-                return Some(Err(LinkError::Cancelled { dir }));
-            }
-            state.exchange.request.is_none().then(|| Ok(state.exchange.begin(dir, wait)))
+            let checked = state.check(dir, cancels);
+            checked.map(|()| state.exchange.request.is_none().then(|| state.exchange.begin(dir, wait))).transpose()
         });
-        let number = match turn {
-            None => return (state, Err(LinkError::timed_out(dir, wait))),
-            Some(Err(error)) => return (state, Err(error)),
-            Some(Ok(number)) => number,
+        let number = match turn.unwrap_or_else(|| Err(LinkError::timed_out(dir, wait))) {
+            Ok(number) => number,
+            Err(error) => return (state, Err(error)),
         };
         let sent = MutexGuard::unlocked(&mut state, || self.send(&message(number)));
         if let Err(error) = sent {
@@ -264,7 +263,7 @@ impl Shared {
         cancel_sent: bool,
     ) -> Option<Result<Answer, Option<LinkError>>> {
         if let Some(answer) = state.exchange.request.as_mut().and_then(|request| request.answer.take()) {
-            return Some(Ok(answer));
+            return Some(answer.map_err(Some));
         }
         if state.exchange.ended.is_some() {
             return Some(Err(Some(self.ended(state, dir))));
@@ -310,7 +309,6 @@ impl Shared {
                 }
                 Ok(at)
             }
-            Answer::Failed(error) => Err(error),
             _ => Err(self.unexpected_answer()),
         }
     }
@@ -323,20 +321,13 @@ impl Shared {
                     out.clone_from(&state.exchange.got);
                     Ok(meta)
                 }
-                Answer::Failed(error) => Err(error),
                 _ => Err(self.unexpected_answer()),
             };
         }
         let state = self.state.lock();
         let cancels = state.cancels[Dir::Read as usize];
         let (_, done) = self.wait(state, wait.deadline(), |state| {
-            if let Some(ended) = &state.exchange.ended {
-                return Some(Err(ended.error.clone()));
-            }
-            if state.cancels[Dir::Read as usize] != cancels {
-                return Some(Err(LinkError::Cancelled { dir: Dir::Read }));
-            }
-            state.exchange.pop(out).map(Ok)
+            state.check(Dir::Read, cancels).map(|()| state.exchange.pop(out)).transpose()
         });
         done.unwrap_or_else(|| Err(LinkError::timed_out(Dir::Read, wait)))
     }

@@ -23,7 +23,8 @@ pub(super) struct Request {
     pub(super) number: u64,
     dir: Dir,
     wait: Wait,
-    pub(super) answer: Option<Answer>,
+    /// The server's answer, or why it has refused the request.
+    pub(super) answer: Option<Result<Answer, LinkError>>,
 }
 
 /// The server's answer to a request.
@@ -33,7 +34,6 @@ pub(super) enum Answer {
     Got(ReadMeta),
     Passed(Option<Stamp>),
     Counted(Counts),
-    Failed(LinkError),
 }
 
 /// The exchange of messages with a server.
@@ -43,11 +43,12 @@ pub(super) struct Exchange {
     reports: VecDeque<(Frame, ReadMeta)>,
     /// How many unread reports are kept.
     queue_max: usize,
-    /// Reports dropped from `reports`.
-    dropped: u64,
+    /// Reports dropped from `reports`, because the program did not read them in time.
+    pub(super) dropped: u64,
     /// The server's sequence number of the first report of this link.
     first_sequence: u64,
-    next_request: u64,
+    /// The number of the next request; from 1 on each request has the next one.
+    pub(super) next_request: u64,
     pub(super) request: Option<Request>,
     /// The report of [`Answer::Got`].
     pub(super) got: Frame,
@@ -86,11 +87,6 @@ impl Exchange {
         number
     }
 
-    /// How many requests have been begun so far.
-    pub(super) const fn requests(&self) -> u64 {
-        self.next_request
-    }
-
     /// Takes the oldest unread report.
     pub(super) fn pop(&mut self, out: &mut Frame) -> Option<ReadMeta> {
         let (frame, meta) = self.reports.pop_front()?;
@@ -98,16 +94,14 @@ impl Exchange {
         Some(ReadMeta { dropped: meta.dropped.saturating_add(self.dropped), ..meta })
     }
 
-    /// Reports dropped by this client because the program did not read them in time.
-    pub(super) const fn dropped(&self) -> u64 {
-        self.dropped
+    /// The error of all further calls, once the exchange has ended.
+    pub(super) fn check(&self) -> Result<(), LinkError> {
+        self.ended.as_ref().map_or(Ok(()), |ended| Err(ended.error.clone()))
     }
 
     /// Ends the exchange; the first reason is kept.
     pub(super) fn end(&mut self, error: LinkError, unsure: bool) {
-        if self.ended.is_none() {
-            self.ended = Some(Ended { error, unsure });
-        }
+        self.ended.get_or_insert(Ended { error, unsure });
     }
 
     /// Ends the exchange because the connection has failed.
@@ -146,29 +140,29 @@ impl Exchange {
                 self.reports.push_back((Frame::from_bytes(*frame), self.renumbered(meta)));
             }
             Message::Written { request, at, now } => {
-                self.answer(message, request, Answer::Written(at))?;
+                self.answer(message, request, Ok(Answer::Written(at)))?;
                 self.now = now;
             }
             Message::Got { request, now, meta, frame } => {
                 self.got = Frame::from_bytes(*frame);
                 let meta = self.renumbered(meta);
-                self.answer(message, request, Answer::Got(meta))?;
+                self.answer(message, request, Ok(Answer::Got(meta)))?;
                 self.now = now;
             }
             Message::Passed { request, now } => {
-                self.answer(message, request, Answer::Passed(now))?;
+                self.answer(message, request, Ok(Answer::Passed(now)))?;
                 self.now = now;
             }
             Message::Counted { request, counts } => {
                 self.counts = counts;
-                self.answer(message, request, Answer::Counted(counts))?;
+                self.answer(message, request, Ok(Answer::Counted(counts)))?;
             }
             Message::Failed { request, now, failure } => {
                 let under_way = self.request.as_ref().ok_or(WireError::OutOfTurn { kind: message.kind() })?;
                 let error = failure.error(&self.name, under_way.dir, under_way.wait);
                 // The Bye with the same reason will follow.
                 let lost = matches!(error, LinkError::Lost { .. }).then(|| error.clone());
-                self.answer(message, request, Answer::Failed(error))?;
+                self.answer(message, request, Err(error))?;
                 self.now = now;
                 if let Some(lost) = lost {
                     self.end(lost, false);
@@ -188,7 +182,12 @@ impl Exchange {
         Ok(())
     }
 
-    fn answer(&mut self, message: &Message<'_>, number: u64, answer: Answer) -> Result<(), WireError> {
+    fn answer(
+        &mut self,
+        message: &Message<'_>,
+        number: u64,
+        answer: Result<Answer, LinkError>,
+    ) -> Result<(), WireError> {
         match &mut self.request {
             Some(request) if request.number == number && request.answer.is_none() => {
                 request.answer = Some(answer);
@@ -210,12 +209,12 @@ pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     let mut exchange = Exchange::new("tcp:".to_owned(), 0, 4, None);
     let mut reports = 0;
     exchange.begin(Dir::Write, Wait::Forever);
-    feed(bytes, |inbox| {
+    let done = feed(bytes, |inbox| {
         reports += exchange.take_all(inbox);
-        exchange.ended.is_none()
+        exchange.check()
     });
     assert!(exchange.reports.len() <= exchange.queue_max && reports as u64 >= exchange.dropped);
-    (reports, exchange.ended.map(|ended| ended.error))
+    (reports, done.err())
 }
 
 /// How many messages these bytes contain, not counting an incomplete one at the end.
@@ -233,29 +232,20 @@ pub fn messages(bytes: &[u8]) -> Result<usize, WireError> {
 /// # Errors
 /// The first invalid message.
 pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> Result<(), WireError> {
-    let mut wrong = None;
     feed(bytes, |inbox| {
-        loop {
-            match inbox.next() {
-                Ok(Some(message)) => take(&message),
-                Ok(None) => return true,
-                Err(error) => {
-                    wrong = Some(error);
-                    return false;
-                }
-            }
+        while let Some(message) = inbox.next()? {
+            take(&message);
         }
-    });
-    wrong.map_or(Ok(()), Err)
+        Ok(())
+    })
 }
 
-/// Puts bytes into an inbox in portions that fit, until `take` returns false.
-fn feed(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> bool) {
+/// Puts bytes into an inbox in portions that fit, until `take` fails.
+fn feed<E>(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> Result<(), E>) -> Result<(), E> {
     let mut inbox = Inbox::default();
     while !bytes.is_empty() {
         bytes = inbox.fill(bytes);
-        if !take(&mut inbox) {
-            return;
-        }
+        take(&mut inbox)?;
     }
+    Ok(())
 }

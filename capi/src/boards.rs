@@ -220,7 +220,7 @@ pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
 fn link_code(error: &LinkError) -> EcmskResult {
     match error {
         LinkError::Uri(_)
-        | LinkError::Makers(_)
+        | LinkError::ManufacturerObjects(_)
         | LinkError::Script(_)
         | LinkError::Config(_)
         | LinkError::WrongSlot { .. } => ECMSK_ERROR_ARGUMENT,

@@ -129,7 +129,7 @@ mod tests {
     /// SK-4.78 A FIFO that is full for a while is one line when it begins, with what to do, and one with the count when
     /// nothing was lost for a second. What was lost before the link was opened is not this program's.
     #[test]
-    fn a_full_fifo_begins_and_ends() {
+    fn a_full_fifo_is_logged_when_it_begins_and_when_it_ends() {
         let mut log = Log::of(&Counters { full: 1000, ..Counters::default() });
         for n in 0..400 {
             log.look(&Counters { full: 1000 + n, ..Counters::default() }, n * MS);
@@ -154,7 +154,7 @@ mod tests {
     /// SK-4.78 Every counter that means that a command was not executed has its lines; a link that is closed while it goes
     /// on tells the count. What a program has cleared itself is told at a lower level.
     #[test]
-    fn every_counter_has_its_lines() {
+    fn every_counter_of_unexecuted_commands_is_logged_when_it_begins_and_ends() {
         let lost = Counters {
             ignored_homing: 1,
             discarded_before_enabled: 2,

@@ -1,5 +1,6 @@
 //! The schemes and keys of a link's URI. The parser, the defaults and [`help`] are all made from one table,
-//! `keys/table.rs`: a new key is a new row there.
+//! `keys/table.rs`. A new key is a row there and a field of the options that use it: `options.rs` has those of every link
+//! and of `sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
 
 mod table;
 
@@ -258,7 +259,7 @@ pub fn help() -> String {
     }
     let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
     let _ = write!(text, "\n{}", super::travel::help());
-    let _ = write!(text, "\n{}", slaves::makers_help());
+    let _ = write!(text, "\n{}", slaves::manufacturer_objects_help());
     #[cfg(feature = "sim")]
     let _ = write!(text, "\n{}", super::script::help());
     text

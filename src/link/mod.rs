@@ -8,11 +8,13 @@
 //!
 //! - `mod.rs`: [`Link`], [`LinkError`], [`open`]
 //! - `uri.rs`, `keys.rs`, `keys/table.rs`: the URI `scheme:path?key=value`; the table of all keys with their defaults
-//! - `options.rs`, `slaves.rs`, `travel.rs`, `fraction.rs`: the values of the keys as Rust types
+//! - `options.rs`, `slaves.rs`, `travel.rs`, `fraction.rs`: the values of the keys as Rust types; those that only `usb:`,
+//!   `spi:`, `tcp:` or `fault.*` has are in an `options.rs` of that folder
 //! - `config.rs`: which link is opened when a program names none (`ECMSK_LINK`, `ecmsk.toml`)
 //! - `sim.rs`, `engine.rs`, `boards.rs`: `sim:`, the link to a board in this process, and the boards that outlive their
 //!   links
-//! - `makers.rs`, `script.rs`: manufacturer-specific objects of simulated slaves, and scripts of events (`script=`)
+//! - `manufacturer_objects.rs`, `script.rs`: manufacturer-specific objects of simulated slaves, and scripts of events
+//!   (`script=`)
 //! - `rejections.rs`, `episodes.rs`: what the log says of commands that a simulated board did not execute
 //! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
 //!   board
@@ -31,7 +33,7 @@ mod fraction;
 pub mod keys;
 mod layer;
 #[cfg(feature = "sim")]
-pub mod makers;
+pub mod manufacturer_objects;
 mod network;
 pub mod options;
 pub mod record;
@@ -177,7 +179,7 @@ pub enum LinkError {
     /// The file with a simulated slave's manufacturer-specific objects is invalid.
     #[cfg(feature = "sim")]
     #[error(transparent)]
-    Makers(#[from] makers::MakersError),
+    ManufacturerObjects(#[from] manufacturer_objects::ManufacturerObjectsError),
     /// The script is invalid.
     #[cfg(feature = "sim")]
     #[error(transparent)]
@@ -288,6 +290,7 @@ impl LinkError {
     }
 }
 
+/// The level of the jumper CONFIG2 that selects a slot size.
 const fn config2(size: SlotSize) -> &'static str {
     match size {
         SlotSize::Bytes12 => "low",
@@ -448,7 +451,7 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
 /// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
 ///
 /// # Errors
-/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::Makers`], [`LinkError::NoBoard`].
+/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::ManufacturerObjects`], [`LinkError::NoBoard`].
 #[cfg(feature = "sim")]
 pub fn model(uri: &uri::LinkUri) -> Result<crate::engine::Board, LinkError> {
     sim::model(uri)

@@ -48,7 +48,7 @@ mod tests {
 
     /// TCP-27 The words are those of `--slaves`.
     #[test]
-    fn words_of_networks() {
+    fn a_known_network_has_the_syntax_of_the_slaves_option() {
         let of_sim = |name| KnownNetwork::of_sim(name).slaves;
         assert_eq!(of_sim("sim:?slaves=drive*2,drive:start@5,io,hsp2,step&clock=virtual"), "drive*3,io,hsp2,step");
         assert_eq!((of_sim("usb:"), of_sim("puppet:")), (String::new(), String::new()));

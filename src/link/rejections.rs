@@ -130,7 +130,7 @@ mod tests {
 
     /// SK-4.39 Of many rejections of a kind the first five of a second are told, then how many more there were.
     #[test]
-    fn many_of_a_kind_are_summed_up() {
+    fn after_five_rejections_of_a_kind_in_a_second_further_ones_are_summed_up() {
         let mut log = RejectionLog::new(&counted(&[(Reason::WrongMode, 7)]));
         let mut said = Vec::new();
         // One a millisecond, and one of another kind in the middle.
@@ -156,7 +156,7 @@ mod tests {
 
     /// SK-4.39 A second later the first ones are told again; what nobody was told by then is told at the end.
     #[test]
-    fn every_second_begins_anew() {
+    fn five_rejections_of_a_kind_are_logged_in_each_second() {
         let mut log = RejectionLog::new(&counted(&[]));
         let mut said = Vec::new();
         for n in 0..20 {
@@ -175,7 +175,7 @@ mod tests {
     /// SK-4.79 An SDO that a slave has aborted is told with its object and what to do, the first five of a second; when it
     /// has ended the count of all is told. SK-4.78 Of frames that came in part the first is told with its bytes.
     #[test]
-    fn aborts_and_incomplete_frames_are_told_with_what_they_were() {
+    fn aborted_sdos_and_incomplete_frames_are_logged_with_their_details() {
         let object = crate::coe::ObjectAddress::new(0x2101, 0);
         let mut log = RejectionLog::new(&Counters::default());
         let mut said = Vec::new();

@@ -1,8 +1,8 @@
-//! Scripts: a text file of what happens to a simulated board when, named by `script=`.
+//! Scripts (`script=`): text files that make events happen to a simulated board and its slaves at given times.
 //!
-//! One line, one event: `at TIME VERB ..`, and for what lasts ` for TIME` behind it. Times are the board's, counted from
-//! the moment the link was opened; without `at` it is that moment. `#` begins a comment. The lines may stand in any
-//! order; of two at the same time the upper one is first.
+//! A line is one event, `at TIME VERB ..`; an event that lasts may end by itself, `at TIME VERB .. for TIME`. Times are
+//! the board's time since the link was opened; a line without `at` applies from then on. `#` begins a comment. Lines may
+//! stand in any order; of two lines with the same time the upper one comes first.
 //!
 //! ```text
 //! refuse 2 safeop for 4s       # slave 2 does not enter SafeOP in the first four seconds
@@ -10,10 +10,9 @@
 //! at 3s   cut 2 for 1s         # the cable is cut before slave 2, and whole again at 4 s
 //! ```
 //!
-//! `ecmsk link help` lists every verb. What a line does is what [`Cable`] and [`BoardHandle`] do for a test in Rust:
-//! the file is read when the link is opened, and nothing moves if it is wrong. Each line is carried out at the beginning
-//! of the first cycle at or after its time, on a virtual clock and on the real one alike, and logged with the board's
-//! time.
+//! `ecmsk link help` lists every verb. The lines call [`Cable`] and [`BoardHandle`], as a test in Rust does. The file is
+//! read when the link is opened; if it is invalid, the link does not open. Each line is carried out at the beginning of
+//! the first cycle at or after its time, on the virtual clock and on the real one, and logged with the board's time.
 //!
 //! ```
 //! use std::time::Duration;
@@ -37,9 +36,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! \[OURS] Every opening of a link starts its script over, on a network that is whole: what the script did before is
-//! taken back. An end (`for`, `end`) takes back whatever of its kind holds at that time. While a script has lines to come
-//! no silence is for ever: a read on a virtual clock waits for them.
+//! \[OURS] Whenever the link is opened, its script starts again, after everything that it did before has been undone. The
+//! end of an event (`for`, `end`) ends every event of that kind that is in force for the slave, whichever line began it.
+//! A read on a virtual clock does not fail with [`LinkError::Silent`](super::LinkError::Silent) as long as lines are left,
+//! since one of them may end the silence.
+//!
+//! Files: `verbs.rs` is the table of all verbs, `reader.rs` and `words.rs` read their operands, `run.rs` carries the
+//! lines out.
 
 mod reader;
 mod run;
@@ -56,84 +59,84 @@ use crate::fieldbus::Ns;
 use crate::fieldbus::cable::Cable;
 use crate::files::read_small;
 
-pub use run::Run;
-pub(super) use run::take_back;
+pub use run::RunningScript;
+pub(super) use run::undo_all;
 pub(super) use verbs::help;
 
-/// The longest file that is read \[OURS].
-const LONGEST_BYTES: u64 = 1 << 20;
+/// The largest file that is read, in bytes \[OURS].
+const FILE_BYTES_MAX: u64 = 1 << 20;
 
-/// Why a script is none.
+/// Why a script is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ScriptError {
     /// The file cannot be read.
     #[error("cannot read the script {file}: {message}; name another file with script= or leave it out")]
     Unreadable { file: String, message: String },
-    /// A line that says nothing that could happen.
+    /// A line does not follow the syntax, or names something that this network does not have.
     #[error("{file}, line {line}, column {column}: {message}; {WHERE_TO_LOOK}")]
     Line {
         file: String,
         line: u32,
-        /// The character in it, from 1.
+        /// The position in the line, in characters from 1.
         column: usize,
         /// What is wrong and what is allowed.
         message: String,
     },
 }
 
-/// What happens when.
+/// A script that was read and checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Script {
-    /// In the order of their times.
+    /// The steps in the order of their times.
     steps: Vec<run::Step>,
 }
 
 impl Script {
-    /// Reads the file at `path` for a network of these slaves.
+    /// Reads the script in the file `path` for a network of these slaves.
     ///
     /// # Errors
     /// [`ScriptError`].
     pub fn load(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let file = path.display().to_string();
         let unreadable = |message: String| ScriptError::Unreadable { file: file.clone(), message };
-        let read = read_small(path, LONGEST_BYTES).map_err(|error| unreadable(error.to_string()))?;
+        let read = read_small(path, FILE_BYTES_MAX).map_err(|error| unreadable(error.to_string()))?;
         let text = String::from_utf8(read.bytes);
         let text = text.map_err(|_| unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()))?;
         Self::parse(&file, &text, slaves)
     }
 
-    /// Reads a text for a network of these slaves; `file` is what messages call it.
+    /// Reads the text of a script for a network of these slaves; `file` is its name in error messages.
     ///
     /// # Errors
     /// [`ScriptError::Line`].
     pub fn parse(file: &str, text: &str, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let mut steps = Vec::new();
-        // Editors on Windows put a byte order mark in front.
+        // Editors on Windows begin a file with a byte order mark.
         let text = text.strip_prefix('\u{FEFF}').unwrap_or(text);
         for (line, text) in (1..).zip(text.lines()) {
-            verbs::line(line, text, slaves, &mut steps).map_err(|(column, message)| {
+            verbs::parse_line(line, text, slaves, &mut steps).map_err(|(column, message)| {
                 let (file, message) = (file.to_owned(), visible(&message));
                 ScriptError::Line { file, line, column, message }
             })?;
         }
-        // Stable: what stands first happens first.
+        // The sort is stable, so lines with the same time stay in the order of the file.
         steps.sort_by_key(|step| step.at);
         Ok(Self { steps })
     }
 
-    /// How many things happen, ends included.
+    /// How many steps the script has; a line with `for` has two.
     pub fn len(&self) -> usize {
         self.steps.len()
     }
 
-    /// Whether nothing happens.
+    /// Whether the script has no steps.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
 
-    /// Starts it on a board and its network: its times count from `now`, in board time.
-    pub fn start(self, network: Cable, board: BoardHandle, now: Ns) -> Run {
-        Run::new(self.steps, network, board, now)
+    /// Starts the script on a board and its network. Its times count from `now`, the board's time.
+    pub fn start(self, network: Cable, board: BoardHandle, now: Ns) -> RunningScript {
+        RunningScript::new(self.steps, network, board, now)
     }
 }

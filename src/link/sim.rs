@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::boards::{self, Key};
 use super::engine::{EngineLink, Keeper, RunOptions};
-use super::makers;
+use super::manufacturer_objects;
 use super::options::{Clock, CommonOptions, SimOptions};
 use super::script::{self, Script};
 use super::travel::{PositionRange, TravelSpec};
@@ -24,7 +24,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     let options = SimOptions::from_uri(uri)?;
     // Errors in these files are found before any board is claimed or moved.
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
-    let makers = makers::of_slaves(&options.slaves)?;
+    let objects = manufacturer_objects::of_slaves(&options.slaves)?;
     let name = uri.to_string();
     let key = match (&options.name, share) {
         (Some(name), _) => Some(Key::Name(name.clone())),
@@ -36,12 +36,12 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         None => None,
     };
     let (mut board, network) = match found {
-        None => switch_on(&options, makers),
+        None => switch_on(&options, objects),
         Some(parked) => {
             let (mut board, network, since) = *parked;
             if script.is_some() {
                 board.set_script(None);
-                script::take_back(&network, &board.handle());
+                script::undo_all(&network, &board.handle());
             }
             (catch_up(board, since.elapsed(), &options), network)
         }
@@ -65,7 +65,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
 pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
-    let (mut board, network) = switch_on(&options, makers::of_slaves(&options.slaves)?);
+    let (mut board, network) = switch_on(&options, manufacturer_objects::of_slaves(&options.slaves)?);
     start(script, &mut board, &network);
     if board.engine().talks() {
         return Ok(board);
@@ -81,7 +81,7 @@ fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
     }
 }
 
-fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board, SimHandle) {
+fn switch_on(options: &SimOptions, manufacturer_objects: Vec<Option<MakersObjects>>) -> (Board, SimHandle) {
     let config = EngineConfig {
         slot: options.slot,
         firmware: options.firmware,
@@ -90,10 +90,10 @@ fn switch_on(options: &SimOptions, makers: Vec<Option<MakersObjects>>) -> (Board
         test: options.test,
         ..EngineConfig::default()
     };
-    let slaves = options.slaves.iter().zip(makers).map(|(spec, makers)| {
+    let slaves = options.slaves.iter().zip(manufacturer_objects).map(|(spec, objects)| {
         let mut slave = spec.model.build(&spec.travel);
-        if let Some(makers) = makers {
-            slave.give_makers_objects(makers);
+        if let Some(objects) = objects {
+            slave.give_makers_objects(objects);
         }
         slave
     });

@@ -1,5 +1,6 @@
-//! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network. Behind a kind may stand what
-//! is along the way of its axes, see [`travel`](super::travel), and the objects of its maker, see [`MakersSpec`].
+//! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network. Behind a kind may stand the
+//! switches and stops along the travel of its axes, see [`travel`](super::travel), and its manufacturer-specific objects,
+//! see [`ManufacturerObjectsSpec`].
 
 use std::fmt;
 use std::sync::Arc;
@@ -12,26 +13,26 @@ use crate::sk::{SlaveKind, SlotSize};
 #[cfg(feature = "sim")]
 use crate::slave::{Channels, DriveConfig, Io, Slave};
 
-/// A model of a slave that this build has.
+/// A kind of simulated slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlaveModel {
     /// A CiA 402 servo drive.
     Drive,
-    /// A CiA 402 stepper: CSP alone.
+    /// A CiA 402 stepper drive, which has no mode but CSP.
     Step,
-    /// A pulse module of one channel.
+    /// A pulse module (HSP) with one channel.
     Hsp,
-    /// A pulse module of two channels.
+    /// A pulse module (HSP) with two channels.
     Hsp2,
-    /// 16 digital outputs and 16 digital inputs, output k wired to input k.
+    /// An IO slave with 16 digital outputs and 16 digital inputs; output k is wired to input k.
     Io,
 }
 
 impl SlaveModel {
-    /// Every model of this build.
+    /// Every model.
     pub const ALL: [Self; 5] = [Self::Drive, Self::Io, Self::Step, Self::Hsp, Self::Hsp2];
 
-    /// Its name in a link.
+    /// The name of the model in a link.
     pub const fn name(self) -> &'static str {
         self.row().name
     }
@@ -41,33 +42,33 @@ impl SlaveModel {
         self.row().with_article
     }
 
-    /// What SET_AXIS calls it.
+    /// The kind of slave by which SET_AXIS declares it.
     pub const fn kind(self) -> SlaveKind {
         self.row().kind
     }
 
-    /// Axes it has: 0..=2.
+    /// The number of axes: 0..=2.
     pub const fn axes(self) -> usize {
         self.row().axes
     }
 
-    /// Axes with a motor of their own, which can be jammed: 0..=1.
+    /// The number of axes with a simulated motor, which a script can jam: 0..=1.
     pub const fn motors(self) -> usize {
         self.row().motors
     }
 
-    /// Channels with 16 digital inputs and outputs: 0..=2.
+    /// The number of channels with 16 digital inputs and outputs: 0..=2.
     pub const fn channels(self) -> usize {
         self.row().channels
     }
 
-    /// One with what a link says of its axes, just switched on.
+    /// A slave of this model that was just switched on, with the travel that a link gives for its axes.
     #[cfg(feature = "sim")]
     pub(super) fn build(self, travel: &TravelSpec) -> Box<dyn Slave> {
         (self.row().build)(travel)
     }
 
-    /// All that is said of a model, one row each.
+    /// The row of the model: everything in which the models differ.
     const fn row(self) -> Row {
         match self {
             Self::Drive => Row {
@@ -124,7 +125,7 @@ impl SlaveModel {
     }
 }
 
-/// What follows from a model: keys of a link, words of scripts, what a host declares it as.
+/// The properties of a model. A new model is a variant of [`SlaveModel`] with its row.
 struct Row {
     name: &'static str,
     with_article: &'static str,
@@ -136,26 +137,26 @@ struct Row {
     build: fn(&TravelSpec) -> Box<dyn Slave>,
 }
 
-/// Kinds whose names are known, but which are in no build yet: Xinje DP3CL.
-const LATER: [&str; 1] = ["dp3cl"];
+/// Kinds that are not implemented yet, but get an error of their own: Xinje DP3CL.
+const NOT_IMPLEMENTED: [&str; 1] = ["dp3cl"];
 
 /// The value for a network without slaves.
 const NONE: &str = "none";
 
-/// Slaves that a board can have at most: those of 12-byte slots.
-const MAX: usize = SlotSize::Bytes12.max_slaves();
+/// The largest number of slaves of a board, which is that with 12-byte slots.
+const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
 
-/// What a link says of the objects of a slave's maker.
+/// The manufacturer-specific objects of a simulated slave, as a link gives them.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum MakersSpec {
-    /// The slave stores whatever it is told, in 0x2000..=0x9FFF.
+pub enum ManufacturerObjectsSpec {
+    /// The slave accepts every object in 0x2000..=0x9FFF and stores its value.
     Any,
-    /// It has those of this file.
+    /// The slave has the objects in this file.
     File(Arc<str>),
 }
 
-/// As it stands behind `objects@`.
-impl fmt::Display for MakersSpec {
+/// Writes the value as it stands behind `objects@` in a link.
+impl fmt::Display for ManufacturerObjectsSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Any => ANY,
@@ -167,21 +168,21 @@ impl fmt::Display for MakersSpec {
 /// One simulated slave.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct SlaveSpec {
-    /// What it is.
+    /// The kind of slave.
     pub model: SlaveModel,
-    /// What is along the way of its axes; nothing is said of a model without axes.
+    /// The switches and stops along the travel of its axes; the default for a model without axes.
     pub travel: TravelSpec,
-    /// The objects of its maker; `None`: it has its own alone.
-    pub makers: Option<MakersSpec>,
+    /// Its manufacturer-specific objects; `None`: it has none.
+    pub manufacturer_objects: Option<ManufacturerObjectsSpec>,
 }
 
-/// The word of the part that names the objects of the maker.
+/// The word in front of `@` that introduces manufacturer-specific objects.
 const OBJECTS: &str = "objects";
-/// The word for [`MakersSpec::Any`].
+/// The value for [`ManufacturerObjectsSpec::Any`].
 const ANY: &str = "any";
 
-/// What stands behind a kind for the objects of its maker, for the help.
-pub(super) fn makers_help() -> String {
+/// The section on manufacturer-specific objects of `ecmsk link help`.
+pub(super) fn manufacturer_objects_help() -> String {
     "Behind any kind may stand the objects of its maker, which programs write before they go on, e.g. drive:objects@sv2.objects*2:\n  \
      :objects@FILE\n      the objects of that file (a path without `,` `*` and `:`), one a line: INDEX:SUB TYPE ACCESS VALUE \
      NAME;\n      `ecmsk objects from-esi` and `from-drive` make one\n  \
@@ -189,20 +190,20 @@ pub(super) fn makers_help() -> String {
         .to_owned()
 }
 
-/// What a list looks like.
+/// The syntax of the list, for messages.
 pub(super) fn form() -> String {
     format!(
         "a comma list of kinds, each with *N if there are N in a row and with its travel (:limits@N..P and so on, see below) \
-         if it is not the usual one: {}; {NONE} for no slave; at most {MAX} slaves, {} with slot=16",
+         if it is not the usual one: {}; {NONE} for no slave; at most {SLAVES_MAX} slaves, {} with slot=16",
         kinds(),
         SlotSize::Bytes16.max_slaves()
     )
 }
 
-/// The slaves of a list, one entry for each.
+/// Parses a list; the result has one entry for each slave.
 ///
 /// # Errors
-/// Why it is none and what is allowed.
+/// Why the list is invalid and what is allowed.
 pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     let mut slaves = Vec::new();
     if list == NONE {
@@ -224,7 +225,7 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             None => (kind, None),
         };
         let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
-            let (state, near) = if LATER.contains(&kind) {
+            let (state, near) = if NOT_IMPLEMENTED.contains(&kind) {
                 ("not in this build yet", String::new())
             } else {
                 ("unknown", suggestion(kind, SlaveModel::ALL.map(SlaveModel::name)))
@@ -232,32 +233,33 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             format!("kind `{kind}` is {state};{near} allowed: {}", kinds())
         })?;
         let in_item = |why| format!("in `{item}`, {why}");
-        let (travel, makers) = parts.map_or(Ok((None, None)), makers_of).map_err(in_item)?;
+        let (travel, manufacturer_objects) = parts.map_or(Ok((None, None)), split_parts).map_err(in_item)?;
         let travel = match travel {
             Some(travel) => travel_of(model, &travel).map_err(in_item)?,
             None => TravelSpec::default(),
         };
-        slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel, makers }, count));
-        if slaves.len() > MAX {
+        slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel, manufacturer_objects }, count));
+        if slaves.len() > SLAVES_MAX {
             return Err(too_many(SlotSize::Bytes12));
         }
     }
     Ok(slaves)
 }
 
-/// A list in its normal form: neighbours of one kind are counted.
+/// The list in its normal form: equal neighbours are written once with their number.
 pub(super) fn normal(slaves: &[SlaveSpec]) -> String {
     if slaves.is_empty() {
         return NONE.to_owned();
     }
-    // What says nothing more than the default does is not written, so it must not keep neighbours apart.
-    let makers =
-        |slave: &SlaveSpec| slave.makers.as_ref().map(|makers| format!(":{OBJECTS}@{makers}")).unwrap_or_default();
-    let name = |slave: &SlaveSpec| format!("{}{}{}", slave.model.name(), slave.travel, makers(slave));
+    // Slaves are compared in their normal form, which leaves out defaults.
+    let name = |slave: &SlaveSpec| {
+        let objects = slave.manufacturer_objects.as_ref().map(|spec| format!(":{OBJECTS}@{spec}")).unwrap_or_default();
+        format!("{}{}{objects}", slave.model.name(), slave.travel)
+    };
     list(slaves.iter().map(name))
 }
 
-/// The words as a list in which neighbours that are equal are counted: `drive*2,io`.
+/// The words as a list in which equal neighbours are counted: `drive*2,io`.
 pub(super) fn list(words: impl Iterator<Item = String>) -> String {
     let words: Vec<String> = words.collect();
     let runs = words.chunk_by(|a, b| a == b).map(|run| match run.len() {
@@ -267,35 +269,35 @@ pub(super) fn list(words: impl Iterator<Item = String>) -> String {
     runs.collect::<Vec<_>>().join(",")
 }
 
-/// Why a list is too long for a board of that slot size.
+/// Why a list has too many slaves for a board with that slot size.
 pub(super) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
 }
 
-/// Parts the objects of the maker from the parts of the travel.
-fn makers_of(parts: &str) -> Result<(Option<String>, Option<MakersSpec>), String> {
+/// Splits the parts behind a kind into those of the travel and the manufacturer-specific objects.
+fn split_parts(parts: &str) -> Result<(Option<String>, Option<ManufacturerObjectsSpec>), String> {
     let mut travel: Vec<String> = Vec::new();
-    let mut makers = None;
+    let mut manufacturer_objects = None;
     let mut parts = parts.split(':').peekable();
     while let Some(part) = parts.next() {
         let Some(value) = part.strip_prefix(OBJECTS).and_then(|rest| rest.strip_prefix('@')) else {
             travel.push(part.to_owned());
             continue;
         };
-        // A drive of Windows: `C:` and then the path.
+        // A path on Windows contains a colon behind its drive letter: `C:\...`.
         let is_letter = value.len() == 1 && value.bytes().all(|byte| byte.is_ascii_alphabetic());
         let path = parts.next_if(|next| is_letter && next.starts_with(['/', '\\']));
         let value = path.map_or_else(|| value.to_owned(), |path| format!("{value}:{path}"));
         let spec = match value.as_str() {
             "" => return Err(format!("`{part}` names no file; allowed: {OBJECTS}@FILE, {OBJECTS}@{ANY}")),
-            ANY => MakersSpec::Any,
-            file => MakersSpec::File(file.into()),
+            ANY => ManufacturerObjectsSpec::Any,
+            file => ManufacturerObjectsSpec::File(file.into()),
         };
-        if makers.replace(spec).is_some() {
+        if manufacturer_objects.replace(spec).is_some() {
             return Err(format!("`{OBJECTS}` is given twice; allowed: once"));
         }
     }
-    Ok(((!travel.is_empty()).then(|| travel.join(":")), makers))
+    Ok(((!travel.is_empty()).then(|| travel.join(":")), manufacturer_objects))
 }
 
 fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
@@ -311,8 +313,8 @@ fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
 
 fn parse_count(item: &str, count: &str) -> Result<usize, String> {
     let digits = count.bytes().all(|b| b.is_ascii_digit());
-    let number = count.parse().ok().filter(|n| digits && (1..=MAX).contains(n));
-    number.ok_or_else(|| format!("in `{item}`, allowed: a whole number from 1 to {MAX} after the *"))
+    let number = count.parse().ok().filter(|n| digits && (1..=SLAVES_MAX).contains(n));
+    number.ok_or_else(|| format!("in `{item}`, allowed: a whole number from 1 to {SLAVES_MAX} after the *"))
 }
 
 fn kinds() -> String {

@@ -1,13 +1,15 @@
-//! Whether the reports of a board have slots of the size that the link was told (`slot=`): the wire does not show CONFIG2.
+//! Checks whether the reports of a board have slots of the size that the link was given (`slot=`). The board does not tell
+//! which size its jumper CONFIG2 selects, so the content of the reports has to show it.
 
 use crate::sk::{Frame, SlotForm, SlotSize};
 
-/// Reports in a row that are enough by their CRC: each is wrong by chance once in 65,000 times. \[OURS]
-const BY_CRC: u32 = 3;
-/// Reports in a row that are enough by what stands in them, where the board fills no CRC. \[OURS]
-const BY_STRUCTURE: u32 = 32;
+/// How many reports in a row prove a slot size by their CRC. \[OURS] A single report fits the wrong size by chance once in
+/// 65,000 times.
+const REPORTS_WITH_CRC_MIN: u32 = 3;
+/// How many reports in a row prove a slot size by the form of their slots, if the board sends no CRC. \[OURS]
+const REPORTS_WITHOUT_CRC_MIN: u32 = 32;
 
-/// What is known so far.
+/// What the reports so far show of the board's slot size.
 #[derive(Debug)]
 pub(super) struct SlotWatch {
     given: SlotSize,
@@ -16,12 +18,16 @@ pub(super) struct SlotWatch {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Reports in a row for the size given, and for the other one; by CRC and by structure.
+    /// The size is not proven yet.
     Open {
+        /// Reports in a row that fit the given size.
         given: u32,
+        /// Reports in a row that fit the other size: by their CRC, and by the form of their slots.
         other: [u32; 2],
     },
+    /// The given size is proven.
     Right,
+    /// The other size is proven.
     Wrong,
 }
 
@@ -35,16 +41,16 @@ impl SlotWatch {
         self.given
     }
 
-    /// Looks at a report; the size that the board's reports have, once it is sure to be another one than given.
+    /// Evaluates a report. Returns the board's slot size once it is proven to differ from the given one.
     pub fn look(&mut self, report: &Frame) -> Option<SlotSize> {
         if let State::Open { given, other } = &mut self.state {
-            let wanted = if report.crc_byte() == 0 { BY_STRUCTURE } else { BY_CRC };
+            let wanted = if report.crc_byte() == 0 { REPORTS_WITHOUT_CRC_MIN } else { REPORTS_WITH_CRC_MIN };
             let row = &mut other[usize::from(report.crc_byte() == 0)];
-            match verdict(report) {
+            match fitting_size(report) {
                 Some(size) if size == self.given => {
                     (*given, *other) = (*given + 1, [0; 2]);
-                    // Without a CRC a report that fits is no proof.
-                    if *given >= BY_CRC && report.crc_byte() != 0 {
+                    // The form of the slots alone does not prove the given size: a report may fit it by chance.
+                    if *given >= REPORTS_WITH_CRC_MIN && report.crc_byte() != 0 {
                         self.state = State::Right;
                     }
                 }
@@ -60,14 +66,14 @@ impl SlotWatch {
         self.found()
     }
 
-    /// The size that the board's reports have, once it is sure to be another one than given.
+    /// The board's slot size, once it is proven to differ from the given one.
     pub fn found(&self) -> Option<SlotSize> {
         (self.state == State::Wrong).then(|| self.given.other())
     }
 }
 
-/// The one size that the report fits; `None`: both or neither.
-fn verdict(report: &Frame) -> Option<SlotSize> {
+/// The only size that the report fits; `None` if it fits both or neither.
+fn fitting_size(report: &Frame) -> Option<SlotSize> {
     if report.crc_byte() == 0 { report.size_by_slots(SlotForm::Report) } else { report.size_by_crc() }
 }
 
@@ -96,8 +102,8 @@ mod tests {
         frame
     }
 
-    /// The report at which the watch is sure, counted from 1, and what it says.
-    fn sure_at(given: SlotSize, mut report: impl FnMut(u32) -> Frame) -> Option<(u32, SlotSize)> {
+    /// The number of the report, counted from 1, with which the other slot size is proven, and that size.
+    fn proven_at(given: SlotSize, mut report: impl FnMut(u32) -> Frame) -> Option<(u32, SlotSize)> {
         let mut watch = SlotWatch::new(given);
         (1..1000).find_map(|number| Some((number, watch.look(&report(number))?)))
     }
@@ -106,22 +112,22 @@ mod tests {
     #[test]
     fn another_slot_size_is_known_by_the_crc() {
         for (given, of_board) in SIZES {
-            let (number, found) = sure_at(given, |number| with_crc(of_board, number)).unwrap();
+            let (number, found) = proven_at(given, |number| with_crc(of_board, number)).unwrap();
             // A right CRC may be 0, which says nothing.
             assert!((3..=5).contains(&number) && found == of_board, "{number}: {found:?}");
-            assert_eq!(sure_at(of_board, |number| with_crc(of_board, number)), None);
+            assert_eq!(proven_at(of_board, |number| with_crc(of_board, number)), None);
         }
     }
 
-    /// WIRE-81 Without a CRC it is told by what stands where.
+    /// WIRE-81 Without a CRC the form of the slots tells after 32 reports.
     #[test]
     fn another_slot_size_is_known_by_structure() {
         for (given, of_board) in SIZES {
-            let found = sure_at(given, |number| report(of_board, number << 8));
-            assert_eq!(found, Some((BY_STRUCTURE, of_board)));
-            assert_eq!(sure_at(of_board, |number| report(of_board, number << 8)), None);
+            let found = proven_at(given, |number| report(of_board, number << 8));
+            assert_eq!(found, Some((REPORTS_WITHOUT_CRC_MIN, of_board)));
+            assert_eq!(proven_at(of_board, |number| report(of_board, number << 8)), None);
         }
-        assert_eq!(sure_at(SlotSize::Bytes12, |_| Frame::new()), None, "before anything is set up nothing shows");
+        assert_eq!(proven_at(SlotSize::Bytes12, |_| Frame::new()), None, "before anything is set up nothing shows");
     }
 
     /// WIRE-81 A report that was damaged on its way is no reason to refuse the board.
@@ -133,15 +139,15 @@ mod tests {
             frame.bytes_mut()[20 + number as usize % 400] ^= 0x10;
             frame
         };
-        assert_eq!(sure_at(given, damaged), None);
+        assert_eq!(proven_at(given, damaged), None);
         // Two of another size, then one that is right, over and over: a row is what counts.
         let mixed = |number: u32| with_crc(if number.is_multiple_of(3) { given } else { SlotSize::Bytes16 }, 1);
-        assert_eq!(sure_at(given, mixed), None);
+        assert_eq!(proven_at(given, mixed), None);
     }
 
-    /// WIRE-81 Once it is sure it says so for every report.
+    /// WIRE-81 Once another slot size is proven, it is reported again for every report.
     #[test]
-    fn it_stays_wrong() {
+    fn a_proven_slot_size_stays() {
         let mut watch = SlotWatch::new(SlotSize::Bytes12);
         let wide = with_crc(SlotSize::Bytes16, 1);
         assert_ne!(wide.crc_byte(), 0);

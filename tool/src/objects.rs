@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 use ecmsk::ecm::EcmError;
-use ecmsk::link::makers;
+use ecmsk::link::manufacturer_objects;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::slave::{MakersObject, MakersObjects};
 use serde_json::json;
@@ -71,7 +71,7 @@ const USUAL: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
 pub enum ObjectsError {
     /// The ESI file cannot be read.
     #[error(transparent)]
-    File(#[from] makers::MakersError),
+    File(#[from] manufacturer_objects::ManufacturerObjectsError),
     /// It says nothing.
     #[error("{}: {error}", .file.display())]
     Esi {
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 }
 
 fn from_esi(file: &Path, device: Option<&str>) -> Result<(), ObjectsError> {
-    let text = makers::read_text(file, ESI_BYTES_MAX)?;
+    let text = manufacturer_objects::read_text(file, ESI_BYTES_MAX)?;
     let mut out = io::stdout().lock();
     out.write_all(converted(&text, file, device)?.as_bytes())?;
     Ok(out.flush()?)

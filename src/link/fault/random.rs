@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn never_always_and_half() {
+    fn a_fault_happens_as_often_as_its_rate_says() {
         for number in [0, 1, u64::MAX / 2, u64::MAX] {
             assert!(!hits(number, Fraction::ZERO));
             assert!(hits(number, Fraction::ONE));
@@ -70,8 +70,8 @@ mod tests {
 
     /// The frames of the first thousand that are dropped.
     fn dropped(seed: u64, dir: Dir, rates: FaultRates) -> Vec<usize> {
-        let mut dice = FaultSequence::new(seed, dir, rates, 4032);
-        (0..1000).filter(|_| dice.next_frame().drop).collect()
+        let mut sequence = FaultSequence::new(seed, dir, rates, 4032);
+        (0..1000).filter(|_| sequence.next_frame().drop).collect()
     }
 
     #[test]
@@ -85,12 +85,12 @@ mod tests {
     }
 
     #[test]
-    fn every_bit_of_a_frame_is_met() {
-        let mut dice = FaultSequence::new(1, Dir::Read, rates(0, 1_000_000_000), 16);
-        let mut met = [false; 16];
+    fn any_bit_of_a_frame_can_be_corrupted() {
+        let mut sequence = FaultSequence::new(1, Dir::Read, rates(0, 1_000_000_000), 16);
+        let mut corrupted = [false; 16];
         for _ in 0..1000 {
-            met[dice.next_frame().corrupt.expect("always")] = true;
+            corrupted[sequence.next_frame().corrupt.expect("always")] = true;
         }
-        assert_eq!(met, [true; 16]);
+        assert_eq!(corrupted, [true; 16]);
     }
 }

@@ -6,8 +6,8 @@ use super::{Fraction, Key, Scheme, Syntax};
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
-/// Links to a board that exists already, so its slot size can only be checked.
-const FOUND: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
+/// Links to a board whose slot size is set by its jumper or known to its server: the key `slot` can only be checked.
+const USB_AND_TCP: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
 /// The slowest rate of a board's clock: a cycle of 250 us then takes a quarter of a second. \[OURS]
 const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
 const SIM: &[Scheme] = &[Scheme::Sim];
@@ -52,7 +52,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "slot",
-        schemes: FOUND,
+        schemes: USB_AND_TCP,
         syntax: SLOT,
         default: None,
         example: "16",

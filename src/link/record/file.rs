@@ -1,13 +1,14 @@
-//! The file of a recording.
+//! The file of a recording, or a pipe to a program that shows it live.
 //!
-//! A program that opens its board again, as it must after SW_RESET or when a cable was pulled, does not lose what was
-//! recorded before \[OURS]: the first recording of a process begins the file, later ones to the same file append a
-//! section to it, which pcapng allows, and their times go on where those before have ended. A recording that was there
-//! before is kept beside it as `FILE.1`, one of them \[OURS]: a program whose link records, and that is started every
-//! morning, starts, and what it did yesterday is not gone. Two recordings into one file at a time are refused, and so is a
-//! file that holds something else: a slip of the keyboard costs nobody a drawing or a program \[OURS].
+//! A program has to open its board again after SW_RESET or when a cable was pulled. So the first recording of a process
+//! makes the file, and later ones to the same file append a section to it, which pcapng allows; their times continue
+//! those of the section before. \[OURS]
 //!
-//! A pipe takes a recording too, for a program that looks at it live. Nobody waits for one that does not read.
+//! If the file holds a recording of an earlier process, that is renamed to `FILE.1`, which replaces an older `FILE.1`.
+//! \[OURS] A program that records at every start can then be started again and again, and its previous run is kept.
+//!
+//! Refused are two recordings to one file at the same time, and a file that is not a recording of ecmsk: a mistyped name
+//! must not destroy a user's file. \[OURS]
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -22,33 +23,35 @@ use crate::link::Stamp;
 use crate::recording::RecordMeta;
 use crate::recording::meta::APPLICATION;
 
-/// How far this process has come with a file.
+/// The state of the recordings of this process in one file.
 #[derive(Clone, Debug)]
 struct Progress {
+    /// [`RecordMeta::base_ns`] of the latest recording.
     base_ns: u64,
+    /// The URI of its link.
     link: String,
-    /// Time of the last frame in the file, and when that recording ended; `None`: it has not.
+    /// The time of its last frame, and when it ended; `None` while it is in progress.
     last: Option<(u64, Instant)>,
 }
 
-/// Files that this process has recorded to; `None`: one that is just being begun.
+/// The files to which this process has recorded; `None` for a file that is being made.
 static RECORDED: Mutex<BTreeMap<PathBuf, Option<Progress>>> = Mutex::new(BTreeMap::new());
 
 fn recorded() -> MutexGuard<'static, BTreeMap<PathBuf, Option<Progress>>> {
     RECORDED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Opens the file of a recording, for this recording alone.
-pub(super) fn open(path: &Path) -> io::Result<WholeWrites> {
-    let mut file = open_alone(path)?;
+/// Opens the file of a recording, and locks it against other recordings.
+pub(super) fn open(path: &Path) -> io::Result<RecordingFile> {
+    let mut file = open_locked(path)?;
     // A pipe or a device has no length.
     if !file.metadata()?.is_file() {
-        return Ok(WholeWrites { file, good: None, path: None, syncing: None });
+        return Ok(RecordingFile { file, length: None, path: None, syncing: None });
     }
     let key = std::path::absolute(path)?;
     let is_first = !recorded().contains_key(&key);
     if is_first {
-        // Another thread that comes to it meanwhile finds it locked.
+        // Another thread that opens the same file meanwhile finds it locked.
         recorded().insert(key.clone(), None);
         match begin(path, file) {
             Ok(begun) => file = begun,
@@ -58,12 +61,13 @@ pub(super) fn open(path: &Path) -> io::Result<WholeWrites> {
             }
         }
     }
-    let good = Some(file.seek(SeekFrom::End(0))?);
+    let length = Some(file.seek(SeekFrom::End(0))?);
     let syncing = Syncing::begin(&file);
-    Ok(WholeWrites { file, good, path: Some(key), syncing })
+    Ok(RecordingFile { file, length, path: Some(key), syncing })
 }
 
-fn open_alone(path: &Path) -> io::Result<File> {
+/// Opens a file for writing, and locks it against other recordings.
+fn open_locked(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
     #[cfg(windows)]
@@ -73,7 +77,7 @@ fn open_alone(path: &Path) -> io::Result<File> {
         options.share_mode(FILE_SHARE_READ);
     }
     let file = open_at_once(&mut options, path)?;
-    // Windows' locks would keep readers out too; there the share mode keeps other writers out.
+    // On Windows a lock would also exclude readers; the share mode excludes other writers there.
     #[cfg(not(windows))]
     if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
         return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another recording is being written to it"));
@@ -81,54 +85,54 @@ fn open_alone(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// The process's first recording to a file: one that is there goes out of its way.
+/// Makes the file for the first recording of this process, and keeps an existing recording as `FILE.1`.
 fn begin(path: &Path, file: File) -> io::Result<File> {
     if file.metadata()?.len() == 0 {
         return Ok(file);
     }
-    may_go(path)?;
-    // What a link of the file system points to is the recording.
-    let there = fs::canonicalize(path)?;
-    let kept = before(&there);
+    check_replaceable(path)?;
+    // If `path` is a symbolic link, its target is renamed.
+    let target = fs::canonicalize(path)?;
+    let kept = kept_path(&target);
     if kept.exists() {
-        may_go(&kept)?;
+        check_replaceable(&kept)?;
     }
-    // Windows moves no file that is open.
+    // Windows does not rename a file that is open.
     drop(file);
-    fs::rename(&there, &kept)?;
-    log::info!("{} was a recording already: it is {} now", there.display(), kept.display());
-    open_alone(&there)
+    fs::rename(&target, &kept)?;
+    log::info!("{} was a recording already: it is {} now", target.display(), kept.display());
+    open_locked(&target)
 }
 
-/// Where a recording is kept that was in the place of a new one.
-fn before(path: &Path) -> PathBuf {
+/// The name under which an existing recording is kept: `FILE.1`.
+fn kept_path(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".1");
     name.into()
 }
 
-/// Makes sure that a recording may begin at `path`: that nothing is there, or nothing but an empty file, or a place without
-/// a length, as a pipe. With `overwrite` a recording may be there; it is removed.
+/// Makes sure that a new recording can be made at `path`: nothing, an empty file, or a pipe or device must be there. With
+/// `overwrite` it may also be a recording, which is then removed.
 ///
-/// A link's own `record=` asks for less: it keeps what is there beside the new one.
+/// The key `record=` does not need this: it keeps an existing recording as `FILE.1`.
 ///
 /// # Errors
-/// [`io::ErrorKind::AlreadyExists`] if a file is there that stays; else the system's.
+/// [`io::ErrorKind::AlreadyExists`] if there is a file that must not be removed; errors of the operating system.
 pub fn make_room(path: &Path, overwrite: bool) -> io::Result<()> {
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(error),
-        Ok(there) if !there.is_file() || there.len() == 0 => return Ok(()),
+        Ok(metadata) if !metadata.is_file() || metadata.len() == 0 => return Ok(()),
         Ok(_) if !overwrite => return Err(io::Error::new(io::ErrorKind::AlreadyExists, "the file is there already")),
         Ok(_) => {}
     }
-    may_go(path)?;
-    // Whoever records to it has it.
-    drop(open_alone(path)?);
+    check_replaceable(path)?;
+    // Fails if another recording is being written to it.
+    drop(open_locked(path)?);
     fs::remove_file(fs::canonicalize(path)?)
 }
 
-/// Opening a pipe that nobody reads would wait for somebody who does.
+/// Opens a file without waiting; opening a pipe that nobody reads would wait for a reader.
 #[cfg(unix)]
 fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
@@ -141,7 +145,7 @@ fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
         }
         _ => error,
     })?;
-    // A write waits again: it is a thread of its own that writes.
+    // Writes may wait, because only the recorder's thread writes.
     fcntl_setfl(&file, fcntl_getfl(&file)? - OFlags::NONBLOCK)?;
     Ok(file)
 }
@@ -151,12 +155,13 @@ fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     options.open(path)
 }
 
+/// Fails unless the file is empty or a recording of ecmsk, whose section header names the application.
+///
 /// # Errors
-/// [`io::ErrorKind::AlreadyExists`] if a file is neither empty nor a recording of ours: then its section header names the
-/// application.
-fn may_go(path: &Path) -> io::Result<()> {
+/// [`io::ErrorKind::AlreadyExists`], and errors of the operating system.
+fn check_replaceable(path: &Path) -> io::Result<()> {
     let mut start = Vec::new();
-    File::open(path)?.take(LONGEST_SECTION_HEADER).read_to_end(&mut start)?;
+    File::open(path)?.take(SECTION_HEADER_BYTES_MAX).read_to_end(&mut start)?;
     let is_ours = match start.first_chunk::<8>() {
         Some([0x0A, 0x0D, 0x0D, 0x0A, length @ ..]) => {
             let header = &start[..start.len().min(u32::from_le_bytes(*length) as usize)];
@@ -172,31 +177,31 @@ fn may_go(path: &Path) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::AlreadyExists, what))
 }
 
-/// No section header of ours is longer, whatever its link.
-const LONGEST_SECTION_HEADER: u64 = 1 << 20;
+/// The longest section header of a recording of ecmsk, in bytes; it contains the URI of the link.
+const SECTION_HEADER_BYTES_MAX: u64 = 1 << 20;
 
-/// A file that holds every write whole or not at all: what a full disk has cut is taken back.
-pub(super) struct WholeWrites {
+/// The file of a recording. A write is made completely or not at all: what a full disk has taken of it is removed again.
+pub(super) struct RecordingFile {
     file: File,
-    /// Length after the last write that went well; `None` for what has no length.
-    good: Option<u64>,
-    /// Of a file on a disk.
+    /// The length after the last write that succeeded; `None` for a pipe or device, which has no length.
+    length: Option<u64>,
+    /// The absolute path; `None` for a pipe or device.
     path: Option<PathBuf>,
-    /// Asks the system to bring it to the disk.
+    /// Has the system write it to the disk; `None` for a pipe or device, and if the system provides no thread.
     syncing: Option<Syncing>,
 }
 
-impl WholeWrites {
-    /// Whether it is a file on a disk, which takes what it is given sooner or later. A pipe need not.
+impl RecordingFile {
+    /// Whether it is a file on a disk, which accepts writes sooner or later, and not a pipe, whose reader may never read.
     pub(super) const fn is_on_disk(&self) -> bool {
-        self.good.is_some()
+        self.length.is_some()
     }
 
-    /// `meta` of a recording that begins when the link's clock shows `link_time`: its times go on where those of the
-    /// recording before in the same file have ended. \[OURS]
+    /// The metadata of a recording that begins when the link's clock shows `link_time`. Its times continue those of the
+    /// previous recording in the same file. \[OURS]
     ///
-    /// The board's clock may have gone on meanwhile, slower than that of the wall (`rate=`, `catch_up_ms=`): then it says
-    /// how much time has passed. Where it began anew, time has passed as on the wall.
+    /// If the link's clock has continued, perhaps more slowly than real time (`rate=`, `catch_up_ms=`), it tells how much
+    /// time has passed since. If it has started again, the real time since then counts.
     pub(super) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
         let mut meta = meta.clone();
         let Some(path) = &self.path else { return meta };
@@ -214,21 +219,21 @@ impl WholeWrites {
         meta
     }
 
-    /// Writes bytes in the place of the last `back` ones. Those were frames, and these begin with frames: what a full disk
-    /// does not take is lost at the end.
+    /// Writes bytes in place of the last `back` ones. Both are frames, all of the same length: a full disk refuses only what
+    /// would lie behind the present end of the file, so the file still ends with a whole frame then.
     fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
-        let Some(good) = &mut self.good else { return self.file.write_all(bytes) };
+        let Some(length) = &mut self.length else { return self.file.write_all(bytes) };
         if let Some(syncing) = &self.syncing {
             syncing.check()?;
         }
         if back > 0 {
-            self.file.seek(SeekFrom::Start(*good - back))?;
+            self.file.seek(SeekFrom::Start(*length - back))?;
         }
         match self.file.write_all(bytes) {
-            Ok(()) => *good = *good - back + bytes.len() as u64,
+            Ok(()) => *length = *length - back + bytes.len() as u64,
             Err(error) => {
-                // If this fails too, the error of the write is the one to tell.
-                let _ = self.file.set_len(*good).and_then(|()| self.file.seek(SeekFrom::Start(*good)));
+                // If this fails as well, the error of the write is the one that is reported.
+                let _ = self.file.set_len(*length).and_then(|()| self.file.seek(SeekFrom::Start(*length)));
                 return Err(error);
             }
         }
@@ -238,47 +243,49 @@ impl WholeWrites {
         Ok(())
     }
 
-    fn take_back(&mut self, bytes: u64) -> io::Result<()> {
-        let good = self.good.as_mut().and_then(|good| Some((good.checked_sub(bytes)?, good)));
-        let Some((left, good)) = good else { return Err(io::ErrorKind::Unsupported.into()) };
+    /// Removes the last `bytes` bytes.
+    fn truncate_by(&mut self, bytes: u64) -> io::Result<()> {
+        let length = self.length.as_mut().and_then(|length| Some((length.checked_sub(bytes)?, length)));
+        let Some((left, length)) = length else { return Err(io::ErrorKind::Unsupported.into()) };
         self.file.set_len(left)?;
-        *good = left;
+        *length = left;
         self.file.seek(SeekFrom::Start(left)).map(drop)
     }
 
+    /// Notes that the recording has ended; `last_ns` is the time of its last frame.
     fn ended(&self, last_ns: u64) {
         if let Some(path) = &self.path
             && let Some(Some(progress)) = recorded().get_mut(path)
         {
-            // Nothing was recorded: the recording ends where it would have begun.
+            // A recording without frames ends at the time at which it began.
             progress.last = Some((last_ns.max(progress.base_ns), Instant::now()));
         }
     }
 }
 
-impl Drop for WholeWrites {
+impl Drop for RecordingFile {
     fn drop(&mut self) {
-        // Closing does it too, but not while a process that was just forked has a copy of the file.
+        // Closing the file unlocks it as well, but not while a forked process has a copy of the file descriptor.
         #[cfg(not(windows))]
         let _ = self.file.unlock();
     }
 }
 
-/// Where a recording goes.
+/// Where a recording is written to.
 pub(super) enum Sink {
-    /// A file, or a pipe.
-    File(WholeWrites),
-    /// Anything that takes bytes.
+    /// A file, pipe or device.
+    File(RecordingFile),
+    /// Any other writer.
     Other(Box<dyn Write + Send>),
 }
 
 impl Sink {
-    /// Whether what was written can be written anew.
-    pub(super) const fn can_go_back(&self) -> bool {
+    /// Whether bytes that were written can be replaced.
+    pub(super) const fn can_rewrite(&self) -> bool {
         matches!(self, Self::File(file) if file.is_on_disk())
     }
 
-    /// Writes bytes in the place of the last `back` ones, 0 where it cannot go back.
+    /// Writes bytes in place of the last `back` ones, which must be 0 if bytes cannot be replaced.
     pub(super) fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         match self {
             Self::File(file) => file.put(back, bytes),
@@ -286,15 +293,15 @@ impl Sink {
         }
     }
 
-    /// Takes the last bytes away.
-    pub(super) fn take_back(&mut self, bytes: u64) -> io::Result<()> {
+    /// Removes the last `bytes` bytes.
+    pub(super) fn truncate_by(&mut self, bytes: u64) -> io::Result<()> {
         match self {
-            Self::File(file) => file.take_back(bytes),
+            Self::File(file) => file.truncate_by(bytes),
             Self::Other(_) => Err(io::ErrorKind::Unsupported.into()),
         }
     }
 
-    /// The recording ends, its last frame having passed then.
+    /// Notes that the recording has ended; `last_ns` is the time of its last frame.
     pub(super) fn ended(&self, last_ns: u64) {
         if let Self::File(file) = self {
             file.ended(last_ns);

@@ -1,8 +1,18 @@
-//! The link key `record=`: a [`Link`] around a link that writes every frame to a pcapng file. [`crate::recording`] reads it.
+//! The link key `record=`: a [`Link`] around a link that writes every frame to a pcapng file. [`crate::recording`] reads
+//! such files.
 //!
-//! A recording opens in Wireshark and looks like a capture of the board's USB traffic by Linux' usbmon. What the host
-//! writes is the submission of a transfer to endpoint 0x02, what it reads the completion of one from 0x81. Times are
-//! nanoseconds of the link's clock, moved to the calendar where that clock is real ([`RecordMeta::base_ns`]).
+//! A recording opens in Wireshark and has the form of a capture of the board's USB traffic by Linux' usbmon, whatever the
+//! link: a command frame is the submission of a transfer to endpoint 0x02, a report the completion of one from 0x81.
+//! Times are nanoseconds of the link's clock; if that is the real clock, they are counted from 1970
+//! ([`RecordMeta::base_ns`]).
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
+//! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
+//! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and what happens when the disk is full
+//! - `sync.rs`: when the operating system writes the file to the disk
+//! - `tell.rs`: messages to the user of the program
 
 mod file;
 mod sync;
@@ -26,45 +36,53 @@ use crate::threads;
 use file::Sink;
 use writer::{Capture, Entry};
 
-/// Frames that may wait for a slow disk, in memory that is taken at the start: both directions of a 250 us cycle for a
-/// second. \[OURS]
+/// How many frames may wait for a slow disk on the real clock: both directions of a 250 us cycle for a second. The memory is
+/// allocated when the link is opened. \[OURS]
 pub const QUEUE: usize = 8192;
 
-/// The same on a virtual clock, where a caller may wait: a program that crashes loses no more than these \[OURS].
+/// How many frames may wait for the disk on a virtual clock, where the caller waits for room. If the program crashes, at
+/// most these are missing from the recording. \[OURS]
 pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
 
-/// How often the system is asked to bring what was recorded to the disk. \[OURS] It has it from the moment on that the
-/// recorder writes it: a program that is killed loses nothing of that, a machine without power no more than this.
+/// How often the operating system is asked to write the recorded frames to the disk. \[OURS] If the program is killed,
+/// nothing is lost of what the recorder has handed to the system; if the machine loses its power, at most this much.
 pub const SYNC_EVERY: Duration = Duration::from_secs(1);
 
-/// How long a pipe's reader may take nothing before it is given up. \[OURS]
-const PIPE_PATIENCE: Duration = Duration::from_secs(2);
+/// How long the reader of a pipe may read nothing before the recorder no longer waits for it. \[OURS]
+const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
 
-/// A link that records.
+/// A link that records all frames of another link.
 ///
-/// A frame is in the recording once the call that moved it has succeeded. On the real clock the caller never waits for
-/// the disk: a frame for which there is no room is counted in [`LinkStats::record_dropped`]. On a virtual clock it
-/// waits, as no time passes meanwhile, and nothing is lost. When the disk is full the recording ends, whole, and all
-/// further frames are counted. So they are when the reader of a pipe takes nothing for 2 s. Whoever runs the program is
-/// told of it on standard error, once when it begins and once at the end, and so is the reader of the file ([`Lacks`](crate::recording::Lacks)).
+/// A frame is recorded when the call that has written or read it has succeeded. On the real clock the caller never waits
+/// for the disk: a frame for which the queue has no room is missing from the file and counted in
+/// [`LinkStats::record_dropped`]. On a virtual clock the caller waits, since the board's time stands still meanwhile, and
+/// no frame is missing. When the disk is full, or the reader of a pipe reads nothing for 2 s, all further frames are
+/// only counted; the file stays a complete recording of those before. Frames that are missing are reported on standard
+/// error, when the first one is lost and at the end, and in the file itself ([`Lacks`](crate::recording::Lacks)).
 ///
-/// The file is complete when [`Link::close`] has returned or the link is dropped; before, it lags by what the disk has
-/// not taken yet. What the system has of it goes to the disk every [`SYNC_EVERY`].
+/// The file is complete when [`Link::close`] has returned or the link is dropped; before that, the newest frames may not
+/// be in it yet. The system is asked every [`SYNC_EVERY`] to write it to the disk.
 pub struct RecordLink {
     inner: Arc<dyn Link>,
+    /// What is added to the link's time stamps to get those of the file.
     base_ns: u64,
+    /// Whether a call waits for room in the queue: on a virtual clock.
     may_wait: bool,
-    patience: Option<Duration>,
+    /// How long a call or the end of the recording waits for the reader of a pipe; `None` for a file.
+    stall_max: Option<Duration>,
+    /// Whether the reader of the pipe has read nothing for so long that calls do not wait for it any more.
     given_up: AtomicBool,
+    /// Frames that are missing from the recording.
     dropped: Arc<AtomicU64>,
-    /// Taken away by [`Link::close`]. A call takes a clone before it begins: the recording ends when the last is gone.
+    /// The queue to the recorder's thread, `None` after [`Link::close`]. A call takes a clone of it before it begins; the
+    /// recording ends when the last clone is dropped.
     entries: RwLock<Option<SyncSender<Entry>>>,
     writer: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl RecordLink {
-    /// Records `inner` to the file at `path`. The process's first recording to a file begins it, and a recording that is
-    /// there is kept as `FILE.1`; later ones append.
+    /// Records `inner` to the file at `path`. The first recording of this process to that file makes a new file and keeps
+    /// an existing recording as `FILE.1`; later ones of this process are appended.
     ///
     /// # Errors
     /// [`LinkError::Io`] naming the file if it cannot be written or another recording is writing to it.
@@ -75,15 +93,15 @@ impl RecordLink {
             Clock::Real => QUEUE,
             Clock::Virtual => QUEUE_IN_VIRTUAL_TIME,
         };
-        let patience = (!file.is_on_disk()).then_some(PIPE_PATIENCE);
+        let stall_max = (!file.is_on_disk()).then_some(PIPE_STALL_MAX);
         let meta = file.continued(meta, inner.info().opened_at);
-        Self::begin(inner, &name, Sink::File(file), &meta, queue, patience)
+        Self::begin(inner, &name, Sink::File(file), &meta, queue, stall_max)
     }
 
-    /// Records `inner` to anything that takes bytes; up to `queue` frames wait for it. `name` is for messages.
+    /// Records `inner` to any writer; up to `queue` frames wait for it. `name` is the name of the writer in messages.
     ///
     /// # Errors
-    /// [`LinkError::Io`] if the headers cannot be written or there can be no more threads.
+    /// [`LinkError::Io`] if the headers cannot be written or the system provides no thread.
     pub fn to_sink(
         inner: Arc<dyn Link>,
         name: &str,
@@ -100,7 +118,7 @@ impl RecordLink {
         sink: Sink,
         meta: &RecordMeta,
         queue: usize,
-        patience: Option<Duration>,
+        stall_max: Option<Duration>,
     ) -> Result<Self, LinkError> {
         let failed = |error: io::Error| cannot_record(name, &error);
         let dropped = Arc::new(AtomicU64::new(0));
@@ -111,7 +129,7 @@ impl RecordLink {
             inner,
             base_ns: meta.base_ns,
             may_wait: meta.clock == Clock::Virtual,
-            patience,
+            stall_max,
             given_up: AtomicBool::new(false),
             dropped,
             entries: RwLock::new(Some(sender)),
@@ -135,9 +153,10 @@ impl RecordLink {
         }
     }
 
-    /// Waits for room, but not without end for somebody who may never read.
+    /// Waits for room in the queue, but not forever for the reader of a pipe, who may never read. Returns whether the frame
+    /// was taken.
     fn hand_over(&self, entries: &SyncSender<Entry>, mut entry: Entry) -> bool {
-        let Some(patience) = self.patience else { return entries.send(entry).is_ok() };
+        let Some(stall_max) = self.stall_max else { return entries.send(entry).is_ok() };
         let began = Instant::now();
         loop {
             match entries.try_send(entry) {
@@ -145,7 +164,7 @@ impl RecordLink {
                 Err(TrySendError::Disconnected(_)) => return false,
                 Err(TrySendError::Full(back)) => entry = back,
             }
-            if self.given_up.load(Ordering::Relaxed) || began.elapsed() > patience {
+            if self.given_up.load(Ordering::Relaxed) || began.elapsed() > stall_max {
                 self.given_up.store(true, Ordering::Relaxed);
                 return false;
             }
@@ -153,30 +172,30 @@ impl RecordLink {
         }
     }
 
-    /// Ends the recording once no call can add to it any more.
+    /// Waits for the calls that are in progress, then ends the recording.
     fn finish(&self) {
         drop(self.entries.write().unwrap_or_else(PoisonError::into_inner).take());
-        // A second closer waits here until the first one's file is complete.
+        // A second thread that closes the link waits here until the file is complete.
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(thread) = writer.take() else { return };
-        let Some(patience) = self.patience else {
-            // That it panicked cannot be told to anybody here.
+        let Some(stall_max) = self.stall_max else {
+            // If the thread has panicked, nobody can be told here.
             let _ = thread.join();
             return;
         };
-        if !threads::end_within(thread, patience) {
-            log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {patience:?}");
+        if !threads::end_within(thread, stall_max) {
+            log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {stall_max:?}");
         }
     }
 }
 
 impl RecordMeta {
-    /// For a link that is just being opened and whose clock shows `link_time`.
+    /// The data for a link that is being opened and whose clock shows `link_time`.
     pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
         let (clock, base_ns) = if info.virtual_time {
             (Clock::Virtual, 0)
         } else {
-            // A clock before 1970 is one that was never set.
+            // A machine whose clock was never set may be before 1970.
             let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };
@@ -204,7 +223,7 @@ impl Layer for RecordLink {
     }
 
     fn close(&self) {
-        // First, so that the calls under way end: the recording waits for them.
+        // This ends the calls in progress, for which the recording waits.
         self.inner.close();
         self.finish();
     }
@@ -223,7 +242,7 @@ impl Layer for RecordLink {
 
 impl Drop for RecordLink {
     fn drop(&mut self) {
-        // What stops axes comes before what has to be written to a disk.
+        // Stopping the axes is more urgent than writing to the disk.
         if Arc::strong_count(&self.inner) == 1 {
             self.inner.vanish();
         }

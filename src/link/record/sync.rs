@@ -1,4 +1,5 @@
-//! Brings a recording to the disk while it grows: a machine that loses its power loses no more than a few moments of it.
+//! Has the operating system write a recording to the disk while it grows, so that little of it is lost if the machine
+//! loses its power.
 
 use std::fs::File;
 use std::io;
@@ -11,33 +12,36 @@ use std::time::Duration;
 use super::SYNC_EVERY;
 use crate::threads;
 
-/// How long the end of a recording waits for a disk that is asked to take it. \[OURS]
-const PATIENCE: Duration = Duration::from_secs(2);
+/// How long the end of a recording waits until the disk has taken what was written. \[OURS]
+const END_WAIT_MAX: Duration = Duration::from_secs(2);
 
-/// A thread of its own asks the system for it: a disk may take seconds, and frames wait for nothing but their write.
+/// A thread that syncs the file in intervals of [`SYNC_EVERY`]. The recorder's thread does not do it itself, because a
+/// disk may take seconds and frames would have to wait.
 pub(super) struct Syncing {
     shared: Arc<Shared>,
-    /// Nothing is sent; the thread ends when it is gone.
-    going: Option<Sender<()>>,
+    /// Nothing is sent on this channel; the thread ends when the sender is dropped.
+    running: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
 struct Shared {
+    /// Whether something was written since the last sync.
     written: AtomicBool,
-    /// What the disk said, if it did not take what the system had taken.
+    /// The error of a sync that failed.
     failed: Mutex<Option<io::Error>>,
 }
 
 impl Syncing {
-    /// `None` where the system gives no more files or threads: then it brings the file to the disk when it likes.
+    /// Starts the thread. `None` if the system provides no further file or thread; the system then writes the file to the
+    /// disk when it chooses to.
     pub(super) fn begin(file: &File) -> Option<Self> {
         let file = file.try_clone().ok()?;
         let shared = Arc::new(Shared::default());
-        let (going, gone) = channel::<()>();
+        let (running, stopped) = channel::<()>();
         let seen = Arc::clone(&shared);
         let work = move || {
-            while gone.recv_timeout(SYNC_EVERY) == Err(RecvTimeoutError::Timeout) {
+            while stopped.recv_timeout(SYNC_EVERY) == Err(RecvTimeoutError::Timeout) {
                 if seen.written.swap(false, Ordering::Relaxed)
                     && let Err(error) = file.sync_data()
                 {
@@ -47,29 +51,31 @@ impl Syncing {
             }
         };
         let thread = threads::spawn("ecmsk-sync", work).ok()?;
-        Some(Self { shared, going: Some(going), thread: Some(thread) })
+        Some(Self { shared, running: Some(running), thread: Some(thread) })
     }
 
-    /// There is something new in the file.
+    /// Notes that something was written to the file.
     pub(super) fn written(&self) {
         self.shared.written.store(true, Ordering::Relaxed);
     }
 
+    /// Fails if an earlier sync has failed.
+    ///
     /// # Errors
-    /// What the disk said of what was written before.
+    /// The error of that sync.
     pub(super) fn check(&self) -> io::Result<()> {
         self.shared.failed.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
     }
 }
 
-/// The thread has the file and this library's code until it has ended.
+/// Waits for the thread, which uses the file and the code of this library until it has ended.
 impl Drop for Syncing {
     fn drop(&mut self) {
-        drop(self.going.take());
+        drop(self.running.take());
         if let Some(thread) = self.thread.take()
-            && !threads::end_within(thread, PATIENCE)
+            && !threads::end_within(thread, END_WAIT_MAX)
         {
-            log::warn!("the disk has not taken the end of the recording for {PATIENCE:?}");
+            log::warn!("the disk has not taken the end of the recording for {END_WAIT_MAX:?}");
         }
     }
 }

@@ -1,25 +1,26 @@
-//! What a recorder says to whoever runs the program: a recording that is not what it should be is no matter of a log level.
+//! Messages of a recorder to the user of the program. They are shown at any log level, because frames that are missing
+//! from a recording make it useless without the user knowing.
 
 use std::io::{self, Write};
 use std::time::Duration;
 
 use crate::threads;
 
-/// How long a message may keep the recorder: somebody who does not read standard error holds nothing up. \[OURS]
-const PATIENCE: Duration = Duration::from_millis(200);
+/// How long the recorder waits until a message is written. Standard error may be a pipe that nobody reads. \[OURS]
+const WRITE_WAIT_MAX: Duration = Duration::from_millis(200);
 
-/// Says a line on standard error, or in the program's log where that shows warnings.
+/// Writes a line to the program's log if that shows warnings, and otherwise to standard error.
 pub(super) fn tell(line: String) {
-    // A thread of its own: a write to a pipe that nobody reads never ends.
+    // The thread that writes may wait forever for a reader of the pipe.
     let told = threads::spawn("ecmsk-tell", move || {
         if log::log_enabled!(log::Level::Warn) {
             log::warn!("{line}");
         } else {
-            // In one piece: others write there too.
+            // A single write, so that output of other threads does not end up within the line.
             let _ = io::stderr().write_all(format!("ecmsk: {line}\n").as_bytes());
         }
     });
     if let Ok(told) = told {
-        threads::end_within(told, PATIENCE);
+        threads::end_within(told, WRITE_WAIT_MAX);
     }
 }

@@ -1,4 +1,4 @@
-//! The thread that puts frames on disk, as pcapng.
+//! The recorder's thread: writes frames to the file as pcapng blocks.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -22,44 +22,46 @@ use crate::recording::formats::usbmon;
 use crate::recording::{Clock, RecordMeta};
 use crate::sk::{FRAME_LEN, Frame};
 
-/// Bytes that go to the disk in one write. \[OURS]
-const BATCH: usize = 64 * 1024;
+/// The largest number of bytes in one write. \[OURS]
+const BATCH_BYTES: usize = 64 * 1024;
 
 const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
-/// Bytes of a frame's block: type, length, interface, time in two halves, two lengths of the packet, and the length again.
+/// The bytes of the block of a frame: type, length, interface, time in two halves, two lengths of the packet, and the
+/// length again.
 const BLOCK_LEN: usize = PACKET_LEN + 32;
-/// Frames of a batch.
-const BATCH_FRAMES: usize = BATCH / BLOCK_LEN;
-/// Frames in the file that are put behind one that comes late: on the real clock a thread that reads may be late by a report
-/// queue, each report with a command. \[OURS]
-const SORTED: usize = 128;
-/// What a section's end may need, so that there is room for it from the beginning. \[OURS]
-const END_ROOM: usize = 512;
+/// The largest number of frames in one write.
+const BATCH_FRAMES: usize = BATCH_BYTES / BLOCK_LEN;
+/// How many frames at the end of the file may be moved behind one that comes late. On the real clock the thread that reads
+/// may be late by all reports of its queue, with a command for each. \[OURS]
+const SORTED_FRAMES: usize = 128;
+/// How many bytes the end of a section needs at most. A recording only begins if the disk has room for them. \[OURS]
+const SECTION_END_BYTES_MAX: usize = 512;
 /// `if_tsresol`: times are in units of 10^-9 s.
 const NANOSECONDS: u8 = 9;
 
-/// Why frames are missing where nothing has failed.
+/// Why frames are missing if no write has failed.
 const TOO_SLOW: &str = "the disk was too slow";
 
 /// A frame on its way to the file.
 pub(super) struct Entry {
-    /// Time in the file, nanoseconds.
+    /// The time stamp in the file, in nanoseconds.
     pub at_ns: u64,
     pub dir: Dir,
     pub frame: Frame,
 }
 
 impl Entry {
-    /// The order of time. A command of the same moment had not reached the board when a report was made.
+    /// The sort key of the time order. Of a report and a command with the same time the report comes first, since the command
+    /// had not reached the board when the report was made.
     const fn key(&self) -> (u64, bool) {
         (self.at_ns, matches!(self.dir, Dir::Write))
     }
 }
 
-/// Takes frames until every sender is gone, then ends the file.
+/// Writes the frames from the queue until all senders are dropped, then writes the end of the recording.
 ///
-/// What has come goes to the disk at once, in one write: a program may crash at any moment, and its last frames are the
-/// interesting ones.
+/// Frames that have arrived are written at once, in one write: a program may crash at any moment, and its last frames
+/// show why.
 pub(super) fn run(entries: &Receiver<Entry>, mut capture: Capture) {
     while let Ok(entry) = entries.recv() {
         capture.push(entry);
@@ -72,34 +74,36 @@ pub(super) fn run(entries: &Receiver<Entry>, mut capture: Capture) {
     capture.end();
 }
 
-/// A section of a pcapng file that grows.
+/// The section of a pcapng file that is being written.
 ///
-/// On the real clock frames stand in it in the order of their times, however late the thread of the program that moved one
-/// has got on: a frame that comes late is put in its place, and those behind it are written again. Nothing is held back
-/// for that. A pipe has them in the order in which they came, and on a virtual clock that is the order of the calls.
+/// In a file on the real clock frames are in the order of their times, although a thread of the program may hand one over
+/// late: such a frame is inserted at its place, and the frames behind it are written again. A pipe gets the frames in the
+/// order in which they arrive, and so does a file on a virtual clock, where this is the order of the calls.
 pub(super) struct Capture {
-    /// For messages.
+    /// The name of the file in messages.
     name: String,
     sink: Sink,
+    /// Whether frames are sorted by their times.
     sorts: bool,
-    /// Blocks on their way to the disk.
+    /// Blocks that are being written.
     blocks: PcapNgWriter<Vec<u8>>,
-    /// Frames that wait for the disk.
+    /// Frames that have not been written yet.
     waiting: Vec<Entry>,
-    /// The newest frames in the file, if it is sorted.
+    /// The newest frames in the file, if frames are sorted.
     recent: VecDeque<Entry>,
     frames_written: u64,
+    /// The latest time of a frame.
     last_ns: u64,
-    /// Frames that are not in the file, counted by the host's threads too.
+    /// Frames that are missing from the file; the threads of the program count here as well.
     dropped: Arc<AtomicU64>,
-    /// Somebody was told that frames are lost.
+    /// Whether the user was told that frames are missing.
     told: bool,
-    /// The disk is full or gone, and why: nothing more is written, all is counted.
+    /// The error of the write that has failed. After it nothing is written and every frame is counted as missing.
     failed: Option<String>,
 }
 
 impl Capture {
-    /// Writes the headers. A file that has room for them and not for an end is full already.
+    /// Writes the headers of the section. Fails if the disk has no room for them and for the end of the section.
     pub fn begin(name: String, sink: Sink, meta: &RecordMeta, dropped: Arc<AtomicU64>) -> io::Result<Self> {
         let section = SectionHeaderBlock {
             endianness: Endianness::Little,
@@ -110,25 +114,25 @@ impl Capture {
             ],
             ..SectionHeaderBlock::default()
         };
-        let room = BATCH + (SORTED + 2) * BLOCK_LEN;
+        let room = BATCH_BYTES + (SORTED_FRAMES + 2) * BLOCK_LEN;
         let mut blocks = PcapNgWriter::with_section_header(Vec::with_capacity(room), section).map_err(io_error)?;
         let interface = InterfaceDescriptionBlock {
             linktype: DataLink::USB_LINUX_MMAPPED,
             snaplen: 0,
             options: vec![
                 InterfaceDescriptionOption::IfName(Cow::Borrowed("ecmsk")),
-                // Without it, readers take the times for microseconds.
+                // Without this option, readers interpret the times as microseconds.
                 InterfaceDescriptionOption::IfTsResol(NANOSECONDS),
             ],
         };
         blocks.write_pcapng_block(interface).map_err(io_error)?;
         let mut capture = Self {
             name,
-            sorts: meta.clock == Clock::Real && sink.can_go_back(),
+            sorts: meta.clock == Clock::Real && sink.can_rewrite(),
             sink,
             blocks,
             waiting: Vec::with_capacity(BATCH_FRAMES),
-            recent: VecDeque::with_capacity(SORTED + BATCH_FRAMES),
+            recent: VecDeque::with_capacity(SORTED_FRAMES + BATCH_FRAMES),
             frames_written: 0,
             last_ns: 0,
             dropped,
@@ -137,13 +141,13 @@ impl Capture {
         };
         let header_len = capture.blocks.get_ref().len();
         capture.put(0)?;
-        if capture.sink.can_go_back() {
-            if let Err(error) = capture.sink.put(0, &[0; END_ROOM]) {
-                // Without an end it would look as if its program had been killed.
-                capture.sink.take_back(header_len as u64)?;
+        if capture.sink.can_rewrite() {
+            if let Err(error) = capture.sink.put(0, &[0; SECTION_END_BYTES_MAX]) {
+                // A section without an end would look as if the program had been killed.
+                capture.sink.truncate_by(header_len as u64)?;
                 return Err(error);
             }
-            capture.sink.take_back(END_ROOM as u64)?;
+            capture.sink.truncate_by(SECTION_END_BYTES_MAX as u64)?;
         }
         Ok(capture)
     }
@@ -166,7 +170,7 @@ impl Capture {
         }
     }
 
-    /// Writes what waits, and once more those frames that belong behind it.
+    /// Writes the waiting frames, and again those frames of the file that belong behind the first of them.
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {
@@ -191,14 +195,14 @@ impl Capture {
         if self.sorts {
             self.recent.extend(self.waiting.drain(..));
             self.recent.make_contiguous()[from..].sort_by_key(Entry::key);
-            self.recent.drain(..self.recent.len().saturating_sub(SORTED));
+            self.recent.drain(..self.recent.len().saturating_sub(SORTED_FRAMES));
         } else {
             self.waiting.clear();
         }
         Ok(())
     }
 
-    /// Brings the blocks to the file, in the place of its last `back` bytes.
+    /// Writes the blocks to the file, in place of its last `back` bytes.
     fn put(&mut self, back: usize) -> io::Result<()> {
         let put = self.sink.put(back as u64, self.blocks.get_ref());
         self.blocks.get_mut().clear();
@@ -214,7 +218,8 @@ impl Capture {
         tell(format!("recording to {} has stopped: {error}; frames from here on are counted only", self.name));
     }
 
-    /// The first frames that were lost are told at once, and by this thread: it was not the disk alone that had no time.
+    /// Tells the user as soon as the first frames are missing. This thread does it, so that no thread of the program waits
+    /// for standard error.
     fn tell_lost(&mut self) {
         if !self.told && self.dropped.load(Ordering::Relaxed) > 0 {
             self.told = true;
@@ -222,17 +227,18 @@ impl Capture {
         }
     }
 
-    /// Writes what is left and, in the place pcapng has for it, how many frames there were and how many are missing.
+    /// Writes the remaining frames and the end of the section, an interface statistics block with the numbers of frames and
+    /// of missing frames.
     fn end(&mut self) {
         self.flush();
         if let Err(error) = self.write_end() {
-            // A disk that is full has no room for it: the last frame makes some.
-            let gave_room = self.frames_written > 0 && self.sink.take_back(BLOCK_LEN as u64).is_ok();
-            if gave_room {
+            // A full disk may have no room for the end of the section, so the last frame is removed for it.
+            let has_room = self.frames_written > 0 && self.sink.truncate_by(BLOCK_LEN as u64).is_ok();
+            if has_room {
                 self.frames_written -= 1;
                 self.dropped.fetch_add(1, Ordering::Relaxed);
                 self.failed.get_or_insert_with(|| error.to_string());
-                // A recording without an end says by that that it lacks something.
+                // If this fails as well, the missing end shows that the recording is incomplete.
                 let _ = self.write_end();
             }
         }
@@ -257,7 +263,7 @@ impl Capture {
         }
         let statistics = InterfaceStatisticsBlock {
             interface_id: 0,
-            // pcapng wants the upper half first; the crate writes one little-endian number.
+            // In pcapng the upper half comes first, but the crate writes one little-endian number.
             timestamp: self.last_ns.rotate_left(32),
             options,
         };

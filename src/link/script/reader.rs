@@ -1,6 +1,6 @@
-//! What stands behind a verb: slaves, axes, inputs, states, codes.
+//! Reads the operands of a verb: slaves, axes, inputs, states, codes.
 
-use super::words::{Word, Words, Wrong, number, time, whole};
+use super::words::{LineError, Word, Words, number, time, whole};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::AlState;
 use crate::link::slaves::{SlaveModel, SlaveSpec};
@@ -15,22 +15,23 @@ const INPUTS: [(&str, Input); 4] = [
     ("index", Input::Index),
 ];
 
-/// Reads the words behind a verb.
+/// Reads the operands of a verb, one after the other, and checks them against the network.
 pub(super) struct Reader<'a, 'b> {
     pub(super) words: &'b mut Words<'a>,
     pub(super) slaves: &'b [SlaveSpec],
+    /// The syntax of the line, for error messages.
     pub(super) form: String,
-    /// `end` stood before the verb: what says how is left out.
+    /// Whether the verb stands after `end`: then it is followed by the slave alone.
     pub(super) ends: bool,
 }
 
 impl Reader<'_, '_> {
-    pub(super) fn slave(&mut self) -> Result<u8, Wrong> {
+    pub(super) fn slave(&mut self) -> Result<u8, LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         self.slave_of(word, word.text)
     }
 
-    fn slave_of(&self, word: Word, text: &str) -> Result<u8, Wrong> {
+    fn slave_of(&self, word: Word, text: &str) -> Result<u8, LineError> {
         let count = self.slaves.len();
         let slave = whole(text).and_then(|slave| u8::try_from(slave).ok());
         slave.filter(|slave| (1..=count).contains(&usize::from(*slave))).ok_or_else(|| {
@@ -41,23 +42,23 @@ impl Reader<'_, '_> {
         })
     }
 
-    /// A slave and one of its axes, from 0.
-    pub(super) fn axis(&mut self) -> Result<(u8, usize), Wrong> {
+    /// A slave from 1, and the index of one of its axes from 0.
+    pub(super) fn axis(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::axes, "axis", "a drive")
     }
 
-    /// A slave and one of its axes that has a motor, from 0.
-    pub(super) fn motor(&mut self) -> Result<(u8, usize), Wrong> {
+    /// A slave from 1, and the index of one of its axes with a motor from 0.
+    pub(super) fn motor(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::motors, "axis", "a motor")
     }
 
-    /// A slave and one of its channels of digital lines, from 0.
-    pub(super) fn channel(&mut self) -> Result<(u8, usize), Wrong> {
+    /// A slave from 1, and the index of one of its channels of digital inputs from 0.
+    pub(super) fn channel(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::channels, "channel", "digital inputs")
     }
 
-    /// A slave and one of its parts, of which its model has so many.
-    fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), Wrong> {
+    /// A slave from 1, and the index of one of its axes or channels from 0; `parts` is how many of them a model has.
+    fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));
         let slave = self.slave_of(word, slave)?;
@@ -72,11 +73,11 @@ impl Reader<'_, '_> {
         part.map(|part| (slave, part - 1)).ok_or_else(|| word.wrong(&format!("no {name}"), &allowed))
     }
 
-    pub(super) fn input(&mut self) -> Result<Input, Wrong> {
+    pub(super) fn input(&mut self) -> Result<Input, LineError> {
         self.one_of("INPUT", "input", INPUTS)
     }
 
-    pub(super) fn on_or_off(&mut self) -> Result<bool, Wrong> {
+    pub(super) fn on_or_off(&mut self) -> Result<bool, LineError> {
         self.one_of("on|off", "value", [("on", true), ("off", false)])
     }
 
@@ -86,14 +87,14 @@ impl Reader<'_, '_> {
         form: &str,
         name: &str,
         words: [(&'static str, T); N],
-    ) -> Result<T, Wrong> {
+    ) -> Result<T, LineError> {
         let word = self.words.need(form, &self.form)?;
         let found = words.iter().find(|(text, _)| *text == word.text).map(|(_, meaning)| *meaning);
         found.ok_or_else(|| word.unknown(name, &words.map(|(text, _)| text)))
     }
 
-    /// What inputs are forced to.
-    pub(super) fn pattern(&mut self) -> Result<InputPattern, Wrong> {
+    /// The pattern to which digital inputs are forced.
+    pub(super) fn pattern(&mut self) -> Result<InputPattern, LineError> {
         let word = self.words.need("inputs|walk", &self.form)?;
         match word.text {
             "inputs" => number(self.words, "BITS", &self.form, 0, 0xFFFF).map(|bits| InputPattern::Bits(bits as u16)),
@@ -108,12 +109,12 @@ impl Reader<'_, '_> {
         }
     }
 
-    pub(super) fn state(&mut self) -> Result<AlState, Wrong> {
+    pub(super) fn state(&mut self) -> Result<AlState, LineError> {
         self.one_of("STATE", "state", AL_STATES)
     }
 
-    /// The code that a refusal comes with, [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
-    pub(super) fn al_status(&mut self) -> Result<AlStatus, Wrong> {
+    /// The AL status code of a refusal; [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
+    pub(super) fn al_status(&mut self) -> Result<AlStatus, LineError> {
         match self.words.peek() {
             None => Ok(AlStatus::INVALID_CHANGE),
             Some(word) if word.text == "for" => Ok(AlStatus::INVALID_CHANGE),
@@ -121,12 +122,12 @@ impl Reader<'_, '_> {
         }
     }
 
-    pub(super) fn abort_code(&mut self) -> Result<AbortCode, Wrong> {
+    pub(super) fn abort_code(&mut self) -> Result<AbortCode, LineError> {
         number(self.words, "CODE", &self.form, 1, u32::MAX.into()).map(|code| AbortCode(code as u32))
     }
 
-    /// An object if one is named.
-    pub(super) fn object(&mut self) -> Result<Option<ObjectAddress>, Wrong> {
+    /// The object if the next word names one.
+    pub(super) fn object(&mut self) -> Result<Option<ObjectAddress>, LineError> {
         let Some(word) = self.words.peek().filter(|word| word.text.contains(':')) else { return Ok(None) };
         self.words.next();
         let parts = word.text.split_once(':');

@@ -1,4 +1,5 @@
-//! Carrying a script out: each step when its time has come, through the handles that tests use.
+//! Carries out a script: each of its steps in the first cycle at or after its time, through the same handles to the
+//! simulated network and to the board that tests use.
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::engine::{self, BoardHandle, Event};
@@ -6,45 +7,35 @@ use crate::fieldbus::cable::Cable;
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::{AlStatus, Fault};
 
-/// Something that happens.
+/// What a line of a script does to the board or to a slave. Slaves are numbered from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Deed {
-    /// In a slave.
-    Fault {
-        slave: u8,
-        fault: Fault,
-    },
-    /// The cable reaches that many slaves; `None`: it is whole.
+pub(super) enum ScriptAction {
+    /// A fault inside a slave, such as an alarm or a limit switch that sticks.
+    Fault { slave: u8, fault: Fault },
+    /// The cable is cut after this many slaves; `None`: it is whole.
     Cut(Option<u8>),
-    Mute {
-        slave: u8,
-        mute: bool,
-    },
-    Refuse {
-        slave: u8,
-        state: Option<(AlState, AlStatus)>,
-    },
-    SdoDelay {
-        slave: u8,
-        ns: Ns,
-    },
-    /// Of one object or of all; `None`: of none.
-    SdoAbort {
-        slave: u8,
-        abort: Option<(Option<ObjectAddress>, AbortCode)>,
-    },
-    Lose {
-        slave: u8,
-        lost: bool,
-    },
+    /// Whether the slave leaves every datagram unanswered, while frames still pass through it.
+    Mute { slave: u8, mute: bool },
+    /// The state that the slave refuses to enter, with the AL status code of the refusal; `None`: it refuses no state.
+    Refuse { slave: u8, state: Option<(AlState, AlStatus)> },
+    /// By how much SDO transfers with the slave are delayed.
+    SdoDelay { slave: u8, ns: Ns },
+    /// The code with which the slave aborts SDO transfers of one object, or of every object (`None`); without `abort`
+    /// it aborts none.
+    SdoAbort { slave: u8, abort: Option<(Option<ObjectAddress>, AbortCode)> },
+    /// Whether the slave is without power.
+    Lose { slave: u8, lost: bool },
+    /// Whether the board makes no reports.
     Silent(bool),
+    /// Whether the board takes no entries out of its FIFO.
     Full(bool),
+    /// The chip's six inputs, bit k is input k.
     Inputs(u8),
 }
 
-impl Deed {
-    /// What takes it back; itself where nothing does.
-    pub(super) const fn end(self) -> Self {
+impl ScriptAction {
+    /// The action that undoes this one. [`ScriptAction::Inputs`] has none and stays as it is.
+    pub(super) const fn undo(self) -> Self {
         match self {
             Self::Inputs(_) => self,
             Self::Fault { slave, fault } => Self::Fault { slave, fault: fault.end() },
@@ -59,7 +50,7 @@ impl Deed {
         }
     }
 
-    fn happen(self, network: &Cable, board: &BoardHandle) {
+    fn apply(self, network: &Cable, board: &BoardHandle) {
         match self {
             Self::Fault { slave, fault } => network.inflict(slave, fault),
             Self::Cut(Some(slaves)) => network.cut_after(slaves),
@@ -84,37 +75,40 @@ impl Deed {
     }
 }
 
-/// A line's begin or end.
+/// One action of a script and its time. A line with `for` has two steps: its action, and the one that undoes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Step {
-    /// When, from the opening of the link.
+    /// Nanoseconds of the board's time since the link was opened.
     pub(super) at: Ns,
+    /// The number of the line in the file, from 1.
     pub(super) line: u32,
     pub(super) verb: &'static str,
-    pub(super) deed: Deed,
-    /// It is the end of a line with `for`.
+    pub(super) action: ScriptAction,
+    /// Whether the action ends an earlier one, by `for` or by `end`.
     pub(super) ended: bool,
 }
 
-/// A script under way.
-pub struct Run {
+/// A script that is being carried out on a board and its network.
+pub struct RunningScript {
     steps: Vec<Step>,
+    /// The index of the first step that has not been carried out.
     next: usize,
+    /// The board's time from which the times of the steps count.
     zero: Ns,
     network: Cable,
     board: BoardHandle,
 }
 
-impl Run {
+impl RunningScript {
     pub(super) const fn new(steps: Vec<Step>, network: Cable, board: BoardHandle, zero: Ns) -> Self {
         Self { steps, next: 0, zero, network, board }
     }
 }
 
-impl engine::Script for Run {
+impl engine::Script for RunningScript {
     fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event)) {
         while let Some(step) = self.steps.get(self.next).filter(|step| self.zero.saturating_add(step.at) <= now) {
-            step.deed.happen(&self.network, &self.board);
+            step.action.apply(&self.network, &self.board);
             done(Event::Scripted { at: now, line: step.line, verb: step.verb, ended: step.ended });
             self.next += 1;
         }
@@ -125,22 +119,23 @@ impl engine::Script for Run {
     }
 }
 
-/// Makes network and board whole again, whatever a script did to them.
-pub(crate) fn take_back(network: &Cable, board: &BoardHandle) {
-    let everywhere = [Deed::Cut(None), Deed::Silent(false), Deed::Full(false), Deed::Inputs(0)];
+/// Undoes everything that a script can have done to the network and to the board.
+pub(crate) fn undo_all(network: &Cable, board: &BoardHandle) {
+    let everywhere =
+        [ScriptAction::Cut(None), ScriptAction::Silent(false), ScriptAction::Full(false), ScriptAction::Inputs(0)];
     let of_slave = |slave| {
         [
-            // It is found by that, too.
-            Deed::Mute { slave, mute: false },
-            Deed::Refuse { slave, state: None },
-            Deed::SdoDelay { slave, ns: 0 },
-            Deed::SdoAbort { slave, abort: None },
+            // This also gives power back to a slave that has lost it.
+            ScriptAction::Mute { slave, mute: false },
+            ScriptAction::Refuse { slave, state: None },
+            ScriptAction::SdoDelay { slave, ns: 0 },
+            ScriptAction::SdoAbort { slave, abort: None },
         ]
     };
-    let of_axis = |(slave, axis)| Fault::all_ends(axis).map(|fault| Deed::Fault { slave, fault });
+    let of_axis = |(slave, axis)| Fault::all_ends(axis).map(|fault| ScriptAction::Fault { slave, fault });
     let slaves = 1..=MAX_SLAVES as u8;
     let axes = slaves.clone().flat_map(|slave| (0..MAX_AXES).map(move |axis| (slave, axis)));
-    for deed in everywhere.into_iter().chain(slaves.flat_map(of_slave)).chain(axes.flat_map(of_axis)) {
-        deed.happen(network, board);
+    for action in everywhere.into_iter().chain(slaves.flat_map(of_slave)).chain(axes.flat_map(of_axis)) {
+        action.apply(network, board);
     }
 }

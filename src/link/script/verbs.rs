@@ -1,21 +1,22 @@
-//! The verbs of a script: the one table that lines are read by and the help is made from.
+//! The verbs of a script. One table defines them all, for reading lines and for the text of `ecmsk link help`: a new verb
+//! is a new row.
 
 use super::reader::Reader;
-use super::run::{Deed, Step};
-use super::words::{Word, Words, Wrong, number, time};
+use super::run::{ScriptAction, Step};
+use super::words::{LineError, Word, Words, number, time};
 use crate::link::slaves::SlaveSpec;
 use crate::slave::{DeviceFault, Fault};
 
-/// One verb.
+/// A row of the table: one verb.
 struct Verb {
     name: &'static str,
-    /// What stands behind it.
+    /// The syntax of its operands.
     form: &'static str,
     meaning: &'static str,
-    /// It holds until it ends, so that `for` and `end` make sense.
+    /// Whether its action lasts until it is ended, so that the line may have `for` and there is a line with `end`.
     lasts: bool,
-    /// Reads what stands behind it, or what stands behind `end` and it.
-    read: fn(&mut Reader) -> Result<Deed, Wrong>,
+    /// Reads the operands, which after `end` are fewer ([`Reader::ends`]).
+    read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
 
 const VERBS: &[Verb] = &[
@@ -28,7 +29,7 @@ const VERBS: &[Verb] = &[
             let (slave, axis) = line.axis()?;
             let code = number(line.words, "CODE", &line.form, 1, 0xFFFF)? as u16;
             let resettable = !line.words.take("stays");
-            Ok(Deed::Fault { slave, fault: Fault::Alarm { axis, fault: DeviceFault { code, resettable } } })
+            Ok(ScriptAction::Fault { slave, fault: Fault::Alarm { axis, fault: DeviceFault { code, resettable } } })
         },
     },
     Verb {
@@ -36,21 +37,23 @@ const VERBS: &[Verb] = &[
         form: "SLAVE",
         meaning: "the cable is cut before that slave; before the first one no cycle passes any more",
         lasts: true,
-        read: |line| if line.ends { Ok(Deed::Cut(None)) } else { Ok(Deed::Cut(Some(line.slave()? - 1))) },
+        read: |line| {
+            if line.ends { Ok(ScriptAction::Cut(None)) } else { Ok(ScriptAction::Cut(Some(line.slave()? - 1))) }
+        },
     },
     Verb {
         name: "heal",
         form: "",
         meaning: "the cable is whole again, as with `end cut`",
         lasts: false,
-        read: |_| Ok(Deed::Cut(None)),
+        read: |_| Ok(ScriptAction::Cut(None)),
     },
     Verb {
         name: "mute",
         form: "SLAVE",
         meaning: "a slave answers nothing, while frames still pass it",
         lasts: true,
-        read: |line| Ok(Deed::Mute { slave: line.slave()?, mute: true }),
+        read: |line| Ok(ScriptAction::Mute { slave: line.slave()?, mute: true }),
     },
     Verb {
         name: "refuse",
@@ -60,7 +63,7 @@ const VERBS: &[Verb] = &[
         read: |line| {
             let slave = line.slave()?;
             let state = if line.ends { None } else { Some((line.state()?, line.al_status()?)) };
-            Ok(Deed::Refuse { slave, state })
+            Ok(ScriptAction::Refuse { slave, state })
         },
     },
     Verb {
@@ -70,7 +73,7 @@ const VERBS: &[Verb] = &[
         lasts: true,
         read: |line| {
             let slave = line.slave()?;
-            Ok(Deed::SdoDelay { slave, ns: if line.ends { 0 } else { time(line.words, &line.form)? } })
+            Ok(ScriptAction::SdoDelay { slave, ns: if line.ends { 0 } else { time(line.words, &line.form)? } })
         },
     },
     Verb {
@@ -82,7 +85,7 @@ const VERBS: &[Verb] = &[
         read: |line| {
             let slave = line.slave()?;
             let abort = if line.ends { None } else { Some((line.object()?, line.abort_code()?)) };
-            Ok(Deed::SdoAbort { slave, abort })
+            Ok(ScriptAction::SdoAbort { slave, abort })
         },
     },
     Verb {
@@ -90,14 +93,14 @@ const VERBS: &[Verb] = &[
         form: "SLAVE",
         meaning: "a slave loses its power: it falls to Init and answers nothing, while frames still pass it",
         lasts: true,
-        read: |line| Ok(Deed::Lose { slave: line.slave()?, lost: true }),
+        read: |line| Ok(ScriptAction::Lose { slave: line.slave()?, lost: true }),
     },
     Verb {
         name: "find",
         form: "SLAVE",
         meaning: "a slave has power again: it answers, in Init, as with `end lose`",
         lasts: false,
-        read: |line| Ok(Deed::Lose { slave: line.slave()?, lost: false }),
+        read: |line| Ok(ScriptAction::Lose { slave: line.slave()?, lost: false }),
     },
     Verb {
         name: "stick",
@@ -109,7 +112,7 @@ const VERBS: &[Verb] = &[
             let (slave, axis) = line.axis()?;
             let stuck = if line.ends { None } else { Some((line.input()?, line.on_or_off()?)) };
             let (input, value) = (stuck.map(|(input, _)| input), stuck.map(|(_, on)| on));
-            Ok(Deed::Fault { slave, fault: Fault::Stick { axis, input, value } })
+            Ok(ScriptAction::Fault { slave, fault: Fault::Stick { axis, input, value } })
         },
     },
     Verb {
@@ -119,7 +122,7 @@ const VERBS: &[Verb] = &[
         lasts: true,
         read: |line| {
             let (slave, axis) = line.motor()?;
-            Ok(Deed::Fault { slave, fault: Fault::Jam { axis, jammed: true } })
+            Ok(ScriptAction::Fault { slave, fault: Fault::Jam { axis, jammed: true } })
         },
     },
     Verb {
@@ -131,7 +134,7 @@ const VERBS: &[Verb] = &[
         read: |line| {
             let (slave, channel) = line.channel()?;
             let pattern = if line.ends { None } else { Some(line.pattern()?) };
-            Ok(Deed::Fault { slave, fault: Fault::ForceInputs { channel, pattern } })
+            Ok(ScriptAction::Fault { slave, fault: Fault::ForceInputs { channel, pattern } })
         },
     },
     Verb {
@@ -139,25 +142,25 @@ const VERBS: &[Verb] = &[
         form: "",
         meaning: "the board makes no reports, while everything else goes on",
         lasts: true,
-        read: |_| Ok(Deed::Silent(true)),
+        read: |_| Ok(ScriptAction::Silent(true)),
     },
     Verb {
         name: "full",
         form: "",
         meaning: "the board takes nothing out of its FIFO, so that it fills and full counts rise",
         lasts: true,
-        read: |_| Ok(Deed::Full(true)),
+        read: |_| Ok(ScriptAction::Full(true)),
     },
     Verb {
         name: "inputs",
         form: "BITS",
         meaning: "the six inputs of the chip, bit k is input k",
         lasts: false,
-        read: |line| Ok(Deed::Inputs(number(line.words, "BITS", &line.form, 0, 0x3F)? as u8)),
+        read: |line| Ok(ScriptAction::Inputs(number(line.words, "BITS", &line.form, 0, 0x3F)? as u8)),
     },
 ];
 
-/// The verbs, for `ecmsk link help`.
+/// The section on scripts of `ecmsk link help`.
 pub(crate) fn help() -> String {
     let mut text = String::from(
         "A script (script=FILE) is one event a line, at board time since the link was opened; # begins a comment:\n\n    \
@@ -172,12 +175,13 @@ pub(crate) fn help() -> String {
     text
 }
 
+/// The verb with its operands.
 fn form(verb: &Verb) -> String {
     format!("{} {}", verb.name, verb.form).trim_end().to_owned()
 }
 
-/// Reads a line into its steps: none, one, or one and its end.
-pub(super) fn line(line: u32, text: &str, slaves: &[SlaveSpec], steps: &mut Vec<Step>) -> Result<(), Wrong> {
+/// Adds the steps of one line: none for an empty line, two for a line with `for`, otherwise one.
+pub(super) fn parse_line(line: u32, text: &str, slaves: &[SlaveSpec], steps: &mut Vec<Step>) -> Result<(), LineError> {
     let mut words = Words::of(text);
     if words.peek().is_none() {
         return Ok(());
@@ -196,23 +200,24 @@ pub(super) fn line(line: u32, text: &str, slaves: &[SlaveSpec], steps: &mut Vec<
         },
     };
     let mut reader = Reader { words: &mut words, slaves, form: form.clone(), ends };
-    let deed = (verb.read)(&mut reader)?;
-    let deed = if ends { deed.end() } else { deed };
+    let action = (verb.read)(&mut reader)?;
+    let action = if ends { action.undo() } else { action };
     let lasts = verb.lasts && !ends && words.take("for");
     let end = if lasts { Some(at + time(&mut words, &form)?) } else { None };
     if let Some(word) = words.next() {
         return Err(word.wrong("too much", &form));
     }
-    steps.push(Step { at, line, verb: verb.name, deed, ended: ends });
-    steps.extend(end.map(|at| Step { at, line, verb: verb.name, deed: deed.end(), ended: true }));
+    steps.push(Step { at, line, verb: verb.name, action, ended: ends });
+    steps.extend(end.map(|at| Step { at, line, verb: verb.name, action: action.undo(), ended: true }));
     Ok(())
 }
 
+/// The names of all verbs, or of those that `end` can end.
 fn names(ends: bool) -> Vec<&'static str> {
     VERBS.iter().filter(|verb| verb.lasts || !ends).map(|verb| verb.name).collect()
 }
 
-fn unknown_verb(word: Word, ends: bool) -> Wrong {
+fn unknown_verb(word: Word, ends: bool) -> LineError {
     if ends {
         word.unknown("verb that `end` ends", &names(true))
     } else {

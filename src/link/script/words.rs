@@ -1,4 +1,4 @@
-//! The words of a line and what they stand for.
+//! Splits a line of a script into words, and reads times and numbers.
 
 use std::str::FromStr;
 
@@ -6,17 +6,17 @@ use crate::fieldbus::Ns;
 use crate::link::Fraction;
 use crate::link::uri::suggestion;
 
-/// Where a line is wrong, as a character from 1, and how.
-pub(super) type Wrong = (usize, String);
+/// Why a line is invalid: the position in characters from 1, and the message.
+pub(super) type LineError = (usize, String);
 
-/// The words of a line that are not read yet.
+/// The words of a line that have not been read yet.
 pub(super) struct Words<'a> {
     line: &'a str,
-    /// Byte in the line where the next word may begin.
+    /// The position in bytes from which on the next word is searched for.
     at: usize,
 }
 
-/// A word and the character where it begins.
+/// A word and its position in characters from 1.
 #[derive(Clone, Copy)]
 pub(super) struct Word<'a> {
     pub(super) text: &'a str,
@@ -24,19 +24,19 @@ pub(super) struct Word<'a> {
 }
 
 impl Word<'_> {
-    pub(super) fn wrong(&self, is: &str, allowed: &str) -> Wrong {
+    pub(super) fn wrong(&self, is: &str, allowed: &str) -> LineError {
         (self.column, format!("`{}` is {is}; allowed: {allowed}", self.text))
     }
 
-    /// It is none of the words that may stand there.
-    pub(super) fn unknown(&self, what: &str, known: &[&'static str]) -> Wrong {
+    /// The error for a word that is none of the allowed ones, with a suggestion if one of them is similar.
+    pub(super) fn unknown(&self, what: &str, known: &[&'static str]) -> LineError {
         let suggestion = suggestion(self.text, known.iter().copied());
         (self.column, format!("`{}` is no {what};{suggestion} allowed: {}", self.text, known.join(", ")))
     }
 }
 
 impl<'a> Words<'a> {
-    /// The words before the comment.
+    /// The words of a line without its comment.
     pub(super) fn of(line: &'a str) -> Self {
         Self { line: line.split_once('#').map_or(line, |(words, _)| words), at: 0 }
     }
@@ -56,31 +56,32 @@ impl<'a> Words<'a> {
         Some(word)
     }
 
-    /// The next word, which must be there.
-    pub(super) fn need(&mut self, what: &str, form: &str) -> Result<Word<'a>, Wrong> {
+    /// Takes the next word, or fails with what is missing.
+    pub(super) fn need(&mut self, what: &str, form: &str) -> Result<Word<'a>, LineError> {
         let end = 1 + self.line.trim_end().chars().count();
         self.next().ok_or_else(|| (end, format!("{what} is missing; allowed: {form}")))
     }
 
-    /// Takes the next word if it is that one.
+    /// Takes the next word if it is `text`; returns whether it was.
     pub(super) fn take(&mut self, text: &str) -> bool {
-        let there = self.peek().is_some_and(|word| word.text == text);
-        if there {
+        let found = self.peek().is_some_and(|word| word.text == text);
+        if found {
             self.next();
         }
-        there
+        found
     }
 }
 
 const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
-/// Units of time, the longer name before the one it ends with.
+/// Units of time. A unit whose name ends with that of another one stands before it, since both are recognised by their
+/// end: `ms` before `s`.
 const UNITS: [(&str, Ns); 5] =
     [("us", 1_000), ("ms", 1_000_000), ("min", 60_000_000_000), ("s", 1_000_000_000), ("h", 3_600_000_000_000)];
 /// The longest time \[OURS].
-const LONGEST_NS: Ns = 1000 * 3_600_000_000_000;
+const TIME_MAX_NS: Ns = 1000 * 3_600_000_000_000;
 
-/// A span of time, exact to the nanosecond.
-pub(super) fn time(words: &mut Words, form: &str) -> Result<Ns, Wrong> {
+/// Takes the next word as a span of time, exact to the nanosecond.
+pub(super) fn time(words: &mut Words, form: &str) -> Result<Ns, LineError> {
     let word = words.need("TIME", form)?;
     span(word.text).ok_or_else(|| word.wrong("no time", TIMES))
 }
@@ -94,22 +95,22 @@ fn span(text: &str) -> Option<Ns> {
     let part = Fraction::parse(&format!("0.{decimals}"))?;
     let part = u128::from(part.billionths()) * u128::from(unit) / u128::from(Fraction::ONE.billionths());
     let ns = Ns::from_str(whole).ok()?.checked_mul(unit)?.checked_add(part as Ns)?;
-    (ns <= LONGEST_NS).then_some(ns)
+    (ns <= TIME_MAX_NS).then_some(ns)
 }
 
-/// A whole number, decimal or `0x`.
+/// Parses a whole number, in decimal or after `0x` in hexadecimal digits.
 pub(super) fn whole(text: &str) -> Option<u64> {
     let (digits, radix) = match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
         Some(digits) => (digits, 16),
         None => (text, 10),
     };
-    // `from_str_radix` alone would let a plus sign pass.
+    // `from_str_radix` alone would accept a plus sign.
     let plain = digits.bytes().all(|byte| byte.is_ascii_alphanumeric());
     u64::from_str_radix(digits, radix).ok().filter(|_| plain)
 }
 
-/// The next word as a whole number of a range.
-pub(super) fn number(words: &mut Words, what: &str, form: &str, least: u64, most: u64) -> Result<u64, Wrong> {
+/// Takes the next word as a whole number from `least` to `most`.
+pub(super) fn number(words: &mut Words, what: &str, form: &str, least: u64, most: u64) -> Result<u64, LineError> {
     let word = words.need(what, form)?;
     let number = whole(word.text).filter(|number| (least..=most).contains(number));
     number.ok_or_else(|| word.wrong(&format!("no {what}"), &format!("a number from 0x{least:X} to 0x{most:X}")))
@@ -129,7 +130,7 @@ mod tests {
             ("1us", 1000),
             ("0.001us", 1),
             ("1.5min", 90_000_000_000),
-            ("1000h", LONGEST_NS),
+            ("1000h", TIME_MAX_NS),
         ] {
             assert_eq!(span(text), Some(ns), "{text}");
         }

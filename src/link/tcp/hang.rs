@@ -91,7 +91,7 @@ mod tests {
     /// TCP-22 Only a velocity or a torque other than 0 is in force when a program is silent; a call, or one under way, begins
     /// the time anew.
     #[test]
-    fn a_program_is_given_up_while_something_has_no_end() {
+    fn a_silent_program_is_given_up_only_while_a_velocity_or_torque_is_in_force() {
         let began = Instant::now();
         let at = |seconds| began + Duration::from_secs(seconds);
         let looks = |command: Option<SlaveCommand>| {
@@ -123,9 +123,9 @@ mod tests {
         assert_eq!(looks(None), None);
     }
 
-    /// TCP-22 What ends a motion ends what is in force: leaving OP, a reset, switching off.
+    /// TCP-22 Leaving OP, a reset and SV_OFF end a velocity that was in force.
     #[test]
-    fn what_ends_a_motion_is_seen() {
+    fn leaving_op_a_reset_and_servo_off_end_the_motion_in_force() {
         let mut out_of_op = Frame::new();
         out_of_op.put_master(SIZE, &MasterCommand::SetState(MasterState::PreOp));
         let mut reset = Frame::new();

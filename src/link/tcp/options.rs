@@ -95,7 +95,7 @@ mod tests {
 
     /// TCP-28 A place without a port is that of the port where servers listen that are told no other.
     #[test]
-    fn a_port_that_is_not_said() {
+    fn a_uri_without_a_port_means_the_default_port() {
         for (uri, host, port) in [
             ("tcp://localhost", "localhost", DEFAULT_PORT),
             ("tcp://localhost/?role=reader", "localhost", DEFAULT_PORT),

@@ -169,7 +169,7 @@ mod tests {
 
     /// TCP-16 Secrets that can be guessed are refused, and what is far too long; what a machine makes is taken.
     #[test]
-    fn what_can_be_guessed_is_no_secret() {
+    fn a_secret_that_can_be_guessed_is_refused() {
         for guessed in ["0".repeat(32), "0".repeat(64), "01".repeat(32), "abcdefg".repeat(10)] {
             let error = Secret::new(guessed.as_bytes()).unwrap_err();
             assert!(error.contains("can be guessed") && error.contains("make one"), "{guessed}: {error}");
@@ -184,7 +184,7 @@ mod tests {
     /// TCP-16 The file is this user's or root's.
     #[cfg(unix)]
     #[test]
-    fn another_users_file_is_refused() {
+    fn a_secret_file_of_another_user_is_refused() {
         let path = Path::new("secret");
         assert_eq!(check_owner(1000, 1000, path), Ok(()));
         assert_eq!(check_owner(0, 1000, path), Ok(()));

@@ -93,7 +93,7 @@ fn bytes(text: &str) -> Vec<u8> {
 
 /// TCP-1 Every message has these bytes, and they mean it.
 #[test]
-fn every_message_has_its_bytes() {
+fn every_message_encodes_to_its_frozen_bytes_and_back() {
     for (message, text) in all() {
         let mut out = [0x5A; MESSAGE_MAX];
         let length = message.encode(&mut out);
@@ -108,7 +108,7 @@ fn every_message_has_its_bytes() {
 
 /// TCP-12 A message that lacks a byte or has one too many is none.
 #[test]
-fn no_byte_more_or_less() {
+fn a_message_with_a_byte_too_few_or_too_many_is_refused() {
     for (message, _) in all() {
         let mut out = [0; MESSAGE_MAX];
         let length = message.encode(&mut out);
@@ -123,7 +123,7 @@ fn no_byte_more_or_less() {
 
 /// TCP-1 A text that is too long is cut at a letter.
 #[test]
-fn long_texts_are_cut() {
+fn a_text_that_is_too_long_is_cut_between_characters() {
     let text = "ä".repeat(200);
     let mut out = [0; MESSAGE_MAX];
     let length = Message::Bye { end: End::Lost, text: &text }.encode(&mut out);

@@ -1,4 +1,4 @@
-//! Which of the devices on the bus is meant.
+//! Selects the board among the devices on the bus that have its vendor and product id.
 
 use std::fmt::Write as _;
 
@@ -6,24 +6,25 @@ use super::options::UsbOptions;
 use crate::io::hid::{FoundDevice, NotTheBoard, ReportInterface, Sysfs};
 use crate::link::LinkError;
 
-/// The one board that fits.
+/// The only board with the serial number and path of the link, if those are given.
 pub(super) fn choose<'a>(
     name: &str,
     found: &'a [FoundDevice],
     options: &UsbOptions,
     system: &Sysfs,
 ) -> Result<(&'a FoundDevice, ReportInterface), LinkError> {
-    // One board that need not be told from others is asked nothing.
+    // On Windows a serial number may have to be read from the device; that is left out if there is only one device.
     let may_ask = options.serial.is_some() || found.len() > 1;
     let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system, may_ask)).collect();
-    let index = one_of(&facts, options).map_err(|reason| LinkError::NoBoard { name: name.to_owned(), reason })?;
+    let index =
+        index_of_board(&facts, options).map_err(|reason| LinkError::NoBoard { name: name.to_owned(), reason })?;
     match found[index].interface {
         Ok(interface) => Ok((&found[index], interface)),
         Err(why) => Err(LinkError::NoBoard { name: name.to_owned(), reason: why.to_string() }),
     }
 }
 
-/// What counts of a device.
+/// The properties of a device by which the board is selected.
 struct Facts<'a> {
     path: &'a str,
     serial: Option<String>,
@@ -37,7 +38,7 @@ impl<'a> Facts<'a> {
         Self { path: &found.path, serial, name, why_no_board: found.interface.err() }
     }
 
-    /// `1-2.3 (ECM-SK, serial 7)`.
+    /// The device in error messages: `1-2.3 (ECM-SK, serial 7)`.
     fn shown(&self) -> String {
         let mut text = self.path.to_owned();
         match (&self.name, &self.serial) {
@@ -50,8 +51,8 @@ impl<'a> Facts<'a> {
     }
 }
 
-/// The index of the one that fits, or why there is none.
-fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
+/// The index of the only board that fits the options, or why there is none or more than one.
+fn index_of_board(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     let fits = |facts: &Facts<'_>| {
         facts.why_no_board.is_none()
             && options
@@ -63,7 +64,7 @@ fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     let fitting: Vec<usize> = (0..found.len()).filter(|index| fits(&found[*index])).collect();
     match fitting[..] {
         [index] => Ok(index),
-        [] => Err(none(found, options)),
+        [] => Err(why_none(found, options)),
         _ => {
             let all: Vec<String> = fitting.iter().map(|index| found[*index].shown()).collect();
             let example = found[fitting[0]].path;
@@ -72,12 +73,13 @@ fn one_of(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     }
 }
 
-/// Windows writes names of devices now in capitals, now not.
+/// Compares names of devices; Windows does not always write them in the same case.
 fn same(its: &str, given: &str) -> bool {
     if cfg!(windows) { its.eq_ignore_ascii_case(given) } else { its == given }
 }
 
-fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
+/// Why no device fits the options.
+fn why_none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     let mut wanted = String::new();
     if let Some(serial) = &options.serial {
         _ = write!(wanted, " with serial number {serial}");
@@ -97,7 +99,7 @@ fn none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     if others.is_empty() {
         return format!("there is none{wanted}; plug it in, set CONFIG0 to USB, and give it power enough");
     }
-    // The pair of ids is shared by many hobby devices.
+    // Many hobby devices have the same vendor and product id as the board.
     format!("there is none{wanted}, only other devices with its ids ({}); plug the board in", others.join("; "))
 }
 
@@ -115,7 +117,7 @@ mod tests {
         UsbOptions { serial: serial.map(str::to_owned), path: path.map(str::to_owned), ..ANY }
     }
 
-    /// WIRE-17, SK-9.2 Devices that share the pair are told from a board by more than it.
+    /// WIRE-17, SK-9.2 A device that has the board's vendor and product id but not its HID interface is no board.
     #[test]
     fn a_device_with_the_boards_ids_is_no_board() {
         let other = || Facts {
@@ -124,31 +126,32 @@ mod tests {
             name: Some("Relay".into()),
             why_no_board: Some(NotTheBoard::OtherReports),
         };
-        assert_eq!(one_of(&[other(), board("1-2", "7")], &ANY), Ok(1));
-        let why = one_of(&[other()], &ANY).unwrap_err();
+        assert_eq!(index_of_board(&[other(), board("1-2", "7")], &ANY), Ok(1));
+        let why = index_of_board(&[other()], &ANY).unwrap_err();
         assert!(why.contains("1-1 (Relay): its HID interface has no interrupt endpoints of 512 bytes"), "{why}");
     }
 
-    /// WIRE-17
+    /// WIRE-17 If several boards fit the link, it does not open, and the error lists them; `serial=` and `path=` choose one.
     #[test]
-    fn of_several_boards_one_has_to_be_chosen() {
+    fn of_several_boards_the_link_has_to_name_one() {
         let both = || [board("1-1", "7"), board("1-2.3", "8")];
-        let why = one_of(&both(), &ANY).unwrap_err();
+        let why = index_of_board(&both(), &ANY).unwrap_err();
         assert_eq!(
             why,
             "there are 2: 1-1 (ECM-SK, serial 7), 1-2.3 (ECM-SK, serial 8); choose one, e.g. usb:?path=1-1"
         );
-        assert_eq!(one_of(&both(), &with(Some("8"), None)), Ok(1));
-        assert_eq!(one_of(&both(), &with(None, Some("1-1"))), Ok(0));
-        assert_eq!(one_of(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
+        assert_eq!(index_of_board(&both(), &with(Some("8"), None)), Ok(1));
+        assert_eq!(index_of_board(&both(), &with(None, Some("1-1"))), Ok(0));
+        assert_eq!(index_of_board(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
     }
 
-    /// WIRE-80, SK-9.17 A board without power is named before devices that are none.
+    /// WIRE-80, SK-9.17 If there is a board that the system has not switched on, the error is about that board and not about
+    /// other devices with its ids.
     #[test]
-    fn a_board_that_is_off_says_why() {
+    fn a_board_that_is_not_switched_on_is_named_before_other_devices() {
         let off = Facts { why_no_board: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };
         let relay = Facts { path: "1-1", serial: None, name: None, why_no_board: Some(NotTheBoard::NoHid) };
-        let why = one_of(&[relay, off], &ANY).unwrap_err();
+        let why = index_of_board(&[relay, off], &ANY).unwrap_err();
         assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not switched it on"), "{why}");
         assert!(why.ends_with("a hub with a power supply of its own"), "{why}");
     }
@@ -156,8 +159,12 @@ mod tests {
     /// WIRE-17, SK-9.17 Without a board the error says what to look at.
     #[test]
     fn without_a_board_the_error_says_what_to_do() {
-        assert!(one_of(&[], &ANY).unwrap_err().ends_with("plug it in, set CONFIG0 to USB, and give it power enough"));
-        let why = one_of(&[board("1-1", "7")], &with(Some("9"), None)).unwrap_err();
+        assert!(
+            index_of_board(&[], &ANY)
+                .unwrap_err()
+                .ends_with("plug it in, set CONFIG0 to USB, and give it power enough")
+        );
+        let why = index_of_board(&[board("1-1", "7")], &with(Some("9"), None)).unwrap_err();
         assert_eq!(why, "there is none with serial number 9, but 1-1 (ECM-SK, serial 7); correct the link");
     }
 }

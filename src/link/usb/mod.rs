@@ -1,4 +1,8 @@
-//! The link `usb:`: a real ECM-SK, or what looks like one to the USB stack of this machine.
+//! The link `usb:`: a real ECM-SK on USB, or a virtual one (`ecmsk serve usbip`), which this machine's USB stack shows in
+//! the same way.
+//!
+//! Files: `options.rs` has the keys of `usb:` as Rust types, `choose.rs` selects the board among the devices on the bus,
+//! `refused.rs` explains why a board cannot be opened.
 
 mod choose;
 mod options;
@@ -20,31 +24,33 @@ use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::io::hid::{self, Bus, BusError, Pipe, PipeError, PipeOptions, Sysfs};
 use crate::sk::{BOARD_IDS, Frame, SlotSize};
 
-/// What a write that may not wait has for the wire itself: a frame takes a microframe of 125 us, and the system its time
-/// to say so. A board that is busy longer than that has not taken it. \[OURS]
-const ON_THE_WIRE: Duration = Duration::from_millis(2);
+/// The shortest time limit of a write, for callers that choose a shorter one or none: the transfer takes a microframe of
+/// 125 us, and the operating system some time to report it. A board that has not accepted the frame by then is busy.
+/// \[OURS]
+const WRITE_LIMIT_MIN: Duration = Duration::from_millis(2);
 
-/// A board on USB.
+/// A link to a board on USB.
 struct UsbLink {
     info: LinkInfo,
     pipe: Pipe,
     place: Place,
     opened: Instant,
     counts: CallCounts,
-    /// Looks at reports as long as they may show another slot size than was given.
-    slots: Option<Mutex<SlotWatch>>,
+    /// Checks the slot size that was given; `None` if the link has no `slot=`.
+    slot_watch: Option<Mutex<SlotWatch>>,
 }
 
 /// Where the board is plugged in.
 struct Place {
     system: Sysfs,
+    /// Bus and ports as Linux names them, or the name of the instance on Windows.
     path: String,
     high_speed: bool,
-    /// Over-currents of its port when it was opened.
+    /// The number of over-currents that the port had counted when the board was opened.
     over_currents: u32,
 }
 
-/// Opens the board that the URI chooses. `uncounted`: reports that nobody reads need not be counted.
+/// Opens the board that the URI names. `uncounted`: reports that nobody reads need not be counted.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
@@ -61,13 +67,13 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Re
     let over_currents = system.over_currents(&board.path);
     let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };
     let info = common.info(name, common.slot);
-    let slots = common.slot.map(|given| Mutex::new(SlotWatch::new(given)));
-    Ok(Arc::new(UsbLink { info, pipe, place, opened: Instant::now(), counts: CallCounts::default(), slots }))
+    let slot_watch = common.slot.map(|given| Mutex::new(SlotWatch::new(given)));
+    Ok(Arc::new(UsbLink { info, pipe, place, opened: Instant::now(), counts: CallCounts::default(), slot_watch }))
 }
 
 impl Place {
-    /// Why the board went, with what its place has to do with it.
-    fn lost(&self, reason: &str) -> String {
+    /// Why the board is gone: an over-current of its port since it was opened, or else `reason`.
+    fn explain_loss(&self, reason: &str) -> String {
         let times = self.system.over_currents(&self.path);
         if times > self.over_currents {
             return format!(
@@ -99,7 +105,7 @@ impl UsbLink {
             PipeError::Cancelled => LinkError::Cancelled { dir },
             PipeError::Closed => LinkError::Closed,
             PipeError::Lost(reason) => {
-                LinkError::Lost { name: self.info.name.clone(), reason: self.place.lost(reason).into() }
+                LinkError::Lost { name: self.info.name.clone(), reason: self.place.explain_loss(reason).into() }
             }
             PipeError::Torn { moved } => {
                 failed(format!("{moved} of 512 bytes were moved; a board hangs after such a frame, switch it off and on"))
@@ -113,10 +119,11 @@ impl UsbLink {
         }
     }
 
-    /// Whether the slot size that was given may be the board's, by what is known so far.
-    fn slots_may_fit(&self, report: Option<&Frame>) -> Result<(), LinkError> {
-        let Some(slots) = &self.slots else { return Ok(()) };
-        let mut watch = slots.lock();
+    /// Fails if the reports so far, with `report` as the newest one, show that the board has another slot size than was
+    /// given.
+    fn check_slot_size(&self, report: Option<&Frame>) -> Result<(), LinkError> {
+        let Some(slot_watch) = &self.slot_watch else { return Ok(()) };
+        let mut watch = slot_watch.lock();
         let found: Option<SlotSize> = match report {
             Some(report) => watch.look(report),
             None => watch.found(),
@@ -126,8 +133,8 @@ impl UsbLink {
     }
 
     fn try_write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        self.slots_may_fit(None)?;
-        let limit = wait.limit().map(|limit| limit.max(ON_THE_WIRE));
+        self.check_slot_size(None)?;
+        let limit = wait.limit().map(|limit| limit.max(WRITE_LIMIT_MIN));
         match self.pipe.write(frame.bytes(), limit) {
             Ok(()) => Ok(self.stamp(Instant::now())),
             Err(PipeError::Timeout(_)) if wait == Wait::Now => {
@@ -141,7 +148,7 @@ impl UsbLink {
         let mut report = Frame::new();
         let read = self.pipe.read(report.bytes_mut(), wait.limit());
         let (at, sequence) = read.map_err(|error| self.error(Dir::Read, error))?;
-        self.slots_may_fit(Some(&report))?;
+        self.check_slot_size(Some(&report))?;
         *out = report;
         Ok(ReadMeta { at: self.stamp(at), sequence, dropped: self.pipe.stats().dropped })
     }

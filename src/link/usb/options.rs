@@ -1,15 +1,16 @@
-//! What a URI `usb:` says, as types.
+//! The keys of `usb:` as Rust types.
 
 use super::super::uri::{LinkUri, UriError};
 
 /// Options of `usb:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct UsbOptions {
-    /// The serial number of the board that is meant.
+    /// The serial number of the board; `None`: any.
     pub serial: Option<String>,
-    /// Where the board that is meant is plugged in: bus and ports as Linux names them, or Windows' name of its instance.
+    /// Where the board is plugged in, bus and ports as Linux names them or the name of the instance on Windows; `None`:
+    /// anywhere.
     pub path: Option<String>,
-    /// Transfers to the host that are handed over at a time.
+    /// How many transfers for reports the operating system has at the same time.
     pub transfers: usize,
 }
 

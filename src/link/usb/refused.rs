@@ -1,33 +1,35 @@
-//! Why a board that was found does not open, and what to do.
+//! Why a board that was found cannot be opened, and what to do about it.
 
 use crate::io::hid::{FoundDevice, Holder, PipeError, Sysfs, UsbError};
 use crate::link::LinkError;
 
-/// What to do where this user may not open it, and where the system has no memory for its transfers.
+/// What to do if this user may not open the board.
 #[cfg(target_os = "linux")]
-const MAY_NOT: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in \
+const IF_DENIED: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in \
                        the way";
 #[cfg(not(any(windows, target_os = "linux")))]
-const MAY_NOT: &str = "be root";
+const IF_DENIED: &str = "be root";
+/// What to do if the system has no memory for the transfers.
 #[cfg(not(windows))]
-const MORE_MEMORY: &str = "take fewer (`transfers=`), or more for all of USB: `echo 256 | sudo tee \
+const IF_OUT_OF_MEMORY: &str = "take fewer (`transfers=`), or more for all of USB: `echo 256 | sudo tee \
                            /sys/module/usbcore/parameters/usbfs_memory_mb`";
+/// The user of a board if the system does not show who it is.
 #[cfg(not(windows))]
-const ANOTHER: &str = "another program (root is shown which)";
+const UNKNOWN_USER: &str = "another program (root is shown which)";
 #[cfg(windows)]
-const MAY_NOT: &str = "use an account that may: Device Manager shows the board under Human Interface Devices";
+const IF_DENIED: &str = "use an account that may: Device Manager shows the board under Human Interface Devices";
 #[cfg(windows)]
-const MORE_MEMORY: &str = "take fewer (`transfers=`), or end other programs";
+const IF_OUT_OF_MEMORY: &str = "take fewer (`transfers=`), or end other programs";
 #[cfg(windows)]
-const ANOTHER: &str = "another program that lets nobody else in (close programs for HID devices one by one)";
+const UNKNOWN_USER: &str = "another program that lets nobody else in (close programs for HID devices one by one)";
 
-/// What the system said, in the words of a link.
+/// The error of the link for an error of the operating system when it opened the board.
 pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system: &Sysfs) -> LinkError {
     let path = &board.path;
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
     match error {
         PipeError::Usb(UsbError::Access) => {
-            no_board(format!("the one at {path} may not be opened by this user; {MAY_NOT}"))
+            no_board(format!("the one at {path} may not be opened by this user; {IF_DENIED}"))
         }
         PipeError::Usb(UsbError::Busy) => LinkError::InUse {
             name: name.to_owned(),
@@ -35,7 +37,7 @@ pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system:
             instead: "share the board by `ecmsk serve tcp`",
         },
         PipeError::Usb(UsbError::NoMemory) => no_board(format!(
-            "the one at {path} does not open: this machine gives no memory for transfers; {MORE_MEMORY}"
+            "the one at {path} does not open: this machine gives no memory for transfers; {IF_OUT_OF_MEMORY}"
         )),
         PipeError::Usb(UsbError::NoDevice) | PipeError::Lost(_) => {
             no_board(format!("the one at {path} went away while it was opened; open it again"))
@@ -44,10 +46,10 @@ pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system:
     }
 }
 
-/// ` by press (PID 12), the board at 1-2`.
+/// Who uses the board, for [`LinkError::InUse`]: ` by press (PID 12), the board at 1-2`.
 fn by(path: &str, holders: &[Holder]) -> String {
     let names: Vec<String> = holders.iter().map(Holder::to_string).collect();
-    let who = if names.is_empty() { ANOTHER.to_owned() } else { names.join(" and ") };
+    let who = if names.is_empty() { UNKNOWN_USER.to_owned() } else { names.join(" and ") };
     format!(" by {who}, the board at {path}")
 }
 
@@ -57,7 +59,7 @@ mod tests {
 
     /// LIB-46 Who has the board is named where the system shows it.
     #[test]
-    fn whoever_has_the_board_is_named() {
+    fn the_error_for_a_board_in_use_names_its_users() {
         let holder = |pid, name: &str| Holder { pid, name: name.into() };
         assert_eq!(by("1-2", &[holder(12, "press")]), " by press (PID 12), the board at 1-2");
         let both = [holder(12, "press"), holder(std::process::id(), "this")];

@@ -6,7 +6,7 @@ use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::ecm::{Ecm, EcmError};
 use ecmsk::fieldbus::AlState;
 use ecmsk::link::options::SimOptions;
-use ecmsk::link::slaves::MakersSpec;
+use ecmsk::link::slaves::ManufacturerObjectsSpec;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::slave::{Drive, DriveConfig, MakersObjects, Slave};
 
@@ -99,10 +99,13 @@ fn in_a_link() {
     };
     let (normal, slaves) = of("drive:objects@a/b.objects:start@5*2,io:objects@any").unwrap();
     assert_eq!(normal, "sim:?slaves=drive:start@5:objects@a/b.objects*2,io:objects@any");
-    assert_eq!(slaves[1].makers, Some(MakersSpec::File("a/b.objects".into())));
-    assert_eq!((slaves[1].travel.start, &slaves[2].makers), (Some(5), &Some(MakersSpec::Any)));
+    assert_eq!(slaves[1].manufacturer_objects, Some(ManufacturerObjectsSpec::File("a/b.objects".into())));
+    assert_eq!(
+        (slaves[1].travel.start, &slaves[2].manufacturer_objects),
+        (Some(5), &Some(ManufacturerObjectsSpec::Any))
+    );
     let (_, slaves) = of(r"drive:objects@C:\sv2.objects:start@5").unwrap();
-    assert_eq!(slaves[0].makers, Some(MakersSpec::File(r"C:\sv2.objects".into())));
+    assert_eq!(slaves[0].manufacturer_objects, Some(ManufacturerObjectsSpec::File(r"C:\sv2.objects".into())));
     for (list, words) in [("drive:objects@", "names no file"), ("drive:objects@a:objects@b", "given twice")] {
         let error = of(list).unwrap_err().to_string();
         assert!(error.contains(words), "{list}: {error}");

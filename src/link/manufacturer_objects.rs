@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use super::keys::WHERE_TO_LOOK;
-use super::slaves::{MakersSpec, SlaveSpec};
+use super::slaves::{ManufacturerObjectsSpec, SlaveSpec};
 use crate::files::read_small;
 use crate::slave::{MAKERS_BYTES_MAX, MakersObjects};
 
-/// A file of manufacturer-specific objects cannot be used.
+/// Why a file of manufacturer-specific objects cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cannot take the objects of {file}: {message}; name another file or mend it, {WHERE_TO_LOOK}")]
-pub struct MakersError {
+pub struct ManufacturerObjectsError {
     /// The path of the file.
     pub file: String,
     /// What is wrong, with the number of the line.
@@ -20,8 +20,8 @@ pub struct MakersError {
 /// Reads a file of manufacturer-specific objects.
 ///
 /// # Errors
-/// [`MakersError`] if the file cannot be read or a line is invalid.
-pub fn load(file: &Path) -> Result<MakersObjects, MakersError> {
+/// [`ManufacturerObjectsError`] if the file cannot be read or a line is invalid.
+pub fn load(file: &Path) -> Result<MakersObjects, ManufacturerObjectsError> {
     let text = read_text(file, MAKERS_BYTES_MAX)?;
     MakersObjects::parse(&text).map_err(|error| wrong(file, error))
 }
@@ -29,46 +29,46 @@ pub fn load(file: &Path) -> Result<MakersObjects, MakersError> {
 /// Reads a regular file of UTF-8 text of at most `size_max` bytes.
 ///
 /// # Errors
-/// [`MakersError`]
-pub fn read_text(file: &Path, size_max: u64) -> Result<String, MakersError> {
+/// [`ManufacturerObjectsError`].
+pub fn read_text(file: &Path, size_max: u64) -> Result<String, ManufacturerObjectsError> {
     let read = read_small(file, size_max).map_err(|error| wrong(file, error))?;
     String::from_utf8(read.bytes).map_err(|_| wrong(file, "it is no text in UTF-8; save it as UTF-8"))
 }
 
-fn wrong(file: &Path, message: impl ToString) -> MakersError {
-    MakersError { file: file.display().to_string(), message: message.to_string() }
+fn wrong(file: &Path, message: impl ToString) -> ManufacturerObjectsError {
+    ManufacturerObjectsError { file: file.display().to_string(), message: message.to_string() }
 }
 
 /// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. Each file is read
 /// once. Logs which simulated slaves have such objects.
-pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<MakersObjects>>, MakersError> {
+pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<MakersObjects>>, ManufacturerObjectsError> {
     let mut read: Vec<(&str, MakersObjects)> = Vec::new();
-    let mut objects = Vec::with_capacity(slaves.len());
+    let mut of_slaves = Vec::with_capacity(slaves.len());
     for (slave, spec) in (1..).zip(slaves) {
-        objects.push(match &spec.makers {
+        of_slaves.push(match &spec.manufacturer_objects {
             None => None,
-            Some(MakersSpec::Any) => {
+            Some(ManufacturerObjectsSpec::Any) => {
                 log::info!(
                     "slave {slave} has objects@any: it stores what it is told in 0x2000..0x5FFF and 0x6000..0x9FFF, \
                      where a real drive may answer with an abort code"
                 );
                 Some(MakersObjects::any())
             }
-            Some(MakersSpec::File(file)) => {
+            Some(ManufacturerObjectsSpec::File(file)) => {
                 let known = read.iter().find(|(name, _)| *name == &**file).map(|(_, objects)| objects.clone());
-                let makers = match known {
-                    Some(makers) => makers,
+                let objects = match known {
+                    Some(objects) => objects,
                     None => {
-                        let makers = load(Path::new(&**file))?;
-                        read.push((file, makers.clone()));
-                        makers
+                        let objects = load(Path::new(&**file))?;
+                        read.push((file, objects.clone()));
+                        objects
                     }
                 };
-                let count = makers.objects().len();
+                let count = objects.objects().len();
                 log::info!("slave {slave} has {count} objects of {file}: they store values and have no effect");
-                Some(makers)
+                Some(objects)
             }
         });
     }
-    Ok(objects)
+    Ok(of_slaves)
 }

@@ -38,7 +38,7 @@ fn a_full_fifo_is_told_when_it_begins_and_when_it_ends() {
 
 /// SK-4.78 Targets before SV_ON are told with what to do; a link that is closed first tells the count.
 #[test]
-fn targets_for_a_drive_that_is_off() {
+fn targets_for_a_drive_that_is_off_are_logged_with_the_next_step() {
     let _turn = listen();
     let mut client = Client::stepped("log_targets", "");
     client.op();
@@ -54,7 +54,7 @@ fn targets_for_a_drive_that_is_off() {
 
 /// SK-4.79 A write of an object that the simulated drive does not have says which, and how the drive gets it.
 #[test]
-fn an_aborted_write_is_told() {
+fn an_aborted_sdo_write_is_logged_with_its_object() {
     let _turn = listen();
     let mut client = Client::stepped("log_abort", "");
     let object = ObjectAddress::new(0x2101, 3);
@@ -89,7 +89,7 @@ fn a_state_that_failed_is_explained() {
 
 /// SK-4.80 A mode that a kind does not have, a slave that refuses a state and one that says nothing are told apart.
 #[test]
-fn what_else_fails() {
+fn each_kind_of_failed_state_change_has_its_own_explanation() {
     let _turn = listen();
     let fails = |list: &str, name: &str, script: &str, mode: Mode| {
         let mut client = Client::with(list, name, "clock=virtual&state_timeout_ms=500", script);

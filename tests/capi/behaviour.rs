@@ -42,7 +42,7 @@ mod needs_cxx {
     /// LIB-28, LIB-52 A length above 512 counts as 512, and not a byte beyond is touched; a read copies min(n, 512) bytes.
     /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are false. LIB-6 `unsigned long` is taken whole.
     #[test]
-    fn lengths_and_addresses() {
+    fn lengths_are_limited_to_512_and_null_is_an_error() {
         for link in CLOCKS {
             passes("lengths", link, &[]);
         }
@@ -258,7 +258,7 @@ mod needs_cxx {
 
     /// LIB-26, LIB-41 Eight threads that open, close, read and write at once: no crash, no hang, and the board works after it.
     #[test]
-    fn eight_threads_at_once() {
+    fn eight_threads_that_open_use_and_close_at_once_do_no_harm() {
         for link in CLOCKS {
             passes("stress", link, &[]);
         }
@@ -266,7 +266,7 @@ mod needs_cxx {
 
     /// Several boards at once by URI; LIB-41 handles that are closed or made up are errors; statistics, counters, names, timeouts.
     #[test]
-    fn the_functions_beside_the_vendors() {
+    fn the_ecmsk_functions_open_several_boards_and_report_errors() {
         passes("boards", "sim:?slaves=drive*2&clock=virtual", &[]);
     }
 

@@ -52,7 +52,7 @@ mod needs_cxx {
     /// The guide's programs are the files beside it, compile without a warning as C++98 (the one with threads as C++11),
     /// end well on the link that stands above them, and print what stands below them.
     #[test]
-    fn the_guide_is_true() {
+    fn the_programs_of_the_guide_compile_and_print_what_it_shows() {
         let page = root().join("docs/GUIDE-CPP.md");
         let text = fs::read_to_string(&page).expect("the page");
         let printed = |name: &str, link: &str| {

@@ -89,7 +89,7 @@ fn read(text: &str) -> Result<String, String> {
 
 /// DIST-4 Every key of the links that the DLL can open is in the file, with its meaning and its default.
 #[test]
-fn every_key_is_there() {
+fn the_shipped_configuration_lists_every_key() {
     support::kept(&file(), &expected());
     let text = fs::read_to_string(file()).expect("the file");
     for (scheme, ..) in SCHEMES {
@@ -101,14 +101,14 @@ fn every_key_is_there() {
 
 /// DIST-4 As it is shipped the file says what holds without one.
 #[test]
-fn as_it_is_it_changes_nothing() {
+fn the_shipped_configuration_changes_no_default() {
     assert_eq!(read(&fs::read_to_string(file()).expect("the file")).as_deref(), Ok(DEFAULT_LINK));
 }
 
 /// DIST-4 Each line that is switched off is a link once it is switched on, and says something else than the default; two that are
 /// on are an error with the line.
 #[test]
-fn each_line_can_be_switched_on() {
+fn each_commented_line_of_the_shipped_configuration_is_a_valid_link() {
     let text = fs::read_to_string(file()).expect("the file");
     let shipped = text.lines().find(|line| line.starts_with(ON)).expect("one is on");
     let off: Vec<&str> = text.lines().filter(|line| line.starts_with(OFF)).collect();

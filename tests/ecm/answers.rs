@@ -93,7 +93,7 @@ fn a_lost_request_has_no_answer() {
 
 /// API-37 The same for IO slaves, without a stream and beside one; and one that gets through later is answered.
 #[test]
-fn lost_io_is_not_done() {
+fn a_lost_io_command_is_not_reported_as_done() {
     let tap = Tap::open("slaves=drive,io");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
     ecm.set_outputs(2, 0x0101).unwrap();
@@ -166,7 +166,7 @@ fn a_target_of_a_refused_step_is_not_sent() {
 
 /// API-39 SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing stand, is no home.
 #[test]
-fn old_bits_are_no_home() {
+fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     for stream in [false, true] {
         let tap = Tap::open("slaves=drive*2");
         let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
@@ -227,7 +227,7 @@ fn a_late_sdo_answer_is_not_taken_for_another() {
 
 /// API-40 A write after one that was late is done.
 #[test]
-fn a_write_after_a_late_one_is_done() {
+fn an_sdo_write_after_a_late_one_is_done() {
     let file = script("answers-later", "sdo-delay 1 400ms\nat 2s sdo-delay 1 1ms\n");
     let tap = Tap::open(&format!("slaves=drive&script={file}"));
     let ecm = tap.ecm(Options { sdo_limit: Duration::from_millis(300), ..Options::default() }).unwrap();
@@ -242,7 +242,7 @@ fn a_write_after_a_late_one_is_done() {
 
 /// API-41 SK-4.3 A part of the configuration that is lost on the way is sent until its own answer is there.
 #[test]
-fn a_configuration_is_all_there() {
+fn a_lost_part_of_the_configuration_is_sent_again() {
     let tap = Tap::open("slaves=drive*16");
     let ecm = tap.ecm(Options::default()).unwrap();
     let mut groups = 0;

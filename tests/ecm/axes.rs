@@ -13,7 +13,7 @@ const SECOND: Duration = Duration::from_secs(1);
 
 /// API-29 SK-7.15 SK-7.8 SK-7.10 Axes are on when servo_on returns and off when servo_off does, one or many.
 #[test]
-fn on_and_off() {
+fn axes_are_on_after_servo_on_and_off_after_servo_off() {
     for keys in ["slaves=drive*3", "slaves=drive*3&fw=1.5", "slaves=drive*3&slot=16"] {
         let ecm = open(keys);
         in_op(&ecm, &Config::drives(3));
@@ -28,7 +28,7 @@ fn on_and_off() {
 
 /// API-23 What an axis or a state does not allow is refused before it is sent.
 #[test]
-fn senseless_calls_send_nothing() {
+fn calls_that_an_axis_or_state_forbids_send_nothing() {
     let tap = Tap::open("slaves=drive,io");
     let ecm = tap.ecm(Options::default()).unwrap();
     let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() };
@@ -51,7 +51,7 @@ fn senseless_calls_send_nothing() {
 
 /// API-29 SK-7.9 SK-7.11 SK-7.12 An alarm ends switching on with its code; cleared, if it can be.
 #[test]
-fn alarms() {
+fn an_alarm_ends_servo_on_with_its_code_until_it_is_cleared() {
     let file = script("axes-alarm", "at 500ms alarm 1 0x7500 stays\n");
     let ecm = open(&format!("slaves=drive*2&script={file}"));
     in_op(&ecm, &Config::drives(2));
@@ -89,7 +89,7 @@ fn alarms() {
 
 /// API-31 SK-7.19 SK-7.20 SK-7.24 Homing by both firmwares: progress in order, home is 0, the axis takes targets again.
 #[test]
-fn homing_with_progress() {
+fn homing_reports_its_progress_and_ends_at_0() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5", "slaves=drive*2&slot=16"] {
         let tap = Tap::open(keys);
         let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
@@ -126,7 +126,7 @@ fn homing_with_progress() {
 
 /// API-8 API-31 SK-7.21 SK-6.5 A method the drive has not got, and a home that is not found, are errors; the axis is in its mode after.
 #[test]
-fn homing_that_fails() {
+fn an_unknown_method_and_a_home_not_found_are_errors() {
     let ecm = enabled("slaves=drive", &Config::drives(1));
     let error = ecm.home(1, &Homing::method(99), |_| {}).unwrap_err();
     assert!(matches!(error, EcmError::HomingFailed { slave: 1, .. }), "{error}");
@@ -155,7 +155,7 @@ fn homing_that_fails() {
 
 /// API-31 SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
 #[test]
-fn an_old_home_is_none() {
+fn home_bits_of_an_earlier_homing_do_not_end_a_new_one() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     let mut old = 5;
@@ -204,7 +204,7 @@ fn homing_is_aborted_by_another_thread() {
 
 /// API-30 SK-3.17 SK-3.18 Inputs are those of now, whatever was answered before; output k is wired to input k.
 #[test]
-fn inputs_and_outputs() {
+fn io_reads_present_inputs_and_writes_outputs() {
     for keys in ["slaves=io,drive", "slaves=io,drive&fw=1.5", "slaves=io,drive&slot=16"] {
         let ecm = open(keys);
         in_op(&ecm, &Config { slaves: vec![Slave::Io, Slave::Drive(Axis::CSP)], ..Config::default() });
@@ -221,7 +221,7 @@ fn inputs_and_outputs() {
 
 /// API-30 SK-8.2 SK-8.3 SK-5.21 The board's own IO, in PreOP, in OP and behind a deep FIFO.
 #[test]
-fn local_io() {
+fn the_boards_own_io_works_in_preop_in_op_and_behind_a_deep_fifo() {
     let file = script("local", "inputs 0x15\nat 3s inputs 0x2A\n");
     let tap = Tap::open(&format!("slaves=drive&script={file}"));
     let ecm = tap.ecm(Options::default()).unwrap();

@@ -139,55 +139,55 @@ fn each_call(state: State) {
 
 /// API-23 SK-4.63 Init: the board would reject a change to SafeOP or OP.
 #[test]
-fn in_init() {
+fn every_call_in_init_works_or_says_why_not() {
     each_call(State::Init);
 }
 
 /// API-23 PreOP, configured.
 #[test]
-fn in_preop() {
+fn every_call_in_preop_works_or_says_why_not() {
     each_call(State::PreOp);
 }
 
 /// API-23 SafeOP.
 #[test]
-fn in_safeop() {
+fn every_call_in_safeop_works_or_says_why_not() {
     each_call(State::SafeOp);
 }
 
 /// API-23 OP, all axes off.
 #[test]
-fn in_op_with_axes_off() {
+fn every_call_in_op_with_axes_off_works_or_says_why_not() {
     each_call(State::Off);
 }
 
 /// API-23 OP, all axes on: every call that does not need another state works.
 #[test]
-fn in_op_with_axes_on() {
+fn every_call_in_op_with_axes_on_works() {
     each_call(State::On);
 }
 
 /// API-23 OP, the axis has an alarm.
 #[test]
-fn in_op_with_an_alarm() {
+fn every_call_on_an_axis_with_an_alarm_works_or_says_why_not() {
     each_call(State::Alarm);
 }
 
 /// API-17 API-23 The board was reset by somebody.
 #[test]
-fn on_a_lost_board() {
+fn every_call_on_a_lost_board_says_so() {
     each_call(State::Lost);
 }
 
 /// API-23 The link was closed by somebody.
 #[test]
-fn on_a_closed_link() {
+fn every_call_on_a_closed_link_says_so() {
     each_call(State::Closed);
 }
 
 /// API-23 API-25 The axis homes, in a call of another thread.
 #[test]
-fn while_homing() {
+fn every_call_while_an_axis_homes_works_or_says_why_not() {
     let slow = Homing { switch_speed: Some(1), limit: 60 * SECOND, ..Homing::method(17) };
     for call in CALLS {
         let (tap, ecm) = board_in(State::Homing);

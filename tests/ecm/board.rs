@@ -38,7 +38,7 @@ fn a_reset_board_comes_back() {
 
 /// API-18 API-9 An axis that moves is ramped to a standstill before the board is reset.
 #[test]
-fn a_reset_ramps_first() {
+fn a_moving_axis_is_stopped_before_the_board_is_reset() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { slaves: vec![csv()], ..Config::default() });
     let mut stream = ecm.stream(16).unwrap();

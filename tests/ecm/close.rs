@@ -55,7 +55,7 @@ fn a_stream_that_ends_ramps_down() {
 
 /// API-9 SK-7.10 SK-4.65 Closing and dropping hold, switch off or leave, as asked for.
 #[test]
-fn hold_servo_off_leave() {
+fn closing_holds_switches_off_or_leaves_as_asked() {
     for (how, dropped, on) in [
         (Close::Hold, false, true),
         (Close::Hold, true, true),
@@ -88,7 +88,7 @@ fn hold_servo_off_leave() {
 
 /// API-10 SK-5.5 CSV ramps its velocity to 0 and CST keeps the torque of an axis that stands.
 #[test]
-fn velocity_and_torque() {
+fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     let slaves = vec![Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST), Slave::Drive(Axis::CST)];
     let tap = Tap::open("slaves=drive*3");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { slaves, ..Config::default() });
@@ -120,7 +120,7 @@ fn velocity_and_torque() {
 
 /// API-10 SK-5.4 A board that ran dry stands: the end of its stream must not set it going again.
 #[test]
-fn a_dry_board_is_not_set_going() {
+fn the_end_of_a_stream_does_not_move_a_board_that_ran_dry() {
     let tap = Tap::open("slaves=drive*2&queue=4");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
@@ -165,7 +165,7 @@ fn closing_is_bounded() {
 
 /// API-9 A ramp that would not fit into the limit is refused when the board is opened.
 #[test]
-fn a_ramp_has_to_fit() {
+fn a_ramp_longer_than_the_limit_is_refused_when_opening() {
     let long = Options { ramp: Duration::from_secs(3), ..Options::default() };
     let error = Ecm::open_with("sim:?clock=virtual", long).map(|_| ()).unwrap_err();
     assert!(matches!(error, EcmError::Setting { what: "ramp", .. }), "{error}");
@@ -173,7 +173,7 @@ fn a_ramp_has_to_fit() {
 
 /// API-27 Nothing is done to axes that were neither configured nor adopted.
 #[test]
-fn foreign_axes_are_left_alone() {
+fn axes_that_were_not_configured_or_adopted_are_left_alone() {
     let keys = "slaves=drive*2&name=foreign";
     let ecm = enable(open(keys), &Config::drives(2));
     ecm.close(Close::Leave).unwrap();

@@ -24,7 +24,7 @@ fn count(tap: &Tap, slot: usize, id: CommandId) -> usize {
 
 /// API-44 Homing that is aborted while its objects are written does not begin; the program's own function may do it.
 #[test]
-fn aborted_while_preparing() {
+fn homing_that_is_aborted_while_it_is_prepared_does_not_begin() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     tap.take();
@@ -182,7 +182,7 @@ fn a_stream_that_waits_sees_what_happens() {
 
 /// API-6 Limits of any length are limits: nothing overflows, in any call.
 #[test]
-fn limits_of_any_length() {
+fn a_limit_of_any_length_does_not_overflow() {
     let endless = Options {
         read_limit: Duration::MAX,
         write_limit: Duration::MAX,
@@ -253,7 +253,7 @@ fn a_velocity_that_never_arrived_is_not_ramped() {
 
 /// API-9 API-48 An encoder that flickers is no motion: closing ends, and the axis is off.
 #[test]
-fn noise_is_no_motion() {
+fn a_flickering_encoder_does_not_keep_closing_from_ending() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     tap.bend(|n, frame| {
@@ -269,7 +269,7 @@ fn noise_is_no_motion() {
 
 /// API-48 An axis that does not come to rest is switched off all the same, and the error says that it moved.
 #[test]
-fn what_does_not_rest_is_switched_off() {
+fn an_axis_that_does_not_come_to_rest_is_switched_off() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     tap.bend(|n, frame| {

@@ -77,7 +77,7 @@ fn several_axes_home_from_one_frame() {
 
 /// API-20 One that fails ends the homing of all: when the call is back no axis homes, and all are in their mode.
 #[test]
-fn one_that_fails_ends_all() {
+fn a_homing_that_fails_ends_the_homing_of_all_axes() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5"] {
         let tap = Tap::open(keys);
         let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
@@ -101,7 +101,7 @@ fn one_that_fails_ends_all() {
 
 /// API-20 An alarm of one axis ends all, too, and is the error.
 #[test]
-fn an_alarm_of_one_ends_all() {
+fn an_alarm_of_one_axis_ends_the_homing_of_all() {
     let file = script("homing-alarm", "at 1s alarm 1 0x7500\n");
     let ecm = enable(open(&format!("slaves=drive*2&script={file}")), &Config::drives(2));
     let slow = Homing { switch_speed: Some(1), ..Homing::method(17) };
@@ -114,7 +114,7 @@ fn an_alarm_of_one_ends_all() {
 
 /// API-20 What does not go sends nothing: a slave named twice, one that is no axis, one that is off.
 #[test]
-fn lists_that_do_not_go() {
+fn an_invalid_list_of_axes_sends_nothing() {
     let tap = Tap::open("slaves=drive*2,io");
     let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSP), Slave::Io];
     let ecm = tap.ecm(Options::default()).unwrap();

@@ -11,7 +11,7 @@ fn config(slaves: Vec<Slave>) -> Config {
 
 /// SK-3.20 SK-7.36 A stepper goes where it is sent, and homes.
 #[test]
-fn a_stepper() {
+fn a_stepper_moves_and_homes() {
     for keys in ["slaves=step", "slaves=step&slot=16", "slaves=step&fw=1.5"] {
         let tap = Tap::open(keys);
         let ecm = enable(tap.ecm(Options::default()).unwrap(), &config(vec![Slave::Step(Axis::CSP)]));
@@ -33,7 +33,7 @@ fn a_stepper() {
 /// SK-7.35 SK-3.23 A pulse module in CSV: both channels turn at their velocities, outputs come back as inputs, and the ramp
 /// brings both to a standstill.
 #[test]
-fn a_pulse_module_by_velocity() {
+fn both_channels_of_a_pulse_module_run_by_velocity() {
     let ecm = enabled("slaves=hsp2&slot=16", &config(vec![Slave::Hsp(Axis::CSV)]));
     let hsp = || match ecm.snapshot().unwrap().slave(1) {
         Some(SlaveView::Hsp(hsp)) => hsp,
@@ -65,7 +65,7 @@ fn a_pulse_module_by_velocity() {
 
 /// SK-7.35 One channel in 12-byte slots, too.
 #[test]
-fn one_channel_by_velocity() {
+fn one_channel_of_a_pulse_module_runs_by_velocity() {
     for keys in ["slaves=hsp", "slaves=hsp&slot=16", "slaves=hsp2"] {
         let ecm = enabled(keys, &config(vec![Slave::Hsp(Axis::CSV)]));
         let start = ecm.snapshot().unwrap().position(1).unwrap();

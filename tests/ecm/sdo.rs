@@ -18,7 +18,7 @@ fn commands(slots: &[RawSlot]) -> Vec<SdoCommand> {
 
 /// SK-4.17 SK-4.18 Values of all types, in every state that has SDO, of several slaves, with both slot sizes and firmwares.
 #[test]
-fn typed_values() {
+fn values_of_all_types_are_read_and_written_in_every_state() {
     for keys in ["slaves=drive*2", "slaves=drive*2&slot=16", "slaves=drive*2&fw=1.5"] {
         let ecm = open(keys);
         ecm.configure(&Config::drives(2)).unwrap();
@@ -38,7 +38,7 @@ fn typed_values() {
 
 /// API-8 SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
 #[test]
-fn widths() {
+fn signed_values_come_back_and_values_too_wide_are_errors() {
     assert_eq!((i8::from_raw(0xFF), i8::from_raw(0x100), u8::from_raw(0xFF)), (Some(-1), None, Some(255)));
     assert_eq!((i16::from_raw(0x8000), i16::from_raw(0xFFFF_8000)), (Some(i16::MIN), None));
     assert_eq!((u16::from_raw(0xFFFF), u16::from_raw(0x1_0000)), (Some(0xFFFF), None));
@@ -52,7 +52,7 @@ fn widths() {
 
 /// API-8 SK-6.14 SK-6.12 SK-6.7 An abort is an error with its code and the code's text.
 #[test]
-fn aborts_are_typed() {
+fn an_abort_is_an_error_with_its_code_and_text() {
     let ecm = open("slaves=drive");
     let object = ObjectAddress::new(0x5555, 3);
     let error = ecm.sdo_read::<u32>(1, object).unwrap_err();
@@ -133,7 +133,7 @@ fn every_read_is_fresh() {
 
 /// API-6 SK-6.3 One that meets a transfer under way is rejected by the board: it is asked again, and the right answer found.
 #[test]
-fn a_slow_slave_and_a_limit() {
+fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let file = script("slow", "sdo-delay 1 400ms\n");
     let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
     let short = Options { sdo_limit: Duration::from_millis(100), ..Options::default() };
@@ -168,7 +168,7 @@ fn no_sdo_in_init() {
 
 /// API-15 SK-6.1 Threads take turns: each gets its own answers.
 #[test]
-fn threads_take_turns() {
+fn each_thread_gets_the_answers_to_its_own_sdos() {
     let tap = Tap::open("slaves=drive*4");
     let ecm = tap.ecm(Options { sdo_limit: Duration::from_secs(60), ..Options::default() }).unwrap();
     in_op(&ecm, &Config::drives(4));
@@ -189,7 +189,7 @@ fn threads_take_turns() {
 
 /// SK-5.20 In the middle of a full FIFO a request waits for its entry, and nothing is asked twice.
 #[test]
-fn behind_a_deep_fifo() {
+fn an_sdo_behind_a_full_fifo_is_asked_once() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     let mut stream = ecm.stream(150).unwrap();

@@ -154,7 +154,7 @@ fn a_board_in_op_is_attached_to() {
 
 /// API-16 SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
 #[test]
-fn a_change_of_byte_1_is_told() {
+fn a_change_of_byte_1_is_an_event_and_no_error() {
     let tap = Tap::open("slaves=drive");
     let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
     ecm.take_news().unwrap();
@@ -174,7 +174,7 @@ fn a_change_of_byte_1_is_told() {
 
 /// API-16 SK-1.20 SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
 #[test]
-fn the_crc_of_reports() {
+fn a_wrong_crc_of_a_report_is_refused_and_0_counts_as_absent() {
     let bent = |byte: u8, strict_crc| {
         let tap = Tap::open("slaves=drive");
         let ecm = tap.ecm(Options { strict_crc, ..Options::default() }).unwrap();
@@ -309,7 +309,7 @@ fn a_lost_board_stays_lost() {
 
 /// SK-9.9 On the real clock: to OP, a stream without a loss, closed.
 #[test]
-fn on_the_real_clock() {
+fn a_stream_on_the_real_clock_has_no_loss() {
     let ecm = Ecm::open("sim:?slaves=drive*2").unwrap();
     let ecm = enable(ecm, &Config { cycle_us: 4000, ..Config::drives(2) });
     let mut stream = ecm.stream(100).unwrap();

@@ -159,7 +159,7 @@ fn the_guard_refuses_what_is_too_far() {
 
 /// API-26 Units: 90 degrees of a 17-bit encoder are 32768 counts.
 #[test]
-fn targets_in_units() {
+fn a_target_in_units_is_converted_to_counts() {
     let tap = Tap::open("slaves=drive");
     let axis = Axis { scale: Scale::per_unit(131_072.0 / 360.0), ..Axis::CSP };
     let config = Config { slaves: vec![Slave::Drive(axis)], ..Config::default() };
@@ -342,7 +342,7 @@ fn leaving_op_ends_the_stream() {
 
 /// API-3 SK-3.23 An HSP of two channels takes both targets and outputs, and the guard looks at both.
 #[test]
-fn two_channels() {
+fn a_stream_moves_both_channels_of_an_hsp() {
     let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };
     let config = Config { slaves: vec![Slave::Hsp(axis)], ..Config::default() };
     let ecm = enabled("slaves=hsp2&slot=16", &config);

@@ -211,7 +211,7 @@ fn the_process_knows_its_program_and_the_callers_library() {
 /// TOOL-136 What is no small file is refused by what it is. Opening a pipe that nobody writes to would wait for ever.
 #[cfg(target_os = "linux")]
 #[test]
-fn what_is_no_small_file() {
+fn pipes_devices_and_huge_files_are_refused_as_configuration() {
     use rustix::fs::{CWD, Mode, mkfifoat};
 
     let machine = Machine::unix();

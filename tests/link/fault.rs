@@ -120,7 +120,7 @@ fn a_read_of_which_every_report_is_dropped_ends_at_its_limit_or_says_why() {
 
 /// LINK-7 One bit of a corrupt report is turned over.
 #[test]
-fn one_bit_of_a_corrupt_report_is_turned_over() {
+fn one_bit_of_a_corrupt_report_is_flipped() {
     let (good, bad) = (open("fault.seed=1"), open("fault.corrupt.read=1"));
     let (mut one, mut other) = (Frame::new(), Frame::new());
     for _ in 0..200 {
@@ -134,7 +134,7 @@ fn one_bit_of_a_corrupt_report_is_turned_over() {
 }
 
 #[test]
-fn a_bit_of_a_corrupt_write_is_turned_over() {
+fn one_bit_of_a_corrupt_command_is_flipped() {
     let link = open("fault.corrupt.write=1");
     let frame = status();
     let kept = frame.clone();
@@ -149,7 +149,7 @@ fn a_bit_of_a_corrupt_write_is_turned_over() {
 
 /// LINK-7 Duplicates arrive twice.
 #[test]
-fn duplicates_arrive_twice() {
+fn a_duplicated_frame_arrives_twice() {
     let link = open("fault.duplicate=1");
     for _ in 0..10 {
         link.write(&status(), Wait::Forever).expect("written");
@@ -206,7 +206,7 @@ fn a_delayed_report_comes_to_a_program_that_polls() {
 
 /// LINK-7 After so many frames the board is lost until it is opened again.
 #[test]
-fn after_that_many_frames_the_board_is_lost_until_it_is_opened_again() {
+fn after_disconnect_after_frames_the_board_is_lost_until_it_is_opened_again() {
     let uri = "name=lost-after&fault.disconnect_after=5";
     let link = open(uri);
     link.write(&status(), Wait::Forever).expect("1");
@@ -232,7 +232,7 @@ fn after_that_many_frames_the_board_is_lost_until_it_is_opened_again() {
 }
 
 #[test]
-fn at_that_time_the_board_is_lost() {
+fn after_disconnect_ms_the_board_is_lost() {
     let link = open("fault.disconnect_ms=100");
     let mut report = Frame::new();
     let zero = link.info().opened_at.0;
@@ -325,7 +325,7 @@ fn cancel_and_close_end_a_delay_at_once() {
 
 /// Reader and writer are two threads: each direction has its own sequence of faults.
 #[test]
-fn two_threads_meet_the_same_faults_as_one() {
+fn each_direction_has_its_own_sequence_of_faults() {
     let link = real("fault.drop=0.3&queue=1024");
     let writer = thread::spawn({
         let link = Arc::clone(&link);
@@ -342,7 +342,7 @@ fn two_threads_meet_the_same_faults_as_one() {
 
 /// A recording holds what the program has seen.
 #[test]
-fn a_recording_is_around_the_faults() {
+fn a_recording_holds_what_the_program_has_seen_of_the_faults() {
     let file = support::out_dir().join("faults.pcapng");
     let link = open(&format!("fault.drop.write=1&fault.duplicate.read=1&record={}", file.display()));
     link.write(&status(), Wait::Forever).expect("written");
@@ -392,7 +392,7 @@ mod needs_cxx {
 
 /// LINK-7 Nothing of a fault reaches the model itself.
 #[test]
-fn the_board_behind_is_as_ever() {
+fn faults_of_the_link_do_not_change_the_board() {
     let link = open("fault.drop.read=0.5");
     let mut report = Frame::new();
     link.read(&mut report, Wait::Forever).expect("a report");

@@ -94,7 +94,7 @@ fn a_recording_is_read_back() {
 }
 
 #[test]
-fn what_a_recording_says_of_itself_survives() {
+fn the_metadata_of_a_recording_is_read_back() {
     for slot in [None, Some(SlotSize::Bytes12), Some(SlotSize::Bytes16)] {
         for (clock, base_ns) in [(Clock::Virtual, 0), (Clock::Real, u64::MAX)] {
             for link in ["usb:", URI, "spi:/dev/a b?x= link=y ecmsk", ""] {
@@ -111,7 +111,7 @@ fn what_a_recording_says_of_itself_survives() {
 
 /// Virtual time begins at 0; real time is the calendar's when the link's clock shows what it showed at the opening.
 #[test]
-fn times_are_the_links_moved_to_the_calendar() {
+fn recorded_times_are_calendar_times_on_the_real_clock() {
     let info = |virtual_time| Echo::new(virtual_time).info();
     let stepped = RecordMeta::now(&info(true), Stamp(77));
     assert_eq!((stepped.clock, stepped.base_ns, stepped.slot), (Clock::Virtual, 0, Some(SlotSize::Bytes12)));
@@ -138,7 +138,7 @@ fn a_call_that_fails_is_not_recorded() {
 }
 
 #[test]
-fn everything_else_is_the_link_inside() {
+fn a_recording_link_passes_every_other_call_on() {
     let echo = Arc::new(Echo::new(true));
     let link =
         RecordLink::to_sink(Arc::clone(&echo) as _, "m", Box::new(io::sink()), &meta(Clock::Virtual, 0), 8).unwrap();

@@ -140,7 +140,7 @@ impl Write for Limited {
 }
 
 #[test]
-fn a_full_disk_is_counted_and_the_link_goes_on() {
+fn frames_that_a_full_disk_refuses_are_counted_and_the_link_goes_on() {
     let memory = Memory::default();
     let sink = Box::new(Limited { left: 100_000, memory: memory.clone() });
     let meta = meta(Clock::Virtual, 0);
@@ -160,7 +160,7 @@ fn a_full_disk_is_counted_and_the_link_goes_on() {
 /// A real file on a real full disk: the process may write no longer file.
 #[cfg(unix)]
 #[test]
-fn what_a_full_disk_has_cut_is_taken_back() {
+fn a_frame_that_a_full_disk_has_cut_is_removed() {
     const PATH: &str = "ECMSK_TEST_FULL_DISK";
     const FRAMES: u64 = 2000;
 
@@ -179,7 +179,7 @@ fn what_a_full_disk_has_cut_is_taken_back() {
     let child = std::process::Command::new("sh")
         .args([
             "-c",
-            "trap '' XFSZ; ulimit -f 512; exec \"$0\" --exact --nocapture record_disk::what_a_full_disk_has_cut_is_taken_back",
+            "trap '' XFSZ; ulimit -f 512; exec \"$0\" --exact --nocapture record_disk::a_frame_that_a_full_disk_has_cut_is_removed",
         ])
         .arg(std::env::current_exe().unwrap())
         .env(PATH, &path)

@@ -58,7 +58,7 @@ fn a_recording_without_its_end_says_so() {
 /// TOOL-142 Of what others have written nothing is concluded: a recording that another program has written anew has another
 /// application in its header, a capture has its own.
 #[test]
-fn files_of_others_are_not_judged() {
+fn recordings_of_other_programs_are_not_called_incomplete() {
     let whole = recording_of(3);
     let mut other = up_to(&whole, 5).to_vec();
     let at = other.windows(6).position(|bytes| bytes == b"ecmsk " && !bytes.starts_with(b"ecmsk s")).unwrap();
@@ -179,7 +179,7 @@ fn a_recording_that_was_there_is_kept() {
 
 /// TOOL-144 Room for a recording is there, or is made of a recording if that is wanted, and of nothing else.
 #[test]
-fn room_is_made_of_recordings_alone() {
+fn only_a_recording_is_removed_for_a_new_one() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.pcapng");
     for overwrite in [false, true] {

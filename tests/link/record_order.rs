@@ -125,7 +125,7 @@ fn sections(path: &Path) -> Vec<(u64, Vec<u64>)> {
 /// TOOL-141 A board that a program opens again goes on in its recording where it was, by its own clock: `rate=` makes no gap
 /// of the time that the wall's clock was ahead.
 #[test]
-fn a_board_that_is_opened_again_goes_on() {
+fn times_continue_by_the_boards_clock_when_it_is_opened_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.pcapng");
     let uri = format!("sim:?slaves=drive&rate=0.1&record={}", path.display());
@@ -145,7 +145,7 @@ fn a_board_that_is_opened_again_goes_on() {
 
 /// TOOL-141 A board that began anew, as one without a name does, follows in the recording too: no time is there twice.
 #[test]
-fn a_board_that_begins_anew_follows() {
+fn times_of_a_new_board_follow_those_recorded_before() {
     let folder = tempfile::tempdir().unwrap();
     for (clock, passed) in [("virtual", 0), ("real", 1)] {
         let path = folder.path().join(clock);

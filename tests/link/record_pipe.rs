@@ -23,7 +23,7 @@ fn uri(clock: &str, pipe: &Path) -> String {
 
 /// A pipe that nobody reads is refused with the next step.
 #[test]
-fn without_a_reader() {
+fn a_pipe_that_nobody_reads_is_refused() {
     let pipe = pipe("no-reader");
     match link::open(&uri("virtual", &pipe), Share::ByName).map(|_| ()) {
         Err(LinkError::Io { message, .. }) => assert!(message.contains("start its reader first"), "{message}"),
@@ -33,7 +33,7 @@ fn without_a_reader() {
 
 /// A reader gets every frame while the board is open.
 #[test]
-fn with_a_reader() {
+fn the_reader_of_a_pipe_gets_every_frame_while_the_board_is_open() {
     let pipe = pipe("reader");
     for clock in ["virtual", "real"] {
         let reader = std::thread::spawn({
@@ -59,7 +59,7 @@ fn with_a_reader() {
 
 /// A reader that takes nothing: calls go on, closing ends, and every frame that is not recorded is counted.
 #[test]
-fn with_a_reader_that_sleeps() {
+fn a_reader_of_a_pipe_that_stops_reading_holds_up_no_call() {
     for clock in ["virtual", "real"] {
         let pipe = pipe(&format!("sleeper-{clock}"));
         let held = File::options().read(true).write(true).open(&pipe).unwrap();

@@ -47,7 +47,7 @@ fn the_same_script_gives_the_same_bytes() {
 
 /// SK-8.1 Data1 of LIO_RD shows the chip's inputs.
 #[test]
-fn local_inputs_change_when_they_shall() {
+fn the_inputs_of_the_chip_change_at_their_time() {
     let mut client = Client::stepped("inputs", "at 10ms inputs 0x15\nat 20ms inputs 42\nat 30ms inputs 0");
     let mut changes = vec![(0, 0)];
     loop {
@@ -212,7 +212,7 @@ fn opening_again_starts_the_script_over() {
 
 /// The same from Rust: a test holds the handles itself, and starts a script on them.
 #[test]
-fn a_script_does_what_the_handles_do() {
+fn a_script_in_rust_does_what_the_handles_do() {
     let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>]);
     let network = bus.handle();
     let mut board = Board::new(EngineConfig::default(), Box::new(bus));
@@ -280,7 +280,7 @@ fn a_wrong_file_opens_nothing() {
 
 /// The scripts of `examples/` are right.
 #[test]
-fn the_examples_are_scripts() {
+fn every_example_script_is_valid() {
     let mut found = 0;
     for entry in fs::read_dir(support::root().join("examples/scripts")).expect("the folder") {
         let path = entry.expect("readable").path();

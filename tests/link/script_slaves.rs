@@ -67,7 +67,7 @@ fn inputs_are_forced_and_wired_again() {
 
 /// `io .. walk`: one input after the other, from the first, round and round; the end takes it back.
 #[test]
-fn inputs_walk() {
+fn io_walk_sets_one_input_after_the_other() {
     let mut client = Client::with("io", "io-walk", "clock=virtual", "at 2s io 1 walk 20ms for 400ms");
     client.op();
     let seen: Vec<_> = changes(&mut client, 1, 2600).into_iter().skip(1).collect();
@@ -180,7 +180,7 @@ fn an_input_that_sticks_ends_homing_in_an_error() {
 
 /// Opening again takes all of it back, whatever the new script says.
 #[test]
-fn opening_again_takes_everything_back() {
+fn opening_again_undoes_everything_a_script_did() {
     let options = "clock=virtual&name=script-slaves";
     let text = "jam 1\nlose 2\nio 3 inputs 0xFFFF\nstick 1 positive-limit on\nstick 1 negative-limit on";
     let mut first = Client::with("drive*2,io", "slaves-again", options, text);
@@ -214,7 +214,7 @@ mod needs_cxx {
     /// LINK-6 An unmodified C program meets them all: it sees inputs change, a following error, a homing error and a lost slave,
     /// and comes out of each as the guides say.
     #[test]
-    fn an_unmodified_program_meets_them() {
+    fn an_unmodified_program_recovers_from_every_scripted_fault_of_a_slave() {
         let text = "at 3s io 3 inputs 0x5A5A for 500ms\nat 4s jam 1 for 2s\nat 9s stick 2 negative-limit on\n\
                     at 9s stick 2 positive-limit on\nat 14s end stick 2\nat 20s lose 2 for 1s";
         let script = file("troubles", text);

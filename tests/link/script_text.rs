@@ -13,7 +13,7 @@ fn slaves(list: &str) -> Vec<SlaveSpec> {
 }
 
 #[test]
-fn what_a_script_may_say() {
+fn valid_scripts_are_read() {
     for (text, steps) in [
         ("", 0),
         ("# nothing\n\n   \t# still nothing\r\n", 0),
@@ -43,7 +43,7 @@ fn what_a_script_may_say() {
 /// What editors on Windows make of a file: a byte order mark in front is no part of it, UTF-16 is named as what it is; what
 /// nobody can see in a message is shown by its code.
 #[test]
-fn files_of_other_editors() {
+fn a_byte_order_mark_is_accepted_and_utf_16_is_refused_by_name() {
     let dir = tempfile::tempdir().expect("a folder");
     let path = dir.path().join("script");
     let load = |bytes: &[u8]| {
@@ -64,7 +64,7 @@ fn files_of_other_editors() {
 
 /// LINK-6 What is wrong is told with its place and what is allowed.
 #[test]
-fn what_is_wrong_is_said_with_its_place_and_what_is_allowed() {
+fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
     const VERBS: &str = "alarm, cut, heal, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \
                          io, silent, full, inputs";
     const LASTING: &str = "cut, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";

@@ -22,7 +22,7 @@ const fn span(from: Option<i64>, to: Option<i64>) -> PositionRange {
 }
 
 #[test]
-fn what_a_travel_may_say() {
+fn valid_travels_are_read() {
     let nothing = TravelSpec::default();
     for (parts, said) in [
         ("start@-5", TravelSpec { start: Some(-5), ..nothing }),
@@ -58,7 +58,7 @@ fn the_normal_form_of_a_travel() {
 
 /// LINK-4 What is wrong is told with what is allowed.
 #[test]
-fn what_is_wrong_is_said_with_what_is_allowed() {
+fn an_invalid_travel_is_reported_with_what_is_allowed() {
     const PARTS: &str = "allowed: start@N, limits@N..P|N..|..P|none, home@A..B|A..|..B|none, index@N|none, stops@A..B, \
                          search@N, objects@FILE|any";
     const PLACES: &str = "places from -2147483647 to 2147483647, the lower one first";
@@ -196,7 +196,7 @@ proptest! {
     }
 
     #[test]
-    fn every_travel_comes_back(
+    fn every_travel_is_read_back_from_its_text(
         start in proptest::option::of(-100i64..100),
         limits in proptest::option::of(proptest::option::of((-1000i64..0, 0i64..1000))),
         home in proptest::option::of(proptest::option::of(-2_147_483_647i64..0)),

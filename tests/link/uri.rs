@@ -413,7 +413,7 @@ proptest! {
 
 /// What nobody can see in a value is shown by its code.
 #[test]
-fn control_characters_are_shown() {
+fn control_characters_in_a_value_are_shown_by_their_codes() {
     for (uri, shown) in
         [("sim:?slaves=%00", "`\\u{0}`"), ("sim:?slot=1%0A2", "`1\\u{a}2`"), ("sim:?rate=%E2%80%8B1", "`\\u{200b}1`")]
     {
@@ -424,7 +424,7 @@ fn control_characters_are_shown() {
 
 /// LINK-4 A kind that is nearly one is guessed.
 #[test]
-fn kinds_that_are_nearly_right() {
+fn a_misspelt_kind_of_slave_gets_a_suggestion() {
     for (list, near) in [("Drive*2", "did you mean `drive`?"), ("drve", "did you mean `drive`?"), ("hps2", "`hsp2`?")] {
         let said = LinkUri::parse(&format!("sim:?slaves={list}")).unwrap_err().to_string();
         assert!(said.contains(near), "{said}");

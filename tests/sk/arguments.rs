@@ -26,7 +26,7 @@ fn bits() -> impl Iterator<Item = u32> {
 
 /// SK-4.4 SET_STATE takes 1, 2, 4, 8 and nothing else, in no other bit of Data1 either.
 #[test]
-fn states() {
+fn set_state_takes_1_2_4_and_8_only() {
     for value in bits().chain(0..0x200).chain([0x0102_0304, 0x8000_0008]) {
         let wanted = match value {
             1 => Ok(MasterState::Init),
@@ -46,7 +46,7 @@ fn set_axis(group: u8, data1: u32, size: SlotSize) -> Result<MasterCommand, Malf
 
 /// SK-4.6 Group is 0..=4 in both modes.
 #[test]
-fn groups() {
+fn set_axis_takes_groups_0_to_4_only() {
     for size in SlotSize::ALL {
         for group in 0..=255 {
             let kinds = [SlaveKind::Io; 8];
@@ -60,7 +60,7 @@ fn groups() {
 /// SK-4.7 A nibble is 0, 1, 2, 3 or 0xF, at its slave's place; SK-4.9 4..=14 reject the whole command and the reason
 /// names the slave; SK-4.8 nibbles of slaves above 40 (30) are ignored, whatever they are.
 #[test]
-fn nibbles() {
+fn set_axis_takes_nibbles_0_to_3_and_f_only() {
     for size in SlotSize::ALL {
         for (group, place, nibble) in (0..=4).flat_map(|g| (0..8).flat_map(move |p| (0..16).map(move |n| (g, p, n)))) {
             let slave = group * 8 + place + 1;
@@ -90,7 +90,7 @@ fn nibbles() {
 
 /// SK-4.11 The cycle time is 250 us * 2^n up to 1 s: twelve values and no other below, at or beyond the limit.
 #[test]
-fn cycle_times() {
+fn set_dc_takes_the_twelve_cycle_times_only() {
     let allowed = [250, 500, 1000, 2000, 4000, 8000, 16_000, 32_000, 64_000, 128_000, 256_000, 512_000];
     let taken: Vec<u32> = (0..=1_100_000).filter(|us| CycleTime::from_us(*us).is_some()).collect();
     assert_eq!(taken, allowed);
@@ -104,7 +104,7 @@ fn cycle_times() {
 
 /// SK-4.12 Data2 of SET_DC is 0xFFFF or 0xFFFF0000; SK-4.13 anything else is taken too, and kept to be reported.
 #[test]
-fn dc_shifts() {
+fn set_dc_keeps_any_shift() {
     for value in bits().chain([0xFFFF, 0xFFFF_0000, 0xFFFE, 0xFFFF_0001]) {
         let shift = match value {
             0xFFFF => DcShift::Auto,
@@ -118,7 +118,7 @@ fn dc_shifts() {
 
 /// SK-4.14 Of SET_EX bits 0 and 4 count, each on its own (SK-1.15); the others are reserved and change nothing.
 #[test]
-fn crc_switches() {
+fn set_ex_uses_bits_0_and_4_only() {
     for value in bits() {
         let slot = RawSlot { id: 0x04, data1: value, ..RawSlot::ZERO };
         let (check_commands, fill_responses) = (value & 1 == 1, value & 16 == 16);
@@ -128,7 +128,7 @@ fn crc_switches() {
 
 /// SK-4.15 Byte 2 of SET_FIFO is 1 or 2; a threshold is any number but 0, SK-5.23 which could never fire.
 #[test]
-fn fifo_actions() {
+fn set_fifo_takes_clear_and_a_threshold_other_than_0() {
     for action in 0..=255 {
         for value in bits().chain([159, 160, 161]) {
             let slot = RawSlot { id: 0x05, parm: u16::from(action), data1: value, ..RawSlot::ZERO };
@@ -145,7 +145,7 @@ fn fifo_actions() {
 
 /// SK-4.16 DRIVE_MODE takes modes 8, 9, 10, and 0 or 1 beside it, in all 32 bits of each.
 #[test]
-fn drive_modes() {
+fn drive_mode_takes_modes_8_to_10_with_0_or_1() {
     let decode = |data1, data2| slave(RawSlot { id: 0x06, data1, data2, ..RawSlot::ZERO });
     for value in bits().chain(0..0x120) {
         let mode = match value {
@@ -172,7 +172,7 @@ const OBJECT: ObjectAddress = ObjectAddress::new(0x6041, 0);
 /// SK-4.17 The low byte of Parm of SDO_RD is a slave 1..=40, in 16-byte mode 1..=30, whatever stands in the high byte:
 /// programs put the object's size there. SK-6.6 Any other slave is refused.
 #[test]
-fn slaves_of_sdo_read() {
+fn sdo_rd_takes_a_slave_whatever_the_high_byte_of_parm_is() {
     for (size, last) in [(SlotSize::Bytes12, 40), (SlotSize::Bytes16, 30)] {
         for parm in 0..=u16::MAX {
             let slot = RawSlot { id: 0x07, parm, data1: 0x6041_0000, ..RawSlot::ZERO };
@@ -187,7 +187,7 @@ fn slaves_of_sdo_read() {
 
 /// SK-4.18 Parm of SDO_WR is a slave (SK-6.6) in the low byte and a size of 1, 2 or 4 in the high byte.
 #[test]
-fn slaves_and_sizes_of_sdo_write() {
+fn sdo_wr_takes_a_slave_and_a_size_of_1_2_or_4() {
     for (slot_size, last) in [(SlotSize::Bytes12, 40), (SlotSize::Bytes16, 30)] {
         for parm in 0..=u16::MAX {
             let [slave, bytes] = parm.to_le_bytes();
@@ -207,7 +207,7 @@ fn slaves_and_sizes_of_sdo_write() {
 
 /// SK-4.17, SK-4.18 Data1 is index << 16 | sub-index; a sub-index has 8 bits, an index 16.
 #[test]
-fn objects() {
+fn an_object_is_index_times_65536_plus_sub_index() {
     for low in 0..=u16::MAX {
         for (id, parm) in [(0x07, 40), (0x08, 0x0428)] {
             let slot = RawSlot { id, parm, data1: 0xFFFF_0000 | u32::from(low), ..RawSlot::ZERO };
@@ -226,7 +226,7 @@ fn objects() {
 
 /// SK-3.16 IO_WR: the upper half is ignored; SK-4.27 so is CST's; SK-4.32 LIO_WR has six outputs, both ways.
 #[test]
-fn outputs_and_torques() {
+fn unused_bits_of_outputs_and_torques_are_ignored() {
     for value in bits() {
         assert_eq!(
             slave(RawSlot { id: 0x14, data1: value, ..RawSlot::ZERO }),
@@ -245,7 +245,7 @@ fn outputs_and_torques() {
 /// SK-2.8 States 0, 1, 2, 4, 8; SK-2.9 any other value means that a slave was not found or did not follow;
 /// SK-2.16 with 0x10 in it the allowed commands go by the low nibble.
 #[test]
-fn state_bytes() {
+fn a_state_byte_other_than_0_1_2_4_8_means_a_failed_change() {
     let state = |nibble| match nibble {
         1 => Some(MasterState::Init),
         2 => Some(MasterState::PreOp),
@@ -278,7 +278,7 @@ fn state_bytes() {
 
 /// SK-4.36 A known id in the wrong kind of slot is no command there, and neither is an unknown one: both survive.
 #[test]
-fn ids_in_the_wrong_slot() {
+fn a_command_in_the_wrong_kind_of_slot_is_kept_as_no_command() {
     let masters = [0x00, 0x01, 0x02, 0x03, 0x04, 0x05, 0x21, 0x22, 0xBB];
     let slaves = [0x00, 0x06, 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19];
     let sdo = [0x00, 0x07, 0x08];
@@ -296,7 +296,7 @@ fn ids_in_the_wrong_slot() {
 
 /// SK-4.4, SK-4.9, SK-4.11, SK-6.6 The reason of a refusal says what was found and what is allowed.
 #[test]
-fn reasons_read_well() {
+fn the_reason_of_a_refusal_says_what_was_found_and_what_is_allowed() {
     for (reason, text) in [
         (Malformed::State(3), "state 3 is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
         (Malformed::Group(5), "group 5 is above 4"),

@@ -53,7 +53,7 @@ fn sdo(wire: Bytes, command: SdoCommand) {
 
 /// SK-4.1 There are 22 commands, with these codes and names; every other code survives as unknown.
 #[test]
-fn ids() {
+fn the_22_commands_have_their_codes_and_names() {
     let table = guide::TABLE.map(|(code, name, ..)| (code, name));
     assert_eq!(CommandId::ALL.map(|id| (id.code(), id.name())).as_slice(), table);
     for code in 0..=255 {
@@ -68,7 +68,7 @@ fn ids() {
 
 /// SK-4.2 GET_STATUS is all zero in any slot (SK-1.11).
 #[test]
-fn get_status() {
+fn get_status_is_all_zero() {
     master([0; 12], MasterCommand::GetStatus);
     slave([0; 12], SlaveCommand::GetStatus);
     sdo([0; 12], SdoCommand::GetStatus);
@@ -76,7 +76,7 @@ fn get_status() {
 
 /// SK-4.4 SET_STATE: Data1 = 1, 2, 4 or 8.
 #[test]
-fn set_state() {
+fn set_state_has_the_state_in_data1() {
     let states = [(1, MasterState::Init), (2, MasterState::PreOp), (4, MasterState::SafeOp), (8, MasterState::Op)];
     for (code, state) in states {
         master([0x01, 0, 0, 0, code, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SetState(state));
@@ -86,7 +86,7 @@ fn set_state() {
 
 /// SK-4.6 SET_AXIS: byte 2 the group, nibble k of Data1 slave group * 8 + k + 1; SK-4.7 the nibbles.
 #[test]
-fn set_axis() {
+fn set_axis_has_the_group_in_byte_2_and_kinds_in_data1() {
     use SlaveKind::{Drive, Hsp, Io, None, Step};
     let kinds = [Drive, Io, Hsp, Step, None, Io, Hsp, Step];
     master([0x02, 0, 3, 0, 0x10, 0x32, 0x1F, 0x32, 0, 0, 0, 0], MasterCommand::SetAxis { group: 3, kinds });
@@ -94,7 +94,7 @@ fn set_axis() {
 
 /// SK-4.11 SET_DC: Data1 = cycle time in us; SK-4.12 Data2 = 0xFFFF or 0xFFFF0000, SK-4.13 or anything else.
 #[test]
-fn set_dc() {
+fn set_dc_has_the_cycle_time_in_data1_and_the_shift_in_data2() {
     let dc = |us, shift| MasterCommand::SetDc { cycle: CycleTime::from_us(us).expect("250 * 2^n"), shift };
     master([0x03, 0, 0, 0, 0xE8, 0x03, 0, 0, 0xFF, 0xFF, 0, 0], dc(1000, DcShift::Auto));
     master([0x03, 0, 0, 0, 0xFA, 0x00, 0, 0, 0, 0, 0xFF, 0xFF], dc(250, DcShift::AutoHigh));
@@ -103,7 +103,7 @@ fn set_dc() {
 
 /// SK-4.14 SET_EX: bit 0 = check command CRC, bit 4 = fill response CRC.
 #[test]
-fn set_ex() {
+fn set_ex_has_the_crc_switches_in_bits_0_and_4() {
     for (byte, check_commands, fill_responses) in
         [(0x00, false, false), (0x01, true, false), (0x10, false, true), (0x11, true, true)]
     {
@@ -114,7 +114,7 @@ fn set_ex() {
 
 /// SK-4.15 SET_FIFO: byte 2 = 1 clear, 2 threshold = Data1.
 #[test]
-fn set_fifo() {
+fn set_fifo_has_the_action_in_byte_2() {
     master([0x05, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SetFifo(FifoAction::Clear));
     let threshold = MasterCommand::SetFifo(FifoAction::Threshold(0x1234_5678));
     master([0x05, 0, 2, 0, 0x78, 0x56, 0x34, 0x12, 0, 0, 0, 0], threshold);
@@ -122,7 +122,7 @@ fn set_fifo() {
 
 /// SK-4.16 DRIVE_MODE: Data1 = 8, 9, 10; Data2 = 0 free run, 1 DC sync.
 #[test]
-fn drive_mode() {
+fn drive_mode_has_the_mode_in_data1() {
     for (code, mode) in [(8, Mode::Csp), (9, Mode::Csv), (10, Mode::Cst)] {
         for (drive_type, sync) in [(0, DriveSync::FreeRun), (1, DriveSync::DcSync)] {
             let wire = [0x06, 5, 0, 0, code, 0, 0, 0, drive_type, 0, 0, 0];
@@ -133,14 +133,14 @@ fn drive_mode() {
 
 /// SK-4.17 SDO_RD: Parm = slave, Data1 = index << 16 | sub-index.
 #[test]
-fn sdo_read() {
+fn sdo_rd_has_the_slave_in_parm_and_the_object_in_data1() {
     let object = ObjectAddress::new(0x6099, 2);
     sdo([0x07, 0, 30, 0, 2, 0, 0x99, 0x60, 0, 0, 0, 0], SdoCommand::Read { slave: 30, object });
 }
 
 /// SK-4.18 SDO_WR: Parm low = slave, Parm high = size, Data1 as in SDO_RD, Data2 = value.
 #[test]
-fn sdo_write() {
+fn sdo_wr_has_slave_and_size_in_parm_object_and_value_in_data() {
     let object = ObjectAddress::new(0x6099, 255);
     for (bytes, size) in [(1, SdoSize::One), (2, SdoSize::Two), (4, SdoSize::Four)] {
         let wire = [0x08, 0, 1, bytes, 255, 0, 0x99, 0x60, 0x44, 0x33, 0x22, 0x11];
@@ -151,7 +151,7 @@ fn sdo_write() {
 /// SK-4.19 ALM_CLR, SK-4.21 SV_ON, SK-4.22 SV_OFF, SK-4.23 IO_RD, SK-4.28 GO_HOME, SK-4.29 ABORT_HOME: no argument,
 /// byte 1 the index.
 #[test]
-fn without_argument() {
+fn commands_without_argument_have_only_an_index() {
     for (code, command) in [
         (0x10, SlaveCommand::AlarmClear),
         (0x11, SlaveCommand::ServoOn),
@@ -167,13 +167,13 @@ fn without_argument() {
 
 /// SK-4.24 IO_WR: Data1 = outputs.
 #[test]
-fn io_write() {
+fn io_wr_has_the_outputs_in_data1() {
     slave([0x14, 1, 0, 0, 0xC3, 0xA5, 0, 0, 0, 0, 0, 0], SlaveCommand::IoWrite(0xA5C3).with_index(1));
 }
 
 /// SK-4.25 CSP: Data1 = target position, i32, Data2 low = outputs; SK-4.26 CSV: Data1 = target velocity, outputs alike.
 #[test]
-fn csp_and_csv() {
+fn csp_and_csv_have_target_and_outputs() {
     for (target, data1) in [(-2, [0xFE, 0xFF, 0xFF, 0xFF]), (i32::MAX, [0xFF, 0xFF, 0xFF, 0x7F]), (1, [1, 0, 0, 0])] {
         let to = Motion { first: AxisTarget { target, outputs: 0x55AA }, second: AxisTarget::default() };
         let wire = |id| [id, 0, 0, 0, data1[0], data1[1], data1[2], data1[3], 0xAA, 0x55, 0, 0];
@@ -184,21 +184,21 @@ fn csp_and_csv() {
 
 /// SK-4.27 CST: Data1 low 16 = target torque, i16; the upper half is written 0.
 #[test]
-fn cst() {
+fn cst_has_the_torque_in_the_low_half_of_data1() {
     slave([0x17, 0, 0, 0, 0xD4, 0xFE, 0, 0, 0, 0, 0, 0], SlaveCommand::Cst(-300));
     slave([0x17, 0, 0, 0, 0x00, 0x80, 0, 0, 0, 0, 0, 0], SlaveCommand::Cst(i16::MIN));
 }
 
 /// SK-4.31 LIO_RD: no argument; SK-4.32 LIO_WR: Data1 = 6 output bits.
 #[test]
-fn local_io() {
+fn lio_rd_has_no_argument_and_lio_wr_six_output_bits() {
     master([0x21, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::LocalRead);
     master([0x22, 0, 0, 0, 0x2A, 0, 0, 0, 0, 0, 0, 0], MasterCommand::LocalWrite(0b10_1010));
 }
 
 /// SK-4.33 SW_RESET: no argument.
 #[test]
-fn soft_reset() {
+fn sw_reset_has_no_argument() {
     master([0xBB, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SoftReset);
 }
 

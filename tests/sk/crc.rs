@@ -13,7 +13,7 @@ fn crc8(bytes: impl IntoIterator<Item = u8>) -> u8 {
 
 /// SK-1.12 Polynomial 0x07, initial value 0x5A, not reflected, no final xor; 0x58 over "123456789".
 #[test]
-fn check_value() {
+fn the_crc_of_123456789_is_0x58() {
     assert_eq!(crc_parameters(), (0x07, 0x5A, 0x58));
     assert_eq!((ALGORITHM.poly, ALGORITHM.init, ALGORITHM.check), crc_parameters());
     assert_eq!(crc::Crc::<u8>::new(&ALGORITHM).checksum(b"123456789"), 0x58);
@@ -22,7 +22,7 @@ fn check_value() {
 
 /// SK-1.14 An all-zero frame carries 0x59 at 504 bytes and 0x60 at 512.
 #[test]
-fn all_zero_frames() {
+fn all_zero_frames_have_the_published_crcs() {
     assert_eq!(Frame::new().crc(SlotSize::Bytes12), 0x59);
     assert_eq!(Frame::new().crc(SlotSize::Bytes16), 0x60);
 }
@@ -72,7 +72,7 @@ fn wrong_crc_is_refused_under_either_policy() {
 
 /// SK-1.20 Byte 3 = 0 is accepted as "no CRC"; SK-1.21 the strict option refuses it. The default accepts.
 #[test]
-fn absent_crc() {
+fn a_crc_byte_of_0_is_accepted_unless_strict() {
     let vector = vector_named("resp-preop-nocrc");
     let (frame, size) = (vector.frame(), vector.size);
     let expected = frame.crc(size);
@@ -96,7 +96,7 @@ fn a_right_crc_may_be_zero() {
 
 /// SK-1.20, SK-1.21 A right CRC passes, and no other value of byte 3 does but 0.
 #[test]
-fn all_values_of_byte_3() {
+fn of_all_values_of_byte_3_only_the_right_crc_and_0_pass() {
     for vector in vectors().iter().filter(|vector| vector.crc == "filled") {
         let (right, size) = (vector.crc8.expect("filled"), vector.size);
         for value in 0..=255 {

@@ -32,7 +32,7 @@ fn response(size: SlotSize, i: usize, slot: RawSlot, kinds: Option<SlaveKind>) -
 
 /// SK-4.6, SK-4.17, SK-4.18, SK-4.25 The lines of the golden command frames.
 #[test]
-fn golden_commands() {
+fn golden_command_frames_have_these_lines() {
     for (name, lines) in [
         ("all-zero-12", vec!["ECM      GET_STATUS, CRC 0x59 ok"]),
         ("set-state-preop", vec!["ECM      SET_STATE PreOP, CRC 0xE7 ok"]),
@@ -78,7 +78,7 @@ fn golden_commands() {
 
 /// SK-2.15, SK-3.12, SK-3.22, SK-6.13 The lines of the golden response frames, kinds of slaves said.
 #[test]
-fn golden_responses() {
+fn golden_response_frames_have_these_lines() {
     use SlaveKind::{Drive, Hsp, Io};
     let io_behind = |first| {
         let mut kinds = [Io; 40];
@@ -143,7 +143,7 @@ fn golden_responses() {
 
 /// SK-3.5 Firmware 1.5 has the mode in byte 1.
 #[test]
-fn mode_of_firmware_1_5() {
+fn firmware_1_5_shows_the_mode_of_byte_1() {
     let vector = vector_named("resp-op-fw15");
     let frame = vector.frame();
     let dump = ResponseDump::new(&frame, vector.size).kinds(&[SlaveKind::Drive; 40]).mode_in_byte_1();
@@ -220,7 +220,7 @@ fn what_has_no_meaning_shows_its_fields() {
 
 /// SK-1.7 Bytes that a meaning does not use are not kept back.
 #[test]
-fn unused_bytes_show() {
+fn bytes_that_a_command_does_not_use_are_shown() {
     assert_eq!(
         command(NARROW, 3, RawSlot { data2: 0x0001_0000, ..RawSlot::ZERO }),
         "slave 3  GET_STATUS (more bytes are set: index 0x00 parm 0x0000 data1 0x00000000 data2 0x00010000)"
@@ -239,7 +239,7 @@ fn unused_bytes_show() {
 
 /// SK-4.8, SK-4.13, SK-4.16 The words for the other commands.
 #[test]
-fn other_words() {
+fn the_other_commands_have_these_words() {
     let master = |command: MasterCommand| self::command(WIDE, 0, command.encode());
     let slave = |command: SlaveCommand| self::command(NARROW, 12, SlotCommand::from(command).encode(NARROW));
     let axes = MasterCommand::SetAxis { group: 3, kinds: [SlaveKind::Step; 8] };
@@ -275,7 +275,7 @@ fn other_words() {
 
 /// SK-3.13, SK-3.12 Without kinds a slot is read by what can be known, and a guess is marked as one.
 #[test]
-fn kinds_are_guessed_honestly() {
+fn a_guessed_kind_is_marked_as_a_guess() {
     let raw = |id, parm, data1, data2, data3| RawSlot { id, index: 0, parm, data1, data2, data3 };
     let status = "statusword 0x0250 Switch on disabled, position 5";
     for (slot, rest) in [
@@ -311,7 +311,7 @@ fn kinds_are_guessed_honestly() {
 
 /// Axis 2 of an HSP is shown only if it says something.
 #[test]
-fn a_silent_second_axis() {
+fn axis_2_of_an_hsp_is_shown_only_if_it_is_not_0() {
     let slot = |data3| RawSlot { id: 0x15, parm: 0x0250, data1: 5, data2: 1, data3, ..RawSlot::ZERO };
     let line = |size, data3| response(size, 9, slot(data3), Some(SlaveKind::Hsp));
     let first = "slave 9  CSP HSP statusword 0x0250 Switch on disabled, position 5, inputs 0x0001";
@@ -322,7 +322,7 @@ fn a_silent_second_axis() {
 
 /// SK-2.14, SK-2.15 In OP both counts of the FIFO are shown, elsewhere if one of them is not 0.
 #[test]
-fn counts_of_the_fifo() {
+fn fifo_counts_are_shown_in_op_or_if_they_are_not_0() {
     let line = |state, free: u32, full: u32| {
         response(NARROW, 0, RawSlot { id: 0xBF, parm: state, data2: full << 16 | free, ..RawSlot::ZERO }, None)
     };
@@ -351,7 +351,7 @@ fn zeros_are_values_in_op_alone() {
 
 /// SK-2.12 Inputs of the chip, and a result of anything else.
 #[test]
-fn results() {
+fn the_result_of_slot_0_is_shown_as_inputs_or_as_a_number() {
     let line = |id, data1| response(NARROW, 0, RawSlot { id, index: 255, parm: 0x02, data1, ..RawSlot::ZERO }, None);
     assert_eq!(line(0x21, 5), "ECM      LIO_RD state PreOP, inputs 0b000101, CRC errors 255, CRC absent");
     assert_eq!(line(0x00, 5), "ECM      GET_STATUS state PreOP, result 5, CRC errors 255, CRC absent");
@@ -360,7 +360,7 @@ fn results() {
 
 /// SK-1.3 Lines come with their slot's number and role, the idle ones on demand; slot 0 is always there.
 #[test]
-fn lines_of_slots() {
+fn idle_slots_are_shown_only_on_demand() {
     for size in SlotSize::ALL {
         let mut frame = Frame::new();
         frame.put_slave(size, 2, &SlaveCommand::ServoOn.into());
@@ -410,7 +410,7 @@ fn a_read_with_a_size_in_parm() {
 
 /// SK-3.12, SK-4.25 The same as types, for tools that write something else than text.
 #[test]
-fn lines_as_types() {
+fn the_lines_of_a_dump_are_available_as_types() {
     let vector = vector_named("csp-index-7");
     let frame = vector.frame();
     let lines: Vec<_> = CommandDump::new(&frame, vector.size).lines().map(|(_, line)| line).collect();

@@ -28,7 +28,7 @@ fn slot(size: SlotSize, bytes: &[u8]) -> RawSlot {
 
 /// SK-1.1 42 slots of 12 bytes, 504 in all, the default; SK-1.2 32 slots of 16 bytes, 512 in all.
 #[test]
-fn frame_sizes() {
+fn frames_have_42_slots_of_12_or_32_slots_of_16_bytes() {
     assert_eq!((NARROW.slots(), NARROW.bytes(), NARROW.frame_len()), (42, 12, 504));
     assert_eq!((WIDE.slots(), WIDE.bytes(), WIDE.frame_len()), (32, 16, 512));
     assert_eq!(SlotSize::default(), NARROW);
@@ -59,7 +59,7 @@ fn slots_lie_one_behind_the_other() {
 
 /// SK-1.4 Little endian: CMD, Parm, Data1, Data2, Data3; SK-1.5 each at its bytes; SK-1.6 under these names.
 #[test]
-fn fields_of_a_slot() {
+fn the_fields_of_a_slot_are_little_endian_at_their_bytes() {
     let wide: Vec<u8> = (0x10..0x20).collect();
     let fields = RawSlot { id: 0x10, index: 0x11, parm: 0x1312, data1: 0x1716_1514, data2: 0x1B1A_1918, data3: 0 };
     let all = RawSlot { data3: 0x1F1E_1D1C, ..fields };
@@ -108,7 +108,7 @@ fn index_of_an_unknown_command() {
 /// SK-2.8 Byte 2 is the state; SK-2.10 byte 3 the CRC; SK-2.11 bytes 4..7 the result; SK-2.14 bytes 8..9 the free
 /// entries; SK-2.15 bytes 10..11 the full count. Byte 0 is an id, byte 1 the error code.
 #[test]
-fn master_slot_of_a_response() {
+fn slot_0_of_a_response_has_state_crc_result_and_fifo_counts() {
     let response = MasterResponse {
         id: MASTER_CYCLIC,
         error: 0x21,
@@ -130,7 +130,7 @@ fn master_slot_of_a_response() {
 
 /// SK-2.12 After LIO_RD the inputs stand in bytes 4..7, SK-4.31 under its id.
 #[test]
-fn local_inputs_in_a_response() {
+fn lio_rd_is_answered_with_the_inputs_in_the_result() {
     let raw = slot(NARROW, &[0x21, 0, 0x02, 0, 0b10_1101, 0, 0, 0, 0, 0, 0, 0]);
     let response = MasterResponse::decode(&raw);
     assert_eq!((response.id, response.result), (CommandId::LocalRead.code(), 0b10_1101));
@@ -138,7 +138,7 @@ fn local_inputs_in_a_response() {
 
 /// SK-2.3 A decoder takes the id of SET_FIFO and LIO in OP as it takes 0xBF.
 #[test]
-fn any_id_in_the_master_slot() {
+fn any_id_is_accepted_in_slot_0_of_a_response() {
     for id in [MASTER_CYCLIC, 0x05, 0x21, 0x22] {
         let raw = slot(NARROW, &[id, 0, 0x08, 0, 0x15, 0, 0, 0, 0xA0, 0, 0, 0]);
         let response = MasterResponse::decode(&raw);
@@ -149,7 +149,7 @@ fn any_id_in_the_master_slot() {
 /// SK-3.12 Statusword in 2..3, position in 4..7, torque in 8..9, error code in 10..11; SK-3.19 a stepper's slot is the
 /// same. Byte 0 is an id, byte 1 an index or a mode.
 #[test]
-fn drive_slot_of_a_response() {
+fn the_slot_of_a_drive_has_statusword_position_torque_and_error_code() {
     let drive = DriveResponse {
         head: SlaveResponse { id: 0x15, index: 7 },
         statusword: Statusword(0x1637),
@@ -166,7 +166,7 @@ fn drive_slot_of_a_response() {
 /// SK-3.13 IO_RD: inputs in Data1; SK-3.14 IO_WR: the output image there; SK-3.15 GET_STATUS: CMD 0, inputs;
 /// SK-3.16 the upper half is 0, and not read; SK-4.23, SK-4.24 under these ids.
 #[test]
-fn io_slot_of_a_response() {
+fn the_slot_of_an_io_slave_has_inputs_or_outputs_in_data1() {
     for (id, index) in [(0x13, 9), (0x14, 255), (0x00, 0)] {
         let io = IoResponse { head: SlaveResponse { id, index }, bits: 0xBEEF };
         let mut wire = [id, index, 0, 0, 0xEF, 0xBE, 0, 0, 0, 0, 0, 0];
@@ -189,7 +189,7 @@ fn hsp(second: HspAxis) -> HspResponse {
 /// SK-3.21 HSP in 12-byte mode: inputs in 8..9, bytes 10..11 are 0 and axis 2 does not travel;
 /// SK-3.24 one channel in 16-byte mode: bytes 10..15 are 0.
 #[test]
-fn one_channel_hsp_slot_of_a_response() {
+fn the_slot_of_a_one_channel_hsp_has_inputs_in_bytes_8_and_9() {
     let wire = [0x15, 2, 0x37, 0x16, 0x44, 0x33, 0x22, 0x11, 0x66, 0x55, 0, 0];
     let two = hsp(HspAxis { position: -1, inputs: 0xFFFF });
     let one = hsp(HspAxis::default());
@@ -204,7 +204,7 @@ fn one_channel_hsp_slot_of_a_response() {
 /// SK-3.22 Two-channel HSP: position 2 is the unaligned field at byte 10, inputs 2 stand in 14..15;
 /// SK-3.25 whatever command is answered, and of commands CSP and CSV alone read bytes 8..15.
 #[test]
-fn two_channel_hsp_slot_of_a_response() {
+fn the_slot_of_a_two_channel_hsp_has_position_2_at_byte_10() {
     for id in [0x00, 0x10, 0x11, 0x12, 0x15, 0x16, 0x18, 0x19] {
         let mut two = hsp(HspAxis { position: i32::from_le_bytes([0xA1, 0xA2, 0xA3, 0xA4]), inputs: 0xB2B1 });
         two.head.id = id;
@@ -221,7 +221,7 @@ fn two_channel_hsp_slot_of_a_response() {
 /// SK-3.23 CSP and CSV of a two-channel HSP: target 1 in 4..7, outputs 1 in 8..9, target 2 in 10..13 (unaligned),
 /// outputs 2 in 14..15; in 12-byte mode axis 2 does not travel.
 #[test]
-fn two_channel_hsp_slot_of_a_command() {
+fn csp_and_csv_of_a_two_channel_hsp_have_target_2_at_byte_10() {
     let first = AxisTarget { target: 0x1122_3344, outputs: 0x5566 };
     let second = AxisTarget { target: i32::from_le_bytes([0xA1, 0xA2, 0xA3, 0xA4]), outputs: 0xB2B1 };
     for (id, command) in [(0x15, SlaveCommand::Csp as fn(Motion) -> _), (0x16, SlaveCommand::Csv)] {
@@ -241,7 +241,7 @@ fn two_channel_hsp_slot_of_a_command() {
 /// SK-4.17, SK-4.18 The answer: Parm = slave with high byte 0, Data1 = index << 16 | sub-index, Data2 = value;
 /// under id 7 or 8, SK-3.7 byte 1 being 0.
 #[test]
-fn sdo_slot_of_a_response() {
+fn an_sdo_answer_repeats_slave_and_object_with_the_value() {
     for (id, command) in [(CommandId::SdoRead, 7), (CommandId::SdoWrite, 8)] {
         let done = SdoResponse::Done { id, slave: 40, object: ObjectAddress::new(0x6099, 2), value: 0xFE };
         let wire = [command, 0, 40, 0, 2, 0, 0x99, 0x60, 0xFE, 0, 0, 0];
@@ -255,7 +255,7 @@ fn sdo_slot_of_a_response() {
 /// SK-6.13 A failed transfer: Parm = slave | 0x8000, Data1 the same, Data2 = the abort code, so no program that waits
 /// for Parm == slave takes the code for a value.
 #[test]
-fn aborted_transfer() {
+fn an_aborted_sdo_has_bit_15_of_parm_and_the_abort_code() {
     for (id, command) in [(CommandId::SdoRead, 7), (CommandId::SdoWrite, 8)] {
         let (slave, object) = (3, ObjectAddress::new(0x5FFF, 1));
         let aborted = SdoResponse::Aborted { id, slave, object, code: AbortCode::NO_OBJECT };
@@ -269,7 +269,7 @@ fn aborted_transfer() {
 /// SK-4.17, SK-4.18, SK-6.13 What is not exactly such an answer is none, and survives as it is: any other bit of Parm
 /// or of the sub-index's half, any other id, and an empty slot in which a single bit is set.
 #[test]
-fn what_is_no_sdo_answer() {
+fn a_slot_that_is_not_exactly_an_sdo_answer_is_kept_as_none() {
     let answer = RawSlot { id: 0x07, index: 0, parm: 3, data1: 0x6041_0000, data2: 5, data3: 0 };
     assert!(matches!(SdoResponse::decode(&answer), SdoResponse::Done { .. }));
     let parms = (8..15).map(|bit| RawSlot { parm: 3 | 1 << bit, ..answer });
@@ -291,7 +291,7 @@ fn what_is_no_sdo_answer() {
 
 /// A frame is built from fewer or more bytes than it has without touching what is not there.
 #[test]
-fn frames_from_slices() {
+fn a_frame_is_made_of_any_number_of_bytes() {
     assert_eq!(Frame::from_prefix(&[]), Frame::new());
     assert_eq!(Frame::from_prefix(&[0xA5; 600]), rubbish());
     let short = Frame::from_prefix(&[0xA5; 504]);

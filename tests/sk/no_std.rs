@@ -63,7 +63,7 @@ fn wire_format_builds_without_std() {
 
 /// SK-4.25 What the firmware sends is the golden frame.
 #[test]
-fn firmware_commands() {
+fn firmware_sends_the_golden_frame() {
     let vector = vectors::vector_named("csp-index-7");
     let frame = exchange::command(-1_234_567, 7);
     assert_eq!(frame.wire(SlotSize::Bytes12), vector.bytes);
@@ -76,7 +76,7 @@ fn firmware_commands() {
 
 /// SK-3.12 What the firmware reads is in the golden frame; SK-1.21 it checks the CRC always.
 #[test]
-fn firmware_reads_a_response() {
+fn firmware_reads_the_golden_response() {
     let golden = vectors::vector_named("resp-op-fw17").frame();
     assert_eq!(exchange::position(golden.bytes()), Ok(-1_234_560));
 

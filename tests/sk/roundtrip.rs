@@ -148,7 +148,7 @@ fn any_frame() -> impl Strategy<Value = (SlotSize, Frame)> {
 proptest! {
     /// SK-4.1 Every command of slot 0 comes back, ids that have no business there too; SK-1.8 whatever the CRC.
     #[test]
-    fn master_commands(command in master_command(), size in size(), crc: u8) {
+    fn every_command_of_slot_0_decodes_to_itself(command in master_command(), size in size(), crc: u8) {
         let mut frame = Frame::from_bytes([0xA5; 512]);
         frame.put_master(size, &command);
         frame.bytes_mut()[3] = crc;
@@ -158,7 +158,7 @@ proptest! {
     /// SK-4.1 Every command of a slave comes back with its index, in every slave's slot, unknown ids too; SK-3.23 in
     /// 16-byte mode with both axes.
     #[test]
-    fn slave_commands(
+    fn every_command_of_a_slave_decodes_to_itself(
         (size, command) in size().prop_flat_map(|size| (Just(size), slave_command(size))),
         place: prop::sample::Index,
     ) {
@@ -170,7 +170,7 @@ proptest! {
 
     /// SK-4.17, SK-4.18 Every SDO command comes back, unknown ids too.
     #[test]
-    fn sdo_commands((size, command) in size().prop_flat_map(|size| (Just(size), sdo_command(size)))) {
+    fn every_sdo_command_decodes_to_itself((size, command) in size().prop_flat_map(|size| (Just(size), sdo_command(size)))) {
         let mut frame = Frame::from_bytes([0xA5; 512]);
         frame.put_sdo(size, &command);
         prop_assert_eq!(SdoCommand::decode(&frame.slot(size, size.sdo_slot()), size), Ok(command));
@@ -178,7 +178,7 @@ proptest! {
 
     /// SK-2.11, SK-2.14, SK-2.15 The master slot of a response comes back, whatever it holds.
     #[test]
-    fn master_responses(
+    fn every_response_in_slot_0_decodes_to_itself(
         (id, error, state) in any::<(u8, u8, u8)>(),
         (result, fifo_free, full_count) in any::<(u32, u16, u16)>(),
         size in size(),
@@ -193,7 +193,7 @@ proptest! {
 
     /// SK-3.12 A drive's slot comes back, SK-3.19 a stepper's too; SK-3.13 an IO slave's; SK-3.21, SK-3.22 an HSP's.
     #[test]
-    fn slave_responses(
+    fn every_response_of_a_slave_decodes_to_itself(
         head in head(),
         (statusword, position, torque, error_code) in any::<(u16, i32, i16, u16)>(),
         (position2, inputs, inputs2) in any::<(i32, u16, u16)>(),
@@ -220,7 +220,7 @@ proptest! {
 
     /// SK-4.17, SK-4.18, SK-6.13 Every answer in the SDO slot comes back; SK-3.7 byte 1 is written 0 and not asked for.
     #[test]
-    fn sdo_responses(response in sdo_response(), index: u8) {
+    fn every_sdo_answer_decodes_to_itself(response in sdo_response(), index: u8) {
         let slot = response.encode();
         prop_assert_eq!(slot.index, 0);
         prop_assert_eq!(SdoResponse::decode(&RawSlot { index, ..slot }), response);

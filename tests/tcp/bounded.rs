@@ -51,7 +51,7 @@ fn stops(server: Server) {
 
 /// TCP-26 More than a day is refused, with the bound; the client may go on.
 #[test]
-fn centuries_are_refused() {
+fn more_than_a_day_of_virtual_time_is_refused() {
     let (server, _) = serve("sim:?slaves=drive&clock=virtual");
     let mut raw = asks(&server, &pass(1, 1 << 63));
     let (kind, payload) = raw.answer().expect("an answer");
@@ -72,7 +72,7 @@ fn centuries_are_refused() {
 
 /// TCP-26 While a day passes for the writer others come, it may cancel, it is gone when it goes, and the server can be stopped.
 #[test]
-fn a_day_that_nobody_waits_for() {
+fn while_a_day_passes_others_connect_and_the_call_can_be_cancelled() {
     let (server, _) = serve("sim:?slaves=drive&clock=virtual");
     let mut raw = asks(&server, &day());
     assert_eq!(connect(&server, "role=reader").check(), Ok(()));
@@ -89,7 +89,7 @@ fn a_day_that_nobody_waits_for() {
 
 /// TCP-26 A day that passes on a link of this process ends when another thread closes it.
 #[test]
-fn a_day_that_is_closed() {
+fn closing_the_link_ends_a_day_that_passes() {
     let link = link::open("sim:?slaves=drive&clock=virtual", Share::ByName).unwrap();
     let other = Arc::clone(&link);
     let passing = thread::spawn(move || other.pass(PASS_MAX));
@@ -150,7 +150,7 @@ fn a_stuck_call_keeps_nobody_out() {
 
 /// TCP-26 A read that waits for centuries of the board's time is done in steps, too.
 #[test]
-fn a_read_of_centuries() {
+fn a_read_that_waits_for_centuries_can_be_ended() {
     let (_link, server) = stuck();
     let mut raw = asks(&server, &read(1, 1 << 63));
     raw.send(&message(0x06, &1_u64.to_le_bytes()));

@@ -93,7 +93,7 @@ fn virtual_time_is_the_same_over_the_network() {
 
 /// TCP-7 Readers of a board on virtual time see what its writer reads, and cannot let time pass.
 #[test]
-fn on_virtual_time_readers_look_on() {
+fn readers_cannot_let_virtual_time_pass() {
     let (server, _) = serve("sim:?slaves=drive*2&clock=virtual");
     let writer = connect(&server, "");
     let reader = connect(&server, "role=reader");

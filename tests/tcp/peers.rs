@@ -38,7 +38,7 @@ fn works(link: &Arc<dyn Link>) {
 
 /// TCP-12 What is no hello is refused, with the reason, and the connection ends.
 #[test]
-fn what_is_no_hello_is_refused() {
+fn a_first_message_other_than_hello_is_refused() {
     let (_puppet, server, told, link) = served();
     let long = [0xFF, 0xFF, 0x01, 0];
     let mut version = hello(true, 500);
@@ -108,7 +108,7 @@ fn a_second_request_under_way_ends_it() {
 
 /// TCP-12 TCP-4 Half a frame is none: the board gets nothing of it.
 #[test]
-fn half_a_frame_is_none() {
+fn a_frame_received_in_part_does_not_reach_the_board() {
     let (puppet, server, _told, link) = served();
     link.close();
     let whole = write(7, 0, &frame(1));
@@ -133,7 +133,7 @@ fn half_a_frame_is_none() {
 
 /// TCP-12 Whoever says nothing is let go: before its hello after the server's limit, later after four keep-alive times.
 #[test]
-fn silence_ends() {
+fn a_client_that_says_nothing_is_disconnected() {
     let puppet = Puppet::new();
     let (options, told) = options();
     let server = serve_link(puppet, ServeOptions { hello_limit: Duration::from_secs(1), ..options });
@@ -173,7 +173,7 @@ fn keep_alive_on_both_sides() {
 /// TCP-4 A connection that ends in the middle of a write leaves it open whether the board has the frame, and says so; no
 /// frame is sent twice. A server that says good-bye first has not taken it.
 #[test]
-fn an_end_in_the_middle_of_a_write() {
+fn a_connection_that_ends_during_a_write_is_unsure() {
     for says_bye in [false, true] {
         let (address, server) = fake_server(move |mut socket| {
             socket.write_all(&welcome()).unwrap();
@@ -207,7 +207,7 @@ fn an_end_in_the_middle_of_a_write() {
 
 /// TCP-12 A server that sends nonsense is an error of the client's calls, which says what was wrong.
 #[test]
-fn nonsense_from_a_server() {
+fn an_invalid_message_of_the_server_is_an_error_of_the_calls() {
     for (nonsense, part) in [
         (message(0x77, b""), "unknown kind 0x77"),
         (message(WRITTEN, &[0; 24]), "out of turn"),
@@ -228,7 +228,7 @@ fn nonsense_from_a_server() {
 
 /// TCP-12 What answers is no server, or one of another version: connecting says so.
 #[test]
-fn other_servers() {
+fn another_server_or_another_version_is_refused() {
     let mut version = *GREETING;
     version[8] = 9;
     for (first, part) in [
@@ -256,7 +256,7 @@ fn other_servers() {
 /// TCP-13 A thousand connections that say nothing are all greeted, and the server keeps the newest 256 of them; whoever says what
 /// it wants gets in meanwhile, and the clients there go on.
 #[test]
-fn a_thousand_connections() {
+fn a_thousand_silent_connections_keep_nobody_out() {
     let (_puppet, server, told, link) = served();
     let mut silent = Vec::new();
     for _ in 0..1000 {
@@ -274,7 +274,7 @@ fn a_thousand_connections() {
 
 /// TCP-13 The limit of clients.
 #[test]
-fn as_many_clients_as_allowed() {
+fn the_limit_of_clients_is_kept() {
     let (options, told) = options();
     let server = serve_link(Puppet::new(), ServeOptions { max_clients: 2, ..options });
     let links = [connect(&server, ""), connect(&server, "role=reader")];
@@ -288,7 +288,7 @@ fn as_many_clients_as_allowed() {
 
 /// TCP-11 A client that never reads is no burden: the board's reports go to the others, and its answers end it.
 #[test]
-fn a_client_that_never_reads() {
+fn a_client_that_never_reads_delays_nobody() {
     let (puppet, server, told, link) = served();
     let mut deaf = Raw::connect(&server);
     deaf.send(&hello(true, 3_600_000));
@@ -328,7 +328,7 @@ fn a_place_others_can_reach_needs_a_secret() {
 
 /// TCP-1 Places that are none.
 #[test]
-fn places_that_are_none() {
+fn invalid_addresses_are_refused() {
     for place in ["", "host:1", "//host:", "//:1", "//host:0", "//host:65536", "//host:+1", "//::1:4711", "//[::1:5"] {
         let error = link::open(&format!("tcp:{place}"), Share::ByName).err().unwrap();
         assert!(

@@ -45,7 +45,7 @@ fn key(path: &Path) -> String {
 
 /// TCP-15 TCP-14 With the secret a client is let in, from outside too, and frames move both ways.
 #[test]
-fn with_the_secret() {
+fn a_client_with_the_secret_is_let_in() {
     let folder = tempfile::tempdir().unwrap();
     let secret = file(&folder, "secret", GOOD, 0o600);
     let puppet = Puppet::new();
@@ -74,7 +74,7 @@ fn with_the_secret() {
 
 /// TCP-15 Another secret, none, or one too many: each end says what is wrong, and nothing of the board is shown.
 #[test]
-fn without_the_secret() {
+fn a_client_with_another_secret_or_none_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (good, bad) = (file(&folder, "good", GOOD, 0o600), file(&folder, "bad", BAD, 0o600));
     let puppet = Puppet::new();
@@ -98,7 +98,7 @@ fn without_the_secret() {
 
 /// TCP-12 What is no TLS where there should be, and TLS that never ends.
 #[test]
-fn no_tls_where_there_should_be() {
+fn a_client_without_valid_tls_is_disconnected() {
     let folder = tempfile::tempdir().unwrap();
     let (options, told) = options();
     let secret = Some(Secret::load(&file(&folder, "secret", GOOD, 0o600)).unwrap());
@@ -117,7 +117,7 @@ fn no_tls_where_there_should_be() {
 
 /// TCP-15 On the cable there is neither the secret nor a frame to be seen.
 #[test]
-fn nothing_to_be_seen_on_the_cable() {
+fn neither_the_secret_nor_a_frame_is_visible_on_the_cable() {
     let folder = tempfile::tempdir().unwrap();
     let secret = file(&folder, "secret", GOOD, 0o600);
     for protected in [false, true] {
@@ -142,7 +142,7 @@ fn nothing_to_be_seen_on_the_cable() {
 /// TCP-16 TOOL-136 A secret that others may read, one that is too short or can be guessed, what is no file and one that is not
 /// there: each says what to do.
 #[test]
-fn secrets_that_are_none() {
+fn invalid_secrets_are_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     for (path, part) in [
         (file(&folder, "open", GOOD, 0o644), "chmod 600"),

@@ -128,7 +128,7 @@ fn readers_leave_a_place_to_a_writer() {
 
 /// TCP-13 Two thousand strangers that are refused are some lines and a number in the log: none is missing, none repeats for ever.
 #[test]
-fn the_log_counts() {
+fn refused_connections_are_summed_up_in_the_log() {
     const COUNT: usize = 2000;
     let (options, told) = options();
     let server = serve_link(Puppet::new(), options);

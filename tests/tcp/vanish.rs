@@ -97,7 +97,7 @@ fn after(server: &Server) -> (Axes, Axes) {
 /// TCP-9 Axes of a writer that is gone are ramped to a standstill and stay on, on either clock; with `servo-off` they are
 /// switched off, and with `leave` a velocity goes on.
 #[test]
-fn axes_of_a_writer_that_is_gone() {
+fn axes_of_a_writer_that_is_gone_are_ramped_to_a_standstill() {
     for (clock, on_vanish, moves, on) in [
         ("virtual", OnVanish::Ramp, false, true),
         ("real", OnVanish::Ramp, false, true),
@@ -129,7 +129,7 @@ fn axes_of_a_writer_that_is_gone() {
 /// TCP-9 TCP-24 A drive in CSP that goes after a target which it would reach only minutes after the limit, without an alarm for it,
 /// is ramped from where it is, and does not go on.
 #[test]
-fn a_target_that_is_far_away() {
+fn an_axis_on_its_way_to_a_far_target_is_ramped_from_where_it_is() {
     const FAR: i32 = 2_000_000_000;
     let (server, told) = served("virtual", OnVanish::Ramp);
     let ecm = Ecm::open_with(&uri(&server, ""), Options { close: Close::Leave, ..Options::default() }).unwrap();
@@ -342,7 +342,7 @@ fn a_network_that_is_not_known() {
 /// TCP-9 SK-4.8 SK-4.42 A program may declare all 40 slaves on a board of 16-byte slots, which has room for 30, and may say how
 /// its axes are run before it declares them: they are stopped as any others.
 #[test]
-fn axes_declared_as_programs_may() {
+fn axes_are_stopped_however_the_program_declared_them() {
     declared(false);
     declared(true);
 }

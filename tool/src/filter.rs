@@ -170,7 +170,7 @@ mod tests {
 
     /// Slots are numbers, ranges and two words; the last slot has its place by the slot size.
     #[test]
-    fn slots() {
+    fn slots_are_numbers_ranges_and_two_words() {
         assert_eq!(Slots::parse("3-5"), Ok(Slots::Range(3, 5)));
         assert_eq!(Slots::parse(" ECM "), Ok(Slots::Range(0, 0)));
         let [narrow, wide] = [SlotSize::Bytes12, SlotSize::Bytes16];
@@ -188,7 +188,7 @@ mod tests {
 
     /// Every command has its name, in any case, and its id.
     #[test]
-    fn commands() {
+    fn a_command_is_named_by_its_name_in_any_case_or_its_id() {
         for id in CommandId::ALL {
             for text in [id.name().to_owned(), id.name().to_lowercase(), format!("0x{:02x}", id.code())] {
                 assert_eq!(Command::parse(&text), Ok(Command(id.code())), "{text}");
@@ -201,7 +201,7 @@ mod tests {
 
     /// A moment that is written down is met, whatever a float makes of it.
     #[test]
-    fn times() {
+    fn a_time_that_is_written_down_matches_that_nanosecond_exactly() {
         for (text, ns) in [("1.204", 1_204_000_000), ("1.204s", 1_204_000_000), ("500ms", 500_000_000), ("-3us", -3000)]
         {
             let seconds = parse_seconds(text).expect("a time");

@@ -123,7 +123,7 @@ mod tests {
 
     /// TOOL-31 Tab completes verbs, their verbs and their options.
     #[test]
-    fn completion() {
+    fn tab_completes_verbs_their_verbs_and_their_options() {
         assert_eq!(complete("mo"), (0, vec!["move ".to_owned()]));
         assert_eq!(complete("sdo w"), (4, vec!["write ".to_owned()]));
         assert_eq!(complete("servo o").1, ["on", "off"]);

@@ -91,7 +91,7 @@ mod tests {
 
     /// TOOL-160 What controls a terminal is shown by its code, whichever code that is; all other text is as it was.
     #[test]
-    fn what_controls_is_shown() {
+    fn control_characters_are_shown_by_their_codes() {
         for (text, shown) in [
             ("axis 1: at 5000\n\tßµ漢\u{1F600}", "axis 1: at 5000\n\tßµ漢\u{1F600}"),
             ("\x1b]0;title\x07\x1b[2J", "\\u001b]0;title\\u0007\\u001b[2J"),
@@ -105,7 +105,7 @@ mod tests {
 
     /// TOOL-160 JSON stays JSON, and says the same.
     #[test]
-    fn json_says_the_same() {
+    fn json_with_control_characters_keeps_its_meaning() {
         let text: String = (0..0x300).chain(0x2000..0x2100).filter_map(char::from_u32).collect();
         let json = serde_json::json!({ "text": text, "\u{9b}": "\\\u{7f}" }).to_string();
         let shown = visible(&json);
@@ -117,7 +117,7 @@ mod tests {
 
     /// TOOL-160 Bytes in any pieces come out as in one; what is no UTF-8 is shown too.
     #[test]
-    fn any_pieces() {
+    fn bytes_written_in_pieces_come_out_as_in_one_piece() {
         let bytes = "µ漢\u{1F600}\u{9b}\x1b[0m".as_bytes().iter().copied().chain([0x9b, b'A', 0xC2, b'B', 0xFF, 0xE6]);
         let bytes: Vec<u8> = bytes.collect();
         let expected = "µ漢\u{1F600}\\u009b\\u001b[0m\\x9bA\\xc2B\\xff";

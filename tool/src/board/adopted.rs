@@ -87,7 +87,7 @@ mod tests {
 
     /// TOOL-26 A network that was found running is moved only with the cycle and the mode that it has.
     #[test]
-    fn what_runs_is_compared_with_what_is_said() {
+    fn a_running_network_is_moved_only_with_its_own_cycle_and_mode() {
         lines(&["--cycle-us", "2000", "--slaves", "drive,drive:csv"], &["state op", "servo on all"]).unwrap();
         let wrong = |options: &[&str], line, why: &str| {
             let error = lines(options, &[line]).unwrap_err().to_string();
@@ -107,7 +107,7 @@ mod tests {
 
     /// TOOL-26 What is measured becomes a cycle that the board has.
     #[test]
-    fn cycles() {
+    fn a_measured_cycle_is_rounded_to_one_that_the_board_has() {
         assert_eq!([100.0, 240.0, 510.0, 1990.0, 4100.0].map(nearest), [250, 250, 500, 2000, 4000]);
     }
 }

@@ -156,7 +156,7 @@ mod tests {
 
     /// TOOL-2 Kinds with modes and counts, in either order.
     #[test]
-    fn lists() {
+    fn a_list_of_slaves_has_kinds_with_modes_and_counts() {
         let csv = Slave::Drive(Axis::CSV);
         let Network(slaves) = Network::parse("drive:csv*2,io, drive*2:csv,HSP,step,none").unwrap();
         let rest = [Slave::Hsp(Axis::CSP), Slave::Step(Axis::CSP), Slave::Unused];
@@ -177,7 +177,7 @@ mod tests {
 
     /// TOOL-3 A scale is a number or a fraction, of all axes or of one.
     #[test]
-    fn scales() {
+    fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
         let scales = Scales::parse("2=131072/4,5000").unwrap();
         assert_eq!([1, 2].map(|axis| scales.of(axis).counts_per_unit), [5000.0, 32768.0]);
         assert_eq!(Scales::parse("1=-10").unwrap().of(1), Scale::per_unit(-10.0));

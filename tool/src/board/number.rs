@@ -60,7 +60,7 @@ mod tests {
 
     /// TOOL-25 Times and numbers: what is taken and what is not.
     #[test]
-    fn numbers() {
+    fn times_and_numbers_are_read_or_refused() {
         assert_eq!(duration("2"), Ok(Duration::from_secs(2)));
         assert_eq!(duration("0.5s"), duration("500ms"));
         for wrong in ["", "s", "ms", "-1s", "0", "nan", "inf", "1h", "86401", "1e-9"] {

@@ -78,7 +78,7 @@ mod tests {
     proptest! {
         /// Any bytes of a frame come back from their digits, wherever blanks stand.
         #[test]
-        fn round_trip(bytes in proptest::collection::vec(any::<u8>(), SHORTEST..=FRAME_LEN), blank in "[ \t]{0,3}") {
+        fn a_frame_comes_back_from_its_digits_wherever_blanks_are(bytes in proptest::collection::vec(any::<u8>(), SHORTEST..=FRAME_LEN), blank in "[ \t]{0,3}") {
             let digits: String = bytes.iter().map(|byte| format!("{byte:02x}{blank}")).collect();
             for (prefix, direction) in [("", None), ("> ", Some(Dir::Write)), ("<", Some(Dir::Read))] {
                 let parsed = parse(&format!(" {prefix}{digits}# comment")).expect("a frame").expect("no empty line");
@@ -90,7 +90,7 @@ mod tests {
 
         /// Any line is a frame, nothing or an error.
         #[test]
-        fn any_line(line in "\\PC*") {
+        fn no_line_makes_the_parser_panic(line in "\\PC*") {
             let _ = parse(&line);
         }
     }

@@ -227,7 +227,7 @@ mod tests {
 
     /// TOOL-66 An alarm stands out, an axis that is on too; narrow terminals keep what matters most.
     #[test]
-    fn alarms_stand_out() {
+    fn an_alarm_and_an_axis_that_is_on_are_highlighted() {
         let view = forty();
         let (buffer, _) = screen(&view, (106, 48), 0);
         let colour = |slave: u16| buffer[(8, HEAD + slave - 1)].fg;
@@ -242,7 +242,7 @@ mod tests {
 
     /// Any terminal has room for something, and none is too small to live with.
     #[test]
-    fn tiny_terminals() {
+    fn the_screen_is_drawn_on_terminals_of_any_size() {
         for (width, height) in [(1, 1), (10, 3), (20, 7), (300, 8)] {
             screen(&forty(), (width, height), 3);
         }

@@ -123,7 +123,7 @@ mod tests {
 
     /// TOOL-145 A picture has an end: of a value far from 0 that hardly changes the marks can be told apart.
     #[test]
-    fn marks_are_different_numbers() {
+    fn marks_of_an_axis_show_different_numbers() {
         for range in [9e9..9e9 + 4e-6, 1e300..1e300, -9e9 - 2e-6..-9e9] {
             let Range { start, end } = distinct(range.clone());
             assert!(start <= range.start && range.end <= end, "{range:?}");

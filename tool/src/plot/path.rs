@@ -85,7 +85,7 @@ mod tests {
 
     /// A circle gone a thousand times keeps its shape in few points, and its ends.
     #[test]
-    fn long_ways() {
+    fn a_long_path_keeps_its_shape_and_its_ends_in_few_points() {
         let mut path = Path::default();
         let at = |i: u32| {
             let angle = f64::from(i) * 0.002;
@@ -104,7 +104,7 @@ mod tests {
 
     /// A break is no line.
     #[test]
-    fn breaks() {
+    fn no_line_is_drawn_across_a_break() {
         let mut path = Path::default();
         [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0)].into_iter().for_each(|point| path.push(point));
         path.interrupt();

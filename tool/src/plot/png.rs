@@ -322,7 +322,7 @@ mod tests {
 
     /// TOOL-174 Where a band ends nothing of a picture is lost or drawn otherwise, not a letter that it cuts.
     #[test]
-    fn bands_are_not_seen() {
+    fn a_picture_is_the_same_whatever_bands_it_is_drawn_in() {
         let sheet = sheet(1);
         let whole = points(&in_bands(&sheet, px(sheet.height())).unwrap());
         let colours = |points: &[u8]| points.chunks_exact(3).filter(|point| *point != [0xFF; 3]).count();
@@ -334,7 +334,7 @@ mod tests {
 
     /// TOOL-174 A picture takes as much memory as a band of it, however high it is.
     #[test]
-    fn a_high_picture_takes_little_memory() {
+    fn a_picture_takes_as_much_memory_as_one_band_however_high_it_is() {
         let sheet = sheet(3);
         let grid = u64::from(px(style::WIDTH)) * u64::from(px(sheet.height())) * 4;
         let taken = allocation_counter::measure(|| assert!(!write(&sheet).unwrap().is_empty())).bytes_max;

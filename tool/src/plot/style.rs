@@ -149,7 +149,7 @@ mod tests {
 
     /// Thousands stand apart, nothing stands behind the point that says nothing, and there is no negative zero.
     #[test]
-    fn numbers() {
+    fn numbers_have_groups_of_thousands_and_no_useless_digits() {
         for (value, digits, text) in [
             (0.0, 0, "0"),
             (-0.0, 2, "0"),
@@ -166,7 +166,7 @@ mod tests {
 
     /// Numbers at an axis differ, however short the axis is.
     #[test]
-    fn digits_tell_marks_apart() {
+    fn numbers_at_an_axis_differ_however_short_the_axis_is() {
         for (span, mark) in [(4_000_000_000.0, 500_000_000.0), (1.0, 0.05), (0.002, 0.0002), (12.0, 1.0)] {
             assert_ne!(number(mark, digits(span)), number(2.0 * mark, digits(span)), "{span}");
         }
@@ -174,14 +174,14 @@ mod tests {
 
     /// An axis keeps its colour from plot to plot, and no two in one plot have the same.
     #[test]
-    fn colours_of_axes() {
+    fn an_axis_keeps_its_colour_and_no_two_axes_share_one() {
         assert_eq!(colours([3]), [COLOURS[2]]);
         assert_eq!(colours([1, 9, 2]), [COLOURS[0], COLOURS[1], COLOURS[2]]);
     }
 
     /// Text that is too long ends with dots and fits.
     #[test]
-    fn text_is_made_to_fit() {
+    fn text_that_is_too_long_is_cut_with_dots() {
         assert_eq!(fitting("short\n", 10, 1000), "short\u{fffd}");
         let cut = fitting(&"long ".repeat(100), 10, 100);
         assert!(cut.ends_with('\u{2026}') && text_width(&cut, 10) <= 100, "{cut}");

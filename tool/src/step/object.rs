@@ -185,7 +185,7 @@ mod tests {
 
     /// TOOL-9 An object by number or by name, decimal or with 0x; a wrong name is told with what is near.
     #[test]
-    fn objects() {
+    fn an_object_is_named_by_number_or_by_name() {
         let statusword = Object::parse("statusword").unwrap();
         assert_eq!(statusword, Object::parse("0x6041").unwrap());
         assert_eq!(statusword, Object::parse("24641:0").unwrap());
@@ -199,7 +199,7 @@ mod tests {
 
     /// TOOL-9 A value is checked against its type; 0x means the bits of a signed one.
     #[test]
-    fn values() {
+    fn a_value_is_checked_against_its_type() {
         let takes = |of: Type, text| of.takes(Value::parse(text).unwrap());
         assert!(takes(I8, "-128") && takes(I8, "127") && takes(I8, "0xFF") && !takes(I8, "128") && !takes(I8, "0x100"));
         assert!(takes(U16, "65535") && !takes(U16, "65536") && !takes(U16, "-1") && !takes(U16, "-0x1"));

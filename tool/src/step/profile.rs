@@ -184,7 +184,7 @@ mod tests {
     proptest! {
         /// TOOL-15 A move keeps its limits and arrives, from one count to all that 32 bits hold.
         #[test]
-        fn rest_to_rest(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
+        fn a_move_keeps_its_limits_and_arrives(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
             let profile = Profile::rest_to_rest(length, limits).unwrap();
             let end = check(&profile, limits, Along::default())?;
             prop_assert!((end.length - length).abs() < length * 1e-9 + 1e-6, "{end:?}, not {length}");
@@ -193,7 +193,7 @@ mod tests {
 
         /// TOOL-16 From every point of a move there is a way to rest that keeps its limits, within any time.
         #[test]
-        fn to_rest(
+        fn braking_from_any_point_keeps_the_limits_within_any_time(
             length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits(), part in 0.0..1.0,
         ) {
             let profile = Profile::rest_to_rest(length, limits).unwrap();

@@ -6,7 +6,7 @@ use crate::common::run;
 
 /// TOOL-25 A wrong option is a wrong command line.
 #[test]
-fn wrong_options() {
+fn a_wrong_option_is_a_wrong_command_line() {
     for (words, why) in [
         (&["info", "--link", "simm:"][..], "unknown scheme `simm`"),
         (&["info", "--slaves", "motor"], "kind `motor` is unknown; allowed: drive"),
@@ -39,7 +39,7 @@ fn wrong_options() {
 
 /// TOOL-2 A network that is not as said: too many slaves, too few, another kind, none at all, another cycle.
 #[test]
-fn wrong_networks() {
+fn a_network_other_than_described_is_refused() {
     let state = |link: &str, slaves: &str| run(["state", "op", "--link", link, "--slaves", slaves]);
     state(BOARD, "drive*2").failed(1, &["2 slaves are configured and the board found 3"], "check cables and power");
     let ran = state(BOARD, "drive*2,drive");
@@ -67,7 +67,7 @@ fn wrong_networks() {
 
 /// TOOL-12 Slaves that are not there, or of another kind, are told before anything is sent.
 #[test]
-fn wrong_slaves() {
+fn a_slave_that_is_not_there_or_of_another_kind_is_refused_before_anything_is_sent() {
     for (words, why) in [
         (&["home", "4", "--up"][..], "there is no slave 4; the network is 1 drive, 2 drive, 3 io"),
         (&["servo", "off", "1,3", "--up"], "slave 3 is io; name a drive, step or hsp"),
@@ -87,7 +87,7 @@ fn wrong_slaves() {
 /// TOOL-110 An SDO goes to slaves nobody has said anything of. One that is not there does not answer, and that is what is
 /// told, as far as it is known what the network is; a slave that is there and aborts is told with its code.
 #[test]
-fn sdo_of_a_slave_that_is_not_there() {
+fn an_sdo_of_a_slave_that_is_not_there_says_so() {
     for words in [&["sdo", "read", "9", "statusword"][..], &["sdo", "write", "9", "0x6099:1", "5"]] {
         let ran = run(words.iter().copied().chain(["--link", BOARD]));
         let network = "there is no slave 9; the network is 1 drive, 2 drive, 3 io, correct the number or --slaves\n";
@@ -102,7 +102,7 @@ fn sdo_of_a_slave_that_is_not_there() {
 
 /// TOOL-112 Where nobody has named a link, the error says where one was looked for, and what keeps the default from opening.
 #[test]
-fn no_link_is_given() {
+fn without_a_named_link_the_error_says_where_one_was_looked_for() {
     let folder = tempfile::tempdir().expect("a folder");
     let tool = |words: &[&str], link: &str| {
         let mut command = crate::common::ecmsk(words);
@@ -123,7 +123,7 @@ fn no_link_is_given() {
 
 /// TOOL-4 In Init there are no SDOs; `--up` goes to PreOP and no further.
 #[test]
-fn a_board_in_init() {
+fn in_init_there_are_no_sdos_and_up_goes_to_preop() {
     let ran = script(BOARD, "state init\nsdo read 1 0x1000\n");
     assert!(
         ran.err
@@ -140,7 +140,7 @@ fn a_board_in_init() {
 /// TOOL-22 An axis with an alarm is not switched on, homed or moved, also not with `--up`; the error says how to go on, and
 /// that is so.
 #[test]
-fn an_axis_with_an_alarm() {
+fn an_axis_with_an_alarm_is_not_switched_on_homed_or_moved() {
     let events = text("fault.ecmscript", "at 10ms alarm 1 0x7500\n");
     let board = format!("{BOARD}&script={events}");
     for verb in ["servo on 1", "home 1", "move 1=5"] {
@@ -159,7 +159,7 @@ fn an_axis_with_an_alarm() {
 
 /// TOOL-13 A homing that fails says why, and the axis takes targets again.
 #[test]
-fn a_homing_that_fails() {
+fn a_homing_that_fails_says_why_and_the_axis_takes_targets_again() {
     let ran = script(BOARD, "state op\nservo on 1\nhome 1 --method 50\n");
     assert!(ran.code == Some(1) && ran.err.contains(":3: "), "{ran:?}");
     let ran = crate::common::run_with_input(
@@ -174,7 +174,7 @@ fn a_homing_that_fails() {
 
 /// TOOL-8, TOOL-10 A change of state that fails says where it ended; SDOs still find out why, and the state stays as it is.
 #[test]
-fn a_state_that_is_not_reached() {
+fn a_change_of_state_that_fails_says_where_it_ended() {
     let events = text("refuse.ecmscript", "refuse 1 op 0x001B\n");
     let board = format!("{BOARD}&script={events}&state_timeout_ms=500");
     let ran = crate::common::run_with_input(

@@ -145,7 +145,7 @@ fn two_boards() -> Vec<Event> {
 
 /// WIRE-101 Of several boards one is chosen; `dump` shows all, one after the other.
 #[test]
-fn one_of_two_boards_is_chosen() {
+fn of_several_boards_in_a_capture_one_is_chosen() {
     let both = two_boards();
     let addresses = {
         let mut devices: Vec<u8> = both.iter().filter(|event| event.length == 512).map(|event| event.device).collect();
@@ -183,7 +183,7 @@ fn json(ran: &Ran) -> Value {
 
 /// WIRE-105 Exit codes, words, JSON and picture of a board that does otherwise than the model.
 #[test]
-fn a_board_that_does_otherwise() {
+fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
     let capture = kept(&captured(&run.file), USB_LINUX);
     let model = ["--link", "sim:?slaves=drive*2,io"];
@@ -223,7 +223,7 @@ fn a_board_that_does_otherwise() {
 
 /// WIRE-106 What cannot be replayed is 2, with the next step; what was left out is said.
 #[test]
-fn what_cannot_be_replayed() {
+fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     let files = Files::new();
     let captured = fixture(12);
     let whole = files.keep("x.pcap", &captured);
@@ -261,7 +261,7 @@ fn what_cannot_be_replayed() {
 
 /// WIRE-102 A frame that the board did not take is no frame, and a note says so.
 #[test]
-fn a_frame_taken_back_is_told() {
+fn a_frame_that_the_board_did_not_take_is_left_out_with_a_note() {
     let mut traffic = captured(&Program { short: true, ..Program::default() }.record().file);
     let at_us = traffic.events.last().expect("an event").at_us;
     let back = traffic.submitted(7, &[0xEE; 512]);

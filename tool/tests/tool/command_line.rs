@@ -8,7 +8,7 @@ use crate::common::{Ran, ecmsk, run, run_with_input};
 
 /// `--help` documents the exit codes, every verb has a help of its own, and lines fit a terminal.
 #[test]
-fn help() {
+fn the_help_documents_exit_codes_and_every_verb() {
     let help = run(["--help"]).quiet();
     for code in ["0 ", "1 ", "2 ", "130 ", "143 ", "125 ", "126 ", "127 ", "128 + n"] {
         assert!(help.contains(code), "{code} is missing in {help}");
@@ -44,13 +44,13 @@ fn help() {
 
 /// `--version` is the version of the package.
 #[test]
-fn version() {
+fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
 /// A wrong command line is told with the next step, and is 2.
 #[test]
-fn wrong_command_lines() {
+fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {
     run(["frobnicate"]).misused(&["frobnicate"]);
     run(["plot"]).misused(&["<FILE>"]);
     run(["link", "frobnicate"]).misused(&["frobnicate"]);
@@ -61,7 +61,7 @@ fn wrong_command_lines() {
 
 /// LINK-3 `ecmsk link help` is the library's own table: every key that an error may name stands in it.
 #[test]
-fn link_help() {
+fn link_help_lists_every_key_that_an_error_may_name() {
     let help = run(["link", "help"]).quiet();
     assert_eq!(help, ecmsk::link::keys::help());
     for key in ecmsk::link::keys::KEYS {
@@ -71,7 +71,7 @@ fn link_help() {
 
 /// Every shell gets a script that names the verbs and their options.
 #[test]
-fn completions() {
+fn every_shell_gets_completions_of_verbs_and_options() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = run(["completions", shell]).quiet();
         for word in [
@@ -109,7 +109,7 @@ fn completions_work_in_bash() {
 
 /// Whoever reads the output may stop: no panic, no message, no failure.
 #[test]
-fn closed_pipe() {
+fn a_reader_of_the_output_may_stop_without_any_failure() {
     let zeros = format!("{}\n", "00".repeat(504)).repeat(2000);
     for (arguments, input) in [
         (&["dump", "--hex", "--all"][..], zeros.as_str()),
@@ -138,7 +138,7 @@ fn closed_pipe() {
 /// A disk that is full is an error with the next step.
 #[test]
 #[cfg(target_os = "linux")]
-fn full_disk() {
+fn a_full_disk_is_an_error_with_the_next_step() {
     let board = "sim:?slaves=drive&clock=virtual";
     for arguments in [&["link", "help"][..], &["completions", "fish"], &["info", "--link", board]] {
         let full = File::options().write(true).open("/dev/full").expect("Linux has it");
@@ -149,7 +149,7 @@ fn full_disk() {
 
 /// Nobody may be listening at standard error either.
 #[test]
-fn closed_standard_error() {
+fn a_closed_standard_error_changes_nothing() {
     let mut command = ecmsk(["dump", "/no/such/file"]);
     let (reader, writer) = std::io::pipe().expect("a pipe");
     drop(reader);
@@ -158,7 +158,7 @@ fn closed_standard_error() {
 
 /// Nothing is logged unless `ECMSK_LOG` asks.
 #[test]
-fn nothing_is_logged() {
+fn nothing_is_logged_unless_asked_for() {
     let zeros = "00".repeat(504);
     assert!(run_with_input(&["dump", "--hex"], &zeros).quiet().contains("GET_STATUS"));
 }

@@ -14,7 +14,7 @@ fn compare(a: &Run, b: &Run, options: &[&str]) -> Ran {
 
 /// TOOL-60 Exit codes are those of diff: 0 equal, 1 different, 2 not compared, and a wrong command line is 2 too.
 #[test]
-fn exit_codes() {
+fn exit_codes_are_those_of_diff() {
     let a = Program::default().record();
     let slower = Program { keys: "&host_us=400".into(), polls: 1, ..Program::default() }.record();
     let other = Program { other_target: Some((7, 1)), ..Program::default() }.record();
@@ -35,7 +35,7 @@ fn exit_codes() {
 
 /// TOOL-61 The words: both files and what is in them, the commands before, the difference, what comes after.
 #[test]
-fn words() {
+fn the_output_names_both_files_the_commands_before_and_the_difference() {
     let a = Program::default().record();
     let b = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
     let ran = compare(&a, &b, &[]);
@@ -78,7 +78,7 @@ fn json(ran: &Ran) -> Value {
 
 /// TOOL-62 The same as one JSON object, with numbers for programs.
 #[test]
-fn as_json() {
+fn json_has_the_comparison_as_one_object() {
     let a = Program::default().record();
     let b = Program { other_target: Some((100, 5)), ..Program::default() }.record();
     let found = json(&compare(&a, &b, &["--json"]));
@@ -100,7 +100,7 @@ fn as_json() {
 
 /// TOOL-63 The picture: positions of both over the commands, their difference, a mark where it begins.
 #[test]
-fn picture() {
+fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     let a = Program::default().record();
     let b = Program { other_target: Some((100, 500)), ..Program::default() }.record();
     let folder = tempfile::tempdir().expect("a folder");
@@ -137,7 +137,7 @@ fn picture() {
 
 /// TOOL-61 A recording that is cut off is compared as far as it goes, and a note says so.
 #[test]
-fn cut_off() {
+fn a_recording_that_is_cut_off_is_compared_as_far_as_it_goes() {
     let a = Program::default().record();
     let bytes = fs::read(&a.file).expect("a recording");
     let cut = a.file.with_file_name("cut.pcapng");

@@ -14,7 +14,7 @@ fn object(ran: &Ran) -> Value {
 
 /// TOOL-166 `home`, `move` and `info` speak the units that --counts-per-unit says.
 #[test]
-fn units() {
+fn home_move_and_info_use_the_units_of_counts_per_unit() {
     let units = ["--counts-per-unit", "1=1000,2=-500", "--link", BOARD, "--up"];
     let with = |words: &[&str]| run(words.iter().chain(&units).copied());
     assert_eq!(
@@ -41,7 +41,7 @@ fn half_a_count_is_refused() {
 
 /// TOOL-167 `info --json` has the slaves in every state: what they are, and in OP what they say.
 #[test]
-fn info_has_the_slaves() {
+fn info_as_json_has_the_slaves_in_every_state() {
     let slaves = |ran: &Ran| object(ran)["slaves"].as_array().expect("a list").clone();
     let known = slaves(&run(["info", "--json", "--link", BOARD]));
     let kinds =
@@ -58,7 +58,7 @@ fn info_has_the_slaves() {
 
 /// TOOL-168 An index without 0x is no decimal number by mistake: what was meant is asked.
 #[test]
-fn an_index_without_0x() {
+fn an_index_without_0x_is_questioned() {
     for (written, meant) in [("6041", "`0x6041`"), ("609A:1", "`0x609A:1`"), ("1018:4", "`0x1018:4`")] {
         let ran = run(["sdo", "read", "1", written, "--link", BOARD]);
         assert!(ran.code == Some(2) && ran.err.contains(&format!("did you mean {meant}?")), "{ran:?}");
@@ -68,7 +68,7 @@ fn an_index_without_0x() {
 
 /// TOOL-169 What may stand behind `expect` and the other verbs of verbs is told.
 #[test]
-fn what_is_allowed() {
+fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     for (line, wrong) in [("expect", "a word is missing"), ("expect foo 1", "`foo 1` is unknown")] {
         let allowed = "; allowed behind `expect`: state, position, inputs; `help expect` says more";
         let ran = script(BOARD, line);
@@ -88,7 +88,7 @@ fn what_is_allowed() {
 /// TOOL-170 With --json the last line on standard error is an object of the error and the exit code, also for a command line
 /// that is wrong; standard output has results alone.
 #[test]
-fn errors_as_json() {
+fn with_json_an_error_is_an_object_on_standard_error() {
     for (words, code, part) in [
         (&["move", "1=2.5", "--json", "--link", BOARD, "--up"] as &[_], 1, "no whole number of counts"),
         (&["sdo", "read", "1", "statuswrod", "--json", "--link", BOARD], 2, "did you mean `statusword`?"),
@@ -110,7 +110,7 @@ fn errors_as_json() {
 /// TOOL-171 The tool finds the `ecmsk.toml` of the folder that it is started in, before those elsewhere, and says so; the
 /// option and the variable come first.
 #[test]
-fn the_file_of_the_folder() {
+fn the_ecmsk_toml_of_the_working_directory_names_the_link() {
     let folder = tempfile::tempdir().expect("a folder");
     let info = |words: &[&str], variable: &str| {
         let mut command = ecmsk(["info"]);

@@ -42,7 +42,7 @@ fn wrongs(tree: &Tree, link: &str) -> Vec<String> {
 /// TOOL-100, TOOL-23 A machine where nothing is wrong, and one where everything is; in words and as JSON. The exit code says
 /// which.
 #[test]
-fn right_and_wrong() {
+fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
     let good = Tree::good();
     let [text, json] = [&[][..], &["--json"]].map(|arguments| report(&good, USB, arguments));
     let is_missing = i32::from(!Scheme::Usb.in_build());
@@ -86,7 +86,7 @@ fn bad() -> Tree {
 
 /// TOOL-100 What docs/TOOL.md shows of it is what it prints.
 #[test]
-fn the_page() {
+fn doctor_prints_what_tool_md_shows() {
     let printed = report(&bad(), USB, &[]).out;
     let shown = page_block("wrong   usb-permission");
     assert!(shown.len() >= 6, "{shown:?}");
@@ -97,7 +97,7 @@ fn the_page() {
 
 /// TOOL-100 The last line counts: what is wrong, and what could be better.
 #[test]
-fn the_last_line() {
+fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     let tree = Tree::good();
     let last = |tree: &Tree| {
         let mut command = tree.tool(&["doctor", "--quick"]);
@@ -115,7 +115,7 @@ fn the_last_line() {
 /// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105 One thing that is changed on a good machine: the finding that sees it,
 /// what is found and what to do. Everything else stays right.
 #[test]
-fn one_thing_at_a_time() {
+fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     type Change = fn(&Tree);
     const LIMITS: &str = "/proc/self/limits";
     const GOVERNOR: &str = "/sys/devices/system/cpu/cpu1/cpufreq/scaling_governor";
@@ -218,7 +218,7 @@ fn one_thing_at_a_time() {
 
 /// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105 What looks wrong and is not.
 #[test]
-fn what_is_right_all_the_same() {
+fn what_only_looks_wrong_is_not_reported() {
     type Change = fn(&Tree);
     let cases: &[(&str, Change, &str, &str)] = &[
         (USB, |t| t.driver("1-1", "usbhid"), "usb-holder", "usb: takes it from the driver usbhid while open"),
@@ -254,7 +254,7 @@ fn what_is_right_all_the_same() {
 
 /// TOOL-101 A board behind a hub: with a power supply it is right, without one it could be better.
 #[test]
-fn hubs() {
+fn a_board_behind_a_hub_without_power_supply_could_be_better() {
     for (attributes, state, found) in
         [("c0", "ok", "has a power supply"), ("a0", "advice", "no power supply"), ("", "ok", "does not say")]
     {
@@ -269,7 +269,7 @@ fn hubs() {
 
 /// TOOL-101 Without a board the link usb: has something wrong, another link has not; devices with its ids are named.
 #[test]
-fn without_a_board() {
+fn without_a_board_only_a_usb_link_is_wrong() {
     let tree = Tree::bare();
     assert_eq!((wrongs(&tree, USB), wrongs(&tree, SIM)), (vec!["usb".to_owned()], Vec::new()));
     tree.device("1-4", 7, &RELAY);
@@ -281,7 +281,7 @@ fn without_a_board() {
 
 /// TOOL-101 A board that is off is told, and is no second one to choose from: the link passes over it.
 #[test]
-fn a_board_that_is_off_is_no_choice() {
+fn a_board_that_is_not_switched_on_is_passed_over() {
     let tree = Tree::good();
     tree.board("1-3", 9, "8");
     tree.usb("1-3", "bConfigurationValue", "");
@@ -291,7 +291,7 @@ fn a_board_that_is_off_is_no_choice() {
 
 /// TOOL-102 Processes that this user may not look into are counted, so that nobody takes silence for an answer.
 #[test]
-fn hidden_processes() {
+fn processes_that_this_user_may_not_inspect_are_counted() {
     let tree = Tree::good();
     tree.process(9, "demo", "/dev/bus/usb/001/004");
     tree.deny("/proc/9/fd");
@@ -304,7 +304,7 @@ fn hidden_processes() {
 
 /// TOOL-105 What a capability allows is allowed whatever the limit says.
 #[test]
-fn capabilities() {
+fn a_capability_allows_what_a_limit_forbids() {
     let tree = Tree::good();
     tree.file("/proc/self/limits", "Max realtime priority     0    0\nMax locked memory   0  0 bytes\n");
     let both =
@@ -318,7 +318,7 @@ fn capabilities() {
 
 /// TOOL-107 The link that would be used, who named it, and where else was looked.
 #[test]
-fn which_link() {
+fn the_link_that_would_be_used_is_shown_with_its_source() {
     let tree = Tree::good();
     let link = |tree: &Tree| {
         let ran = tree.run(&["doctor", "--quick", "--json"]);
@@ -351,7 +351,7 @@ fn which_link() {
 
 /// TOOL-107 A link that this build cannot open is wrong, and how to build one that can is said; versions are told.
 #[test]
-fn this_build() {
+fn a_link_that_this_build_cannot_open_is_wrong() {
     let tree = Tree::good();
     for (link, scheme) in [(USB, Scheme::Usb), (SPI, Scheme::Spi), (SIM, Scheme::Sim)] {
         let found = tree.doctor(link).into_iter().find(|finding| finding["check"] == "build");
@@ -370,7 +370,7 @@ fn this_build() {
 
 /// TOOL-106 How late threads are woken up is measured, and told in figures; `--quick` leaves it out.
 #[test]
-fn lateness() {
+fn the_lateness_of_threads_is_measured_unless_quick() {
     let tree = Tree::good();
     let ran = tree.run(&["doctor", "--json"]);
     let findings = objects(&ran.out);
@@ -383,7 +383,7 @@ fn lateness() {
 
 /// TOOL-100 On the machine that it runs on there is a report, too.
 #[test]
-fn on_this_machine() {
+fn doctor_reports_on_the_machine_it_runs_on() {
     let ran = run(["doctor", "--quick", "--json"]);
     assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
     let checks: Vec<Value> = objects(&ran.out).into_iter().map(|finding| finding["check"].clone()).collect();

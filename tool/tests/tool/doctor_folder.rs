@@ -45,7 +45,7 @@ fn program(machine: u16) -> Vec<u8> {
 /// TOOL-130 Where all fits nothing is wrong, and it says which library the program takes, whose that is, its width and its
 /// version.
 #[test]
-fn a_folder_that_is_right() {
+fn a_folder_in_which_everything_fits_has_nothing_wrong() {
     let there = folder(&[
         ("press.EXE", program(X86)),
         ("nextwusblib.DLL", ours(X86)),
@@ -67,7 +67,7 @@ fn a_folder_that_is_right() {
 /// TOOL-131 A library of the wrong width is wrong, with Windows' words for it and the one to put there; a missing one and a
 /// broken one are, too. What does not use the library is let be.
 #[test]
-fn a_library_that_does_not_fit() {
+fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     for (machine, other, width, others, name) in
         [(X86, X64, "32-bit", "64-bit", "x86"), (X64, X86, "64-bit", "32-bit", "x64")]
     {
@@ -116,7 +116,7 @@ fn a_library_that_does_not_fit() {
 /// TOOL-132 A .NET program has the width that its CLI header says, on a 64-bit Windows; this project's assemblies look into
 /// the folders for the widths, a DllImport of the program's own does not.
 #[test]
-fn programs_for_dotnet() {
+fn a_dotnet_program_has_the_width_of_its_cli_header() {
     let managed = |machine, flags| Pe::program(machine).managed(flags).text(b"NEXTWUSBLib.dll\0");
     let cases = [
         (managed(X86, IL_ONLY), "x64", "for .NET and any CPU, 64-bit on a 64-bit Windows"),
@@ -169,7 +169,7 @@ fn programs_for_dotnet() {
 /// TOOL-133 An `ecmsk.toml` that is wrong is told with file, line and key; so are links that are none, and those that
 /// Windows does not have.
 #[test]
-fn configurations() {
+fn a_wrong_ecmsk_toml_is_named_with_file_line_and_key() {
     let with = |text: &str| {
         let there = folder(&[("press.exe", program(X64)), ("NEXTWUSBLib.dll", ours(X64)), ("ecmsk.toml", text.into())]);
         let (ran, findings) = doctor(there.path());
@@ -196,7 +196,7 @@ fn configurations() {
 
 /// TOOL-134 No folder, a file, and a folder without a program are failures with a next step.
 #[test]
-fn no_program_there() {
+fn a_folder_without_a_program_is_a_failure_with_a_next_step() {
     let there = folder(&[("readme.txt", b"text".to_vec())]);
     let (ran, findings) = doctor(there.path());
     assert_eq!((ran.code, &findings[0]["state"]), (Some(1), &Value::from("wrong")));
@@ -211,7 +211,7 @@ fn no_program_there() {
 /// TOOL-135 Files that are cut off, or that lie about themselves, are told as broken or for what they say; nothing ends
 /// the tool.
 #[test]
-fn hostile_files() {
+fn files_that_lie_about_themselves_do_not_end_the_tool() {
     let whole = Pe::program(X64)
         .managed(IL_ONLY)
         .exports(&["OpenECMUSB", "x"])

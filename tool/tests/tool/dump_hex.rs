@@ -26,7 +26,7 @@ fn json_lines(ran: Ran) -> Vec<Value> {
 
 /// Every golden frame in words, as it has been read through by hand.
 #[test]
-fn golden_frames_in_words() {
+fn every_golden_frame_is_dumped_as_the_snapshot_says() {
     let input: String = vectors().iter().map(|vector| format!("# {}\n{}", vector.name, line(vector))).collect();
     support::snapshot("dump_hex", &dump(&[], &input).quiet());
     support::snapshot("dump_hex_json", &dump(&["--json"], &input).quiet());
@@ -59,7 +59,7 @@ fn json_has_the_numbers_of_the_golden_frames() {
 
 /// What byte 3 says: right, absent, wrong, and right although 0.
 #[test]
-fn json_tells_the_crc() {
+fn json_says_whether_the_crc_is_right_absent_or_wrong() {
     for (name, status) in
         [("set-state-preop", "right"), ("resp-preop-nocrc", "absent"), ("crc-wrong", "wrong"), ("crc-is-zero", "right")]
     {
@@ -75,7 +75,7 @@ fn json_tells_the_crc() {
 
 /// Fields have names with units, so that a script needs no byte offsets.
 #[test]
-fn json_has_typed_fields() {
+fn json_fields_have_names_with_units() {
     let slot = |name: &str, slot: &str, arguments: &[&str]| {
         let arguments = [&["--json", "--slots", slot], arguments].concat();
         json_lines(dump(&arguments, line(&vector_named(name))))[0]["slots"][0].clone()
@@ -106,7 +106,7 @@ fn json_has_typed_fields() {
 
 /// What a line without a prefix is, is a guess, and the output says so; a flag or a prefix settles it.
 #[test]
-fn direction() {
+fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
     for vector in vectors() {
         let frame = &json_lines(dump(&["--json"], hex(&vector.bytes)))[0];
         let expected = if vector.is_response() { "response" } else { "command" };
@@ -127,7 +127,7 @@ fn direction() {
 
 /// Blanks, comments and upper case do not matter; lines keep their numbers.
 #[test]
-fn layout_of_a_line_is_free() {
+fn blanks_comments_and_upper_case_do_not_matter() {
     let vector = vector_named("csp-index-7");
     let spaced: String = vector.bytes.iter().map(|byte| format!(" {byte:02X}\t")).collect();
     let input = format!("# a comment\n\n  \t\n>{spaced}# the first\r\n> {}", hex(&vector.bytes));
@@ -158,7 +158,7 @@ fn slot_size_is_found_by_the_crc() {
 
 /// Nothing tells the slot size: the default is taken, and a note says so, once.
 #[test]
-fn slot_size_that_nothing_tells() {
+fn an_assumed_slot_size_is_noted_once() {
     let zeros = "00".repeat(512);
     let ran = dump(&["--json"], format!("{zeros}\n{zeros}\n"));
     assert_eq!(ran.code, Some(0));
@@ -188,7 +188,7 @@ fn set_axis_tells_the_kinds() {
 
 /// A wrong line ends the dump with its number and what is wrong; what came before it is out.
 #[test]
-fn wrong_lines() {
+fn a_wrong_line_ends_the_dump_with_its_number() {
     let good = line(&vector_named("set-state-preop"));
     let digits = hex(&vector_named("set-state-preop").bytes);
     for (input, words) in [
@@ -213,14 +213,14 @@ fn wrong_lines() {
 
 /// No input, or nothing but comments, is nothing to show and no failure.
 #[test]
-fn empty_input() {
+fn empty_input_shows_nothing_and_is_no_failure() {
     assert_eq!(dump(&[], "").quiet(), "");
     assert_eq!(dump(&["--json"], "# nothing\n\n").quiet(), "");
 }
 
 /// What contradicts itself on the command line is refused by name.
 #[test]
-fn wrong_command_lines() {
+fn contradicting_options_are_refused_by_name() {
     run(["dump"]).misused(&["<FILE>"]);
     run(["dump", "--hex", "file.pcapng"]).misused(&["--hex", "[FILE]"]);
     run(["dump", "f", "--command"]).misused(&["--command", "[FILE]"]);

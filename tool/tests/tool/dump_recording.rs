@@ -72,14 +72,14 @@ const MIXED: [&str; 7] = [
 
 /// A recording in words: the link, then every frame with its number, its time and its slots.
 #[test]
-fn in_words() {
+fn a_recording_is_dumped_frame_by_frame_with_its_link() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     support::snapshot("dump_recording", &recorded.dump(&[]).quiet());
 }
 
 /// The same as JSON lines: times since the first frame and as recorded.
 #[test]
-fn as_json() {
+fn a_recording_is_dumped_as_json_lines_with_both_times() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     let frames = recorded.json(&[]);
     assert_eq!(frames.len(), MIXED.len());
@@ -99,7 +99,7 @@ fn as_json() {
 
 /// A report that waited to be read was made before commands that stand before it: its time says so.
 #[test]
-fn reports_read_late_have_the_time_they_were_made() {
+fn a_report_that_was_read_late_has_the_time_at_which_it_was_made() {
     let mut script = golden(&["csp-index-7"]);
     pass(&mut script, 2 * MS, &vector_named("resp-op-fw17"));
     let recorded = Recorded::new(&script, LINK, Some(SlotSize::Bytes12));
@@ -110,7 +110,7 @@ fn reports_read_late_have_the_time_they_were_made() {
 
 /// The slot size: what the recording says, or the user; else what the CRCs fit, those of later frames too.
 #[test]
-fn slot_size() {
+fn the_slot_size_is_that_of_the_recording_the_user_or_the_crcs() {
     let sizes = |recorded: &Recorded, options: &[&str]| -> Vec<_> {
         recorded.json(options).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
     };
@@ -136,7 +136,7 @@ fn slot_size() {
 
 /// Byte 1 of a slave's slot is its mode in firmware 1.5: the link of the recording says so, or the user.
 #[test]
-fn firmware() {
+fn firmware_1_5_shows_the_mode_in_byte_1() {
     let script = golden(&["resp-op-fw15"]);
     let old = Recorded::new(&script, "sim:?fw=1.5", Some(SlotSize::Bytes12));
     assert_eq!(old.json(&["--slots", "1"])[0]["slots"][0]["mode"], 8);
@@ -148,7 +148,7 @@ fn firmware() {
 
 /// SET_AXIS in OP is rejected: it tells nothing of the slaves.
 #[test]
-fn set_axis_in_op_tells_nothing() {
+fn a_set_axis_in_op_does_not_change_the_kinds_of_slaves() {
     let recorded =
         Recorded::new(&golden(&["resp-op-fw17", "set-axis-group0", "resp-hsp-12"]), LINK, Some(SlotSize::Bytes12));
     assert_eq!(recorded.json(&["--slots", "1"])[2]["slots"][0]["kind_from"], "guessed");
@@ -156,7 +156,7 @@ fn set_axis_in_op_tells_nothing() {
 
 /// The slots asked for, or all of them.
 #[test]
-fn slots() {
+fn only_the_slots_asked_for_are_shown() {
     let recorded = Recorded::new(&golden(&["csp-all-40"]), LINK, Some(SlotSize::Bytes12));
     let shown = |options: &[&str]| -> Vec<_> {
         let frames = recorded.json(options);
@@ -171,7 +171,7 @@ fn slots() {
 
 /// A recording that was cut off, at any place: what is whole is shown, then an error says what to do.
 #[test]
-fn truncated() {
+fn a_truncated_recording_is_shown_up_to_the_error() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     let whole = fs::read(&recorded.file).expect("a recording");
     let text = recorded.dump(&[]).quiet();
@@ -194,7 +194,7 @@ fn truncated() {
 
 /// Bytes that were changed give an error or other frames, never a crash.
 #[test]
-fn damaged() {
+fn a_damaged_recording_never_ends_in_a_panic() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     let whole = fs::read(&recorded.file).expect("a recording");
     let damaged = recorded.file.with_extension("damaged");
@@ -214,7 +214,7 @@ fn damaged() {
 
 /// What cannot be read, or is no recording.
 #[test]
-fn unreadable() {
+fn a_file_that_is_no_recording_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("file");
     dump(&file, &[]).failed(1, &["file: No such file"], "check the path");
@@ -227,7 +227,7 @@ fn unreadable() {
 
 /// A recording may come from standard input.
 #[test]
-fn from_standard_input() {
+fn a_recording_is_read_from_standard_input() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, None);
     let bytes = fs::read(&recorded.file).expect("a recording");
     assert_eq!(run_with_input(&["dump", "-"], bytes).quiet(), recorded.dump(&[]).quiet());
@@ -236,7 +236,7 @@ fn from_standard_input() {
 
 /// A recording without frames has nothing to show.
 #[test]
-fn no_frames() {
+fn a_recording_without_frames_has_nothing_to_show() {
     let recorded = Recorded::new(&Script::default(), LINK, None);
     assert_eq!(recorded.dump(&[]).quiet(), "");
 }
@@ -244,7 +244,7 @@ fn no_frames() {
 /// TOOL-141 A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time is
 /// there twice.
 #[test]
-fn several_sections() {
+fn a_recording_of_several_openings_is_one_dump_with_each_link() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
     let mut script = Script::default();
@@ -262,7 +262,7 @@ fn several_sections() {
 
 /// Frames that the disk did not take are counted in the recording, and a note says how many.
 #[test]
-fn missing_frames() {
+fn frames_missing_from_a_recording_are_noted() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
     // More than one batch of the disk and the queue hold.
@@ -281,7 +281,7 @@ fn missing_frames() {
 
 /// A capture of two real boards: each has its own slaves, and the text says which is which.
 #[test]
-fn several_boards() {
+fn in_a_capture_of_two_boards_each_has_its_own_slaves() {
     let script = golden(&["set-axis-group0", "resp-hsp-12", "resp-hsp-12"]);
     let recorded = Recorded::new(&script, LINK, Some(SlotSize::Bytes12));
     make_capture(&recorded.file, &[7, 7, 8]);

@@ -59,7 +59,7 @@ fn record_is_part_of_the_link() {
 
 /// A recording that cannot be made is an error before the program starts.
 #[test]
-fn wrong_recordings() {
+fn a_recording_that_cannot_be_made_is_an_error_before_the_program_starts() {
     let place = Place::new();
     let refused = |record: &str, code, words: &[&str], next: &str| {
         let ran = place.run(&["--link", "sim:", "--record", record], "echo started");
@@ -75,7 +75,7 @@ fn wrong_recordings() {
 /// Without --link a recording is of the link that the library would choose: ECMSK_LINK, then the files beside the program
 /// and beside the library; none: a board on USB.
 #[test]
-fn record_without_a_link() {
+fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
     let place = Place::new();
     let nowhere = place.tmp();
     let run = |variable: Option<&str>| {
@@ -103,7 +103,7 @@ fn record_without_a_link() {
 
 /// A wrong link is an error of the command line, and the program is not started.
 #[test]
-fn wrong_links() {
+fn a_wrong_link_does_not_start_the_program() {
     let place = Place::new();
     for (link, words) in [
         ("sim:?slavs=drive", ["slavs", "slaves"]),
@@ -119,7 +119,7 @@ fn wrong_links() {
 
 /// The program's exit code is the tool's; 128 + n if signal n ended it.
 #[test]
-fn exit_codes() {
+fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     let place = Place::new();
     for code in [0, 1, 3, 125, 255] {
         let ran = place.run(&[], &format!("exit {code}"));
@@ -168,7 +168,7 @@ fn arguments_are_passed_on() {
 
 /// -v says what was set and how the program ended, on standard error alone.
 #[test]
-fn verbose() {
+fn verbose_says_what_was_set_and_how_the_program_ended() {
     let place = Place::new();
     let ran = place.run(&["-v", "--link", "sim:"], "echo out; exit 3");
     assert_eq!((ran.code, ran.out.as_str()), (Some(3), "out\n"));
@@ -182,7 +182,7 @@ fn verbose() {
 
 /// A folder for temporary files that cannot be used is named.
 #[test]
-fn wrong_temporary_folders() {
+fn a_folder_for_temporary_files_that_cannot_be_used_is_named() {
     let place = Place::new();
     let run = |tmp: &Path| {
         let mut command = place.exec(&["--", "true"]);
@@ -237,7 +237,7 @@ fn kill(signal: &str, whom: &str) {
 
 /// Ctrl-C goes to the whole group: the program decides, and its end is the tool's.
 #[test]
-fn ctrl_c_is_the_programs() {
+fn ctrl_c_is_handled_by_the_program_alone() {
     let place = Place::new();
     for (script, code) in [
         ("trap 'exit 9' INT; echo ready; while :; do sleep 0.05; done", 9),
@@ -253,7 +253,7 @@ fn ctrl_c_is_the_programs() {
 
 /// SIGTERM and SIGHUP that come to the tool alone are handed on.
 #[test]
-fn termination_is_handed_on() {
+fn sigterm_and_sighup_are_passed_on_to_the_program() {
     let place = Place::new();
     for (signal, script, code) in [
         ("-TERM", "trap 'exit 7' TERM; echo ready; while :; do sleep 0.05; done", 7),

@@ -38,7 +38,7 @@ fn the_search_path_is_kept() {
 
 /// The library: a file, or a folder that has it by either name.
 #[test]
-fn the_library_may_be_named() {
+fn the_option_library_names_a_file_or_a_folder() {
     let place = Place::new();
     let file = place.path().join("build-7.so");
     fs::copy("/bin/sh", &file).expect("a copy");

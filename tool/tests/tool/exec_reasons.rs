@@ -57,7 +57,7 @@ fn a_recording_that_lacks_frames_is_an_exit_code() {
 
 /// TOOL-153 Somebody who does not read standard error keeps neither the program nor the tool.
 #[test]
-fn a_stalled_reader_keeps_nobody() {
+fn a_standard_error_that_nobody_reads_delays_neither_program_nor_tool() {
     use std::io::Write;
 
     use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
@@ -111,7 +111,7 @@ mod needs_cxx {
     /// TOOL-153 Two axes on a network of one: thousands of commands are rejected, which the program does not see. The reason
     /// is said once, the count at the end; the exit code stays the program's.
     #[test]
-    fn rejected_commands() {
+    fn rejected_commands_are_told_once_and_counted_at_the_end() {
         let ran = exec(&[], ONE, &["2", "1500"]);
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), "done\n"));
         has(&ran, &["warning: CSP in slot 2 rejected at ", "warning: SV_ON in slot 2 rejected at "]);
@@ -121,7 +121,7 @@ mod needs_cxx {
 
     /// TOOL-153 A program for slots of another size than the board's is told so.
     #[test]
-    fn slots_of_another_size() {
+    fn a_program_for_another_slot_size_is_told_so() {
         let ran = exec(&[], &format!("{TWO}&slot=16"), &["2", "3"]);
         assert_eq!(ran.code, Some(0));
         has(&ran, &["warning: the program writes frames of 504 bytes, the board's are 512 (16-byte slots); "]);
@@ -129,7 +129,7 @@ mod needs_cxx {
 
     /// TOOL-153 Why there is no board: without one, and with one that another program has.
     #[test]
-    fn no_board() {
+    fn why_a_program_got_no_board_is_told() {
         let ran = exec(&[], "tcp://127.0.0.1:9", &["1"]);
         assert_eq!((ran.code, ran.out.as_str()), (Some(3), "no board\n"));
         has(&ran, &["warning: OpenECMUSB() -> link from ECMSK_LINK: no board at `tcp://127.0.0.1:9"]);
@@ -140,7 +140,7 @@ mod needs_cxx {
 
     /// TOOL-158 State 0x12 is explained: nothing was declared, or a slave refuses.
     #[test]
-    fn a_change_of_state_that_fails() {
+    fn why_a_change_of_state_failed_is_told() {
         let ran = exec(&[], TWO, &["2", "10", "undeclared"]);
         assert_eq!(ran.code, Some(0));
         let failed = "warning: a change of state failed, byte 2 of slot 0 is 0x12: PreOP (a slave failed); ";
@@ -154,7 +154,7 @@ mod needs_cxx {
 
     /// TOOL-153 A FIFO that is full and one that runs empty on the way; reports that nobody reads.
     #[test]
-    fn the_fifo() {
+    fn a_full_fifo_an_empty_fifo_and_unread_reports_are_told() {
         let ran = exec(&[], TWO, &["2", "500", "flood"]);
         has(&ran, &["warning: since ", "summary: 278 command frame(s) found the FIFO full and were lost; "]);
         let ran = exec(&[], TWO, &["2", "200", "gap"]);
@@ -214,7 +214,7 @@ mod needs_cxx {
 
     /// TOOL-138 A disk that is full while a program is recorded: said, and an exit code.
     #[test]
-    fn a_full_disk() {
+    fn a_full_disk_while_recording_is_told_and_is_an_exit_code() {
         let ran = exec(&["--record", "/dev/full"], TWO, &["2", "500"]);
         assert!(matches!(ran.code, Some(124 | 3)), "{:?}: {}", ran.code, ran.err);
         assert!(ran.err.contains("/dev/full") || ran.err.contains("missing in the recording"), "{}", ran.err);

@@ -63,7 +63,7 @@ fn boards_of_every_kind() {
 
 /// TOOL-96 What docs/TOOL.md shows of it is what it prints.
 #[test]
-fn the_page() {
+fn list_prints_what_tool_md_shows() {
     let printed = several().run(&["list"]).out;
     let shown = page_block("usb:?path=1-1 ");
     assert!(shown.len() >= 5, "{shown:?}");
@@ -74,7 +74,7 @@ fn the_page() {
 
 /// TOOL-96 What it prints as a link is one.
 #[test]
-fn links_are_links() {
+fn every_link_that_is_listed_can_be_parsed() {
     let links: Vec<String> = objects(&several().run(&["list", "--json"]).out)
         .iter()
         .filter_map(|row| row["link"].as_str().map(str::to_owned))
@@ -95,7 +95,7 @@ fn links_are_links() {
 
 /// TOOL-96 The exit code is 0 when each board that is there can be opened; an SPI device counts if there is no board on USB.
 #[test]
-fn exit_codes() {
+fn the_exit_code_is_0_if_every_board_can_be_opened() {
     let tree = Tree::bare();
     let ran = tree.run(&["list"]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""));
@@ -123,7 +123,7 @@ fn exit_codes() {
 
 /// TOOL-98 Each thing that keeps a board from being opened, with what to do.
 #[test]
-fn obstacles() {
+fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     type Change = fn(&Tree);
     const CHANGES: [(Change, &str, &str); 8] = [
         (|tree| tree.deny("/dev/bus/usb/001/004"), "may not open /dev/bus/usb/001/004", "plug the board in again"),
@@ -165,7 +165,7 @@ fn obstacles() {
 
 /// TOOL-97 A device whose files are missing or nonsense is shown as far as it is known; what it says controls no terminal.
 #[test]
-fn hostile_devices() {
+fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
     let tree = Tree::bare();
     tree.board("1-1", 4, "\x1b[2J7");
     assert_eq!(row(&tree, "1-1")["serial"], "\u{FFFD}[2J7");
@@ -180,7 +180,7 @@ fn hostile_devices() {
 
 /// TOOL-96 On the machine that it runs on the list can be read, too, whatever is there.
 #[test]
-fn on_this_machine() {
+fn list_works_on_the_machine_it_runs_on() {
     let ran = crate::common::run(["list", "--json"]);
     assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
     for row in objects(&ran.out) {

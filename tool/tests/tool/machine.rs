@@ -10,7 +10,7 @@ use crate::common::{Ran, run};
 
 /// TOOL-108 The rule is written where udev looks, once; what is there already is left.
 #[test]
-fn the_udev_rule() {
+fn the_udev_rule_is_written_once_where_udev_looks() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
     let tree = Tree::bare();
     fs::set_permissions(tree.path("/etc/udev/rules.d"), fs::Permissions::from_mode(0o777)).expect("our own folder");
@@ -33,7 +33,7 @@ fn the_udev_rule() {
 
 /// TOOL-108 Who may not write it gets lines to type, which do.
 #[test]
-fn the_udev_rule_by_hand() {
+fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
     let tree = Tree::bare();
     fs::set_permissions(tree.path("/etc/udev/rules.d"), fs::Permissions::from_mode(0o555)).expect("our own folder");
@@ -52,7 +52,7 @@ fn the_udev_rule_by_hand() {
 
 /// TOOL-108 The rule: one line for the device, one for hidraw, by the board's ids; before the file that acts on uaccess.
 #[test]
-fn what_the_rule_says() {
+fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     let rule = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
     let lines: Vec<&str> = rule.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).collect();
     for subsystem in ["usb", "hidraw"] {
@@ -70,7 +70,7 @@ fn what_the_rule_says() {
 /// TOOL-97 Files that are missing, empty, nonsense, endless, not for this user, or no files: each time a report, and never a
 /// panic.
 #[test]
-fn hostile_files() {
+fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
     type Spoil = fn(&Tree, &str);
     let spoils: [(&str, Spoil); 6] = [
         ("missing", |_, _| {}),
@@ -109,7 +109,7 @@ fn hostile_files() {
 
 /// TOOL-97 A pipe that nobody writes to is not waited for.
 #[test]
-fn pipes_are_not_files() {
+fn a_pipe_in_place_of_a_file_is_not_waited_for() {
     let tree = Tree::good();
     tree.remove("/sys/bus/usb/devices/1-1/speed");
     let pipe = tree.path("/sys/bus/usb/devices/1-1/speed");

@@ -46,7 +46,7 @@ fn a_page_for_each_verb() {
 
 /// TOOL-75 What is no verb, and where nothing can be written.
 #[test]
-fn errors() {
+fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "frobnicate"]).failed(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");
     run(["man", "link", "frobnicate"]).failed(1, &["no verb `link frobnicate`"], "`ecmsk --help` lists");
     run(["man", "--out", "/dev/null/x"]).failed(1, &["cannot write /dev/null/x"], "with --out");

@@ -71,7 +71,7 @@ fn objects(out: &str) -> Vec<Value> {
 
 /// TOOL-65 The table: board, FIFO, SDO, and every slave as what it is.
 #[test]
-fn the_table() {
+fn the_table_shows_board_fifo_sdo_and_every_slave() {
     let (folder, file) = everything(true);
     let text = monitor(&file, &["--once", "--interval", "20ms"]).quiet();
     let text = text.replace(folder.path().to_str().expect("UTF-8"), "FOLDER");
@@ -80,7 +80,7 @@ fn the_table() {
 
 /// TOOL-65 Without SET_AXIS kinds are guessed and say so; --slaves tells what they are.
 #[test]
-fn kinds_of_slaves() {
+fn without_set_axis_kinds_are_guessed_and_marked() {
     let (_folder, file) = everything(false);
     let guessed = monitor(&file, &["--once"]).quiet();
     assert!(guessed.contains("    1 drive? Operation enabled"), "{guessed}");
@@ -92,7 +92,7 @@ fn kinds_of_slaves() {
 
 /// TOOL-67 One object each interval of the recording's time: rates, speeds, and slots as `dump --json` has them.
 #[test]
-fn as_json() {
+fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
     let views = objects(&monitor(&file, &["--json", "--interval", "25ms"]).quiet());
     let times: Vec<_> = views.iter().map(|view| view["time_ns"].as_u64().expect("a time") / MS).collect();
@@ -128,7 +128,7 @@ fn nothing_is_sent() {
 
 /// TOOL-68 A board that falls silent is told, and one that is gone ends it.
 #[test]
-fn a_board_that_is_gone() {
+fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     let link = "sim:?slaves=drive&fault.disconnect_ms=300";
     let ran = run(["monitor", "--link", link, "--json", "--interval", "20ms", "--seconds", "30"]);
     ran.failed(1, &["is gone"], "open it again");
@@ -137,7 +137,7 @@ fn a_board_that_is_gone() {
 
 /// TOOL-65 What there is nothing to see of, and what to do.
 #[test]
-fn errors() {
+fn a_source_that_cannot_be_watched_is_an_error_with_the_next_step() {
     let board = Run::new(SlotSize::Bytes12, 1);
     let recorded = Recorded::new(&board);
     let file = recorded.file.to_str().expect("UTF-8");

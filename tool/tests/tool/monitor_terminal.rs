@@ -157,7 +157,7 @@ fn started_as(owner: Owner) -> Terminal {
 
 /// TOOL-69 q and Ctrl-C end it with 0, and the terminal is as it was.
 #[test]
-fn keys_end_it() {
+fn q_and_ctrl_c_end_the_monitor_and_restore_the_terminal() {
     for key in [b"q" as &[u8], b"\x03", b"Q"] {
         let mut terminal = started();
         terminal.type_keys(key);
@@ -167,7 +167,7 @@ fn keys_end_it() {
 
 /// TOOL-69 After SIGTERM, SIGINT and SIGHUP the terminal is as it was, and the exit code tells the signal.
 #[test]
-fn signals_end_it() {
+fn signals_end_the_monitor_and_restore_the_terminal() {
     for (signal, code) in [(Signal::TERM, 143), (Signal::INT, 130), (Signal::HUP, 129)] {
         let terminal = started();
         terminal.signal(signal);
@@ -191,7 +191,7 @@ fn ends(tool: &mut Child) -> Option<i32> {
 
 /// TOOL-137 It ends when its terminal is closed, also where no signal tells it so: nobody is there any more.
 #[test]
-fn a_closed_terminal_ends_it() {
+fn a_closed_terminal_ends_the_monitor() {
     for owner in [Owner::Tool, Owner::Nobody] {
         let mut tool = started_as(owner).hang_up();
         assert_eq!(ends(&mut tool), Some(129));
@@ -200,7 +200,7 @@ fn a_closed_terminal_ends_it() {
 
 /// TOOL-137 SIGTERM ends it though the terminal takes no output, and its modes are as they were.
 #[test]
-fn a_stalled_terminal_does_not_keep_it() {
+fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     let mut terminal = started();
     tcflow(&terminal.line, Action::OOff).expect("output stops");
     // What is drawn in the meantime waits in the terminal, and nobody takes it.
@@ -212,14 +212,14 @@ fn a_stalled_terminal_does_not_keep_it() {
 
 /// TOOL-69 --seconds ends it by itself.
 #[test]
-fn it_ends_by_itself() {
+fn the_monitor_ends_after_the_given_seconds() {
     let terminal = Terminal::start(&[BOARD, &["--seconds", "0.3"]].concat());
     assert_eq!(terminal.ended(), Some(0));
 }
 
 /// TOOL-66 The table is live, and keys scroll through forty slaves; a board that is gone leaves its last values.
 #[test]
-fn it_scrolls() {
+fn keys_scroll_through_forty_slaves() {
     let mut terminal = started();
     // 20 lines, 7 above the rows and one below.
     terminal.until("the first rows", |screen| screen.contents().contains("rows 1 to 12 of 40"));

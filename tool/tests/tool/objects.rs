@@ -33,7 +33,7 @@ fn at(index: u16, sub: u8) -> ObjectAddress {
 
 /// SK-7.47 The objects of a file are read and written by the rules of CoE: size, access, what is not there.
 #[test]
-fn objects_of_a_file() {
+fn objects_of_a_file_follow_the_rules_of_coe() {
     let mut drive = drive(MakersObjects::parse(OBJECTS).unwrap());
     let read = |drive: &mut Drive, index, sub| drive.upload(at(index, sub)).map(|value| value.bits);
     assert_eq!(read(&mut drive, 0x2000, 0), Ok(0x12));
@@ -63,7 +63,7 @@ fn objects_of_a_file() {
 
 /// SK-7.48 `any`: what is written is read back, of any size; what was never written is 0; what lies elsewhere aborts.
 #[test]
-fn whatever_is_told() {
+fn objects_any_stores_whatever_is_written() {
     let mut drive = drive(MakersObjects::any());
     for (index, sub) in [(0x2000, 0), (0x5FFF, 255), (0x6093, 1), (0x2101, 3)] {
         assert_eq!(drive.upload(at(index, sub)).map(|value| value.bits), Ok(0));
@@ -92,7 +92,7 @@ fn making_an_object_allocates_nothing() {
 
 /// SK-7.47 In a link: behind any kind, with a count and beside its travel, in one normal form; wrong ones say what is allowed.
 #[test]
-fn in_a_link() {
+fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     let of = |list: &str| {
         let uri = LinkUri::parse(&format!("sim:?slaves={list}"));
         uri.map(|uri| (uri.to_string(), SimOptions::from_uri(&uri).expect(list).slaves))
@@ -116,7 +116,7 @@ fn in_a_link() {
 
 /// SK-7.47 A file that is none is refused when the board is switched on, with its line; so is what is no regular file.
 #[test]
-fn files_that_are_none() {
+fn an_invalid_objects_file_is_refused_with_its_line() {
     let open = |file: &str| Ecm::open(&format!("sim:?slaves=drive:objects@{file}&clock=virtual")).err().expect("wrong");
     let wrong = text("wrong.objects", "0x2000:0 u16 rw 1\n\n0x2001:0 u24 rw 1\n");
     let error = open(&wrong).to_string();
@@ -128,7 +128,7 @@ fn files_that_are_none() {
 
 /// SK-7.47 A program on such a board writes its drive's objects and goes on.
 #[test]
-fn on_a_board() {
+fn a_program_writes_manufacturer_objects_of_a_drive() {
     let file = text("board.objects", OBJECTS);
     let ecm = Ecm::open(&format!("sim:?slaves=drive:objects@{file},drive&clock=virtual")).unwrap();
     assert_eq!(ecm.sdo_read::<u16>(1, at(0x2000, 0)), Ok(0x12));
@@ -142,7 +142,7 @@ fn on_a_board() {
 
 /// TOOL-159 `objects from-drive` prints what can be read of a drive, and a simulated drive with that file answers the same.
 #[test]
-fn from_a_drive_and_back() {
+fn a_simulated_drive_with_the_objects_of_a_drive_answers_the_same() {
     let file = text("original.objects", OBJECTS);
     let link = format!("sim:?slaves=io,drive:objects@{file}&clock=virtual");
     let range = ["--range", "0x2000..0x2300", "--range", "0x6098..0x609A"];
@@ -236,7 +236,7 @@ fn a_sub_index_counts_once() {
 
 /// TOOL-162 What is no ESI file, has no dictionary or another device says so, with the next step.
 #[test]
-fn what_is_no_esi_file() {
+fn a_file_that_is_no_esi_file_is_refused_with_the_next_step() {
     for (name, content, device, words) in [
         ("no.xml", "0x2000:0 u16 rw 1\n", None, "it is no XML"),
         ("empty.xml", "<EtherCATInfo/>", None, "no device with a dictionary"),

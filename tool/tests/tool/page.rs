@@ -69,7 +69,7 @@ fn free_port() -> u16 {
 
 /// Every command of the pages prints what they say, on virtual time to the byte.
 #[test]
-fn the_pages_are_true() {
+fn every_command_of_the_pages_prints_what_they_show() {
     for (file, least) in PAGES {
         let shown = page(file);
         assert!(shown.len() >= least, "{shown:?}");
@@ -81,7 +81,7 @@ fn the_pages_are_true() {
 
 /// As they stand there, on the real clock, the commands that should succeed do.
 #[test]
-fn the_pages_work_on_the_real_clock() {
+fn every_command_of_the_pages_succeeds_on_the_real_clock() {
     for (file, _) in PAGES {
         let shown = page(file);
         for (shown, said) in shown.iter().zip(run(&shown, "&clock=real")) {

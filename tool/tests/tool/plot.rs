@@ -45,7 +45,7 @@ fn targets_and_positions() {
 
 /// Torque in percent of rated, as the drive reports it in 0.1 %.
 #[test]
-fn torque() {
+fn torque_is_shown_in_percent_of_rated() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     for i in 0..200 {
         board.send(&[if i < 100 { 0 } else { 8000 }]);
@@ -72,7 +72,7 @@ fn an_hsp_has_no_torque() {
 
 /// The FIFO's level, and the moments when commands were lost.
 #[test]
-fn fifo() {
+fn the_fifo_level_and_lost_commands_are_shown() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     let mut levels = Vec::new();
     for i in 0..300 {
@@ -97,7 +97,7 @@ fn fifo() {
 
 /// No loss, no word of one.
 #[test]
-fn no_loss() {
+fn without_lost_commands_the_plot_does_not_mention_any() {
     let plot = Recorded::new(&two_axes().0).plot(&[]);
     assert_eq!(plot.panel("FIFO").lines(ALARM, false).len(), 0);
     assert!(!plot.texts().iter().any(|text| text.contains("lost")));
@@ -105,7 +105,7 @@ fn no_loss() {
 
 /// A target that is sent once stays until the next one: the line has a step, no slope.
 #[test]
-fn targets_are_held() {
+fn a_target_holds_until_the_next_one() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     for i in 0..400 {
         if i == 100 {
@@ -147,7 +147,7 @@ fn long_recordings_are_thinned_without_loss() {
 
 /// The axes and the time that were asked for.
 #[test]
-fn a_part_of_it() {
+fn axes_and_time_can_be_chosen() {
     let (run, cycles) = two_axes();
     let recorded = Recorded::new(&run);
     let plot = recorded.plot(&["--axes", "2", "--from", "0.4", "--to", "0.5"]);
@@ -164,7 +164,7 @@ fn a_part_of_it() {
 
 /// Eight axes in eight colours; more are named and left out.
 #[test]
-fn eight_axes_and_more() {
+fn eight_axes_have_colours_and_further_ones_are_left_out_by_name() {
     let board = |axes: usize| {
         let mut board = Run::new(SlotSize::Bytes12, axes);
         for i in 0..50 {
@@ -191,7 +191,7 @@ fn eight_axes_and_more() {
 
 /// No text lies on another one or beyond the picture, whatever the numbers are.
 #[test]
-fn labels_do_not_overlap() {
+fn labels_neither_overlap_nor_leave_the_picture() {
     for (axes, scale, options) in
         [(1, 0, &[][..]), (2, 1, &["--difference"]), (8, 250_000_000, &["--difference"]), (3, 7, &["--to", "0.0095"])]
     {
@@ -204,20 +204,13 @@ fn labels_do_not_overlap() {
         }
         let plot = Recorded::of_link(&board, &format!("sim:?name={}", "n".repeat(60))).plot(options);
         assert!((800.0..=1600.0).contains(&plot.page.0) && (300.0..=2000.0).contains(&plot.page.1), "{:?}", plot.page);
-        for (i, label) in plot.labels.iter().enumerate() {
-            let (left, top, right, bottom) = label.place();
-            assert!(left >= 0.0 && top >= 0.0 && right <= plot.size.0 && bottom <= plot.size.1, "{label:?} is cut");
-            for other in &plot.labels[i + 1..] {
-                let (l, t, r, b) = other.place();
-                assert!(right <= l || r <= left || bottom <= t || b <= top, "{label:?}\n{other:?}");
-            }
-        }
+        plot.assert_labels_are_readable();
     }
 }
 
 /// 16-byte slots and a firmware whose full count counts words make no difference.
 #[test]
-fn wide_slots() {
+fn slots_of_16_bytes_and_a_wide_full_count_give_the_same_plot() {
     let mut board = Run::new(SlotSize::Bytes16, 2);
     for i in 0..100 {
         board.send(&[100 * i, -100 * i]);
@@ -229,7 +222,7 @@ fn wide_slots() {
 
 /// A report that was read late belongs to the moment when it was made: the plot is the same.
 #[test]
-fn reports_read_late() {
+fn a_report_that_was_read_late_is_plotted_when_it_was_made() {
     let (mut board, _) = two_axes();
     let plot = || -> Vec<_> {
         let plot = Recorded::new(&board).plot(&["--difference"]);
@@ -244,7 +237,7 @@ fn reports_read_late() {
 
 /// Of a capture of two boards the one that is in OP is plotted.
 #[test]
-fn several_boards() {
+fn of_two_boards_the_one_in_op_is_plotted() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     for i in 0..20 {
         board.send(&[1000 * i]);
@@ -266,7 +259,7 @@ fn several_boards() {
 
 /// A note is said once, although the recording is read twice.
 #[test]
-fn notes() {
+fn each_note_is_printed_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
     // Without an axis and without CRCs nothing tells the slot size.
@@ -300,7 +293,7 @@ fn outside_op_there_is_a_gap() {
 
 /// Without -o the plot lies beside the recording; its name is printed.
 #[test]
-fn where_the_plot_lies() {
+fn without_an_output_the_plot_lies_beside_the_recording() {
     let recorded = Recorded::new(&two_axes().0);
     let beside = recorded.file.with_extension("svg");
     assert_eq!(recorded.try_plot(&[]).quiet(), format!("{}\n", beside.display()));
@@ -314,7 +307,7 @@ fn where_the_plot_lies() {
 
 /// Whatever stands in a link or a file's name, the SVG stays one.
 #[test]
-fn strange_names() {
+fn names_with_markup_do_not_break_the_svg() {
     let (board, _) = two_axes();
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("<a & \"b\">\u{1}\u{7f}'.pcapng");
@@ -325,7 +318,7 @@ fn strange_names() {
 
 /// What cannot be plotted, and what to do.
 #[test]
-fn errors() {
+fn what_cannot_be_plotted_is_an_error_with_the_next_step() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
     let end = format!("in OP from 0.002 s to {:.3} s", board.seconds());
@@ -349,7 +342,7 @@ fn errors() {
 
 /// A recording that never gets to OP has nothing to plot.
 #[test]
-fn no_op() {
+fn a_recording_without_op_has_nothing_to_plot() {
     let mut board = Run::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
     for _ in 0..20 {
         board.report(MasterState::PreOp);
@@ -360,7 +353,7 @@ fn no_op() {
 
 /// A recording that was cut off is plotted as far as it goes, and a note says so.
 #[test]
-fn truncated() {
+fn a_truncated_recording_is_plotted_as_far_as_it_goes() {
     let (board, cycles) = two_axes();
     let recorded = Recorded::new(&board);
     let whole = fs::read(&recorded.file).expect("a recording");
@@ -377,7 +370,7 @@ fn truncated() {
 
 /// SET_FIFO's clear is a command for slot 0 with an argument in byte 2, whatever else the frame holds.
 #[test]
-fn a_clear_is_a_command_too() {
+fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     board.master(&MasterCommand::SetFifo(FifoAction::Threshold(120)));
     for _ in 0..10 {
@@ -389,7 +382,7 @@ fn a_clear_is_a_command_too() {
 /// TOOL-111 An axis that the network does not have is an error, and the text names those that there are, whether they were
 /// moved or not: also in a recording of the native API, whose frames count in all slots.
 #[test]
-fn axes_that_are_not_there() {
+fn an_axis_that_the_network_lacks_is_an_error_with_those_it_has() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("three.pcapng");
     let link = format!("sim:?slaves=drive*3&clock=virtual&record={}", file.display());
@@ -409,7 +402,7 @@ fn axes_that_are_not_there() {
 
 /// An axis that the recording says nothing of is an error, and the text names those that there are.
 #[test]
-fn empty_axes() {
+fn an_axis_without_data_is_an_error_with_those_that_have_some() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
     recorded.try_plot(&["--axes", "1,9"]).failed(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
@@ -418,7 +411,7 @@ fn empty_axes() {
 
 /// A time is a finite number.
 #[test]
-fn times_that_are_none() {
+fn a_time_that_is_no_finite_number_is_refused() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
     for option in ["--from", "--to"] {

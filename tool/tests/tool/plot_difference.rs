@@ -7,7 +7,7 @@ use ecmsk::sk::{MasterState, SlotSize};
 
 /// The following difference compares a position with the target executed then, not with the one sent then.
 #[test]
-fn difference() {
+fn the_difference_is_to_the_target_that_was_executed_then() {
     let (run, cycles) = two_axes();
     let plot = Recorded::new(&run).plot(&["--difference"]);
     let panel = plot.panel("Following difference");
@@ -21,7 +21,7 @@ fn difference() {
 
 /// A command and a report that cross each other give no wrong difference.
 #[test]
-fn difference_of_a_crossing() {
+fn a_command_and_a_report_that_cross_give_no_wrong_difference() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     for i in 0..400 {
         match i {
@@ -44,7 +44,7 @@ fn difference_of_a_crossing() {
 
 /// After commands were lost the difference is not shown until it is known again, and never a wrong one.
 #[test]
-fn difference_after_a_loss() {
+fn after_a_loss_no_difference_is_shown_until_it_is_known_again() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     let mut cycles = Vec::new();
     for i in 0..600 {
@@ -75,7 +75,7 @@ fn difference_after_a_loss() {
 
 /// After a clear of the FIFO the targets in force are those sent with it and later.
 #[test]
-fn difference_after_a_clear() {
+fn after_a_clear_the_difference_is_to_the_targets_sent_later() {
     let mut board = Run::new(SlotSize::Bytes12, 1);
     for i in 0..50 {
         board.send(&[1000 + i]);

@@ -41,7 +41,7 @@ fn late(ahead: i32, away: std::ops::Range<i32>) -> (Run, (f64, f64)) {
 /// TOOL-147 A gap is marked in the panel of the axis that was moving and in that of the FIFO, with its length, from the first
 /// cycle that found nothing to execute to the next target; the axis that stood has none.
 #[test]
-fn a_gap_on_the_way() {
+fn an_empty_fifo_during_motion_is_marked_with_its_length() {
     for ahead in [1, 3, 20] {
         let (run, gap) = late(ahead, 100..140);
         let plot = Recorded::new(&run).plot(&[]);
@@ -58,7 +58,7 @@ fn a_gap_on_the_way() {
 
 /// TOOL-147 The end of a motion, a pause between two motions, and a host that is late but has commands waiting are no gaps.
 #[test]
-fn no_gaps() {
+fn ends_and_pauses_of_motion_are_no_gaps() {
     let (run, _) = {
         let mut run = Run::new(SlotSize::Bytes12, 1);
         for start in [0, 2000] {

@@ -41,7 +41,7 @@ fn with_io() -> (Run, [f64; 3]) {
 /// command was executed, and bits that are always 0 are left out. It is shown by itself if anything was ever 1, and if it is
 /// asked for.
 #[test]
-fn inputs_and_outputs() {
+fn an_io_slave_shows_inputs_when_reported_and_outputs_when_executed() {
     let (run, [up, down, input]) = with_io();
     let recorded = Recorded::new(&run);
     for options in [&[][..], &["--axes", "1,2"], &["--axes", "2"], &["--panels", "io"]] {
@@ -63,7 +63,7 @@ fn inputs_and_outputs() {
 
 /// TOOL-148 A silent IO slave has no panel by itself, and a list of commands leaves its axis as it is.
 #[test]
-fn silent_io() {
+fn an_io_slave_without_changes_has_no_panel() {
     let mut run = Run::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
     for i in 0..100 {
         run.slots.insert(2, io(GET_STATUS, 0));
@@ -84,7 +84,7 @@ fn silent_io() {
 
 /// TOOL-149 The velocity is that of the positions, a second, and behind it that of the targets; it is shown if it is asked for.
 #[test]
-fn velocity() {
+fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     let (run, cycles) = two_axes();
     let recorded = Recorded::new(&run);
     let plot = recorded.plot(&["--panels", "velocity"]);
@@ -101,7 +101,7 @@ fn velocity() {
 
 /// TOOL-149 A drive that goes by CSV shows its velocity by itself, and what was asked for in the cycle in which it was executed.
 #[test]
-fn velocity_of_csv() {
+fn a_drive_in_csv_shows_its_velocity() {
     let mut run = Run::new(SlotSize::Bytes12, 1);
     let mut changed = 0.0;
     for i in 0..200 {
@@ -124,7 +124,7 @@ fn velocity_of_csv() {
 
 /// TOOL-150 The plane: what was commanded and what was gone, the first axis from left to right, both to the same scale.
 #[test]
-fn plane() {
+fn the_plane_shows_two_axes_to_the_same_scale() {
     let mut run = Run::new(SlotSize::Bytes12, 3);
     for i in 0..400 {
         let side = (i % 100) * 100;
@@ -166,7 +166,7 @@ fn plane() {
 
 /// TOOL-151 Positions, differences and velocities are in units if the counts of one are said, of all axes or of some.
 #[test]
-fn units() {
+fn values_are_in_units_if_counts_per_unit_are_given() {
     let (run, cycles) = two_axes();
     let recorded = Recorded::new(&run);
     let plot = recorded.plot(&["--counts-per-unit", "1=1000,2=-500", "--unit", "mm", "--difference"]);
@@ -187,7 +187,7 @@ fn units() {
 
 /// TOOL-152 A title stands in the place of the link, whatever is in it.
 #[test]
-fn title() {
+fn a_title_replaces_the_link() {
     let (run, _) = two_axes();
     let plot = Recorded::new(&run).plot(&["--title", "Press 4, <b>after</b> the repair"]);
     assert_eq!(plot.texts()[0], "Press 4, <b>after</b> the repair");
@@ -196,7 +196,7 @@ fn title() {
 
 /// TOOL-152 The diagrams asked for are shown and no others.
 #[test]
-fn panels() {
+fn only_the_panels_asked_for_are_shown() {
     let (run, _) = two_axes();
     let recorded = Recorded::new(&run);
     assert_eq!(recorded.plot(&["--panels", "fifo"]).panel_names(), ["FIFO: free entries of 160"]);

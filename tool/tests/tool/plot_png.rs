@@ -14,7 +14,7 @@ fn rgb(colour: &str) -> [u8; 3] {
 /// TOOL-157 `-o x.png` writes a PNG: twice as many points each way as the page has pixels, with the same lines in it, at the
 /// same places, and letters.
 #[test]
-fn png() {
+fn a_png_shows_what_the_svg_shows() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
     let plot = Plot::parse(&String::from_utf8(recorded.picture("svg", &[])).expect("SVG"));
@@ -47,7 +47,7 @@ fn png() {
 
 /// TOOL-157 Another ending is refused, by `plot` and by `compare --plot`, with what to do, and nothing is written.
 #[test]
-fn other_endings() {
+fn an_unknown_ending_of_the_picture_is_refused() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
     let recording = recorded.file.to_str().expect("UTF-8");

@@ -48,7 +48,7 @@ fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
 /// SK-7.20 A drive is homing from the answer to GO_HOME until bits 10 and 12 are both 1; the other drive is not. Bits 10
 /// and 12 of an earlier homing, which still stand at first, end nothing.
 #[test]
-fn homing() {
+fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
     for first in [STANDS, ATTAINED, UNDER_WAY] {
         let mut run = Run::new(SlotSize::Bytes12, 2);
         say(&mut run, 2, CSP, ENABLED, 100);
@@ -70,7 +70,7 @@ fn homing() {
 /// SK-7.39 A drive that is home at once shows bits 10 and 12 from the first report on: they count when they have stood
 /// for 20 ms. And the next GO_HOME is seen although the host has sent nothing else meanwhile.
 #[test]
-fn home_at_once_and_again() {
+fn a_drive_that_is_home_at_once_is_seen_and_so_is_its_next_homing() {
     let mut run = Run::new(SlotSize::Bytes12, 1);
     say(&mut run, 1, CSP, ENABLED, 50);
     run.send_to(1, &SlaveCommand::GoHome);
@@ -84,7 +84,7 @@ fn home_at_once_and_again() {
 
 /// SK-7.21 Bit 13 ends homing and is told; ABORT_HOME in another slave's slot, a fault, SV_OFF and leaving OP end it too.
 #[test]
-fn ends_of_homing() {
+fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
     let ends: [fn(&mut Run); 5] = [
         |run| _ = say(run, 1, 0, ERROR, 50),
         |run| _ = say(run, 2, ABORT_HOME, ENABLED, 50),
@@ -111,7 +111,7 @@ fn ends_of_homing() {
 
 /// SK-7.30 A GO_HOME that is rejected is not answered, and no homing begins.
 #[test]
-fn rejected() {
+fn a_rejected_go_home_begins_no_homing() {
     let mut run = Run::new(SlotSize::Bytes12, 1);
     run.send_to(1, &SlaveCommand::GoHome);
     say(&mut run, 1, 0, UNDER_WAY, 100);
@@ -121,7 +121,7 @@ fn rejected() {
 /// LIB-25 A fault is shown from the reaction to it until it is cleared, with its error code, which may come later; from
 /// there on the drive is not enabled until it is on again. Targets sent before are in force no more.
 #[test]
-fn fault() {
+fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
     let mut run = Run::new(SlotSize::Bytes12, 1);
     run.send(&[5000]);
     say(&mut run, 1, CSP, ENABLED, 100);
@@ -149,7 +149,7 @@ fn fault() {
 
 /// SK-3.21 An HSP has no error code in its slot: what stands in its place is none.
 #[test]
-fn fault_of_an_hsp() {
+fn a_fault_of_an_hsp_has_no_error_code() {
     let mut run = Run::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
     say(&mut run, 1, CSP, ENABLED, 50);
     run.drives[0].error_code = 0x1234;
@@ -162,7 +162,7 @@ fn fault_of_an_hsp() {
 
 /// A drive that was on all the time has no shade and no word of one.
 #[test]
-fn nothing_to_tell() {
+fn a_drive_that_was_on_all_the_time_has_no_shading() {
     let mut run = Run::new(SlotSize::Bytes12, 1);
     say(&mut run, 1, CSP, ENABLED, 100);
     let plot = Recorded::new(&run).plot(&[]);
@@ -175,7 +175,7 @@ fn nothing_to_tell() {
 /// The part of a state that was asked for is shown; a state of one cycle is still seen; notes lie on nothing and are not
 /// cut, and thousands of faults do not make a picture of thousands of areas.
 #[test]
-fn parts_and_many() {
+fn short_states_are_seen_and_thousands_of_faults_stay_readable() {
     let mut run = Run::new(SlotSize::Bytes12, 1);
     for i in 0..20_000 {
         run.drives[0].error_code = if i % 2 == 0 { 0x7500 } else { 0 };
@@ -197,14 +197,7 @@ fn parts_and_many() {
     assert_eq!(panel.spans(NOT_ENABLED).len(), 1);
     let (left, right) = panel.spans(NOT_ENABLED)[0];
     assert!((left - from).abs() < 0.03 && right - left > 0.015, "{left} to {right}");
-    for (i, label) in plot.labels.iter().enumerate() {
-        let (left, top, right, bottom) = label.place();
-        assert!(left >= 0.0 && top >= 0.0 && right <= plot.size.0 && bottom <= plot.size.1, "{label:?} is cut");
-        for other in &plot.labels[i + 1..] {
-            let (l, t, r, b) = other.place();
-            assert!(right <= l || r <= left || bottom <= t || b <= top, "{label:?}\n{other:?}");
-        }
-    }
+    plot.assert_labels_are_readable();
     assert!(panel.notes().iter().any(|(_, text)| *text == "alarm 0x8611"), "{:?}", panel.notes());
 
     let (a, b) = (format!("{:.3}", last - 0.004), format!("{:.3}", last + 0.002));

@@ -11,7 +11,7 @@ mod needs_cxx {
 
     /// The picture of README is a recording of that program as the demo makes it, on virtual time, drawn by the tool.
     #[test]
-    fn the_picture_of_readme() {
+    fn the_picture_of_readme_is_what_the_demo_draws() {
         let folder = tempfile::tempdir().expect("a folder");
         symlink(root().join("examples"), folder.path().join("examples")).expect("a symbolic link");
         let link = format!("{VIRTUAL}&script=examples/scripts/alarm_on_the_way.ecmscript&record=two_axes.pcapng");

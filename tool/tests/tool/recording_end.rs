@@ -22,7 +22,7 @@ fn cut_after(run: &Run, frames: usize) -> PathBuf {
 /// TOOL-139 A recording that was not ended says so in `dump`, `plot`, `compare`, `replay` and `monitor`, and in what they
 /// print as JSON; that it is equal as far as it goes is no success, unless that was asked for.
 #[test]
-fn every_verb_says_so() {
+fn every_verb_says_that_a_recording_was_not_ended() {
     const SAID: &str = "was not ended";
     let whole = Program::default().record();
     let cut = cut_after(&whole, 900);
@@ -65,7 +65,7 @@ fn every_verb_says_so() {
 
 /// TOOL-139 A file that was cut after its first command is no run that the model answers as the board did.
 #[test]
-fn one_command_is_no_run() {
+fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
     let whole = Program::default().record();
     // The first report comes some frames later; without one there is nothing to compare.
     for frames in [5, 8] {

@@ -37,7 +37,7 @@ fn run_again(page: &str, folder: &Path) -> String {
 
 /// The page of recordings shows what the tool does, and its pictures are the tool's.
 #[test]
-fn the_page_is_true() {
+fn the_recordings_page_shows_what_the_tool_prints_and_draws() {
     let folder = tempfile::tempdir().expect("a folder");
     record(folder.path());
     let docs = support::root().join("docs");

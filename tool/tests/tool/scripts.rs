@@ -27,7 +27,7 @@ state preop
 
 /// TOOL-30, TOOL-33, TOOL-34 A script does its steps in order; the same as JSON says of which line each object is.
 #[test]
-fn a_day() {
+fn a_script_does_its_steps_in_order() {
     let file = text("day.ecm", DAY);
     let words = ["run", "day.ecm", "--link", BOARD];
     let mut all = told(&words, &run(["run", &file, "--link", BOARD]));
@@ -38,7 +38,7 @@ fn a_day() {
 
 /// TOOL-30 Every wrong line is told, with file and line and what may be written, and nothing at all is sent.
 #[test]
-fn wrong_scripts() {
+fn every_wrong_line_is_told_and_nothing_is_sent() {
     let wrong = "\
 stat op
 state op preop
@@ -101,7 +101,7 @@ fn a_step_that_fails_ends_a_script() {
 
 /// TOOL-30 A script that cannot be read is told.
 #[test]
-fn unreadable_scripts() {
+fn a_script_that_cannot_be_read_is_an_error() {
     run(["run", "/no/such/script", "--link", BOARD]).failed(1, &["/no/such/script", "No such file"], "name a file");
     let latin = file("latin");
     std::fs::write(&latin, b"state op # \xE4\n").unwrap();
@@ -127,7 +127,7 @@ fn relative_moves_do_not_drift() {
 
 /// TOOL-3, TOOL-20 In units; a relative target that leaves the 32 bits is refused before a frame of it is sent.
 #[test]
-fn units_and_limits() {
+fn targets_are_in_units_and_stay_within_32_bits() {
     let board = "sim:?slaves=drive:start@2147483000&clock=virtual";
     let file = file("edge");
     let recorded = format!("{board}&record={}", file.display());
@@ -144,7 +144,7 @@ fn units_and_limits() {
 
 /// TOOL-20 The guard: a speed that it would refuse is refused at once, and `--guard` widens it.
 #[test]
-fn the_guard() {
+fn a_speed_that_the_guard_would_refuse_is_refused_at_once() {
     let line = ["move", "1=50000", "--velocity", "1000000", "--up", "--link", BOARD];
     let guarded = run(line.into_iter().chain(["--guard", "1000"]));
     guarded.failed(1, &["runs 64000 counts ahead of it, its guard is 1000"], "lower --velocity, or widen --guard");
@@ -178,7 +178,7 @@ fn a_shell_without_a_terminal_ends_at_an_error() {
 /// TOOL-32 The shell reads lines without a terminal, too: results only; with `--keep-going` errors do not end it, each is
 /// told with its line, and the exit code says whether there were any.
 #[test]
-fn a_shell_without_a_terminal() {
+fn a_shell_without_a_terminal_prints_results_only() {
     let lines =
         "state\nstate op\nfoo\nmove 1=5\nservo on 1\n# nothing\n\nmove 1=5\nhelp servo\nhelp foo\nstate\nquit\nstate\n";
     let words = ["shell", "--keep-going", "--link", BOARD];

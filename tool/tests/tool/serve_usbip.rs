@@ -53,7 +53,7 @@ fn run(arguments: &[&str]) -> Ran {
 
 /// WIRE-14, WIRE-15 Where, what, who comes and goes, and an end in order; the link keeps one report.
 #[test]
-fn it_says_what_it_serves_and_who_comes() {
+fn serve_usbip_says_what_it_serves_and_who_attaches() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
         let mut serving = Serving::start(&["--link", "sim:?slaves=io", "--link", "sim:?name=b&queue=7"]);
         assert_eq!(serving.line(), "1-1 sim:?slaves=io&queue=1\n");
@@ -74,7 +74,7 @@ fn it_says_what_it_serves_and_who_comes() {
 
 /// WIRE-16 What is set is shown.
 #[test]
-fn the_board_shows_itself_as_it_is_told() {
+fn the_device_has_the_serial_number_and_names_that_were_set() {
     let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";
     let mut arguments = vec!["--link", "sim:"];
     arguments.extend(options.split(' '));
@@ -137,7 +137,7 @@ fn listening_to_others_is_warned_of() {
 
 /// WIRE-13, WIRE-15, TOOL-113 What cannot be is said with the next step.
 #[test]
-fn what_cannot_be_served_is_said() {
+fn a_board_that_cannot_be_served_is_an_error_with_the_next_step() {
     let listen = ["--listen", "127.0.0.1:0"];
     // An address of nobody (RFC 5737); the note before is that it is not this machine alone.
     let elsewhere = run(&["--listen", "192.0.2.1:3240", "--insecure-anyone", "--link", "sim:"]);

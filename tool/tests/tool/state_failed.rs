@@ -5,7 +5,7 @@ use crate::common::run;
 
 /// TOOL-158 A change of state that fails says which slave refused and why; on the wire nobody could see it.
 #[test]
-fn a_drive_declared_as_io() {
+fn a_failed_change_of_state_says_which_slave_refused_and_why() {
     let ran = run(["state", "op", "--link", "sim:?slaves=drive*2&clock=virtual", "--slaves", "drive,io"]);
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     for words in ["OP was not reached", "slave 2 refused", "IO (nibble 1)", "no SET_AXIS has declared", "0x001D"] {
@@ -15,7 +15,7 @@ fn a_drive_declared_as_io() {
 
 /// TOOL-158 `state` and `info` say why beside the state, and `--json` in a field of its own.
 #[test]
-fn a_slave_that_fell_out() {
+fn state_and_info_say_why_a_state_has_failed() {
     let falls = text("falls.ecmscript", "at 2s mute 2\n");
     let link = format!("sim:?slaves=drive*2&clock=virtual&script={falls}");
     let ran = script(&link, "state op\nwait 3s\nstate\ninfo\n");

@@ -193,7 +193,7 @@ fn waiting_script(line: &[&str]) -> Work {
 
 /// TOOL-19 A board that is gone silent ends a move by itself, with what to do.
 #[test]
-fn a_board_that_falls_silent() {
+fn a_silent_board_ends_a_move_with_the_next_step() {
     let events = text("silent.ecmscript", "at 900ms silent\n");
     let (board, _) = recorded("silent", &format!("slaves=drive&clock=virtual&script={events}"));
     let (code, said) = Work::start(&["move", "1=900000", "--velocity", "100000", "--up", "--link", &board]).end();

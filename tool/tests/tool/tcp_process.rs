@@ -77,7 +77,7 @@ fn the_tool_serves_until_it_is_stopped() {
 
 /// TCP-14 TCP-20 What cannot be served ends with 1 and says what to do.
 #[test]
-fn what_cannot_be_served() {
+fn a_link_or_address_that_cannot_be_served_is_an_error() {
     let serve = |arguments: &[&str]| -> Ran {
         let mut command = ecmsk(["serve", "tcp"]);
         command.args(arguments).env_remove("ECMSK_TCP_SECRET").output().unwrap().into()
@@ -107,7 +107,7 @@ fn in_op(uri: &str) -> Ecm {
 
 /// TCP-4 A server that is killed while axes move: every call ends, at once and with an error.
 #[test]
-fn a_server_that_is_killed() {
+fn killing_the_server_ends_every_call_of_its_clients() {
     let mut serving = Serving::start("");
     let ecm = in_op(&serving.uri());
     let mut stream = ecm.stream(16).unwrap();
@@ -134,7 +134,7 @@ const WRITER: &str = "ECMSK_TEST_WRITER";
 
 /// TCP-9 A writer that is killed while axes move: the server brings them to a standstill.
 #[test]
-fn a_writer_that_is_killed() {
+fn killing_the_writer_has_the_server_stop_its_axes() {
     if let Ok(uri) = std::env::var(WRITER) {
         let ecm = in_op(&uri);
         let mut stream = ecm.stream(16).unwrap();
@@ -147,7 +147,9 @@ fn a_writer_that_is_killed() {
     let (options, told) = options();
     let server = serve_with("sim:?slaves=drive*2", options);
     let mut command = Command::new(std::env::current_exe().unwrap());
-    command.args(["--exact", "tcp_process::a_writer_that_is_killed"]).env(WRITER, uri(&server, ""));
+    command
+        .args(["--exact", "tcp_process::killing_the_writer_has_the_server_stop_its_axes"])
+        .env(WRITER, uri(&server, ""));
     let mut writer = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let reader = link::open(&uri(&server, "role=reader"), Share::ByName).unwrap();
     let mut report = Frame::new();

@@ -96,7 +96,7 @@ fn a_full_pipe_stops_nothing() {
 
 /// TCP-25 A pipe that is read again gets the newest lines, and how many are missing.
 #[test]
-fn a_pipe_that_is_read_again() {
+fn a_pipe_that_is_read_again_gets_the_newest_lines_and_the_number_of_missing_ones() {
     let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
     let (mut child, _out, address, mut unread) = serving(&arguments, &[("ECMSK_LOG", "off")]);
     let uri = format!("tcp://{address}");
@@ -118,7 +118,7 @@ fn a_pipe_that_is_read_again() {
 
 /// TCP-25 WIRE-14 Standard output too may take nothing: the server serves, and ends by SIGTERM.
 #[test]
-fn nobody_reads_where_it_listens() {
+fn a_standard_output_that_nobody_reads_stops_nothing() {
     for port in ["tcp", "usbip"] {
         let (_unread, writer) = full_pipe();
         let (said, err) = std::io::pipe().unwrap();

@@ -163,7 +163,7 @@ impl Terminal {
 
 /// TOOL-31 Tab completes, arrow up brings back, Ctrl-C while nothing runs says how to leave, quit leaves.
 #[test]
-fn a_session() {
+fn the_shell_completes_recalls_lines_and_quits() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive&clock=virtual"]);
     terminal.until("ecmsk> ");
     terminal.keys("sta\top\r");
@@ -192,7 +192,7 @@ fn a_session() {
 /// TOOL-16, TOOL-24 In a terminal progress is one line that changes. Ctrl-C ends the step and the shell goes on; SIGTERM at
 /// the prompt closes the board, and the terminal is as it was.
 #[test]
-fn signals_in_the_shell() {
+fn signals_end_a_step_or_the_shell_and_restore_the_terminal() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive"]);
     terminal.until("ecmsk> ");
     terminal.servo_on();
@@ -234,7 +234,7 @@ fn a_closed_terminal_ends_the_shell() {
 
 /// TOOL-172 `doctor` colours its states on a terminal, and not where nobody wants that.
 #[test]
-fn colours() {
+fn doctor_uses_colours_on_a_terminal_only() {
     let green = "\x1b[32mok    \x1b[0m  versions ";
     let mut terminal = Terminal::start(&["doctor", "--quick"]);
     terminal.until(green);

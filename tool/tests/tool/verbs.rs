@@ -13,7 +13,7 @@ fn recorded(name: &str, slaves: &str) -> (String, std::path::PathBuf) {
 
 /// TOOL-7, TOOL-8, TOOL-23 `info` and `state`, in words and as JSON; info asks the slaves who they are if told to.
 #[test]
-fn info_and_state() {
+fn info_and_state_show_board_and_slaves() {
     let step = "sim:?slaves=step,hsp2&clock=virtual&slot=16&fw=1.5";
     support::snapshot(
         "tool_info",
@@ -34,14 +34,14 @@ fn info_and_state() {
 
 /// One slave is told as one.
 #[test]
-fn one_slave() {
+fn a_network_of_one_slave_is_told_in_the_singular() {
     let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).quiet();
     assert_eq!(one.lines().last(), Some("found       1 slave"), "{one}");
 }
 
 /// TOOL-9, TOOL-10, TOOL-11 Objects by number and name, abort codes in words; inputs and outputs.
 #[test]
-fn sdo_and_io() {
+fn sdo_and_io_read_and_write() {
     support::snapshot(
         "tool_sdo_io",
         &transcript(&[
@@ -70,7 +70,7 @@ fn sdo_and_io() {
 /// TOOL-4, TOOL-12, TOOL-13, TOOL-14 Axes go on, home and move in one command each with `--up`; without it nothing is
 /// sent and the error is the line to type.
 #[test]
-fn servo_home_and_move() {
+fn servo_home_and_move_bring_the_network_up_only_with_up() {
     support::snapshot(
         "tool_motion",
         &transcript(&[
@@ -104,7 +104,7 @@ fn servo_home_and_move() {
 
 /// TOOL-1 Without `--link` the board is the one that the library would take.
 #[test]
-fn the_link_of_the_environment() {
+fn without_a_link_the_board_is_the_one_of_the_library() {
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", BOARD).output().expect("it starts");
     assert_eq!(crate::common::Ran::from(ran).quiet(), "PreOP\n");
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
@@ -149,7 +149,7 @@ fn nothing_is_sent_without_up() {
 
 /// TOOL-6 By default the axes stay on; `--close servo-off` switches them off.
 #[test]
-fn what_becomes_of_the_axes() {
+fn axes_stay_on_unless_close_says_servo_off() {
     let (board, file) = recorded("close", "drive");
     for (how, on) in [(None, true), (Some("hold"), true), (Some("servo-off"), false), (Some("leave"), true)] {
         let close = how.map(|how| ["--close", how]);
@@ -217,7 +217,7 @@ fn the_second_channel_of_an_hsp_stays() {
 
 /// TOOL-22 An alarm on the way ends the move: the other axis comes to a standstill, and the error says what to do.
 #[test]
-fn an_alarm_on_the_way() {
+fn an_alarm_during_a_move_stops_the_other_axis() {
     let events = text("alarm.ecmscript", "at 900ms alarm 2 0x7500\n");
     let (board, file) = recorded("alarm", "drive*2");
     let board = format!("{board}&script={events}");
@@ -234,7 +234,7 @@ fn an_alarm_on_the_way() {
 
 /// TOOL-24 Progress is told once a second after the first one, on standard error; as JSON on standard output.
 #[test]
-fn progress() {
+fn progress_is_told_once_a_second() {
     let line = ["move", "1=35000", "--up", "--link", BOARD];
     let ran = run(line);
     let told = ran.err.lines().filter(|line| line.starts_with("progress: moving")).count();

@@ -9,7 +9,7 @@ const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
 /// TOOL-163 `--slot-size` is the size and `--slots` are slots in every verb.
 #[test]
-fn each_word_means_one_thing() {
+fn slot_size_and_slots_mean_the_same_in_every_verb() {
     let program = Program { short: true, ..Program::default() }.record();
     let file = program.path();
     for arguments in [
@@ -27,7 +27,7 @@ fn each_word_means_one_thing() {
 /// TOOL-163 `--slot` is understood where it can be but one of them, and the hint says how it is written; where it may be either it
 /// is an error that names both.
 #[test]
-fn the_old_word_is_understood_where_it_is_clear() {
+fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     let program = Program { short: true, ..Program::default() }.record();
     let file = program.path();
     for (arguments, new, hint) in [
@@ -99,7 +99,7 @@ fn every_verb_records() {
 /// TOOL-24 A minute on the virtual clock, with nobody at a terminal, is some twelve lines of progress, ten minutes were fifteen, the same at every
 /// run.
 #[test]
-fn progress_on_a_virtual_clock_is_short() {
+fn progress_on_a_virtual_clock_has_few_lines() {
     let ran = run(["move", "1=6400", "--velocity", "100", "--up", "--link", LINK]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let lines: Vec<_> = ran.err.lines().filter(|line| line.starts_with("progress: ")).collect();

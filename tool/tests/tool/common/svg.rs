@@ -1,14 +1,15 @@
-//! Reads a plot as a person does: names of panels, numbers at the axes, lines by their colour.
+//! Reads a plot as a person does: finds panels by their names and lines by their colours, and converts places to values
+//! with the numbers at the axes.
 
 /// Colours of axes 1 to 8, in the plot of all of them.
 pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
 /// Colour of losses.
 pub const ALARM: &str = "#D01020";
-/// Behind the lines: the FIFO is empty on the way.
+/// Shading where the FIFO was empty during motion.
 pub const GAP: &str = "#E39BF5";
 /// Lines of inputs and outputs.
 pub const IN_OUT: [&str; 2] = ["#0B6E8A", "#B84A00"];
-/// Behind the lines: with a fault, homing, not enabled.
+/// Shading where a drive has a fault, is homing, is not enabled.
 pub const STATES: [&str; 3] = ["#F9CFD0", "#FFEEB8", "#E9ECEF"];
 /// Colour of numbers at the axes.
 const SOFT_INK: &str = "#586068";
@@ -31,8 +32,8 @@ pub struct Label {
 }
 
 impl Label {
-    /// Left, top, right, bottom; letters being rather broad ones.
-    pub fn place(&self) -> (f64, f64, f64, f64) {
+    /// Left, top, right, bottom, estimated with rather broad letters.
+    fn place(&self) -> (f64, f64, f64, f64) {
         let width = self.text.chars().count() as f64 * self.size * 0.55;
         let baseline = self.y + self.baseline;
         let left = match self.anchor.as_str() {
@@ -135,6 +136,21 @@ impl Plot {
             }
         }
         plot
+    }
+
+    /// Asserts that no label is cut by the edge of the picture, and that no two labels overlap.
+    ///
+    /// # Panics
+    /// If one is, or two do.
+    pub fn assert_labels_are_readable(&self) {
+        for (i, label) in self.labels.iter().enumerate() {
+            let (left, top, right, bottom) = label.place();
+            assert!(left >= 0.0 && top >= 0.0 && right <= self.size.0 && bottom <= self.size.1, "{label:?} is cut");
+            for other in &self.labels[i + 1..] {
+                let (l, t, r, b) = other.place();
+                assert!(right <= l || r <= left || bottom <= t || b <= top, "{label:?}\n{other:?}");
+            }
+        }
     }
 
     /// All texts.

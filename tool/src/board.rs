@@ -1,15 +1,19 @@
-//! What all verbs that talk to a board have in common: which board, what is on its network, what becomes of it.
+//! The board of a verb: the options that every verb with a board has, and what is shared by those verbs. `session.rs`
+//! is the open board; `bring_up.rs`, `adopted.rs` and `run_interruptible.rs` are its long calls: bringing the network up,
+//! checking one that was found running, and waiting so that Ctrl-C ends the wait. `network.rs`, `slaves.rs` and
+//! `number.rs` read options and operands; `reporter.rs` prints results and progress, `error.rs` has the errors,
+//! `interrupt.rs` the signals.
 
 mod adopted;
-mod attend;
 mod bring_up;
 mod error;
 mod interrupt;
+mod interruptible;
 pub mod network;
 mod number;
+mod reporter;
 mod session;
 mod slaves;
-mod talk;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -25,21 +29,21 @@ pub use error::BoardError;
 pub use interrupt::Interrupt;
 pub use network::{find_slave, list};
 pub use number::{duration, not_negative, position, positive, whole};
-pub use session::{Board, NEAR_COUNTS, Place, Use, in_mode, named, shown};
+pub use reporter::Reporter;
+pub use session::{Board, BoardUse, NEAR_COUNTS, StepSource, in_mode, numbered, statusword_text};
 pub use slaves::SlaveList;
-pub use talk::Talk;
 
-use super::chosen::Chosen;
-use super::{recorder, slot_size};
+use super::link_option::ChosenLink;
+use super::{record_option, slot_size};
 use network::{Network, Scales};
 
 const HEADING: &str = "Board";
 
-// No doc comment: it would become that of every verb.
+// No doc comment: clap would show it as the help of every verb.
 #[derive(Clone, Debug, clap::Args)]
 #[group(skip)]
 pub struct Args {
-    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board to reporter to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     link: Option<LinkUri>,
 
@@ -95,20 +99,20 @@ pub struct Args {
 }
 
 impl Args {
-    /// Which board.
+    /// The board that the options, the environment or the configuration name.
     ///
     /// # Errors
     /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
-    pub fn chosen(&self) -> Result<Chosen, BoardError> {
-        Ok(Chosen::find(self.link.as_ref())?)
+    pub fn chosen(&self) -> Result<ChosenLink, BoardError> {
+        Ok(ChosenLink::find(self.link.as_ref())?)
     }
 
-    /// Bytes of a slot, if somebody has said so.
+    /// The slot size, if an option gives it.
     pub fn slot_size(&self) -> Option<SlotSize> {
         slot_size::given(self.slot_size, self.slot)
     }
 
-    /// That link, with the recording if there is to be one.
+    /// The link `uri`, with the recording of `--record` if there is one.
     ///
     /// # Errors
     /// Why nothing can be recorded.
@@ -116,14 +120,15 @@ impl Args {
         match &self.record {
             None => Ok(uri.clone()),
             Some(file) => {
-                let recorded = recorder::with_record(uri, file)?;
-                recorder::make_room(file, self.overwrite)?;
+                let recorded = record_option::with_record(uri, file)?;
+                record_option::make_room(file, self.overwrite)?;
                 Ok(recorded)
             }
         }
     }
 
-    /// What the network is, if that is said or the link knows it; `known` is what whoever serves it says.
+    /// The network as the options or the link describe it; `known` is what the server of the link knows. `None` if
+    /// nobody knows it.
     pub fn network(&self, uri: &LinkUri, known: Option<&KnownNetwork>) -> Option<Config> {
         let network = self.slaves.clone().or_else(|| Network::of_link(uri));
         let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;
@@ -132,29 +137,29 @@ impl Args {
     }
 }
 
-/// A list of slaves, as it was written.
+/// Checks a list of slaves that a server passes on to its clients, and returns it as it was written.
 ///
 /// # Errors
 /// What is wrong and what is allowed.
 pub fn slaves_words(text: &str) -> Result<String, String> {
-    Network::parse(text).and_then(|_| short(text))
+    Network::parse(text).and_then(|_| checked_length(text))
 }
 
-/// Counts of one unit, as they were written.
+/// Checks counts per unit that a server passes on to its clients, and returns them as they were written.
 ///
 /// # Errors
 /// What is allowed.
 pub fn units_words(text: &str) -> Result<String, String> {
-    Scales::parse(text).and_then(|_| short(text))
+    Scales::parse(text).and_then(|_| checked_length(text))
 }
 
-/// What fits into what a server says.
-fn short(text: &str) -> Result<String, String> {
-    const LONGEST: usize = 256;
-    if text.len() <= LONGEST {
+/// Checks that a text fits into a message of the TCP server.
+fn checked_length(text: &str) -> Result<String, String> {
+    const TEXT_BYTES_MAX: usize = 256;
+    if text.len() <= TEXT_BYTES_MAX {
         Ok(text.to_owned())
     } else {
-        Err(format!("at most {LONGEST} bytes; write N in a row as *N"))
+        Err(format!("at most {TEXT_BYTES_MAX} bytes; write N in a row as *N"))
     }
 }
 

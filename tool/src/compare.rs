@@ -1,4 +1,4 @@
-//! `ecmsk compare`: two recordings of the same program, held against each other command by command.
+//! `ecmsk compare`: compares two recordings of the same program command by command.
 
 pub mod json;
 mod picture;
@@ -19,7 +19,7 @@ use picture::Picture;
 
 /// Exit code for recordings that differ, as diff(1) has it.
 const DIFFERENT: u8 = 1;
-/// Exit code for what could not be compared; of a wrong command line too.
+/// Exit code if nothing could be compared, or the command line is wrong.
 pub const TROUBLE: u8 = 2;
 
 /// Compare two recordings of the same program, command by command: does the other board answer the same?
@@ -103,13 +103,13 @@ impl How {
     }
 }
 
-/// What the two runs are called, what they lack, and where their picture goes.
+/// The names of the two runs, whether they are complete, and where their picture is written to.
 pub struct Names {
-    /// Of A and B.
+    /// The names of A and B.
     pub runs: [String; 2],
-    /// Why they are not the whole runs, if they are not.
+    /// Why a recording is not the complete run; `None` if it is.
     pub lacks: [Option<String>; 2],
-    /// The picture.
+    /// The file of the picture.
     pub plot: Option<PathBuf>,
 }
 
@@ -122,24 +122,24 @@ pub enum CompareVerbError {
     /// See [`PlotError`].
     #[error(transparent)]
     Plot(#[from] PlotError),
-    /// Recordings are read more than once.
+    /// Standard input is named, but recordings are read more than once.
     #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
     Stdin,
-    /// More devices than captures.
+    /// More devices are named than there are captures.
     #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
     TooManyDevices {
-        /// Devices named.
+        /// The number of devices named.
         found: usize,
     },
     /// The picture has nothing to show.
     #[error("no axis moves in either recording: there is nothing to plot; leave --plot out")]
     NothingToPlot,
-    /// Standard output took no more.
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(io::Error),
 }
 
-/// Compares, and gives the exit code.
+/// Compares the recordings; returns the exit code.
 pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
     if [&args.a, &args.b].iter().any(|file| file.as_path() == Path::new("-")) {
         return Err(CompareVerbError::Stdin);
@@ -172,7 +172,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
 }
 
 impl Names {
-    /// The exit code for what was found: what is equal only as far as it goes was not compared.
+    /// The exit code of a comparison. Recordings that are equal but incomplete count as not compared.
     pub fn code(&self, found: &Comparison, options: &Options) -> u8 {
         match found.is_equal() {
             true if self.lacks.iter().all(Option::is_none) || options.allow_incomplete => 0,
@@ -182,10 +182,10 @@ impl Names {
     }
 }
 
-/// Prints what was found, and gives the exit code.
+/// Prints the result; returns the exit code.
 pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     match output::print(text) {
-        // Whoever has seen enough of the words may still want the exit code.
+        // A reader that closes the pipe early may still want the exit code.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(CompareVerbError::Output(error)),
         _ => {}
     }
@@ -210,13 +210,13 @@ impl Runs {
         Ok(Self { a, b, size })
     }
 
-    /// Says what is to be said of the recordings, once they were read; gives what they lack.
+    /// Prints the notes on both recordings after they were read; returns what they lack.
     fn check(&self) -> Result<[Option<String>; 2], CompareVerbError> {
         Ok([tell("A", &self.a)?, tell("B", &self.b)?])
     }
 }
 
-/// Says on standard error what there is to say of a recording, once it was read; gives what it lacks.
+/// Prints the notes on a recording after it was read; returns what it lacks.
 ///
 /// # Errors
 /// Why it could not be.
@@ -259,7 +259,7 @@ where
     picture.draw(names, found)
 }
 
-/// What was found, in words.
+/// The result as text.
 pub fn text(names: &Names, found: &Comparison) -> String {
     let [a, b] = &names.runs;
     let picture = names.plot.as_ref().map_or_else(String::new, |file| format!("picture: {}\n", file.display()));

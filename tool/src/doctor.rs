@@ -1,4 +1,4 @@
-//! `ecmsk doctor`: what keeps a board from working on this machine, and what to do.
+//! `ecmsk doctor`: checks this machine, or the folder of a Windows program, for what keeps a board from working.
 
 mod folder;
 mod link;
@@ -60,7 +60,7 @@ pub struct Args {
     folder: Option<PathBuf>,
 }
 
-/// How long and how often threads sleep for the measurement: a second of cycles.
+/// The period and the number of the sleeps that the lateness is measured with: a second of cycles of 1 ms.
 const PERIOD: Duration = Duration::from_millis(1);
 const TIMES: usize = 1000;
 
@@ -69,7 +69,8 @@ const TIMES: usize = 1000;
 struct Paint(bool);
 
 impl Paint {
-    /// On a terminal, unless the variable `NO_COLOR` is set and not empty (no-color.org) or the terminal has none.
+    /// Coloured on a terminal, unless the variable `NO_COLOR` is set and not empty (no-color.org) or the terminal has
+    /// no colours.
     fn of_stdout() -> Self {
         let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
         let dumb = set("TERM").is_some_and(|term| term == "dumb");
@@ -106,7 +107,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// `None`: something else was asked for, and is done.
+/// The findings about this machine; `None` if the options ask for something else, which is then done.
 fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     if system::is_done(&args.system)? {
         return Ok(None);

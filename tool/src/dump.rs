@@ -1,4 +1,4 @@
-//! `ecmsk dump`: frames made readable, from a recording or from hexadecimal digits.
+//! `ecmsk dump`: prints the frames of a recording, or frames given as hexadecimal digits, as text or JSON.
 
 mod direction;
 mod frames;
@@ -116,7 +116,7 @@ pub struct Args {
 /// Why a dump stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum DumpError {
-    /// Standard input gave no more.
+    /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
     Input(io::Error),
     /// A line is no frame.
@@ -127,8 +127,8 @@ pub enum DumpError {
         /// What is wrong with it.
         problem: HexError,
     },
-    /// A line has no end.
-    #[error("line {line} is longer than {LONGEST_LINE} bytes; give one frame a line, as hexadecimal digits")]
+    /// A line is too long.
+    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame a line, as hexadecimal digits")]
     LongLine {
         /// Its number, from 1.
         line: u64,
@@ -144,16 +144,16 @@ pub enum DumpError {
     /// The frames have no such slot.
     #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
     NoSlot {
-        /// What was asked for.
+        /// The slot that was asked for.
         slot: usize,
         /// The frames' slot size.
         size: SlotSize,
     },
 }
 
-/// Bytes of a line at most, so that input that is no text does not fill the memory: a frame's digits, each between
-/// blanks, and a long comment. \[OURS]
-const LONGEST_LINE: u64 = 64 * 1024;
+/// The longest line in bytes, so that input that is no text does not fill the memory: the digits of a frame, each
+/// between blanks, and a long comment. \[OURS]
+const LINE_BYTES_MAX: u64 = 64 * 1024;
 
 /// Shows the frames.
 pub fn run(args: &Args) -> Result<(), CliError> {
@@ -162,7 +162,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         Some(file) => dump_recording(args, file, &mut printer),
         None => dump_hex(args, &mut printer),
     };
-    // What came before an error is worth having.
+    // The frames before an error are shown as well.
     printer.out.flush()?;
     printer.note_nothing_left();
     shown
@@ -170,7 +170,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 
 fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(), CliError> {
     let mut frames = Frames::open(file, args.slot_size, args.device)?;
-    // Slaves belong to a board, and a capture may have several.
+    // The kinds of slaves are known for each board; a capture may have several.
     let mut kinds = BTreeMap::new();
     let mut section: Option<Section> = None;
     for framed in &mut frames {
@@ -206,13 +206,13 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
     let mut bytes = Vec::new();
     for line in 1.. {
         bytes.clear();
-        let mut limited = (&mut input).take(LONGEST_LINE + 1);
+        let mut limited = (&mut input).take(LINE_BYTES_MAX + 1);
         match limited.read_until(b'\n', &mut bytes).map_err(DumpError::Input)? as u64 {
             0 => break,
-            1..=LONGEST_LINE => {}
+            1..=LINE_BYTES_MAX => {}
             _ => return Err(DumpError::LongLine { line }.into()),
         }
-        // What is not UTF-8 is no digit either, and is named by the error.
+        // A character that is not UTF-8 is no digit, and the error names it.
         let found =
             hex::parse(&String::from_utf8_lossy(&bytes)).map_err(|problem| DumpError::Line { line, problem })?;
         let Some(HexFrame { frame, len, direction: prefix }) = found else { continue };
@@ -232,7 +232,7 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Where frames come from: a new one is told in the text.
+/// The source of frames. The text has a heading for each.
 #[derive(PartialEq, Eq)]
 struct Section {
     /// Bus and device.
@@ -240,7 +240,7 @@ struct Section {
     meta: Option<Rc<RecordMeta>>,
 }
 
-/// Where the output goes, and how.
+/// Prints frames, with the filters and the format of the options.
 struct Printer {
     out: output::Out,
     json: bool,
@@ -248,9 +248,9 @@ struct Printer {
     view: View,
     times: Times,
     direction: Option<Dir>,
-    /// What the user says of the firmware.
+    /// The firmware that the user has given.
     firmware: Option<Firmware>,
-    /// Frames that went by, and those of them that were printed.
+    /// How many frames were read, and how many of them were printed.
     frames: u64,
     printed: u64,
 }
@@ -310,7 +310,7 @@ impl Printer {
         Ok(())
     }
 
-    /// An empty output that was not meant to be is told.
+    /// Prints a note if the filters have left no frame.
     fn note_nothing_left(&self) {
         if self.printed == 0 && self.frames > 0 {
             let frames = self.frames;
@@ -323,7 +323,7 @@ impl Printer {
 }
 
 impl Args {
-    /// The slots asked for.
+    /// The slots of `--slots`, and of `--slot`, its former name.
     fn slots(&self) -> Vec<Slots> {
         if !self.slot.is_empty() {
             slot_size::hint("--slot", "--slots");
@@ -333,7 +333,8 @@ impl Args {
     }
 }
 
-/// Slots by `--slot`, where that can mean nothing else: in other verbs it was the slot size.
+/// The value of `--slot`, which named slots here and the slot size in other verbs; it is accepted where it can only
+/// be slots.
 #[derive(Clone, Debug)]
 struct OldSlots(Vec<Slots>);
 

@@ -1,4 +1,4 @@
-//! Why a verb failed, and the exit code that says so.
+//! Errors of the verbs, their exit codes, and how they are shown.
 
 use std::io;
 use std::process::ExitCode;
@@ -10,7 +10,7 @@ use super::board::BoardError;
 /// Why the tool failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
-    /// Standard output took no more.
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
     /// See [`RecordError`].
@@ -50,7 +50,7 @@ pub enum CliError {
     /// See [`super::exec::ExecError`].
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
-    /// A server without a board.
+    /// No board to serve is named.
     #[error(
         "no board to serve was named: no --link, {} is not set, there is no {}; give one, e.g. --link 'sim:?slaves=drive*2', see \
          `ecmsk link help`",
@@ -67,9 +67,9 @@ pub enum CliError {
 }
 
 impl CliError {
-    /// Tells the user, and gives the exit code.
+    /// Prints the error; returns the exit code.
     ///
-    /// A reader that has seen enough (`ecmsk dump F | head`) is no failure: nothing is said then.
+    /// A reader that closes the pipe early (`ecmsk dump F | head`) is no failure, and nothing is printed then.
     pub fn report(&self) -> ExitCode {
         if let Self::Output(error) | Self::Board(BoardError::Output(error)) = self
             && error.kind() == io::ErrorKind::BrokenPipe
@@ -89,7 +89,7 @@ impl CliError {
         match self {
             Self::Exec(error) => error.code(),
             Self::Board(error) => error.code(),
-            // The command line asks for what is refused.
+            // The command line asks for something that is refused.
             Self::NothingToServe | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. }) => {
                 super::WRONG_COMMAND_LINE
             }
@@ -99,8 +99,8 @@ impl CliError {
     }
 }
 
-/// Whether the command line asks for JSON: it may be wrong, and then the error is JSON too. Behind `--`, and for `exec`
-/// behind the program, stands what is not for the tool.
+/// Whether the command line asks for JSON. It may be invalid, in which case the error is printed as JSON as well.
+/// Options behind `--`, and for `exec` behind the program, are not those of the tool.
 fn wants_json() -> bool {
     let mut words = std::env::args_os().skip(1).peekable();
     let is_exec = words.peek().is_some_and(|verb| verb == "exec");
@@ -124,7 +124,7 @@ pub fn wrong_command_line(error: &clap::Error) -> ! {
     error.exit()
 }
 
-/// A line on standard error, `kind: what`.
+/// Prints a line on standard error: `kind: what`.
 pub fn say(kind: &str, what: &dyn std::fmt::Display) {
     super::stderr::line(&format!("{kind}: {what}"));
 }

@@ -1,14 +1,15 @@
-//! `ecmsk exec`: runs an existing program on the library of this build.
+//! `ecmsk exec`: runs an existing program with the library of this build.
 //!
-//! A program that links NEXTWUSBLib finds it through the dynamic linker. A private folder with nothing but our library
-//! in it, first on `LD_LIBRARY_PATH`, makes that ours; on Windows it is the library's own folder, first on `PATH`, after
-//! that of the program. `ECMSK_LINK` tells it which board.
+//! A program that is linked with NEXTWUSBLib finds the library by the dynamic linker. This verb makes a private
+//! folder with nothing but this build's library in it and puts it first on `LD_LIBRARY_PATH`. On Windows, the
+//! library's own folder is put first on `PATH`, which Windows searches after the program's folder. `ECMSK_LINK` tells
+//! the library which board to open.
 
 mod child;
 mod library;
 mod link;
-mod recorded;
-mod told;
+mod reasons;
+mod recording_end;
 
 use std::ffi::{OsStr, OsString};
 use std::io;
@@ -22,10 +23,10 @@ use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::error::say;
-use super::recorder;
+use super::record_option;
 use library::LibraryFolder;
 pub use library::find as find_library;
-use told::{Manner, Told};
+use reasons::{ReasonReader, ReportMode};
 
 /// Run an existing program on the library of this build
 ///
@@ -79,7 +80,7 @@ pub struct Args {
 /// Why a program was not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
-    /// Neither the option nor the usual places have the library.
+    /// The library is neither where the option says nor in the usual folders.
     #[error(
         "no {} in {}; build it with `cargo build -p NEXTWUSBLib`, or name it with --library", library::FILE_NAME, list(.looked_in)
     )]
@@ -87,7 +88,7 @@ pub enum ExecError {
         /// The folders.
         looked_in: Vec<PathBuf>,
     },
-    /// A file that no dynamic linker takes.
+    /// The file is not a shared library that the dynamic linker accepts.
     #[error("{} is no shared library ({reason}); name the {} of this build with --library", .file.display(), library::FILE_NAME)]
     NotALibrary {
         /// The file.
@@ -98,111 +99,112 @@ pub enum ExecError {
     /// The private folder could not be made.
     #[error("cannot make a folder for the library in {}: {source}; set TMPDIR to a folder that takes files", .place.display())]
     Folder {
-        /// Where.
+        /// The folder in which it was to be made.
         place: PathBuf,
-        /// The system's words.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// Windows takes that one first.
+    /// Another library with the same name is in the program's folder, where Windows looks first.
     #[cfg(windows)]
     #[error(
         "{} is not of this build, and Windows takes it before any other; keep it under another name, and copy {} to its place",
         .beside.display(), .ours.display()
     )]
     Beside {
-        /// The one that is there.
+        /// The library in the program's folder.
         beside: PathBuf,
-        /// Ours.
+        /// The library of this build.
         ours: PathBuf,
     },
-    /// The search path has no way to say this.
+    /// The name of the folder contains a character that the search path cannot contain.
     #[error("the dynamic linker cannot look into {}: {}", .folder.display(), library::UNLINKABLE)]
     UnlinkableFolder {
         /// The private folder.
         folder: PathBuf,
     },
-    /// The link needs what this build does not have.
+    /// This build cannot open the link.
     #[error("link `{link}` is not in this build; name a {}: link, see `ecmsk link help`", in_build())]
     NotInBuild {
         /// The link.
         link: String,
     },
-    /// See [`recorder::RecordError`].
+    /// See [`record_option::RecordError`].
     #[error(transparent)]
-    Record(#[from] recorder::RecordError),
-    /// The link that is configured is wrong.
+    Record(#[from] record_option::RecordError),
+    /// The configured link is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
-    /// It cannot be told which link is configured.
+    /// The configuration is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// There is no such program.
+    /// The program does not exist.
     #[error("{}: not found; {}", .program.display(), not_found_hint(.program))]
     NotFound {
-        /// As given.
+        /// The path as it was given.
         program: PathBuf,
     },
-    /// The program is there and does not start.
+    /// The program exists and cannot be started.
     #[error("{}: {source}; {hint}", .program.display())]
     NotExecutable {
-        /// As given.
+        /// The path as it was given.
         program: PathBuf,
-        /// The system's words.
+        /// The error of the operating system.
         source: io::Error,
         /// What to do.
         hint: &'static str,
     },
-    /// The system refuses something else.
+    /// Another call of the operating system failed.
     #[error("cannot {what}: {source}; free some of the system's processes or files, then run it again")]
     System {
-        /// What was tried.
+        /// What the call was to do.
         what: &'static str,
-        /// The system's words.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
 
 impl ExecError {
-    /// As `env`, `nohup` and shells have it; a wrong link is a wrong command line.
+    /// The exit code, as `env`, `nohup` and shells define it; a wrong link counts as a wrong command line.
     pub const fn code(&self) -> u8 {
         match self {
             Self::NotFound { .. } => 127,
             Self::NotExecutable { .. } => 126,
-            Self::Uri(_) | Self::Record(recorder::RecordError::Uri(_)) | Self::NotInBuild { .. } => 2,
+            Self::Uri(_) | Self::Record(record_option::RecordError::Uri(_)) | Self::NotInBuild { .. } => 2,
             _ => 125,
         }
     }
 }
 
 impl Args {
-    fn manner(&self) -> Manner {
+    fn report_mode(&self) -> ReportMode {
         match std::env::var_os("ECMSK_LOG").filter(|wanted| !wanted.is_empty()) {
-            _ if self.quiet => Manner::Quiet,
-            _ if self.json => Manner::Json,
-            Some(_) => Manner::Summary,
-            None => Manner::Words,
+            _ if self.quiet => ReportMode::Quiet,
+            _ if self.json => ReportMode::Json,
+            Some(_) => ReportMode::Summary,
+            None => ReportMode::Words,
         }
     }
 }
 
 /// Runs the program to its end.
 pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
-    // clap asks for one at least.
+    // clap requires at least one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
     let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
     if let Some(file) = &args.record {
-        recorder::make_room(file, args.overwrite)?;
+        record_option::make_room(file, args.overwrite)?;
     }
-    // Its folder stays until this goes.
+    // The private folder exists until this is dropped.
     let library = LibraryFolder::make(&file)?;
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 
     let mut command = Command::new(program);
-    command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED_VARIABLE, library.opened());
-    let told = library.told()?;
-    command.env(FILE_VARIABLE, &told);
-    let told = Told::follow(&told, args.manner()).map_err(|source| ExecError::System { what: "read", source })?;
+    command.args(arguments).env(library::SEARCH_PATH, &search_path).env(OPENED_VARIABLE, library.opened_file());
+    let reasons = library.reasons_file()?;
+    command.env(FILE_VARIABLE, &reasons);
+    let reasons = ReasonReader::follow(&reasons, args.report_mode())
+        .map_err(|source| ExecError::System { what: "read", source })?;
     if let Some(link) = &link {
         command.env(LINK_VARIABLE, link.to_string());
     }
@@ -214,21 +216,21 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         }
     }
     let ended = child::run(&mut command, Path::new(program))?;
-    let summary = told.end();
+    let summary = reasons.end();
     if args.verbose {
         say("program", &ended);
     }
-    if !library.opened().exists() {
+    if !library.opened_file().exists() {
         say("note", &format_args!("{} has opened no board; {}", Path::new(program).display(), library::UNOPENED));
     }
-    // Its folder goes before this process does.
+    // Removes the private folder before this process ends.
     drop(library);
-    let not_whole = recorded::not_whole(link.as_ref());
+    let not_whole = recording_end::not_whole(link.as_ref());
     if let Some(what) = &not_whole {
         say("warning", what);
     }
     if ended.success() && (not_whole.is_some() || summary.is_some_and(|summary| summary.record_dropped() > 0)) {
-        return Ok(ExitCode::from(recorded::NOT_WHOLE));
+        return Ok(ExitCode::from(recording_end::NOT_WHOLE));
     }
     Ok(child::end_as(ended))
 }

@@ -1,19 +1,19 @@
-//! What verbs that show a recording can leave out: by slot, by command, by time.
+//! Filters of the verbs that show a recording: by slot, by slave, by command, by time.
 
 use ecmsk::sk::dump::{MAX_SLAVES, SlotLine, SlotRole};
 use ecmsk::sk::{CommandId, MASTER_CYCLIC, SlotSize};
 
-/// The word of slot 0 in responses of OP: it does not say which command it answers.
+/// The word for 0xBF, the id of slot 0 in responses in OP, which does not tell which command it answers.
 const CYCLIC: &str = "CYCLIC";
-/// The last slot there is in frames of any size.
+/// The highest slot number in frames of either size.
 const LAST_SLOT: u8 = SlotSize::Bytes12.sdo_slot() as u8;
 
-/// A slot or several in a row.
+/// A range of slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slots {
-    /// From one to another.
+    /// From the first to the last, both included.
     Range(u8, u8),
-    /// The last one, whatever the slot size.
+    /// The SDO slot, which is the last one in either slot size.
     Sdo,
 }
 
@@ -32,7 +32,7 @@ impl Slots {
         }
     }
 
-    /// Whether slot `i` is one of them.
+    /// Whether slot `i` is in the range.
     pub fn contains(self, i: usize, size: SlotSize) -> bool {
         match self {
             Self::Range(first, last) => (usize::from(first)..=usize::from(last)).contains(&i),
@@ -40,7 +40,7 @@ impl Slots {
         }
     }
 
-    /// The first of them that frames of that size do not have.
+    /// The first slot of the range that frames of that size do not have.
     pub fn missing(self, size: SlotSize) -> Option<usize> {
         match self {
             Self::Range(first, last) => {
@@ -51,7 +51,7 @@ impl Slots {
     }
 }
 
-/// A slave or several in a row.
+/// A range of slaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slaves {
     first: u8,
@@ -69,7 +69,7 @@ impl Slaves {
             .ok_or_else(|| format!("allowed: slaves 1 to {MAX_SLAVES}, and ranges as 3-5"))
     }
 
-    /// Their numbers.
+    /// The numbers of the slaves.
     pub fn numbers(self) -> impl Iterator<Item = u8> {
         self.first..=self.last
     }
@@ -81,7 +81,7 @@ fn parse_range(text: &str, allowed: std::ops::RangeInclusive<u8>) -> Option<(u8,
     (first <= last && allowed.contains(&first) && allowed.contains(&last)).then_some((first, last))
 }
 
-/// A command asked for by its name.
+/// A command by which frames are filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command(u8);
 
@@ -107,24 +107,24 @@ impl Command {
         self.0
     }
 
-    /// Whether a slot holds it: in a command frame what it asks for, in a response what it answers.
+    /// Whether the slot contains this command, or in a response answers it.
     pub fn is_in(self, line: &SlotLine) -> bool {
-        // 0xBF in a slave's slot is no answer of the board's.
+        // 0xBF is an id of slot 0 only.
         line.raw.id == self.0 && (self.0 != MASTER_CYCLIC || line.role == SlotRole::Master)
     }
 }
 
-/// A stretch of time in seconds since the recording's first frame, both ends included.
+/// A range of times in seconds since the recording's first frame, both ends included.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
-    /// Nothing before it.
+    /// The earliest time; `None`: no limit.
     pub from: Option<f64>,
-    /// Nothing after it.
+    /// The latest time; `None`: no limit.
     pub to: Option<f64>,
 }
 
 impl Times {
-    /// Whether a moment is in it.
+    /// Whether the time is in the range.
     pub fn contains(self, at_ns: i64) -> bool {
         self.from.is_none_or(|from| nanoseconds(from) <= at_ns) && self.to.is_none_or(|to| at_ns <= nanoseconds(to))
     }
@@ -141,12 +141,13 @@ impl std::fmt::Display for Times {
     }
 }
 
-/// The nearest nanosecond that there is.
+/// The time in nanoseconds, rounded to the nearest one.
 pub fn nanoseconds(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
 }
 
-/// A time of the command line in seconds, as `3.5`, `3.5s`, `500ms` or `250us`: NaN and the infinities are none.
+/// Parses a time of the command line to seconds: `3.5`, `3.5s`, `500ms` or `250us`. NaN and the infinities are
+/// refused.
 ///
 /// # Errors
 /// What is allowed.
@@ -157,7 +158,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
     let (number, factor) = unit.unwrap_or((text, 1.0));
     let number: f64 = number.trim().parse().map_err(|_| "not a time; write it as in 3.5, 3.5s or 500ms".to_owned())?;
     if number.is_finite() {
-        // Not all of 1e-3's multiples are exact: what is meant is the nearest nanosecond.
+        // Multiples of 1e-3 are not exact in binary; the nearest nanosecond is what was written.
         Ok((number * factor * 1e9).round() / 1e9)
     } else {
         Err("not a time; leave the option out for no limit".to_owned())
@@ -168,7 +169,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
 mod tests {
     use super::*;
 
-    /// Slots are numbers, ranges and two words; the last slot has its place by the slot size.
+    /// Slots are numbers, ranges and two words; where `sdo` is depends on the slot size.
     #[test]
     fn slots_are_numbers_ranges_and_two_words() {
         assert_eq!(Slots::parse("3-5"), Ok(Slots::Range(3, 5)));
@@ -199,7 +200,8 @@ mod tests {
         assert!(Command::parse("SDO_READ").expect_err("no name").contains("SDO_RD"));
     }
 
-    /// A moment that is written down is met, whatever a float makes of it.
+    /// A time that is written as a decimal number matches exactly that nanosecond, although floating-point numbers
+    /// are inexact.
     #[test]
     fn a_time_that_is_written_down_matches_that_nanosecond_exactly() {
         for (text, ns) in [("1.204", 1_204_000_000), ("1.204s", 1_204_000_000), ("500ms", 500_000_000), ("-3us", -3000)]

@@ -1,4 +1,5 @@
-//! What `fuzz/` gives anything to: what verbs make of the files that they read, without printing it.
+//! The functions that the fuzz targets of `fuzz/` call: what verbs make of the files that they read, without printing
+//! it.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -8,7 +9,7 @@ use clap::Parser;
 use super::board::Interrupt;
 use super::{doctor, exec, objects, plot, script, shell};
 
-/// The words behind a verb.
+/// The operands and options behind a verb.
 #[derive(Parser)]
 #[command(no_binary_name = true)]
 struct Words<T: clap::Args> {

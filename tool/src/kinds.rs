@@ -1,4 +1,4 @@
-//! What slaves are in words: `--kinds`, and the JSON of a dump.
+//! Names of the kinds of slaves: for `--kinds`, and in the JSON of a dump.
 
 use ecmsk::sk::SlaveKind;
 use ecmsk::sk::dump::MAX_SLAVES;
@@ -7,7 +7,7 @@ use ecmsk::sk::dump::MAX_SLAVES;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KindList(Vec<SlaveKind>);
 
-/// The words of a list. Those of a link's `slaves` are among them, so that a list can be used for both.
+/// The names. All names in a link's `slaves` are among them, so that the same list can be used for both.
 const WORDS: [(&str, SlaveKind); 6] = [
     ("drive", SlaveKind::Drive),
     ("io", SlaveKind::Io),
@@ -19,18 +19,18 @@ const WORDS: [(&str, SlaveKind); 6] = [
 
 /// The word for a kind.
 pub fn word(kind: SlaveKind) -> &'static str {
-    // Every kind has its word above.
+    // Every kind has its name in the table.
     WORDS.into_iter().find(|(_, known)| *known == kind).map_or("none", |(word, _)| word)
 }
 
 impl KindList {
-    /// Slave 1 first.
+    /// The kinds in the order of the network, slave 1 first.
     pub fn kinds(&self) -> &[SlaveKind] {
         &self.0
     }
 
-    /// Reads a comma list of kinds, each with `*N` if there are N in a row. What stands behind a colon is how a slave runs or
-    /// what is along its way, as other lists of slaves have it, and no matter here.
+    /// Parses a comma list of kinds, each with `*N` if there are N in a row. A part behind a colon, with which other
+    /// lists of slaves give a mode or a travel, is ignored.
     ///
     /// # Errors
     /// What is wrong and what is allowed.

@@ -2,7 +2,6 @@
 //! what all verbs share. It is a library for `fuzz/` alone; programs use the package `ecmsk`.
 
 mod board;
-mod chosen;
 mod compare;
 mod completions;
 mod doctor;
@@ -15,14 +14,14 @@ pub mod fuzzed;
 mod image;
 mod kinds;
 mod link;
+mod link_option;
 mod list;
 mod man;
 mod monitor;
 mod objects;
 mod output;
 mod plot;
-mod reading;
-mod recorder;
+mod record_option;
 mod recording;
 mod replay;
 mod script;

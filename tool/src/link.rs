@@ -1,4 +1,4 @@
-//! `ecmsk link`: what a link looks like.
+//! `ecmsk link`: the help on links.
 
 use clap::Subcommand;
 use ecmsk::link::keys;

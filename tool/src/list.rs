@@ -1,4 +1,4 @@
-//! `ecmsk list`: the boards of this machine.
+//! `ecmsk list`: lists the boards of this machine.
 
 #[cfg(target_os = "linux")]
 mod linux;
@@ -36,20 +36,20 @@ pub struct Args {
     system: system::SystemArgs,
 }
 
-/// A device.
+/// One device of the list.
 struct Row {
     scheme: Scheme,
-    /// `None`: it is another device with the board's ids.
+    /// The link to it; `None` for another device with the board's vendor and product id.
     link: Option<String>,
-    /// What it is, for people.
+    /// Its name in the text.
     what: String,
-    /// Why it cannot be opened; or why it is no board.
+    /// Why it cannot be opened, or why it is no board.
     obstacle: Option<String>,
-    /// What is wrong with it all the same.
+    /// What is wrong with a board that can be opened.
     but: Vec<String>,
-    /// What to do.
+    /// What to do about it.
     next: Vec<String>,
-    /// What a program wants to know besides.
+    /// Further fields of its JSON object.
     facts: Value,
 }
 

@@ -26,29 +26,29 @@ pub struct Args {
     out: Option<PathBuf>,
 }
 
-/// Why there is no page.
+/// Why no page was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ManError {
     /// There is no such verb.
     #[error("there is no verb `{verb}`; `ecmsk --help` lists the verbs there are")]
     NoVerb {
-        /// What was asked for.
+        /// The verb that was asked for.
         verb: String,
     },
     /// The folder cannot be written to.
     #[error("cannot write {}: {source}; name another folder with --out", .file.display())]
     Write {
-        /// The file or the folder.
+        /// The file or folder.
         file: PathBuf,
-        /// The system's words.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// Prints or writes them.
+/// Prints a page, or writes all pages.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let mut tool = super::Cli::command().disable_help_subcommand(true);
-    // Fills in the whole names: `ecmsk-link-help`.
+    // Completes the names of the verbs, such as `ecmsk-link-help`.
     tool.build();
     if let Some(folder) = &args.out {
         let failed = |file: &Path| {
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     Ok(output::print(page(command)?)?)
 }
 
-/// The command and all below it.
+/// The command and all its subcommands.
 fn commands(command: &Command) -> Vec<Command> {
     let below = command.get_subcommands().filter(|verb| !verb.is_hide_set()).flat_map(commands);
     [command.clone()].into_iter().chain(below).collect()
@@ -99,8 +99,8 @@ fn page(command: &Command) -> io::Result<Vec<u8>> {
     Ok(page)
 }
 
-/// What stands below the options, as it is: its lines are examples and tables. A line that ends with a colon and is not
-/// set in is a heading.
+/// Writes the text below the options without filling its lines, since they are examples and tables. A line that ends
+/// with a colon and is not indented is a heading.
 fn sections(text: &str, page: &mut Vec<u8>) -> io::Result<()> {
     let mut open = false;
     for line in text.lines() {
@@ -118,7 +118,7 @@ fn sections(text: &str, page: &mut Vec<u8>) -> io::Result<()> {
     if open { writeln!(page, ".fi") } else { Ok(()) }
 }
 
-/// A line that no formatter takes for a request.
+/// The line in a form that formatters do not take for a request.
 fn escaped(line: &str) -> String {
     let line = line.replace('\\', "\\e").replace('-', "\\-");
     if line.starts_with(['.', '\'']) { format!("\\&{line}") } else { line }
@@ -128,7 +128,7 @@ fn escaped(line: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Examples keep their lines, and what begins with a dot stays text.
+    /// Examples keep their lines, and a line that begins with a dot is text.
     #[test]
     fn sections_keep_their_lines() {
         let mut page = Vec::new();

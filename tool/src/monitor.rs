@@ -1,4 +1,4 @@
-//! `ecmsk monitor`: a live table of all slaves. It reads and never writes, so it disturbs nobody.
+//! `ecmsk monitor`: a live table of all slaves. It only reads, so it does not disturb other programs.
 
 mod json;
 mod rows;
@@ -23,10 +23,9 @@ use ecmsk::link::{KnownNetwork, LinkError};
 use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
-use super::chosen::{ChoiceError, Chosen, Unnamed};
 use super::error::CliError;
 use super::kinds::KindList;
-use super::reading::reading;
+use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::{output, slot_size};
 use source::Feed;
 use watched::{View, Watched};
@@ -83,13 +82,13 @@ pub struct Args {
     seconds: Option<Duration>,
 }
 
-/// Why there is nothing to look at.
+/// Why there is nothing to show.
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
-    /// It cannot be told which link is meant.
+    /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// Nobody has named a link.
+    /// No link is named, and the default does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
     /// The board cannot be opened, or is gone.
@@ -104,10 +103,10 @@ pub enum MonitorError {
         /// The recording.
         file: PathBuf,
     },
-    /// Nowhere to draw.
+    /// Standard output is no terminal.
     #[error("standard output is no terminal; for other places use --once or --json")]
     NoTerminal,
-    /// The terminal does not do what it should.
+    /// An operation on the terminal failed.
     #[error("the terminal: {0}; for other places use --once or --json")]
     Terminal(io::Error),
 }
@@ -119,13 +118,13 @@ impl From<LinkError> for MonitorError {
 }
 
 impl Args {
-    /// Bytes of a slot, if somebody has said so.
+    /// The slot size, if an option gives it.
     fn size(&self) -> Option<SlotSize> {
         slot_size::given(self.slot_size, self.slot)
     }
 }
 
-/// Shows it; gives the exit code.
+/// Runs the monitor; returns the exit code.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if args.once || args.json {
         return match &args.recording {
@@ -141,15 +140,15 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(code)
 }
 
-/// Looks at a board every interval.
+/// Shows a board in every interval.
 fn look(args: &Args) -> Result<ExitCode, CliError> {
     let feed = feed(args)?;
-    // Rates count from here.
+    // The first view is dropped: rates count from it.
     drop(feed.view());
     let began = Instant::now();
     let mut next = began;
     loop {
-        // What was late is not made up for.
+        // A late view does not make the following ones come faster.
         next = (next + args.interval).max(Instant::now());
         thread::sleep(next.saturating_duration_since(Instant::now()));
         let (view, end) = feed.view();
@@ -163,7 +162,7 @@ fn look(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-/// Looks at a recording every interval of its own time.
+/// Shows a recording in every interval of its own time.
 fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
     let mut watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
     let interval_ns = i64::try_from(args.interval.as_nanos()).unwrap_or(i64::MAX);
@@ -209,8 +208,8 @@ fn feed(args: &Args) -> Result<Feed, MonitorError> {
         let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
         return Ok(Feed::recording(file.clone(), args.size(), watched)?);
     }
-    let chosen = Chosen::find(args.link.as_ref())?;
-    let uri = reading(&chosen.uri);
+    let chosen = ChosenLink::find(args.link.as_ref())?;
+    let uri = as_reader(&chosen.uri);
     let watched = |known: Option<KnownNetwork>| {
         let told = || Some(KindList::parse(&known?.slaves).ok()?.kinds().to_vec());
         let mut watched = Watched::new(uri.to_string(), kinds(args, Some(&uri)).or_else(told).as_deref());
@@ -220,12 +219,12 @@ fn feed(args: &Args) -> Result<Feed, MonitorError> {
         watched
     };
     Feed::board(&uri, args.size(), watched).map_err(|error| match &error {
-        MonitorError::Board(EcmError::Link(link)) => chosen.unnamed(link).map_or(error, MonitorError::from),
+        MonitorError::Board(EcmError::Link(link)) => chosen.if_unnamed(link).map_or(error, MonitorError::from),
         _ => error,
     })
 }
 
-/// What the slaves are, if anybody knows.
+/// The kinds of the slaves from the options or the link; `None` if neither gives them.
 fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
     if let Some(list) = &args.slaves {
         return Some(list.kinds().to_vec());
@@ -234,12 +233,12 @@ fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 
-/// Shortest interval: nobody sees more. \[OURS]
-const SHORTEST: f64 = 0.01;
+/// The shortest interval in seconds; people see no shorter changes. \[OURS]
+const INTERVAL_MIN_S: f64 = 0.01;
 
 fn interval(text: &str) -> Result<Duration, String> {
     let seconds = super::filter::parse_seconds(text)?;
-    let interval = Duration::try_from_secs_f64(seconds).ok().filter(|_| (SHORTEST..=3600.0).contains(&seconds));
+    let interval = Duration::try_from_secs_f64(seconds).ok().filter(|_| (INTERVAL_MIN_S..=3600.0).contains(&seconds));
     interval.ok_or_else(|| "allowed: 10ms to 3600s".to_owned())
 }
 

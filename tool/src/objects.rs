@@ -1,4 +1,4 @@
-//! `ecmsk objects`: the objects of a drive's maker for a simulated drive, `slaves=drive:objects@FILE`.
+//! `ecmsk objects`: makes files of manufacturer-specific objects for simulated drives, `slaves=drive:objects@FILE`.
 
 mod drive;
 mod esi;
@@ -16,7 +16,7 @@ use ecmsk::slave::{MakersObject, MakersObjects};
 use serde_json::json;
 
 use super::CliError;
-use super::board::Talk;
+use super::board::Reporter;
 
 /// Make a file of the objects of a drive's maker, for simulated drives: slaves=drive:objects@FILE
 ///
@@ -63,19 +63,19 @@ enum Verb {
     },
 }
 
-/// What is read if nothing is said: the maker's objects and those of the profile of one axis.
-const USUAL: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
+/// The indexes that are read by default: manufacturer-specific objects and those of the CiA 402 profile of one axis.
+const DEFAULT_RANGES: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
 
-/// Why there are no objects.
+/// Why no file of objects was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ObjectsError {
     /// The ESI file cannot be read.
     #[error(transparent)]
     File(#[from] manufacturer_objects::ManufacturerObjectsError),
-    /// It says nothing.
+    /// The ESI file has no objects.
     #[error("{}: {error}", .file.display())]
     Esi {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// Why.
         error: esi::EsiError,
@@ -83,7 +83,7 @@ pub enum ObjectsError {
     /// The board or the slave does not answer.
     #[error(transparent)]
     Ecm(#[from] EcmError),
-    /// Standard output took no more.
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
 }
@@ -118,7 +118,7 @@ fn from_esi(file: &Path, device: Option<&str>) -> Result<(), ObjectsError> {
     Ok(out.flush()?)
 }
 
-/// The text of an ESI file as a text of objects. `file`: what it is called.
+/// Converts the text of an ESI file to the text of a file of objects. `file` is its name in messages.
 ///
 /// # Errors
 /// [`ObjectsError::Esi`]
@@ -133,14 +133,14 @@ pub fn converted(text: &str, file: &Path, device: Option<&str>) -> Result<String
     Ok(lines)
 }
 
-/// Longest ESI file that is read, bytes \[OURS]: makers put all their devices into one.
+/// The largest ESI file that is read, in bytes \[OURS]. Manufacturers put all their devices into one file.
 const ESI_BYTES_MAX: u64 = 64 << 20;
 
 fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Result<(), ObjectsError> {
-    let range = if range.is_empty() { &USUAL } else { range };
+    let range = if range.is_empty() { &DEFAULT_RANGES } else { range };
     let all: usize = range.iter().map(|range| range.len()).sum();
-    let talk = Talk::new(false, false);
-    // Without a terminal nobody waits in front of it.
+    let reporter = Reporter::new(false, false);
+    // Progress is only shown on a terminal.
     let is_watched = io::stderr().is_terminal();
     let mut out = io::stdout().lock();
     out.write_all(head(&format!("slave {slave} of {link}")).as_bytes())?;
@@ -149,11 +149,11 @@ fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Resul
     drive::read(&link.to_string(), slave, range, found, |index| {
         read += 1;
         if is_watched && read % 64 == 1 {
-            // A terminal that is gone is nobody's loss.
-            let _ = talk.progress(format_args!("0x{index:04X}, {} of {all} indexes read", read - 1), || json!({}));
+            // A closed terminal does not end the reading.
+            let _ = reporter.progress(format_args!("0x{index:04X}, {} of {all} indexes read", read - 1), || json!({}));
         }
     })?;
-    talk.clear();
+    reporter.clear();
     Ok(out.flush()?)
 }
 

@@ -1,4 +1,4 @@
-//! Standard output, in large pieces.
+//! Standard output, buffered.
 
 use std::io::{self, BufWriter, StdoutLock, Write};
 
@@ -14,15 +14,15 @@ pub fn stdout() -> Out {
     Visible::new(BufWriter::with_capacity(64 * 1024, io::stdout().lock()))
 }
 
-/// Writes `text` and ends. What is no text, a picture in pixels, goes to [`io::stdout`] itself.
+/// Writes `text` and flushes. A picture in pixels is no text and is written to [`io::stdout`] directly.
 pub fn print(text: impl AsRef<[u8]>) -> io::Result<()> {
     let mut out = stdout();
     out.write_all(text.as_ref())?;
     out.flush()
 }
 
-/// Writes text that has colours of the tool's own and ends: what comes from outside has gone through
-/// [`visible`](super::visible::visible) already.
+/// Writes text with the tool's own colours and flushes. Text from outside in it must have passed
+/// [`visible`](super::visible::visible).
 pub fn print_coloured(text: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())?;

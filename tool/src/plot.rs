@@ -1,4 +1,4 @@
-//! `ecmsk plot`: a recording as a picture, what was commanded and what the drives did.
+//! `ecmsk plot`: draws a recording: what was commanded and what the drives did.
 
 pub mod axis;
 pub mod chart;
@@ -41,9 +41,9 @@ pub use file::{check, save};
 use series::{Series, Subject};
 use survey::Survey;
 
-/// Axes that a plot can tell apart by their colours.
+/// How many axes a plot can show in different colours.
 pub const MAX_AXES: usize = 8;
-/// Columns of pixels that a line is thinned to: the width of a diagram.
+/// To how many columns of pixels a line is thinned: the width of a diagram.
 pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
 /// Plot a recording as SVG or PNG: target and actual position, states, torque, IO and FIFO level over time
@@ -138,7 +138,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     Ok(output::print(format!("{}\n", output.display()))?)
 }
 
-/// The bytes of the picture, which are not written.
+/// Draws the picture and returns its bytes instead of writing it.
 ///
 /// # Errors
 /// [`CliError`]
@@ -147,7 +147,7 @@ pub fn picture(args: &Args) -> Result<Vec<u8>, CliError> {
     Ok(format.write(&sheet(args)?.0)?)
 }
 
-/// The picture, and why the recording ends early, if it does.
+/// Draws the picture; returns it with the error that has ended a truncated recording.
 fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
@@ -158,7 +158,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     }
     let output = args.output();
     if output != Path::new("-") {
-        // Before a long recording is read twice.
+        // This is checked before a long recording is read twice.
         file::check(&output, "-o", &[&args.file])?;
     }
     let mut survey = Survey::default();
@@ -186,17 +186,17 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     Ok((Sheet { panels, caption }, damage))
 }
 
-/// What a walk through the recording came by.
+/// The result of reading a recording.
 struct Walked {
-    /// Its frames.
+    /// The number of its frames.
     frames: u64,
-    /// Why it ends early, if it does: a program that was killed leaves such a recording, and what came before is whole.
+    /// Why it ends early. A program that was killed leaves such a recording, and the frames before its end are valid.
     damage: Option<RecordError>,
-    /// Where its times jump.
+    /// Jumps of its times.
     jumps: Option<Jumps>,
 }
 
-/// Shows every frame of the recording in the order of time.
+/// Calls `show` with every frame of the recording in the order of time.
 fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
     let mut order = InTime::default();
     let mut walked = Walked { frames: 0, damage: None, jumps: None };
@@ -218,7 +218,7 @@ fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Re
 }
 
 impl Args {
-    /// Where the plot goes.
+    /// The file of the picture.
     fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
     }
@@ -230,7 +230,7 @@ impl Args {
         Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane: self.xy }
     }
 
-    /// The second look at the recording.
+    /// Makes the panels, for which the recording is read a second time.
     fn panels(
         &self,
         asked: &Asked,
@@ -273,7 +273,7 @@ impl Args {
     }
 }
 
-/// A stretch of time, both ends included: nanoseconds since the recording's first frame.
+/// A range of times, both ends included, in nanoseconds since the recording's first frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     from_ns: i64,
@@ -281,7 +281,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// Of commands by their numbers: they stand where seconds would.
+    /// A range of commands by their numbers, which take the place of seconds.
     pub const fn of_commands(count: u64) -> Self {
         Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
     }
@@ -310,7 +310,7 @@ impl std::fmt::Display for Window {
     }
 }
 
-/// Where command n stands in a window of commands.
+/// The place of command n in a range of commands.
 pub const fn command_place(n: u64) -> i64 {
     (n as i64).saturating_mul(1_000_000_000)
 }

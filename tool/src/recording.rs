@@ -1,4 +1,4 @@
-//! The frames of a recording, each with all that a verb needs to know of it.
+//! Reads the frames of a recording, each with its time, its slot size and the metadata of the recording.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -14,35 +14,35 @@ use ecmsk::sk::{FRAME_LEN, SlotSize};
 
 use super::error::say;
 
-/// Frames that are looked at, at most, to find a slot size that the recording does not tell.
+/// How many frames are read ahead at most to find a slot size that the recording does not tell.
 const LOOK_AHEAD: usize = 1000;
 
 /// The name that stands for standard input.
 const STDIN: &str = "-";
 
-/// A frame of a recording.
+/// A frame of a recording, with what verbs need to know about it.
 #[derive(Clone, Debug)]
 pub struct Framed {
     /// Its number in the recording, from 1.
     pub number: u64,
     /// Nanoseconds since the recording's first frame. Less than 0 for a report that was read after that, but made before.
     pub time_ns: i64,
-    /// As it was recorded.
+    /// The frame as it was recorded.
     pub recorded: Recorded,
-    /// Bytes of a slot.
+    /// The slot size.
     pub size: SlotSize,
-    /// What the recording says of itself at this frame.
+    /// The metadata of the section of the file.
     pub meta: Option<Rc<RecordMeta>>,
 }
 
 impl Framed {
-    /// Which board of a capture this is: its bus and device.
+    /// The board of a capture: its bus and device number.
     pub const fn board(&self) -> (u16, u8) {
         (self.recorded.bus, self.recorded.device)
     }
 }
 
-/// A frame as it was read, and what the recording says of itself there.
+/// A frame as it was read, with the metadata of its section.
 type Raw = (Recorded, Option<Rc<RecordMeta>>);
 
 /// The frames of a recording, in the order of the file.
@@ -50,7 +50,7 @@ pub struct Frames<R> {
     recording: Recording<R>,
     name: String,
     sizes: SizeFinder,
-    /// Read to find the slot size, not handed out yet.
+    /// Frames that were read ahead to find the slot size.
     ahead: VecDeque<Result<Raw, RecordError>>,
     meta: Option<Rc<RecordMeta>>,
     first_ns: Option<u64>,
@@ -59,8 +59,8 @@ pub struct Frames<R> {
 }
 
 impl Frames<Box<dyn Read>> {
-    /// Opens a file, `-` being standard input. `size`: what the user says of the slot size. `device`: of a capture this
-    /// device alone.
+    /// Opens a file; `-` is standard input. `size` is the slot size that the user has given, `device` the only device
+    /// of a capture to read.
     ///
     /// # Errors
     /// [`RecordError`] if it cannot be read or is no recording.
@@ -77,7 +77,7 @@ impl Frames<Box<dyn Read>> {
 }
 
 impl<R: Read> Frames<R> {
-    /// Reads from any source; `name` is for messages.
+    /// Reads from any source; `name` is its name in messages.
     ///
     /// # Errors
     /// [`RecordError`] if it does not begin like a recording.
@@ -100,12 +100,12 @@ impl<R: Read> Frames<R> {
         Ok(frames)
     }
 
-    /// Notes nothing: for a second reading.
+    /// Prints no notes, for a second reading of the same file.
     pub fn quiet(self) -> Self {
         Self { noted: true, ..self }
     }
 
-    /// The first frames, until they tell the slot size or the recording itself does.
+    /// Reads ahead until the frames or the metadata tell the slot size.
     fn look_ahead(&mut self) {
         while self.ahead.len() < LOOK_AHEAD && !self.sizes.is_sure() {
             let Some(found) = self.read() else { return };
@@ -132,7 +132,8 @@ impl<R: Read> Frames<R> {
         Some(recorded.map(|recorded| (recorded, self.meta.clone())))
     }
 
-    /// By the user, else by the recording, else by the CRCs of all that was looked at; that nothing tells is noted once.
+    /// The slot size that the user has given, or else the recording, or else the CRCs of the frames read so far. If
+    /// nothing tells it, one note is printed.
     fn size(&mut self, meta: Option<&RecordMeta>) -> SlotSize {
         match (self.sizes.given(), size_told(meta)) {
             (Some(size), _) | (None, Some(size)) => size,
@@ -146,7 +147,7 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Says on standard error what is missing and what was left out, if anything is; known at the end only.
+    /// Prints notes on missing frames and on traffic that was left out. Both are known only after the last frame.
     pub fn note_missing(&self) {
         note_left_out(&self.name, &self.recording.skipped());
         if let Some(lacks) = self.lacks() {
@@ -154,7 +155,7 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// What the recording lacks, if anything is known to be missing; known at the end only.
+    /// What the recording lacks; `None` if nothing is known to be missing. Known only after the last frame.
     pub fn lacks(&self) -> Option<Lacks> {
         Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing())
     }
@@ -177,7 +178,7 @@ impl<R: Read> Iterator for Frames<R> {
     }
 }
 
-/// Frames in the order of their times, and times that go on whatever the clock did.
+/// Sorts frames by their times, and corrects times where the clock has jumped.
 #[derive(Default)]
 pub struct InTime {
     timeline: Timeline<Framed>,
@@ -185,19 +186,19 @@ pub struct InTime {
 }
 
 impl InTime {
-    /// Takes the next frame of the file; gives the earliest, once enough are held.
+    /// Adds the next frame of the file; returns the earliest one, once enough are held.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
     }
 
-    /// The earliest of those held: there is no other one in the file.
+    /// After the last frame of the file: the earliest frame that is still held.
     pub fn pop(&mut self) -> Option<Framed> {
         let last = self.timeline.pop();
         last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop())
     }
 
-    /// Where the times of the file jump.
+    /// The jumps of the times so far.
     pub const fn jumps(&self) -> Option<Jumps> {
         self.timeline.jumps()
     }
@@ -207,7 +208,7 @@ impl InTime {
     }
 }
 
-/// The firmware that the link of a recording names; that of a real board is not known.
+/// The firmware in the link of a recording; `None` for a real board.
 pub fn firmware(meta: Option<&RecordMeta>) -> Option<Firmware> {
     let link = LinkUri::parse(&meta?.link).ok()?;
     match link.value("fw")? {
@@ -216,7 +217,7 @@ pub fn firmware(meta: Option<&RecordMeta>) -> Option<Firmware> {
     }
 }
 
-/// The link of a recording for people to read: without the recording's own file, and with nothing encoded.
+/// The link of a recording as text for users: without `record=`, and not percent-encoded.
 pub fn link_name(meta: &RecordMeta) -> String {
     let Ok(link) = LinkUri::parse(&meta.link) else { return meta.link.clone() };
     let keys = link.keys().filter(|(key, _)| *key != "record").map(|(key, value)| format!("{key}={value}"));
@@ -224,7 +225,7 @@ pub fn link_name(meta: &RecordMeta) -> String {
     format!("{}:{}{}{keys}", link.scheme(), link.path(), if keys.is_empty() { "" } else { "?" })
 }
 
-/// Says on standard error that a slot size was assumed.
+/// Prints a note that the slot size was assumed.
 pub fn note_assumed(whose: &str, size: SlotSize) {
     let size = size.bytes();
     say(
@@ -233,14 +234,14 @@ pub fn note_assumed(whose: &str, size: SlotSize) {
     );
 }
 
-/// Says on standard error what of a capture was left out, if it matters.
+/// Prints a note on traffic of a capture that was left out, if it matters.
 pub fn note_left_out(whose: &str, skipped: &Skipped) {
     if let Some(words) = skipped.words() {
         say("note", &format_args!("{whose}: left out: {words}; look at them in Wireshark"));
     }
 }
 
-/// The board of a capture: the one asked for, else the one that there is; `None` if the file is a recording.
+/// The board of a capture: the one asked for, or else the only one. `None` if the file is a recording.
 ///
 /// # Errors
 /// [`RecordError`], if there are none or several.
@@ -251,7 +252,7 @@ pub fn board(file: &Path, asked: Option<Address>) -> Result<Option<Address>, Rec
     }
 }
 
-/// Reads `1.5`.
+/// Parses bus and address, such as `1.5`.
 ///
 /// # Errors
 /// What is allowed.
@@ -263,7 +264,7 @@ fn size_told(meta: Option<&RecordMeta>) -> Option<SlotSize> {
     meta?.slot
 }
 
-/// `at - first`, as far as it goes; a damaged file may hold any times.
+/// `at - first`, limited to the range of the type; a damaged file may contain any times.
 fn since(first: u64, at: u64) -> i64 {
     i64::try_from(i128::from(at) - i128::from(first)).unwrap_or(if at < first { i64::MIN } else { i64::MAX })
 }

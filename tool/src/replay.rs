@@ -1,4 +1,4 @@
-//! `ecmsk replay`: the host's half of a capture played to the model, and its answers held against the board's.
+//! `ecmsk replay`: plays the commands of a capture to the model, and compares its answers with the board's.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -50,7 +50,7 @@ pub struct Args {
     how: How,
 }
 
-/// Why nothing was replayed.
+/// Why a capture was not replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayVerbError {
     /// See [`ReplayError`].
@@ -62,12 +62,12 @@ pub enum ReplayVerbError {
     /// See [`plot::PlotError`].
     #[error(transparent)]
     Plot(#[from] plot::PlotError),
-    /// A capture is read more than once.
+    /// Standard input is named, but a capture is read more than once.
     #[error("standard input cannot be replayed, it can be read only once; save it to a file and name that")]
     Stdin,
 }
 
-/// Replays, and gives the exit code.
+/// Replays the capture; returns the exit code.
 pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     if args.capture == Path::new("-") {
         return Err(ReplayVerbError::Stdin);
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     Ok(compare::print(text, names.code(&found, &options))?)
 }
 
-/// What of the capture was not played.
+/// The part of the capture that was not played, as JSON.
 fn left_out(before_start: u64, skipped: &Skipped) -> Value {
     let Skipped { taken_back, without_report, other_lengths, other_transfers, other_devices } = *skipped;
     json!({

@@ -1,4 +1,4 @@
-//! `ecmsk run`: several steps on one open board, from a file.
+//! `ecmsk run`: runs a script, which is a file with several steps on one open board.
 
 use std::fs;
 use std::io::{self, Read};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueHint;
 use ecmsk::ecm::Config;
 
-use super::board::{self, Board, BoardError, Interrupt, Place, Use};
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource};
 use super::error::say;
 use super::step::{Line, Step};
 
@@ -36,16 +36,16 @@ pub struct Args {
 }
 
 impl Args {
-    /// What messages call the script.
+    /// The name of the script in messages.
     fn name(&self) -> String {
         if self.script == Path::new("-") { STDIN.into() } else { self.script.display().to_string() }
     }
 }
 
-/// What messages call it.
+/// The name of standard input in messages.
 pub const STDIN: &str = "standard input";
-/// \[OURS] Bytes of a script at most.
-const LONGEST: u64 = 1 << 20;
+/// \[OURS] The largest script, in bytes.
+const SCRIPT_BYTES_MAX: u64 = 1 << 20;
 
 /// # Errors
 /// [`BoardError`]
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
     play(&text, args, Interrupt::watch)
 }
 
-/// Does the steps of a script with that text. `watch` begins to look for what asks for the end.
+/// Runs a script with that text. `watch` begins to watch for signals.
 ///
 /// # Errors
 /// [`BoardError`]
@@ -62,9 +62,9 @@ pub fn play(text: &str, args: &Args, watch: fn() -> io::Result<Interrupt>) -> Re
     let name = args.name();
     let uri = args.board.chosen()?.uri;
     let steps = parse(text, &name, args.board.network(&uri, None).as_ref())?;
-    let board = Board::open(&args.board, Use::Moves, Place::Lines, watch()?)?;
+    let board = Board::open(&args.board, BoardUse::Moves, StepSource::Lines, watch()?)?;
     let done = steps.iter().try_for_each(|(line, step)| {
-        board.talk.at_line(*line);
+        board.reporter.at_line(*line);
         step.run(&board).map_err(|error| at(&name, *line, error))
     });
     board.close(done)
@@ -79,15 +79,15 @@ fn read(path: &Path, name: &str) -> Result<String, BoardError> {
     };
     let wrong =
         |why: String, next: &str| BoardError::Refused { what: format!("the script {name}"), why, next: next.into() };
-    let read = file.and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes));
+    let read = file.and_then(|file| file.take(SCRIPT_BYTES_MAX + 1).read_to_end(&mut bytes));
     read.map_err(|error| wrong(error.to_string(), "name a file that can be read"))?;
-    if bytes.len() as u64 > LONGEST {
-        return Err(wrong(format!("it is longer than {LONGEST} bytes"), "cut it into several"));
+    if bytes.len() as u64 > SCRIPT_BYTES_MAX {
+        return Err(wrong(format!("it is longer than {SCRIPT_BYTES_MAX} bytes"), "cut it into several"));
     }
     String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8".into(), "name a text file"))
 }
 
-/// All steps with the numbers of their lines. Every line that is wrong is told.
+/// All steps with the numbers of their lines. Prints an error for every invalid line.
 fn parse(text: &str, name: &str, network: Option<&Config>) -> Result<Vec<(u32, Step)>, BoardError> {
     let mut steps = Vec::new();
     let mut wrong = Vec::new();
@@ -106,7 +106,7 @@ fn parse(text: &str, name: &str, network: Option<&Config>) -> Result<Vec<(u32, S
     Err(BoardError::Script { last: last.clone() })
 }
 
-/// An error of a line. One that has nothing to do with the line stays what it is.
+/// The error with its file and line, if it is one of that line.
 pub fn at(name: &str, line: u32, error: BoardError) -> BoardError {
     match error {
         error @ (BoardError::Stopped { .. } | BoardError::Output(_)) => error,

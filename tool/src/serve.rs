@@ -1,4 +1,4 @@
-//! `ecmsk serve`: a board for other processes and machines.
+//! `ecmsk serve`: makes a board available to other processes and machines.
 
 mod usbip;
 
@@ -15,8 +15,8 @@ use ecmsk::port::notes::FLUSH_LIMIT;
 use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
-use super::chosen::Chosen;
 use super::error::say;
+use super::link_option::ChosenLink;
 use super::{CliError, output, signals, stderr};
 
 /// Serve a board to other processes and machines
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
 
 fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
-    // Before anything moves.
+    // Signals are watched before anything can move.
     let asked = signals::Asked::watch().map_err(failed)?;
     stderr::queue().map_err(no_thread)?;
     let uri = served(args.link.as_ref())?.to_string();
@@ -127,12 +127,12 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The board to serve: a named one, since nobody serves a real board by leaving something out.
+/// The board to serve. It must be named, so that nobody serves a real board by forgetting an option.
 ///
 /// # Errors
 /// Nobody has named one, or what is named is none.
 fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
-    let chosen = Chosen::find(link).map_err(BoardError::from)?;
+    let chosen = ChosenLink::find(link).map_err(BoardError::from)?;
     if chosen.is_named() { Ok(chosen.uri) } else { Err(CliError::NothingToServe) }
 }
 
@@ -140,14 +140,14 @@ fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start the thread of standard error", message: error.to_string() }
 }
 
-/// Says on standard output what is served. Nothing waits for a reader that has stalled: a server that cannot say it serves and
-/// ends all the same.
+/// Prints what is served. It does not wait for a reader that has stalled: the server must serve, and end on a signal,
+/// in any case.
 ///
 /// # Errors
 /// Standard output takes nothing.
 fn announce(text: String) -> io::Result<()> {
     let (done, said) = mpsc::channel();
-    // Not joined: the write may never end.
+    // The thread is not joined, because its write may never end.
     thread::Builder::new().name("ecmsk-output".into()).spawn(move || done.send(output::print(text)))?;
     match said.recv_timeout(FLUSH_LIMIT) {
         Ok(printed) => printed,
@@ -158,7 +158,7 @@ fn announce(text: String) -> io::Result<()> {
     }
 }
 
-/// A board that comes back is found again.
+/// Opens the board; a simulated board is found again after it was lost.
 fn open(uri: &str) -> Result<Arc<dyn link::Link>, LinkError> {
     link::open(uri, Share::ByUri)
 }

@@ -1,4 +1,4 @@
-//! `ecmsk shell`: steps as they are typed, on one open board.
+//! `ecmsk shell`: runs steps as they are typed, on one open board.
 
 mod input;
 mod terminal;
@@ -6,7 +6,7 @@ mod terminal;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
-use super::board::{self, Board, BoardError, Interrupt, Place, Use};
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource};
 use super::error::say;
 use super::output;
 use super::script;
@@ -33,7 +33,7 @@ pub struct Args {
 /// # Errors
 /// [`BoardError`]
 pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
-    let board = Board::open(&args.board, Use::Moves, Place::Lines, Interrupt::watch()?)?;
+    let board = Board::open(&args.board, BoardUse::Moves, StepSource::Lines, Interrupt::watch()?)?;
     let typed = io::stdin().is_terminal();
     let input = Input::start(typed);
     let mut failed = false;
@@ -47,12 +47,12 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
                 Err(error) if ends(&board, &error) => break Err(error),
                 Err(error) => {
                     failed = true;
-                    // Who typed it sees it.
+                    // A line that was typed needs no line number.
                     let error = if typed { error } else { script::at(script::STDIN, number, error) };
                     if !typed && !args.keep_going {
                         break Err(error);
                     }
-                    board.talk.clear();
+                    board.reporter.clear();
                     say("error", &error);
                     board.interrupt.clear();
                 }
@@ -65,17 +65,17 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
     Ok(if failed && !typed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// Whether that error ends the shell: nobody is there any more.
+/// Whether the error ends the shell: a signal other than Ctrl-C, or a terminal that was closed.
 fn ends(board: &Board, error: &BoardError) -> bool {
     match error {
-        // Ctrl-C is for the step.
+        // Ctrl-C ends only the step.
         BoardError::Stopped { signal, .. } => *signal != 2 || !io::stdin().is_terminal(),
         BoardError::Output(_) => true,
         _ => board.interrupt.signal().is_some_and(|signal| signal != 2),
     }
 }
 
-/// Does what a line says; `false` if that is to leave.
+/// Runs a line; returns false if it ends the shell.
 fn answer(board: &Board, line: &str) -> Result<bool, BoardError> {
     let words: Vec<&str> = line.split_whitespace().collect();
     match words.split_first() {
@@ -99,7 +99,7 @@ fn wrong(why: String) -> BoardError {
     BoardError::Typed { why }
 }
 
-/// What a line may go on with, from where on.
+/// The completions of a line, and where the word begins that they replace.
 pub fn complete(line: &str) -> (usize, Vec<String>) {
     let start = line.rfind(char::is_whitespace).map_or(0, |blank| blank + 1);
     let (before, word) = line.split_at(start);
@@ -111,7 +111,7 @@ pub fn complete(line: &str) -> (usize, Vec<String>) {
     };
     all.retain(|candidate| candidate.starts_with(word) && (word.starts_with('-') || !candidate.starts_with('-')));
     if let [only] = &mut all[..] {
-        // Nothing else can be meant: on with the next word.
+        // A single completion is followed by a blank for the next word.
         only.push(' ');
     }
     (start, all)

@@ -1,7 +1,7 @@
-//! The slot size as an option: `--slot-size` in every verb.
+//! The option `--slot-size`.
 //!
-//! `--slot` was the size in some verbs and a slot in others. It is understood where it can only mean one thing, and told what it
-//! is called now.
+//! `--slot` was its former name in some verbs, and named slots in others. It is still accepted where it can only mean
+//! one of them, with a note on the present name.
 
 use std::sync::Once;
 
@@ -9,7 +9,7 @@ use ecmsk::sk::SlotSize;
 
 use super::error::say;
 
-/// Reads `12` or `16`.
+/// Parses `12` or `16`.
 ///
 /// # Errors
 /// What is allowed.
@@ -17,7 +17,7 @@ pub fn parse(text: &str) -> Result<SlotSize, String> {
     text.parse().ok().and_then(SlotSize::from_bytes).ok_or_else(|| "allowed: 12, 16".to_owned())
 }
 
-/// The size by `--slot-size`, else by `--slot` of a verb where that is the size.
+/// The slot size of `--slot-size`, or else of `--slot`, its former name.
 pub fn given(size: Option<SlotSize>, slot: Option<SlotSize>) -> Option<SlotSize> {
     if let Some(slot) = slot {
         hint("--slot", &format!("--slot-size {}", slot.bytes()));
@@ -25,7 +25,7 @@ pub fn given(size: Option<SlotSize>, slot: Option<SlotSize>) -> Option<SlotSize>
     size.or(slot)
 }
 
-/// Says once what an option is called now.
+/// Prints a note once on the present name of an option.
 pub fn hint(old: &str, new: &str) {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| say("note", &format_args!("{old} is understood here as {new}; write it so, in all verbs alike")));

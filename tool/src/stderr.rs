@@ -1,4 +1,5 @@
-//! Standard error of the tool: written at once, or by a thread of its own where nothing may wait for whoever reads it.
+//! Standard error of the tool. By default it is written directly; a server writes it in a thread of its own, so that
+//! it never waits for a reader.
 
 use std::io::{self, Write};
 use std::sync::OnceLock;
@@ -7,14 +8,15 @@ use ecmsk::port::notes::{Note, Notes, Teller};
 
 use super::visible::Visible;
 
-/// Bytes of a line that is to be written.
+/// The bytes of a line.
 type Line = Vec<u8>;
 
-/// What is to be written, once [`queue`] was called.
+/// The queue of lines, once [`queue`] was called.
 static QUEUE: OnceLock<(Notes<Line>, Teller<Line>)> = OnceLock::new();
 
-/// From now on lines are put into a bounded queue, which a thread writes to standard error: nobody who says something waits for
-/// whoever reads it. What is not read in time is dropped, the oldest lines first, and the number of those is written instead.
+/// From now on lines are put into a bounded queue, from which a thread writes them to standard error, so that no
+/// other thread waits for its reader. If the reader is too slow the oldest lines are dropped, and their number is
+/// written instead.
 ///
 /// # Errors
 /// The system gives no thread.
@@ -26,12 +28,12 @@ pub fn queue() -> io::Result<()> {
             write_now(format!("note: {count} lines were dropped, those before were not read in time\n").as_bytes());
         }
     });
-    // Once is enough.
+    // A second call has no effect.
     let _ = QUEUE.set((notes, teller?));
     Ok(())
 }
 
-/// Writes a line, or has it written.
+/// Writes a line, directly or by the queue.
 pub fn line(text: &str) {
     write(format!("{text}\n").into_bytes());
 }
@@ -51,20 +53,20 @@ fn write(bytes: Vec<u8>) {
     }
 }
 
-/// What was said, with what would control a terminal by its code.
+/// The text with control characters replaced by their codes.
 fn shown(bytes: &[u8]) -> Vec<u8> {
     let mut shown = Vec::with_capacity(bytes.len());
-    // Nothing fails that goes to memory.
+    // Writing to memory does not fail.
     let _ = Visible::new(&mut shown).write_all(bytes);
     shown
 }
 
-/// That nobody may be there to read it is not worth a panic.
+/// A closed standard error is ignored.
 fn write_now(bytes: &[u8]) {
     let _ = io::stderr().write_all(bytes);
 }
 
-/// Where the log of the tool goes: a record is written in one piece.
+/// The target of the log; a record is written in one piece.
 pub struct Log;
 
 impl Write for Log {

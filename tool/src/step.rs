@@ -1,4 +1,4 @@
-//! The verbs that talk to a board: the same words on the command line, in a script and in the shell.
+//! The verbs that reporter to a board: the same words on the command line, in a script and in the shell.
 
 mod expect;
 mod home;
@@ -17,7 +17,7 @@ use clap::Subcommand;
 use ecmsk::ecm::Config;
 pub use line::Line;
 
-use super::board::{self, Board, BoardError, Interrupt, Place, Use};
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource};
 
 /// One verb with its options.
 #[derive(Clone, Debug, Subcommand)]
@@ -35,12 +35,12 @@ pub enum Step {
 
 impl Step {
     /// Whether it may move an axis or switch it on.
-    pub const fn uses(&self) -> Use {
+    pub const fn uses(&self) -> BoardUse {
         match self {
-            Self::Servo(_) | Self::Home(_) | Self::Move(_) => Use::Moves,
-            Self::Info(args) if args.only_looks() => Use::Reads,
-            Self::State(args) if args.only_looks() => Use::Reads,
-            _ => Use::Looks,
+            Self::Servo(_) | Self::Home(_) | Self::Move(_) => BoardUse::Moves,
+            Self::Info(args) if args.only_looks() => BoardUse::Reads,
+            Self::State(args) if args.only_looks() => BoardUse::Reads,
+            _ => BoardUse::Looks,
         }
     }
 
@@ -129,7 +129,7 @@ verbs! {
 /// [`BoardError`]
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
-    let board = Board::open(&args, step.uses(), Place::CommandLine, Interrupt::watch()?)?;
+    let board = Board::open(&args, step.uses(), StepSource::CommandLine, Interrupt::watch()?)?;
     let done = step.run(&board);
     board.close(done)
 }

@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
                     take(framed);
                 }
             }
-            // What was read before is told.
+            // What was read before the error is summed up.
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => say("note", &error),
             Err(error) => return Err(error.into()),
         }

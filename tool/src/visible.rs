@@ -1,34 +1,35 @@
-//! Text from outside on a terminal: what would control it is shown, and does nothing.
+//! Makes control characters in text visible, so that text from outside cannot control the terminal.
 //!
-//! Names, links and messages come from recordings, servers, boards and files. The tool writes all its text through here, so
-//! that no verb has to think of it. A character that controls a terminal, or that nobody sees and that turns the order of
-//! letters, is written by its code, `\u001b`: that is what JSON has for it too, so JSON stays JSON and says the same.
+//! Names, links and messages come from recordings, servers, boards and files. The tool writes all its text through
+//! this module, so that no verb has to take care of it. A control character, or an invisible one that changes the
+//! order of letters, is written as its code, `\u001b`. JSON has the same form for it, so JSON stays valid and keeps
+//! its meaning.
 
 use std::io::{self, Write};
 
-/// Longest part of a character that may wait for the rest of it.
+/// The longest incomplete UTF-8 character, in bytes.
 const PART_MAX: usize = 3;
 
-/// Whether a character is written as it is.
+/// Whether a character is written unchanged.
 pub fn is_plain(letter: char) -> bool {
     let unseen =
         matches!(letter, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{FEFF}');
     matches!(letter, '\n' | '\t') || !(letter.is_control() || unseen)
 }
 
-/// Text with what controls a terminal by its code.
+/// The text with control characters replaced by their codes.
 pub fn visible(text: &str) -> String {
     let mut shown = Vec::with_capacity(text.len());
-    // Nothing fails that goes to memory.
+    // Writing to memory does not fail.
     let _ = Visible::new(&mut shown).write_all(text.as_bytes());
     String::from_utf8(shown).unwrap_or_default()
 }
 
-/// A place for text, in which what controls a terminal stands by its code; bytes that are no UTF-8 too, as `\x9b`.
+/// A writer that replaces control characters by their codes, and bytes that are not UTF-8 by `\x9b` and the like.
 #[derive(Debug)]
 pub struct Visible<W: Write> {
     inner: W,
-    /// The begin of a character whose rest has not come yet.
+    /// The beginning of a character of which the rest has not been written yet.
     part: Vec<u8>,
 }
 
@@ -42,7 +43,7 @@ impl<W: Write> Visible<W> {
             let (plain, rest) = text.split_at(at);
             let mut letters = rest.chars();
             self.inner.write_all(plain.as_bytes())?;
-            // All of them have four digits.
+            // All of these characters have four digits.
             letters.next().map_or(Ok(()), |letter| write!(self.inner, "\\u{:04x}", u32::from(letter)))?;
             text = letters.as_str();
         }
@@ -64,7 +65,7 @@ impl<W: Write> Visible<W> {
     }
 }
 
-/// Whether these bytes may be the begin of a character.
+/// Whether these bytes may be the beginning of a character.
 fn may_begin(bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes).is_err_and(|error| error.error_len().is_none())
 }
@@ -89,7 +90,7 @@ impl<W: Write> Write for Visible<W> {
 mod tests {
     use super::*;
 
-    /// TOOL-160 What controls a terminal is shown by its code, whichever code that is; all other text is as it was.
+    /// TOOL-160 Every control character is shown by its code; all other text is unchanged.
     #[test]
     fn control_characters_are_shown_by_their_codes() {
         for (text, shown) in [
@@ -103,7 +104,7 @@ mod tests {
         }
     }
 
-    /// TOOL-160 JSON stays JSON, and says the same.
+    /// TOOL-160 JSON stays valid and keeps its meaning.
     #[test]
     fn json_with_control_characters_keeps_its_meaning() {
         let text: String = (0..0x300).chain(0x2000..0x2100).filter_map(char::from_u32).collect();
@@ -115,7 +116,8 @@ mod tests {
         assert_eq!(before, after);
     }
 
-    /// TOOL-160 Bytes in any pieces come out as in one; what is no UTF-8 is shown too.
+    /// TOOL-160 Bytes that are written in pieces come out as those written at once; what is not UTF-8 is shown as
+    /// well.
     #[test]
     fn bytes_written_in_pieces_come_out_as_in_one_piece() {
         let bytes = "µ漢\u{1F600}\u{9b}\x1b[0m".as_bytes().iter().copied().chain([0x9b, b'A', 0xC2, b'B', 0xFF, 0xE6]);

@@ -24,7 +24,7 @@ impl Board {
             return Ok(());
         }
         let refused = |why, next: String| BoardError::Refused { what: what.to_owned(), why, next };
-        let said = self.known(what)?.cycle_us;
+        let said = self.known_network(what)?.cycle_us;
         let limit = self.options.read_limit;
         let first = self.ecm.next_cycle(limit)?.meta;
         let mut last = first;
@@ -39,7 +39,7 @@ impl Board {
             return Err(refused(why, format!("give --cycle-us {}", nearest(measured))));
         }
         for slave in axes {
-            let code: u8 = self.attend("reading the mode", |ecm| ecm.sdo_read(*slave, MODE_DISPLAY))?;
+            let code: u8 = self.run_interruptible("reading the mode", |ecm| ecm.sdo_read(*slave, MODE_DISPLAY))?;
             if Mode::from_code(code) != Some(Mode::Csp) {
                 let mode = Mode::from_code(code).map_or_else(|| code.to_string(), |mode| format!("{code} ({mode})"));
                 let next = "configure the network again: `state preop`, then `state op`".to_owned();
@@ -61,7 +61,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::board::{Args, Interrupt, Place, Use};
+    use crate::board::{Args, BoardUse, Interrupt, StepSource};
     use crate::step::{Line, OnBoard};
 
     #[derive(Parser)]
@@ -77,7 +77,7 @@ mod tests {
     fn lines(options: &[&str], lines: &[&str]) -> Result<(), BoardError> {
         let link = ["ecmsk", "--link", "sim:?slaves=drive*2&clock=virtual&name=adopted", "--close", "leave"];
         let args: Args = Words::parse_from(link.iter().chain(options)).words.board;
-        let board = Board::open(&args, Use::Moves, Place::Lines, Interrupt::default())?;
+        let board = Board::open(&args, BoardUse::Moves, StepSource::Lines, Interrupt::default())?;
         let done = lines.iter().try_for_each(|line| match Line::parse(line) {
             Ok(Line::Step(step)) => step.run(&board),
             other => panic!("{line}: {other:?}"),

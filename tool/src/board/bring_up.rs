@@ -5,7 +5,7 @@ use ecmsk::sk::MasterState;
 
 use super::error::BoardError;
 use super::network::list;
-use super::session::{Board, Place, named, shown};
+use super::session::{Board, StepSource, numbered, statusword_text};
 
 /// What a step needs of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,7 +29,7 @@ impl Board {
         // SDOs are what finds out why a change of state has failed.
         let state = found.state().filter(|_| needs == Needs::Sdo || !found.is_failed());
         if needs != Needs::Sdo {
-            self.known(what)?;
+            self.known_network(what)?;
         }
         if state.is_none_or(|state| state < wanted) {
             if !self.up {
@@ -52,11 +52,16 @@ impl Board {
         let Some((slave, word)) = off.first() else { return Ok(()) };
         if !self.up {
             let next = self.next(&format!("`servo on {slave}`"));
-            return Err(BoardError::AxisOff { what: what.to_owned(), slave: *slave, state: shown(*word), next });
+            return Err(BoardError::AxisOff {
+                what: what.to_owned(),
+                slave: *slave,
+                state: statusword_text(*word),
+                next,
+            });
         }
         let axes: Vec<u8> = off.iter().map(|(slave, _)| *slave).collect();
-        self.attend("switching on", |ecm| ecm.servo_on(&axes))?;
-        self.talk.note(format_args!("switched on: {}", named("axis", "axes", &axes)));
+        self.run_interruptible("switching on", |ecm| ecm.servo_on(&axes))?;
+        self.reporter.note(format_args!("switched on: {}", numbered("axis", "axes", &axes)));
         Ok(())
     }
 
@@ -66,9 +71,9 @@ impl Board {
     /// [`BoardError::UnknownNetwork`], and what the board says.
     pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
         let change = |to: MasterState| {
-            let done = self.attend(&format!("going to {to}"), |ecm| ecm.set_state(to));
+            let done = self.run_interruptible(&format!("going to {to}"), |ecm| ecm.set_state(to));
             done.map_err(|error| match error {
-                BoardError::Ecm(error) => self.told(error),
+                BoardError::Ecm(error) => self.explain(error),
                 other => other,
             })
         };
@@ -78,21 +83,21 @@ impl Board {
         if wanted <= MasterState::PreOp || matches!(settled, Some(MasterState::SafeOp | MasterState::Op)) {
             return change(wanted);
         }
-        let config = self.known(&format!("going to {wanted}"))?;
+        let config = self.known_network(&format!("going to {wanted}"))?;
         if settled != Some(MasterState::PreOp) {
             change(MasterState::PreOp)?;
         }
-        self.attend("configuring", |ecm| ecm.configure(config))?;
+        self.run_interruptible("configuring", |ecm| ecm.configure(config))?;
         self.adopted.set(false);
-        self.talk.note(format_args!("configured: {}, cycle {} us", list(config), config.cycle_us));
+        self.reporter.note(format_args!("configured: {}, cycle {} us", list(config), config.cycle_us));
         change(wanted)
     }
 
     /// What a step has to type to go on: the command line with `--up`, or the lines that bring it up.
     fn next(&self, lines: &str) -> String {
-        match self.place {
-            Place::CommandLine => format!("to bring it up first, type: {} --up", command_line()),
-            Place::Lines => format!("write {lines} before it"),
+        match self.source {
+            StepSource::CommandLine => format!("to bring it up first, type: {} --up", command_line()),
+            StepSource::Lines => format!("write {lines} before it"),
         }
     }
 }

@@ -7,14 +7,14 @@ use ecmsk::engine::StateFailure;
 use ecmsk::link::LinkError;
 use ecmsk::sk::{MasterState, StateByte};
 
-use crate::chosen::{ChoiceError, Unnamed};
+use crate::link_option::{ChoiceError, Unnamed};
 
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
-    /// See [`super::super::recorder::RecordError`].
+    /// See [`super::super::record_option::RecordError`].
     #[error(transparent)]
-    Record(#[from] crate::recorder::RecordError),
+    Record(#[from] crate::record_option::RecordError),
     /// Standard output took no more, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),

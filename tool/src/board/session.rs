@@ -13,12 +13,12 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 
-use super::super::reading::reading;
 use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
 use super::network::find_slave;
-use super::talk::Talk;
+use super::reporter::Reporter;
+use crate::link_option::as_reader;
 
 /// \[OURS] An axis no further from its last target stands at it, as a drive is a few counts off: the next move begins at
 /// that target. One that is further off has not done its move.
@@ -26,7 +26,7 @@ pub const NEAR_COUNTS: u32 = 64;
 
 /// Where steps come from: it decides what an error tells to type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum StepSource {
     /// One verb on the command line.
     CommandLine,
     /// Lines of a script or of the shell.
@@ -35,7 +35,7 @@ pub enum Place {
 
 /// What closing does if nobody says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Use {
+pub enum BoardUse {
     /// The verb sends nothing, and somebody else may be the one that writes.
     Reads,
     /// The verb moves nothing.
@@ -47,7 +47,7 @@ pub enum Use {
 /// An open board.
 pub struct Board {
     pub ecm: Ecm,
-    pub talk: Talk,
+    pub reporter: Reporter,
     pub interrupt: Interrupt,
     /// What the network is, if that is known.
     pub config: Option<Config>,
@@ -59,7 +59,7 @@ pub struct Board {
     /// `--up`.
     pub(super) up: bool,
     close: Close,
-    pub(super) place: Place,
+    pub(super) source: StepSource,
     /// The network was found running: what it was configured as is what the user says.
     pub(super) adopted: Cell<bool>,
     /// Where moves ended, by slave.
@@ -71,7 +71,12 @@ impl Board {
     ///
     /// # Errors
     /// [`BoardError`]
-    pub fn open(args: &Args, used: Use, place: Place, interrupt: Interrupt) -> Result<Self, BoardError> {
+    pub fn open(
+        args: &Args,
+        board_use: BoardUse,
+        source: StepSource,
+        interrupt: Interrupt,
+    ) -> Result<Self, BoardError> {
         let chosen = args.chosen()?;
         let uri = args.with_record(&chosen.uri)?;
         let slot = args.slot_size();
@@ -85,17 +90,17 @@ impl Board {
             servo_limit: limit(default.servo_limit),
             ..default
         };
-        let close = args.close.unwrap_or(match used {
-            Use::Reads | Use::Looks => Close::Leave,
-            Use::Moves => Close::Hold,
+        let close = args.close.unwrap_or(match board_use {
+            BoardUse::Reads | BoardUse::Looks => Close::Leave,
+            BoardUse::Moves => Close::Hold,
         });
         let options = Options { close, ..options };
         let link = match link::open(&uri.to_string(), Share::ByName) {
             // Somebody else writes: that is no reason not to look.
-            Err(LinkError::InUse { .. }) if used == Use::Reads => {
-                link::open(&reading(&uri).to_string(), Share::ByName)?
+            Err(LinkError::InUse { .. }) if board_use == BoardUse::Reads => {
+                link::open(&as_reader(&uri).to_string(), Share::ByName)?
             }
-            Err(error) => return Err(chosen.unnamed(&error).map_or(error.into(), BoardError::from)),
+            Err(error) => return Err(chosen.if_unnamed(&error).map_or(error.into(), BoardError::from)),
             Ok(link) => link,
         };
         let config = args.network(&uri, link.network().as_ref());
@@ -112,7 +117,7 @@ impl Board {
         }
         Ok(Self {
             ecm,
-            talk: Talk::new(args.json, link.info().virtual_time),
+            reporter: Reporter::new(args.json, link.info().virtual_time),
             interrupt,
             config,
             uri,
@@ -121,7 +126,7 @@ impl Board {
             link,
             up: args.up,
             close,
-            place,
+            source,
             adopted: Cell::new(adopted),
             targets: RefCell::default(),
         })
@@ -152,8 +157,8 @@ impl Board {
     /// # Errors
     /// [`BoardError`]: that of the step, if it failed.
     pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
-        let Self { ecm, talk, close, .. } = self;
-        talk.clear();
+        let Self { ecm, reporter, close, .. } = self;
+        reporter.clear();
         let closed = ecm.close(close);
         if let (Err(BoardError::Stopped { signal, .. }), Ok(())) = (&done, &closed) {
             let next = match close {
@@ -166,7 +171,7 @@ impl Board {
         match (done, closed) {
             (Ok(()), closed) => Ok(closed?),
             (Err(error), Err(also)) => {
-                talk.note(format_args!("closing the board failed too: {also}"));
+                reporter.note(format_args!("closing the board failed too: {also}"));
                 Err(error)
             }
             (failed, Ok(())) => failed,
@@ -174,13 +179,13 @@ impl Board {
     }
 
     /// The network, or why a step cannot go on.
-    pub fn known(&self, what: &str) -> Result<&Config, BoardError> {
+    pub fn known_network(&self, what: &str) -> Result<&Config, BoardError> {
         self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
     }
 
     /// The axis of a slave.
     pub fn axis(&self, what: &str, slave: u8) -> Result<Axis, BoardError> {
-        let config = self.known(what)?;
+        let config = self.known_network(what)?;
         let found = find_slave(config, what, slave)?;
         found.axis().copied().ok_or_else(|| BoardError::WrongKind {
             what: what.to_owned(),
@@ -192,12 +197,12 @@ impl Board {
 
     /// All slaves with an axis.
     pub fn axes(&self, what: &str) -> Result<Vec<u8>, BoardError> {
-        let config = self.known(what)?;
+        let config = self.known_network(what)?;
         Ok((1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect())
     }
 
     /// An error of the library in words of the tool.
-    pub fn told(&self, error: EcmError) -> BoardError {
+    pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
             // The wire does not say which slave it was; the link may know.
@@ -212,9 +217,9 @@ impl Board {
     }
 
     fn clear_words(&self, slave: u8) -> String {
-        match self.place {
-            Place::CommandLine => format!("type: ecmsk servo clear {slave} (with the same options)"),
-            Place::Lines => format!("`servo clear {slave}` and `servo on {slave}`"),
+        match self.source {
+            StepSource::CommandLine => format!("type: ecmsk servo clear {slave} (with the same options)"),
+            StepSource::Lines => format!("`servo clear {slave}` and `servo on {slave}`"),
         }
     }
 
@@ -225,7 +230,7 @@ impl Board {
             return Ok(());
         }
         let code = snapshot.drive(slave).map_or(0, |drive| drive.error_code);
-        Err(self.told(EcmError::Alarm { slave, code }))
+        Err(self.explain(EcmError::Alarm { slave, code }))
     }
 
     /// Statusword of an axis.
@@ -238,14 +243,14 @@ impl Board {
     }
 
     /// Where an axis was told to be, if it is there, else where it is.
-    pub fn rests_at(&self, snapshot: &Snapshot, slave: u8) -> i32 {
+    pub fn standing_position(&self, snapshot: &Snapshot, slave: u8) -> i32 {
         let actual = snapshot.position(slave).unwrap_or_default();
         let told = self.targets.borrow().get(&slave).copied();
         told.filter(|told| told.wrapping_sub(actual).unsigned_abs() <= NEAR_COUNTS).unwrap_or(actual)
     }
 
     /// A move has ended there.
-    pub fn told_to(&self, slave: u8, target: i32) {
+    pub fn note_target(&self, slave: u8, target: i32) {
         self.targets.borrow_mut().insert(slave, target);
     }
 
@@ -268,13 +273,13 @@ pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), B
 }
 
 /// `axis 1`, `axes 1, 2`.
-pub fn named(one: &str, many: &str, slaves: &[u8]) -> String {
+pub fn numbered(one: &str, many: &str, slaves: &[u8]) -> String {
     let numbers = slaves.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
     format!("{} {numbers}", if slaves.len() == 1 { one } else { many })
 }
 
 /// `Operation enabled (0x0637)`.
-pub fn shown(word: Statusword) -> String {
+pub fn statusword_text(word: Statusword) -> String {
     format!("{} (0x{:04X})", word.state().map_or("an unknown state", |state| state.name()), word.0)
 }
 

@@ -7,7 +7,7 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::Finding;
 
-use crate::chosen::environment;
+use crate::link_option::environment;
 
 const CHECK: &str = "link";
 

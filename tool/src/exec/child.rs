@@ -1,4 +1,4 @@
-//! Runs the program as if this tool were not there: what asks for the end reaches it, its exit code is handed on.
+//! Runs the program as if it had been started directly: signals reach it, and its exit code becomes that of the tool.
 
 #[cfg(unix)]
 mod unix;

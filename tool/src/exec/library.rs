@@ -1,4 +1,4 @@
-//! Finds the library of this build, and lays it where the system looks first.
+//! Finds the library of this build, and puts it where the operating system looks for libraries first.
 
 #[cfg(unix)]
 mod unix;
@@ -18,8 +18,8 @@ use windows as system;
 
 pub use system::{FILE_NAME, SEARCH_PATH, UNLINKABLE, UNOPENED};
 
-/// The library for a program: `given` (a file, or a folder that has it), else where it usually is, beside this tool
-/// first.
+/// The library for a program: `given` (a file, or a folder that contains it), or else the one in the usual folders,
+/// first of them that of this tool.
 pub fn find(given: Option<&Path>, program: Option<&Path>) -> Result<PathBuf, ExecError> {
     let file = match given {
         Some(file) if file.is_file() => file.to_owned(),
@@ -45,31 +45,31 @@ fn not_a_library(file: &Path, reason: String) -> ExecError {
     ExecError::NotALibrary { file: file.to_owned(), reason }
 }
 
-/// A folder where the system looks first and finds the library, and one of this process alone that goes when this is
-/// dropped.
+/// The folder with the library in which the system looks first, and a private folder of this process that is removed
+/// when this is dropped.
 pub struct LibraryFolder {
     folder: TempDir,
     library: PathBuf,
 }
 
 impl LibraryFolder {
-    /// Makes it in the system's folder for such things (`TMPDIR`, on Windows `TMP`).
+    /// Makes the private folder in the system's folder for temporary files (`TMPDIR`, on Windows `TMP`).
     pub fn make(library: &Path) -> Result<Self, ExecError> {
         Ok(Self { folder: system::folder(library)?, library: library.to_owned() })
     }
 
-    /// The library's file.
+    /// The path of the library.
     pub fn library(&self) -> &Path {
         &self.library
     }
 
-    /// The file that the library makes when the program opens a board.
-    pub fn opened(&self) -> PathBuf {
+    /// The file that the library creates when the program opens a board.
+    pub fn opened_file(&self) -> PathBuf {
         self.folder.path().join(".opened")
     }
 
-    /// Makes the file in which the library tells what goes wrong.
-    pub fn told(&self) -> Result<PathBuf, ExecError> {
+    /// Creates the file to which the library writes what goes wrong.
+    pub fn reasons_file(&self) -> Result<PathBuf, ExecError> {
         let file = self.folder.path().join(".told");
         match std::fs::File::create_new(&file) {
             Ok(_) => Ok(file),
@@ -77,7 +77,7 @@ impl LibraryFolder {
         }
     }
 
-    /// The search path with the library's folder in front of what is there.
+    /// The search path with the library's folder in front.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();
         // An empty path would add an empty entry, which means the current folder on Linux.

@@ -1,4 +1,4 @@
-//! The link that a program is given, and its recording.
+//! The link that is set for a program, with its recording.
 
 use std::env;
 use std::fs;
@@ -8,11 +8,12 @@ use ecmsk::link::config::{self, Environment};
 use ecmsk::link::uri::LinkUri;
 
 use super::ExecError;
-use crate::recorder;
+use crate::record_option;
 
-/// The link to set for `program`: that of the user, with the recording; `None` leaves the choice to the library.
+/// The link to set for `program`: the user's, with the recording; `None` leaves the choice to the library.
 ///
-/// A recording needs a link to stand in: without one it is the link that the library would choose.
+/// A recording is a key of a link, so without a link of the user it is added to the one that the library would
+/// choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,
@@ -27,10 +28,10 @@ pub fn for_program(
     if !link.scheme().in_build() {
         return Err(ExecError::NotInBuild { link: link.to_string() });
     }
-    record.map_or(Ok(link.clone()), |file| Ok(recorder::with_record(&link, file)?)).map(Some)
+    record.map_or(Ok(link.clone()), |file| Ok(record_option::with_record(&link, file)?)).map(Some)
 }
 
-/// What the library would find, were it asked by the program.
+/// The link that the library would choose for the program.
 fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
     let folder = |file: &Path| file.parent().map(Path::to_path_buf);
     let environment = Environment {
@@ -40,7 +41,7 @@ fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
     Ok(LinkUri::parse(&config::find(&environment)?.link)?)
 }
 
-/// The program's own file, as the system finds it.
+/// The file of the program, found as the system finds it.
 pub fn program_file(program: &Path) -> Option<PathBuf> {
     let file = if program.components().count() > 1 {
         program.to_owned()
@@ -51,7 +52,7 @@ pub fn program_file(program: &Path) -> Option<PathBuf> {
     fs::canonicalize(as_started(file)?).ok()
 }
 
-/// Windows starts `press.exe` for `press`.
+/// Windows starts `press.exe` if the command is `press`.
 fn as_started(file: PathBuf) -> Option<PathBuf> {
     let mut whole = file.clone().into_os_string();
     whole.push(env::consts::EXE_SUFFIX);

@@ -72,7 +72,7 @@ impl Input {
                 Ok(Typed::End) | Err(RecvTimeoutError::Disconnected) => return Ok(None),
                 Ok(Typed::Failed(error)) => return Err(BoardError::Input(error)),
                 Ok(Typed::Nothing) => {
-                    board.talk.note("nothing runs; type quit to leave");
+                    board.reporter.note("nothing runs; type quit to leave");
                     let _ = self.wanted.send(());
                 }
                 Err(RecvTimeoutError::Timeout) => {}

@@ -84,7 +84,7 @@ impl Args {
             }
             Verb::Inputs { inputs: (slave, wanted) } => {
                 board.ready(WHAT, Needs::Op)?;
-                let found = board.attend("reading inputs", |ecm| ecm.inputs(*slave))?;
+                let found = board.run_interruptible("reading inputs", |ecm| ecm.inputs(*slave))?;
                 let is_it = found == *wanted;
                 if is_it {
                     Ok(())

@@ -66,7 +66,7 @@ impl Args {
     /// # Errors
     /// [`BoardError`]
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
-        let axes = SlaveList::axes(&self.axes, board.known(WHAT)?, WHAT)?;
+        let axes = SlaveList::axes(&self.axes, board.known_network(WHAT)?, WHAT)?;
         board.ready(WHAT, Needs::On(&axes))?;
         axes.into_iter().try_for_each(|slave| self.home(board, slave))
     }
@@ -74,7 +74,7 @@ impl Args {
     fn home(&self, board: &Board, slave: u8) -> Result<(), BoardError> {
         let method = match self.method {
             Some(method) => method,
-            None => board.attend("reading the homing method", |ecm| ecm.sdo_read(slave, METHOD))?,
+            None => board.run_interruptible("reading the homing method", |ecm| ecm.sdo_read(slave, METHOD))?,
         };
         let offset = self.offset.map(|value| counts(WHAT, &Target { slave, value }, board.axis(WHAT, slave)?.scale));
         let offset = offset.transpose()?;
@@ -87,12 +87,12 @@ impl Args {
             ..Homing::method(method)
         };
         board.forget_targets();
-        let mut pace = board.talk.pace();
+        let mut pace = board.reporter.pace();
         let mut seconds = 0.0;
-        let talk = &board.talk;
+        let reporter = &board.reporter;
         let abort = || {
             if let Err(error) = board.ecm.abort_homing() {
-                talk.note(format_args!("homing did not end: {error}"));
+                reporter.note(format_args!("homing did not end: {error}"));
             }
         };
         let progress = |now: &HomingProgress| {
@@ -101,12 +101,12 @@ impl Args {
                 let phase = phase(now.phase);
                 let at = now.position;
                 // An error of standard output shows with the result.
-                let _ = talk.progress(format_args!("homing axis {slave}: {phase}, at {at}, {seconds:.1} s"), || {
+                let _ = reporter.progress(format_args!("homing axis {slave}: {phase}, at {at}, {seconds:.1} s"), || {
                     json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": at, "seconds": seconds})
                 });
             }
         };
-        board.attend_with("", |ecm| ecm.home(slave, &homing, progress), Some(&abort))?;
+        board.run_stoppable("", |ecm| ecm.home(slave, &homing, progress), Some(&abort))?;
         let position = board.ecm.snapshot()?.position(slave).unwrap_or_default();
         let (text, units) = board.in_units(slave, position);
         let mut json =
@@ -114,7 +114,7 @@ impl Args {
         if let Some(units) = units {
             json["position"] = units.into();
         }
-        Ok(board.talk.result(format_args!("axis {slave}: home found (method {method}), at {text}"), &json)?)
+        Ok(board.reporter.result(format_args!("axis {slave}: home found (method {method}), at {text}"), &json)?)
     }
 }
 

@@ -9,7 +9,7 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::sk::{FIFO_ENTRIES, MasterState};
 use serde_json::{Value, json};
 
-use crate::board::{Board, BoardError, Needs, list, shown};
+use crate::board::{Board, BoardError, Needs, list, statusword_text};
 use crate::kinds;
 
 /// Show what is known of the board, the link and the network; nothing is sent
@@ -45,7 +45,7 @@ impl Args {
             board.ready("info --scan", Needs::Sdo)?;
             json["found"] = scan(board, &mut text)?.into();
         }
-        Ok(board.talk.result(text.trim_end(), &json)?)
+        Ok(board.reporter.result(text.trim_end(), &json)?)
     }
 }
 
@@ -137,7 +137,7 @@ fn said(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
                 code => format!(", error code 0x{code:04X}: {}", error_name(code)),
             };
             let (position, units) = board.in_units(number, drive.position);
-            let text = format!("{}, at {position}{alarm}", shown(word));
+            let text = format!("{}, at {position}{alarm}", statusword_text(word));
             let mut json =
                 json!({"statusword": word.0, "position_counts": drive.position, "error_code": drive.error_code});
             if let Some(units) = units {
@@ -148,7 +148,7 @@ fn said(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
         SlaveView::Hsp(hsp) => {
             let positions = [hsp.first.position, hsp.second.position];
             let [first, second] = positions.map(|position| board.in_units(number, position));
-            let text = format!("{}, at {} and {}", shown(hsp.statusword), first.0, second.0);
+            let text = format!("{}, at {} and {}", statusword_text(hsp.statusword), first.0, second.0);
             let mut json = json!({"statusword": hsp.statusword.0, "position_counts": positions});
             if let (Some(first), Some(second)) = (first.1, second.1) {
                 json["position"] = json!([first, second]);
@@ -166,7 +166,7 @@ fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
         let mut said = Vec::new();
         let mut json = json!({"slave": slave});
         for (name, object) in IDENTITY {
-            match board.attend("asking slaves", |ecm| ecm.sdo_read::<u32>(slave, object)) {
+            match board.run_interruptible("asking slaves", |ecm| ecm.sdo_read::<u32>(slave, object)) {
                 Ok(value) => {
                     said.push(format!("{} 0x{value:08X}", name.replace('_', " ")));
                     json[name] = value.into();

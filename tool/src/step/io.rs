@@ -64,19 +64,19 @@ impl Args {
                 board.ready(WHAT, Needs::Op)?;
                 let (name, json) = (format!("slave {slave}"), json!({"verb": WHAT, "slave": slave}));
                 let Some(bits) = self.set else {
-                    let inputs = board.attend("reading inputs", |ecm| ecm.inputs(slave))?;
+                    let inputs = board.run_interruptible("reading inputs", |ecm| ecm.inputs(slave))?;
                     return say(board, &name, "inputs", json, inputs, 4);
                 };
-                board.attend("setting outputs", |ecm| ecm.set_outputs(slave, bits))?;
+                board.run_interruptible("setting outputs", |ecm| ecm.set_outputs(slave, bits))?;
                 say(board, &name, "outputs", json, bits, 4)
             }
             Side::Local => {
                 let json = json!({"verb": WHAT, "slave": "local"});
                 let Some(bits) = self.local_bits()? else {
-                    let inputs = board.attend("reading inputs", |ecm| ecm.local_inputs())?;
+                    let inputs = board.run_interruptible("reading inputs", |ecm| ecm.local_inputs())?;
                     return say(board, "board", "inputs", json, inputs.into(), 2);
                 };
-                board.attend("setting outputs", |ecm| ecm.set_local_outputs(bits))?;
+                board.run_interruptible("setting outputs", |ecm| ecm.set_local_outputs(bits))?;
                 say(board, "board", "outputs", json, bits.into(), 2)
             }
         }
@@ -114,5 +114,5 @@ fn say(
     digits: usize,
 ) -> Result<(), BoardError> {
     json[which] = bits.into();
-    Ok(board.talk.result(format_args!("{name}: {which} 0x{bits:0digits$X}"), &json)?)
+    Ok(board.reporter.result(format_args!("{name}: {which} 0x{bits:0digits$X}"), &json)?)
 }

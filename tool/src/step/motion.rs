@@ -109,23 +109,23 @@ impl Args {
         let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
         board.ready(WHAT, Needs::On(&slaves))?;
         board.check_adopted(WHAT, &slaves)?;
-        let config = board.known(WHAT)?;
+        let config = board.known_network(WHAT)?;
         let depth = depth(config);
         // What is in the FIFO still moves the axes.
-        board.attend("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
+        board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
-        let stream = board.ecm.stream(depth).map_err(|error| board.told(error))?;
+        let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
         let moved =
             Run { board, path: &path, snapshot: &snapshot, cycle: f64::from(config.cycle_us) * 1e-6 }.go(stream);
-        board.talk.clear();
+        board.reporter.clear();
         let (seconds, stats) = match moved {
             Ok(moved) => moved,
             Err(error) => {
                 let after = board.ecm.snapshot()?;
                 for axis in &path.axes {
                     if let Some(position) = after.position(axis.slave) {
-                        board.talk.note(format_args!("axis {} is at {position}", axis.slave));
+                        board.reporter.note(format_args!("axis {} is at {position}", axis.slave));
                     }
                 }
                 return Err(error);
@@ -133,11 +133,11 @@ impl Args {
         };
         if stats.underruns > 0 {
             let cycles = stats.underruns;
-            board.talk.note(format_args!("{cycles} cycles found no target in the board: the motion had gaps"));
+            board.reporter.note(format_args!("{cycles} cycles found no target in the board: the motion had gaps"));
         }
         let after = settled(board, &path)?;
         for axis in &path.axes {
-            board.told_to(axis.slave, axis.end);
+            board.note_target(axis.slave, axis.end);
             let position = after.position(axis.slave).unwrap_or_default();
             let (text, units) = board.in_units(axis.slave, position);
             let mut json = json!({
@@ -147,7 +147,7 @@ impl Args {
             if let Some(units) = units {
                 json["position"] = units.into();
             }
-            board.talk.result(format_args!("axis {}: at {text}", axis.slave), &json)?;
+            board.reporter.result(format_args!("axis {}: at {text}", axis.slave), &json)?;
         }
         for axis in &path.axes {
             let off = axis.off(&after);
@@ -163,7 +163,7 @@ impl Args {
     fn path(&self, board: &Board, snapshot: &Snapshot) -> Result<Path, BoardError> {
         let axis = |target: &Target| {
             let scale = board.axis(WHAT, target.slave)?.scale;
-            let start = board.rests_at(snapshot, target.slave);
+            let start = board.standing_position(snapshot, target.slave);
             let end = counts(WHAT, target, scale)?;
             let end = if self.relative { start.checked_add(end) } else { Some(end) };
             let end = end.ok_or_else(|| outside(WHAT, target))?;
@@ -194,12 +194,12 @@ impl Run<'_> {
         let finished = stream.finish();
         let seconds = stepped?;
         self.board.check_stop()?;
-        Ok((seconds, finished.map_err(|error| self.board.told(error))?))
+        Ok((seconds, finished.map_err(|error| self.board.explain(error))?))
     }
 
     fn steps(&self, stream: &mut Stream<'_>) -> Result<f64, BoardError> {
         let Some(profile) = &self.path.profile else { return Ok(0.0) };
-        let mut pace = self.board.talk.pace();
+        let mut pace = self.board.reporter.pace();
         let mut last = Along::default();
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
@@ -219,7 +219,7 @@ impl Run<'_> {
             if pace.due(Duration::from_secs_f64(time)) {
                 let (all, part) = (profile.seconds(), time / profile.seconds());
                 let text = format!("moving, {:.0} %, {time:.1} of {all:.1} s", part * 100.0);
-                self.board.talk.part(part, text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
+                self.board.reporter.part(part, text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
             }
         }
         Ok(0.0)
@@ -244,11 +244,11 @@ impl Run<'_> {
     }
 
     fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
-        let told = |error| self.board.told(error);
+        let explain = |error| self.board.explain(error);
         for axis in &self.path.axes {
-            self.aim(stream, axis.slave, at(axis)).map_err(told)?;
+            self.aim(stream, axis.slave, at(axis)).map_err(explain)?;
         }
-        stream.step().map_err(told).map(|_| ())
+        stream.step().map_err(explain).map(|_| ())
     }
 
     /// The second channel of an HSP stays where it is.
@@ -273,7 +273,9 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     }
     for axis in path.axes.iter().filter(|axis| axis.off(&now) > WINDOW) {
         let (slave, counts) = (axis.slave, axis.off(&now));
-        board.talk.note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
+        board
+            .reporter
+            .note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
     }
     Ok(now)
 }

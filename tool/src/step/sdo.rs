@@ -89,13 +89,15 @@ const fn article(of: Type) -> &'static str {
 fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
     board.ready("sdo read", Needs::Sdo)?;
     let (slave, object) = (which.slave, which.object);
-    let raw = board.attend("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object.address));
+    let raw = board.run_interruptible("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object.address));
     let raw = raw.map_err(|error| answered(board, "sdo read", slave, error))?;
     let mut json = json!({
         "verb": "sdo read", "slave": slave, "index": object.address.index, "sub": object.address.sub, "raw": raw,
     });
     let Some(of) = which.of() else {
-        return Ok(board.talk.result(format_args!("0x{raw:X} ({raw}); the type of {object} is not known"), &json)?);
+        return Ok(board
+            .reporter
+            .result(format_args!("0x{raw:X} ({raw}); the type of {object} is not known"), &json)?);
     };
     if of.bits() < 32 && raw >> of.bits() != 0 {
         let (object, bits) = (object.address, of.bits());
@@ -105,20 +107,20 @@ fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
     json["type"] = of.name().into();
     json["value"] = value.into();
     let digits = of.bits() as usize / 4;
-    Ok(board.talk.result(format_args!("{value} (0x{raw:0digits$X})"), &json)?)
+    Ok(board.reporter.result(format_args!("{value} (0x{raw:0digits$X})"), &json)?)
 }
 
 fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
     board.ready("sdo write", Needs::Sdo)?;
     let (slave, object, number) = (which.slave, which.object, value.number);
     let of = which.of().unwrap_or(Type::U32);
-    let sent = board.attend("an SDO write", |ecm| send(ecm, slave, object, of, number));
+    let sent = board.run_interruptible("an SDO write", |ecm| send(ecm, slave, object, of, number));
     sent.map_err(|error| answered(board, "sdo write", slave, error))?;
     let json = json!({
         "verb": "sdo write", "slave": slave, "index": object.address.index, "sub": object.address.sub,
         "type": of.name(), "value": of.number(number as u32),
     });
-    Ok(board.talk.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
+    Ok(board.reporter.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
 }
 
 /// A slave that is not there does not answer: then that is said, as far as it is known what the network is. Before, nobody

@@ -5,7 +5,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::ecm::Config;
 use serde_json::json;
 
-use crate::board::{Board, BoardError, Needs, SlaveList, shown};
+use crate::board::{Board, BoardError, Needs, SlaveList, statusword_text};
 
 /// Switch axes on or off, or clear their alarms
 ///
@@ -52,9 +52,9 @@ impl Args {
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let what = self.verb.name();
         board.ready(what, Needs::Op)?;
-        let axes = SlaveList::axes(&self.axes, board.known(what)?, what)?;
+        let axes = SlaveList::axes(&self.axes, board.known_network(what)?, what)?;
         board.forget_targets();
-        board.attend(what, |ecm| match self.verb {
+        board.run_interruptible(what, |ecm| match self.verb {
             What::On => ecm.servo_on(&axes),
             What::Off => ecm.servo_off(&axes),
             What::Clear => ecm.clear_alarm(&axes),
@@ -68,7 +68,7 @@ impl Args {
             let motor = if is_on { "on" } else { "off" };
             let state = state.map(|state| state.name());
             let json = json!({"verb": what, "axis": slave, "on": is_on, "state": state, "statusword": word.0});
-            board.talk.result(format_args!("axis {slave}: {motor}, {}", shown(word)), &json)?;
+            board.reporter.result(format_args!("axis {slave}: {motor}, {}", statusword_text(word)), &json)?;
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use ecmsk::sk::MasterState;
 use serde_json::json;
 
-use crate::board::{Board, BoardError, named};
+use crate::board::{Board, BoardError, numbered};
 
 /// Show or change the network's state
 ///
@@ -49,7 +49,7 @@ impl Args {
         if let Some(why) = why {
             json["why"] = why.into();
         }
-        Ok(board.talk.result(text, &json)?)
+        Ok(board.reporter.result(text, &json)?)
     }
 }
 
@@ -62,7 +62,7 @@ fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let on: Vec<u8> = board.axes("state")?;
     let on: Vec<u8> = on.into_iter().filter(|slave| board.statusword(&snapshot, *slave).is_enabled()).collect();
     if !on.is_empty() {
-        board.talk.note(format_args!("leaving OP switches off {}", named("axis", "axes", &on)));
+        board.reporter.note(format_args!("leaving OP switches off {}", numbered("axis", "axes", &on)));
     }
     Ok(())
 }

@@ -19,18 +19,18 @@ impl Args {
     /// [`BoardError`]
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let start = board.ecm.snapshot()?.meta.at.0;
-        let mut pace = board.talk.pace();
+        let mut pace = board.reporter.pace();
         loop {
             board.check_stop()?;
             let at = board.ecm.next_cycle(board.options.read_limit)?.meta.at.0;
             let elapsed = Duration::from_nanos(at.saturating_sub(start));
             if elapsed >= self.time {
-                board.talk.clear();
+                board.reporter.clear();
                 return Ok(());
             }
             if pace.due(elapsed) {
                 let (now, all) = (elapsed.as_secs_f64(), self.time.as_secs_f64());
-                board.talk.part(
+                board.reporter.part(
                     now / all,
                     format_args!("waiting, {now:.1} of {all} s"),
                     || json!({"verb": "wait", "progress": now / all, "seconds": now}),

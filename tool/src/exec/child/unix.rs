@@ -1,4 +1,4 @@
-//! Signals and exit codes as Unix has them.
+//! Running the program on Unix: signals and exit codes.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -16,19 +16,21 @@ pub const MAKE_EXECUTABLE: &str = "make it executable with `chmod +x`";
 
 /// Starts `command` and waits for its end.
 ///
-/// A terminal sends SIGINT and SIGQUIT to the program itself, which is in the same process group: they are not for this
-/// tool. SIGTERM and SIGHUP come to this tool alone and are handed on. It then ends as the program does.
+/// A terminal sends SIGINT and SIGQUIT to the program as well, which is in the same process group, so the tool leaves
+/// them to the program. SIGTERM and SIGHUP, which only the tool gets, are passed on. The tool then ends as the
+/// program does.
 pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecError> {
-    // Caught, not ignored: a program inherits what is ignored, but not what is caught. What this tool was told to ignore
-    // (`nohup`) stays so for both. And caught before the start, so that no signal falls between.
+    // The signals are caught and not ignored, because a program inherits that a signal is ignored. Those that the
+    // tool was started to ignore (`nohup`) stay ignored. This happens before the program starts, so that no signal is
+    // lost in between.
     let ours = signals::not_ignored(&[SIGINT, SIGQUIT, SIGTERM, SIGHUP]);
     let mut signals = Signals::new(ours.chain([SIGCHLD])).map_err(failed("catch signals"))?;
     let mut child = command.spawn().map_err(|source| not_started(program, source))?;
     loop {
         for signal in signals.wait() {
             match signal {
-                SIGTERM => hand_on(&child, Signal::TERM),
-                SIGHUP => hand_on(&child, Signal::HUP),
+                SIGTERM => pass_on(&child, Signal::TERM),
+                SIGHUP => pass_on(&child, Signal::HUP),
                 _ => {}
             }
         }
@@ -38,15 +40,16 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     }
 }
 
-/// The program's code, or 128 + n after signal n, as shells have it.
+/// The exit code of the program, or 128 + n after signal n, as shells have it.
 pub fn end_as(ended: ExitStatus) -> ExitCode {
     let code = ended.code().or_else(|| ended.signal().map(|signal| 128 + signal));
-    // Codes have 8 bits, signals go to 64.
+    // Exit codes have 8 bits, and signals go up to 64.
     ExitCode::from(code.and_then(|code| u8::try_from(code).ok()).unwrap_or(u8::MAX))
 }
 
-/// The child has not been waited for yet, so its id is nobody else's.
-fn hand_on(child: &Child, signal: Signal) {
-    // It may have ended a moment ago; then there is nobody to tell.
+/// Passes a signal on to the program, which has not been waited for yet, so its process id cannot be that of another
+/// process.
+fn pass_on(child: &Child, signal: Signal) {
+    // The program may have ended already.
     let _ = kill_process(Pid::from_child(child), signal);
 }

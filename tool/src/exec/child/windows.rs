@@ -1,4 +1,4 @@
-//! One console and whole exit codes, as Windows has them.
+//! Running the program on Windows: the common console and 32-bit exit codes.
 
 use std::path::Path;
 use std::process::{Command, ExitCode, ExitStatus};
@@ -11,14 +11,14 @@ pub const MAKE_EXECUTABLE: &str = "look at the rights of its file, and at what a
 
 /// Starts `command` and waits for its end.
 ///
-/// Ctrl-C, Ctrl-Break and the end of the console reach the program by themselves: it has the same console.
+/// Ctrl-C, Ctrl-Break and the closing of the console reach the program directly, because it has the same console.
 pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecError> {
     signals::leave_to_program().map_err(failed("leave Ctrl-C to the program"))?;
     let mut child = command.spawn().map_err(|source| not_started(program, source))?;
     child.wait().map_err(failed("wait for the program"))
 }
 
-/// Ends as the program did: its code has 32 bits, of which [`ExitCode`] has 8.
+/// Ends with the exit code of the program, which has 32 bits while [`ExitCode`] has 8.
 pub fn end_as(ended: ExitStatus) -> ExitCode {
     match ended.code().map(|code| (code, u8::try_from(code))) {
         Some((_, Ok(code))) => ExitCode::from(code),

@@ -1,4 +1,4 @@
-//! As the dynamic linker of Linux finds a library.
+//! How the dynamic linker of Linux finds a library.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -11,32 +11,33 @@ use tempfile::TempDir;
 
 use super::{ExecError, not_a_library};
 
-/// What the linker (`-lNEXTWUSBLib`) and programs that load the library by hand ask for.
+/// The file name that the linker (`-lNEXTWUSBLib`) and programs that load the library at run time use.
 pub const FILE_NAME: &str = "libNEXTWUSBLib.so";
-/// What a program linked with it asks for: the library's SONAME.
+/// The file name that a linked program uses: the library's SONAME.
 const SONAME: &str = "libNEXTWUSBLib.so.0";
-/// The library's names.
+/// All file names of the library.
 pub const NAMES: &[&str] = &[FILE_NAME, SONAME];
-/// The folders that the dynamic linker looks into before its own.
+/// The variable with the folders in which the dynamic linker looks first.
 pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
-/// Stands between two of them.
+/// The separator of the folders.
 pub const SEPARATOR: &str = ":";
-/// What to do about a program that has opened no board.
+/// The hint for a program that has opened no board.
 pub const UNOPENED: &str =
     "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library";
 
-/// What the dynamic linker does not take in a folder's name, and what to do.
+/// Why a folder cannot be on the search path, and what to do.
 pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`; set TMPDIR to another folder";
 
-/// Beside this tool, else in `../lib` from there, else in the folder there in which Debian has the libraries of this
-/// architecture.
+/// The usual folders of the library: that of this tool, `../lib` from there, and the folder in it in which Debian has
+/// the libraries of this architecture.
 pub fn usual_folders(beside_tool: &Path, _program: Option<&Path>) -> Vec<PathBuf> {
     let stage = beside_tool.parent().map(|above| above.join("lib"));
     let debian = stage.as_ref().map(|lib| lib.join(format!("{}-linux-gnu", std::env::consts::ARCH)));
     std::iter::once(beside_tool.to_owned()).chain(stage).chain(debian).collect()
 }
 
-/// The dynamic linker passes over what is no library without a word, and takes the next one it finds.
+/// Checks that the file is a library. The dynamic linker would silently skip one that is not, and take the next one
+/// that it finds.
 pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
     let mut magic = [0; 4];
     match File::open(file).and_then(|mut file| file.read_exact(&mut magic)) {
@@ -49,11 +50,11 @@ pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
     }
 }
 
-/// A folder of this process alone that has the library under both its names, and its configuration if there is one.
+/// Makes a private folder with the library under both its names, and with its configuration if there is one.
 pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     let place = std::env::temp_dir();
     let failed = |source| ExecError::Folder { place: place.clone(), source };
-    // The program may change its folder.
+    // The program may change its working directory.
     let place = std::path::absolute(&place).map_err(failed)?;
     let failed = |source| ExecError::Folder { place: place.clone(), source };
     if place.as_os_str().as_bytes().iter().any(|byte| b":;$".contains(byte)) {
@@ -65,7 +66,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     for name in [SONAME, FILE_NAME] {
         symlink(library, folder.path().join(name)).map_err(failed)?;
     }
-    // The library looks for it beside the name that it was loaded by.
+    // The library looks for its configuration beside the name by which it was loaded.
     let configuration = library.with_file_name(config::FILE_NAME);
     if configuration.exists() {
         symlink(configuration, folder.path().join(config::FILE_NAME)).map_err(failed)?;
@@ -73,7 +74,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     Ok(folder)
 }
 
-/// What the dynamic linker is to look into first.
+/// The folder that is put first on the search path.
 pub fn first<'a>(folder: &'a Path, _library: &'a Path) -> &'a Path {
     folder
 }

@@ -1,4 +1,4 @@
-//! As Windows finds a library: beside the program first, then in the system's folders, then in those of `PATH`.
+//! How Windows finds a library: in the program's folder, then in the system's folders, then in those of `PATH`.
 
 use std::path::{Path, PathBuf};
 
@@ -8,25 +8,26 @@ use super::{ExecError, not_a_library};
 use crate::exec::link::program_file;
 use crate::image::{Image, Width};
 
-/// What programs ask for.
+/// The file name that programs use.
 pub const FILE_NAME: &str = "NEXTWUSBLib.dll";
-/// The library's names.
+/// All file names of the library.
 pub const NAMES: &[&str] = &[FILE_NAME];
-/// The folders that Windows looks into last.
+/// The variable with the folders in which Windows looks last.
 pub const SEARCH_PATH: &str = "PATH";
-/// Stands between two of them.
+/// The separator of the folders.
 pub const SEPARATOR: &str = ";";
-/// What to do about a program that has opened no board.
+/// The hint for a program that has opened no board.
 pub const UNOPENED: &str =
     "if it should have, see by `ecmsk doctor DIR` which NEXTWUSBLib.dll it has in its folder DIR";
 
-/// What `PATH` does not take in a folder's name, and what to do.
+/// Why a folder cannot be on `PATH`, and what to do.
 pub const UNLINKABLE: &str = "PATH takes no `;` and no quotes; put the library into another folder";
 
-/// Width of this tool.
+/// The width of this tool.
 const OURS: Width = if cfg!(target_pointer_width = "64") { Width::X64 } else { Width::X86 };
 
-/// Beside this tool; for a program of another width in the folder of that width beside the tool's, where a package has it.
+/// The usual folder of the library: that of this tool, or for a program of another width the folder of that width
+/// beside it, as in the package.
 pub fn usual_folders(beside_tool: &Path, program: Option<&Path>) -> Vec<PathBuf> {
     let width = program.and_then(width_of);
     if width.is_none_or(|width| width == OURS) {
@@ -36,7 +37,8 @@ pub fn usual_folders(beside_tool: &Path, program: Option<&Path>) -> Vec<PathBuf>
     other.map_or_else(|| vec![beside_tool.to_owned()], |(name, above)| vec![above.join(name)])
 }
 
-/// A library of the program's width; and none of another maker stands where Windows looks first.
+/// Checks that the library has the program's width, and that no other library of that name is in the program's
+/// folder, where Windows looks first.
 pub fn check(file: &Path, program: Option<&Path>) -> Result<(), ExecError> {
     let library = Image::read(file).map_err(|error| not_a_library(file, error.to_string()))?;
     let Some(program) = program.and_then(program_file) else { return Ok(()) };
@@ -58,7 +60,8 @@ fn width_of(program: &Path) -> Option<Width> {
     Some(Image::read(&file).ok()?.width)
 }
 
-/// A folder of this process alone for the word that the library was used; the library stays where it is.
+/// Makes a private folder, which only holds the file that tells whether the library was used; the library stays where
+/// it is.
 pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     let place = std::env::temp_dir();
     let failed = |source| ExecError::Folder { place: place.clone(), source };
@@ -70,7 +73,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     Ok(folder)
 }
 
-/// What Windows is to look into first.
+/// The folder that is put first on `PATH`.
 pub fn first<'a>(_folder: &'a Path, library: &'a Path) -> &'a Path {
     library.parent().unwrap_or(Path::new("\\"))
 }

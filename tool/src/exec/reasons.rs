@@ -1,7 +1,8 @@
-//! What the library tells of the program while it runs, and the summary at the end.
+//! Reports what goes wrong: reads what the library writes while the program runs, prints each reason once, and prints
+//! a summary at the end.
 //!
-//! A thread reads and says it: neither the program nor what this tool hands on to it waits for somebody who does not read
-//! standard error.
+//! A thread does this, so that neither the program nor the signals that this tool passes on wait for somebody who
+//! does not read standard error.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -18,92 +19,101 @@ use ecmsk::summary::{Line, Summary, is_sum};
 use crate::error::say;
 use crate::summary::json;
 
-/// How often it is looked whether there is something new. \[OURS]
-const LOOK: Duration = Duration::from_millis(100);
-/// How long the summary may take to be written: who does not read standard error does not keep this tool. \[OURS]
-const PATIENCE: Duration = Duration::from_secs(2);
+/// How often the file is read. \[OURS]
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
+/// How long the tool waits until the summary is written, since nobody may read standard error. \[OURS]
+const SUMMARY_WAIT_MAX: Duration = Duration::from_secs(2);
 
-/// How it is said.
+/// What is reported, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Manner {
-    /// Each reason when it is new, and a summary.
+pub enum ReportMode {
+    /// Each reason when it occurs first, and a summary.
     Words,
-    /// A summary: somebody has asked for the log, which has the reasons.
+    /// Only a summary, because the user has asked for the log, which contains the reasons.
     Summary,
-    /// A summary, one JSON object.
+    /// Only a summary, as one JSON object.
     Json,
-    /// Not at all.
+    /// Nothing.
     Quiet,
 }
 
-/// Reads what is told, in a thread.
-pub struct Told {
+/// The thread that reads and reports.
+pub struct ReasonReader {
     ended: Arc<AtomicBool>,
     thread: Option<thread::Thread>,
     summary: Receiver<Summary>,
 }
 
-impl Told {
-    /// Follows the file, which is there.
+impl ReasonReader {
+    /// Starts to follow an existing file.
     ///
     /// # Errors
     /// The system's.
-    pub fn follow(file: &Path, manner: Manner) -> io::Result<Self> {
-        let mut follower = Follower::new(File::open(file)?, manner);
+    pub fn follow(file: &Path, mode: ReportMode) -> io::Result<Self> {
+        let mut follower = Follower::new(File::open(file)?, mode);
         let ended = Arc::new(AtomicBool::new(false));
         let (sender, summary) = mpsc::channel();
         let end = Arc::clone(&ended);
         let thread = thread::Builder::new().name("told".into()).spawn(move || {
             loop {
-                // What was told before the end is read after it.
+                // What was written before the end is read after this flag was.
                 let last = end.load(Ordering::Acquire);
                 follower.read();
                 if last {
                     break;
                 }
-                thread::park_timeout(LOOK);
+                thread::park_timeout(POLL_INTERVAL);
             }
             let summary = follower.summary();
             follower.say(&summary);
-            // The file is in a folder that whoever gets the summary removes, which Windows refuses while it is open.
+            // The file is closed before the summary is sent, because the receiver removes its folder, which Windows
+            // refuses while a file in it is open.
             drop(follower);
             let _ = sender.send(summary);
         })?;
         Ok(Self { ended, thread: Some(thread.thread().clone()), summary })
     }
 
-    /// The program has ended: says the summary, and gives it if that could be done in time.
+    /// To be called when the program has ended: prints the summary, and returns it if that took no longer than
+    /// [`SUMMARY_WAIT_MAX`].
     pub fn end(mut self) -> Option<Summary> {
         self.ended.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
             thread.unpark();
         }
-        self.summary.recv_timeout(PATIENCE).ok()
+        self.summary.recv_timeout(SUMMARY_WAIT_MAX).ok()
     }
 }
 
 struct Follower {
     file: File,
-    manner: Manner,
-    /// The begin of a line whose end is still to come.
-    begun: Vec<u8>,
-    /// What each process has told, but for counts that were told anew.
+    mode: ReportMode,
+    /// The beginning of a line that was not written completely yet.
+    unfinished: Vec<u8>,
+    /// The lines of each process, without counts, of which only the latest is kept.
     lines: BTreeMap<u32, Vec<Line>>,
     counts: BTreeMap<(u32, u32, String), u64>,
     said: BTreeSet<String>,
 }
 
 impl Follower {
-    const fn new(file: File, manner: Manner) -> Self {
-        Self { file, manner, begun: Vec::new(), lines: BTreeMap::new(), counts: BTreeMap::new(), said: BTreeSet::new() }
+    const fn new(file: File, mode: ReportMode) -> Self {
+        Self {
+            file,
+            mode,
+            unfinished: Vec::new(),
+            lines: BTreeMap::new(),
+            counts: BTreeMap::new(),
+            said: BTreeSet::new(),
+        }
     }
 
     fn read(&mut self) {
-        // An error is no reason to end the program: there is nothing new then.
-        let _ = self.file.read_to_end(&mut self.begun);
-        let Some(end) = self.begun.iter().rposition(|byte| *byte == b'\n') else { return };
-        let rest = self.begun.split_off(end + 1);
-        let whole = std::mem::replace(&mut self.begun, rest);
+        // If reading fails, there is nothing new.
+        let _ = self.file.read_to_end(&mut self.unfinished);
+        let Some(end) = self.unfinished.iter().rposition(|byte| *byte == b'\n') else { return };
+        let rest = self.unfinished.split_off(end + 1);
+        let whole = std::mem::replace(&mut self.unfinished, rest);
         for line in String::from_utf8_lossy(&whole).lines() {
             let Some((process, line)) = line.split_once(' ') else { continue };
             let (Ok(process), Some(line)) = (process.parse(), Line::parse(line)) else { continue };
@@ -126,9 +136,9 @@ impl Follower {
         }
     }
 
-    /// Says it if it is new.
+    /// Prints a reason if it was not printed before.
     fn tell(&mut self, text: String) {
-        if self.manner == Manner::Words && !self.said.contains(&text) {
+        if self.mode == ReportMode::Words && !self.said.contains(&text) {
             say("warning", &text);
             self.said.insert(text);
         }
@@ -146,14 +156,14 @@ impl Follower {
     }
 
     fn say(&self, summary: &Summary) {
-        match self.manner {
-            Manner::Quiet => {}
-            Manner::Json => {
+        match self.mode {
+            ReportMode::Quiet => {}
+            ReportMode::Json => {
                 use std::io::Write;
                 let _ = writeln!(io::stderr(), "{}", json(summary));
             }
-            Manner::Words | Manner::Summary => {
-                let lines = summary.lines(self.manner == Manner::Words);
+            ReportMode::Words | ReportMode::Summary => {
+                let lines = summary.lines(self.mode == ReportMode::Words);
                 lines.iter().for_each(|line| say("summary", line));
             }
         }

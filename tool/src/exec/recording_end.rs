@@ -1,20 +1,20 @@
-//! What became of the recording of a program that has ended.
+//! Checks the recording of a program that has ended.
 
 use std::path::Path;
 
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Lacks, lacks_at_end};
 
-/// Exit code of a program that ended well and whose recording is not whole. \[OURS] That of `timeout` for a program that was
-/// not let end; no code that shells or `env` use.
+/// The exit code if the program succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
+/// program that it has ended, and none that shells or `env` use.
 pub const NOT_WHOLE: u8 = 124;
 
-/// What the recording of that link lacks, with its file's name; `None` if nothing is known to be missing, or the link does
-/// not record to a file.
+/// What the recording of the link lacks, with its file's name; `None` if nothing is known to be missing, or the link
+/// does not record to a file.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     let file = link?.value("record")?;
     let path = Path::new(file);
-    // A pipe is its reader's business, and a program that has opened no board has made no file.
+    // The end of a pipe is checked by its reader. A program that has opened no board has made no file.
     if !path.metadata().is_ok_and(|there| there.is_file()) {
         return None;
     }
@@ -26,7 +26,7 @@ pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     }
 }
 
-/// Whether somebody still records to it: a program that the one which has ended started and did not wait for.
+/// Whether another process still records to the file: one that the program has started and not waited for.
 fn still_recorded(path: &Path) -> bool {
     let Ok(file) = std::fs::File::open(path) else { return false };
     match file.try_lock_shared() {

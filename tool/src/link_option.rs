@@ -1,4 +1,4 @@
-//! Which board is meant: `--link`, else the one that the library would find.
+//! Which board a verb talks to: that of `--link`, or else the one that the library would find.
 
 use std::path::PathBuf;
 
@@ -8,26 +8,26 @@ use ecmsk::link::uri::LinkUri;
 
 use super::error::say;
 
-/// The board that is meant.
-pub struct Chosen {
-    /// The link to it.
+/// The board that a verb talks to.
+pub struct ChosenLink {
+    /// The link to the board.
     pub uri: LinkUri,
-    /// Where a name was looked for, if nobody gave one.
+    /// Where a link was looked for, if nobody has named one.
     looked: Option<String>,
 }
 
-/// Why it cannot be told which board is meant.
+/// Why it is not known which board is meant.
 #[derive(Debug, thiserror::Error)]
 pub enum ChoiceError {
-    /// The link's file is wrong.
+    /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// What is named is no link.
+    /// The link that is named is invalid.
     #[error(transparent)]
     Link(#[from] LinkError),
 }
 
-/// Nobody has named a board, and the default does not open.
+/// Nobody has named a board, and the default link does not open.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "no link was given: no --link, {LINK_VARIABLE} is not set, there is no {looked}; and the default does not open: {error}; to \
@@ -35,12 +35,12 @@ pub enum ChoiceError {
 )]
 pub struct Unnamed {
     looked: String,
-    // Boxed: errors of all verbs have its size.
+    // Boxed, because every error of a verb is as large as its largest variant.
     error: Box<LinkError>,
 }
 
-impl Chosen {
-    /// `link`: the option.
+impl ChosenLink {
+    /// The board of the option `link`, or else of the environment or a configuration file.
     ///
     /// # Errors
     /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
@@ -58,24 +58,25 @@ impl Chosen {
         Ok(Self { uri, looked: (configured.source == Source::Default).then(files) })
     }
 
-    /// Whether somebody has named it.
+    /// Whether somebody has named the board, so that it is not the default.
     pub const fn is_named(&self) -> bool {
         self.looked.is_none()
     }
 
-    /// Why it did not open; `None`: somebody named it, and `error` says all.
-    pub fn unnamed(&self, error: &LinkError) -> Option<Unnamed> {
+    /// The error for a default link that does not open; `None` if somebody named the board, because `error` says
+    /// everything then.
+    pub fn if_unnamed(&self, error: &LinkError) -> Option<Unnamed> {
         self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
 }
 
-/// Where the tool looks for its link.
+/// Where the tool looks for its link: as the library does, and in its working directory.
 pub fn environment() -> Environment {
     Environment { working_dir: working_dir(), ..Environment::from_process(None) }
 }
 
-/// The folder that the tool was started in, if its `ecmsk.toml` is this user's or root's: a link may have files made and read,
-/// and whoever may write to a folder such as `/tmp` could name one. \[OURS]
+/// The working directory, if its `ecmsk.toml` belongs to this user or to root. A link may create and read files, and
+/// anybody who may write to a folder such as `/tmp` could name one. \[OURS]
 fn working_dir() -> Option<PathBuf> {
     let folder = std::env::current_dir().ok()?;
     #[cfg(unix)]
@@ -93,4 +94,15 @@ fn working_dir() -> Option<PathBuf> {
         }
     }
     Some(folder)
+}
+
+/// The link for a verb that only reads. On `tcp:` such a verb is a reader beside the writer.
+pub fn as_reader(uri: &LinkUri) -> LinkUri {
+    if uri.value("role") != Some("writer") {
+        return uri.clone();
+    }
+    // The normal form does not contain `role=writer`, which is the default.
+    let text = uri.to_string();
+    let sign = if text.contains('?') { '&' } else { '?' };
+    LinkUri::parse(&format!("{text}{sign}role=reader")).unwrap_or_else(|_| uri.clone())
 }

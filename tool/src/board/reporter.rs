@@ -20,7 +20,7 @@ const BAR: u32 = 20;
 
 /// How to say it.
 #[derive(Debug)]
-pub struct Talk {
+pub struct Reporter {
     json: bool,
     /// Standard error is a terminal: progress is one line that changes.
     terminal: bool,
@@ -32,7 +32,7 @@ pub struct Talk {
     line: AtomicU32,
 }
 
-impl Talk {
+impl Reporter {
     pub fn new(json: bool, virtual_time: bool) -> Self {
         Self {
             json,
@@ -86,7 +86,7 @@ impl Talk {
         Ok(())
     }
 
-    /// As [`Talk::progress`], of something whose end is known: in a terminal with a bar.
+    /// As [`Reporter::progress`], of something whose end is known: in a terminal with a bar.
     pub fn part(&self, part: f64, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if !self.terminal || self.json {
             return self.progress(text, json);
@@ -105,23 +105,23 @@ impl Talk {
     /// When to tell how far it is: not within the first second, then once a second, in a terminal ten times. Where nobody looks
     /// on and the board's time passes faster than anybody reads, once a second for ten seconds, then after 20, 40, 80 and so on
     /// \[OURS]: the lines say the same at every run, and an hour has less than twenty of them.
-    pub const fn pace(&self) -> Pace {
+    pub const fn pace(&self) -> ProgressPace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };
         let slows = self.virtual_time && !self.terminal && !self.json;
-        Pace { every, slows, next: Duration::from_secs(1) }
+        ProgressPace { every, slows, next: Duration::from_secs(1) }
     }
 }
 
 /// When to tell how far it is, by a time that begins with 0.
 #[derive(Debug)]
-pub struct Pace {
+pub struct ProgressPace {
     every: Duration,
     /// After some time, each takes as long as all before it.
     slows: bool,
     next: Duration,
 }
 
-impl Pace {
+impl ProgressPace {
     /// Whether it is time to.
     pub fn due(&mut self, elapsed: Duration) -> bool {
         let due = elapsed >= self.next;

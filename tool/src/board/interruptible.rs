@@ -21,16 +21,16 @@ impl Board {
     ///
     /// # Errors
     /// [`BoardError::Stopped`], else those of the work.
-    pub fn attend<T: Send>(
+    pub fn run_interruptible<T: Send>(
         &self,
         what: &str,
         work: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send,
     ) -> Result<T, BoardError> {
-        self.attend_with(what, work, None)
+        self.run_stoppable(what, work, None)
     }
 
-    /// As [`Board::attend`]; on Ctrl-C `stop` is called, which lets the work end by itself.
-    pub fn attend_with<T: Send>(
+    /// As [`Board::run_interruptible`]; on Ctrl-C `stop` is called, which lets the work end by itself.
+    pub fn run_stoppable<T: Send>(
         &self,
         what: &str,
         work: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send,
@@ -38,7 +38,7 @@ impl Board {
     ) -> Result<T, BoardError> {
         self.check_stop()?;
         let began = Instant::now();
-        let mut pace = self.talk.pace();
+        let mut pace = self.reporter.pace();
         let mut stopped: Option<Instant> = None;
         let (ecm, (running, ended)) = (&self.ecm, mpsc::channel::<()>());
         let done = thread::scope(|scope| {
@@ -61,7 +61,7 @@ impl Board {
                 if stop.is_none() && pace.due(began.elapsed()) {
                     let seconds = began.elapsed().as_secs();
                     // An error of standard output shows with the result.
-                    let _ = self.talk.progress(
+                    let _ = self.reporter.progress(
                         format_args!("{what}, {seconds} s"),
                         || json!({"progress": what, "seconds": seconds}),
                     );
@@ -69,11 +69,11 @@ impl Board {
             }
             worker.join().unwrap_or_else(|panic| resume_unwind(panic))
         });
-        self.talk.clear();
+        self.reporter.clear();
         if done.is_err() {
             self.check_stop()?;
         }
-        done.map_err(|error| self.told(error))
+        done.map_err(|error| self.explain(error))
     }
 
     /// Whether Ctrl-C came.

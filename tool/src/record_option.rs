@@ -1,4 +1,4 @@
-//! `--record`: where a verb's recording goes.
+//! The option `--record`: adds the recording to a link, and checks its file.
 
 use std::path::{Path, PathBuf};
 
@@ -6,10 +6,10 @@ use ecmsk::link::record;
 use ecmsk::link::uri::{LinkUri, UriError};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
-/// Why a verb cannot record.
+/// Why a verb cannot make a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file cannot be the recording.
+    /// The file cannot be used.
     #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
     File {
         /// The file.
@@ -17,18 +17,18 @@ pub enum RecordError {
         /// Why not.
         reason: String,
     },
-    /// The link does not take the recording.
+    /// The link with `record=` is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
 }
 
-/// The link with the recording.
+/// The link with the key `record=`.
 ///
 /// # Errors
 /// The file has no folder, or no name that can stand in a link; the link has a recording already.
 pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> {
     let refuse = |reason: String| RecordError::File { file: file.to_owned(), reason };
-    // A program may change its folder before it opens the board.
+    // A program may change its working directory before it opens the board.
     let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
     let folder = absolute.parent().filter(|_| !absolute.is_dir());
     if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
@@ -40,7 +40,7 @@ pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> 
     Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
 }
 
-/// Makes sure that the recording may begin: a file that is there is replaced if that is wanted, and if it is a recording.
+/// Makes sure that the recording can be made. With `overwrite` an existing recording is removed.
 ///
 /// # Errors
 /// The file stays as it is.

@@ -1,5 +1,5 @@
 //! The board of a verb: the options that every verb with a board has, and what is shared by those verbs. `session.rs`
-//! is the open board; `bring_up.rs`, `adopted.rs` and `run_interruptible.rs` are its long calls: bringing the network up,
+//! is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network up,
 //! checking one that was found running, and waiting so that Ctrl-C ends the wait. `network.rs`, `slaves.rs` and
 //! `number.rs` read options and operands; `reporter.rs` prints results and progress, `error.rs` has the errors,
 //! `interrupt.rs` the signals.
@@ -43,7 +43,7 @@ const HEADING: &str = "Board";
 #[derive(Clone, Debug, clap::Args)]
 #[group(skip)]
 pub struct Args {
-    /// Board to reporter to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     link: Option<LinkUri>,
 

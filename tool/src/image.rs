@@ -1,5 +1,5 @@
-//! Programs and libraries of Windows, as their files tell what they are: nothing is run, and the machine that looks may be
-//! another one.
+//! Reads programs and libraries of Windows. Nothing of them is run, and the machine that reads them may be another
+//! one.
 //!
 //! Source: the PE format of Windows' documentation; ECMA-335 II.25.3.3 for the CLI header.
 
@@ -18,14 +18,15 @@ use object::pe::{
 use object::read::pe::{ImageNtHeaders, ResourceDirectory, SectionTable, optional_header_magic};
 use object::read::{Error as Unreadable, ReadRef};
 
-/// \[OURS] Bytes of a file that is looked at, at most: programs are shorter, installers with all their data may not be.
-const LONGEST: u64 = 256 << 20;
+/// \[OURS] The largest file that is read, in bytes. Programs are smaller; installers with all their data may be
+/// larger.
+const FILE_BYTES_MAX: u64 = 256 << 20;
 /// The type of a version resource (`RT_VERSION`).
 const VERSION: u16 = 16;
-/// \[OURS] Functions and libraries that are looked at, at most.
-const MOST: usize = 10_000;
+/// \[OURS] How many exported functions and imported libraries are read.
+const NAMES_MAX: usize = 10_000;
 
-/// What a processor runs.
+/// The processor for which a file is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
     /// x86.
@@ -58,60 +59,60 @@ impl fmt::Display for Width {
     }
 }
 
-/// How a program for .NET says what it runs as.
+/// The width that the CLI header of a .NET program asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Managed {
     /// Any CPU.
     Any,
-    /// Any CPU, and 32-bit where the machine runs both.
+    /// Any CPU, with a preference for 32 bits.
     Prefers32,
-    /// As its header says.
+    /// The width of the PE header.
     Fixed,
 }
 
-/// What a file says of itself.
+/// The content of a PE file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// What runs it, on a 64-bit Windows.
+    /// The processor on which it runs, on a 64-bit Windows.
     pub width: Width,
-    /// It is for .NET.
+    /// The CLI header, if the file is for .NET.
     pub managed: Option<Managed>,
-    /// Its company, as its version resource says, fit to be shown.
+    /// The company in its version resource, with control characters replaced.
     pub company: Option<String>,
-    /// Its version, from the same place.
+    /// The version in its version resource.
     pub version: Option<String>,
-    /// Its functions, by name.
+    /// The names of its exported functions.
     pub exports: Vec<String>,
-    /// The bytes.
+    /// The bytes of the file.
     bytes: Vec<u8>,
 }
 
-/// Why a file is none.
+/// Why a file is not a valid PE file.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("it cannot be read: {0}")]
     Io(#[from] io::Error),
-    /// It is longer than any.
-    #[error("it is longer than {} MiB, too long for a program", LONGEST >> 20)]
+    /// The file is larger than any program.
+    #[error("it is longer than {} MiB, too long for a program", FILE_BYTES_MAX >> 20)]
     TooLong,
-    /// It is something else, or broken.
+    /// The file has another format or is damaged.
     #[error("it is no program or library of Windows, or a broken one ({0})")]
     Broken(#[from] Unreadable),
-    /// It is too short for what it says of itself.
+    /// The file is shorter than its headers say.
     #[error("it is a broken program or library of Windows (its {0} is cut off)")]
     Cut(&'static str),
 }
 
 impl Image {
-    /// Looks at a file.
+    /// Reads a file.
     ///
     /// # Errors
     /// [`ImageError`]; the text says what is wrong, and no next step.
     pub fn read(file: &Path) -> Result<Self, ImageError> {
         let mut bytes = Vec::new();
-        File::open(file)?.take(LONGEST + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > LONGEST {
+        File::open(file)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > FILE_BYTES_MAX {
             return Err(ImageError::TooLong);
         }
         Self::parse(bytes)
@@ -129,7 +130,7 @@ impl Image {
         let mut at = ImageDosHeader::parse(data)?.nt_headers_offset().into();
         let (headers, directories) = Headers::parse(data, &mut at)?;
         let sections = headers.sections(data, at)?;
-        // A file that was cut off begins as the whole one does.
+        // A truncated file begins like a complete one, so its sections are checked.
         for section in sections.iter() {
             section.pe_data(data)?;
         }
@@ -158,10 +159,10 @@ impl Image {
             }
         }
 
-        // What only tells whose it is may be odd, as in files that were packed: Windows loads those, too.
+        // The version resource may be invalid, as in packed files; Windows loads such files as well.
         let table = directories.export_table(data, &sections).ok().flatten();
         let exports = table.map_or_else(Vec::new, |table| {
-            let names = table.name_iter().take(MOST).filter_map(|(name, _)| table.name_from_pointer(name).ok());
+            let names = table.name_iter().take(NAMES_MAX).filter_map(|(name, _)| table.name_from_pointer(name).ok());
             names.map(|name| String::from_utf8_lossy(name).into_owned()).collect()
         });
         let resources = directories.resource_directory(data, &sections).ok().flatten();
@@ -174,13 +175,13 @@ impl Image {
         Ok(Self { width, managed, company, version, exports, bytes })
     }
 
-    /// Whether it is a library of this project, of any version.
+    /// Whether the file is a library of this project, in any version.
     pub fn is_ours(&self) -> bool {
         self.company.as_deref() == Some("ecmsk") || self.exports.iter().any(|name| name == "ecmsk_last_error")
     }
 
-    /// Whether a name stands anywhere in it, as a program has the names that it looks for: in UTF-8 or UTF-16, in any
-    /// case of ASCII's letters.
+    /// Whether the file contains a name anywhere, as a program contains the names of its libraries: in UTF-8 or
+    /// UTF-16, in any case of ASCII letters.
     pub fn names(&self, name: &str) -> bool {
         let wide: Vec<u8> = name.bytes().flat_map(|byte| [byte, 0]).collect();
         [name.as_bytes(), &wide].into_iter().any(|name| contains(&self.bytes, name))
@@ -199,7 +200,7 @@ fn version_resource<'data>(
 ) -> Option<&'data [u8]> {
     let of_kind = |entry: &&ImageResourceDirectoryEntry| entry.name_or_id().id() == Some(VERSION);
     let mut entry = resources.root().ok()?.entries.iter().find(of_kind)?;
-    // Its names, and the languages of the first one.
+    // The levels below are the names of the resources and the languages of the first one.
     for _ in 0..2 {
         entry = entry.data(resources).ok()?.table()?.entries.first()?;
     }

@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
 fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
     // Signals are watched before anything can move.
-    let asked = signals::Asked::watch().map_err(failed)?;
+    let end_request = signals::EndRequest::watch().map_err(failed)?;
     stderr::queue().map_err(no_thread)?;
     let uri = served(args.link.as_ref())?.to_string();
     let options = ServeOptions {
@@ -120,7 +120,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let server = Server::start(move || open(&uri), options)?;
     let protection = if is_secret { ", for clients with the secret" } else { "" };
     announce(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
-    let signal = asked.wait();
+    let signal = end_request.wait();
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
     server.stop();

@@ -1,4 +1,6 @@
-//! The verbs that reporter to a board: the same words on the command line, in a script and in the shell.
+//! The steps: verbs that talk to a board, which have the same syntax on the command line, in a script and in the
+//! shell. A new one is a file of `step/`, a variant of [`Step`] and, to be a verb of the command line as well, a row
+//! of `verbs!`; a step only for scripts has no row.
 
 mod expect;
 mod home;
@@ -34,7 +36,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// Whether it may move an axis or switch it on.
+    /// What the step does with the board.
     pub const fn uses(&self) -> BoardUse {
         match self {
             Self::Servo(_) | Self::Home(_) | Self::Move(_) => BoardUse::Moves,
@@ -44,7 +46,7 @@ impl Step {
         }
     }
 
-    /// What can be said of it before anything is sent.
+    /// Checks the step before anything is sent.
     ///
     /// # Errors
     /// Why it cannot be done on that network.
@@ -61,7 +63,7 @@ impl Step {
         }
     }
 
-    /// Does it.
+    /// Runs the step.
     ///
     /// # Errors
     /// [`BoardError`]
@@ -82,8 +84,8 @@ impl Step {
     }
 }
 
-// A step as a verb of the command line, with the options that say which board. No doc comment: it would become that of
-// the verb.
+// A step as a verb of the command line, with the options of the board. No doc comment: clap would show it as the help
+// of the verb.
 #[derive(Debug, clap::Args)]
 #[group(skip)]
 pub struct OnBoard<T: clap::Args> {
@@ -93,7 +95,7 @@ pub struct OnBoard<T: clap::Args> {
     pub board: board::Args,
 }
 
-/// The verbs of the command line that are one step.
+/// Defines the verbs of the command line that consist of one step.
 macro_rules! verbs {
     ($($name:ident => $args:ty,)*) => {
         /// One step as a verb of the command line.
@@ -103,7 +105,7 @@ macro_rules! verbs {
         }
 
         impl Verb {
-            /// The step, and on which board.
+            /// The step and the options of its board.
             pub fn split(self) -> (Step, board::Args) {
                 match self {
                     $(Self::$name(OnBoard { step, board }) => (Step::$name(step), board),)*
@@ -123,7 +125,7 @@ verbs! {
     Move => motion::Args,
 }
 
-/// Opens the board, does the one step, closes the board.
+/// Opens the board, runs the step, and closes the board.
 ///
 /// # Errors
 /// [`BoardError`]

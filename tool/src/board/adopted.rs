@@ -1,5 +1,6 @@
-//! A network that was found running: before an axis moves, what the user says of it is compared with what it shows. With
-//! another cycle the axes would move faster or slower than told, in another mode not at all as told.
+//! Checks a network that was found running. Before an axis moves, the cycle and the modes that the user has given are
+//! compared with those of the network: with another cycle the axes would move faster or slower than asked for, and in
+//! another mode not as asked for at all.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -7,15 +8,17 @@ use ecmsk::coe::ObjectAddress;
 use super::error::BoardError;
 use super::session::Board;
 
-/// \[OURS] Cycles that are measured.
+/// \[OURS] How many cycles are measured.
 const CYCLES: u64 = 50;
-/// \[OURS] How far the measured cycle may be off: half of the way to the next one there is, for links that stamp late.
+/// \[OURS] The largest relative deviation of the measured cycle: a third, since the next possible cycle is twice as
+/// long and some links stamp reports late.
 const TOLERANCE: f64 = 0.33;
-/// Modes of operation display.
+/// Modes of operation display, 0x6061.
 const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl Board {
-    /// Whether these axes run in CSP, with the cycle that was said. A network that this board has configured does.
+    /// Checks that these axes run in CSP, with the cycle that the user has given. A network that this board has
+    /// configured itself does.
     ///
     /// # Errors
     /// [`BoardError::Refused`]
@@ -50,7 +53,7 @@ impl Board {
     }
 }
 
-/// The cycle that the board has nearest to a measured one, microseconds.
+/// The possible cycle that is nearest to a measured one, in microseconds.
 fn nearest(measured: f64) -> u32 {
     let steps = (measured / 250.0).log2().round().clamp(0.0, 11.0);
     250 << steps as u32
@@ -73,7 +76,7 @@ mod tests {
     #[derive(clap::Args)]
     struct Nothing {}
 
-    /// Does lines on a board that stays when it is closed, and gives the error of the last one.
+    /// Runs lines on a board that stays as it is when it is closed; returns the error of the last one.
     fn lines(options: &[&str], lines: &[&str]) -> Result<(), BoardError> {
         let link = ["ecmsk", "--link", "sim:?slaves=drive*2&clock=virtual&name=adopted", "--close", "leave"];
         let args: Args = Words::parse_from(link.iter().chain(options)).words.board;
@@ -101,11 +104,11 @@ mod tests {
         );
         wrong(&["--slaves", "drive"], "move 2=5", "there is no slave 2");
         lines(&["--cycle-us", "2000"], &["expect state op", "move 1=100", "expect position 1=100 --within 2"]).unwrap();
-        // What this board has configured is as it was told.
+        // A network that this process has configured needs no check.
         lines(&[], &["state preop", "state op", "servo on all", "move 1=200 2=5"]).unwrap();
     }
 
-    /// TOOL-26 What is measured becomes a cycle that the board has.
+    /// TOOL-26 A measured cycle is rounded to a possible one.
     #[test]
     fn a_measured_cycle_is_rounded_to_one_that_the_board_has() {
         assert_eq!([100.0, 240.0, 510.0, 1990.0, 4100.0].map(nearest), [250, 250, 500, 2000, 4000]);

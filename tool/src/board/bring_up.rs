@@ -1,5 +1,5 @@
-//! What a step needs of the network: it is there, or is brought up because the user says so, or the user is told what to
-//! type.
+//! What a step needs of the network. If it is missing, `--up` brings the network up; without it the error says what
+//! to type.
 
 use ecmsk::sk::MasterState;
 
@@ -10,23 +10,23 @@ use super::session::{Board, StepSource, numbered, statusword_text};
 /// What a step needs of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs<'a> {
-    /// PreOP or higher.
+    /// The network is in PreOP or higher, for SDOs.
     Sdo,
-    /// OP.
+    /// The network is in OP.
     Op,
-    /// OP, and these axes on.
+    /// The network is in OP and these axes are switched on.
     On(&'a [u8]),
 }
 
 impl Board {
-    /// Sees to what a step needs, with `--up` by bringing the network up; else says what to type.
+    /// Makes sure that the network has what a step needs; with `--up` by bringing it up.
     ///
     /// # Errors
     /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and what goes wrong on the way up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
         let found = self.ecm.state()?;
         let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
-        // SDOs are what finds out why a change of state has failed.
+        // SDOs work in a failed state, and can show why a change of state has failed.
         let state = found.state().filter(|_| needs == Needs::Sdo || !found.is_failed());
         if needs != Needs::Sdo {
             self.known_network(what)?;
@@ -65,7 +65,7 @@ impl Board {
         Ok(())
     }
 
-    /// Changes the state; on the way from PreOP to higher ones the network is configured.
+    /// Changes the state. On the way from PreOP to higher states the network is configured.
     ///
     /// # Errors
     /// [`BoardError::UnknownNetwork`], and what the board says.
@@ -93,7 +93,7 @@ impl Board {
         change(wanted)
     }
 
-    /// What a step has to type to go on: the command line with `--up`, or the lines that bring it up.
+    /// What the user has to type: the command line with `--up`, or the lines that bring the network up.
     fn next(&self, lines: &str) -> String {
         match self.source {
             StepSource::CommandLine => format!("to bring it up first, type: {} --up", command_line()),
@@ -102,7 +102,7 @@ impl Board {
     }
 }
 
-/// What was typed, as a shell takes it again.
+/// The command line, quoted for a shell.
 fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%".contains(c);
     let quoted = std::env::args().skip(1).map(|word| {

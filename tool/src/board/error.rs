@@ -1,4 +1,4 @@
-//! Why a verb that talks to a board failed.
+//! Errors of the verbs that talk to a board.
 
 use std::io;
 
@@ -15,60 +15,60 @@ pub enum BoardError {
     /// See [`super::super::record_option::RecordError`].
     #[error(transparent)]
     Record(#[from] crate::record_option::RecordError),
-    /// Standard output took no more, see [`crate::CliError::Output`].
+    /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// Standard input gives no more.
+    /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),
-    /// A line of the shell is wrong.
+    /// A line of the shell is invalid.
     #[error("{why}")]
     Typed {
         /// What is wrong with it and what may be typed.
         why: String,
     },
-    /// It cannot be told which link is meant.
+    /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// Nobody has named a link.
+    /// No link is named, and the default does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
-    /// The link does not open.
+    /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The board did not do it.
+    /// The operation failed on the board.
     #[error(transparent)]
     Ecm(#[from] EcmError),
-    /// The network is not where the verb needs it.
+    /// The network is in a lower state than the operation needs.
     #[error("{what} needs {needs}, the network is in {found}; {next}")]
     NotUp {
-        /// What was asked for.
+        /// The operation.
         what: String,
         /// The states that allow it.
         needs: &'static str,
-        /// The state.
+        /// The present state.
         found: StateByte,
         /// What to do.
         next: String,
     },
-    /// A change of state ended somewhere else, and the board in this process knows why.
+    /// A change of state has failed, and the board in this process knows why.
     #[error("{wanted} was not reached, the board is in {found}: {why}")]
     StateStuck {
-        /// What was asked for.
+        /// The state that was asked for.
         wanted: MasterState,
-        /// Where it ended.
+        /// The state in which it ended.
         found: StateByte,
-        /// Why.
+        /// Why it failed.
         why: StateFailure,
     },
     /// An axis that has to be on is off.
     #[error("{what} needs axis {slave} on, it is in {state}; {next}")]
     AxisOff {
-        /// What was asked for.
+        /// The operation.
         what: String,
-        /// Slave.
+        /// The slave.
         slave: u8,
-        /// State of CiA 402.
+        /// Its state of CiA 402.
         state: String,
         /// What to do.
         next: String,
@@ -76,57 +76,57 @@ pub enum BoardError {
     /// An axis has an alarm.
     #[error("axis {slave} has alarm 0x{code:04X}; remove the cause (drive's manual), then {next}")]
     Alarm {
-        /// Slave.
+        /// The slave.
         slave: u8,
-        /// 0x603F.
+        /// The error code, 0x603F.
         code: u16,
         /// What to do.
         next: String,
     },
-    /// Nobody said what the network is.
+    /// The slaves of the network are not known.
     #[error("{what} needs to know what the network is; say it with --slaves, e.g. --slaves drive*2,io")]
     UnknownNetwork {
-        /// What was asked for.
+        /// The operation.
         what: String,
     },
-    /// No slave of that number.
+    /// The network has no slave with that number.
     #[error("{what}: there is no slave {slave}; the network is {network}, correct the number or --slaves")]
     NoSlave {
-        /// What was asked for.
+        /// The operation.
         what: String,
-        /// The number.
+        /// The number of the slave.
         slave: u8,
-        /// All slaves.
+        /// All slaves of the network.
         network: String,
     },
-    /// A slave of another kind.
+    /// The slave is of another kind.
     #[error("{what}: slave {slave} is {found}; name {wanted}, or correct --slaves")]
     WrongKind {
-        /// What was asked for.
+        /// The operation.
         what: String,
-        /// Slave.
+        /// The slave.
         slave: u8,
         /// Its kind and mode.
         found: String,
-        /// What it is for.
+        /// The kinds for which the operation is.
         wanted: &'static str,
     },
-    /// Reports of another slot size.
+    /// The reports have another slot size.
     #[error(
         "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot-size, or give {other}"
     )]
     WrongSlot {
-        /// What was given.
+        /// The slot size that was given.
         slot: usize,
-        /// Reports thrown away.
+        /// How many reports had a wrong CRC.
         bad_crc: u64,
-        /// The other size.
+        /// The other slot size.
         other: usize,
     },
-    /// What a step asks for cannot be.
+    /// The step cannot be carried out.
     #[error("{what}: {why}; {next}")]
     Refused {
-        /// What was asked for.
+        /// The operation.
         what: String,
         /// Why not.
         why: String,
@@ -141,16 +141,16 @@ pub enum BoardError {
         /// What is wrong; it ends with the next step.
         why: String,
     },
-    /// A script has errors; those before the last one are told.
+    /// A script has errors, of which all but the last one were printed.
     #[error("{last} (nothing was sent)")]
     Script {
         /// File, line, what is wrong and what to do.
         last: String,
     },
-    /// Ctrl-C or another signal.
+    /// A signal such as Ctrl-C has ended the operation.
     #[error("stopped by {}; {next}", crate::signals::name(*.signal))]
     Stopped {
-        /// Its number.
+        /// The number of the signal.
         signal: u8,
         /// What the axes do, and what to do.
         next: String,
@@ -158,7 +158,7 @@ pub enum BoardError {
 }
 
 impl BoardError {
-    /// The exit code: 128 + n after signal n, else 1.
+    /// The exit code: 128 + n after signal n, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Stopped { signal, .. } => 128 + *signal,

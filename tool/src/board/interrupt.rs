@@ -1,20 +1,20 @@
-//! Ctrl-C: the first one asks for an orderly end, the second one ends the program at once.
+//! Signals such as Ctrl-C: the first one ends the verb in an orderly way, the second one ends the program at once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::signals;
 
-/// What signals have come. Made once in a program.
+/// The signal that has come. Made once in a program.
 #[derive(Debug, Default)]
 pub struct Interrupt {
     signal: Arc<AtomicUsize>,
-    /// Whether the next one ends the program.
+    /// Whether the next signal ends the program.
     armed: Arc<AtomicBool>,
 }
 
 impl Interrupt {
-    /// Looks out from now on: for SIGINT, SIGTERM and SIGHUP, on Windows for what the console sends.
+    /// Watches for signals from now on: SIGINT, SIGTERM and SIGHUP, on Windows the events of the console.
     ///
     /// # Errors
     /// What the system says.
@@ -24,7 +24,7 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// The signal that asks for the end.
+    /// The signal that has come; `None` if none has.
     pub fn signal(&self) -> Option<u8> {
         match self.signal.load(Ordering::SeqCst) {
             0 => None,
@@ -32,7 +32,7 @@ impl Interrupt {
         }
     }
 
-    /// It was dealt with, as in the shell, where the next step begins with none.
+    /// Forgets the signal, as the shell does before the next step.
     pub fn clear(&self) {
         self.armed.store(false, Ordering::SeqCst);
         self.signal.store(0, Ordering::SeqCst);

@@ -1,4 +1,4 @@
-//! Waiting for the board: Ctrl-C ends it, and who waits is told after a second.
+//! Calls that may wait long for the board: Ctrl-C ends them, and progress is shown after a second.
 
 use std::panic::resume_unwind;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -12,12 +12,12 @@ use serde_json::json;
 use super::error::BoardError;
 use super::session::Board;
 
-/// \[OURS] How often Ctrl-C is looked for while the board is waited for.
-const LOOK: Duration = Duration::from_millis(20);
-/// \[OURS] How long work may take to end by itself on Ctrl-C.
+/// \[OURS] How often signals are checked during a call.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// \[OURS] How long a call may take to end by itself after Ctrl-C.
 const STOP_LIMIT: Duration = Duration::from_secs(1);
 impl Board {
-    /// Does what may take long in a thread, so that Ctrl-C ends it, and says so after a second.
+    /// Runs a call that may take long in a thread, so that Ctrl-C ends it, and shows progress after a second.
     ///
     /// # Errors
     /// [`BoardError::Stopped`], else those of the work.
@@ -46,21 +46,21 @@ impl Board {
                 let _running = running;
                 work(ecm)
             });
-            while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+            while ended.recv_timeout(POLL_INTERVAL) == Err(RecvTimeoutError::Timeout) {
                 if self.interrupt.signal().is_some() {
                     if stopped.is_none() {
                         stop.into_iter().for_each(|stop| stop());
                     }
                     let since = *stopped.get_or_insert_with(Instant::now);
                     if stop.is_none() || since.elapsed() > STOP_LIMIT {
-                        // Whatever it waits for, it waits for a report.
+                        // Every call waits for a report or for a write, so cancelling both directions ends it.
                         self.link.cancel(Dir::Read);
                         self.link.cancel(Dir::Write);
                     }
                 }
                 if stop.is_none() && pace.due(began.elapsed()) {
                     let seconds = began.elapsed().as_secs();
-                    // An error of standard output shows with the result.
+                    // If standard output fails, the result will show it.
                     let _ = self.reporter.progress(
                         format_args!("{what}, {seconds} s"),
                         || json!({"progress": what, "seconds": seconds}),
@@ -76,7 +76,7 @@ impl Board {
         done.map_err(|error| self.explain(error))
     }
 
-    /// Whether Ctrl-C came.
+    /// Fails if a signal has asked for the end.
     ///
     /// # Errors
     /// [`BoardError::Stopped`]

@@ -1,4 +1,4 @@
-//! What the network is, as options say it: kinds and modes of the slaves, guards and units of the axes.
+//! The network as options describe it: kinds and modes of the slaves, guards and units of the axes.
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
@@ -10,8 +10,8 @@ use super::error::BoardError;
 
 const KINDS: &str = "drive, step, hsp, io, none";
 const MODES: &str = ":csp, :csv, :cst";
-/// What comes after a kind: a mode or a count.
-const SIGNS: [char; 2] = [':', '*'];
+/// The characters that end the name of a kind: a mode or a count follows.
+const END_OF_KIND: [char; 2] = [':', '*'];
 const MAX: usize = SlotSize::Bytes12.max_slaves();
 
 /// The slaves in the order of the cable.
@@ -19,19 +19,19 @@ const MAX: usize = SlotSize::Bytes12.max_slaves();
 pub struct Network(Vec<Slave>);
 
 impl Network {
-    /// Reads a list such as `drive*2,io,hsp:csv`.
+    /// Parses a list such as `drive*2,io,hsp:csv`.
     ///
     /// # Errors
     /// What is wrong and what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut slaves = Vec::new();
         for item in text.split(',') {
-            // `drive:csv*2` as in a link, or `drive*2:csv`.
-            let (kind, mut rest) = item.split_at(item.find(SIGNS).unwrap_or(item.len()));
+            // Mode and count may stand in either order: `drive:csv*2`, as in a link, or `drive*2:csv`.
+            let (kind, mut rest) = item.split_at(item.find(END_OF_KIND).unwrap_or(item.len()));
             let (mut mode, mut count) = (Mode::Csp, 1);
             while let Some(sign) = rest.chars().next() {
                 let body = &rest[sign.len_utf8()..];
-                let (value, next) = body.split_at(body.find(SIGNS).unwrap_or(body.len()));
+                let (value, next) = body.split_at(body.find(END_OF_KIND).unwrap_or(body.len()));
                 match sign {
                     ':' => mode = mode_of(item, value.trim())?,
                     _ => count = count_of(item, value.trim())?,
@@ -49,14 +49,14 @@ impl Network {
         Ok(Self(slaves))
     }
 
-    /// What a link of simulated slaves has; `None` for any other link.
+    /// The slaves of a `sim:` link; `None` for any other link.
     pub fn of_link(link: &LinkUri) -> Option<Self> {
         let options = SimOptions::from_uri(link).ok()?;
         let slaves = options.slaves.iter().map(|slave| Slave::of_kind(slave.model.kind()));
         Some(Self(slaves.collect()))
     }
 
-    /// With what else options say of the axes.
+    /// The configuration with these slaves and the other options of the axes.
     pub fn config(self, cycle_us: u32, guard: Option<Guard>, scales: Option<&Scales>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {
@@ -90,13 +90,13 @@ fn count_of(item: &str, word: &str) -> Result<usize, String> {
     count.ok_or_else(|| format!("in `{item}` a number from 1 to {MAX} belongs after the *"))
 }
 
-/// The slave of that number.
+/// The slave with that number.
 pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Slave, BoardError> {
     let found = usize::from(slave).checked_sub(1).and_then(|index| config.slaves.get(index));
     found.ok_or_else(|| BoardError::NoSlave { what: what.to_owned(), slave, network: list(config) })
 }
 
-/// `1 drive, 2 io`.
+/// The slaves as text: `1 drive, 2 io`.
 pub fn list(config: &Config) -> String {
     if config.slaves.is_empty() {
         return "empty".into();
@@ -105,7 +105,7 @@ pub fn list(config: &Config) -> String {
     slaves.collect::<Vec<_>>().join(", ")
 }
 
-/// Reads `--guard`.
+/// Parses the value of `--guard`.
 ///
 /// # Errors
 /// What is allowed.
@@ -117,12 +117,12 @@ pub fn guard(text: &str) -> Result<Guard, String> {
     }
 }
 
-/// Counts of one unit: of all axes, or of some.
+/// The counts of one unit, for all axes or for some.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scales(Vec<(Option<u8>, Scale)>);
 
 impl Scales {
-    /// Reads `5000` or `1=5000,2=131072/360`.
+    /// Parses `5000` or `1=5000,2=131072/360`.
     ///
     /// # Errors
     /// What is allowed.
@@ -143,7 +143,7 @@ impl Scales {
         })
     }
 
-    /// Of an axis; counts, if none is said.
+    /// The scale of an axis; without one positions are in counts.
     pub fn of(&self, axis: u8) -> Scale {
         let own = self.0.iter().rev().find(|(of, _)| *of == Some(axis));
         own.or_else(|| self.0.iter().rev().find(|(of, _)| of.is_none())).map_or(Scale::COUNTS, |(_, scale)| *scale)

@@ -1,8 +1,8 @@
-//! Numbers as people write them.
+//! Parsers for times and numbers on the command line.
 
 use std::time::Duration;
 
-/// `0.5s`, `500ms`, `2` (seconds); above 0.
+/// Parses a time above 0: `0.5s`, `500ms`, `2` (seconds).
 ///
 /// # Errors
 /// What is allowed.
@@ -16,7 +16,7 @@ pub fn duration(text: &str) -> Result<Duration, String> {
     seconds.map(Duration::from_secs_f64).ok_or_else(|| "allowed: a time up to a day, e.g. 10s, 0.5s or 500ms".into())
 }
 
-/// A number above 0.
+/// Parses a number above 0.
 ///
 /// # Errors
 /// What is allowed.
@@ -25,7 +25,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "allowed: a number above 0".into())
 }
 
-/// A number that a position can be.
+/// Parses a position.
 ///
 /// # Errors
 /// What is allowed.
@@ -35,7 +35,7 @@ pub fn position(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("{text} is not in -2147483648..=2147483647"))
 }
 
-/// A number from 0.
+/// Parses a number that is 0 or more.
 ///
 /// # Errors
 /// What is allowed.
@@ -44,12 +44,12 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "allowed: a number from 0".into())
 }
 
-/// A whole number, decimal or with 0x, maybe with a minus.
+/// Parses a whole number, decimal or hexadecimal with 0x, with an optional minus sign.
 pub fn whole(text: &str) -> Option<i64> {
     let (sign, digits) = text.strip_prefix('-').map_or((1, text), |digits| (-1, digits));
     let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
     let (digits, radix) = hex.map_or((digits, 10), |hex| (hex, 16));
-    // `from_str_radix` would take another sign.
+    // `from_str_radix` alone would accept a second sign.
     let known = !digits.is_empty() && digits.chars().all(|digit| digit.is_digit(radix));
     known.then(|| i64::from_str_radix(digits, radix).ok()).flatten().map(|number| sign * number)
 }
@@ -58,7 +58,7 @@ pub fn whole(text: &str) -> Option<i64> {
 mod tests {
     use super::*;
 
-    /// TOOL-25 Times and numbers: what is taken and what is not.
+    /// TOOL-25 Valid times and numbers are read, others are refused.
     #[test]
     fn times_and_numbers_are_read_or_refused() {
         assert_eq!(duration("2"), Ok(Duration::from_secs(2)));

@@ -1,5 +1,5 @@
-//! What verbs say: results on standard output, all else on standard error. As JSON all that a program would read is on
-//! standard output, one object a line.
+//! Prints what verbs report: results on standard output, everything else on standard error. With `--json` everything
+//! that a program reads is on standard output, as one object per line.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
@@ -12,23 +12,23 @@ use crate::error::say;
 use crate::output;
 use crate::visible::visible;
 
-/// How long progress is told once a second where it is told less and less often.
-const OFTEN: Duration = Duration::from_secs(10);
+/// How long progress is shown once a second, where it becomes rarer after that.
+const EVERY_SECOND_LIMIT: Duration = Duration::from_secs(10);
 
-/// Characters of a bar.
-const BAR: u32 = 20;
+/// The width of a progress bar in characters.
+const BAR_WIDTH: u32 = 20;
 
-/// How to say it.
+/// The format and the destination of reports.
 #[derive(Debug)]
 pub struct Reporter {
     json: bool,
-    /// Standard error is a terminal: progress is one line that changes.
+    /// Whether standard error is a terminal, on which progress is one line that changes.
     terminal: bool,
-    /// The board's time passes as fast as it can.
+    /// Whether the board is on a virtual clock, whose time passes as fast as it can.
     virtual_time: bool,
-    /// Such a line stands there.
+    /// Whether a line of progress is shown.
     shown: AtomicBool,
-    /// The line of the script that runs, from 1; 0: none.
+    /// The number of the script's line that runs, from 1; 0: none.
     line: AtomicU32,
 }
 
@@ -43,7 +43,7 @@ impl Reporter {
         }
     }
 
-    /// A result: lines of text without the last line feed, or an object.
+    /// Prints a result: lines of text without the last line feed, or a JSON object.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
         if self.json {
@@ -52,7 +52,7 @@ impl Reporter {
         output::print(format!("{text}\n"))
     }
 
-    /// Objects from now on say that they are of this line of a script.
+    /// JSON objects from now on contain the number of this line of a script.
     pub fn at_line(&self, line: u32) {
         self.line.store(line, Ordering::Relaxed);
     }
@@ -65,13 +65,13 @@ impl Reporter {
         output::print(format!("{json}\n"))
     }
 
-    /// What somebody in front of it may want to know.
+    /// Prints a note for the user.
     pub fn note(&self, text: impl Display) {
         self.clear();
         say("note", &text);
     }
 
-    /// How far something is.
+    /// Shows progress.
     pub fn progress(&self, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if self.json {
             return self.object(json());
@@ -86,25 +86,26 @@ impl Reporter {
         Ok(())
     }
 
-    /// As [`Reporter::progress`], of something whose end is known: in a terminal with a bar.
+    /// As [`Reporter::progress`], with a bar on a terminal, for an operation whose end is known.
     pub fn part(&self, part: f64, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if !self.terminal || self.json {
             return self.progress(text, json);
         }
-        let bar: String = (0..BAR).map(|k| if f64::from(k) < part * f64::from(BAR) { '#' } else { '-' }).collect();
+        let bar: String =
+            (0..BAR_WIDTH).map(|k| if f64::from(k) < part * f64::from(BAR_WIDTH) { '#' } else { '-' }).collect();
         self.progress(format_args!("[{bar}] {text}"), json)
     }
 
-    /// Takes the line of progress away.
+    /// Removes the line of progress.
     pub fn clear(&self) {
         if self.shown.swap(false, Ordering::Relaxed) {
             let _ = write!(io::stderr(), "\r\x1b[K");
         }
     }
 
-    /// When to tell how far it is: not within the first second, then once a second, in a terminal ten times. Where nobody looks
-    /// on and the board's time passes faster than anybody reads, once a second for ten seconds, then after 20, 40, 80 and so on
-    /// \[OURS]: the lines say the same at every run, and an hour has less than twenty of them.
+    /// When progress is shown: after the first second, then once a second, on a terminal ten times a second. If
+    /// nobody watches and the board's time is virtual, once a second for ten seconds, then after 20, 40, 80 seconds
+    /// and so on \[OURS]: the lines are the same in every run, and an hour has fewer than twenty of them.
     pub const fn pace(&self) -> ProgressPace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };
         let slows = self.virtual_time && !self.terminal && !self.json;
@@ -112,21 +113,21 @@ impl Reporter {
     }
 }
 
-/// When to tell how far it is, by a time that begins with 0.
+/// The times at which progress is shown, counted from 0.
 #[derive(Debug)]
 pub struct ProgressPace {
     every: Duration,
-    /// After some time, each takes as long as all before it.
+    /// Whether the intervals double after some time.
     slows: bool,
     next: Duration,
 }
 
 impl ProgressPace {
-    /// Whether it is time to.
+    /// Whether progress is due after that time.
     pub fn due(&mut self, elapsed: Duration) -> bool {
         let due = elapsed >= self.next;
         while self.next <= elapsed {
-            if self.slows && self.next >= OFTEN {
+            if self.slows && self.next >= EVERY_SECOND_LIMIT {
                 self.every = self.next;
             }
             self.next += self.every;

@@ -1,5 +1,5 @@
-//! One open board for as many steps as there are: it knows what the network is, brings it up when told to, ends what
-//! takes long on Ctrl-C, and leaves the axes as wanted.
+//! An open board, on which steps run: it knows the network, brings it up if `--up` is given, ends long calls on
+//! Ctrl-C, and leaves the axes as `--close` says.
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -20,25 +20,25 @@ use super::network::find_slave;
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
 
-/// \[OURS] An axis no further from its last target stands at it, as a drive is a few counts off: the next move begins at
-/// that target. One that is further off has not done its move.
+/// \[OURS] An axis that is at most this far from its last target stands at it, since drives settle within a few
+/// counts; its next move begins at that target. An axis further away has not completed its move.
 pub const NEAR_COUNTS: u32 = 64;
 
-/// Where steps come from: it decides what an error tells to type.
+/// The source of steps, which decides what an error advises to type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepSource {
-    /// One verb on the command line.
+    /// A verb on the command line.
     CommandLine,
     /// Lines of a script or of the shell.
     Lines,
 }
 
-/// What closing does if nobody says.
+/// What a verb does with the board. It decides what `--close` is by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardUse {
-    /// The verb sends nothing, and somebody else may be the one that writes.
+    /// The verb sends nothing, so it also works beside a program that writes.
     Reads,
-    /// The verb moves nothing.
+    /// The verb sends commands but moves no axis.
     Looks,
     /// The verb may move axes or switch them on.
     Moves,
@@ -49,25 +49,26 @@ pub struct Board {
     pub ecm: Ecm,
     pub reporter: Reporter,
     pub interrupt: Interrupt,
-    /// What the network is, if that is known.
+    /// The network, if it is known.
     pub config: Option<Config>,
     pub uri: LinkUri,
     pub options: Options,
-    /// `--timeout`.
+    /// The value of `--timeout`.
     pub limit: Option<Duration>,
     pub(super) link: Arc<dyn Link>,
-    /// `--up`.
+    /// Whether `--up` is given.
     pub(super) up: bool,
     close: Close,
     pub(super) source: StepSource,
-    /// The network was found running: what it was configured as is what the user says.
+    /// Whether the network was found running. Its configuration is then taken from the options, and may differ from
+    /// the actual one.
     pub(super) adopted: Cell<bool>,
-    /// Where moves ended, by slave.
+    /// The targets at which moves have ended, by slave.
     targets: RefCell<BTreeMap<u8, i32>>,
 }
 
 impl Board {
-    /// Opens the board that the options name. Nothing is sent. `interrupt` ends what takes long.
+    /// Opens the board that the options name. Nothing is sent. `interrupt` ends long calls.
     ///
     /// # Errors
     /// [`BoardError`]
@@ -96,7 +97,7 @@ impl Board {
         });
         let options = Options { close, ..options };
         let link = match link::open(&uri.to_string(), Share::ByName) {
-            // Somebody else writes: that is no reason not to look.
+            // Another client is the writer; this verb becomes a reader beside it.
             Err(LinkError::InUse { .. }) if board_use == BoardUse::Reads => {
                 link::open(&as_reader(&uri).to_string(), Share::ByName)?
             }
@@ -109,7 +110,7 @@ impl Board {
         if let Some(config) = &config {
             let size = ecm.slot_size()?;
             config.check(size).map_err(EcmError::from)?;
-            // A network that runs already is what it was configured as.
+            // A network that already runs is taken to have the configuration of the options.
             adopted = matches!(ecm.state()?.state(), Some(MasterState::SafeOp | MasterState::Op));
             if adopted {
                 ecm.adopt(config)?;
@@ -132,7 +133,7 @@ impl Board {
         })
     }
 
-    /// A position of an axis as people read it, and in units if it has any.
+    /// A position of an axis as text, and in units if the axis has any.
     pub fn in_units(&self, slave: u8, counts: i32) -> (String, Option<f64>) {
         let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(slave).checked_sub(1)?));
         let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
@@ -142,17 +143,17 @@ impl Board {
         }
     }
 
-    /// What the link has counted.
+    /// The counters of the link.
     pub fn link_stats(&self) -> link::LinkStats {
         self.link.stats()
     }
 
-    /// Why a state has failed, as far as anybody knows, and what to do; `None`: it has not failed.
+    /// Why a change of state has failed, as far as it is known, and what to do; `None` if it has not failed.
     pub fn why_failed(&self, state: StateByte) -> Option<String> {
         StateFailure::explain(state, self.link_stats().state_failure.as_ref())
     }
 
-    /// Leaves the axes as wanted. What a stopped step left is said here.
+    /// Closes the board and leaves the axes as `--close` says. `done` is the result of the steps.
     ///
     /// # Errors
     /// [`BoardError`]: that of the step, if it failed.
@@ -178,7 +179,7 @@ impl Board {
         }
     }
 
-    /// The network, or why a step cannot go on.
+    /// The network, or the error if it is not known.
     pub fn known_network(&self, what: &str) -> Result<&Config, BoardError> {
         self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
     }
@@ -195,17 +196,17 @@ impl Board {
         })
     }
 
-    /// All slaves with an axis.
+    /// The slaves that have an axis.
     pub fn axes(&self, what: &str) -> Result<Vec<u8>, BoardError> {
         let config = self.known_network(what)?;
         Ok((1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect())
     }
 
-    /// An error of the library in words of the tool.
+    /// Adds what the tool knows to an error of the library: what to type, and why a change of state has failed.
     pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
-            // The wire does not say which slave it was; the link may know.
+            // The wire does not tell which slave has refused, but the link may know.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {
                     Some(why) => BoardError::StateStuck { wanted, found, why },
@@ -233,7 +234,7 @@ impl Board {
         Err(self.explain(EcmError::Alarm { slave, code }))
     }
 
-    /// Statusword of an axis.
+    /// The statusword of an axis.
     pub fn statusword(&self, snapshot: &Snapshot, slave: u8) -> Statusword {
         match snapshot.slave(slave) {
             Some(SlaveView::Drive(drive)) => drive.statusword,
@@ -242,25 +243,25 @@ impl Board {
         }
     }
 
-    /// Where an axis was told to be, if it is there, else where it is.
+    /// Where an axis stands: at its last target if it is near it, otherwise at its actual position.
     pub fn standing_position(&self, snapshot: &Snapshot, slave: u8) -> i32 {
         let actual = snapshot.position(slave).unwrap_or_default();
         let told = self.targets.borrow().get(&slave).copied();
         told.filter(|told| told.wrapping_sub(actual).unsigned_abs() <= NEAR_COUNTS).unwrap_or(actual)
     }
 
-    /// A move has ended there.
+    /// Notes that a move has ended at that target.
     pub fn note_target(&self, slave: u8, target: i32) {
         self.targets.borrow_mut().insert(slave, target);
     }
 
-    /// Where moves ended counts no more: an axis got new coordinates or went off.
+    /// Forgets all targets, because axes get new coordinates or are switched off.
     pub fn forget_targets(&self) {
         self.targets.borrow_mut().clear();
     }
 }
 
-/// An axis that a mode of operation fits.
+/// Checks that an axis runs in that mode of operation.
 pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());
@@ -272,13 +273,13 @@ pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), B
     })
 }
 
-/// `axis 1`, `axes 1, 2`.
+/// The slaves with a noun: `axis 1`, `axes 1, 2`.
 pub fn numbered(one: &str, many: &str, slaves: &[u8]) -> String {
     let numbers = slaves.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
     format!("{} {numbers}", if slaves.len() == 1 { one } else { many })
 }
 
-/// `Operation enabled (0x0637)`.
+/// The statusword as text: `Operation enabled (0x0637)`.
 pub fn statusword_text(word: Statusword) -> String {
     format!("{} (0x{:04X})", word.state().map_or("an unknown state", |state| state.name()), word.0)
 }

@@ -1,21 +1,21 @@
-//! Which slaves a step is for: `1,2` or `all`.
+//! The operand with the slaves of a step: `1,2` or `all`.
 
 use ecmsk::ecm::Config;
 
 use super::error::BoardError;
 use super::network::find_slave;
 
-/// Slaves by their numbers.
+/// A list of slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SlaveList {
-    /// All that have an axis.
+    /// All slaves that have an axis.
     All,
-    /// These.
+    /// The slaves with these numbers.
     Some(Vec<u8>),
 }
 
 impl SlaveList {
-    /// Reads `1,2` or `all`.
+    /// Parses `1,2` or `all`.
     ///
     /// # Errors
     /// What is allowed.
@@ -31,7 +31,7 @@ impl SlaveList {
             .ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
     }
 
-    /// The axes of lists, each once, in the order of the lists.
+    /// The axes in several lists, each once, in the order of the lists.
     ///
     /// # Errors
     /// [`BoardError::NoSlave`], [`BoardError::WrongKind`], [`BoardError::Refused`] if there is none.

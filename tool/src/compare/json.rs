@@ -1,4 +1,4 @@
-//! What was found as one JSON object.
+//! The result of a comparison as one JSON object.
 
 use ecmsk::compare::{Comparison, Context, Counts, Deviation, Difference, Options, Side};
 use serde::Serialize;
@@ -11,10 +11,10 @@ struct Found<'a> {
     equal: bool,
     a: Run,
     b: Run,
-    /// Commands with an answer in both.
+    /// How many commands have an answer in both runs.
     answers: u64,
     differing_answers: u64,
-    /// `a` or `b`.
+    /// The run that ends early: `a` or `b`.
     ends_early: Option<&'static str>,
     first: Option<First<'a>>,
     context: Vec<Before<'a>>,
@@ -29,15 +29,15 @@ struct Run {
     polls: u64,
     repeats: u64,
     reports: u64,
-    /// Time of the last frame since the first one.
+    /// The time of the last frame since the first one.
     last_ns: i64,
-    /// Whether nothing is known to be missing, and what is.
+    /// Whether the recording is complete as far as it is known, and what it lacks.
     whole: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     lacks: Option<String>,
 }
 
-/// Pairs are of A and B; null where a run has ended.
+/// The first difference. Pairs are the values of A and B, null where a run has ended.
 #[derive(Serialize)]
 struct First<'a> {
     command: u64,
@@ -68,7 +68,7 @@ impl<'a> First<'a> {
     }
 }
 
-/// The object.
+/// The JSON object.
 pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
     let run = |i: usize| {
         let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());
@@ -98,7 +98,7 @@ const fn side(side: Side) -> &'static str {
     }
 }
 
-/// One difference: what it is of, the slave if it is about one, both values where they are numbers, and the words.
+/// One difference: its subject, the slave if it concerns one, both values if they are numbers, and a text.
 fn value(what: &Deviation) -> Value {
     let (kind, values) = match what {
         Deviation::Command { .. } => ("command", None),

@@ -1,4 +1,4 @@
-//! The picture of two runs: positions over the commands, which is what they have in common.
+//! Draws two runs: positions over the number of the command, which both runs have in common.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::plot::decimate::Line;
 use crate::plot::panel::{Look, Panel, Stroke};
 use crate::plot::{COLUMNS, MAX_AXES, Window, command_place, style};
 
-/// The lines under construction.
+/// The lines of the picture while they are collected.
 pub struct Picture {
     window: Window,
     axes: BTreeMap<u8, Axis>,
@@ -23,12 +23,12 @@ struct Axis {
 }
 
 impl Picture {
-    /// Of runs with so many commands.
+    /// A picture of runs with that many commands.
     pub fn new(commands: u64) -> Self {
         Self { window: Window::of_commands(commands), axes: BTreeMap::new() }
     }
 
-    /// The next command in both; of a run that has ended nothing.
+    /// Adds the next command of both runs; `None` for a run that has ended.
     pub fn step(&mut self, a: Option<&Step>, b: Option<&Step>) {
         let Some(step) = a.or(b) else { return };
         let place = command_place(step.number);
@@ -55,7 +55,7 @@ impl Picture {
         }
     }
 
-    /// The picture: of the axes that move, that with the first difference among them.
+    /// Draws the axes that move, among them the one with the first difference.
     pub fn draw(mut self, names: &Names, found: &Comparison) -> Result<Sheet, CompareVerbError> {
         let differing = found.first.as_ref().and_then(|first| first.what.iter().find_map(Deviation::slave));
         let mut chosen: Vec<u8> = self.axes.keys().copied().collect();
@@ -100,7 +100,7 @@ impl Picture {
     }
 }
 
-/// Whether a command moves that slave's axis.
+/// Whether a command moves the axis of that slave.
 fn moves(step: &Step, slave: u8, size: SlotSize) -> bool {
     let id = CommandId::from_code(step.command.slot(size, slave.into()).id);
     matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::GoHome)

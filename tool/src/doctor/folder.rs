@@ -1,4 +1,4 @@
-//! `ecmsk doctor DIR`: a program's folder as Windows has it, looked at from Windows or across a share from Linux.
+//! `ecmsk doctor DIR`: checks the folder of a Windows program, on Windows or across a share from Linux.
 
 mod contents;
 mod program;
@@ -13,20 +13,20 @@ use ecmsk::machine::findings::Finding;
 
 use contents::{Contents, LIBRARY, Library};
 
-/// Why a folder cannot be looked at.
+/// Why a folder cannot be checked.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// It cannot be read.
+    /// The folder cannot be read.
     #[error("{}: {source}; name the folder that the program's .exe is in", .folder.display())]
     Unreadable {
-        /// As given.
+        /// The path as it was given.
         folder: PathBuf,
-        /// The system's words.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// What is right or wrong with it.
+/// The findings about the folder.
 ///
 /// # Errors
 /// [`FolderError`].
@@ -55,7 +55,7 @@ pub fn findings(folder: &Path) -> Result<Vec<Finding>, FolderError> {
     Ok(all)
 }
 
-/// The library itself, whatever programs there are.
+/// The finding about a library, independent of the programs.
 fn library(library: &Library) -> Finding {
     const CHECK: &str = "library";
     let finding = match &library.image {
@@ -72,7 +72,7 @@ fn library(library: &Library) -> Finding {
     finding.of(&library.name)
 }
 
-/// The file that names a link. `inside`: the folder in `folder` that it is in, or nothing.
+/// The finding about the configuration file. `inside` is the folder in `folder` that contains it, or empty.
 fn configuration(folder: &Path, inside: &str) -> Finding {
     const CHECK: &str = "config";
     let environment = Environment {

@@ -1,4 +1,4 @@
-//! Which link would be used, and who says so.
+//! Checks which link would be used, and where it is configured.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::link_option::environment;
 
 const CHECK: &str = "link";
 
-/// What is there, and the link if it is one. `root`: where `/etc` is.
+/// The finding about the configured link, and the link if it is valid. `root` is the folder that contains `/etc`.
 pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
     let mut environment = environment();
     if let Platform::Unix { etc, .. } = &mut environment.platform {
@@ -56,7 +56,7 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
     (Finding::fine(CHECK, found), Some(uri))
 }
 
-/// What the link needs that this build does not have.
+/// The finding about a link that this build cannot open.
 pub fn build(wanted: &LinkUri) -> Option<Finding> {
     let scheme = wanted.scheme();
     let next = || format!("{}, or name another link with {LINK_VARIABLE} or in {FILE_NAME}", with_feature(scheme));
@@ -64,7 +64,7 @@ pub fn build(wanted: &LinkUri) -> Option<Finding> {
     (!scheme.in_build()).then(finding)
 }
 
-/// What a scheme needs that this build does not have, and what to do.
+/// Why this build cannot open links of a scheme, and what to do.
 pub fn not_in_build(scheme: Scheme) -> String {
     format!("this build has no {scheme}: links; {}", with_feature(scheme))
 }
@@ -73,7 +73,7 @@ fn with_feature(scheme: Scheme) -> String {
     format!("build it with `cargo build --release --features {scheme}`")
 }
 
-/// An error's text ends with the next step.
+/// Splits the text of an error into the error and the next step, with which it ends.
 pub fn split(error: &str) -> (String, String) {
     match error.rsplit_once("; ") {
         Some((found, next)) => (found.to_owned(), next.to_owned()),

@@ -1,4 +1,4 @@
-//! A machine with Linux.
+//! Checks a machine with Linux.
 
 mod rule;
 
@@ -24,7 +24,7 @@ pub struct SystemArgs {
     root: PathBuf,
 }
 
-/// Whether something else than findings was asked for; then it is done.
+/// Does what the options ask for instead of findings; returns whether they do.
 pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     if args.write_udev_rule {
         rule::write(&Machine::below(&args.root))?;
@@ -32,17 +32,17 @@ pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     Ok(args.write_udev_rule)
 }
 
-/// Where `/etc` is.
+/// The folder that contains `/etc`.
 pub fn root(args: &SystemArgs) -> &Path {
     &args.root
 }
 
-/// The system and its release.
+/// The name of the system and its release.
 pub fn name(args: &SystemArgs) -> Option<String> {
     Machine::below(&args.root).kernel().map(|release| format!("Linux {release}"))
 }
 
-/// All that can be told without waiting.
+/// All findings that need no measurement.
 pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::below(&args.root).findings(wanted)
 }

@@ -1,9 +1,9 @@
-//! What this build consists of.
+//! Shows the versions of this build.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::findings::Finding;
 
-/// Versions of the tool, its library and the system.
+/// The finding with the versions of the tool, its library and the system.
 pub fn finding(system: Option<String>) -> Finding {
     let links: Vec<&str> = Scheme::ALL.into_iter().filter(|scheme| scheme.in_build()).map(Scheme::name).collect();
     let mut parts = vec![format!("ecmsk {} (links {})", env!("CARGO_PKG_VERSION"), links.join(", "))];

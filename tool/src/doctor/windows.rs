@@ -1,4 +1,4 @@
-//! A machine with Windows.
+//! Checks a machine with Windows.
 
 use std::path::Path;
 
@@ -8,27 +8,27 @@ use ecmsk::machine::findings::Finding;
 
 use super::CliError;
 
-// There is nothing to say. (A comment for rustdoc would be the verb's help.)
+// No options on Windows. A doc comment would become the help of the verb.
 #[derive(clap::Args)]
 pub struct SystemArgs {}
 
-/// Nothing else can be asked for.
+/// On Windows there is nothing but findings.
 pub fn is_done(_: &SystemArgs) -> Result<bool, CliError> {
     Ok(false)
 }
 
-/// Folders have no other place.
+/// Unused on Windows.
 pub fn root(_: &SystemArgs) -> &Path {
     Path::new("")
 }
 
-/// The system.
+/// The name of the system.
 pub fn name(_: &SystemArgs) -> Option<String> {
     let width = if cfg!(target_pointer_width = "64") { "64-bit" } else { "32-bit" };
     Some(format!("Windows, this tool is {width}"))
 }
 
-/// All that can be told without waiting.
+/// All findings that need no measurement.
 pub fn findings(_: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::here().findings(wanted)
 }

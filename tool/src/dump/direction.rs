@@ -1,9 +1,9 @@
-//! Which way a frame went.
+//! The direction of a frame: to the board or from it.
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, MASTER_CYCLIC, MasterState, SlotSize, StateByte};
 
-/// Reads `command` or `response`.
+/// Parses `command` or `response`.
 ///
 /// # Errors
 /// What is allowed.
@@ -15,7 +15,7 @@ pub fn parse(text: &str) -> Result<Dir, String> {
     }
 }
 
-/// Which way a frame without a direction went, by its slot 0, whose first bytes are the same for both slot sizes. \[OURS]
+/// Guesses the direction of a frame from its slot 0, whose first bytes are the same for both slot sizes. \[OURS]
 ///
 /// - byte 0 is the master's cyclic response 0xBF: a response;
 /// - byte 2 is 0: a command; a response has the state there, and is not sent while that is 0 (SK-4);

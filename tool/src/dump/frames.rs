@@ -1,4 +1,4 @@
-//! A frame on its way through a dump, and which of its slots are shown.
+//! A frame of a dump, and which of its slots are shown.
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
@@ -8,20 +8,20 @@ use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
 
 use crate::filter::{Command, Slots};
 
-/// A frame, and what is known of it.
+/// A frame with what is known of it.
 #[derive(Clone, Debug)]
 pub struct Shown {
     /// Its number in the recording or its line in the input, from 1.
     pub number: u64,
-    /// When it passed; bare frames have no time.
+    /// When the frame passed; frames from hexadecimal digits have no time.
     pub time: Option<Time>,
-    /// Which way it went.
+    /// The direction of the frame.
     pub direction: Dir,
     /// Whether the direction is a guess.
     pub guessed: bool,
-    /// Bytes of a slot.
+    /// The slot size.
     pub size: SlotSize,
-    /// The bytes.
+    /// The bytes of the frame.
     pub frame: Frame,
 }
 
@@ -43,7 +43,7 @@ impl Shown {
         }
     }
 
-    /// Takes account of what the frame tells of the slaves.
+    /// Adds to `kinds` what the frame tells of the slaves.
     pub fn tell(&self, kinds: &mut Kinds) {
         match self.direction {
             Dir::Write => kinds.command(&self.frame, self.size),
@@ -51,7 +51,7 @@ impl Shown {
         }
     }
 
-    /// What byte 3 says.
+    /// Whether the CRC in byte 3 is right, wrong or absent.
     pub fn crc(&self) -> CrcStatus {
         self.frame.crc_status(self.size)
     }
@@ -60,18 +60,18 @@ impl Shown {
 /// Which slots of a frame to show, and how to read them.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// These; empty: those that say something, slot 0 always.
+    /// The slots to show; if empty, those that are not idle and slot 0.
     pub slots: Vec<Slots>,
-    /// Every slot.
+    /// Whether every slot is shown.
     pub all: bool,
-    /// Of those only what asks for or answers one of these; empty: all.
+    /// Only slots with one of these commands, or an answer to one, are shown; if empty, all.
     pub commands: Vec<Command>,
-    /// What byte 1 of a slave's slot in a response is.
+    /// The firmware, which decides what byte 1 of a slave's slot in a response is.
     pub firmware: Firmware,
 }
 
 impl View {
-    /// The lines of a frame, in the order of its slots. `kinds`: of the slaves, this frame told already.
+    /// The lines of a frame, in the order of its slots. `kinds` must already contain what this frame tells.
     pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
         match shown.direction {
@@ -84,7 +84,7 @@ impl View {
                     Firmware::V17 => ResponseDump::new(frame, size),
                     Firmware::V15 => ResponseDump::new(frame, size).mode_in_byte_1(),
                 };
-                // Slots of slaves of unknown kind are read by `unknown`, so what stands for them here is never used.
+                // The slots of slaves of unknown kind are decoded by `unknown`, so their entry here is not used.
                 let known: [SlaveKind; MAX_SLAVES] = std::array::from_fn(|i| kinds.of(i + 1).unwrap_or_default());
                 let given = unknown.kinds(&known);
                 self.pick(size, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })

@@ -1,41 +1,41 @@
-//! Frames as hexadecimal digits, one on a line: `> 01 00 00 e7 02 ...`.
+//! Parses frames from hexadecimal digits, one per line: `> 01 00 00 e7 02 ...`.
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
-/// A frame as it stood on a line.
+/// A frame from a line.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexFrame {
-    /// The frame; what the line does not have is 0.
+    /// The frame; bytes that the line does not have are 0.
     pub frame: Frame,
-    /// Bytes on the line, 504..=512.
+    /// The number of bytes on the line, 504..=512.
     pub len: usize,
-    /// From the prefix: `>` to the board, `<` from it.
+    /// The direction from the prefix: `>` to the board, `<` from it.
     pub direction: Option<Dir>,
 }
 
-/// Why a line is no frame.
+/// Why a line is not a frame.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HexError {
-    /// Neither a digit nor a blank.
+    /// A character is neither a digit nor a blank.
     #[error("`{found}` is no hexadecimal digit")]
     NotADigit {
         /// The character.
         found: char,
     },
-    /// No frame has that length.
-    #[error("{digits} hexadecimal digits are {half} bytes, expected {SHORTEST} to {FRAME_LEN} ({} digits to {})", 2 * SHORTEST, 2 * FRAME_LEN, half = Bytes(*digits))]
+    /// The line has another number of bytes than a frame.
+    #[error("{digits} hexadecimal digits are {half} bytes, expected {FRAME_BYTES_MIN} to {FRAME_LEN} ({} digits to {})", 2 * FRAME_BYTES_MIN, 2 * FRAME_LEN, half = BytesOfDigits(*digits))]
     Length {
-        /// Digits on the line.
+        /// The number of digits on the line.
         digits: usize,
     },
 }
 
-/// Bytes of the shorter frame.
-const SHORTEST: usize = SlotSize::Bytes12.frame_len();
+/// The length of the shorter frame in bytes.
+const FRAME_BYTES_MIN: usize = SlotSize::Bytes12.frame_len();
 
-/// The frame on a line: an optional `>` or `<`, then digits, with blanks wherever; `#` starts a comment. `None`: the
-/// line has nothing but blanks and a comment.
+/// Parses a line: an optional `>` or `<`, then digits, with blanks anywhere; `#` starts a comment. `None` for an
+/// empty line or a comment.
 pub fn parse(line: &str) -> Result<Option<HexFrame>, HexError> {
     let line = line.split('#').next().unwrap_or_default().trim();
     let (direction, rest) = match line.split_at_checked(1) {
@@ -54,16 +54,16 @@ pub fn parse(line: &str) -> Result<Option<HexFrame>, HexError> {
         }
         digits += 1;
     }
-    if !digits.is_multiple_of(2) || !(SHORTEST..=FRAME_LEN).contains(&(digits / 2)) {
+    if !digits.is_multiple_of(2) || !(FRAME_BYTES_MIN..=FRAME_LEN).contains(&(digits / 2)) {
         return Err(HexError::Length { digits });
     }
     Ok(Some(HexFrame { frame, len: digits / 2, direction }))
 }
 
-/// Bytes that so many digits make, `12` or `12 and a half`.
-struct Bytes(usize);
+/// The number of bytes of that many digits as text: `12` or `12 and a half`.
+struct BytesOfDigits(usize);
 
-impl std::fmt::Display for Bytes {
+impl std::fmt::Display for BytesOfDigits {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}{}", self.0 / 2, if self.0.is_multiple_of(2) { "" } else { " and a half" })
     }
@@ -76,9 +76,9 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Any bytes of a frame come back from their digits, wherever blanks stand.
+        /// A frame is read back from its digits, wherever blanks are.
         #[test]
-        fn a_frame_comes_back_from_its_digits_wherever_blanks_are(bytes in proptest::collection::vec(any::<u8>(), SHORTEST..=FRAME_LEN), blank in "[ \t]{0,3}") {
+        fn a_frame_comes_back_from_its_digits_wherever_blanks_are(bytes in proptest::collection::vec(any::<u8>(), FRAME_BYTES_MIN..=FRAME_LEN), blank in "[ \t]{0,3}") {
             let digits: String = bytes.iter().map(|byte| format!("{byte:02x}{blank}")).collect();
             for (prefix, direction) in [("", None), ("> ", Some(Dir::Write)), ("<", Some(Dir::Read))] {
                 let parsed = parse(&format!(" {prefix}{digits}# comment")).expect("a frame").expect("no empty line");
@@ -88,7 +88,7 @@ mod tests {
             }
         }
 
-        /// Any line is a frame, nothing or an error.
+        /// No line makes the parser panic.
         #[test]
         fn no_line_makes_the_parser_panic(line in "\\PC*") {
             let _ = parse(&line);

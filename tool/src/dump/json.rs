@@ -1,4 +1,5 @@
-//! A frame as one JSON object on a line. Names carry units; a slot's `text` is what the text dump says of it.
+//! Prints a frame as one JSON object on a line. The names of fields contain units; the `text` of a slot is that of
+//! the text dump.
 
 use std::io::{self, Write};
 
@@ -14,10 +15,10 @@ use super::slot_json::SlotJson;
 #[derive(Serialize)]
 struct FrameJson<'a> {
     number: u64,
-    /// Since the recording's first frame.
+    /// Nanoseconds since the recording's first frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     time_ns: Option<i64>,
-    /// As recorded: since 1970-01-01, or of a virtual clock.
+    /// Nanoseconds as recorded: since 1970-01-01, or of a virtual clock.
     #[serde(skip_serializing_if = "Option::is_none")]
     recorded_ns: Option<u64>,
     direction: &'static str,
@@ -27,7 +28,7 @@ struct FrameJson<'a> {
     slots: &'a [SlotJson],
 }
 
-/// Byte 3: what was found and what the frame's bytes give.
+/// The CRC: byte 3, and the value for the bytes of the frame.
 #[derive(Serialize)]
 struct CrcJson {
     status: &'static str,
@@ -62,7 +63,7 @@ pub fn write(out: &mut dyn Write, shown: &Shown, lines: &[(usize, SlotLine)]) ->
     writeln!(out)
 }
 
-/// Writes what a recording lacks, behind its last frame; nothing is written of one that is whole.
+/// Writes what a recording lacks, after its last frame; for a complete recording nothing.
 pub fn write_lacks(out: &mut dyn Write, lacks: &Lacks) -> io::Result<()> {
     let object = json!({ "recording": {
         "whole": false,

@@ -1,4 +1,4 @@
-//! One slot of a JSON dump: its meaning as fields, the raw fields, the text.
+//! One slot of a JSON dump: its meaning as fields, its raw fields, its text.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole};
@@ -15,7 +15,7 @@ use crate::kinds;
 pub struct SlotJson {
     slot: usize,
     role: &'static str,
-    /// Name of the command asked for or answered.
+    /// The name of the command that is sent or answered.
     id: &'static str,
     #[serde(flatten)]
     fields: Fields,
@@ -23,7 +23,7 @@ pub struct SlotJson {
     text: String,
 }
 
-/// The numbers as they stand in the slot; in slot 0 the high byte of `parm` is the CRC.
+/// The raw numbers of the slot; in slot 0 the high byte of `parm` is the CRC.
 #[derive(Serialize)]
 struct RawJson {
     id: u8,
@@ -36,7 +36,7 @@ struct RawJson {
 }
 
 impl SlotJson {
-    /// Slot `i`.
+    /// The JSON form of slot `i`.
     pub fn of(i: usize, line: &SlotLine) -> Self {
         let RawSlot { id, index, parm, data1, data2, data3 } = line.raw;
         let data3 = (line.size == SlotSize::Bytes16).then_some(data3);
@@ -56,7 +56,7 @@ impl SlotJson {
     }
 }
 
-/// The meaning. What a kind of slot does not have is left out.
+/// The meaning of a slot; fields that its kind does not have are left out.
 #[derive(Default, Serialize)]
 #[serde(untagged)]
 enum Fields {
@@ -143,7 +143,7 @@ struct ReadingFields {
     mode: Option<u8>,
     #[serde(skip_serializing_if = "Option::is_none")]
     kind: Option<&'static str>,
-    /// `given`, `implied` by the id, `guessed` by the fields or `unknown`.
+    /// How the kind is known: `given`, `implied` by the id, `guessed` from the fields, or `unknown`.
     kind_from: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     statusword: Option<u16>,
@@ -151,7 +151,7 @@ struct ReadingFields {
     drive_state: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     position_counts: Option<i32>,
-    /// 0.1 % of rated.
+    /// Torque in 0.1 % of the rated torque.
     #[serde(skip_serializing_if = "Option::is_none")]
     torque_permille: Option<i16>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,4 +1,4 @@
-//! A frame as text: a line for the frame, then one for each slot.
+//! Prints a frame as text: a line for the frame, then one for each slot.
 
 use std::io::{self, Write};
 
@@ -6,7 +6,7 @@ use ecmsk::sk::dump::SlotLine;
 
 use super::frames::Shown;
 
-/// Where the number of a frame comes from.
+/// What the number of a frame counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Numbering {
     /// `frame 1`: a frame of a recording.

@@ -1,30 +1,30 @@
-//! The texts of a version resource: what Windows shows of a file under Properties, Details.
+//! Reads the texts of a version resource, which Windows shows under Properties, Details.
 //!
 //! Source: VS_VERSIONINFO, StringFileInfo, StringTable and String of Windows' documentation. All four have the same head:
 //! length, length of the value, its kind, a name in UTF-16 that ends with 0, then the value and what is inside, each at a
 //! multiple of four.
 
-/// Bytes before the name.
+/// The length of the head before the name, in bytes.
 const HEAD: usize = 6;
-/// \[OURS] Texts that are looked at: a resource has about ten.
-const MOST: usize = 100;
+/// \[OURS] How many texts are read; a resource has about ten.
+const TEXTS_MAX: usize = 100;
 
-/// One of them.
+/// One of these structures.
 struct Part<'data> {
     name: String,
-    /// Value and what is inside, as they stand in the file.
+    /// The value and the inner structures, as bytes of the file.
     rest: &'data [u8],
 }
 
-/// A text by its name (`CompanyName`), in the first language that has it; `None`: there is none, or this is no such
-/// resource.
+/// The text with that name (`CompanyName`) in the first language that has it; `None` if there is none, or the
+/// resource is invalid.
 pub fn text(resource: &[u8], name: &str) -> Option<String> {
     let (root, _) = part(resource)?;
-    // The value of the outermost one: VS_FIXEDFILEINFO.
+    // The value of the outermost structure is VS_FIXEDFILEINFO.
     let fixed = usize::from(u16::from_le_bytes([*resource.get(2)?, *resource.get(3)?]));
     let tables = parts(root.rest.get(round(fixed)..)?).filter(|part| part.name == "StringFileInfo");
     let texts = tables.flat_map(|all| parts(all.rest)).flat_map(|language| parts(language.rest));
-    let found = texts.take(MOST).find(|text| text.name == name)?;
+    let found = texts.take(TEXTS_MAX).find(|text| text.name == name)?;
     Some(utf16(found.rest))
 }
 
@@ -34,10 +34,10 @@ fn parts(mut data: &[u8]) -> impl Iterator<Item = Part<'_>> {
         data = data.get(round(length)..).unwrap_or_default();
         Some(found)
     })
-    .take(MOST)
+    .take(TEXTS_MAX)
 }
 
-/// The first one, and its length.
+/// Reads the first structure; returns it with its length.
 fn part(data: &[u8]) -> Option<(Part<'_>, usize)> {
     let length = usize::from(u16::from_le_bytes([*data.first()?, *data.get(1)?]));
     let whole = data.get(..length)?;
@@ -52,7 +52,7 @@ const fn round(at: usize) -> usize {
     at.next_multiple_of(4)
 }
 
-/// Up to its end.
+/// The text up to the terminating 0.
 fn utf16(data: &[u8]) -> String {
     let units = data.chunks_exact(2).map(|unit| u16::from_le_bytes([unit[0], unit[1]]));
     let units = units.take_while(|unit| *unit != 0);

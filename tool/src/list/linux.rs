@@ -1,4 +1,4 @@
-//! Boards on USB and SPI devices, as Linux tells them.
+//! Lists boards on USB and SPI devices, on Linux.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// What there is when there is nothing.
+/// The text for an empty list.
 pub const NONE: &str = "no board on USB and no SPI device";
 
 #[derive(clap::Args)]
@@ -21,7 +21,7 @@ pub struct SystemArgs {
     root: PathBuf,
 }
 
-/// All devices.
+/// All devices of the list.
 pub fn rows(args: &SystemArgs) -> Vec<Row> {
     let machine = Machine::below(&args.root);
     usb(&machine).chain(spi(&machine)).collect()
@@ -57,7 +57,7 @@ fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
         what,
         obstacle: blocking.first().map(|finding| finding.found.clone()).or(obstacle.map(|why| why.to_string())),
         but: others.iter().map(|finding| finding.found.clone()).collect(),
-        // One step after the other: the first obstacle may be the reason for the next.
+        // Only the first obstacle has its step, because the others may follow from it.
         next: blocking.into_iter().take(1).chain(others).filter_map(|finding| finding.next).collect(),
         facts,
     }

@@ -1,4 +1,4 @@
-//! Boards on USB, as Windows' HID driver tells them.
+//! Lists boards on USB that Windows' HID driver knows.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::{Board, Machine};
@@ -6,14 +6,14 @@ use serde_json::json;
 
 use super::Row;
 
-/// What there is when there is nothing.
+/// The text for an empty list.
 pub const NONE: &str = "no board on USB";
 
-// There is nothing to say. (A comment for rustdoc would be the verb's help.)
+// No options on Windows. A doc comment would become the help of the verb.
 #[derive(clap::Args)]
 pub struct SystemArgs {}
 
-/// All devices with the board's ids; or why there is no telling.
+/// All devices with the board's vendor and product id, or a row with the error.
 pub fn rows(_: &SystemArgs) -> Vec<Row> {
     match Machine::here().boards() {
         Ok(boards) => boards.iter().map(row).collect(),

@@ -1,4 +1,4 @@
-//! A view as one JSON object. Slots are those of `ecmsk dump --json`.
+//! Prints a view as one JSON object. Its slots have the form of `ecmsk dump --json`.
 
 use serde::Serialize;
 
@@ -10,12 +10,12 @@ struct ViewJson<'a> {
     name: &'a str,
     time_ns: i64,
     reports: u64,
-    /// In a second of the board's time.
+    /// Reports per second of the board's time.
     #[serde(skip_serializing_if = "Option::is_none")]
     reports_per_s: Option<f64>,
     reports_lost: u64,
     reports_bad_crc: u64,
-    /// The board's own counters, where the link can see them.
+    /// The board's own counters; `None` if the link does not know them.
     #[serde(skip_serializing_if = "Option::is_none")]
     counters: Option<CountersJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -41,7 +41,7 @@ struct Velocity {
     counts_per_s: f64,
 }
 
-/// The object and the end of its line.
+/// The JSON object with a line feed.
 pub fn line(view: &View) -> String {
     let axis = |(i, line): &(usize, ecmsk::sk::dump::SlotLine)| {
         let position = super::rows::has_position(line);

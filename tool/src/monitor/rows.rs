@@ -1,4 +1,4 @@
-//! A slave as a row of the table.
+//! The rows of the table: one for each slave.
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::sk::CommandId;
@@ -7,46 +7,46 @@ use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotLine, SlotMeaning};
 use super::watched::View;
 use crate::kinds;
 
-/// How a row looks.
+/// How a row is highlighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mood {
-    /// As any.
+pub enum Highlight {
+    /// Not at all.
     #[default]
     Plain,
-    /// An axis that is on.
+    /// As an axis that is switched on.
     On,
-    /// A fault, or an error code.
+    /// As a slave with a fault or an error code.
     Alarm,
 }
 
-/// The texts of a row; what a slave does not have is empty.
+/// The texts of a row; a text is empty if the slave has no such value.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Row {
-    /// Number of the slave.
+    /// The number of the slave.
     pub slave: String,
-    /// What it is; with a question mark if it is guessed.
+    /// The kind of slave, with a question mark if it is guessed.
     pub kind: String,
-    /// State in words.
+    /// The state in words.
     pub state: String,
-    /// 0x6041.
+    /// The statusword, 0x6041.
     pub statusword: String,
-    /// Counts.
+    /// The position in counts.
     pub position: String,
-    /// Counts in a second.
+    /// The velocity in counts per second.
     pub velocity: String,
-    /// Percent of rated.
+    /// The torque in percent of the rated torque.
     pub torque: String,
-    /// 0x603F.
+    /// The error code, 0x603F.
     pub error: String,
-    /// Inputs or outputs.
+    /// The inputs or outputs.
     pub bits: String,
-    /// The command executed last, and its index or the mode.
+    /// The command that was executed last, with its index or the mode.
     pub answers: String,
-    /// How it looks.
-    pub mood: Mood,
+    /// How the row is highlighted.
+    pub highlight: Highlight,
 }
 
-/// The rows of a view; the second axis of a pulse module has one of its own.
+/// The rows of a view. The second axis of a pulse module has a row of its own.
 pub fn rows(view: &View) -> Vec<Row> {
     let mut rows = Vec::new();
     for (i, line) in &view.lines {
@@ -117,14 +117,14 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
 impl Row {
     fn with(self, statusword: Statusword, error_code: u16) -> Self {
         let state = statusword.state();
-        let mood = match state {
-            Some(DriveState::Fault | DriveState::FaultReactionActive) => Mood::Alarm,
-            _ if error_code != 0 => Mood::Alarm,
-            Some(DriveState::OperationEnabled) => Mood::On,
-            _ => Mood::Plain,
+        let highlight = match state {
+            Some(DriveState::Fault | DriveState::FaultReactionActive) => Highlight::Alarm,
+            _ if error_code != 0 => Highlight::Alarm,
+            Some(DriveState::OperationEnabled) => Highlight::On,
+            _ => Highlight::Plain,
         };
         let state = state.map_or("no CiA 402 state", DriveState::name).to_owned();
-        Self { state, statusword: format!("0x{:04X}", statusword.0), mood, ..self }
+        Self { state, statusword: format!("0x{:04X}", statusword.0), highlight, ..self }
     }
 }
 

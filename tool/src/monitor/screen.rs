@@ -1,4 +1,4 @@
-//! The table as it is drawn, on a terminal of any size or as text.
+//! Draws the table, on a terminal of any size or as text.
 
 use ecmsk::sk::dump::SlotRole;
 use ecmsk::sk::{FIFO_ENTRIES, MasterState};
@@ -10,24 +10,24 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Cell, Paragraph, Row as TableRow, Table};
 use ratatui::{Frame, Terminal};
 
-use super::rows::{Mood, Row, rows};
+use super::rows::{Highlight, Row, rows};
 use super::watched::View;
 use crate::visible::visible;
 
-/// Lines above the rows: name, board, FIFO, SDO, counters, a blank one, the columns' names.
+/// The number of lines above the rows: name, board, FIFO, SDO, counters, a blank line, the names of the columns.
 const HEAD: u16 = 7;
-/// Width of the table as text: all columns.
+/// The width of the table as text, with all columns.
 const WIDTH: u16 = 106;
-/// Letters of the FIFO's bar.
+/// The width of the bar of the FIFO in characters.
 const BAR: u16 = 32;
 
-/// A column: its name, its width, whether numbers stand at its right, its text.
+/// A column: its name, its width, whether its texts are right-aligned, and its text.
 struct Column {
     name: &'static str,
     width: u16,
     right: bool,
     text: fn(&Row) -> &str,
-    /// Terminals narrower than that do without it.
+    /// The smallest width of the terminal with which the column is shown.
     from_width: u16,
 }
 
@@ -44,7 +44,7 @@ const COLUMNS: [Column; 10] = [
     Column { name: "answers", width: 13, right: false, text: |row| &row.answers, from_width: 106 },
 ];
 
-/// Draws a view, its rows from `scroll` on; gives the largest `scroll` that shows something new.
+/// Draws a view, with its rows from `scroll` on. Returns the largest useful value of `scroll`.
 pub fn draw(frame: &mut Frame, view: &View, scroll: usize) -> usize {
     let foot = 1;
     let [head, table, keys] =
@@ -75,10 +75,10 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
     let header = columns.iter().map(|column| cell(column, column.name.to_owned()));
     let header = TableRow::new(header).style(Style::new().add_modifier(Modifier::BOLD));
     let body = rows.iter().map(|row| {
-        let style = match row.mood {
-            Mood::Plain => Style::new(),
-            Mood::On => Style::new().fg(Color::Green),
-            Mood::Alarm => Style::new().fg(Color::Red).add_modifier(Modifier::BOLD),
+        let style = match row.highlight {
+            Highlight::Plain => Style::new(),
+            Highlight::On => Style::new().fg(Color::Green),
+            Highlight::Alarm => Style::new().fg(Color::Red).add_modifier(Modifier::BOLD),
         };
         TableRow::new(columns.iter().map(|column| cell(column, (column.text)(row).to_owned()))).style(style)
     });
@@ -86,7 +86,7 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
     frame.render_widget(Table::new(body, widths).header(header), area);
 }
 
-/// What is to be said of the board.
+/// The lines about the board.
 fn head(view: &View) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let name = Line::styled(visible(&view.name), bold);
@@ -136,7 +136,7 @@ fn head(view: &View) -> Vec<Line<'static>> {
     vec![name, first, Line::raw(fifo), Line::raw(sdo), last]
 }
 
-/// All of a view as text.
+/// The whole view as text.
 pub fn text(view: &View) -> String {
     let rows = u16::try_from(rows(view).len()).unwrap_or(u16::MAX);
     let mut terminal = Terminal::new(TestBackend::new(WIDTH, HEAD + rows + 1)).unwrap_or_else(|never| match never {});
@@ -149,7 +149,7 @@ pub fn text(view: &View) -> String {
     }
 }
 
-/// The letters of a buffer, but for its last `without` lines.
+/// The text of a buffer without its last `without` lines.
 fn lines(buffer: &Buffer, without: u16) -> String {
     let area = buffer.area();
     let mut text = String::new();
@@ -171,7 +171,7 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// A board in OP with 40 drives at 1000 times their number; the seventh has an alarm.
+    /// A board in OP with 40 drives, whose positions are 1000 times their numbers; the seventh has an alarm.
     fn forty() -> View {
         let mut watched = Watched::new("board".to_owned(), Some(&[SlaveKind::Drive; 40]));
         let mut report = ecmsk::sk::Frame::new();
@@ -200,7 +200,7 @@ mod tests {
         (terminal.backend().buffer().clone(), last)
     }
 
-    /// TOOL-66 Forty slaves on a small terminal: a part is shown, any other can be scrolled to, and no further.
+    /// TOOL-66 Of forty slaves a small terminal shows a part; the table can be scrolled to any other, and no further.
     #[test]
     fn forty_slaves_scroll() {
         let view = forty();
@@ -225,7 +225,7 @@ mod tests {
         }
     }
 
-    /// TOOL-66 An alarm stands out, an axis that is on too; narrow terminals keep what matters most.
+    /// TOOL-66 An alarm and an axis that is on are highlighted; narrow terminals keep the most important columns.
     #[test]
     fn an_alarm_and_an_axis_that_is_on_are_highlighted() {
         let view = forty();
@@ -240,7 +240,7 @@ mod tests {
         assert!(!narrow.contains("torque") && !narrow.contains("counts/s"), "{narrow}");
     }
 
-    /// Any terminal has room for something, and none is too small to live with.
+    /// The screen can be drawn on a terminal of any size.
     #[test]
     fn the_screen_is_drawn_on_terminals_of_any_size() {
         for (width, height) in [(1, 1), (10, 3), (20, 7), (300, 8)] {

@@ -1,4 +1,4 @@
-//! Where reports come from: a board, read by a thread of its own so that none is missed, or a recording.
+//! The source of reports: a board, which is read by a thread of its own so that no report is missed, or a recording.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,21 +16,21 @@ use super::watched::{View, Watched};
 use super::{CliError, MonitorError};
 use crate::recording::{self, Framed, Frames, InTime};
 
-/// A wait for a report ends after that long, to look whether the monitor has ended. \[OURS]
-const PATIENCE: Duration = Duration::from_millis(200);
+/// How long one wait for a report may take, so that the thread notices when the monitor ends. \[OURS]
+const READ_WAIT_MAX: Duration = Duration::from_millis(200);
 
-/// What is seen, while a thread goes on looking.
+/// A source, read by a thread.
 pub struct Feed {
     watched: Arc<Mutex<Watched>>,
     stop: Arc<AtomicBool>,
     link: Option<Arc<dyn Link>>,
-    /// Why the thread has ended.
+    /// The error with which the thread has ended.
     failed: Arc<Mutex<Option<EcmError>>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Feed {
-    /// A board: it is opened as it is, and left as it is.
+    /// Opens a board; nothing is sent to it.
     pub fn board(
         uri: &LinkUri,
         slot: Option<SlotSize>,
@@ -55,16 +55,16 @@ impl Feed {
         }))
     }
 
-    /// A recording, as fast as it was.
+    /// Opens a recording and plays it as fast as it was recorded.
     pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, RecordError> {
-        // What is no recording is told before the screen is taken.
+        // An invalid file is an error before the screen is taken over.
         drop(Frames::open(&file, slot, None)?);
         Ok(Self::start(watched, None, Arc::default(), move |watched, stop| {
             let began = Instant::now();
             let played = walk(&file, slot, |framed| {
                 let due = began + Duration::from_nanos(framed.time_ns.max(0).unsigned_abs());
                 while Instant::now() < due && !stop.load(Ordering::Relaxed) {
-                    thread::sleep(due.saturating_duration_since(Instant::now()).min(PATIENCE));
+                    thread::sleep(due.saturating_duration_since(Instant::now()).min(READ_WAIT_MAX));
                 }
                 take(&mut lock(watched), &framed);
                 Ok(!stop.load(Ordering::Relaxed))
@@ -90,7 +90,7 @@ impl Feed {
         Self { watched, stop, link, failed, thread: Some(thread) }
     }
 
-    /// What there is to show now, and why there will be no more.
+    /// The present view, and why the source has ended, if it has.
     pub fn view(&self) -> (View, Option<MonitorError>) {
         let counters = self.link.as_ref().and_then(|link| link.stats().board);
         let mut watched = lock(&self.watched);
@@ -107,18 +107,18 @@ impl Drop for Feed {
             link.cancel(Dir::Read);
         }
         if let Some(thread) = self.thread.take() {
-            // A panic there was told already.
+            // A panic of the thread was printed already.
             let _ = thread.join();
         }
     }
 }
 
-/// Reads until it is told to stop, or the board is gone.
+/// Reads reports until `stop` is set or the board is lost.
 fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) -> Result<(), EcmError> {
     let virtual_time = ecm.link_info().virtual_time;
     let mut began = None;
     while !stop.load(Ordering::Relaxed) {
-        let snapshot = match ecm.next_cycle(PATIENCE) {
+        let snapshot = match ecm.next_cycle(READ_WAIT_MAX) {
             Ok(snapshot) => snapshot,
             Err(EcmError::NoReport { .. } | EcmError::Link(LinkError::Cancelled { .. })) => continue,
             Err(error) => return Err(error),
@@ -131,16 +131,16 @@ fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) 
             watched.counts.bad_crc = stats.bad_crc;
         }
         if virtual_time {
-            // Time that passes by calls alone is let pass as fast as on a clock.
+            // Virtual time passes by calls only, so the thread waits between them to make it as fast as real time.
             let at = Duration::from_nanos(snapshot.meta.at.0);
             let (since, first) = *began.get_or_insert((Instant::now(), at));
-            thread::sleep(at.saturating_sub(first).saturating_sub(since.elapsed()).min(PATIENCE));
+            thread::sleep(at.saturating_sub(first).saturating_sub(since.elapsed()).min(READ_WAIT_MAX));
         }
     }
     Ok(())
 }
 
-/// A frame of a recording goes by.
+/// Adds a frame of a recording.
 pub fn take(watched: &mut Watched, framed: &Framed) {
     if let Some(firmware) = recording::firmware(framed.meta.as_deref()) {
         watched.firmware = firmware;
@@ -151,8 +151,8 @@ pub fn take(watched: &mut Watched, framed: &Framed) {
     }
 }
 
-/// Shows the frames of a recording in the order of time until one says no; gives what is wrong with its end, or what it
-/// lacks.
+/// Calls `show` with the frames of a recording in the order of time until it returns false. Returns why the recording
+/// ends early, or what it lacks.
 pub fn walk(
     file: &Path,
     slot: Option<SlotSize>,
@@ -184,7 +184,7 @@ pub fn walk(
     Ok(damage.or_else(|| frames.lacks().map(|lacks| format!("{}: {lacks}", file.display()))))
 }
 
-/// When a report was made.
+/// The time of a report in nanoseconds.
 fn nanoseconds(meta: ReadMeta) -> i64 {
     i64::try_from(meta.at.0).unwrap_or(i64::MAX)
 }

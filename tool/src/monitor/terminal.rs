@@ -1,7 +1,7 @@
-//! The terminal: drawing, keys, signals. However it ends, the terminal is as it was.
+//! Runs the monitor on a terminal: drawing, keys, signals. However it ends, the terminal is restored.
 //!
-//! Keys are read by a thread of their own. The crate that reads them never comes back from a terminal that has hung up,
-//! and what ends the monitor must not wait for it.
+//! Keys are read by a thread of its own, because the crate that reads them never returns from a terminal that was
+//! closed, and the monitor must not wait for it when it ends.
 
 use std::io;
 use std::process::ExitCode;
@@ -18,37 +18,37 @@ use super::source::Feed;
 use super::{MonitorError, screen};
 use crate::signals;
 
-/// How long a signal, or the end of the terminal, may wait to be seen. \[OURS]
-const LOOK: Duration = Duration::from_millis(50);
-/// Keys that may wait to be seen; while more are typed they wait in the terminal. \[OURS]
-const KEYS: usize = 64;
-/// How long the screen may take to end by itself after a signal. A terminal that takes no output may hold it up for
-/// ever. \[OURS]
-const GRACE: Duration = Duration::from_secs(1);
-/// Rows that a page moves. \[OURS]
-const PAGE: usize = 10;
+/// How often signals and the end of the terminal are checked. \[OURS]
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// How many keys are buffered; further ones wait in the terminal. \[OURS]
+const KEYS_BUFFERED: usize = 64;
+/// How long the screen may take to end by itself after a signal. A terminal that takes no output may block it
+/// forever. \[OURS]
+const END_WAIT_MAX: Duration = Duration::from_secs(1);
+/// How many rows a page key scrolls. \[OURS]
+const PAGE_ROWS: usize = 10;
 
-/// What a key asks for.
+/// The action of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wish {
+enum KeyAction {
     End,
     Scroll(usize),
     Nothing,
 }
 
-/// Shows what the feed sees until it is told to end; gives the exit code.
+/// Shows the feed until a key, a signal or the time limit ends it; returns the exit code.
 pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<ExitCode, MonitorError> {
     let signal = Arc::new(AtomicUsize::new(0));
     signals::note(&signal).map_err(MonitorError::Terminal)?;
-    // From here on a panic restores the terminal too.
+    // From here on a panic restores the terminal as well.
     let mut terminal = ratatui::try_init().map_err(MonitorError::Terminal)?;
-    end_in_any_case(Arc::clone(&signal)).map_err(MonitorError::Terminal)?;
+    start_watchdog(Arc::clone(&signal)).map_err(MonitorError::Terminal)?;
     let shown = keys().and_then(|keys| show(&mut terminal, feed, interval, limit, &signal, &keys));
     let restored = ratatui::try_restore();
     if is_gone() {
-        // Its drop would tell standard error that the cursor cannot be shown, and panic because that is gone too.
+        // Dropping the terminal would print an error to standard error, which is closed as well, and so panic.
         std::mem::forget(terminal);
-        // Whatever failed, it failed because nobody is there any more: not even to be told.
+        // The terminal is closed, so nobody can be told what has failed.
         let number = signal.load(Ordering::Relaxed);
         return Ok(ended_by(if number == 0 { signals::HANG_UP } else { number }));
     }
@@ -56,9 +56,9 @@ pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<E
     shown
 }
 
-/// What is typed, from now on. The thread is left to itself: it ends with the process.
+/// Starts the thread that reads keys. It is not joined: it ends with the process.
 fn keys() -> Result<Receiver<io::Result<Event>>, MonitorError> {
-    let (sender, keys) = sync_channel(KEYS);
+    let (sender, keys) = sync_channel(KEYS_BUFFERED);
     let read = move |sender: SyncSender<io::Result<Event>>| while sender.send(event::read()).is_ok() {};
     thread::Builder::new().name("keys".into()).spawn(move || read(sender)).map_err(MonitorError::Terminal)?;
     Ok(keys)
@@ -69,25 +69,26 @@ fn is_gone() -> bool {
     signals::has_hung_up(&io::stdout())
 }
 
-/// Ends the process some time after a signal, or after the terminal was closed, whatever it is doing then.
-fn end_in_any_case(signal: Arc<AtomicUsize>) -> io::Result<()> {
+/// Starts a thread that ends the process some time after a signal, or after the terminal was closed, whatever the
+/// process is doing then.
+fn start_watchdog(signal: Arc<AtomicUsize>) -> io::Result<()> {
     let watch = move || {
         let number = loop {
             match signal.load(Ordering::Relaxed) {
                 0 if is_gone() => break signals::HANG_UP,
-                0 => thread::sleep(LOOK),
+                0 => thread::sleep(POLL_INTERVAL),
                 number => break number,
             }
         };
-        thread::sleep(GRACE);
-        // Without the sequences that restore the screen: the terminal takes none.
+        thread::sleep(END_WAIT_MAX);
+        // The sequences that restore the screen are left out, because the terminal takes no output.
         let _ = disable_raw_mode();
         std::process::exit(i32::from(128_u8.saturating_add(number as u8)));
     };
     thread::Builder::new().name("end".into()).spawn(watch).map(drop)
 }
 
-/// The exit code after a signal.
+/// The exit code after a signal: 128 + its number.
 fn ended_by(signal: usize) -> ExitCode {
     ExitCode::from(128_u8.saturating_add(signal as u8))
 }
@@ -120,12 +121,13 @@ fn show(
             }
             let now = Instant::now();
             if now >= next {
-                // Its reason is part of the view: a board that is gone leaves its last values on the screen.
+                // The reason of the end is part of the view: a board that is lost leaves its last values on the
+                // screen.
                 (view, _) = feed.view();
                 next = (next + interval).max(now);
                 break;
             }
-            let typed = match keys.recv_timeout(LOOK.min(next - now)) {
+            let typed = match keys.recv_timeout(POLL_INTERVAL.min(next - now)) {
                 Ok(typed) => typed.map_err(MonitorError::Terminal)?,
                 Err(RecvTimeoutError::Timeout) => continue,
                 Err(RecvTimeoutError::Disconnected) => {
@@ -134,12 +136,12 @@ fn show(
             };
             match typed {
                 Event::Key(key) if key.kind != KeyEventKind::Release => match wish(key, scroll, last) {
-                    Wish::End => return Ok(ExitCode::SUCCESS),
-                    Wish::Scroll(to) => {
+                    KeyAction::End => return Ok(ExitCode::SUCCESS),
+                    KeyAction::Scroll(to) => {
                         scroll = to;
                         break;
                     }
-                    Wish::Nothing => {}
+                    KeyAction::Nothing => {}
                 },
                 Event::Resize(..) => break,
                 _ => {}
@@ -148,17 +150,17 @@ fn show(
     }
 }
 
-fn wish(key: KeyEvent, scroll: usize, last: usize) -> Wish {
+fn wish(key: KeyEvent, scroll: usize, last: usize) -> KeyAction {
     let scroll = scroll.min(last);
     match key.code {
-        KeyCode::Char('q' | 'Q') | KeyCode::Esc => Wish::End,
-        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Wish::End,
-        KeyCode::Up | KeyCode::Char('k') => Wish::Scroll(scroll.saturating_sub(1)),
-        KeyCode::Down | KeyCode::Char('j') => Wish::Scroll((scroll + 1).min(last)),
-        KeyCode::PageUp => Wish::Scroll(scroll.saturating_sub(PAGE)),
-        KeyCode::PageDown | KeyCode::Char(' ') => Wish::Scroll((scroll + PAGE).min(last)),
-        KeyCode::Home => Wish::Scroll(0),
-        KeyCode::End => Wish::Scroll(last),
-        _ => Wish::Nothing,
+        KeyCode::Char('q' | 'Q') | KeyCode::Esc => KeyAction::End,
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => KeyAction::End,
+        KeyCode::Up | KeyCode::Char('k') => KeyAction::Scroll(scroll.saturating_sub(1)),
+        KeyCode::Down | KeyCode::Char('j') => KeyAction::Scroll((scroll + 1).min(last)),
+        KeyCode::PageUp => KeyAction::Scroll(scroll.saturating_sub(PAGE_ROWS)),
+        KeyCode::PageDown | KeyCode::Char(' ') => KeyAction::Scroll((scroll + PAGE_ROWS).min(last)),
+        KeyCode::Home => KeyAction::Scroll(0),
+        KeyCode::End => KeyAction::Scroll(last),
+        _ => KeyAction::Nothing,
     }
 }

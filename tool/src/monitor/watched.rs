@@ -1,4 +1,4 @@
-//! What was seen of a board up to now, and what of it is shown at a time.
+//! What is known of a board from its frames so far, and the views of it that are shown.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotLine};
 use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
 
-/// A board may be silent for that long before it is said. \[OURS]
+/// A board that has made no report for this long is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
 
 /// A report.
@@ -19,7 +19,7 @@ struct Sample {
     reports: u64,
 }
 
-/// Counts since the monitor began.
+/// Counters since the monitor was started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Reports read.
@@ -30,51 +30,51 @@ pub struct Counts {
     pub bad_crc: u64,
 }
 
-/// All that was seen.
+/// The state of a board, from all of its frames so far.
 pub struct Watched {
     name: String,
     kinds: Kinds,
     newest: Option<Sample>,
-    /// What was shown last: rates and speeds are since then.
+    /// The report of the previous view, from which rates and speeds count.
     shown: Option<Sample>,
     heard: Instant,
-    /// What byte 1 of a slave's slot is.
+    /// The firmware, which decides what byte 1 of a slave's slot is.
     pub firmware: Firmware,
-    /// Reports.
+    /// Counters of the reports.
     pub counts: Counts,
-    /// The board's own counters, where the link can see them.
+    /// The board's own counters; `None` if the link does not know them.
     pub counters: Option<Counters>,
-    /// Why there is no more, if there is not.
+    /// Why the source has ended, if it has.
     pub end: Option<String>,
-    /// Whether silence is worth a word: not after a recording's end.
+    /// Whether silence is shown: not after the end of a recording.
     pub live: bool,
 }
 
-/// What is shown at a time.
+/// A view: what is shown at one time.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The link or the recording.
+    /// The name of the link or the recording.
     pub name: String,
     /// Slot 0; `None` before the first report.
     pub board: Option<MasterResponse>,
-    /// When the report was made: nanoseconds of the board or since the recording's first frame.
+    /// When the report was made, in nanoseconds of the board's time or since the recording's first frame.
     pub at_ns: i64,
-    /// Reports in a second of that time, since the view before.
+    /// Reports per second of that time since the previous view.
     pub rate: Option<f64>,
     /// Reports.
     pub counts: Counts,
     /// The board's own counters.
     pub counters: Option<Counters>,
-    /// What is wrong.
+    /// What is wrong with the board or the connection.
     pub trouble: Option<String>,
-    /// The slots to show, each with its number; slot 0 first.
+    /// The slots to show, each with its number, slot 0 first.
     pub lines: Vec<(usize, SlotLine)>,
-    /// How fast positions change, by slot: counts in a second.
+    /// The velocities of the positions by slot, in counts per second.
     pub velocities: Vec<Option<f64>>,
 }
 
 impl Watched {
-    /// Nothing yet. `kinds`: what slaves are, if it is known.
+    /// The state before the first frame. `kinds` are the kinds of the slaves, if they are known.
     pub fn new(name: String, kinds: Option<&[SlaveKind]>) -> Self {
         Self {
             name,
@@ -90,7 +90,7 @@ impl Watched {
         }
     }
 
-    /// A command frame went by, of somebody else.
+    /// Adds a command frame that another program has sent.
     pub fn command(&mut self, frame: &Frame, size: SlotSize) {
         self.kinds.command(frame, size);
     }
@@ -103,7 +103,7 @@ impl Watched {
         self.newest = Some(Sample { at_ns, frame: frame.clone(), size, reports: self.counts.reports });
     }
 
-    /// What there is to show now. The next one's rates count from here.
+    /// Makes a view. The rates of the next one count from it.
     pub fn view(&mut self) -> View {
         let silent = self.live && self.heard.elapsed() > SILENT;
         let silence = || format!("no report for {:.1} s", self.heard.elapsed().as_secs_f64());
@@ -148,7 +148,7 @@ impl Watched {
         let sdo = sample.size.sdo_slot();
         let line = |i: usize| {
             let line = if self.kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) }?;
-            // A slave that is known is shown though it says nothing; one that is not there never is.
+            // A slave whose kind is known is shown even if its slot is empty; one that does not exist is never shown.
             let shown = match self.kinds.of(i) {
                 Some(SlaveKind::None) => i == 0 || i == sdo,
                 Some(_) => true,

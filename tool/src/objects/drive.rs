@@ -1,14 +1,15 @@
-//! The objects of a real drive, read by SDO over a link.
+//! Reads the objects of a real drive by SDO over a link.
 
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Close, Ecm, EcmError};
 use ecmsk::slave::dictionary::Access;
 use ecmsk::slave::{MakersObject, MakersType};
 
-/// Reads what is readable of those indexes, and nothing is written. `found` takes each object, `at` hears where it is.
+/// Reads all readable objects with these indexes; nothing is written to the drive. `found` gets each object, `at` the
+/// index that is being read.
 ///
-/// The wire says neither the size nor the access of an object, so that all are [`MakersType::Any`] and `rw`, but for those
-/// that the drive says are write-only.
+/// SDO answers tell neither the size nor the access of an object. So all are [`MakersType::Any`] and `rw`, except
+/// those that the drive reports as write-only.
 ///
 /// # Errors
 /// [`EcmError`]: the slave does not answer any more, or whatever the board says; what `found` says.
@@ -29,7 +30,8 @@ pub fn read<E: From<EcmError>>(
         if !is_readable {
             continue;
         }
-        // Of a record or an array sub-index 0 is the last one; of a plain object it is the value, and there is no other.
+        // Sub-index 0 of a record or an array is its highest sub-index; that of a plain object is its value, and
+        // there is no other.
         for sub in (1..=count.min(254) as u8).take_while(|_| count <= 254) {
             match upload(&ecm, slave, index, sub)? {
                 Some(object) => found(object)?,
@@ -41,14 +43,14 @@ pub fn read<E: From<EcmError>>(
     Ok(ecm.close(Close::Leave)?)
 }
 
-/// One sub-index; `None`: there is none.
+/// Reads one sub-index; `None` if it does not exist.
 fn upload(ecm: &Ecm, slave: u8, index: u16, sub: u8) -> Result<Option<MakersObject>, EcmError> {
     let address = ObjectAddress::new(index, sub);
     let object = |access, bits| MakersObject { address, data: MakersType::Any, access, bits, name: String::new() };
     match ecm.sdo_read::<u32>(slave, address) {
         Ok(bits) => Ok(Some(object(Access::ReadWrite, bits.into()))),
         Err(EcmError::SdoAborted { code: AbortCode::WRITE_ONLY, .. }) => Ok(Some(object(Access::WriteOnly, 0))),
-        // A slave that is not there, or gone.
+        // The slave does not exist or does not answer any more.
         Err(error @ EcmError::SdoAborted { code: AbortCode::TIMEOUT, .. }) => Err(error),
         Err(EcmError::SdoAborted { .. }) => Ok(None),
         Err(error) => Err(error),

@@ -1,4 +1,5 @@
-//! The objects of a device in an ESI file (EtherCAT Slave Information, ETG.2000), as a drive's maker ships it.
+//! Reads the objects of a device from an ESI file (EtherCAT Slave Information, ETG.2000), which the manufacturer of a
+//! drive provides.
 
 use std::collections::HashMap;
 
@@ -7,48 +8,48 @@ use ecmsk::slave::dictionary::Access;
 use ecmsk::slave::{MakersObject, MakersType};
 use roxmltree::{Document, Node};
 
-/// Data types that stand for others are followed so far \[OURS].
+/// How many data types that refer to others are followed \[OURS].
 const DEPTH_MAX: usize = 8;
-/// The indexes below are data types and no objects (ETG.1000.6 table 63).
+/// The first index of an object; those below are data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
-/// Why a file gives no objects.
+/// Why no objects can be read from a file.
 #[derive(Debug, thiserror::Error)]
 pub enum EsiError {
-    /// It is no XML.
+    /// The file is not XML.
     #[error("it is no XML: {0}; name the ESI file (.xml) of the drive's maker")]
     Xml(#[from] roxmltree::Error),
-    /// There is no device in it.
+    /// The file has no device with an object dictionary.
     #[error(
         "there is no device with a dictionary of objects in it; some makers ship that as a file of its own beside the ESI"
     )]
     NoDictionary,
-    /// There are several.
+    /// The file has several devices.
     #[error("there are several devices in it; choose one with --device: {}", .0.join(", "))]
     Several(Vec<String>),
-    /// The one that was named is not there.
+    /// The file does not have the device that was named.
     #[error("there is no device `{wanted}` in it; allowed: {}", .devices.join(", "))]
     NoDevice {
-        /// What was named.
+        /// The device that was named.
         wanted: String,
-        /// Those that are there.
+        /// The devices of the file.
         devices: Vec<String>,
     },
-    /// Something in it is not as ETG.2000 has it.
+    /// The content does not follow ETG.2000.
     #[error("line {line}: {message}; is it an ESI file (ETG.2000)?")]
     Content {
-        /// Where, from 1.
+        /// The line, from 1.
         line: u32,
         /// What is wrong.
         message: String,
     },
 }
 
-/// What an ESI file says of a device.
+/// A device of an ESI file.
 pub struct Esi {
-    /// The device's type.
+    /// The type of the device.
     pub device: String,
-    /// Its objects.
+    /// The objects of the device.
     pub objects: Vec<MakersObject>,
 }
 
@@ -68,7 +69,7 @@ pub fn read(text: &str, wanted: Option<&str>) -> Result<Esi, EsiError> {
     names.dedup();
     let device = match (chosen.as_slice(), wanted) {
         _ if with_objects.is_empty() => return Err(EsiError::NoDictionary),
-        // Revisions of one device stand one after the other, the newest at the end [OURS].
+        // Revisions of one device follow each other, the newest last [OURS].
         ([.., last], _) if chosen.iter().all(|device| name_of(*device) == name_of(*last)) => *last,
         ([], Some(wanted)) => return Err(EsiError::NoDevice { wanted: wanted.to_owned(), devices: names }),
         _ => return Err(EsiError::Several(names)),
@@ -100,7 +101,8 @@ fn is_called(device: Node<'_, '_>, wanted: &str) -> bool {
         || code.is_some() && code == whole(wanted)
 }
 
-/// The data types of a dictionary by their names; of two with one name the first. Files have thousands.
+/// The data types of a dictionary by their names; the first one of those with the same name. Files may have
+/// thousands.
 type Types<'a, 'i> = HashMap<&'a str, Node<'a, 'i>>;
 
 fn types<'a, 'i>(dictionary: Node<'a, 'i>) -> Types<'a, 'i> {
@@ -149,13 +151,13 @@ fn put_object(node: Node<'_, '_>, types: &Types<'_, '_>, objects: &mut Vec<Maker
     Ok(())
 }
 
-/// A value that does not fit its type is cut to it.
+/// An object; a value that does not fit its type is truncated to it.
 fn object(address: ObjectAddress, data: MakersType, access: Access, bits: u64, name: String) -> MakersObject {
     let width = u32::from(data.bytes().unwrap_or(8)) * 8;
     MakersObject { address, data, access, bits: bits & (u64::MAX >> (64 - width)), name }
 }
 
-/// The sub-indices of a record or an array, each once; none of a plain type.
+/// The sub-indexes of a record or an array, each once; none for a plain type.
 fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
     let mut parts = Vec::new();
     let mut is_there = [false; 256];
@@ -170,7 +172,7 @@ fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
         };
         match text(item, "SubIdx").and_then(whole).and_then(|sub| u8::try_from(sub).ok()) {
             Some(sub) => put(sub, name.to_owned(), kind),
-            // The elements of an array are one item without a sub-index of its own.
+            // The elements of an array are described by one item without a sub-index.
             None => {
                 let Some(array) = types.get(kind).copied() else { continue };
                 let of = text(array, "BaseType").unwrap_or_default().trim();
@@ -187,7 +189,8 @@ fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
     parts
 }
 
-/// Basic data types of ETG.2000 and IEC 61131-3; others by what they stand for, or by their length.
+/// The type for a data type of ETG.2000 and IEC 61131-3. Other types are replaced by those that they refer to, or
+/// chosen by their length.
 fn makers_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> MakersType {
     match kind.trim() {
         "BOOL" | "BIT" => MakersType::Bool,
@@ -227,7 +230,8 @@ fn access_of(node: Node<'_, '_>) -> Option<Access> {
     }
 }
 
-/// The default of an object: `DefaultData`, the bytes in hexadecimal, the lowest first; or `DefaultValue`, a number.
+/// The default value of an object: `DefaultData`, bytes in hexadecimal digits, lowest first, or `DefaultValue`, a
+/// number.
 fn value_of(info: Node<'_, '_>) -> u64 {
     if let Some(data) = text(info, "DefaultData") {
         let digits: Vec<u64> = data.chars().filter_map(|digit| digit.to_digit(16)).map(u64::from).collect();
@@ -241,7 +245,7 @@ fn value_of(info: Node<'_, '_>) -> u64 {
     whole(value).unwrap_or_else(|| value.parse::<i64>().map_or(0, |number| number as u64))
 }
 
-/// A number of an ESI: decimal, or hexadecimal behind `#x` (or 0x).
+/// Parses a number of an ESI file: decimal, or hexadecimal after `#x` or 0x.
 fn whole(text: &str) -> Option<u64> {
     let text = text.trim();
     let hex = ["#x", "#X", "0x", "0X"].into_iter().find_map(|mark| text.strip_prefix(mark));

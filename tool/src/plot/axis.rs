@@ -1,4 +1,4 @@
-//! The lines of one axis.
+//! Collects the lines of one axis.
 
 use ecmsk::ecm::Scale;
 use ecmsk::sk::{DriveResponse, SlaveCommand};
@@ -10,29 +10,29 @@ use super::speed::Speed;
 use super::states::{Change, Span, States};
 use super::{COLUMNS, Window};
 
-/// What there is to draw of an axis. Targets stand at the cycle in which they were executed.
+/// The lines of an axis. Targets are at the cycle in which they were executed.
 pub struct AxisLines {
-    /// Slave.
+    /// The number of the slave.
     pub axis: u8,
-    /// Counts of one of its units.
+    /// The counts of one unit.
     pub scale: Scale,
-    /// Units.
+    /// Targets in units.
     pub target: Pieces,
-    /// Units.
+    /// Actual positions in units.
     pub position: Pieces,
-    /// Units: the target executed minus the position, while the drive follows it.
+    /// The executed target minus the position, in units, while the drive follows it.
     pub difference: Pieces,
-    /// Units a second, of the positions.
+    /// The velocity of the positions, in units per second.
     pub velocity: Pieces,
-    /// Units a second, of the target positions.
+    /// The velocity of the targets, in units per second.
     pub commanded_velocity: Pieces,
-    /// Of CSV, as the drive scales it.
+    /// The target velocity of CSV, in the drive's own unit.
     pub target_velocity: Pieces,
-    /// Percent of rated.
+    /// The target torque in percent of the rated torque.
     pub target_torque: Pieces,
-    /// Percent of rated.
+    /// The torque in percent of the rated torque.
     pub torque: Pieces,
-    /// When the drive was not just enabled, and gaps.
+    /// The times in which the drive was not enabled, homing or had a fault, and gaps.
     pub states: Vec<Span>,
 }
 
@@ -44,12 +44,12 @@ impl AxisLines {
     }
 }
 
-/// An axis under construction.
+/// The lines of an axis while they are collected.
 pub struct Axis {
     /// Slave.
     pub number: u8,
     scale: Scale,
-    /// Ids of the commands shown; empty: all.
+    /// The ids of the commands with which the axis is shown; if empty, it is always shown.
     commands: Vec<u8>,
     target: Line,
     position: Line,
@@ -62,14 +62,14 @@ pub struct Axis {
     states: States,
     gaps: GapFinder,
     speeds: [Speed; 2],
-    /// The target executed last, counts.
+    /// The target that was executed last, in counts.
     in_force: Option<i32>,
-    /// The position reported last and whether the drive follows a target, if they are shown.
+    /// The last reported position, and whether the drive follows a target, if they are shown.
     stands: Option<(i32, bool)>,
 }
 
 impl Axis {
-    /// The axis of that slave.
+    /// The axis of that slave, with no lines yet.
     pub fn new(number: u8, scale: Scale, window: Window, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, COLUMNS);
         let held = || Line::holding(window, COLUMNS);
@@ -93,19 +93,20 @@ impl Axis {
         }
     }
 
-    /// The host sends a command for it.
+    /// Adds a command for the axis that the host sends.
     pub fn sent(&mut self, order: Option<&SlaveCommand>) {
         if order == Some(&SlaveCommand::GoHome) {
             self.states.go_home();
         }
     }
 
-    /// A cycle finds the FIFO empty.
+    /// Adds a cycle that found the FIFO empty.
     pub const fn idle(&mut self, at_ns: i64) {
         self.gaps.idle(at_ns);
     }
 
-    /// The board executes a command for it. Gives when the gap began that ends with it, if there is one.
+    /// Adds a command for the axis that the board executes. Returns the beginning of the gap that ends with it, if
+    /// there is one.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> Option<i64> {
         let shown = self.shows(order.id().code());
         match order {
@@ -133,8 +134,8 @@ impl Axis {
         }
     }
 
-    /// The slot of a report in OP. `aborted`: it answers ABORT_HOME. `is_drive`: the slot has a torque and an error code.
-    /// `certain`: it is known which target is in force.
+    /// Adds the axis' slot of a report in OP. `aborted`: it answers ABORT_HOME. `is_drive`: the slot has a torque and
+    /// an error code. `certain`: it is known which target is in force.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
         let change = self.states.report(at_ns, drive, aborted, is_drive);
         if change == Change::FollowsNot {
@@ -145,7 +146,7 @@ impl Axis {
             self.speeds[0].reset();
         }
         if !self.shows(drive.head.id) {
-            // Not a line from before to after.
+            // The line has a gap here.
             let lines = [&mut self.position, &mut self.torque, &mut self.difference];
             let more = [&mut self.velocity, &mut self.commanded_velocity];
             lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
@@ -182,7 +183,7 @@ impl Axis {
         }
     }
 
-    /// Targets of before are not in force any more, or it is not known which ones are.
+    /// Forgets the target: it is no longer in force, or it is not known which one is.
     pub fn forget_target(&mut self, at_ns: i64) {
         self.in_force = None;
         self.gaps.reset();
@@ -191,7 +192,7 @@ impl Axis {
         targets.into_iter().for_each(|line| line.interrupt(at_ns));
     }
 
-    /// Nothing is known from here.
+    /// Interrupts all lines, because nothing is known from here on.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.forget_target(at_ns);
         self.speeds[0].reset();
@@ -207,7 +208,7 @@ impl Axis {
         self.stands.filter(|(_, follows)| *follows).and(self.in_force).map(|target| self.scale.to_units(target))
     }
 
-    /// Where it is, in units; nothing on the way home, which changes what is 0.
+    /// The position in units; `None` during homing, which moves the zero.
     pub fn stands(&self) -> Option<f64> {
         self.stands.filter(|_| !self.states.is_homing()).map(|(position, _)| self.scale.to_units(position))
     }
@@ -234,7 +235,7 @@ impl Axis {
     }
 }
 
-/// From 0.1 % of rated.
+/// Percent from 0.1 % of the rated torque.
 fn percent(torque: i16) -> f64 {
     f64::from(torque) / 10.0
 }

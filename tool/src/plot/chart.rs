@@ -1,4 +1,4 @@
-//! Draws the panels, on whatever takes lines, areas and text.
+//! Draws the panels with any backend.
 
 use std::fmt::Display;
 use std::ops::Range;
@@ -12,43 +12,44 @@ use super::panel::{Look, Panel};
 use super::states::State;
 use super::style::{self, at, px};
 
-/// What stands above the panels.
+/// The text above the panels, and the common horizontal axis.
 pub struct Caption {
-    /// In large letters.
+    /// The title.
     pub title: String,
-    /// Below it.
+    /// The line below the title.
     pub about: String,
-    /// What is shown, from left to right.
+    /// The range of the horizontal axis.
     pub range: Range<f64>,
-    /// Name and unit of that.
+    /// The name and unit of the horizontal axis.
     pub axis: &'static str,
 }
 
-/// A picture: panels under each other, those of the time first.
+/// A picture: panels below each other, first those over time.
 pub struct Sheet {
     /// The panels.
     pub panels: Vec<Panel>,
-    /// What stands above them.
+    /// The text above the panels.
     pub caption: Caption,
 }
 
 type Area<B> = DrawingArea<B, Shift>;
 
 impl Sheet {
-    /// Its height, pixels; its width is [`style::WIDTH`].
+    /// The height in pixels; the width is [`style::WIDTH`].
     pub fn height(&self) -> u32 {
         let heights = self.panels.iter().enumerate().map(|(i, panel)| style::PANEL_HEAD + panel.height + self.below(i));
         style::HEAD + heights.sum::<u32>()
     }
 
-    /// Room for the axis below a panel: below the last one of the time, and below each that has an axis of its own.
+    /// The height of the horizontal axis below a panel: the last one over time has one, and each with an axis of its
+    /// own.
     fn below(&self, i: usize) -> u32 {
         let of_time = |panel: &Panel| panel.across.is_none();
         let last = !self.panels[i + 1..].iter().any(of_time);
         if last || !of_time(&self.panels[i]) { style::TIME_AXIS } else { 0 }
     }
 
-    /// Draws it.
+    /// Draws the picture.
     pub fn draw<B: DrawingBackend>(&self, backend: B) -> Result<(), PlotError> {
         let root = backend.into_drawing_area();
         root.fill(&WHITE).map_err(failed)?;
@@ -74,12 +75,12 @@ fn draw_caption<B: DrawingBackend>(area: &Area<B>, caption: &Caption) -> Result<
     write(area, &about, (20, 46), style::TEXT, style::SOFT_INK, HPos::Left)
 }
 
-/// Of an item of a legend: length of the line, room before its text, room after it.
+/// The measures of an item of a legend: length of the line, space before the text, space after it.
 const SAMPLE: u32 = 22;
 const GAP: u32 = 6;
 const BETWEEN: u32 = 16;
 
-/// The name at the left, the legend at the right.
+/// Draws the name of a panel at the left and its legend at the right.
 fn draw_head<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), PlotError> {
     let middle = style::PANEL_HEAD / 2 + 2;
     write(area, &panel.name, (style::LEFT, middle), style::TEXT, style::INK, HPos::Left)?;
@@ -115,7 +116,7 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
         .build_cartesian_2d(times.clone(), panel.range.clone())
         .map_err(failed)?;
     let (bottom, top) = (panel.range.start, panel.range.end);
-    // Behind the grid, and a pixel wide at least.
+    // Shaded areas are behind the grid and at least one pixel wide.
     let pixel = (times.end - times.start) / f64::from(width);
     let areas = panel.spans.iter().map(|span| {
         let least = pixel * if span.state == State::Gap { 2.0 } else { 1.0 };
@@ -156,7 +157,7 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
         let (alone, pieces): (Vec<_>, Vec<_>) = line.pieces.iter().partition(|piece| piece.len() == 1);
         let style = stroke(line.look);
         chart.draw_series(pieces.into_iter().map(|piece| PathElement::new(piece.clone(), style))).map_err(failed)?;
-        // A line needs two points to be seen.
+        // A piece of a line with a single point is drawn as a dot.
         let dots = alone.into_iter().flatten().map(|sample| Circle::new(*sample, px(2), style.filled()));
         chart.draw_series(dots).map_err(failed)?;
     }
@@ -167,7 +168,8 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
     draw_notes(area, panel, &times)
 }
 
-/// What is to be said of states, at the top of the panel where they begin; what would lie on another note is left out.
+/// Draws the notes on states at the top of the panel, where the states begin. A note that would overlap another one
+/// is left out.
 fn draw_notes<B: DrawingBackend>(area: &Area<B>, panel: &Panel, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);

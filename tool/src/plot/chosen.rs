@@ -1,4 +1,4 @@
-//! What a plot shows: which slaves, and which diagrams.
+//! Selects the slaves and diagrams of a plot.
 
 use clap::ValueEnum;
 
@@ -26,32 +26,32 @@ pub enum Diagram {
     Xy,
 }
 
-/// What was asked for.
+/// The slaves and diagrams that the options ask for.
 #[derive(Clone, Debug, Default)]
 pub struct Asked {
-    /// Slaves, in rising order; none: as found.
+    /// The slaves in ascending order; if empty, those found in the recording.
     pub slaves: Vec<u8>,
-    /// Diagrams; none: as found.
+    /// The diagrams; if empty, those for which the recording has data.
     pub diagrams: Vec<Diagram>,
-    /// The following difference, beside what is found.
+    /// Whether the following difference is shown in addition.
     pub difference: bool,
-    /// The plane of these axes, beside what is found.
+    /// The two axes whose plane is shown in addition.
     pub plane: Option<[u8; 2]>,
 }
 
-/// What is shown.
+/// The slaves that are shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chosen {
-    /// Slaves with a position.
+    /// The slaves with a position.
     pub axes: Vec<u8>,
-    /// IO slaves.
+    /// The IO slaves.
     pub ios: Vec<u8>,
     /// The axes of the plane.
     pub plane: Option<[u8; 2]>,
 }
 
 impl Asked {
-    /// Whether a diagram is shown. `by_itself`: whether it is if none is asked for.
+    /// Whether a diagram is shown. `by_itself`: whether it is shown if no diagrams are asked for.
     pub fn shows(&self, diagram: Diagram, by_itself: bool) -> bool {
         match diagram {
             Diagram::Difference if self.difference => true,
@@ -61,7 +61,7 @@ impl Asked {
         }
     }
 
-    /// The slaves: as asked, else as found.
+    /// The slaves that are asked for, or else those found.
     pub fn choose(&self, survey: &Survey) -> Result<Chosen, PlotError> {
         let size = survey.size();
         let named = || self.slaves.iter().copied().chain(self.plane.into_iter().flatten());
@@ -84,7 +84,7 @@ impl Asked {
             say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
             axes.truncate(MAX_AXES);
         }
-        // Those of the plane are shown, whatever else is.
+        // The axes of the plane are always shown.
         for axis in self.plane.into_iter().flatten().filter(|axis| !axes.contains(axis)).collect::<Vec<_>>() {
             if axes.len() == MAX_AXES {
                 return Err(PlotError::TooManyAxes { found: MAX_AXES + 1 });
@@ -111,10 +111,10 @@ impl Asked {
     }
 }
 
-/// Axes and IO slaves of a plot, together.
+/// The largest number of axes and IO slaves of a plot together.
 pub const MAX_SLAVES: usize = 2 * MAX_AXES;
 
-/// Reads `1,2`.
+/// Parses two axes, `1,2`.
 ///
 /// # Errors
 /// What is allowed.

@@ -1,21 +1,21 @@
-//! A line over time, thinned to what a picture can show: of the samples that fall into one column of pixels the first,
-//! the least, the greatest and the last stay. Nothing that would be seen is lost, however long the recording is.
+//! Thins a line over time to what a picture can show: of the samples in one column of pixels the first, the smallest,
+//! the largest and the last one are kept, so that nothing visible is lost, however long the recording is.
 
 use super::Window;
 
 /// A sample: nanoseconds, value.
 type Sample = (i64, f64);
 
-/// A line under construction.
+/// A line while it is collected.
 #[derive(Debug)]
 pub struct Line {
     window: Window,
     columns: i64,
-    /// The value stays until the next sample: the line has steps, not slopes.
+    /// Whether the value holds until the next sample, so that the line has steps instead of slopes.
     hold: bool,
     segments: Vec<Vec<Sample>>,
     column: Option<Column>,
-    /// The value that stays, and since when.
+    /// The value that holds, and since when.
     held: Option<Sample>,
     /// The time of the last sample or interruption.
     latest_ns: i64,
@@ -53,8 +53,8 @@ impl Line {
         Self { hold: true, ..Self::new(window, columns) }
     }
 
-    /// The next sample; one from before the last sample or interruption counts at that time. What is outside the window is
-    /// not drawn.
+    /// Adds a sample. One with an earlier time than the last sample or interruption gets that time. Samples outside
+    /// the window are not drawn.
     pub fn push(&mut self, at_ns: i64, value: f64) {
         let at_ns = at_ns.max(self.latest_ns);
         self.latest_ns = at_ns;
@@ -65,7 +65,7 @@ impl Line {
         self.add((at_ns, value));
     }
 
-    /// Nothing is known from here to the next sample.
+    /// Interrupts the line until the next sample.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.latest_ns = self.latest_ns.max(at_ns);
         self.hold_until(at_ns);
@@ -81,7 +81,7 @@ impl Line {
         self.segments.into_iter().map(|segment| segment.into_iter().map(seconds).collect()).collect()
     }
 
-    /// Draws the value held up to here, as far as that is in the window.
+    /// Draws the holding value up to this time, within the window.
     fn hold_until(&mut self, at_ns: i64) {
         let Window { from_ns, to_ns } = self.window;
         let Some((since_ns, value)) = self.held.filter(|(since_ns, _)| *since_ns <= to_ns && at_ns >= from_ns) else {

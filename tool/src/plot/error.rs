@@ -1,4 +1,4 @@
-//! Why there is no plot.
+//! Errors of `ecmsk plot`.
 
 use std::io;
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ pub enum PlotError {
     /// A plot reads its recording twice.
     #[error("a plot cannot read standard input; name a file")]
     Stdin,
-    /// The network never ran.
+    /// The network was never in OP.
     #[error(
         "{} has no response in OP ({frames} frames), and a plot shows what happens in OP; record a program that goes there, or look at this one with `ecmsk dump`",
         .file.display()
@@ -21,34 +21,34 @@ pub enum PlotError {
     NoOp {
         /// The recording.
         file: PathBuf,
-        /// Frames it has.
+        /// The number of frames of the recording.
         frames: u64,
     },
-    /// The times asked for lie elsewhere.
+    /// The recording has nothing in the range of times that was asked for.
     #[error("no time in OP is left: {asked}, and the recording is in OP from {op}; change --from or --to")]
     NothingInRange {
-        /// The times asked for.
+        /// The range that was asked for.
         asked: String,
-        /// The times there are.
+        /// The range of times in OP.
         op: String,
     },
-    /// The slaves never had one of these commands.
+    /// No slot of the slaves has one of these commands.
     #[error(
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
     NoSuchCommand {
-        /// Those asked for.
+        /// The commands that were asked for.
         commands: String,
-        /// The slaves looked at.
+        /// The slaves that were searched.
         axes: Vec<u8>,
     },
-    /// More than colours.
+    /// More axes are asked for than there are colours.
     #[error("{found} axes do not fit one plot, at most {MAX_AXES} do; name fewer with --axes")]
     TooManyAxes {
-        /// Axes asked for.
+        /// The number of axes that are asked for.
         found: usize,
     },
-    /// There is nothing of that axis.
+    /// The network has no such axis.
     #[error("axis {axis} has no slot in frames of {}-byte slots; name axes from 1 to {} with --axes", .size.bytes(), .size.max_slaves())]
     NoSuchAxis {
         /// The axis.
@@ -56,69 +56,69 @@ pub enum PlotError {
         /// The frames' slot size.
         size: SlotSize,
     },
-    /// An axis that the recording says nothing of.
+    /// The recording has no data of an axis.
     #[error("axis {axis} is empty: no slave has its slot in OP, and no command is for it; {}", others(.axes))]
     EmptyAxis {
         /// The axis.
         axis: u8,
-        /// Those that are not.
+        /// The axes that have data.
         axes: Vec<u8>,
     },
-    /// An IO slave is no axis of a plane.
+    /// An IO slave is named as an axis of the plane.
     #[error("slave {slave} is IO and has no position; name two axes with --xy, as in --xy 1,2")]
     NotAnAxis {
         /// The slave.
         slave: u8,
     },
-    /// A plane has two axes.
+    /// The plane needs two axes of the plot.
     #[error("the plane needs two axes and the plot shows {found}; name them with --xy, as in --xy 1,2")]
     NoPlane {
-        /// Axes of the plot.
+        /// The number of axes of the plot.
         found: usize,
     },
-    /// None of the diagrams asked for has anything in it.
+    /// The recording has no data for the diagrams that are asked for.
     #[error("the recording has nothing for the diagrams {asked}; name others with --panels, or leave it out")]
     NoPanel {
-        /// Those asked for.
+        /// The diagrams that were asked for.
         asked: String,
     },
-    /// The plot would replace the recording.
+    /// The file of the plot is the recording.
     #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
         /// The file.
         file: PathBuf,
-        /// What names it.
+        /// The option that names the file.
         option: &'static str,
     },
-    /// A kind of file that is not made.
+    /// The file has an unknown ending.
     #[error(
         "a plot is written as SVG (.svg) or PNG (.png), not as .{ending}: name such a file with {option}; programs such as rsvg-convert or Inkscape make other kinds from SVG"
     )]
     Ending {
-        /// How the file's name ends.
+        /// The ending of the file's name.
         ending: String,
-        /// What names it.
+        /// The option that names the file.
         option: &'static str,
     },
-    /// The plot cannot be written.
+    /// The file cannot be written.
     #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
     Write {
         /// The file.
         file: PathBuf,
-        /// What names it.
+        /// The option that names the file.
         option: &'static str,
-        /// The system's words.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The picture could not be made.
+    /// The picture cannot be drawn.
     #[error("cannot draw: {reason}; try fewer axes with --axes, or a shorter time with --from and --to")]
     Draw {
-        /// The library's words.
+        /// The error of the drawing library.
         reason: String,
     },
 }
 
-/// What can be asked for instead.
+/// The axes that can be asked for instead.
 fn others(axes: &[u8]) -> String {
     match axes {
         [] => "leave --axes out, for the FIFO alone".to_owned(),

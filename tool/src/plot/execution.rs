@@ -1,4 +1,5 @@
-//! When the board executed what: a command waits in the FIFO, and one is taken out in each cycle (SK-5).
+//! Determines when the board executed each command. A command waits in the FIFO, from which one is taken in each
+//! cycle (SK-5).
 
 use std::collections::VecDeque;
 
@@ -7,77 +8,78 @@ use ecmsk::sk::{FIFO_ENTRIES, MasterResponse, SlaveCommand};
 
 use super::chosen::MAX_SLAVES;
 
-/// What a command asks of each axis and IO slave of the plot.
+/// The command in a frame for each axis and IO slave of the plot.
 pub type Orders = [Option<SlaveCommand>; MAX_SLAVES];
 
-/// Commands that are kept at most: those that may wait, and some more for reports that do not tell what was executed.
-const KEPT: usize = 4 * FIFO_ENTRIES as usize;
+/// How many commands are kept at most: those that may wait in the FIFO, and some more for reports that do not tell
+/// what was executed.
+const COMMANDS_KEPT: usize = 4 * FIFO_ENTRIES as usize;
 
-/// A command that was executed.
+/// A command frame that was executed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
-    /// When: the time of the report of that cycle, nanoseconds.
+    /// When it was executed: the time of that cycle's report, in nanoseconds.
     pub at_ns: i64,
-    /// What it asked for.
+    /// The commands of its slots.
     pub orders: Orders,
 }
 
-/// What a report tells of the commands.
+/// What a report tells about the execution of commands.
 #[derive(Debug, PartialEq)]
-pub enum Told {
-    /// All that was executed since the report before that told it; nothing if `idle_since_ns` says that cycles found the FIFO
-    /// empty: the first of them. Such cycles are before the entries.
+pub enum ExecutionReport {
+    /// All commands executed since the last report that told it; none if `idle_since_ns` is given. Cycles with an
+    /// empty FIFO come before the entries.
     Executed {
         /// The entries, in the order of their execution.
         entries: Vec<Entry>,
         /// The first cycle that found the FIFO empty, nanoseconds.
         idle_since_ns: Option<i64>,
     },
-    /// Nothing; a later report will tell (see [`LastExecuted::Doubtful`]).
+    /// Nothing yet; a later report will tell (see [`LastExecuted::Doubtful`]).
     Later,
-    /// Nothing, and commands before it were lost or cleared.
+    /// Nothing, because earlier commands were lost or cleared.
     Unknown,
 }
 
-/// The commands sent in OP, as far as they may still wait.
+/// The commands sent in OP that may still wait in the FIFO.
 #[derive(Debug)]
 pub struct Execution {
     cycle_ns: i64,
     executed: Executed,
-    /// Those that are not known to be executed, with the time when they were sent; the oldest first.
+    /// The commands that are not known to be executed, with the time when they were sent, oldest first.
     sent: VecDeque<(i64, Orders)>,
-    /// The report before that told what was executed: when it was made, and whether commands waited.
+    /// The last report that told what was executed: when it was made, and whether commands waited.
     before: Option<(i64, bool)>,
 }
 
 impl Execution {
-    /// Of a board with that cycle, in nanoseconds.
+    /// For a board with that cycle time in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
         Self { cycle_ns: cycle_ns.max(1), executed: Executed::new(cycle_ns), sent: VecDeque::new(), before: None }
     }
 
-    /// A command is sent in OP. `clears`: whether it clears the FIFO.
+    /// Adds a command sent in OP. `clears`: whether it clears the FIFO.
     pub fn command(&mut self, at_ns: i64, orders: Orders, clears: bool) {
-        if self.sent.len() == KEPT {
+        if self.sent.len() == COMMANDS_KEPT {
             self.sent.pop_front();
         }
         self.sent.push_back((at_ns, orders));
         self.executed.command(clears);
     }
 
-    /// A report of OP goes by.
-    pub fn report(&mut self, at_ns: i64, board: &MasterResponse) -> Told {
+    /// Adds a report in OP.
+    pub fn report(&mut self, at_ns: i64, board: &MasterResponse) -> ExecutionReport {
         let waits = board.fifo_free < FIFO_ENTRIES;
         let last = match self.executed.report(at_ns, board) {
             LastExecuted::Command(last) => last,
             LastExecuted::Nothing => {
                 self.before = Some((at_ns, waits));
-                return Told::Executed { entries: Vec::new(), idle_since_ns: None };
+                return ExecutionReport::Executed { entries: Vec::new(), idle_since_ns: None };
             }
-            LastExecuted::Doubtful => return Told::Later,
+            LastExecuted::Doubtful => return ExecutionReport::Later,
             LastExecuted::Unknown => {
                 self.before = None;
-                return Told::Unknown;
+                return ExecutionReport::Unknown;
             }
         };
         let oldest = self.executed.count() - self.sent.len() as u64;
@@ -95,14 +97,15 @@ impl Execution {
         let before = self.before.replace((at_ns, waits));
         let idle_since_ns = before.filter(|(_, waited)| !waited).and_then(|(then_ns, _)| {
             let cycles = (at_ns.saturating_sub(then_ns) + self.cycle_ns / 2) / self.cycle_ns;
-            // Times of reports on a real wire are a part of a cycle wrong, so that one cycle too many tells nothing.
+            // On a real wire the times of reports vary by a part of a cycle, so one cycle too many is no proof of an
+            // empty FIFO.
             let idle = (entries.is_empty() && !waits) || entries.len() as i64 + 1 < cycles;
             idle.then_some(then_ns.saturating_add(self.cycle_ns).min(at_ns))
         });
-        Told::Executed { entries, idle_since_ns }
+        ExecutionReport::Executed { entries, idle_since_ns }
     }
 
-    /// OP was left: the FIFO is empty.
+    /// OP was left, so the FIFO is empty.
     pub fn reset(&mut self) {
         self.executed.reset(self.cycle_ns);
         self.sent.clear();

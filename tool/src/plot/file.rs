@@ -1,4 +1,4 @@
-//! The file of a picture: what it is written as is told by its name.
+//! The file of a picture; its name decides the format.
 
 use std::fs;
 use std::path::Path;
@@ -6,17 +6,18 @@ use std::path::Path;
 use super::chart::Sheet;
 use super::{PlotError, png, svg};
 
-/// What a picture is written as.
+/// The format of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// Lines and letters.
+    /// Scalable vector graphics.
     Svg,
-    /// Points.
+    /// A bitmap.
     Png,
 }
 
 impl Format {
-    /// As the file's name ends; without an ending SVG. `option`: what names it.
+    /// The format for the ending of the file's name; without an ending SVG. `option` is the option that names the
+    /// file.
     ///
     /// # Errors
     /// Another ending: whoever asks for a JPEG is not to get SVG in it.
@@ -29,7 +30,7 @@ impl Format {
         }
     }
 
-    /// The bytes of the file.
+    /// The bytes of the file in this format.
     ///
     /// # Errors
     /// If it cannot be drawn.
@@ -41,8 +42,8 @@ impl Format {
     }
 }
 
-/// Checks a file, named by that option, before anything is read or drawn: what it is written as, and that it is none of the
-/// recordings that the picture is made of.
+/// Checks a file, named by that option, before anything is read or drawn: its format, and that it is not one of the
+/// recordings.
 ///
 /// # Errors
 /// What is wrong with it.
@@ -56,7 +57,7 @@ pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<
     Format::of(file, option)
 }
 
-/// Writes a picture to a file, named by that option, that is none of the recordings it was made of.
+/// Writes a picture to a file, named by that option, which must not be one of the recordings.
 ///
 /// # Errors
 /// What is wrong with the file, or that it cannot be drawn.

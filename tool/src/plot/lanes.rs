@@ -1,4 +1,4 @@
-//! Inputs and outputs of an IO slave: a line for each bit that tells something.
+//! The inputs and outputs of an IO slave: a line for each bit that was ever 1.
 
 use ecmsk::sk::{CommandId, IoResponse, SlaveCommand};
 
@@ -6,10 +6,10 @@ use super::decimate::Line;
 use super::series::Pieces;
 use super::{COLUMNS, Window};
 
-/// Bits each way.
+/// The number of inputs and of outputs.
 const BITS: usize = 16;
 
-/// Whether a bit comes from the machine or goes there.
+/// The direction of a bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// An input.
@@ -20,42 +20,42 @@ pub enum Way {
 
 /// One bit over time.
 pub struct Lane {
-    /// Where it goes.
+    /// The direction.
     pub way: Way,
-    /// Its number, from 0.
+    /// The number of the bit, from 0.
     pub bit: usize,
-    /// 0 or 1.
+    /// The values, 0 or 1.
     pub values: Pieces,
 }
 
-/// The bits of one slave under construction.
+/// The bits of one slave while they are collected.
 pub struct Lanes {
     ways: [Bits; 2],
 }
 
 struct Bits {
     lines: [Line; BITS],
-    /// Bits that were 1.
+    /// The bits that were ever 1.
     used: u16,
-    /// What is drawn last.
+    /// The latest value.
     now: Option<u16>,
 }
 
 impl Lanes {
-    /// Across `window`.
+    /// The bits in the range `window`.
     pub fn new(window: Window) -> Self {
         let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, COLUMNS)), used: 0, now: None };
         Self { ways: [bits(), bits()] }
     }
 
-    /// A command for the slave is executed.
+    /// Adds a command for the slave that is executed.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) {
         if let SlaveCommand::IoWrite(outputs) = order {
             self.ways[Way::Out as usize].push(at_ns, *outputs);
         }
     }
 
-    /// The slave's slot of a report in OP. The answer to IO_WR has the outputs in it, and no inputs (SK-3.17).
+    /// Adds the slave's slot of a report in OP. The answer to IO_WR contains the outputs and no inputs (SK-3.17).
     pub fn report(&mut self, at_ns: i64, slot: &IoResponse) {
         let id = CommandId::from_code(slot.head.id);
         if matches!(id, CommandId::GetStatus | CommandId::IoRead) {
@@ -63,7 +63,7 @@ impl Lanes {
         }
     }
 
-    /// Nothing is known from here.
+    /// Interrupts the lines, because nothing is known from here on.
     pub fn interrupt(&mut self, at_ns: i64) {
         for bits in &mut self.ways {
             bits.now = None;
@@ -71,7 +71,7 @@ impl Lanes {
         }
     }
 
-    /// The bits that were 1 at any time, inputs first; the others were 0, or nothing is known of them.
+    /// The bits that were ever 1, inputs first; the others were 0, or nothing is known of them.
     pub fn finish(self) -> Vec<Lane> {
         let lanes = [Way::In, Way::Out].into_iter().zip(self.ways).flat_map(|(way, bits)| {
             let used = bits.used;

@@ -1,4 +1,4 @@
-//! Which panels a plot has, from top to bottom, and what their legends say.
+//! The panels of a plot, from top to bottom, with their legends.
 
 use ecmsk::sk::FIFO_ENTRIES;
 
@@ -9,14 +9,14 @@ use super::series::{Lines, Pieces};
 use super::states::{Span, State};
 use super::style;
 
-/// Height of a diagram that all axes share.
+/// The height of a diagram of all axes together.
 const SHARED: u32 = 130;
 
-/// The panels. A kind of line that there is none of has no panel. `plane`: the axes of the plane. `unit`: what positions are
-/// in.
+/// Makes the panels; there is none for lines without data. `plane` are the axes of the plane, `unit` is that of
+/// positions.
 pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str) -> Vec<Panel> {
     let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
-    // Many axes get less room each, so that a plot stays on a screen.
+    // With many axes each gets less height, so that the plot fits on a screen.
     let height = match axes.len() {
         ..=2 => 190,
         3..=4 => 140,
@@ -66,7 +66,7 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str) -
     all
 }
 
-/// Lines of all axes that share panels.
+/// The lines of all axes for the common panels.
 #[derive(Default)]
 struct Shared {
     /// The smallest step of a position, in its unit.
@@ -93,7 +93,7 @@ impl Shared {
             false => "Torque (% of rated)",
         };
         [
-            // What CSV asks for has the drive's own scale, so it stands apart.
+            // The target velocity of CSV is in the drive's own unit, so it has a panel of its own.
             asked.shows(Diagram::Velocity, true).then(|| {
                 panel("Target velocity (as the drive scales it, when executed)", 1.0, self.target_velocity, vec![])
             }),
@@ -111,7 +111,7 @@ impl Shared {
     }
 }
 
-/// Inputs and outputs of a slave, one line each; those that are always 0 are left out.
+/// The panel of the inputs and outputs of a slave, one line each; bits that are always 0 are left out.
 fn io(slave: u8, lanes: Vec<Lane>) -> Option<Panel> {
     let count = lanes.len();
     let way = |way: Way| match way {
@@ -156,12 +156,12 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Pan
     let strokes = vec![Stroke { pieces: free, look: Look::Solid(style::FIFO) }];
     let range = -4.0..f64::from(FIFO_ENTRIES) + 8.0;
     let name = format!("FIFO: free entries of {FIFO_ENTRIES}");
-    // How long each gap was stands at the axes.
+    // The lengths of the gaps are shown in the panels of the axes.
     let spans = gaps.into_iter().map(|span| Span { note: None, ..span }).collect();
     Panel { name, height: 110, range, strokes, spans, marks: full, legend, ..Panel::default() }
 }
 
-/// The way of two axes, both to the same scale.
+/// The panel with the path of two axes in their plane, both to the same scale.
 fn in_the_plane([target, gone]: [Pieces; 2], [x, y]: [u8; 2], unit: &str, least: f64) -> Option<Panel> {
     let (width, height) = style::PLANE;
     let colour = style::colours([x])[0];

@@ -1,4 +1,4 @@
-//! What the panels of a picture show.
+//! The content of the panels of a picture.
 
 use std::ops::Range;
 
@@ -8,60 +8,60 @@ use super::series::Pieces;
 use super::states::{Span, State};
 use super::style;
 
-/// One of the diagrams that stand under each other.
+/// One diagram of a picture.
 #[derive(Default)]
 pub struct Panel {
-    /// What it shows, with the unit.
+    /// The name of the diagram, with the unit.
     pub name: String,
-    /// Height of the diagram, pixels.
+    /// The height of the diagram in pixels.
     pub height: u32,
-    /// Values from bottom to top.
+    /// The range of the vertical axis.
     pub range: Range<f64>,
-    /// The lines, those behind first.
+    /// The lines, in the order of drawing.
     pub strokes: Vec<Stroke>,
-    /// States, behind all else.
+    /// States, drawn as shaded areas behind everything else.
     pub spans: Vec<Span>,
-    /// Times to mark from bottom to top, seconds.
+    /// Times in seconds that are marked by vertical lines.
     pub marks: Vec<f64>,
-    /// Explanation, from left to right.
+    /// The legend, from left to right.
     pub legend: Vec<(Look, String)>,
-    /// What stands at the left in the place of numbers, from top to bottom; each has 1 of the range.
+    /// The names of lanes at the left instead of numbers, from top to bottom; each lane has a height of 1.
     pub lanes: Vec<String>,
-    /// What goes from left to right, if that is not what it is in the other panels.
+    /// The horizontal axis, if it differs from that of the other panels.
     pub across: Option<Across>,
 }
 
-/// What goes from left to right in a panel of its own kind.
+/// A horizontal axis of a panel's own.
 pub struct Across {
-    /// Values from left to right.
+    /// The range of the axis.
     pub range: Range<f64>,
-    /// Name and unit.
+    /// The name and unit of the axis.
     pub name: String,
-    /// Width of the diagram, pixels.
+    /// The width of the diagram in pixels.
     pub width: u32,
 }
 
 /// A line.
 pub struct Stroke {
-    /// Its pieces.
+    /// The pieces of the line.
     pub pieces: Pieces,
-    /// How it looks.
+    /// The style of the line.
     pub look: Look,
 }
 
-/// How something looks.
+/// The style of a line or an area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
     /// A line.
     Solid(RGBColor),
-    /// A pale and broad line: what was commanded, behind what was done.
+    /// A pale and broad line for commanded values, behind the actual ones.
     Pale(RGBColor),
     /// An area.
     Area(RGBColor),
 }
 
 impl State {
-    /// How it looks behind the lines.
+    /// The style of the shaded area of this state.
     pub const fn look(self) -> Look {
         Look::Area(match self {
             Self::NotEnabled => style::NOT_ENABLED,
@@ -71,7 +71,7 @@ impl State {
         })
     }
 
-    /// Its name in a legend.
+    /// The name of the state in a legend.
     pub const fn name(self) -> &'static str {
         match self {
             Self::NotEnabled => "not enabled",
@@ -83,7 +83,8 @@ impl State {
 }
 
 impl Panel {
-    /// A panel whose values fit; `None` if there are no lines. `least`: the smallest step of a value.
+    /// A panel whose vertical axis fits the values; `None` if there are no lines. `least` is the smallest step of a
+    /// value.
     pub fn of(
         name: String,
         height: u32,
@@ -96,26 +97,26 @@ impl Panel {
     }
 }
 
-/// From the least to the greatest value and some room; `None` if there are no lines. `least`: the smallest step of a value.
+/// The range of the values with some margin; `None` if there are no lines. `least` is the smallest step of a value.
 pub fn range(strokes: &[Stroke], of: fn(&(f64, f64)) -> f64, least: f64) -> Option<Range<f64>> {
     let values = || strokes.iter().flat_map(|stroke| stroke.pieces.iter().flatten()).map(of);
     let bottom = values().reduce(f64::min)?;
     let top = values().reduce(f64::max)?;
-    // A value that never changes lies in the middle, with some steps of it around.
+    // A constant value is in the middle, with some steps around it.
     let room = ((top - bottom) * 0.08).max(least * 5.0 * f64::from(u8::from(top == bottom)));
     Some(distinct(bottom - room..top + room))
 }
 
-/// The range, or one near it whose marks are different numbers, and not infinite: whoever counts from mark to mark would never
-/// arrive.
+/// The range, or one near it in which the marks have different and finite numbers; otherwise drawing the marks would
+/// never end.
 pub fn distinct(range: Range<f64>) -> Range<f64> {
-    let [start, end] = [range.start, range.end].map(|end| end.clamp(-GREATEST, GREATEST));
+    let [start, end] = [range.start, range.end].map(|end| end.clamp(-VALUE_MAX, VALUE_MAX));
     let least = start.abs().max(end.abs()) * 1e-12;
     if end - start >= least { start..end } else { start - least..end + least }
 }
 
-/// No axis goes beyond, so that its length is a number too.
-const GREATEST: f64 = 1e307;
+/// The largest absolute value of an axis, so that its length is finite.
+const VALUE_MAX: f64 = 1e307;
 
 #[cfg(test)]
 mod tests {

@@ -1,24 +1,26 @@
-//! The way of two axes in their plane, thinned to what a picture can show.
+//! Thins the path of two axes in their plane to what a picture can show.
 
-/// Points kept; past twice as many every one that is nearer to the one before than a part of the whole way goes.
-const KEPT: usize = 20_000;
-/// \[OURS] Points nearer than this part of the picture are one: a pixel has about a thousandth of it.
-const PART: f64 = 4000.0;
+/// How many points are kept. When there are twice as many, those that are near the previous one, compared with the
+/// whole path, are removed.
+const POINTS_KEPT: usize = 20_000;
+/// \[OURS] Points that are nearer to each other than this fraction of the picture are one point; a pixel is about a
+/// thousandth.
+const POINTS_PER_PICTURE: f64 = 4000.0;
 
-/// A way under construction.
+/// A path while it is collected.
 #[derive(Debug, Default)]
 pub struct Path {
     pieces: Vec<Vec<(f64, f64)>>,
-    /// The last point, if it is not in the pieces.
+    /// The last point, if it was left out.
     last: Option<(f64, f64)>,
     count: usize,
-    /// Points nearer than this to the one before are left out.
+    /// Points nearer to the previous one than this are left out.
     near: f64,
     broken: bool,
 }
 
 impl Path {
-    /// The next point.
+    /// Adds a point.
     pub fn push(&mut self, point: (f64, f64)) {
         if self.pieces.is_empty() || self.broken {
             self.end_piece();
@@ -33,17 +35,17 @@ impl Path {
         piece.push(point);
         self.last = None;
         self.count += 1;
-        if self.count > 2 * KEPT {
+        if self.count > 2 * POINTS_KEPT {
             self.thin();
         }
     }
 
-    /// The next point is not joined to the one before.
+    /// Begins a new piece: the next point is not connected to the previous one.
     pub const fn interrupt(&mut self) {
         self.broken = true;
     }
 
-    /// The pieces.
+    /// The pieces of the path.
     pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
         self.end_piece();
         self.pieces
@@ -63,7 +65,7 @@ impl Path {
             let all = || points().map(of);
             all().fold(f64::MIN, f64::max) - all().fold(f64::MAX, f64::min)
         };
-        self.near = (2.0 * self.near).max(span(|point| point.0).max(span(|point| point.1)) / PART);
+        self.near = (2.0 * self.near).max(span(|point| point.0).max(span(|point| point.1)) / POINTS_PER_PICTURE);
         for piece in &mut self.pieces {
             let (near, end) = (self.near, piece.last().copied());
             piece.dedup_by(|point, before| distance(*before, *point) <= near);
@@ -83,7 +85,7 @@ fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
 mod tests {
     use super::*;
 
-    /// A circle gone a thousand times keeps its shape in few points, and its ends.
+    /// A circle that is repeated a thousand times keeps its shape and its ends with few points.
     #[test]
     fn a_long_path_keeps_its_shape_and_its_ends_in_few_points() {
         let mut path = Path::default();
@@ -94,7 +96,7 @@ mod tests {
         (0..1_000_000).for_each(|i| path.push(at(i)));
         let pieces = path.finish();
         assert_eq!(pieces.len(), 1);
-        assert!(pieces[0].len() <= 2 * KEPT + 1, "{}", pieces[0].len());
+        assert!(pieces[0].len() <= 2 * POINTS_KEPT + 1, "{}", pieces[0].len());
         assert_eq!((pieces[0][0], pieces[0].last()), (at(0), Some(&at(999_999))));
         for (x, y) in &pieces[0] {
             assert!((x.hypot(*y) - 100_000.0).abs() < 1.0);
@@ -102,7 +104,7 @@ mod tests {
         assert!(pieces[0].iter().any(|(x, y)| *x < -99_900.0 && y.abs() < 1000.0));
     }
 
-    /// A break is no line.
+    /// Two pieces are not connected by a line.
     #[test]
     fn no_line_is_drawn_across_a_break() {
         let mut path = Path::default();

@@ -1,5 +1,5 @@
-//! A picture as PNG: drawn on the fine grid and then made smaller, so that edges are smooth. It is drawn in bands, one after
-//! the other: with many panels the whole grid would be a gigabyte.
+//! Writes a picture as PNG. It is drawn on a fine grid and scaled down, so that edges are smooth. It is drawn in
+//! bands, one after the other, because with many panels the whole grid would take a gigabyte.
 
 use std::convert::Infallible;
 use std::io::Write as _;
@@ -15,36 +15,37 @@ use super::PlotError;
 use super::chart::Sheet;
 use super::style::{self, FINE, px};
 
-/// The letters, see `tool/font/LICENSE.txt`.
+/// The font, see `tool/font/LICENSE.txt`.
 static FONT: &[u8] = include_bytes!("../../font/plot.ttf");
-/// \[OURS] Points of a picture for each pixel of the page, each way: letters are sharp on paper and on fine screens.
-const SHARP: u32 = 2;
-/// Points of the grid for each point of the picture, each way.
-const GRID: u32 = FINE / SHARP;
-/// \[OURS] Rows of the grid that are drawn at a time: 20 MB.
-const BAND: u32 = 1024;
-/// \[OURS] Points a metre that the file tells: a pixel of the page is a 96th of an inch.
-const PER_METRE: u32 = 96 * SHARP * 10_000 / 254;
-/// The drawing library's sizes of text are this times the height of an em.
-const PER_EM: f64 = 1.24;
-/// Half of the height of an x, and of a capital letter, in ems.
-const HALF_X: f32 = 0.27;
+/// \[OURS] How many points of the picture there are for each pixel of the page, in each direction, so that letters
+/// are sharp on paper and on screens with high resolution.
+const POINTS_PER_PIXEL: u32 = 2;
+/// How many points of the grid there are for each point of the picture, in each direction.
+const GRID: u32 = FINE / POINTS_PER_PIXEL;
+/// \[OURS] How many rows of the grid are drawn at a time: 20 MB.
+const BAND_ROWS: u32 = 1024;
+/// \[OURS] The resolution in the file, in points per metre: a pixel of the page is 1/96 inch.
+const POINTS_PER_METRE: u32 = 96 * POINTS_PER_PIXEL * 10_000 / 254;
+/// The drawing library's text size is this many times the height of an em.
+const TEXT_SIZE_PER_EM: f64 = 1.24;
+/// Half of the height of an x and of a capital letter, in ems.
+const HALF_X_HEIGHT_EM: f32 = 0.27;
 const CAPITAL: f32 = 0.76;
 
-/// The bytes of the file.
+/// Draws the picture and returns the bytes of the file.
 pub fn write(sheet: &Sheet) -> Result<Vec<u8>, PlotError> {
-    in_bands(sheet, BAND)
+    in_bands(sheet, BAND_ROWS)
 }
 
-/// The same, whatever the bands are: `band` rows of the grid each, some [`GRID`]s.
+/// Draws the picture in bands of `band` rows of the grid, a multiple of [`GRID`]. The result does not depend on it.
 fn in_bands(sheet: &Sheet, band: u32) -> Result<Vec<u8>, PlotError> {
     let (width, height) = (style::WIDTH, sheet.height());
     let font = FontRef::try_from_slice(FONT).map_err(failed)?;
     let mut file = Vec::new();
-    let mut encoder = png::Encoder::new(&mut file, width * SHARP, height * SHARP);
+    let mut encoder = png::Encoder::new(&mut file, width * POINTS_PER_PIXEL, height * POINTS_PER_PIXEL);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    let density = png::PixelDimensions { xppu: PER_METRE, yppu: PER_METRE, unit: png::Unit::Meter };
+    let density = png::PixelDimensions { xppu: POINTS_PER_METRE, yppu: POINTS_PER_METRE, unit: png::Unit::Meter };
     encoder.set_pixel_dims(Some(density));
     let mut writer = encoder.write_header().map_err(failed)?;
     let mut points = writer.stream_writer().map_err(failed)?;
@@ -63,16 +64,16 @@ fn failed(error: impl ToString) -> PlotError {
     PlotError::Draw { reason: error.to_string() }
 }
 
-/// What is drawn on.
+/// The backend that draws on the grid.
 struct Canvas {
     width: u32,
     height: u32,
-    /// The rows that are drawn; all else is left out.
+    /// The rows of the present band; everything else is left out.
     band: Range<u32>,
-    /// Those of the band, 0x00RRGGBB, from left to right and from top to bottom.
+    /// The points of the band, 0x00RRGGBB, from left to right and from top to bottom.
     points: Vec<u32>,
-    /// Those that the line under construction covers, each once, for where it crosses itself it is no darker; and a bit for
-    /// each point that says whether it is among them.
+    /// The points that the present line covers, each once, because it must not be darker where it crosses itself; and
+    /// a bit for each point that tells whether it is among them.
     covered: Vec<u32>,
     is_covered: Vec<u64>,
     font: FontRef<'static>,
@@ -83,7 +84,7 @@ impl Canvas {
         Self { width, height, band: 0..0, points: Vec::new(), covered: Vec::new(), is_covered: Vec::new(), font }
     }
 
-    /// These rows are drawn next.
+    /// Begins the band with these rows.
     fn begin(&mut self, band: Range<u32>) {
         let count = self.width as usize * band.len();
         self.points.clear();
@@ -92,10 +93,11 @@ impl Canvas {
         self.band = band;
     }
 
-    /// The mean of the points of the grid that each point of the band has: red, green and blue.
+    /// Scales the band down: the mean of the points of the grid for each point of the picture, in red, green and
+    /// blue.
     fn smaller(&self) -> Vec<u8> {
         const _: () = assert!(GRID == 2, "the mean is that of two by two");
-        /// Two of the colours, with room for sums between them, and the third.
+        /// A mask for two of the colours, with room for sums between them, without the third.
         const APART: u32 = 0x00FF_00FF;
         let width = self.width as usize;
         let mut points = Vec::with_capacity(self.points.len() / 4 * 3);
@@ -125,7 +127,7 @@ impl Canvas {
         inside.then(|| (y as u32 - self.band.start) * self.width + x as u32)
     }
 
-    /// Covers what of the grid is nearer to the line between two points than half its width.
+    /// Covers the points of the grid that are nearer to the line between two points than half its width.
     fn cover(&mut self, (x0, y0): BackendCoord, (x1, y1): BackendCoord, width: u32) {
         let (from, to) = ((f64::from(x0), f64::from(y0)), (f64::from(x1), f64::from(y1)));
         let half = f64::from(width.max(1)) / 2.0;
@@ -134,7 +136,7 @@ impl Canvas {
         let (top, bottom) = ((from.1.min(to.1) - half).floor() as i64, (from.1.max(to.1) + half).ceil() as i64);
         for y in top.max(self.band.start.into())..=bottom.min(i64::from(self.band.end) - 1) {
             let middle = y as f64 + 0.5;
-            // Where the line is near this row, for a long flat line is not near most of its columns.
+            // Only columns where the line is near this row; a long flat line is far from most of them.
             let (least, most) = if dy.abs() < 1e-9 {
                 (from.0.min(to.0), from.0.max(to.0))
             } else {
@@ -157,7 +159,7 @@ impl Canvas {
         }
     }
 
-    /// Draws what is covered.
+    /// Draws the covered points.
     fn fill_covered(&mut self, colour: BackendColor) {
         let mut covered = std::mem::take(&mut self.covered);
         for place in covered.drain(..) {
@@ -220,7 +222,7 @@ impl DrawingBackend for &mut Canvas {
             let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
             return self.draw_path(corners, style);
         }
-        // Areas of a plot are of full colours.
+        // The areas of a plot are opaque.
         let (left, right) = (left.max(0) as usize, (right + 1).clamp(0, self.width as i32) as usize);
         let row = |y: i32| y.clamp(self.band.start as i32, self.band.end as i32) as usize - self.band.start as usize;
         let (top, bottom) = (row(top), row(bottom + 1));
@@ -238,21 +240,21 @@ impl DrawingBackend for &mut Canvas {
         Ok(())
     }
 
-    /// As [`plotters::prelude::SVGBackend`] places it.
+    /// Places the text as [`plotters::prelude::SVGBackend`] does.
     fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Done {
         debug_assert!(matches!(style.transform(), FontTransform::None), "no text of a plot stands upright");
-        let em = (style.size() / PER_EM) as f32;
-        // No letter is further from where the text stands.
+        let em = (style.size() / TEXT_SIZE_PER_EM) as f32;
+        // All letters are within this distance of the text's place.
         let (above, below) = (at.1 as f32 - 2.0 * em, at.1 as f32 + 2.0 * em);
         if below < self.band.start as f32 || above > self.band.end as f32 {
             return Ok(());
         }
-        // A scale is what stands between the highest and the lowest of the letters.
+        // The font library's scale is the height from the lowest to the highest letter.
         let units = self.font.units_per_em().unwrap_or(1000.0);
         let scale = em * self.font.height_unscaled() / units;
         let font = self.font.clone();
         let scaled = font.as_scaled(scale);
-        // What the font does not have is shown as the sign for that.
+        // A character that the font does not have is shown by its replacement sign.
         let glyph = |letter: char| match scaled.glyph_id(letter) {
             GlyphId(0) => scaled.glyph_id('\u{FFFD}'),
             known => known,
@@ -267,8 +269,8 @@ impl DrawingBackend for &mut Canvas {
         let baseline = at.1 as f32
             + em * match style.anchor().v_pos {
                 VPos::Top => CAPITAL,
-                VPos::Center => HALF_X,
-                VPos::Bottom => -HALF_X,
+                VPos::Center => HALF_X_HEIGHT_EM,
+                VPos::Bottom => -HALF_X_HEIGHT_EM,
             };
         for letter in text.chars() {
             let id = glyph(letter);
@@ -293,7 +295,7 @@ mod tests {
     use crate::plot::chart::Caption;
     use crate::plot::panel::{Look, Panel, Stroke};
 
-    /// So many panels, with lines across each, letters and areas.
+    /// A sheet of that many panels, with lines across each, letters and areas.
     fn sheet(panels: usize) -> Sheet {
         let up = vec![vec![(0.0, -1.0), (0.5, 1.0), (1.0, -1.0)], vec![(0.2, 0.0)]];
         let panel = |n: usize| Panel {
@@ -320,14 +322,14 @@ mod tests {
         points
     }
 
-    /// TOOL-174 Where a band ends nothing of a picture is lost or drawn otherwise, not a letter that it cuts.
+    /// TOOL-174 The picture is the same whatever the bands are, even if the end of a band cuts a letter.
     #[test]
     fn a_picture_is_the_same_whatever_bands_it_is_drawn_in() {
         let sheet = sheet(1);
         let whole = points(&in_bands(&sheet, px(sheet.height())).unwrap());
         let colours = |points: &[u8]| points.chunks_exact(3).filter(|point| *point != [0xFF; 3]).count();
         assert!(colours(&whole) > 10_000, "{}", colours(&whole));
-        for band in [302, BAND] {
+        for band in [302, BAND_ROWS] {
             assert!(points(&in_bands(&sheet, band).unwrap()) == whole, "bands of {band}");
         }
     }

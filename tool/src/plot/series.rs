@@ -1,4 +1,4 @@
-//! The second look at a recording: the lines of the plot.
+//! Collects the lines of the plot, in the second reading of the recording.
 
 use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
@@ -10,7 +10,7 @@ use ecmsk::sk::{
 
 use super::axis::Axis;
 use super::decimate::Line;
-use super::execution::{Execution, Orders, Told};
+use super::execution::{Execution, ExecutionReport, Orders};
 use super::lanes::{Lane, Lanes};
 use super::path::Path;
 use super::states::{Span, States};
@@ -19,46 +19,46 @@ use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
 
-/// A line in pieces, seconds and values.
+/// The pieces of a line, with seconds and values.
 pub type Pieces = Vec<Vec<(f64, f64)>>;
 
-/// What is looked at.
+/// What is drawn of the recording.
 pub struct Subject<'a> {
-    /// The time shown.
+    /// The range of times that is shown.
     pub window: Window,
-    /// Slaves that are axes, and the units of each.
+    /// The slaves with axes, and the scale of each.
     pub axes: &'a [(u8, Scale)],
-    /// Slaves that are IO.
+    /// The IO slaves.
     pub ios: &'a [u8],
-    /// Two of the axes whose way in the plane is drawn, if they are.
+    /// The two axes whose path in the plane is drawn, if it is.
     pub plane: Option<[u8; 2]>,
-    /// The board, in a capture of several.
+    /// The board, in a capture of several boards.
     pub board: Option<(u16, u8)>,
-    /// Its cycle.
+    /// The cycle time in nanoseconds.
     pub cycle_ns: i64,
-    /// Ids of the commands shown; empty: all.
+    /// The ids of the commands with which axes are shown; if empty, they are always shown.
     pub commands: Vec<u8>,
 }
 
-/// What there is to draw.
+/// The lines of the plot.
 pub struct Lines {
-    /// One for each axis.
+    /// The lines of each axis.
     pub axes: Vec<AxisLines>,
-    /// One for each IO slave.
+    /// The bits of each IO slave.
     pub ios: Vec<(u8, Vec<Lane>)>,
-    /// The way in the plane as it was commanded, and as it was gone.
+    /// The commanded path in the plane, and the actual one.
     pub plane: Option<[Pieces; 2]>,
     /// Free entries of the FIFO.
     pub fifo_free: Pieces,
-    /// When the full count went up, seconds; near ones are one.
+    /// The times in seconds at which the full count rose; times close together are one.
     pub full: Vec<f64>,
     /// Reports with a higher full count than the one before.
     pub full_reports: u64,
-    /// When the FIFO was empty while an axis was moving.
+    /// The times in which the FIFO was empty while an axis was moving.
     pub gaps: Vec<Span>,
 }
 
-/// The lines under construction.
+/// The lines while they are collected.
 pub struct Series {
     window: Window,
     board: Option<(u16, u8)>,
@@ -76,14 +76,14 @@ pub struct Series {
 }
 
 struct Plane {
-    /// Places of the axes in their list.
+    /// The indexes of the two axes.
     of: [usize; 2],
-    /// Commanded and gone.
+    /// The commanded and the actual path.
     paths: [Path; 2],
 }
 
 impl Series {
-    /// Lines of that.
+    /// The lines of `subject`, with no frames yet.
     pub fn new(subject: &Subject<'_>) -> Self {
         let window = subject.window;
         let axes = subject.axes.iter();
@@ -106,7 +106,7 @@ impl Series {
         }
     }
 
-    /// The next frame, in the order of time.
+    /// Adds the next frame in the order of time.
     pub fn frame(&mut self, framed: &Framed) {
         if self.board.is_some_and(|board| board != framed.board()) {
             return;
@@ -164,7 +164,7 @@ impl Series {
         for axis in &mut self.axes {
             let number = usize::from(axis.number);
             let drive = DriveResponse::decode(&frame.slot(size, number));
-            // An HSP has its inputs in the place of torque, and no error code.
+            // An HSP has inputs where a drive has its torque, and no error code.
             let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
             axis.report(at_ns, &drive, aborted, is_drive, certain);
         }
@@ -182,12 +182,12 @@ impl Series {
         }
     }
 
-    /// Draws what was executed until this report. Gives whether it is known.
+    /// Draws what was executed until this report. Returns whether that is known.
     fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
         let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
-            Told::Executed { entries, idle_since_ns } => (entries, idle_since_ns),
-            Told::Later => return false,
-            Told::Unknown => {
+            ExecutionReport::Executed { entries, idle_since_ns } => (entries, idle_since_ns),
+            ExecutionReport::Later => return false,
+            ExecutionReport::Unknown => {
                 self.axes.iter_mut().for_each(|axis| axis.forget_target(at_ns));
                 return true;
             }

@@ -1,32 +1,32 @@
-//! What state a drive was in, as reports tell it: not enabled, homing, or with a fault; and gaps in its motion.
+//! Determines the states of a drive from its reports: not enabled, homing, or with a fault; and gaps in its motion.
 //!
-//! That a drive is homing no field of a report says. It is, from the report that answers GO_HOME until bits 10 and 12 of
-//! the statusword say that home is attained, bit 13 that it is not, or the drive leaves Operation enabled, or ABORT_HOME
-//! is answered (SK-7). Bits that may still be those of an earlier homing count by the rule of the board: once bits 12 and
-//! 13 were seen clear, or when they stay for [`SETTLE_NS`].
+//! No field of a report tells that a drive is homing. It is homing from the report that answers GO_HOME until bits 10
+//! and 12 of the statusword report that home is attained, bit 13 that it is not, the drive leaves Operation enabled,
+//! or ABORT_HOME is answered (SK-7). Bits that may still be those of an earlier homing count by the rule of the
+//! board: after bits 12 and 13 were seen clear, or when they have been set for [`SETTLE_NS`].
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::sk::{CommandId, DriveResponse};
 
 use super::{Window, seconds, style};
 
-/// So long a result must stand that was there from the first report on. As the board's. \[OURS]
+/// How long a homing result must be set that was set from the first report on; the same time as in the board. \[OURS]
 const SETTLE_NS: i64 = 20_000_000;
 
-/// A state that is shown; in Operation enabled and not homing nothing is.
+/// A state that is shown. Operation enabled without homing is not shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// Neither in Operation enabled nor with a fault.
     NotEnabled,
-    /// On the way home.
+    /// Homing.
     Homing,
     /// Fault, or Fault reaction active.
     Fault,
-    /// The FIFO was empty on the way.
+    /// The FIFO was empty during motion.
     Gap,
 }
 
-/// A state from one moment to another, in seconds.
+/// A state with its beginning and end in seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span {
     /// The state.
@@ -35,26 +35,27 @@ pub struct Span {
     pub from: f64,
     /// Its end.
     pub to: f64,
-    /// What is to be said of it.
+    /// The note on it, such as the error code.
     pub note: Option<String>,
 }
 
-/// What a report changes.
+/// What a report changes for the targets of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     /// Nothing.
     None,
-    /// The drive follows targets from here on. After homing its position has another zero.
+    /// The drive follows targets from here on. After homing its position has a new zero.
     Follows,
-    /// It follows no target from here on, and those before are void.
+    /// The drive follows no target from here on, and earlier ones are void.
     FollowsNot,
 }
 
-/// The states of one drive under construction.
+/// The states of one drive while they are collected.
 #[derive(Debug)]
 pub struct States {
     window: Window,
-    /// Of spans of a state that are less apart than this, one is made: no eye could tell them apart.
+    /// Spans of a state that are closer together than this become one, because they cannot be distinguished in the
+    /// picture.
     apart_ns: i64,
     done: Vec<Piece>,
     now: Option<Piece>,
@@ -70,18 +71,18 @@ struct Piece {
 }
 
 impl States {
-    /// Across `window`, drawn `columns` pixels wide.
+    /// The states in the range `window`, drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let apart_ns = (window.to_ns.saturating_sub(window.from_ns)) / i64::from(columns.max(1));
         Self { window, apart_ns, done: Vec::new(), now: None, homing: Homing::default() }
     }
 
-    /// The host sends GO_HOME.
+    /// Notes that the host has sent GO_HOME.
     pub const fn go_home(&mut self) {
         self.homing.asked = true;
     }
 
-    /// The next report in OP. `aborted`: it answers ABORT_HOME, in whatever slot. `has_code`: the drive's kind has an
+    /// Adds the next report in OP. `aborted`: a slot of it answers ABORT_HOME. `has_code`: the drive's kind has an
     /// error code in its slot.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> Change {
         let was_homing = self.homing.since_ns.is_some();
@@ -102,7 +103,7 @@ impl States {
         if let Some(now) = self.now.as_mut().filter(|now| now.state == State::Fault && now.note.is_none()) {
             now.note = match drive.error_code {
                 _ if !has_code => Some("fault".to_owned()),
-                // The code may come a cycle later than the state.
+                // The error code may come one cycle later than the state.
                 0 => None,
                 code => Some(format!("alarm 0x{code:04X}")),
             };
@@ -114,26 +115,26 @@ impl States {
         }
     }
 
-    /// Whether the drive is on the way home.
+    /// Whether the drive is homing.
     pub const fn is_homing(&self) -> bool {
         self.homing.since_ns.is_some()
     }
 
-    /// The FIFO was empty on the way.
+    /// Adds a gap: the FIFO was empty during motion.
     pub fn gap(&mut self, from_ns: i64, to_ns: i64) {
         let milliseconds = (to_ns.saturating_sub(from_ns)) as f64 / 1e6;
         let note = Some(format!("gap {} ms", style::number(milliseconds, style::digits(milliseconds).min(3))));
         self.put(Piece { state: State::Gap, from_ns, to_ns, note });
     }
 
-    /// Nothing is known from here to the next report.
+    /// Interrupts the states until the next report.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.close(at_ns);
-        // Back in OP a slot may still answer the GO_HOME of before.
+        // After a return to OP a slot may still answer the earlier GO_HOME.
         self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
     }
 
-    /// The spans, as far as they are in the window.
+    /// The spans within the window.
     pub fn finish(mut self) -> Vec<Span> {
         self.close(self.window.to_ns);
         let mut spans: Vec<Span> = self.done.into_iter().map(Piece::into_span).collect();
@@ -147,7 +148,7 @@ impl States {
         }
     }
 
-    /// Keeps what of it is in the window.
+    /// Keeps the part of the span that is in the window.
     fn put(&mut self, mut piece: Piece) {
         let Window { from_ns, to_ns } = self.window;
         if piece.from_ns > to_ns || piece.to_ns < from_ns {
@@ -176,16 +177,16 @@ impl Piece {
 /// Whether a drive is homing.
 #[derive(Debug, Default)]
 struct Homing {
-    /// GO_HOME was sent, and no homing has begun since.
+    /// Whether GO_HOME was sent and no homing has begun since.
     asked: bool,
-    /// The last report answered GO_HOME.
+    /// Whether the last report answered GO_HOME.
     answered: bool,
     since_ns: Option<i64>,
     clear_seen: bool,
 }
 
 impl Homing {
-    /// Whether the search ends with this report by an error.
+    /// Adds a report; returns whether homing ends with it by an error.
     fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool) -> bool {
         let answers = CommandId::from_code(drive.head.id) == CommandId::GoHome;
         let answered = std::mem::replace(&mut self.answered, answers);

@@ -1,10 +1,11 @@
-//! How the plot looks: sizes, colours, numbers in words.
+//! The style of the plot: sizes, colours, numbers as text.
 
 use plotters::style::RGBColor;
 
 use crate::visible::is_plain;
 
-/// Coordinates of the drawing library are whole numbers: lines are drawn on a grid so many times finer than a pixel.
+/// The coordinates of the drawing library are integers, so lines are drawn on a grid that is this many times finer
+/// than a pixel.
 pub const FINE: u32 = 4;
 
 /// Width of the plot.
@@ -31,12 +32,12 @@ pub const TEXT: u32 = 13;
 pub const SMALL: u32 = 12;
 /// Size of the title.
 pub const TITLE: u32 = 17;
-/// The drawing library divides sizes of text by this.
+/// The drawing library divides text sizes by this.
 const TEXT_FACTOR: f64 = 1.24;
-/// Width of a letter, as a part of the text's size: the mean of common sans-serif faces, and some room.
+/// The mean width of a letter in common sans-serif fonts relative to the text size, with some margin.
 const LETTER: f64 = 0.53;
 
-/// Colours of axes, told apart also side by side; none is near the others or near white.
+/// The colours of axes, which can be distinguished side by side; none is similar to another or near white.
 const COLOURS: [RGBColor; super::MAX_AXES] = [
     RGBColor(0x1F, 0x77, 0xB4),
     RGBColor(0xE6, 0x6A, 0x00),
@@ -54,7 +55,7 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
         let own = usize::from(axis).saturating_sub(1);
         let free =
             (own..own + COLOURS.len()).map(|i| COLOURS[i % COLOURS.len()]).find(|colour| !taken.contains(colour));
-        // There are as many colours as axes in a plot.
+        // There are as many colours as axes in a plot, so one is free.
         taken.push(free.unwrap_or(INK));
     }
     taken
@@ -62,7 +63,7 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
 
 /// The FIFO's level.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
-/// A loss.
+/// A lost command.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
 /// Behind the lines of a drive with a fault.
 pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
@@ -70,7 +71,7 @@ pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
 pub const HOMING: RGBColor = RGBColor(0xFF, 0xEE, 0xB8);
 /// Behind the lines of a drive that is not enabled.
 pub const NOT_ENABLED: RGBColor = RGBColor(0xE9, 0xEC, 0xEF);
-/// Behind the lines where the FIFO was empty on the way.
+/// Behind the lines where the FIFO was empty during motion.
 pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
 /// Inputs of the machine.
 pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
@@ -95,17 +96,17 @@ pub const fn at(pixels: u32) -> i32 {
     px(pixels) as i32
 }
 
-/// A size of text as the drawing library wants it.
+/// A text size for the drawing library.
 pub fn text_size(pixels: u32) -> f64 {
     f64::from(px(pixels)) * TEXT_FACTOR
 }
 
-/// How wide a text will be, more or less, in pixels.
+/// The approximate width of a text in pixels.
 pub fn text_width(text: &str, size: u32) -> u32 {
     (text.chars().count() as f64 * f64::from(size) * LETTER).ceil() as u32
 }
 
-/// Text that may stand in a drawing of that width: without control characters, cut if it is too long.
+/// The text for a drawing of that width: without control characters, and cut if it is too long.
 pub fn fitting(text: &str, size: u32, width: u32) -> String {
     let letters = (f64::from(width) / (f64::from(size) * LETTER)) as usize;
     let clean: Vec<char> = text.chars().map(|c| if c.is_control() || !is_plain(c) { '\u{FFFD}' } else { c }).collect();
@@ -115,7 +116,7 @@ pub fn fitting(text: &str, size: u32, width: u32) -> String {
     clean[..letters.saturating_sub(1)].iter().chain(&['\u{2026}']).collect()
 }
 
-/// A number at an axis: thousands apart, no zeros at the end.
+/// A number at an axis: with groups of thousands, and without zeros at the end.
 pub fn number(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     let (whole, part) = text.split_once('.').unwrap_or((&text, ""));
@@ -132,9 +133,9 @@ pub fn number(value: f64, digits: usize) -> String {
     if part.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{part}") }
 }
 
-/// Digits behind the point that tell numbers apart at an axis of that span.
+/// How many digits after the point distinguish numbers at an axis of that span.
 pub fn digits(span: f64) -> usize {
-    // A span of 1 has marks 0.1 or 0.05 apart.
+    // With a span of 1 the marks are 0.1 or 0.05 apart.
     (2.0 - span.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
 }
 
@@ -147,7 +148,7 @@ pub fn list(numbers: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    /// Thousands stand apart, nothing stands behind the point that says nothing, and there is no negative zero.
+    /// Numbers have groups of thousands, no useless digits after the point, and no negative zero.
     #[test]
     fn numbers_have_groups_of_thousands_and_no_useless_digits() {
         for (value, digits, text) in [
@@ -172,7 +173,7 @@ mod tests {
         }
     }
 
-    /// An axis keeps its colour from plot to plot, and no two in one plot have the same.
+    /// An axis has the same colour in every plot, and no two axes of a plot share one.
     #[test]
     fn an_axis_keeps_its_colour_and_no_two_axes_share_one() {
         assert_eq!(colours([3]), [COLOURS[2]]);

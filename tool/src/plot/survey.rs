@@ -1,4 +1,4 @@
-//! The first look at a recording: when its board was in OP, and which axes were moved there.
+//! The first reading of a recording: finds when its board was in OP, and which axes were moved.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::Kinds;
@@ -8,7 +8,7 @@ use ecmsk::sk::{CommandId, IoResponse, MasterResponse, MasterState, RawSlot, Sla
 use super::Window;
 use crate::recording::{self, Framed};
 
-/// What was found so far. Of a capture with several boards the one is looked at that is in OP first.
+/// What was found so far. In a capture with several boards the one that is in OP first is considered.
 pub struct Survey {
     board: Option<(u16, u8)>,
     size: SlotSize,
@@ -16,21 +16,21 @@ pub struct Survey {
     op: Option<Window>,
     in_op: bool,
     kinds: Kinds,
-    /// Slaves that got a command for a drive in OP.
+    /// The slaves that got a command for a drive in OP.
     moved: [bool; MAX_SLAVES],
-    /// Slaves whose slot is a drive's in OP.
+    /// The slaves whose slot in OP is that of a drive.
     drives: [bool; MAX_SLAVES],
-    /// Slaves that are IO in OP, and those of them that said or were told more than zeros.
+    /// The slaves that are IO slaves in OP, and those of them with an input or output that was ever 1.
     ios: [bool; MAX_SLAVES],
     lively_ios: [bool; MAX_SLAVES],
-    /// Slaves that anything is known of: their slot of a frame in OP held something.
+    /// The slaves with data: their slot of a frame in OP was not empty.
     seen: [bool; MAX_SLAVES],
-    /// Times between the first reports in OP.
+    /// The intervals between the first reports in OP.
     intervals_ns: Vec<i64>,
 }
 
-/// Times between reports that are kept to find the cycle.
-const INTERVALS: usize = 1000;
+/// How many intervals between reports are kept to determine the cycle.
+const INTERVALS_KEPT: usize = 1000;
 
 impl Default for Survey {
     fn default() -> Self {
@@ -52,7 +52,7 @@ impl Default for Survey {
 }
 
 impl Survey {
-    /// The next frame, in the order of time.
+    /// Adds the next frame in the order of time.
     pub fn frame(&mut self, framed: &Framed) {
         if self.board.is_some_and(|board| board != framed.board()) {
             return;
@@ -63,40 +63,41 @@ impl Survey {
         }
     }
 
-    /// When the board was in OP, from the first response that says so to the last.
+    /// The time in OP, from the first response that reports it to the last.
     pub const fn op(&self) -> Option<Window> {
         self.op
     }
 
-    /// The EtherCAT cycle, nanoseconds: the median time between reports, as some may be missing and some come late.
+    /// The EtherCAT cycle in nanoseconds: the median interval between reports, since some may be missing and some
+    /// come late.
     pub fn cycle_ns(&self) -> i64 {
         let mut intervals = self.intervals_ns.clone();
         intervals.sort_unstable();
         intervals.get(intervals.len() / 2).copied().unwrap_or_default()
     }
 
-    /// The board looked at.
+    /// The board that is considered.
     pub fn board(&self) -> Option<(u16, u8)> {
         self.board
     }
 
-    /// Bytes of its slots.
+    /// The slot size of the board.
     pub const fn size(&self) -> SlotSize {
         self.size
     }
 
-    /// The link that was recorded first.
+    /// The link of the first section.
     pub fn link(&self) -> Option<String> {
         self.link.clone()
     }
 
-    /// The slaves that were moved; if none was, those that are drives.
+    /// The slaves that were moved; if none was, all drives.
     pub fn axes(&self) -> Vec<u8> {
         let chosen = if self.moved.contains(&true) { &self.moved } else { &self.drives };
         (1..).zip(chosen).filter(|(n, chosen)| **chosen && !self.is_io(*n)).map(|(n, _)| n).collect()
     }
 
-    /// The slaves that can be asked for: drives, what was moved, and IO.
+    /// All slaves that can be shown: drives, slaves that were moved, and IO slaves.
     pub fn known(&self) -> Vec<u8> {
         let known = |n: &usize| self.moved[*n] || self.drives[*n] || self.ios[*n];
         (0..MAX_SLAVES).filter(known).map(|n| n as u8 + 1).collect()
@@ -121,7 +122,7 @@ impl Survey {
 
     fn see(&mut self, framed: &Framed) {
         for (n, seen) in (1..=framed.size.max_slaves()).zip(&mut self.seen) {
-            // Boards repeat the index of commands for slaves that are not there.
+            // A board repeats the index of commands for slaves that do not exist.
             let slot = RawSlot { index: 0, ..framed.recorded.frame.slot(framed.size, n) };
             *seen |= slot != RawSlot::ZERO;
         }
@@ -158,7 +159,7 @@ impl Survey {
         }
         let at_ns = framed.time_ns;
         let op = self.op.get_or_insert(Window { from_ns: at_ns, to_ns: at_ns });
-        if self.intervals_ns.len() < INTERVALS {
+        if self.intervals_ns.len() < INTERVALS_KEPT {
             self.intervals_ns.push(at_ns.saturating_sub(op.to_ns));
         }
         op.to_ns = at_ns;
@@ -176,7 +177,7 @@ impl Survey {
     }
 }
 
-/// Whether a response says that the network runs, a failed slave or not.
+/// Whether a response reports OP, with or without a failed slave.
 pub fn is_op(framed: &Framed) -> bool {
     MasterResponse::decode(&framed.recorded.frame.slot(framed.size, 0)).state.state() == Some(MasterState::Op)
 }

@@ -1,4 +1,4 @@
-//! A picture as SVG.
+//! Writes a picture as SVG.
 
 use plotters::prelude::SVGBackend;
 
@@ -6,7 +6,7 @@ use super::PlotError;
 use super::chart::Sheet;
 use super::style::{self, px};
 
-/// The text of the file.
+/// Draws the picture and returns the text of the file.
 pub fn write(sheet: &Sheet) -> Result<String, PlotError> {
     let height = sheet.height();
     let mut svg = String::new();
@@ -14,7 +14,7 @@ pub fn write(sheet: &Sheet) -> Result<String, PlotError> {
     Ok(in_pixels(&svg, height))
 }
 
-/// The drawing is made on a finer grid: its size on the page is told in pixels.
+/// Sets the size on the page in pixels, because the drawing is made on a finer grid.
 fn in_pixels(svg: &str, height: u32) -> String {
     let fine = format!("width=\"{}\" height=\"{}\"", px(style::WIDTH), px(height));
     let pixels = format!("width=\"{}\" height=\"{height}\"", style::WIDTH);

@@ -1,4 +1,4 @@
-//! `ecmsk serve usbip`: boards on the USB bus of any machine.
+//! `ecmsk serve usbip`: makes boards available on the USB bus of any machine.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -78,8 +78,8 @@ pub struct Args {
 const IDENTITY: &str = "How the boards show themselves";
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    // Before anything is attached.
-    let asked = signals::Asked::watch().map_err(ServeError::Signals)?;
+    // Signals are watched before anything is attached.
+    let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     stderr::queue().map_err(ServeError::Thread)?;
     let links = links(args)?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
@@ -99,14 +99,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         text.push_str(&format!("{bus_id} {link}\n"));
     }
     super::announce(text)?;
-    let signal = asked.wait();
+    let signal = end_request.wait();
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
     server.stop();
     Ok(ExitCode::SUCCESS)
 }
 
-/// The links, or the one that the library would find.
+/// The links of the options, or the one that the library would find.
 fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     if !args.links.is_empty() {
         return Ok(args.links.clone());
@@ -127,11 +127,11 @@ fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
         ..Identity::default()
     };
     let uri = link.to_string();
-    // A board that comes back is the same one.
+    // A simulated board that comes back is the same one.
     BoardSpec { identity, opener: Box::new(move || link::open(&uri, Share::ByUri)) }
 }
 
-/// A link; unless it says otherwise it keeps one report, the newest: the host has a queue of its own.
+/// Parses a link. By default it keeps one report, the newest, because the host has a queue of its own.
 fn given_link(text: &str) -> Result<LinkUri, String> {
     let link = LinkUri::parse(text).map_err(|error| error.to_string())?;
     let says = text.split(['?', '&']).any(|part| part.starts_with("queue="));

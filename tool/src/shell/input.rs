@@ -1,4 +1,4 @@
-//! Where the shell's lines come from. A thread of its own reads them, so that a signal is seen while none comes.
+//! Reads the lines of the shell in a thread of its own, so that a signal is noticed while the user types nothing.
 
 use std::io::{self, BufRead};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -15,28 +15,28 @@ use super::terminal::Terminal;
 use crate::board::{Board, BoardError};
 
 const PROMPT: &str = "ecmsk> ";
-/// \[OURS] How often signals are looked for while there is nothing to do.
-const LOOK: Duration = Duration::from_millis(20);
+/// \[OURS] How often signals are checked while no line comes.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// What came.
+/// What the thread has read.
 enum Typed {
     Line(String),
-    /// Ctrl-C while nothing runs.
+    /// Ctrl-C was pressed at the prompt.
     Nothing,
     End,
     Failed(io::Error),
 }
 
-/// Lines as they are typed, or as they come through a pipe.
+/// Lines from a terminal or from a pipe.
 pub struct Input {
-    /// Asks for the next one: there is no prompt while a step runs.
+    /// Asks the thread for the next line, so that there is no prompt while a step runs.
     wanted: Sender<()>,
     typed: Receiver<Typed>,
     terminal: Terminal,
 }
 
 impl Input {
-    /// `typed`: standard input is a terminal.
+    /// Starts the thread; `typed` tells whether standard input is a terminal.
     pub fn start(typed: bool) -> Self {
         let terminal = Terminal::now();
         let (wanted, asked) = mpsc::channel();
@@ -60,14 +60,14 @@ impl Input {
     /// # Errors
     /// [`BoardError::Stopped`], [`BoardError::Input`].
     pub fn next(&self, board: &Board) -> Result<Option<String>, BoardError> {
-        // A reader that has ended has said so.
+        // If the thread has ended, its last message says so.
         let _ = self.wanted.send(());
         loop {
             if let Err(stopped) = board.check_stop() {
                 self.terminal.restore();
                 return Err(stopped);
             }
-            match self.typed.recv_timeout(LOOK) {
+            match self.typed.recv_timeout(POLL_INTERVAL) {
                 Ok(Typed::Line(line)) => return Ok(Some(line)),
                 Ok(Typed::End) | Err(RecvTimeoutError::Disconnected) => return Ok(None),
                 Ok(Typed::Failed(error)) => return Err(BoardError::Input(error)),
@@ -86,7 +86,7 @@ fn terminal_lines() -> rustyline::Result<impl FnMut() -> Typed> {
     editor.set_helper(Some(Words));
     Ok(move || match editor.readline(PROMPT) {
         Ok(line) => {
-            // Only a history file could fail.
+            // This fails only with a history file.
             let _ = editor.add_history_entry(&line);
             Typed::Line(line)
         }

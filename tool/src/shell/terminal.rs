@@ -1,4 +1,4 @@
-//! How the terminal was before a line was read: a signal may end the shell in the middle of one.
+//! Saves and restores the modes of the terminal, since a signal may end the shell while a line is being read.
 
 #[cfg(unix)]
 mod unix;

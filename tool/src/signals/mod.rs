@@ -1,6 +1,6 @@
-//! What asks the tool to end: signals, and on Windows what a console sends.
+//! The requests to end the tool: signals, and on Windows events of the console.
 //!
-//! Each has a number, as signals have: the exit code is 128 + n.
+//! Each has a number like that of a signal, since the exit code is 128 + n.
 
 #[cfg(unix)]
 mod unix;
@@ -8,6 +8,6 @@ mod unix;
 mod windows;
 
 #[cfg(unix)]
-pub use unix::{Asked, HANG_UP, has_hung_up, name, not_ignored, note, note_once};
+pub use unix::{EndRequest, HANG_UP, has_hung_up, name, not_ignored, note, note_once};
 #[cfg(windows)]
-pub use windows::{Asked, HANG_UP, has_hung_up, leave_to_program, name, note, note_once};
+pub use windows::{EndRequest, HANG_UP, has_hung_up, leave_to_program, name, note, note_once};

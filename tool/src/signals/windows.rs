@@ -1,4 +1,4 @@
-//! What a console sends: Ctrl-C, Ctrl-Break, and that it ends.
+//! Events of the console on Windows: Ctrl-C, Ctrl-Break, and its closing.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -8,21 +8,23 @@ use std::sync::{Arc, Mutex, PoisonError};
 use windows_sys::Win32::Foundation::TRUE;
 use windows_sys::Win32::System::Console::{CTRL_BREAK_EVENT, CTRL_C_EVENT, SetConsoleCtrlHandler};
 
-/// The number of Ctrl-C, as SIGINT's.
+/// The number of Ctrl-C, which is that of SIGINT.
 const INTERRUPT: u8 = 2;
-/// \[OURS] The number of everything else, as SIGTERM's: Ctrl-Break, the console's window closed, the user logs off, the
-/// machine goes down. Ctrl-Break is what another program can send to a group of processes.
+/// \[OURS] The number of all other events, which is that of SIGTERM: Ctrl-Break, the closing of the console's window,
+/// the end of the user's session, the shutdown of the machine. Ctrl-Break is the event that another program can send
+/// to a group of processes.
 const TERMINATE: u8 = 15;
 
-/// The number that stands for the end of the console.
+/// The number for the closing of the console.
 pub const HANG_UP: usize = TERMINATE as usize;
 
-/// Whether what that file leads to is gone: Windows says so by ending the process, see `came`.
+/// Whether the other end of a file is gone. Windows ends the process in that case, see `came`, so this is always
+/// false.
 pub const fn has_hung_up<T>(_file: &T) -> bool {
     false
 }
 
-/// Who wants to know.
+/// What is done with an event.
 enum Watcher {
     Note { signal: Arc<AtomicUsize>, armed: Option<Arc<AtomicBool>> },
     Wait(Sender<u8>),
@@ -30,7 +32,7 @@ enum Watcher {
 
 static WATCHERS: Mutex<Vec<Watcher>> = Mutex::new(Vec::new());
 
-/// The number of what comes is in `signal` from now on.
+/// From now on the number of an event that comes is stored in `signal`.
 ///
 /// # Errors
 /// What the system says.
@@ -38,7 +40,7 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
     watch(Watcher::Note { signal: Arc::clone(signal), armed: None })
 }
 
-/// As [`note`], and what comes while `armed` is set ends the program at once. What comes sets it.
+/// As [`note`], but an event that comes while `armed` is set ends the program at once. The first event sets `armed`.
 ///
 /// # Errors
 /// What the system says.
@@ -46,7 +48,7 @@ pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Resu
     watch(Watcher::Note { signal: Arc::clone(signal), armed: Some(Arc::clone(armed)) })
 }
 
-/// What comes is for the program that this one runs, in the same console, which gets it too.
+/// Leaves events to the program that this one runs, which has the same console and gets them as well.
 ///
 /// # Errors
 /// What the system says.
@@ -54,11 +56,11 @@ pub fn leave_to_program() -> io::Result<()> {
     install()
 }
 
-/// What has asked for the end, for who has nothing to do but to wait for it.
-pub struct Asked(Receiver<u8>);
+/// Waits for an event, for programs that do nothing else.
+pub struct EndRequest(Receiver<u8>);
 
-impl Asked {
-    /// Looks out from now on.
+impl EndRequest {
+    /// Watches for events from now on.
     ///
     /// # Errors
     /// What the system says.
@@ -68,16 +70,16 @@ impl Asked {
         Ok(Self(receiver))
     }
 
-    /// Waits for the first one, and gives its name.
+    /// Waits for the first event; returns its name.
     pub fn wait(self) -> &'static str {
-        // Its sender stays as long as the process.
+        // The sender exists as long as the process.
         if self.0.recv() == Ok(INTERRUPT) { "Ctrl-C" } else { ENDS }
     }
 }
 
 const ENDS: &str = "Ctrl-Break or the end of its console";
 
-/// What people call it.
+/// The name of an event for users.
 pub fn name(signal: u8) -> String {
     match signal {
         INTERRUPT => "Ctrl-C".into(),
@@ -95,12 +97,12 @@ fn install() -> io::Result<()> {
     // SAFETY: without a function this sets whether this process ignores Ctrl-C, and nothing else.
     let hears = unsafe { SetConsoleCtrlHandler(None, 0) };
     // Once more does no harm: what is first called has done it all.
-    // SAFETY: the function has the signature that is asked for, and stays as long as the process.
+    // SAFETY: the function has the signature that is end_request for, and stays as long as the process.
     let installed = unsafe { SetConsoleCtrlHandler(Some(came), TRUE) };
     if hears == 0 || installed == 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
 
-/// The system calls this in a thread of its own.
+/// The handler, which Windows calls in a thread of its own.
 unsafe extern "system" fn came(event: u32) -> i32 {
     let number = if event == CTRL_C_EVENT { INTERRUPT } else { TERMINATE };
     for watcher in WATCHERS.lock().unwrap_or_else(PoisonError::into_inner).iter() {
@@ -111,13 +113,13 @@ unsafe extern "system" fn came(event: u32) -> i32 {
                 }
                 signal.store(number.into(), Ordering::SeqCst);
             }
-            // Who does not wait any more needs no word.
+            // A receiver that does not exist any more needs no event.
             Watcher::Wait(sender) => drop(sender.send(number)),
         }
     }
     if !matches!(event, CTRL_C_EVENT | CTRL_BREAK_EVENT) {
-        // Windows ends the process when this returns, and 5 s after the window was closed in any case: axes come to a
-        // standstill meanwhile, and the process ends by itself.
+        // Windows ends the process when this returns, and in any case 5 s after the window was closed. Meanwhile the
+        // axes come to a standstill, and the process ends by itself.
         loop {
             std::thread::park();
         }

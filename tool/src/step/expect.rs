@@ -1,4 +1,4 @@
-//! `expect`: a script that checks what it has done.
+//! `expect`: lets a script check what it has done.
 
 use clap::Subcommand;
 use ecmsk::ecm::{Config, Scale};

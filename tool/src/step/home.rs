@@ -11,9 +11,9 @@ use super::motion::{Target, counts};
 use crate::board::{Board, BoardError, Needs, SlaveList, find_slave, position};
 
 const WHAT: &str = "home";
-/// 0x6098.
+/// Homing method.
 const METHOD: ObjectAddress = ObjectAddress::new(0x6098, 0);
-/// \[OURS] How long the motion of one axis may take.
+/// \[OURS] The longest time of the homing of one axis.
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// Find the home of axes, one after the other
@@ -100,7 +100,7 @@ impl Args {
             if pace.due(now.elapsed) {
                 let phase = phase(now.phase);
                 let at = now.position;
-                // An error of standard output shows with the result.
+                // If standard output fails, the result will show it.
                 let _ = reporter.progress(format_args!("homing axis {slave}: {phase}, at {at}, {seconds:.1} s"), || {
                     json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": at, "seconds": seconds})
                 });

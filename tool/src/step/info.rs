@@ -1,4 +1,4 @@
-//! `info`: what is known of the board, the link and the network.
+//! `info`: shows what is known of the board, the link and the network.
 
 use std::fmt::Write;
 
@@ -27,7 +27,7 @@ impl Args {
     }
 }
 
-/// 0x1000 and of 0x1018 vendor, product and revision.
+/// Device type (0x1000), and vendor, product and revision (0x1018).
 const IDENTITY: [(&str, ObjectAddress); 4] = [
     ("device_type", ObjectAddress::new(0x1000, 0)),
     ("vendor_id", ObjectAddress::new(0x1018, 1)),
@@ -50,7 +50,7 @@ impl Args {
 }
 
 fn line(text: &mut String, name: &str, what: std::fmt::Arguments<'_>) {
-    // A string takes everything.
+    // Writing to a String does not fail.
     let _ = writeln!(text, "{name:<12}{what}");
 }
 
@@ -94,17 +94,17 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
     if fifo.is_some() {
         for number in 1..=snapshot.slaves() as u8 {
             let Some(slave) = snapshot.slave(number) else { continue };
-            let (said, mut json) = said(board, number, &slave);
+            let (slave_values, mut json) = slave_values(board, number, &slave);
             json["slave"] = number.into();
             if let Some(slave) = config_of(board, number) {
                 json["kind"] = kinds::word(slave.kind()).into();
             }
-            line(&mut text, &format!("slave {number}"), format_args!("{said}"));
+            line(&mut text, &format!("slave {number}"), format_args!("{slave_values}"));
             slaves.push(json);
         }
     }
     if fifo.is_none() {
-        // They say nothing yet; what they are is known.
+        // Before OP slaves report nothing, but their kinds may be known.
         for (number, slave) in (1_u8..).zip(board.config.iter().flat_map(|config| &config.slaves)) {
             slaves.push(json!({"slave": number, "kind": kinds::word(slave.kind())}));
         }
@@ -127,8 +127,8 @@ fn config_of(board: &Board, number: u8) -> Option<&Slave> {
     board.config.as_ref()?.slaves.get(usize::from(number).checked_sub(1)?)
 }
 
-/// What a slave says in OP.
-fn said(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
+/// What a slave reports in OP, as text and as JSON.
+fn slave_values(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
     match slave {
         SlaveView::Drive(drive) => {
             let word = drive.statusword;
@@ -159,16 +159,16 @@ fn said(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
     }
 }
 
-/// Asks slave after slave; the first that does not answer is behind the last one.
+/// Reads the identity of one slave after the other; the network ends before the first one that does not answer.
 fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
     let mut found = Vec::new();
     for slave in 1..=board.ecm.slot_size()?.max_slaves() as u8 {
-        let mut said = Vec::new();
+        let mut slave_values = Vec::new();
         let mut json = json!({"slave": slave});
         for (name, object) in IDENTITY {
             match board.run_interruptible("asking slaves", |ecm| ecm.sdo_read::<u32>(slave, object)) {
                 Ok(value) => {
-                    said.push(format!("{} 0x{value:08X}", name.replace('_', " ")));
+                    slave_values.push(format!("{} 0x{value:08X}", name.replace('_', " ")));
                     json[name] = value.into();
                 }
                 Err(BoardError::Ecm(EcmError::SdoAborted { code, .. })) if code != AbortCode::TIMEOUT => {}
@@ -179,14 +179,14 @@ fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
                 Err(error) => return Err(error),
             }
         }
-        line(text, &format!("slave {slave}"), format_args!("{}", said.join(", ")));
+        line(text, &format!("slave {slave}"), format_args!("{}", slave_values.join(", ")));
         found.push(json);
     }
     line(text, "found", format_args!("{}", slaves(found.len())));
     Ok(found)
 }
 
-/// `1 slave`, `3 slaves`.
+/// The number as text: `1 slave`, `3 slaves`.
 fn slaves(count: usize) -> String {
     format!("{count} {}", if count == 1 { "slave" } else { "slaves" })
 }

@@ -1,4 +1,4 @@
-//! `io`: inputs and outputs, of IO slaves and of the board itself.
+//! `io`: reads inputs and sets outputs of IO slaves and of the board itself.
 
 use ecmsk::ecm::{Config, Slave};
 use serde_json::json;
@@ -37,7 +37,7 @@ impl Side {
     }
 }
 
-/// Reads 16 bits.
+/// Parses 16 bits.
 ///
 /// # Errors
 /// What is allowed.
@@ -95,7 +95,7 @@ impl Args {
     }
 }
 
-/// Whether that is an IO slave.
+/// Checks that the slave is an IO slave.
 pub fn io_slave(network: &Config, what: &str, slave: u8) -> Result<(), BoardError> {
     match find_slave(network, what, slave)? {
         Slave::Io => Ok(()),

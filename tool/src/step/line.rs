@@ -1,5 +1,5 @@
-//! Steps as lines, of a script or of the shell: the words of the command line without `ecmsk` and without the options
-//! that say which board. `#` starts a comment.
+//! Parses a line of a script or of the shell: the syntax of the command line without `ecmsk` and without the options
+//! of the board. `#` starts a comment.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, Parser};
@@ -13,17 +13,17 @@ struct Words {
     step: Step,
 }
 
-/// What stands in a line.
+/// The content of a line.
 #[derive(Debug)]
 pub enum Line {
-    /// Nothing, or a comment.
+    /// An empty line or a comment.
     Empty,
     /// A step.
     Step(Box<Step>),
 }
 
 impl Line {
-    /// Reads a line.
+    /// Parses a line.
     ///
     /// # Errors
     /// What is wrong with it, and what may be written.
@@ -39,12 +39,12 @@ impl Line {
         }
     }
 
-    /// The words that may begin a line.
+    /// The verbs with which a line may begin.
     pub fn verbs() -> Vec<String> {
         Words::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
     }
 
-    /// What may come after these words.
+    /// The words that may follow these words, for completion.
     pub fn after(words: &[&str]) -> Vec<String> {
         let (at, _) = command(words);
         let verbs = at.get_subcommands().map(|verb| verb.get_name().to_owned());
@@ -53,7 +53,7 @@ impl Line {
         verbs.chain(values.map(|value| value.get_name().to_owned())).chain(options).collect()
     }
 
-    /// What the words mean, for `help`.
+    /// The text of `help` for these words.
     ///
     /// # Errors
     /// What is wrong with them.
@@ -66,7 +66,7 @@ impl Line {
     }
 }
 
-/// The command that the words begin with, as far as they are verbs, and the rest of them.
+/// The command that the words name, as far as they are verbs, and the remaining words.
 fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     let mut at = Words::command();
     at.build();
@@ -78,7 +78,7 @@ fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     (at, words)
 }
 
-/// clap's words on one line, and how to write it.
+/// The error of clap on one line, with the syntax of the step.
 fn why(error: &clap::Error, words: &[&str]) -> String {
     if let (.., [word, ..]) = command(words)
         && word == &words[0]
@@ -92,7 +92,7 @@ fn why(error: &clap::Error, words: &[&str]) -> String {
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::DisplayHelp => "a word is missing",
         _ => first.trim_start_matches("error: "),
     };
-    // A verb of verbs: their names say more than that there are some.
+    // For a verb that has verbs of its own, the error lists them.
     let (at, _) = command(words);
     let verbs: Vec<_> = at.get_subcommands().map(clap::Command::get_name).collect();
     if !verbs.is_empty() {

@@ -1,4 +1,4 @@
-//! `move`: axes to positions, all together, with bounded speed, acceleration and jerk.
+//! `move`: moves axes to positions, all together, with limited speed, acceleration and jerk.
 
 mod path;
 mod target;
@@ -10,21 +10,22 @@ use ecmsk::ecm::{Config, EcmError, Guard, Scale, Snapshot, Stream, StreamStats};
 use ecmsk::sk::{AxisTarget, SlotSize};
 use serde_json::json;
 
-use super::profile::{Along, Profile};
+use super::profile::{PathPoint, Profile};
 use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, find_slave, in_mode, positive};
 use path::{AxisPath, Path, Speeds};
 use target::{Jerk, outside};
 pub use target::{Target, counts};
 
 const WHAT: &str = "move";
-/// \[OURS] How far ahead of the board the motion is: a program that is late by less leaves no gap.
+/// \[OURS] How far targets are sent ahead of their execution. A program that is late by less leaves no gap in the
+/// motion.
 const AHEAD: Duration = Duration::from_millis(64);
-/// \[OURS] Frames that makes, with short and with long cycles.
+/// \[OURS] The allowed numbers of frames ahead, which limit [`AHEAD`] for very short and very long cycles.
 const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
-/// \[OURS] How long axes may take to settle after the last target, and how many counts off it they have.
-const SETTLE: Duration = Duration::from_millis(500);
-const WINDOW: u32 = 2;
-/// \[OURS] How long braking may take on Ctrl-C: what is left of the 2 s is for the rest of closing.
+/// \[OURS] How long axes may take to settle after the last target, and how far from it they may be then, in counts.
+const SETTLE_LIMIT: Duration = Duration::from_millis(500);
+const SETTLE_WINDOW_COUNTS: u32 = 2;
+/// \[OURS] How long braking after Ctrl-C may take. The rest of the 2 s is for closing the board.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
 /// Move axes to positions, all together
@@ -93,7 +94,7 @@ impl Args {
         Ok(())
     }
 
-    /// Limits of an axis, in counts.
+    /// The limits of an axis, in counts and seconds.
     fn speeds(&self, scale: Scale) -> Speeds {
         let counts = scale.counts_per_unit.abs();
         Speeds::of(
@@ -111,7 +112,7 @@ impl Args {
         board.check_adopted(WHAT, &slaves)?;
         let config = board.known_network(WHAT)?;
         let depth = depth(config);
-        // What is in the FIFO still moves the axes.
+        // Entries that are still in the FIFO may move the axes.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
@@ -159,7 +160,7 @@ impl Args {
         Ok(())
     }
 
-    /// From where the axes are to their targets.
+    /// The path from the present positions to the targets.
     fn path(&self, board: &Board, snapshot: &Snapshot) -> Result<Path, BoardError> {
         let axis = |target: &Target| {
             let scale = board.axis(WHAT, target.slave)?.scale;
@@ -174,23 +175,24 @@ impl Args {
     }
 }
 
-/// As many steps as the native API looks back for a speed.
+/// \[OURS] How often the last target is repeated: as many steps as the native API looks back to determine a speed.
 const HOLD_FRAMES: usize = 9;
 
-/// A move under way.
+/// A move that is being carried out.
 struct Run<'a> {
     board: &'a Board,
     path: &'a Path,
     snapshot: &'a Snapshot,
-    /// Seconds.
+    /// The cycle time in seconds.
     cycle: f64,
 }
 
 impl Run<'_> {
-    /// One target a cycle, until all axes stand.
+    /// Sends one target per cycle until all axes have arrived. Returns the duration in seconds and the counters of
+    /// the stream.
     fn go(&self, mut stream: Stream<'_>) -> Result<(f64, StreamStats), BoardError> {
         let stepped = self.steps(&mut stream);
-        // Whatever it was, what moves comes to a standstill.
+        // Whatever has failed, moving axes are brought to a standstill.
         let finished = stream.finish();
         let seconds = stepped?;
         self.board.check_stop()?;
@@ -200,7 +202,7 @@ impl Run<'_> {
     fn steps(&self, stream: &mut Stream<'_>) -> Result<f64, BoardError> {
         let Some(profile) = &self.path.profile else { return Ok(0.0) };
         let mut pace = self.board.reporter.pace();
-        let mut last = Along::default();
+        let mut last = PathPoint::default();
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
             if self.board.interrupt.signal().is_some() {
@@ -237,8 +239,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The last targets a few times more. However hard the end was: axes that have been told to stand are not ramped
-    /// any further when the stream ends.
+    /// Repeats the last targets, so that the axes count as standing and the end of the stream does not ramp them any
+    /// further, however abrupt the end of the move is.
     fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
         (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at))
     }
@@ -251,7 +253,7 @@ impl Run<'_> {
         stream.step().map_err(explain).map(|_| ())
     }
 
-    /// The second channel of an HSP stays where it is.
+    /// Sets the target of an axis; the second channel of an HSP stays where it is.
     fn aim(&self, stream: &mut Stream<'_>, slave: u8, target: i32) -> Result<(), EcmError> {
         match self.snapshot.slave(slave) {
             Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {
@@ -263,15 +265,15 @@ impl Run<'_> {
     }
 }
 
-/// The first report in which all axes are where they were told to be, or the last one of the time they have for it.
+/// Waits until all axes are at their targets, or the time for settling has passed; returns the latest report.
 fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     let mut now = board.ecm.snapshot()?;
-    let end = now.meta.at.0 + SETTLE.as_nanos() as u64;
-    while path.axes.iter().any(|axis| axis.off(&now) > WINDOW) && now.meta.at.0 < end {
+    let end = now.meta.at.0 + SETTLE_LIMIT.as_nanos() as u64;
+    while path.axes.iter().any(|axis| axis.off(&now) > SETTLE_WINDOW_COUNTS) && now.meta.at.0 < end {
         board.check_stop()?;
         now = board.ecm.next_cycle(board.options.read_limit)?;
     }
-    for axis in path.axes.iter().filter(|axis| axis.off(&now) > WINDOW) {
+    for axis in path.axes.iter().filter(|axis| axis.off(&now) > SETTLE_WINDOW_COUNTS) {
         let (slave, counts) = (axis.slave, axis.off(&now));
         board
             .reporter
@@ -280,7 +282,7 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     Ok(now)
 }
 
-/// Frames that are ahead of the board.
+/// How many frames are sent ahead of their execution.
 fn depth(network: &Config) -> u16 {
     let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
     frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16

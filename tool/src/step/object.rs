@@ -1,4 +1,4 @@
-//! Objects by number or name, and their types.
+//! Parses objects, given by number or name, their types and their values.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use ecmsk::coe::ObjectAddress;
 
 use crate::board::whole;
 
-/// A type that an SDO can move.
+/// A data type of at most 32 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Type {
     U8,
@@ -22,7 +22,7 @@ use Type::{I8, I16, I32, U8, U16, U32};
 impl Type {
     const ALL: [(&str, Self); 6] = [("u8", U8), ("i8", I8), ("u16", U16), ("i16", I16), ("u32", U32), ("i32", I32)];
 
-    /// Reads `u8` to `i32`.
+    /// Parses `u8` to `i32`.
     ///
     /// # Errors
     /// What is allowed.
@@ -31,12 +31,12 @@ impl Type {
         known.map(|(_, of)| of).ok_or_else(|| "allowed: u8, i8, u16, i16, u32, i32".into())
     }
 
-    /// Its name.
+    /// The name of the type.
     pub fn name(self) -> &'static str {
         Self::ALL.into_iter().find(|(_, of)| *of == self).map_or("u32", |(name, _)| name)
     }
 
-    /// 8, 16 or 32.
+    /// The size in bits: 8, 16 or 32.
     pub const fn bits(self) -> u32 {
         match self {
             U8 | I8 => 8,
@@ -45,7 +45,7 @@ impl Type {
         }
     }
 
-    /// Whether a value fits: a number of the type, or its bits as 0x.
+    /// Whether the value fits the type: as a number of its range, or as its bits if it was written with 0x.
     pub fn takes(self, value: Value) -> bool {
         let (low, high) = match self {
             U8 | U16 | U32 => (0, (1_i64 << self.bits()) - 1),
@@ -54,7 +54,7 @@ impl Type {
         (low..=high).contains(&value.number) || value.is_bits && (0..1_i64 << self.bits()).contains(&value.number)
     }
 
-    /// The number of what an object holds.
+    /// The number that these bits are in this type.
     pub const fn number(self, raw: u32) -> i64 {
         match self {
             U8 | U16 | U32 => raw as i64,
@@ -69,12 +69,12 @@ impl Type {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value {
     pub number: i64,
-    /// Written as 0x: the bits of a signed type may be meant.
+    /// Whether it was written with 0x, so that it may be the bits of a signed value.
     is_bits: bool,
 }
 
 impl Value {
-    /// Reads a decimal number or one with 0x.
+    /// Parses a decimal number or a hexadecimal one with 0x.
     ///
     /// # Errors
     /// What is allowed.
@@ -84,15 +84,15 @@ impl Value {
     }
 }
 
-/// An object as it was named.
+/// An object, with what is known of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Object {
     pub address: ObjectAddress,
-    /// Its name and type, if it is one of those that every drive has.
+    /// Its name and type, if it is in [`Object::KNOWN`].
     pub known: Option<(&'static str, Type)>,
 }
 
-/// Objects of ETG.1000.6 and CiA 402 that have names here.
+/// The objects of ETG.1000.6 and CiA 402 that can be given by name.
 pub const KNOWN: [(&str, u16, u8, Type); 41] = [
     ("device_type", 0x1000, 0, U32),
     ("error_register", 0x1001, 0, U8),
@@ -138,7 +138,7 @@ pub const KNOWN: [(&str, u16, u8, Type); 41] = [
 ];
 
 impl Object {
-    /// Reads `0x6064`, `0x6099:1` or a name.
+    /// Parses `0x6064`, `0x6099:1` or a name.
     ///
     /// # Errors
     /// What is allowed.
@@ -147,8 +147,8 @@ impl Object {
             return Ok(Self { address: ObjectAddress::new(index, sub), known: Some((name, of)) });
         }
         let (index, sub) = text.split_once(':').unwrap_or((text, "0"));
-        // Indices are written in hexadecimal everywhere, with 0x or without: read as decimal, 6041 would be 0x1799. What has too
-        // many digits for that, such as 24641, is decimal.
+        // An index without 0x is ambiguous: indexes are hexadecimal everywhere, and read as decimal 6041 would be
+        // 0x1799. A number with too many digits for an index, such as 24641, is decimal.
         let is_bare = index.contains(|digit: char| digit.is_ascii_digit()) && !index.starts_with('+');
         if is_bare && u16::from_str_radix(index, 16).is_ok_and(|index| index > 0) {
             let sub = text.strip_prefix(index).unwrap_or_default();

@@ -1,61 +1,62 @@
-//! How fast along a path: velocity, acceleration and, if wanted, jerk stay in their limits. One profile for all axes of
-//! a move, so that they begin and end together on a straight line. Calculated by `rsruckig`.
+//! The motion along a path, with limited velocity, acceleration and, if wanted, jerk. All axes of a move have one
+//! profile, so that they start and end together on a straight line. The calculation is done by `rsruckig`.
 
 use std::time::Duration;
 
 use rsruckig::prelude::{ControlInterface, DataArrayOrVec, InputParameter, Ruckig, ThrowErrorHandler, Trajectory};
 
-/// Along the path; the unit of length is the caller's.
+/// The limits along the path, in the caller's unit of length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Length a second, above 0.
+    /// Length per second, above 0.
     pub velocity: f64,
-    /// Length a second squared, above 0.
+    /// Length per second squared, above 0.
     pub acceleration: f64,
-    /// Length a second cubed, above 0; `None`: the acceleration may change at once.
+    /// Length per second cubed, above 0; `None`: the acceleration may change at once.
     pub jerk: Option<f64>,
 }
 
-/// Where on the path, and how fast.
+/// A point of the motion: the distance from the start of the path, with velocity and acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Along {
+pub struct PathPoint {
     pub length: f64,
     pub velocity: f64,
     pub acceleration: f64,
 }
 
-/// A way along the path, from time 0 to [`Profile::seconds`].
+/// A motion along the path, from time 0 to [`Profile::seconds`].
 pub struct Profile {
-    /// `None`: it stands.
+    /// The motion in scaled units; `None` for a standstill.
     trajectory: Option<Trajectory<1>>,
-    /// Where it begins, of the caller's length.
+    /// The point of the path where it begins, in the caller's unit.
     from: f64,
     scale: Scale,
 }
 
-/// The calculation is right to some 1e-8 of its numbers, and fails where they are far from 1: so it gets units in which
-/// they are not, whatever counts and speeds are.
+/// The units of the calculation. `rsruckig` is exact to about 1e-8, and fails with numbers far from 1, so lengths and
+/// times are scaled to be near 1.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     length: f64,
     seconds: f64,
 }
 
-/// \[OURS] Limits in those units: higher ones would not make anything faster that could be seen, and are not kept well.
-const MOST: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
-/// \[OURS] A speed below that part of the limit is none.
-const NO_SPEED: f64 = 1e-9;
-/// Times that the limits are raised: by 2^64.
-const RAISES: usize = 64;
+/// \[OURS] The highest limits in scaled units. Higher ones would not make the motion noticeably faster, and are not
+/// kept precisely.
+const SCALED_MAX: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
+/// \[OURS] A speed below this part of the limit counts as a standstill.
+const STANDSTILL: f64 = 1e-9;
+/// How often the limits are doubled at most: up to 2^64 times.
+const DOUBLINGS_MAX: usize = 64;
 
 impl Profile {
-    /// From rest to rest over `length`, above 0.
+    /// The motion from rest to rest over `length`, above 0.
     ///
     /// # Errors
     /// Why there is no such way.
     pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
         let Limits { velocity, acceleration, jerk } = limits;
-        // What one of the limits alone would take.
+        // The times that the motion would take with only one of the limits.
         let alone =
             [length / velocity, (length / acceleration).sqrt(), jerk.map_or(0.0, |jerk| (length / jerk).cbrt())];
         let scale = Scale { length, seconds: alone.into_iter().fold(0.0, f64::max) };
@@ -64,13 +65,13 @@ impl Profile {
         Self::calculate(input, limits, 0.0, scale)
     }
 
-    /// From a point of another profile to rest, anywhere. Within that time: acceleration and jerk are raised as far as
-    /// that takes.
+    /// The motion from a point of another profile to rest, at any place. If it takes longer than `within`,
+    /// acceleration and jerk are raised until it does not.
     ///
     /// # Errors
     /// Why there is no such way.
-    pub fn to_rest(from: Along, mut limits: Limits, within: Duration) -> Result<Self, String> {
-        for _ in 0..RAISES {
+    pub fn to_rest(from: PathPoint, mut limits: Limits, within: Duration) -> Result<Self, String> {
+        for _ in 0..DOUBLINGS_MAX {
             let profile = Self::brake(from, limits)?;
             if profile.seconds() <= within.as_secs_f64() {
                 return Ok(profile);
@@ -81,12 +82,12 @@ impl Profile {
         Err(format!("no acceleration brakes {from:?} within {within:?}"))
     }
 
-    fn brake(from: Along, limits: Limits) -> Result<Self, String> {
+    fn brake(from: PathPoint, limits: Limits) -> Result<Self, String> {
         let Limits { acceleration, jerk, .. } = limits;
-        // What the speed rises to while the acceleration falls to 0.
+        // The speed still rises while the acceleration falls to 0.
         let now = jerk.map_or(0.0, |_| from.acceleration);
         let speed = from.velocity.abs().max(jerk.map_or(0.0, |jerk| now * now / jerk));
-        if speed <= limits.velocity * NO_SPEED {
+        if speed <= limits.velocity * STANDSTILL {
             return Ok(Self { trajectory: None, from: from.length, scale: Scale { length: 1.0, seconds: 1.0 } });
         }
         let alone = [speed / acceleration, jerk.map_or(0.0, |jerk| (speed / jerk).sqrt().max(now.abs() / jerk))];
@@ -101,10 +102,10 @@ impl Profile {
 
     fn calculate(mut input: InputParameter<1>, limits: Limits, from: f64, scale: Scale) -> Result<Self, String> {
         let Scale { length, seconds } = scale;
-        input.max_velocity[0] = (limits.velocity * seconds / length).min(MOST.velocity);
-        input.max_acceleration[0] = (limits.acceleration * seconds.powi(2) / length).min(MOST.acceleration);
+        input.max_velocity[0] = (limits.velocity * seconds / length).min(SCALED_MAX.velocity);
+        input.max_acceleration[0] = (limits.acceleration * seconds.powi(2) / length).min(SCALED_MAX.acceleration);
         let jerk = limits.jerk.map(|jerk| jerk * seconds.powi(3) / length);
-        input.max_jerk[0] = jerk.zip(MOST.jerk).map_or(f64::INFINITY, |(jerk, most)| jerk.min(most));
+        input.max_jerk[0] = jerk.zip(SCALED_MAX.jerk).map_or(f64::INFINITY, |(jerk, most)| jerk.min(most));
         let mut trajectory = Trajectory::new(None);
         let calculated = Ruckig::<1, ThrowErrorHandler>::new(None, 1e-3).calculate(&input, &mut trajectory);
         calculated.map_err(|error| error.to_string().lines().next().unwrap_or_default().to_owned())?;
@@ -113,20 +114,20 @@ impl Profile {
         if duration.is_finite() { Ok(profile) } else { Err(format!("it would take {duration} s")) }
     }
 
-    /// How long it takes.
+    /// The duration in seconds.
     pub fn seconds(&self) -> f64 {
         self.trajectory.as_ref().map_or(0.0, Trajectory::get_duration) * self.scale.seconds
     }
 
-    /// Where that is at a time; before the beginning and after the end, the first and the last point.
-    pub fn at(&self, seconds: f64) -> Along {
-        let Some(trajectory) = &self.trajectory else { return Along { length: self.from, ..Along::default() } };
+    /// The point at a time; before the start and after the end it is the first and the last point.
+    pub fn at(&self, seconds: f64) -> PathPoint {
+        let Some(trajectory) = &self.trajectory else { return PathPoint { length: self.from, ..PathPoint::default() } };
         let time = (seconds / self.scale.seconds).clamp(0.0, trajectory.get_duration());
         let new = || DataArrayOrVec::new(None, 0.0);
         let (mut length, mut velocity, mut acceleration) = (new(), new(), new());
         let (l, v, a) = (&mut Some(&mut length), &mut Some(&mut velocity), &mut Some(&mut acceleration));
         trajectory.at_time(time, l, v, a, &mut None, &mut None);
-        Along {
+        PathPoint {
             length: self.from + length[0] * self.scale.length,
             velocity: velocity[0] * self.scale.length / self.scale.seconds,
             acceleration: acceleration[0] * self.scale.length / self.scale.seconds.powi(2),
@@ -140,10 +141,10 @@ mod tests {
 
     use super::*;
 
-    /// Steps through a profile; every difference must be what the limits allow, with a little for rounding.
-    fn check(profile: &Profile, limits: Limits, from: Along) -> Result<Along, TestCaseError> {
+    /// Steps through a profile; every difference must be within the limits, apart from rounding.
+    fn check(profile: &Profile, limits: Limits, from: PathPoint) -> Result<PathPoint, TestCaseError> {
         if profile.seconds() == 0.0 {
-            prop_assert!(from.velocity.abs() <= limits.velocity * NO_SPEED);
+            prop_assert!(from.velocity.abs() <= limits.velocity * STANDSTILL);
             return Ok(from);
         }
         let steps = 2000;
@@ -173,7 +174,7 @@ mod tests {
     }
 
     fn limits() -> impl Strategy<Value = Limits> {
-        // Ten decades of speed; what accelerates takes 1 ms to 100 s, what smoothes that 1 ms to 10 s.
+        // Ten decades of speed; accelerating takes 1 ms to 100 s, reaching the acceleration 1 ms to 10 s.
         (0.0..7.0, -3.0..2.0, proptest::option::of(-3.0..1.0)).prop_map(|(v, t, s): (f64, f64, Option<f64>)| {
             let velocity = 10_f64.powf(v);
             let acceleration = velocity / 10_f64.powf(t);
@@ -182,16 +183,16 @@ mod tests {
     }
 
     proptest! {
-        /// TOOL-15 A move keeps its limits and arrives, from one count to all that 32 bits hold.
+        /// TOOL-15 A move keeps its limits and arrives, for distances from one count to the range of 32 bits.
         #[test]
         fn a_move_keeps_its_limits_and_arrives(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
             let profile = Profile::rest_to_rest(length, limits).unwrap();
-            let end = check(&profile, limits, Along::default())?;
+            let end = check(&profile, limits, PathPoint::default())?;
             prop_assert!((end.length - length).abs() < length * 1e-9 + 1e-6, "{end:?}, not {length}");
             prop_assert!(end.velocity.abs() <= limits.velocity * 1e-6);
         }
 
-        /// TOOL-16 From every point of a move there is a way to rest that keeps its limits, within any time.
+        /// TOOL-16 From every point of a move braking keeps the limits, within any time.
         #[test]
         fn braking_from_any_point_keeps_the_limits_within_any_time(
             length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits(), part in 0.0..1.0,

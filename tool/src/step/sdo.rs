@@ -123,8 +123,8 @@ fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
     Ok(board.reporter.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
 }
 
-/// A slave that is not there does not answer: then that is said, as far as it is known what the network is. Before, nobody
-/// has to have said it.
+/// The error of an SDO that was not answered: if the network is known and has no such slave, it says so. An SDO
+/// itself needs no known network.
 fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardError {
     let silent = matches!(&error, BoardError::Ecm(EcmError::SdoAborted { code, .. }) if *code == AbortCode::TIMEOUT);
     match &board.config {
@@ -138,7 +138,7 @@ fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardErr
     }
 }
 
-/// The value was checked: it fits, or its bits do.
+/// Writes a value that was checked to fit its type.
 fn send(ecm: &Ecm, slave: u8, object: Object, of: Type, number: i64) -> Result<(), EcmError> {
     let object = object.address;
     match of {

@@ -53,7 +53,7 @@ impl Args {
     }
 }
 
-/// Says which axes go off: one without a brake drops.
+/// Notes which axes will be switched off; one that hangs without a brake drops.
 fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let snapshot = board.ecm.snapshot()?;
     if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) || board.config.is_none() {

@@ -1,4 +1,4 @@
-//! What is in a program's folder.
+//! Reads the contents of a program's folder.
 
 use std::fs;
 use std::io;
@@ -8,42 +8,42 @@ use ecmsk::machine::printable;
 
 use crate::image::Image;
 
-/// The library's file.
+/// The file name of the library.
 pub const LIBRARY: &str = "NEXTWUSBLib.dll";
-/// How the assemblies' names begin.
+/// The beginning of the assemblies' names.
 const ASSEMBLY: &str = "NEXTWUSB_dotNET";
-/// Folders that have a library for each width.
+/// The folders with a library for each width.
 const FOLDERS: [&str; 2] = ["x86", "x64"];
 
-/// A file.
+/// A program or assembly.
 pub struct Entry {
-    /// Its name, fit to be shown.
+    /// The name of the file, with control characters replaced.
     pub name: String,
-    /// What it says of itself, or why it says nothing.
+    /// The content of the file, or why it cannot be read.
     pub image: Result<Image, String>,
 }
 
 /// A library.
 pub struct Library {
-    /// Its name, with its folder.
+    /// The name of the file, with its folder.
     pub name: String,
-    /// The folder of a width that it is in; `None`: beside the programs.
+    /// The folder of a width that contains it; `None` if it is beside the programs.
     pub folder: Option<&'static str>,
-    /// As an [`Entry`]'s.
+    /// The content of the file, or why it cannot be read.
     pub image: Result<Image, String>,
 }
 
-/// All of it. Windows does not tell capitals in names apart.
+/// The contents of a folder. Names are compared without regard to case, as Windows does.
 pub struct Contents {
     pub programs: Vec<Entry>,
-    /// Libraries of .NET that may be the greater part of a program.
+    /// Libraries for .NET, which may contain the main part of a program.
     pub others: Vec<(String, Entry)>,
     pub libraries: Vec<Library>,
     pub assemblies: Vec<Entry>,
 }
 
 impl Contents {
-    /// Reads it.
+    /// Reads a folder.
     pub fn of(folder: &Path) -> io::Result<Self> {
         let names = names(folder)?;
         let entry = |name: &String| Entry { name: printable(name), image: look(&folder.join(name)) };
@@ -69,7 +69,7 @@ impl Contents {
     }
 }
 
-/// Whose it is, and which version.
+/// The company and version of a file as text.
 pub fn whose(image: &Image) -> String {
     let whose = match &image.company {
         _ if image.is_ours() => "this project's".to_owned(),
@@ -79,7 +79,7 @@ pub fn whose(image: &Image) -> String {
     image.version.as_ref().map_or_else(|| whose.clone(), |version| format!("{whose}, version {version}"))
 }
 
-/// A name without what follows its last dot, in small letters.
+/// A name in lower case without the part after its last dot.
 pub fn stem(name: &str) -> String {
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     stem.to_ascii_lowercase()
@@ -92,7 +92,7 @@ fn library(folder: &Path, width: Option<&'static str>) -> Option<Library> {
     Some(Library { name, folder: width, image })
 }
 
-/// Sorted; those that are no text are none of Windows'.
+/// The names in a folder, sorted; those that are not Unicode are left out, as Windows has none.
 fn names(folder: &Path) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -103,7 +103,7 @@ fn names(folder: &Path) -> io::Result<Vec<String>> {
 }
 
 fn look(file: &Path) -> Result<Image, String> {
-    // Opening a pipe would wait for somebody at its other end.
+    // Opening a pipe would wait for its other end.
     if !fs::metadata(file).is_ok_and(|data| data.is_file()) {
         return Err("it is no file".to_owned());
     }

@@ -1,17 +1,17 @@
-//! A program, and whether it gets a library of its width.
+//! Checks whether a program finds a library of its width.
 
 use ecmsk::machine::findings::Finding;
 
 use super::contents::{Contents, Entry, LIBRARY, Library, stem, whose};
 use crate::image::{Image, Managed};
 
-/// What is looked at.
+/// The name of this check.
 pub const CHECK: &str = "program";
-/// What every program that uses the library names: itself, or an assembly for it.
+/// The name that every program that uses the library contains: that of the library, or of an assembly for it.
 const LIBRARY_STEM: &str = "NEXTWUSB";
 const ASSEMBLY: &str = "NEXTWUSB_dotNET";
 
-/// How it is.
+/// The finding about a program.
 pub fn finding(program: &Entry, there: &Contents) -> Finding {
     let finding = match &program.image {
         Ok(image) => of_image(program, image, there),
@@ -22,7 +22,7 @@ pub fn finding(program: &Entry, there: &Contents) -> Finding {
 
 fn of_image(program: &Entry, image: &Image, there: &Contents) -> Finding {
     let kind = kind(image);
-    // The greater part of a program for .NET 5 and later is a library of the same name.
+    // The main part of a program for .NET 5 and later is a library of the same name.
     let parts = there.others.iter().filter(|(name, _)| *name == stem(&program.name));
     let parts: Vec<&Image> =
         std::iter::once(image).chain(parts.filter_map(|(_, part)| part.image.as_ref().ok())).collect();
@@ -37,7 +37,7 @@ fn of_image(program: &Entry, image: &Image, there: &Contents) -> Finding {
     let ours = there.assemblies.iter().any(|assembly| assembly.image.as_ref().is_ok_and(Image::is_ours));
     let takes = |library: &&Library| library.image.as_ref().is_ok_and(|library| library.width == image.width);
     let beside = there.libraries.iter().find(|library| library.folder.is_none());
-    // This project's assemblies look into the folder for the width too, and pass over what does not fit.
+    // The assemblies of this project also look into the folder for the width, and skip a library that does not fit.
     let elsewhere = there.libraries.iter().find(|library| library.folder == Some(folder));
     let elsewhere = elsewhere.filter(|_| ours && names(ASSEMBLY));
     if let Some(library) = beside.filter(takes).or(elsewhere.filter(takes)) {

@@ -1,4 +1,4 @@
-//! The udev rule: written, or told so that somebody else writes it.
+//! Writes the udev rule, or prints the commands with which somebody else can.
 
 use std::fs::OpenOptions;
 use std::io::{self, ErrorKind, Write};
@@ -12,20 +12,20 @@ use crate::{CliError, output};
 /// Why the rule was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum RuleError {
-    /// This user may not.
+    /// This user may not write the file.
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
-    /// There is another one.
+    /// There is a different file of that name.
     #[error(
         "{PLACE} is there and says something else, it was left as it is; look at it, sudo rm {PLACE}, then try again"
     )]
     Different,
-    /// It cannot be written.
+    /// The file cannot be written.
     #[error("{PLACE} was not written: {0}; is there udev on this machine, and room on its disk?")]
     Failed(io::Error),
 }
 
-/// Writes it, unless something is there.
+/// Writes the rule, unless there is a file already.
 ///
 /// # Errors
 /// [`RuleError`]; and that standard output takes no more.
@@ -47,11 +47,11 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Whole or not at all.
+/// Writes the file completely or not at all.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {
-        // The error that is told is the first one.
+        // The first error is the one that is reported.
         let _ = std::fs::remove_file(file);
     })
 }

@@ -1,23 +1,23 @@
-//! The terminal's modes.
+//! Saves and restores the modes of the terminal.
 
 use std::io::{self, Write};
 
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 
-/// How it was.
+/// The saved modes; `None` if standard input is no terminal.
 pub struct Terminal(Option<Termios>);
 
 impl Terminal {
-    /// How it is, if there is one.
+    /// Saves the present modes.
     pub fn now() -> Self {
         Self(tcgetattr(io::stdin()).ok())
     }
 
-    /// Makes it so again.
+    /// Restores the saved modes.
     pub fn restore(&self) {
         if let Some(was) = &self.0 {
             let _ = tcsetattr(io::stdin(), OptionalActions::Now, was);
-            // Bracketed paste off, and on to a line of its own.
+            // Switches bracketed paste off and begins a new line.
             let _ = io::stdout().write_all(b"\x1b[?2004l\r\n");
             let _ = io::stdout().flush();
         }

@@ -1,15 +1,15 @@
-//! The console's modes.
+//! Saves and restores the modes of the console.
 
 use std::io;
 use std::os::windows::io::AsRawHandle;
 
 use windows_sys::Win32::System::Console::{GetConsoleMode, SetConsoleMode};
 
-/// How it was.
+/// The saved modes; `None` if standard input is no terminal.
 pub struct Terminal(Option<u32>);
 
 impl Terminal {
-    /// How it is, if there is one.
+    /// Saves the present modes.
     pub fn now() -> Self {
         let mut mode = 0;
         // SAFETY: standard input's handle is open as long as the process; `mode` takes a number.
@@ -17,7 +17,7 @@ impl Terminal {
         Self(is_one.then_some(mode))
     }
 
-    /// Makes it so again.
+    /// Restores the saved modes.
     pub fn restore(&self) {
         if let Some(mode) = self.0 {
             // SAFETY: standard input's handle is open as long as the process.

@@ -1,18 +1,19 @@
-//! The straight line from where axes are to where they are to go, and how fast along it.
+//! The straight path of all axes of a move, and its limits.
 
 use ecmsk::ecm::Snapshot;
 
 use super::super::profile::{Limits, Profile};
 use super::target::Jerk;
 
-/// \[OURS] Speed if nobody says: slow for every motor (a tenth of a turn a second with a 17-bit encoder is 13107).
-pub const VELOCITY: f64 = 10_000.0;
-/// \[OURS] The acceleration, if nobody says, reaches the speed in that many seconds.
-pub const SPEED_UP: f64 = 0.2;
-/// \[OURS] The jerk, if nobody says, reaches the acceleration in that many seconds.
-pub const SMOOTH: f64 = 0.1;
+/// \[OURS] The default speed in counts per second. It is slow for every motor: a tenth of a turn per second is 13107
+/// with a 17-bit encoder.
+pub const DEFAULT_VELOCITY: f64 = 10_000.0;
+/// \[OURS] The default acceleration reaches the speed in this many seconds.
+pub const DEFAULT_ACCELERATION_TIME_S: f64 = 0.2;
+/// \[OURS] The default jerk reaches the acceleration in this many seconds.
+pub const DEFAULT_JERK_TIME_S: f64 = 0.1;
 
-/// Limits of one axis, in counts and seconds.
+/// The limits of one axis, in counts and seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Speeds {
     pub velocity: f64,
@@ -21,12 +22,12 @@ pub struct Speeds {
 }
 
 impl Speeds {
-    /// What is said, else the defaults.
+    /// The limits that are given, with defaults for the others.
     pub fn of(velocity: Option<f64>, acceleration: Option<f64>, jerk: Option<Jerk>) -> Self {
-        let velocity = velocity.unwrap_or(VELOCITY);
-        let acceleration = acceleration.unwrap_or(velocity / SPEED_UP);
+        let velocity = velocity.unwrap_or(DEFAULT_VELOCITY);
+        let acceleration = acceleration.unwrap_or(velocity / DEFAULT_ACCELERATION_TIME_S);
         let jerk = match jerk {
-            None => Some(acceleration / SMOOTH),
+            None => Some(acceleration / DEFAULT_JERK_TIME_S),
             Some(Jerk::Limit(limit)) => Some(limit),
             Some(Jerk::Off) => None,
         };
@@ -34,7 +35,7 @@ impl Speeds {
     }
 }
 
-/// From where to where one axis goes, counts.
+/// The path of one axis, in counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisPath {
     pub slave: u8,
@@ -44,7 +45,7 @@ pub struct AxisPath {
 }
 
 impl AxisPath {
-    /// How far the axis is from its end, counts.
+    /// The distance of the axis from its end position, in counts.
     pub fn off(&self, now: &Snapshot) -> u32 {
         now.position(self.slave).map_or(0, |at| self.end.abs_diff(at))
     }
@@ -53,25 +54,25 @@ impl AxisPath {
         f64::from(self.end) - f64::from(self.start)
     }
 
-    /// Where it is after a part of the way, 0 to 1.
+    /// The position after a part of the path, 0 to 1.
     pub fn at(&self, part: f64) -> i32 {
-        // Both ends fit into 32 bits, so what is between them does.
+        // Both ends fit into 32 bits, and so do all positions between them.
         (f64::from(self.start) + self.distance() * part.clamp(0.0, 1.0)).round() as i32
     }
 }
 
-/// The way of all axes.
+/// The path of all axes.
 pub struct Path {
     pub axes: Vec<AxisPath>,
-    /// Counts that the axis goes which goes furthest.
+    /// The distance of the axis that goes furthest, in counts.
     pub length: f64,
     pub limits: Limits,
-    /// `None`: no axis has to go anywhere.
+    /// The motion along the path; `None` if no axis has to move.
     pub profile: Option<Profile>,
 }
 
 impl Path {
-    /// The limits along the path are those of the axis that they bind most.
+    /// A path whose limits are those of the axis that restricts it most.
     ///
     /// # Errors
     /// Why there is no such way.

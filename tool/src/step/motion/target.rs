@@ -1,19 +1,19 @@
-//! What is written behind `move`.
+//! The operands and options of `move`.
 
 use ecmsk::ecm::Scale;
 
 use crate::board::{BoardError, positive};
 
-/// `1=10000`.
+/// A target of one axis: `1=10000`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     pub slave: u8,
-    /// Position or distance, in the axis's units.
+    /// The position or distance, in the units of the axis.
     pub value: f64,
 }
 
 impl Target {
-    /// Reads `AXIS=TARGET`.
+    /// Parses `AXIS=TARGET`.
     ///
     /// # Errors
     /// What is allowed.
@@ -28,7 +28,7 @@ impl Target {
     }
 }
 
-/// A target in counts: of units the nearest, but without units half a count is nobody's wish.
+/// A target in counts. With units it is rounded to the nearest count; without units a fraction of a count is refused.
 ///
 /// # Errors
 /// What is no position.
@@ -41,24 +41,24 @@ pub fn counts(what: &str, target: &Target, scale: Scale) -> Result<i32, BoardErr
     scale.to_counts(target.value).ok_or_else(|| outside(what, target))
 }
 
-/// A target that the wire cannot carry.
+/// The error for a target that does not fit into the 32 bits of the wire.
 pub fn outside(what: &str, target: &Target) -> BoardError {
     let why = format!("target {} of axis {} is outside the 32 bits of a position", target.value, target.slave);
     let next = "name one from -2147483648 to 2147483647 counts".into();
     BoardError::Refused { what: what.into(), why, next }
 }
 
-/// `--jerk`.
+/// The value of `--jerk`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Jerk {
-    /// At most that.
+    /// The jerk is limited to this value.
     Limit(f64),
-    /// As it comes.
+    /// The jerk is not limited.
     Off,
 }
 
 impl Jerk {
-    /// Reads a number or `off`.
+    /// Parses a number or `off`.
     ///
     /// # Errors
     /// What is allowed.
@@ -70,7 +70,7 @@ impl Jerk {
         }
     }
 
-    /// In other units.
+    /// The value in other units.
     pub fn scaled(self, by: f64) -> Self {
         match self {
             Self::Limit(limit) => Self::Limit(limit * by),

@@ -1,4 +1,13 @@
 //! The C ABI: programs in C, C++, Python and .NET on the library of this build, and what is shipped beside it.
+//!
+//! Files:
+//!
+//! - `behaviour.rs`: every exported function, called from C (`tests/c/`)
+//! - `headers.rs`, `symbols.rs`: the headers, and the exports of the library
+//! - `cpp_examples.rs`, `cpp_guide.rs`, `python_examples.rs`, `dotnet/`: the examples in C, C++, Python and .NET
+//! - `set_user_id.rs`, `vanish.rs`: programs with more rights than their user; programs that end without closing the
+//!   board
+//! - `dist_config.rs`: the `ecmsk.toml` that is shipped with the DLLs
 
 mod behaviour;
 mod cpp_examples;

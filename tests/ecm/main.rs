@@ -1,4 +1,15 @@
 //! The native API: boards, axes, streams, and what a board can get wrong.
+//!
+//! Files:
+//!
+//! - `states.rs`, `board.rs`, `close.rs`: opening, configuring, changing states; CRC, FIFO, reset; closing
+//! - `axes.rs`, `homing.rs`, `sdo.rs`, `kinds.rs`, `two_channels.rs`: axes and IO, homing of several axes, SDOs,
+//!   steppers and pulse modules
+//! - `stream.rs`, `targets.rs`: cyclic targets
+//! - `threads.rs`, `answers.rs`, `ends.rs`: several threads, lost frames, calls that something interrupts
+//! - `bad_states.rs`, `bad_boards.rs`: every call in every state, and with every failure of a board
+//! - `safety.rs`, `example.rs`: what docs/SAFETY.md states; the programs of `examples/rust/`
+//! - `common/`: programs and links that the tests share
 
 mod answers;
 mod axes;

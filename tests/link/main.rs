@@ -1,4 +1,15 @@
 //! Links: what names one, the boards in the process, scripts, faults, and recordings as they are written and read.
+//!
+//! Files:
+//!
+//! - `config.rs`: which link is opened when a program names none
+//! - `uri.rs`, `travel.rs`: the URI, its keys, and the travel of simulated axes
+//! - `rate.rs`: `rate=`
+//! - `fault.rs`: `fault.*`
+//! - `script.rs`, `script_slaves.rs`, `script_text.rs`: `script=`: events of the board, of slaves, and the syntax
+//! - `record.rs`, `record_board.rs`, `record_order.rs`, `record_disk.rs`, `record_pipe.rs`, `record_end.rs`:
+//!   `record=`: the file, a board that is opened again, the order of frames, full disks, pipes, how a recording ends
+//! - `record_reader.rs`: reading recordings and captures
 
 mod config;
 mod fault;

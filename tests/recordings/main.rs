@@ -1,4 +1,11 @@
 //! Recordings of this project and captures of real boards: read, compared, and replayed to the model.
+//!
+//! Files:
+//!
+//! - `reader.rs`, `any.rs`: reading captures of every format, and any bytes
+//! - `compare.rs`: comparing two runs
+//! - `replay.rs`: playing a recording to the model
+//! - `page.rs`: `docs/HARDWARE.md`
 
 mod any;
 mod compare;

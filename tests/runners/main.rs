@@ -1,4 +1,11 @@
 //! What runs a board: virtual time, the real clock, and the links to boards in this process.
+//!
+//! Files:
+//!
+//! - `stepped.rs`, `threaded.rs`: virtual time, and the real clock
+//! - `early.rs`, `slow.rs`, `stress.rs`: the real clock: never early, on a slow machine, with many threads
+//! - `boards.rs`: boards that outlive their links
+//! - `habits.rs`, `client.rs`: sequences of calls of existing applications, and the client that makes them
 
 mod boards;
 mod client;

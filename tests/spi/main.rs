@@ -1,5 +1,13 @@
 //! The link `spi:` without a kernel: its pacer in virtual time against the modelled board, the link over wires that a
 //! test holds, and the board's side of the wires.
+//!
+//! Files:
+//!
+//! - `bench.rs`, `frames.rs`, `wires.rs`: the pacer with a modelled board, frames, and wires held by a test
+//! - `drift.rs`, `motion.rs`, `prefill.rs`, `period.rs`, `answers.rs`: the pacer: two clocks, what a program sees,
+//!   `prefill=`, without BUSY, answers of slots
+//! - `link.rs`, `open.rs`, `lies.rs`: the link, opening it, and faulty wires
+//! - `board.rs`, `example.rs`: the board's end of the wires
 #![cfg(target_os = "linux")]
 
 mod answers;

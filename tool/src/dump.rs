@@ -1,4 +1,11 @@
 //! `ecmsk dump`: prints the frames of a recording, or frames given as hexadecimal digits, as text or JSON.
+//!
+//! Files:
+//!
+//! - `dump.rs`: options, errors, and the two sources of frames
+//! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
+//! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
+//! - `text.rs`, `json.rs`, `slot_json.rs`: the output as text and as JSON
 
 mod direction;
 mod frames;

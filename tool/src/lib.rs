@@ -1,5 +1,21 @@
-//! The tool `ecmsk`, which runs programs on a build's library, drives boards and shows recordings: one file per verb, and
-//! what all verbs share. It is a library for `fuzz/` alone; programs use the package `ecmsk`.
+//! The tool `ecmsk`, which runs programs on a build's library, drives boards and shows recordings. It is a library for
+//! `fuzz/` alone; programs use the package `ecmsk`.
+//!
+//! A new verb is a file, a variant of `Verb` and its line in `Verb::run`; one that is also a line of scripts is a step
+//! (`step.rs`). Files:
+//!
+//! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
+//! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`: verbs that show recordings, each with a folder of
+//!   its parts; `recording.rs`, `filter.rs`, `kinds.rs` read a recording, leave frames out, and name kinds of slaves
+//! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs`
+//!   run several of them; `board.rs` is what they share
+//! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`: one verb
+//!   each; `image.rs` reads Windows programs for `doctor` and `exec`
+//! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`
+//! - `error.rs`, `output.rs`, `stderr.rs`, `visible.rs`, `signals/`: errors, standard output and error, control
+//!   characters, Ctrl-C
+//! - `fuzzed.rs`: what `fuzz/` calls
 
 mod board;
 mod compare;

@@ -1,4 +1,12 @@
 //! `ecmsk monitor`: a live table of all slaves. It only reads, so it does not disturb other programs.
+//!
+//! Files:
+//!
+//! - `source.rs`: where reports come from: a board or a recording
+//! - `watched.rs`: what is known of the board, and a view of it
+//! - `rows.rs`, `screen.rs`: the table as rows, and how it is drawn
+//! - `terminal.rs`: keys, signals, and the restoring of the terminal
+//! - `json.rs`: a view as JSON
 
 mod json;
 mod rows;

@@ -1,4 +1,17 @@
 //! `ecmsk plot`: draws a recording: what was commanded and what the drives did.
+//!
+//! Files:
+//!
+//! - `survey.rs`, `series.rs`: the first and the second reading of the recording
+//! - `execution.rs`: when the board executed each command
+//! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, bits of an IO
+//!   slave, velocities, the plane of two axes
+//! - `decimate.rs`: thins a line to the pixels of the picture
+//! - `chosen.rs`: which slaves and diagrams are shown
+//! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, which ones there are, how they look, and how they
+//!   are drawn
+//! - `svg.rs`, `png.rs`, `file.rs`: the formats and the file of the picture
+//! - `error.rs`: why there is no plot
 
 pub mod axis;
 pub mod chart;

@@ -1,6 +1,13 @@
 //! The steps: verbs that talk to a board, which have the same syntax on the command line, in a script and in the
 //! shell. A new one is a file of `step/`, a variant of [`Step`] and, to be a verb of the command line as well, a row
 //! of `verbs!`; a step only for scripts has no row.
+//!
+//! Files:
+//!
+//! - `line.rs`: a step from a line of a script
+//! - `info.rs`, `state.rs`, `sdo.rs`, `io.rs`, `servo.rs`, `home.rs`, `wait.rs`, `expect.rs`: one step each
+//! - `object.rs`: objects, types and values of `sdo`
+//! - `motion.rs`, `motion/`, `profile.rs`: `move`: targets, the path of all axes, the motion along it
 
 mod expect;
 mod home;

@@ -13,7 +13,7 @@ use crate::needs::{self, MCS, MONO, Need};
 use crate::project::Project;
 use crate::{rig, windows};
 
-/// Of benches; one that lacks its own says so and is left out.
+/// The programs that benches need; a bench without its own says so and is left out.
 const NEEDS: &[Need] = &[MCS, MONO];
 
 #[derive(clap::Args)]
@@ -31,22 +31,23 @@ pub struct Arguments {
     windows: bool,
 }
 
-/// A line of a bench: a pair with its target, or a value with its unit, which is a fact or has a target too.
+/// A line of a bench: a pair with its target, or a value with its unit. A value may have a target too; without one it
+/// is only shown.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Figure {
     name: String,
-    /// Median time of ours.
+    /// The median time of this project.
     ours_ns: Option<f64>,
-    /// Median time of the baseline.
+    /// The median time of the baseline.
     baseline_ns: Option<f64>,
-    /// Median of ours against the baseline, block by block.
+    /// The median ratio of this project to the baseline, block by block.
     ratio: Option<f64>,
-    /// The ratio, or the value, must not be above this.
+    /// The largest allowed ratio or value.
     target: Option<f64>,
-    /// However large the ratio: ours passes if it is not longer than the baseline by more than this.
+    /// A pair also passes, whatever its ratio, if this project takes at most this much longer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     allowance_ns: Option<f64>,
-    /// What the baseline is.
+    /// The name of the baseline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     against: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -56,7 +57,7 @@ struct Figure {
 }
 
 impl Figure {
-    /// Whether the target is met; a fact has none.
+    /// Whether the target is met, or there is none.
     fn holds(&self) -> bool {
         if let (Some(value), Some(most)) = (self.value, self.target) {
             return value <= most;
@@ -135,7 +136,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if misses == 0 { Ok(()) } else { Err(Error::Slow { misses, demands, again }) }
 }
 
-/// The figures among what the benches print: a line that is a JSON object is one.
+/// The figures in the output of the benches: the lines that are JSON objects.
 fn read(said: &str) -> Result<Vec<Figure>, Error> {
     let lines = said.lines().filter(|line| line.starts_with('{'));
     lines

@@ -1,5 +1,5 @@
-//! `cargo xtask ci`: what is run for each commit, `--fast`, and for each change that is to be taken in, which is
-//! `cargo xtask test --all`.
+//! `cargo xtask ci`: the checks of a commit (`--fast`), and those of a change that is to be merged, which are `cargo
+//! xtask test --all`.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ pub struct Arguments {
     fast: bool,
 }
 
-/// What `--fast` runs.
+/// The parts that `--fast` runs.
 const FAST: &[Part] = &[
     part("format", &[RUSTFMT], test::format),
     part("lints", &[CLIPPY], lints),
@@ -62,7 +62,7 @@ fn other_groups(root: &Path) -> Result<Vec<String>, Error> {
     Ok(found)
 }
 
-/// What clippy finds; on Windows in what is built there, since some tests need Unix.
+/// Runs clippy; on Windows on what is built there, since some tests need Unix.
 fn lints(site: &Site) -> Result<(), Error> {
     if !cfg!(windows) {
         return test::lints(site);
@@ -85,7 +85,7 @@ mod tests {
 
     use super::*;
 
-    /// What the workflow of GitHub and `.ci/run` run of cargo are chores that there are, with options that they have.
+    /// Every cargo command in the workflow of GitHub and in `.ci/run` is an existing chore with existing options.
     #[test]
     fn what_a_ci_runs_is_there() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -102,7 +102,7 @@ mod tests {
         assert_eq!(commands, ["cargo xtask ci --fast", "cargo xtask ci", "cargo xtask test --all"]);
     }
 
-    /// The quick groups are there, and all others are named.
+    /// Every quick group exists, and all other groups are listed.
     #[test]
     fn groups_are_run_or_named() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -116,7 +116,7 @@ mod tests {
         }
     }
 
-    /// What the tests run with is the oldest version that the crate claims to be compiled with.
+    /// The toolchain of the tests is the oldest version that the crate supports.
     #[test]
     fn the_toolchain_is_the_oldest() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

@@ -1,4 +1,4 @@
-//! Commands: run, and shown so that a user can repeat them.
+//! Runs commands, and shows them so that a user can repeat them.
 
 use std::ffi::OsStr;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use crate::error::Error;
 
-/// Runs with the output going where ours goes.
+/// Runs a command whose output goes where that of this program goes.
 pub fn run(command: &mut Command) -> Result<(), Error> {
     let status = command.status().map_err(|source| Error::Start { command: shown(command), source })?;
     if status.success() {
@@ -15,7 +15,7 @@ pub fn run(command: &mut Command) -> Result<(), Error> {
     Err(Error::Failed { command: shown(command), status: status.to_string() })
 }
 
-/// Runs and takes what goes to standard output.
+/// Runs a command and returns its standard output.
 pub fn output(command: &mut Command) -> Result<Vec<u8>, Error> {
     let output =
         command.stderr(Stdio::inherit()).output().map_err(|source| Error::Start { command: shown(command), source })?;
@@ -25,7 +25,7 @@ pub fn output(command: &mut Command) -> Result<Vec<u8>, Error> {
     Err(Error::Failed { command: shown(command), status: output.status.to_string() })
 }
 
-/// Whether the command is there and succeeds; its output goes nowhere.
+/// Whether a command exists and succeeds; its output is discarded.
 pub fn succeeds(command: &mut Command) -> bool {
     command
         .stdin(Stdio::null())
@@ -35,12 +35,12 @@ pub fn succeeds(command: &mut Command) -> bool {
         .is_ok_and(|status| status.success())
 }
 
-/// As one would type it into a shell.
+/// The command as one would type it into a shell.
 pub fn shown(command: &Command) -> String {
     let variables =
         command.get_envs().filter_map(|(name, value)| Some(format!("{}={}", name.to_string_lossy(), quoted(value?))));
     let program = command.get_program();
-    // cargo tells us its whole path; nobody types that.
+    // cargo passes its full path, which nobody types.
     let program = match Path::new(program).file_name() {
         Some(name) if name == "cargo" => quoted(name),
         _ => quoted(program),

@@ -1,4 +1,5 @@
-//! A Debian of its own in a folder: for programs that this system cannot run, and to see what is installed in a fresh one.
+//! Makes a Debian system in a folder, for programs that this system cannot run, and for testing installations in a
+//! fresh system.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,25 +8,25 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 
-/// The release; its Wine is the one that the tests were written with, and the packages are for it.
+/// The release. The tests were written with its Wine, and the packages are for it.
 const RELEASE: &str = "bookworm";
-/// File in the root that says what it was made of.
+/// The file in the root that lists what it was made of.
 const MADE_OF: &str = "made-of";
 
-/// A Debian with packages beyond the least that there is.
+/// A Debian system: the minimal one with further packages.
 pub struct System {
-    /// Its folder's name.
+    /// The name of its folder.
     pub name: &'static str,
-    /// What it is for, and what making it costs.
+    /// Its purpose, and what making it costs.
     pub why: &'static str,
-    /// Another architecture that it has packages of.
+    /// A second architecture of which it has packages.
     pub also: Option<&'static str>,
     pub packages: &'static [&'static str],
-    /// What dpkg is told to leave out.
+    /// The files that dpkg leaves out.
     pub left_out: &'static str,
 }
 
-/// The root of a system below `folder`; made if it is not there.
+/// Makes a system below `folder` if there is none; returns its root.
 pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     let root = folder.join(system.name);
     let made_of = format!("{RELEASE}: {}\n", system.packages.join(" "));
@@ -52,11 +53,11 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     command::output(&mut inside(&new, &["apt-get", "-qq", "update"]))?;
     command::output(&mut inside(&new, &[&["apt-get", "-qq", "-y", "install"], system.packages].concat()))?;
     command::output(&mut inside(&new, &["apt-get", "clean"]))?;
-    // What there is to fetch: nothing more is.
+    // The lists of packages are not needed any more, because nothing else is fetched.
     let lists = new.join("var/lib/apt/lists");
     fs::remove_dir_all(&lists).map_err(Error::file("remove", &lists))?;
     write(&new.join(MADE_OF), &made_of)?;
-    // Named last, when all is in its place.
+    // It gets its name last, when it is complete.
     fs::rename(&new, &root).map_err(Error::file("rename", &new))?;
     Ok(root)
 }
@@ -65,7 +66,7 @@ fn write(path: &Path, text: &str) -> Result<(), Error> {
     fs::write(path, text).map_err(Error::file("write", path))
 }
 
-/// A command in it, with a /proc that goes with the command.
+/// A command in the system, with a /proc for its duration.
 pub fn inside(root: &Path, words: &[&str]) -> Command {
     let mut unshare = Command::new("unshare");
     unshare.env("DEBIAN_FRONTEND", "noninteractive").env("PATH", "/usr/sbin:/usr/bin:/sbin:/bin");
@@ -74,7 +75,7 @@ pub fn inside(root: &Path, words: &[&str]) -> Command {
     unshare
 }
 
-/// Where this system has its packages from.
+/// The mirror that this machine gets its packages from.
 fn mirror() -> Result<String, Error> {
     let lists = Path::new("/etc/apt/sources.list.d");
     let mut files = vec![PathBuf::from("/etc/apt/sources.list")];
@@ -86,7 +87,7 @@ fn mirror() -> Result<String, Error> {
         .ok_or(Error::Rig("no mirror of Debian 12 in /etc/apt/sources.list or sources.list.d; run it on Debian 12"))
 }
 
-/// The first source of the release itself, in either form of the file.
+/// The first source of the release itself, in either format of the file.
 fn mirror_in(text: &str) -> Option<String> {
     let in_a_line = text.lines().filter(|line| line.starts_with("deb ")).find_map(|line| {
         let words: Vec<&str> = line.split_whitespace().filter(|word| !word.starts_with('[')).collect();

@@ -1,4 +1,5 @@
-//! `cargo xtask demo`: a C++ program for the board, on a simulated one on which a drive has an alarm, and a plot of it.
+//! `cargo xtask demo`: runs a C++ program for the board on a simulated one, on which a drive has an alarm, and plots
+//! it.
 
 use std::env;
 use std::fs;
@@ -14,14 +15,14 @@ use crate::{command, needs, stage};
 const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
 
-/// The library and the tool, optimised.
+/// The cost of building the optimised library and tool.
 const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or two minutes" };
 
 pub fn run(project: &Project) -> Result<(), Error> {
     println!("builds the library and the tool, compiles {SOURCE}, runs it on a simulated board and draws what it did");
     SPEND.announce(project);
     needs::require(project, &[CXX])?;
-    // The commands are shown, so they are written as one would type them at the root.
+    // The commands are shown as one would type them at the root.
     env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
     let target = project.relative(&project.target);
     let folder = target.join("demo");
@@ -35,7 +36,7 @@ pub fn run(project: &Project) -> Result<(), Error> {
     let mut compile = Command::new(CXX.program);
     compile.args(["-std=c++17", "-O2", "-Wall", "-Wextra", "-pthread", SOURCE]);
     compile.arg("-I").arg(staged.join("include")).arg("-L").arg(staged.join("lib"));
-    // A run path, so that it starts without `ecmsk exec` too; the new kind gives way to LD_LIBRARY_PATH.
+    // With a run path the program also starts without `ecmsk exec`; a DT_RUNPATH is searched after LD_LIBRARY_PATH.
     compile.args(["-lNEXTWUSBLib", "-Wl,--enable-new-dtags,-rpath,$ORIGIN/stage/lib", "-o"]).arg(&program);
     show_and_run(&mut compile)?;
 
@@ -49,7 +50,7 @@ pub fn run(project: &Project) -> Result<(), Error> {
     Ok(())
 }
 
-/// What was made, and what to do with it.
+/// The text at the end: what was made, and what to do with it.
 fn end(folder: &Path) -> String {
     let folder = folder.display();
     format!(
@@ -76,7 +77,7 @@ fn show_and_run(step: &mut Command) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    /// The demo ends with what it made and with commands to go on, and the pages that it names are there.
+    /// The demo ends with what it has made and with commands to go on; the pages that it names exist.
     #[test]
     fn a_next_step() {
         let text = end(Path::new("target/demo"));

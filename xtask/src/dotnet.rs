@@ -21,25 +21,25 @@ pub struct Arguments {
     runtime: bool,
 }
 
-/// What the sources of the assemblies are compiled by.
+/// The compiler of the assemblies.
 pub const NEEDS: &[Need] = &[MCS];
-/// What `--runtime` needs.
+/// The programs that `--runtime` needs.
 pub const RUNTIME_NEEDS: &[Need] = &[PYTHON, PIP, DOTNET_CORE];
 
 const ASSEMBLIES_SOURCE: &str = "capi/dotnet";
 const PROGRAMS_SOURCE: &str = "examples/csharp";
 
-/// Of [`ASSEMBLIES_SOURCE`]: an assembly and what its one source is told.
+/// The assemblies of [`ASSEMBLIES_SOURCE`], with the further options of their sources.
 const ASSEMBLIES: [(&str, &str); 3] = [
     ("NEXTWUSB_dotNET_12B", "NAMED_12B"),
     ("NEXTWUSB_dotNET_16B", "SLOTS_OF_16_BYTES"),
     ("NEXTWUSB_dotNET", "NAMED_AS_IN_SAMPLES"),
 ];
 
-/// A program of [`PROGRAMS_SOURCE`], by its file.
+/// A program of [`PROGRAMS_SOURCE`].
 struct Program {
     name: &'static str,
-    /// The sources that it shares with others.
+    /// The sources that it has in common with others.
     with: &'static [&'static str],
     assembly: &'static str,
     define: Option<&'static str>,
@@ -52,10 +52,10 @@ const PROGRAMS: [Program; 4] = [
     Program { name: "TwoAxes16B", with: &["Ecm"], assembly: "NEXTWUSB_dotNET_16B", define: Some("SLOTS_OF_16_BYTES") },
 ];
 
-/// The language of Visual Studio 2010, which the vendor's guide uses.
+/// The C# version of Visual Studio 2010, which the vendor's guide uses.
 const LANGUAGE: &str = "-langversion:4";
 
-/// Tells .NET Core what programs that know nothing of it run on: the version that is there, of 2.1 and later.
+/// The configuration with which .NET Core runs programs that have none: any version from 2.1 on.
 const RUNTIME_CONFIG: &str = r#"{
   "runtimeOptions": {
     "framework": { "name": "Microsoft.NETCore.App", "version": "2.1.0" },
@@ -65,11 +65,12 @@ const RUNTIME_CONFIG: &str = r#"{
 }
 "#;
 
-/// What is compiled.
+/// The compiled files.
 pub struct Compiled {
-    /// The assemblies, each with its documentation (`.xml`): what is shipped.
+    /// The folder of the assemblies, each with its documentation (`.xml`), as they are shipped.
     pub assemblies: PathBuf,
-    /// The programs, with copies of the assemblies, and `core.json`, which `dotnet exec --runtimeconfig` wants.
+    /// The folder of the programs, with copies of the assemblies and with `core.json` for `dotnet exec
+    /// --runtimeconfig`.
     pub programs: PathBuf,
 }
 
@@ -118,7 +119,7 @@ pub fn compile_into(project: &Project, out: &Path) -> Result<Compiled, Error> {
     Ok(Compiled { assemblies, programs })
 }
 
-/// Sources are named from the root: paths of this machine's are no part of what is compiled.
+/// The compiler, with paths relative to the root, so that no path of this machine is compiled in.
 fn compiler(project: &Project, out: &Path) -> Command {
     let mut mcs = Command::new(MCS.program);
     mcs.current_dir(&project.root).args(["-deterministic", "-optimize", "-warn:4", "-warnaserror", LANGUAGE]);
@@ -132,7 +133,7 @@ fn option(name: &str, path: &Path) -> std::ffi::OsString {
     option
 }
 
-/// The C# sources of a folder, from the root, always in the same order.
+/// The C# sources of a folder, relative to the root, in a fixed order.
 fn sources(root: &Path, folder: &str) -> Result<Vec<PathBuf>, Error> {
     let absolute = root.join(folder);
     let entries = fs::read_dir(&absolute).and_then(Iterator::collect::<std::io::Result<Vec<_>>>);

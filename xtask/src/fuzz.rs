@@ -1,7 +1,7 @@
-//! `cargo xtask fuzz`: the targets of fuzz/ on the installed toolchain, each for a while.
+//! `cargo xtask fuzz`: runs the targets of fuzz/ with the installed toolchain, each for some time.
 //!
-//! fuzz/ is laid out as cargo-fuzz has it, which asks for a nightly toolchain (it wants sanitizers). What libFuzzer needs
-//! of the compiler, counters in the code that it can read, the stable one gives too.
+//! fuzz/ has the layout of cargo-fuzz, which needs a nightly toolchain for its sanitizers. What libFuzzer itself
+//! needs of the compiler, counters in the code, the stable one provides as well.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -22,9 +22,9 @@ pub struct Arguments {
     target: Option<String>,
 }
 
-/// Coverage as libFuzzer reads it: a counter per edge, a table of their places, and the operands of comparisons. Branches
-/// are not folded into one, so that each condition met is progress that shows.
-/// One unit, so that all counters lie in one piece; debug assertions, so that an overflow is found.
+/// The flags for coverage as libFuzzer reads it: a counter per edge, a table of their places, and the operands of
+/// comparisons. Branches are not merged, so that each condition that is met counts as progress. There is one codegen
+/// unit, so that all counters are in one section; debug assertions are on, so that an overflow is found.
 const RUSTFLAGS: [&str; 9] = [
     "-Cpasses=sancov-module",
     "-Cllvm-args=-sanitizer-coverage-level=4",
@@ -69,9 +69,9 @@ fn choose(targets: Vec<String>, wanted: Option<&str>) -> Result<Vec<String>, Err
     }
 }
 
-/// Builds the targets and gives the folder of the programs.
+/// Builds the targets; returns the folder of the programs.
 fn build(project: &Project, folder: &Path, targets: &[String]) -> Result<PathBuf, Error> {
-    // With a triple named the flags do not reach build scripts, which could not be linked with them.
+    // With an explicit target the flags do not apply to build scripts, which could not be linked with them.
     let triple = host_triple()?;
     let built = folder.join("target");
     let mut cargo = project.cargo();
@@ -92,7 +92,7 @@ fn host_triple() -> Result<String, Error> {
     host.map(str::to_owned).ok_or_else(|| Error::Failed { command: command::shown(&rustc), status: "no host".into() })
 }
 
-/// Runs one target; gives its executions per second as libFuzzer prints them.
+/// Runs one target; returns its executions per second as libFuzzer prints them.
 fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<String, Error> {
     let [corpus, artifacts] = ["corpus", "artifacts"].map(|name| folder.join(name).join(target));
     for folder in [&corpus, &artifacts] {
@@ -104,9 +104,9 @@ fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<Str
 
     let mut run = Command::new(program);
     run.arg(format!("-max_total_time={seconds}")).arg(format!("-artifact_prefix={}/", artifacts.display()));
-    // Standard output is closed: what the tool prints is nobody's.
+    // Standard output is closed, because nobody reads what the tool prints.
     run.args(["-print_final_stats=1", "-timeout=10", "-close_fd_mask=1"]).arg(&corpus).stderr(said);
-    // What is found goes to the corpus; seeds, if there are, are only read.
+    // New inputs are added to the corpus; seeds are only read.
     let seeds = folder.join("seeds").join(target);
     run.args(seeds.is_dir().then_some(seeds));
     let status = run.status().map_err(|source| Error::Start { command: command::shown(&run), source })?;
@@ -122,7 +122,7 @@ fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<Str
     rate.map(|rate| rate.trim().to_owned()).ok_or_else(|| Error::FuzzSilent { target: target.to_owned(), log })
 }
 
-/// The error of a run that ended badly, with the input that did it.
+/// The error of a run that failed, with the input that caused it.
 fn failure(target: &str, program: &Path, artifacts: &Path, before: SystemTime) -> Error {
     let mut inputs: Vec<(SystemTime, PathBuf)> = Vec::new();
     for entry in fs::read_dir(artifacts).into_iter().flatten().flatten() {

@@ -1,4 +1,17 @@
 //! The project's chores, one verb each: `cargo xtask help`. They run on Linux; `ci --fast` and `features` on Windows too.
+//!
+//! A new chore is a file and a variant of `Verb`. Files:
+//!
+//! - `main.rs`: every chore with its arguments
+//! - `ci.rs`, `test.rs`, `tidy.rs`, `features/`: what a change has to pass: the parts of the tests, spelling and
+//!   dependencies, rules and their tests
+//! - `rig/`, `windows/`, `dotnet.rs`: tests in a guest system, on Windows under Wine, and of .NET
+//! - `stage.rs`, `dist/`, `semver.rs`: what is installed, packaged and released
+//! - `bench.rs`, `fuzz.rs`, `soak.rs`, `mutants.rs`, `demo.rs`: one chore each
+//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`: programs that a chore needs, and where
+//!   they come from
+//! - `project.rs`, `command.rs`, `spend.rs`, `system.rs`, `error.rs`: the project's folders, running commands, what a
+//!   chore costs, errors
 
 mod bench;
 mod ci;

@@ -1,7 +1,8 @@
-//! `cargo xtask mutants`: breaks a line of the model at a time and sees whether the fast tests notice (cargo-mutants).
+//! `cargo xtask mutants`: changes the model one line at a time and checks whether the fast tests notice
+//! (cargo-mutants).
 //!
-//! A run takes hours. What it has found is kept as it goes in `target/mutants`, so that one that was stopped goes on, and
-//! shards may be run one after another.
+//! A run takes hours. Its findings are stored in `target/mutants` as it goes, so that it can be continued after it
+//! was stopped, and shards can be run one after another.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -33,19 +34,20 @@ pub struct Arguments {
     report: bool,
 }
 
-/// A room of src/, the tests that have to notice, and the part of its viable mutants that they have to.
+/// A room of src/, the tests that have to notice its mutants, and the share of the viable ones that they have to
+/// catch.
 struct Room {
     name: &'static str,
-    /// Most mutants are caught by these.
+    /// The tests that catch most mutants.
     tests: Tests,
-    /// What those miss is tried again with these.
+    /// The tests with which the missed ones are tried again.
     all_tests: Option<Tests>,
     least: f64,
 }
 
 struct Tests {
     programs: &'static [&'static str],
-    /// Whether those in src/ count too: then the crate is built twice for each mutant.
+    /// Whether the unit tests in src/ count as well; the crate is then built twice for each mutant.
     unit_tests: bool,
 }
 
@@ -64,10 +66,10 @@ const ROOMS: [Room; 3] = [
     Room { name: "slave", tests: programs(&["slave"]), all_tests: None, least: 0.8 },
 ];
 
-/// Survivors that may survive, each with its reason.
+/// The page with the survivors that are accepted, each with its reason.
 const REASONS: &str = "docs/MUTANTS.md";
 
-/// What came of a mutant.
+/// The result of a mutant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Fate {
@@ -81,7 +83,7 @@ enum Fate {
     Unviable,
 }
 
-/// The files that cargo-mutants writes while it runs, a mutant a line.
+/// The files that cargo-mutants writes while it runs, with one mutant per line.
 const LISTS: [(&str, Fate); 4] = [
     ("caught.txt", Fate::Caught),
     ("timeout.txt", Fate::Timeout),
@@ -100,7 +102,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         if arguments.again {
             place.forget()?;
         }
-        // A run that was stopped has left its lists.
+        // An earlier run that was stopped has left its lists.
         place.keep()?;
         if !arguments.report {
             for tests in std::iter::once(&room.tests).chain(&room.all_tests) {
@@ -118,7 +120,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if short.is_empty() { Ok(()) } else { Err(Error::Mutants { rooms: short.join(", "), reasons: REASONS }) }
 }
 
-/// Where the findings of a room lie.
+/// The folder with the findings of a room.
 struct Place {
     folder: PathBuf,
 }
@@ -150,12 +152,12 @@ impl Place {
         serde_json::from_slice(&text).map_err(|source| Error::Known { path, source })
     }
 
-    /// Adds what the last run has written to what is known.
+    /// Adds the lists of the last run to the known findings.
     fn keep(&self) -> Result<(), Error> {
         let mut known = self.known()?;
         for (list, fate) in LISTS {
             let path = self.folder.join("mutants.out").join(list);
-            // Of a mutant that was tried again the last fate counts.
+            // If a mutant was tried again the last result counts.
             let Ok(text) = fs::read_to_string(&path) else { continue };
             known.extend(text.lines().map(|name| (name.to_owned(), fate)));
         }
@@ -182,10 +184,10 @@ fn try_mutants(
     arguments: &Arguments,
 ) -> Result<(), Error> {
     let mut cargo = cargo_mutants(project, room, arguments.shard.as_deref());
-    // Debug information takes longer to link than the tests run.
-    // A little optimised, they run in a quarter of the time and take no longer to build.
+    // Linking with debug information would take longer than the tests. With a little optimisation they run in a
+    // quarter of the time and are built as fast.
     cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
-    // Each copy of the project has to build for itself: in one folder they would run each other's programs.
+    // Each copy of the project needs its own target folder, or they would run each other's programs.
     cargo.env_remove("CARGO_TARGET_DIR").env_remove("CARGO_BUILD_TARGET_DIR");
     // nextest stops at the first test that fails, and ends one that hangs (.config/nextest.toml).
     cargo.env("NEXTEST_PROFILE", "mutants");
@@ -196,24 +198,24 @@ fn try_mutants(
         &format!("--jobs={}", arguments.jobs),
     ]);
     cargo.arg("--output").arg(&place.folder);
-    // Not behind `--`: then all tests would be built.
+    // Not behind `--`, where all tests would be built.
     cargo.args(tests.unit_tests.then_some("--cargo-arg=--lib"));
     cargo.args(tests.programs.iter().map(|tests| format!("--cargo-arg=--test={tests}")));
     let status = cargo.status().map_err(|source| Error::Start { command: command::shown(&cargo), source })?;
     match status.code() {
-        // All caught; some missed; some never ended; some of both.
+        // The codes for: all caught; some missed; some timed out; both.
         Some(0 | 2 | 3) => Ok(()),
         _ => Err(Error::Failed { command: command::shown(&cargo), status: status.to_string() }),
     }
 }
 
-/// The names of all mutants that there are.
+/// The names of all mutants.
 fn list(project: &Project, room: &Room, shard: Option<&str>) -> Result<Vec<String>, Error> {
     let said = command::output(cargo_mutants(project, room, shard).arg("--list"))?;
     Ok(String::from_utf8_lossy(&said).lines().map(str::to_owned).collect())
 }
 
-/// A mutant's name without the place in its file, which every change moves.
+/// The name of a mutant without its line and column, which change often.
 fn without_place(name: &str) -> String {
     let mut parts = name.splitn(4, ':');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
@@ -226,7 +228,7 @@ fn without_place(name: &str) -> String {
     }
 }
 
-/// The survivors that have a reason: in a table of [`REASONS`] the first column, in backquotes.
+/// The accepted survivors: the first column, in backquotes, of a table of [`REASONS`].
 fn reasons(project: &Project) -> Result<Vec<String>, Error> {
     let path = project.root.join(REASONS);
     let text = fs::read_to_string(&path).map_err(Error::file("read", Path::new(&path)))?;
@@ -235,16 +237,16 @@ fn reasons(project: &Project) -> Result<Vec<String>, Error> {
 
 fn explained(text: &str) -> Vec<String> {
     let rows = text.lines().filter_map(|line| line.strip_prefix("| `"));
-    // In a table a bar that is none of its own has a backslash.
+    // In a table a bar inside a cell is written with a backslash.
     rows.filter_map(|row| Some(row.split_once("` |")?.0.replace(r"\|", "|"))).collect()
 }
 
-/// What is known of a room's mutants.
+/// The numbers of a room's mutants.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Figures {
     caught: usize,
     unviable: usize,
-    /// Survivors with a reason.
+    /// How many survivors have a reason.
     explained: usize,
     survivors: Vec<String>,
     untried: usize,
@@ -265,7 +267,7 @@ impl Figures {
         figures
     }
 
-    /// Part of the viable mutants tried that were caught; a reason does not make a survivor caught.
+    /// The share of the viable mutants that were caught; a reason does not make a survivor caught.
     fn share(&self) -> f64 {
         let viable = self.caught + self.explained + self.survivors.len();
         if viable == 0 { 0.0 } else { self.caught as f64 / viable as f64 }

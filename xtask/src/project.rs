@@ -1,4 +1,4 @@
-//! Where the project lies, and its cargo.
+//! The folders of the project, and cargo.
 
 use std::env;
 use std::ffi::{OsStr, OsString};
@@ -14,12 +14,11 @@ use crate::error::Error;
 /// The checkout that a chore works on.
 #[derive(Clone)]
 pub struct Project {
-    /// Its root.
+    /// The root of the workspace.
     pub root: PathBuf,
-    /// Where cargo builds to.
+    /// The target folder of cargo.
     pub target: PathBuf,
-    /// Whether cargo keeps what makes the next build of a file that has changed faster, which takes as much of the disk as what it
-    /// builds.
+    /// Whether cargo builds incrementally, which doubles the space on the disk.
     pub incremental: bool,
 }
 
@@ -36,22 +35,23 @@ pub fn metadata<T: DeserializeOwned>(mut cargo: Command, option: &str) -> Result
 }
 
 impl Project {
-    /// The workspace around the current directory.
+    /// Finds the workspace around the current directory.
     pub fn find() -> Result<Self, Error> {
         let metadata: Metadata = metadata(Command::new(cargo_program()), "--no-deps")?;
         Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, incremental: true })
     }
 
-    /// cargo at the root of the project.
+    /// cargo, run at the root of the project.
     pub fn cargo(&self) -> Command {
         self.program(cargo_program())
     }
 
-    /// A program at the root of the project, that may start cargo.
+    /// A program that may start cargo, run at the root of the project.
     pub fn program(&self, program: impl AsRef<OsStr>) -> Command {
         let mut command = Command::new(program);
-        // `cargo xtask` tells us our own package by these. A build script that looks at them (ring's does) would be run again,
-        // and all that stands on it compiled again, here and the next time without us.
+        // `cargo xtask` sets these variables for this package. Build scripts that depend on them (that of ring does)
+        // would run again, and everything that depends on those would be compiled again, both now and the next time
+        // without this program.
         let told = env::vars_os().map(|(name, _)| name.to_string_lossy().into_owned());
         for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
             command.env_remove(name);
@@ -63,19 +63,19 @@ impl Project {
         command
     }
 
-    /// `path` as a user at the root would write it.
+    /// `path` relative to the root.
     pub fn relative<'a>(&self, path: &'a Path) -> &'a Path {
         path.strip_prefix(&self.root).unwrap_or(path)
     }
 }
 
-/// Cargo's folder of what it has fetched.
+/// The home folder of cargo.
 pub fn cargo_home() -> Option<PathBuf> {
     let home = env::var_os("CARGO_HOME").map(PathBuf::from);
     home.or_else(|| env::var_os("HOME").map(|home| Path::new(&home).join(".cargo")))
 }
 
-/// The cargo that runs this, so that `cargo +toolchain xtask` stays with its toolchain.
+/// The cargo that runs this program, so that `cargo +toolchain xtask` uses the same toolchain.
 fn cargo_program() -> OsString {
     env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }

@@ -1,6 +1,6 @@
-//! `cargo xtask soak`: the random schedules, the writers that die and the long day of tests/invariants, and the random
-//! frames against every network of tests/engine, many more than the test runs; and all of tests/engine over a bus that takes
-//! outputs ahead.
+//! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, the writers that
+//! die and the long day of tests/invariants, the random frames against every network of tests/engine, and all of
+//! tests/engine over a bus that takes outputs ahead.
 
 use std::process::Command;
 

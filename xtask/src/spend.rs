@@ -1,20 +1,20 @@
-//! What a chore takes of disk and time, said before it is taken.
+//! The disk space and time that a chore takes, which is printed before it begins.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::project::Project;
 
-/// What a chore takes the first time. What was built before is used again.
+/// The cost of a chore when it runs for the first time; later runs use what was built.
 pub struct Spend {
-    /// Of the disk that the target folder is on, MB.
+    /// The space on the disk of the target folder, in MB.
     pub disk_mb: u64,
-    /// Of time, as a person says it.
+    /// The time as text.
     pub time: &'static str,
 }
 
 impl Spend {
-    /// Says so.
+    /// Prints the cost.
     pub fn announce(&self, project: &Project) {
         println!("{}", self.text(project.relative(&project.target), free_mb(&project.target)));
     }
@@ -39,7 +39,7 @@ fn size(mb: u64) -> String {
     if mb < 1000 { format!("{mb} MB") } else { format!("{:.1} GB", mb as f64 / 1000.0) }
 }
 
-/// What is free on the disk of a folder, or of the nearest one above that is there, in MB.
+/// The free space on the disk of a folder, or of the nearest existing one above it, in MB.
 fn free_mb(folder: &Path) -> Option<u64> {
     let there = folder.ancestors().find(|folder| folder.exists())?;
     let output = Command::new("df").arg("-Pk").arg(there).output().ok()?;
@@ -59,7 +59,7 @@ mod tests {
     const DF: &str =
         "Filesystem 1024-blocks Used Available Capacity Mounted on\n/dev/vda 263174212 46913904 48232584 50% /\n";
 
-    /// Disk and time are named with what is free, and a disk that is too small is told with what to do.
+    /// The cost is printed with the free space, and a disk that is too small with what to do.
     #[test]
     fn what_it_takes_is_named() {
         let spend = Spend { disk_mb: 1400, time: "two minutes" };

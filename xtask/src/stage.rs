@@ -1,5 +1,5 @@
-//! `cargo xtask stage`: the library, its headers, its pkg-config file and the tool with its manual pages and completions,
-//! as they are installed.
+//! `cargo xtask stage`: installs the library, its headers and pkg-config file, and the tool with its manual pages and
+//! completions, into a folder.
 
 use std::fs;
 use std::io;
@@ -21,7 +21,7 @@ pub struct Arguments {
     profile: String,
 }
 
-/// What is installed, in the order it is built.
+/// The packages that are installed, in the order in which they are built.
 pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", TOOL_PACKAGE];
 /// The package of the tool.
 pub const TOOL_PACKAGE: &str = "ecmsk-tool";
@@ -29,10 +29,10 @@ pub const TOOL_PACKAGE: &str = "ecmsk-tool";
 pub const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The name that `-lNEXTWUSBLib` finds.
 pub const LINK_NAME: &str = "libNEXTWUSBLib.so";
-/// What lets users open a board.
+/// The udev rule that lets users open a board.
 pub const UDEV_RULE: &str = "60-ecmsk.rules";
 pub const ARCHIVE: &str = "libNEXTWUSBLib.a";
-/// What Rust's standard library needs of a program that links the archive.
+/// The libraries that Rust's standard library needs in a program that links the static library.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
 const PKGCONFIG_TEMPLATE: &str = include_str!("../../capi/nextwusblib.pc.in");
 
@@ -44,20 +44,21 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 
 /// Builds with `profile` and installs into `prefix`.
 pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(), Error> {
-    // One after the other: built together, the library would get the features that only the tool needs.
+    // The packages are built one after the other, because together the library would get features that only the tool
+    // needs.
     for package in PACKAGES {
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
     install_into(project, &project.target.join(profile_folder(profile)), prefix)
 }
 
-/// Builds the tool as the tests run it, and gives its file.
+/// Builds the tool as the tests use it; returns its path.
 pub fn build_tool(project: &Project) -> Result<PathBuf, Error> {
     command::run(project.cargo().args(["build", "--package", TOOL_PACKAGE]))?;
     Ok(project.target.join("debug/ecmsk"))
 }
 
-/// Installs what was built into a folder of cargo's.
+/// Installs the files that cargo has built.
 pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<(), Error> {
     let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
     let (pkgconfig, rules) = (lib.join("pkgconfig"), lib.join("udev/rules.d"));
@@ -70,7 +71,7 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
     link(SONAME, &lib.join(LINK_NAME))?;
     install_headers(project, &include)?;
 
-    // Where udev looks, if the prefix is /usr or /usr/local.
+    // The folder where udev looks, if the prefix is /usr or /usr/local.
     copy(&project.root.join("share/udev").join(UDEV_RULE), &rules.join(UDEV_RULE))?;
 
     let file = pkgconfig.join("nextwusblib.pc");
@@ -78,7 +79,7 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
     share(&bin.join("ecmsk"), &prefix.join("share"))
 }
 
-/// Puts the headers into `include`.
+/// Installs the headers into `include`.
 pub fn install_headers(project: &Project, include: &Path) -> Result<(), Error> {
     fs::create_dir_all(include).map_err(Error::file("make", include))?;
     for header in headers(&project.root.join("include"))? {
@@ -87,14 +88,14 @@ pub fn install_headers(project: &Project, include: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Shells, and where each looks for what completes the tool's command line.
+/// The shells, and the folder and name of each one's completion file.
 const COMPLETIONS: [(&str, &str); 3] = [
     ("bash", "bash-completion/completions/ecmsk"),
     ("zsh", "zsh/site-functions/_ecmsk"),
     ("fish", "fish/vendor_completions.d/ecmsk.fish"),
 ];
 
-/// What the tool says of itself: manual pages and completions.
+/// Writes the tool's manual pages and completions.
 fn share(tool: &Path, share: &Path) -> Result<(), Error> {
     let man = share.join("man/man1");
     command::output(Command::new(tool).args(["man", "--out"]).arg(&man))?;
@@ -109,7 +110,7 @@ fn share(tool: &Path, share: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// cargo's folder for a profile: its own names but for the built-in ones.
+/// The folder of cargo for a profile, which has the same name except for built-in profiles.
 fn profile_folder(profile: &str) -> &str {
     match profile {
         "dev" | "test" => "debug",
@@ -118,7 +119,7 @@ fn profile_folder(profile: &str) -> &str {
     }
 }
 
-/// Replaces `to` by a copy of `from`: a program that runs from `to` goes on with what it has.
+/// Replaces `to` by a copy of `from`; a program that is running from `to` is not affected.
 fn copy(from: &Path, to: &Path) -> Result<(), Error> {
     remove(to)?;
     fs::copy(from, to).map(drop).map_err(Error::file("copy", from))
@@ -145,7 +146,7 @@ fn headers(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// It finds its prefix by where it lies, so that the folder can be moved.
+/// The pkg-config file, which finds its prefix relative to its own place, so that the folder can be moved.
 fn pkgconfig_file() -> String {
     PKGCONFIG_TEMPLATE.replace("@VERSION@", env!("CARGO_PKG_VERSION")).replace("@PRIVATE_LIBS@", PRIVATE_LIBS)
 }

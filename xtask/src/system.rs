@@ -1,5 +1,5 @@
-//! What chores do with files and processors that other systems than Unix do not know. `cargo xtask ci --fast` and what it is
-//! made of need none of it, and run on Windows too.
+//! Operations on files and processors that exist on Unix only. `cargo xtask ci --fast` and its parts do without them,
+//! and run on Windows too.
 
 #[cfg(unix)]
 pub use unix::{mode_of, path_of, set_mode, stay_on_one_processor, symlink};
@@ -19,22 +19,22 @@ mod unix {
 
     pub use std::os::unix::fs::symlink;
 
-    /// Who may read, write and run a file, as chmod has it.
+    /// The mode of a file, as chmod has it.
     pub fn mode_of(metadata: &fs::Metadata) -> u32 {
         metadata.permissions().mode() & 0o7777
     }
 
-    /// Sets who may read, write and run a file, as chmod does.
+    /// Sets the mode of a file, as chmod does.
     pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
         fs::set_permissions(path, Permissions::from_mode(mode))
     }
 
-    /// A path as programs print it.
+    /// A path from the output of a program.
     pub fn path_of(bytes: &[u8]) -> PathBuf {
         PathBuf::from(OsStr::from_bytes(bytes))
     }
 
-    /// Keeps this program, and all that it starts from now on, on the first processor that it may use.
+    /// Restricts this program, and all that it starts from now on, to the first processor that it may use.
     pub fn stay_on_one_processor() -> io::Result<()> {
         let allowed = sched_getaffinity(None)?;
         let mut one = CpuSet::new();

@@ -1,5 +1,5 @@
-//! `cargo xtask test`: every part in order, each with its time, up to the first that fails; what this machine cannot run
-//! is skipped and listed at the end.
+//! `cargo xtask test`: runs every part in order, each with its time, up to the first one that fails. Parts that this
+//! machine cannot run are skipped and listed at the end.
 
 use std::time::{Duration, Instant};
 
@@ -29,40 +29,40 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Those of `cargo xtask test --all`.
+    /// The arguments of `cargo xtask test --all`.
     pub const ALL: Self = Self { all: true, rig: false, windows: false, names: Vec::new() };
 }
 
-/// One step of the test.
+/// A part of the test.
 #[derive(Clone, Copy)]
 pub struct Part {
     pub name: &'static str,
-    /// Without these the part is skipped.
+    /// The programs without which the part is skipped.
     pub needs: &'static [Need],
-    /// Whether tests of this name, or of a part of it, are its own.
+    /// Whether the part has tests whose names contain this text.
     takes: fn(&str) -> bool,
     run: fn(&Site) -> Result<(), Error>,
 }
 
-/// A part that takes all names there are.
+/// A part that may have tests of any name.
 pub const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> Result<(), Error>) -> Part {
     Part { name, needs, takes: |_| true, run }
 }
 
 impl Part {
-    /// Of `names` those of its own; `None`: there are names, and none of them is.
+    /// The names among `names` that are of this part; `None` if names were given and none of them is.
     fn asked_for(&self, names: &[String]) -> Option<Vec<String>> {
         let own: Vec<String> = names.iter().filter(|name| (self.takes)(name)).cloned().collect();
         (names.is_empty() || !own.is_empty()).then_some(own)
     }
 }
 
-/// What a part works with.
+/// The environment of a part.
 pub struct Site<'a> {
     pub project: &'a Project,
-    /// Of all that the parts need, what is not there.
+    /// The programs needed by any part that are missing.
     missing: &'a [Need],
-    /// Of the tests of a part that can choose those alone, all if there are none.
+    /// The names of the tests to run, for a part that can choose; all if empty.
     names: Vec<String>,
 }
 
@@ -77,7 +77,7 @@ pub const PARTS: &[Part] = &[
     part("tests", &[], tests),
 ];
 
-/// What `--all` adds.
+/// The parts that `--all` adds.
 pub const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     tidy::PARTS[0],
     tidy::PARTS[1],
@@ -92,14 +92,14 @@ pub const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     part("packages", dist::TEST_NEEDS, |site| dist::test(site.project)),
 ];
 
-/// What `--all` takes.
+/// The cost of `--all`.
 const ALL: Spend = Spend { disk_mb: 14_000, time: "much time: each part says how long it took" };
 
-/// What `--all` leaves out.
+/// The parts that `--all` leaves out.
 const LEFT_TO_DIST: &str =
     "the packages made twice, to the same bytes, since everything is compiled twice for that: cargo xtask dist --check";
 
-/// What `--windows` runs alone.
+/// The parts that `--windows` runs.
 const WINDOWS: [Part; 5] = [
     Part {
         name: "64-bit Windows programs under Wine",
@@ -133,7 +133,7 @@ const WINDOWS: [Part; 5] = [
     },
 ];
 
-/// Tests that need more than Rust stand in modules of these names, so that they can be left out by name.
+/// A module name for tests that need more than Rust, so that they can be left out by name.
 pub struct Gate {
     module: &'static str,
     pub needs: &'static [Need],
@@ -148,7 +148,7 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
-/// Parts that were asked for tests by name and have none: that is an error if no part has any.
+/// The parts without any of the tests that were asked for by name, which is an error if it is all of them.
 #[derive(Default)]
 struct Without {
     error: Option<Error>,
@@ -181,7 +181,7 @@ impl Site<'_> {
         GATES.iter().filter(|gate| !self.lacks(gate.needs).is_empty())
     }
 
-    /// What a program of tests is told, so that it leaves out what this machine cannot run.
+    /// The arguments with which a test program leaves out what this machine cannot run.
     pub fn skipped_modules(&self) -> impl Iterator<Item = String> {
         self.closed_gates().map(|gate| format!("--skip={}::", gate.module))
     }
@@ -203,14 +203,14 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.all {
         ALL.announce(project);
     }
-    // All is run before something is given away, mostly in a fresh clone: who works on a part runs that part.
+    // Everything is run before a change is merged, mostly in a fresh clone where an incremental build is of no use.
     let project = &Project { incremental: !arguments.all, ..project.clone() };
     let left_out = if arguments.all { &[LEFT_TO_DIST][..] } else { &[] };
     run_parts(project, parts, gates, &missing, left_out)
 }
 
-/// Runs the parts in order, each with the names that it was asked for, and says at the end what was skipped for want of what
-/// is `missing`, and what was `left_out` by choice.
+/// Runs the parts in order, each with its names, and lists at the end what was skipped because of `missing` programs,
+/// and what was `left_out` by choice.
 pub fn run_parts(
     project: &Project,
     parts: Vec<(&Part, Vec<String>)>,
@@ -271,7 +271,7 @@ pub fn format(site: &Site) -> Result<(), Error> {
 
 pub fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
-    // What `--all-targets` leaves out: the tests that run in the guest.
+    // `--all-targets` leaves out the tests that run in the guest.
     let beyond =
         ["clippy", "--package=ecmsk", "--test=rig", "--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
     command::run(site.project.cargo().args(beyond))
@@ -283,7 +283,7 @@ fn documentation(site: &Site) -> Result<(), Error> {
         command::run(cargo.env("RUSTDOCFLAGS", flags).args(["doc", "--no-deps"]).args(packages))
     };
     doc("-Dwarnings", &["--package=ecmsk", "--all-features"])?;
-    // The other packages have no Rust that others use: their documentation is for those who work on them.
+    // The other packages have no public Rust API, so their documentation is for developers.
     doc(
         "-Dwarnings -Arustdoc::private-intra-doc-links",
         &["--workspace", "--exclude=ecmsk", "--document-private-items"],

@@ -1,5 +1,4 @@
-//! `cargo xtask tidy`: what keeps the tree clean beside rustfmt and clippy: spelling and dependencies. And the combinations of
-//! features.
+//! `cargo xtask tidy`: checks spelling, dependencies and combinations of features, beside rustfmt and clippy.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
@@ -18,7 +17,7 @@ use crate::wheel;
 /// The workspace of the fuzz targets, which has dependencies of its own.
 const FUZZ: &str = "fuzz/Cargo.toml";
 
-/// What `cargo xtask tidy` runs, and `cargo xtask test --all` too.
+/// The parts of `cargo xtask tidy`, which `cargo xtask test --all` runs as well.
 pub const PARTS: [Part; 4] = [
     part("spelling", &[PYTHON, PIP, TYPOS], |site| spelling(site.project)),
     part("licences and sources of dependencies", &[needs::CARGO_DENY], |site| dependencies(site.project)),
@@ -33,12 +32,12 @@ pub fn run(project: &Project) -> Result<(), Error> {
     test::run_parts(project, PARTS.iter().map(|part| (part, Vec::new())).collect(), &[], &missing, &[])
 }
 
-/// Words that nobody writes so: `_typos.toml` says which of ours are meant.
+/// Checks spelling; `_typos.toml` lists the words that are meant.
 fn spelling(project: &Project) -> Result<(), Error> {
     command::run(project.program(wheel::TYPOS.program(project)).arg("--hidden"))
 }
 
-/// Licences and sources of all dependencies, by `deny.toml`.
+/// Checks licences and sources of all dependencies, by `deny.toml`.
 fn dependencies(project: &Project) -> Result<(), Error> {
     ["Cargo.toml", FUZZ].into_iter().try_for_each(|manifest| {
         let mut deny = tool(project, &CARGO_DENY);
@@ -46,12 +45,12 @@ fn dependencies(project: &Project) -> Result<(), Error> {
     })
 }
 
-/// Known weaknesses of dependencies, and versions that their authors have taken back.
+/// Checks for known vulnerabilities and withdrawn versions of dependencies.
 fn advisories(project: &Project) -> Result<(), Error> {
     command::run(tool(project, &CARGO_DENY).args(["--offline", "check", "advisories"]))
 }
 
-/// Fetches the list of known weaknesses, a repository of git, where a network reaches it.
+/// Fetches the list of known vulnerabilities, a git repository, if there is a network.
 pub fn fetch_advisories(project: &Project) {
     println!("fetching the list of known weaknesses of crates");
     command::succeeds(tool(project, &CARGO_DENY).args(["fetch", "db"]));
@@ -63,14 +62,15 @@ pub fn advisories_are_there() -> bool {
     lists.read_dir().is_ok_and(|entries| entries.flatten().any(|entry| entry.path().join("crates").is_dir()))
 }
 
-/// Dependencies that no source names.
+/// Checks for dependencies that no source names.
 fn unused(project: &Project) -> Result<(), Error> {
     command::run(tool(project, &CARGO_MACHETE).arg("--with-metadata"))
 }
 
-/// The library with no feature, each alone, each pair, and all of them, as a program may ask for it.
+/// Checks the library with no feature, with each alone, each pair, and all of them, as a program may use it.
 ///
-/// `cargo hack` does not do here: it leaves out `--package`, and at the root the tool is built too, which needs every feature.
+/// `cargo hack` is not used because it leaves out `--package`, and so builds the tool as well, which needs every
+/// feature.
 pub fn combinations(project: &Project) -> Result<(), Error> {
     let metadata: Metadata = metadata(project.cargo(), "--no-deps")?;
     let library = metadata.packages.into_iter().find(|package| package.name == LIBRARY);
@@ -104,10 +104,10 @@ struct Package {
     features: Features,
 }
 
-/// What each feature switches on.
+/// The features that each feature switches on.
 type Features = BTreeMap<String, Vec<String>>;
 
-/// No feature, each alone, each pair, all; of sets that switch on the same only the first.
+/// The sets of features to check: none, each alone, each pair, all; only the first of sets with the same effect.
 fn sets(features: &Features) -> Vec<Vec<String>> {
     let names: Vec<&str> = features.keys().map(String::as_str).filter(|name| *name != "default").collect();
     let alone = names.iter().map(|&name| vec![name]);

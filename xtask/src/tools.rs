@@ -1,5 +1,5 @@
-//! Programs that are built from a crate of crates.io, in a version that is known, into the target folder: nothing is installed
-//! where other projects would find it.
+//! Builds programs from crates of crates.io, in a fixed version, into the target folder, so that nothing is installed
+//! for other projects.
 
 use std::path::PathBuf;
 
@@ -13,20 +13,20 @@ use crate::project::Project;
 pub struct Tool {
     pub name: &'static str,
     pub version: &'static str,
-    /// What it costs, for the user.
+    /// The cost of building, for the user.
     pub cost: &'static str,
 }
 
-/// Finds dependencies that no source names.
+/// The check for dependencies that no source names.
 pub const CARGO_MACHETE: Tool = Tool { name: "cargo-machete", version: "0.9.2", cost: "half a minute to build" };
-/// Looks at licences and sources of dependencies, and at their known weaknesses.
+/// The check of the licences, sources and known vulnerabilities of dependencies.
 pub const CARGO_DENY: Tool = Tool { name: "cargo-deny", version: "0.20.2", cost: "some minutes to build" };
-/// Compares what a version offers with what the one before did.
+/// The comparison of the public API with that of an earlier version.
 pub const CARGO_SEMVER_CHECKS: Tool =
     Tool { name: "cargo-semver-checks", version: "0.51.0", cost: "some minutes to build" };
 
 impl Tool {
-    /// The program, once it is there.
+    /// The path of the program after building.
     pub fn program(&self, project: &Project) -> PathBuf {
         self.folder(project).join("bin").join(self.name)
     }
@@ -35,7 +35,7 @@ impl Tool {
         self.program(project).is_file()
     }
 
-    /// Builds it. How long that takes counts for more here than how fast the program is.
+    /// Builds the program, optimised for a short build rather than a fast program.
     pub fn install(&self, project: &Project) -> Result<(), Error> {
         println!("building {} {} ({})", self.name, self.version, self.cost);
         let build = self.folder(project).with_extension("build");
@@ -48,7 +48,7 @@ impl Tool {
     }
 
     fn folder(&self, project: &Project) -> PathBuf {
-        // The version has dots: no extension of the name may be replaced.
+        // The version contains dots, so no extension of the name may be replaced.
         project.target.join("xtask/tools").join(format!("{}-{}.d", self.name, self.version))
     }
 }

@@ -1,4 +1,4 @@
-//! Programs that are to be had as Python wheels: fetched by pip, unpacked by Python.
+//! Fetches programs that are Python wheels with pip, and unpacks them with Python.
 
 use std::path::Path;
 use std::process::Command;
@@ -29,7 +29,7 @@ pub const TYPOS: Fetched = Fetched {
     cost: "8 MB to fetch, 25 MB in the target folder",
 };
 
-/// Lays the wheel into the empty folder `into`.
+/// Downloads the wheel into the empty folder `into`.
 pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
     let mut pip = Command::new(PIP.program);
     pip.args(["--quiet", "--disable-pip-version-check", "download", "--no-deps", "--only-binary=:all:", "--dest"]);

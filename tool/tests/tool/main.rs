@@ -1,4 +1,20 @@
 //! The tool `ecmsk`, run as a user runs it.
+//!
+//! Files:
+//!
+//! - `command_line.rs`, `details.rs`, `words.rs`, `bad_input.rs`: help, options, units, and what is wrong on a
+//!   command line
+//! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`: the pages of `docs/` and README show what the tool prints
+//! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, what went wrong
+//! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`: recordings and captures, shown, drawn,
+//!   compared and replayed
+//! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and those of others
+//! - `verbs.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
+//!   signals, scripts, the shell
+//! - `monitor*.rs`: `ecmsk monitor`
+//! - `serve_usbip.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `list.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
+//! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
 
 mod bad_input;
 mod captures;

@@ -1,4 +1,4 @@
-//! The same packages made a second time: a copy of the sources in another folder, everything compiled anew.
+//! Makes the packages a second time from a copy of the sources in another folder, and compares them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
     if place.exists() {
         fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
     }
-    // Neither the paths nor their lengths are those of the first time, nor their place in the alphabet.
+    // The paths, their lengths and their alphabetical order differ from those of the first time.
     let copy = Project { root: place.join("sources of ecmsk"), target: place.join("built"), incremental: false };
     copy_sources(&project.root, &copy.root)?;
     let second = make(&copy, release, &place.join("packages"))?;
@@ -38,19 +38,19 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
     )))
 }
 
-/// A folder on the other side of `/usr` in the alphabet: linkers sort by paths.
+/// A folder on the other side of `/usr` in the alphabet, because linkers sort by paths.
 fn place(target: &Path) -> PathBuf {
     let other = if target < Path::new("/usr") { "/var/tmp" } else { "/tmp" };
     Path::new(other).join("ecmsk-once-more")
 }
 
-/// Copies what git knows, or would know if it was told; what is built is none of that.
+/// Copies the files that git tracks or would track; nothing that was built is among them.
 fn copy_sources(from: &Path, to: &Path) -> Result<(), Error> {
     let mut git = Command::new("git");
     git.current_dir(from).args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"]);
     let listed = command::output(&mut git)?;
     let names = listed.split(|byte| *byte == 0).filter(|name| !name.is_empty());
-    // A file that was removed since the last commit is listed too.
+    // A file that was removed since the last commit is listed as well.
     for name in names.map(path_of).filter(|name| from.join(name).exists()) {
         let file = to.join(&name);
         let folder = file.parent().unwrap_or(to);
@@ -60,7 +60,7 @@ fn copy_sources(from: &Path, to: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The files that only one has or that differ.
+/// The files that exist in only one of the two, or that differ.
 fn differing(first: &Made, second: &Made) -> Result<Vec<String>, Error> {
     let mut names: Vec<&String> = first.names.iter().chain(&second.names).collect();
     names.sort();
@@ -82,7 +82,7 @@ fn differing(first: &Made, second: &Made) -> Result<Vec<String>, Error> {
 mod tests {
     use super::*;
 
-    /// DIST-1 A byte that differs, and a file that one of the two lacks, are told.
+    /// DIST-1 A file that differs in a byte, and one that is missing on either side, are reported.
     #[test]
     fn what_differs_is_told() {
         let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());

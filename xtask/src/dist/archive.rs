@@ -1,4 +1,4 @@
-//! Trees as archives, and the sums of files.
+//! Makes archives of trees, and checksums of files.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use super::tree::Tree;
 use crate::command;
 use crate::error::Error;
 
-/// Writes a tree as `.tar.gz`: the folder of its root's name, root's, in the order of names.
+/// Writes a tree as `.tar.gz`: the folder with its root's name, owned by root, sorted by name.
 pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     let plain = file.with_extension("");
     let mut tar = release.command("tar");
@@ -19,11 +19,11 @@ pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     tar.arg(format!("--mtime=@{}", release.epoch)).arg("--create").arg("--file").arg(&plain);
     let (folder, name) = parts(tree.root());
     command::run(tar.arg("--directory").arg(folder).arg(name))?;
-    // No name and no time of the file that it was.
+    // gzip stores neither the name nor the time of the file.
     command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(&plain))
 }
 
-/// Writes the files of a tree as `.zip`, below the folder of its root's name, in the order of names.
+/// Writes the files of a tree as `.zip`, below a folder with its root's name, sorted by name.
 pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     tree.set_time(release.epoch)?;
     if file.exists() {
@@ -32,7 +32,7 @@ pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     let (folder, name) = parts(tree.root());
     let names: String =
         tree.files()?.iter().map(|file| format!("{}\n", Path::new(name).join(file).display())).collect();
-    // -X: nothing of this machine's users; -D: no entries of folders; -@: names from standard input.
+    // -X: no user ids; -D: no entries for folders; -@: names from standard input.
     let mut zip = release.command("zip");
     zip.current_dir(folder).args(["-q", "-X", "-D", "-9", "-@"]).arg(file);
     let shown = command::shown(&zip);
@@ -51,7 +51,7 @@ pub fn sha256(file: &Path) -> Result<String, Error> {
     Ok(String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned())
 }
 
-/// Lines for `sha256sum -c`.
+/// The checksums as lines for `sha256sum -c`.
 pub fn sums(folder: &Path, names: &[String]) -> Result<String, Error> {
     let lines: Result<Vec<String>, Error> =
         names.iter().map(|name| Ok(format!("{}  {name}\n", sha256(&folder.join(name))?))).collect();

@@ -1,4 +1,4 @@
-//! What is in the packages is what has to be, and names no folder of the machine that made them.
+//! Checks the contents of the packages: exactly the expected files, and no path of the machine that made them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use crate::error::Error;
 use crate::needs::UNZIP;
 use crate::project::{Project, cargo_home};
 
-/// Every path of every package.
+/// The expected paths of every package.
 const LIST: &str = include_str!("contents.txt");
 
-/// Unpacks the packages and looks at what they hold.
+/// Unpacks the packages and checks their contents.
 pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
     let unpacked = folder(project).join("unpacked");
     if unpacked.exists() {
@@ -53,7 +53,7 @@ fn packages(release: &Release, made: &Made) -> Vec<(String, PathBuf)> {
     found
 }
 
-/// Unpacks a package; the folder that its paths are seen from.
+/// Unpacks a package; returns the folder from which its paths count.
 fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
     let kind = file.extension().unwrap_or_default();
     if kind == "deb" {
@@ -92,7 +92,7 @@ fn differences(package: &str, found: &[PathBuf]) -> Vec<String> {
 
 fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>, Error> {
     let mine = [Some(project.root.clone()), Some(project.target.clone()), cargo_home()];
-    // A project in the root itself, or a folder like /src, is the beginning of too much.
+    // A path such as `/` or `/src` would be the beginning of too many others.
     let mine: Vec<String> =
         mine.into_iter().flatten().map(|path| path.display().to_string()).filter(|path| path.len() > 6).collect();
     let mut problems = Vec::new();
@@ -105,7 +105,7 @@ fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>
     Ok(problems)
 }
 
-/// Of the DLLs and programs that are linked here, those that say when that was.
+/// The DLLs and programs of this project whose header has a time of linking.
 fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
     let mut problems = Vec::new();
     for file in files(folder)?.iter().filter(|file| file.starts_with("x86") || file.starts_with("x64")) {
@@ -121,10 +121,10 @@ fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
     Ok(problems)
 }
 
-/// The time in the header of a PE file; `None`: it is no such file.
+/// The time in the header of a PE file; `None` for another file.
 fn time_of_linking(bytes: &[u8]) -> Option<u32> {
     let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at.checked_add(4)?)?.try_into().ok()?));
-    // Where the header is stands at 0x3C; the time follows signature, machine and number of sections.
+    // The offset of the header is at 0x3C; the time follows the signature, the machine and the number of sections.
     let header = word(0x3C)? as usize;
     (bytes.get(header..)?.starts_with(b"PE\0\0")).then(|| word(header + 8))?
 }
@@ -133,7 +133,7 @@ fn time_of_linking(bytes: &[u8]) -> Option<u32> {
 mod tests {
     use super::*;
 
-    /// DIST-1 A DLL that says when it was linked is told, and so is what is no DLL.
+    /// DIST-1 A DLL with a time of linking is reported, and so is a file that is no DLL.
     #[test]
     fn a_time_of_linking_is_found() {
         let folder = tempfile::tempdir().unwrap();
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// DIST-2 A file that is missing and one that nobody listed are both told.
+    /// DIST-2 A missing file and an unexpected one are reported.
     #[test]
     fn each_difference_is_told() {
         let listed = LIST.lines().filter_map(|line| line.strip_prefix("libnextwusblib0 "));
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(said[1..], ["libnextwusblib0: usr/lib/x is not in the list"]);
     }
 
-    /// DIST-3 A file that names a folder of this machine is told.
+    /// DIST-3 A file that contains a path of this machine is reported.
     #[test]
     fn a_path_of_this_machine_is_found() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! The crates in what is shipped: those that cargo links for a package and a target, build tools and macros left out.
+//! Finds the crates in the shipped files: those that cargo links for a package and a target, without build tools and
+//! macros.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -10,25 +11,25 @@ use crate::command;
 use crate::error::Error;
 use crate::project::{Project, metadata};
 
-/// A crate.
+/// A crate with its metadata.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Crate {
     pub name: String,
     pub version: String,
-    /// An SPDX expression.
+    /// The licence as an SPDX expression.
     pub licence: String,
-    /// Where its sources are kept; empty: it does not say.
+    /// The URL of its repository; empty if it has none.
     pub repository: String,
-    /// SHA-256 of what the registry gives; `None`: a crate of this project.
+    /// The SHA-256 of its archive in the registry; `None` for a crate of this project.
     pub checksum: Option<String>,
-    /// Its sources on this machine.
+    /// The folder of its sources on this machine.
     pub folder: PathBuf,
 }
 
 impl Crate {
-    /// Its name for tools (package URL).
+    /// The package URL of the crate.
     pub fn purl(&self) -> String {
-        // A `+` of a version is written so.
+        // A `+` in a version is percent-encoded.
         format!("pkg:cargo/{}@{}", self.name, self.version.replace('+', "%2B"))
     }
 }
@@ -47,7 +48,7 @@ struct Package {
     manifest_path: PathBuf,
 }
 
-/// Every crate that the project may use, by name and version.
+/// All crates that the project may use, by name and version.
 pub struct Known(BTreeMap<(String, String), Crate>);
 
 impl Known {
@@ -60,7 +61,7 @@ impl Known {
             let known = Crate {
                 name: key.0.clone(),
                 version: key.1.clone(),
-                // The form of before SPDX had one.
+                // The form that was used before SPDX expressions.
                 licence: package.license.unwrap_or_default().replace('/', " OR "),
                 repository: package.repository.unwrap_or_default(),
                 checksum: sums.get(&key).cloned(),
@@ -71,7 +72,7 @@ impl Known {
         Ok(Self(crates.collect()))
     }
 
-    /// The crates that are linked into what `package` becomes on `target`, it among them, in the order of their names.
+    /// The crates that are linked into `package` on `target`, with the package itself, sorted by name.
     pub fn linked(&self, project: &Project, package: &str, target: &str) -> Result<Vec<Crate>, Error> {
         let mut tree = project.cargo();
         tree.args(["tree", "--locked", "--package", package, "--target", target, "--edges", "normal,no-proc-macro"]);
@@ -84,14 +85,14 @@ impl Known {
     }
 }
 
-/// Of a line of cargo's tree: `name v1.2.3 (path)`.
+/// The name and version in a line of `cargo tree`: `name v1.2.3 (path)`.
 fn name_and_version(line: &str) -> Option<(String, String)> {
     let mut words = line.split_whitespace();
     let (name, version) = (words.next()?, words.next()?.strip_prefix('v')?);
     Some((name.to_owned(), version.to_owned()))
 }
 
-/// Of Cargo.lock, which has a line for each of them in this order.
+/// The checksums in Cargo.lock, where name, version and checksum follow each other.
 fn checksums(lock: &str) -> BTreeMap<(String, String), String> {
     let of_a_crate = |paragraph: &str| {
         let field = |name: &str| {
@@ -125,7 +126,8 @@ mod tests {
         assert_eq!(checksums(lock), BTreeMap::from([(key("a", "1.0.0"), "00ff".to_owned())]));
     }
 
-    /// DIST-6 What is linked on one system alone is listed there alone; build tools and macros are in neither.
+    /// DIST-6 A crate that is linked on one system only is listed there only; build tools and macros are listed
+    /// nowhere.
     #[test]
     fn what_is_linked_depends_on_the_target() {
         let project = Project::find().unwrap();

@@ -1,4 +1,4 @@
-//! Licences of what is shipped: the texts that come with each crate, in one file.
+//! Collects the licences of the shipped crates in one file.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -8,18 +8,18 @@ use super::crates::Crate;
 use super::tree;
 use crate::error::Error;
 
-/// How files with a licence begin, in lower case.
+/// The beginnings of the names of licence files, in lower case.
 const BEGINNINGS: [&str; 5] = ["license", "licence", "copying", "copyright", "notice"];
 
-/// What Rust's standard library, which is part of every binary, says of itself.
+/// The licence of Rust's standard library, which is part of every binary.
 const STANDARD_LIBRARY: &str = "The Rust standard library: MIT OR Apache-2.0, Copyright (c) The Rust Project Contributors.\n\
     DLLs and programs for Windows: start-up code and import libraries of mingw-w64, mostly in the public domain, and libgcc, \
     GPL-3.0-or-later WITH GCC-exception-3.1, which lets programs of any licence use it.\n";
 
-/// The letters in the tool that are drawn in pictures.
+/// The licence of the font in the tool.
 const FONT: &str = include_str!("../../../tool/font/LICENSE.txt");
 
-/// The text: each crate with its licence, then all texts, each once, with the crates that it came with.
+/// The text: each crate with its licence, then every text once, with the crates that contain it.
 pub fn text(crates: &[Crate]) -> Result<String, Error> {
     let foreign: Vec<&Crate> = crates.iter().filter(|known| known.checksum.is_some()).collect();
     let mut text = String::from("Parts of ecmsk by others, and their licences.\n\n");
@@ -34,7 +34,7 @@ pub fn text(crates: &[Crate]) -> Result<String, Error> {
     for part in &foreign {
         let top = fs::read_dir(&part.folder).map_err(Error::file("list", &part.folder))?;
         let mut names: Vec<_> = top.flatten().map(|entry| entry.file_name()).collect();
-        // Some have a folder of them.
+        // Some crates have a folder of licences.
         for folder in names.clone().iter().filter(|name| part.folder.join(name).is_dir()) {
             if is_licence(&folder.to_string_lossy()) {
                 let inside = tree::files(&part.folder.join(folder))?;
@@ -82,7 +82,7 @@ mod tests {
         }
     }
 
-    /// DIST-7 A text that several crates have stands there once and names them all; a project's own crate is not in it.
+    /// DIST-7 A text of several crates is printed once with all their names; crates of this project are left out.
     #[test]
     fn texts_stand_there_once() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! The library and the tool for Linux, as they are shipped: without what only a debugger needs, and the same bytes in
-//! whatever folder they are built.
+//! Builds the library and the tool for Linux: without debug information, and with the same bytes in whatever folder
+//! they are built.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::project::{Project, cargo_home};
 use crate::system::set_mode;
 use crate::{command, stage};
 
-/// Cargo's profile, and its folder.
+/// The profile of cargo, which is also the name of its folder.
 const PROFILE: &str = "release";
 
 /// Builds, and installs into `prefix` as `cargo xtask stage` does.
@@ -27,7 +27,7 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
             cargo.env_remove(name);
         }
         cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
-        // It is stripped of that.
+        // Debug information would be removed anyway.
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false");
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
         command::run(cargo.args(["build", "--locked", "--profile", PROFILE, "--package", package]))?;
@@ -53,8 +53,8 @@ fn is_a_setting(variable: &str) -> bool {
         .any(|begin| variable.starts_with(begin))
 }
 
-/// Writes what stands between cargo and rustc and says what the folders of this machine are called in files. As flags of
-/// cargo's, they would have their part in the names of the archive's members.
+/// Writes a wrapper between cargo and rustc that replaces the folders of this machine in files. As flags of cargo
+/// they would change the names of the archive's members.
 fn write_wrapper(project: &Project, target: &Path) -> Result<PathBuf, Error> {
     let wrapper = super::folder(project).join("rustc");
     fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;
@@ -63,14 +63,14 @@ fn write_wrapper(project: &Project, target: &Path) -> Result<PathBuf, Error> {
     Ok(wrapper)
 }
 
-/// Folders, and what they are called. Of several that a path begins with the last one counts.
+/// The folders to replace and their replacements. If several match a path the last one applies.
 fn names(project: &Project, target: &Path) -> Result<Vec<(PathBuf, String)>, Error> {
     let ask = |arguments: &[&str]| -> Result<String, Error> {
         let mut rustc = Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()));
         let said = command::output(rustc.current_dir(&project.root).args(arguments))?;
         Ok(String::from_utf8_lossy(&said).trim().to_owned())
     };
-    // Where its sources are installed, rustc names them there, and otherwise by this.
+    // If the sources of the standard library are installed, rustc writes their path, otherwise this one.
     let sources = Path::new(&ask(&["--print", "sysroot"])?).join("lib/rustlib/src/rust");
     let version = ask(&["-vV"])?;
     let commit = version.lines().find_map(|line| line.strip_prefix("commit-hash: ")).unwrap_or("unknown");

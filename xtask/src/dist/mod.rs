@@ -1,5 +1,13 @@
-//! `cargo xtask dist`: what is given to others. The same sources, compilers and time give the same bytes, in whatever folder
-//! and however often they are made.
+//! `cargo xtask dist`: makes the packages. The same sources, compilers and time give the same bytes, in whatever
+//! folder and however often they are made.
+//!
+//! Files:
+//!
+//! - `release.rs`: the version and the time of all files
+//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `deb/`: the packages: for any Linux, for Windows, for Debian
+//! - `tree.rs`, `archive.rs`: a folder with fixed modes and times, and its archive
+//! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components
+//! - `contents.rs`, `again.rs`: checks: the contents of the packages, and the same bytes when made again
 
 mod again;
 mod archive;
@@ -32,15 +40,15 @@ use release::Release;
 use sbom::{Artefact, Runtime};
 use tree::Tree;
 
-/// What making the packages needs.
+/// The programs that making the packages needs.
 const NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN];
-/// What testing them needs: a system to install them in.
+/// The programs that testing them needs: a system to install them in.
 pub const TEST_NEEDS: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
 
 /// rustc's target of the Linux packages.
 const LINUX: &str = "x86_64-unknown-linux-gnu";
-/// The sums of all other files.
+/// The file with the checksums of all other files.
 const SUMS: &str = "SHA256SUMS";
 
 #[derive(clap::Args)]
@@ -79,15 +87,15 @@ pub fn test(project: &Project) -> Result<(), Error> {
     deb::install::test(project, &made.debs, release.version)
 }
 
-/// The packages.
+/// The packages that were made.
 struct Made {
     folder: PathBuf,
-    /// Their files there, [`SUMS`] last.
+    /// The names of their files, [`SUMS`] last.
     names: Vec<String>,
     debs: Vec<PathBuf>,
 }
 
-/// Where the parts of packages lie.
+/// The folder for the contents of packages.
 fn folder(project: &Project) -> PathBuf {
     project.target.join("xtask/dist")
 }
@@ -135,7 +143,7 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     Ok(Made { folder: out.to_owned(), names, debs })
 }
 
-/// Looks at what was made.
+/// Checks the packages that were made.
 fn judge(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
     command::output(
         Command::new("sha256sum").current_dir(&made.folder).args(["--check", "--strict", "--quiet", SUMS]),
@@ -152,8 +160,8 @@ fn both(some: Vec<Crate>, others: Vec<Crate>) -> Vec<Crate> {
     all
 }
 
-/// What cargo's lists of crates are asked for: it is the same for the targets that the DLLs are built for, which need a
-/// compiler of another kind.
+/// The target for which cargo lists the crates. The list is the same for the targets of the DLLs, which need another
+/// compiler.
 fn triple(width: Width) -> &'static str {
     match width {
         Width::X86 => "i686-pc-windows-gnu",
@@ -210,7 +218,7 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
     Ok(found)
 }
 
-/// The second word of what a program says to `--version`.
+/// The second word of a program's `--version`.
 fn version_of(program: &mut Command) -> Result<String, Error> {
     let said = command::output(program.arg("--version"))?;
     Ok(String::from_utf8_lossy(&said).split_whitespace().nth(1).unwrap_or_default().to_owned())

@@ -1,4 +1,4 @@
-//! What is released: its version, and the one time that all files of a release bear.
+//! The version of a release, and the one time that all its files have.
 
 use std::process::Command;
 use std::{env, fs};
@@ -7,22 +7,22 @@ use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 
-/// The variable by which the world asks for a time (reproducible-builds.org).
+/// The variable for the time of a reproducible build (reproducible-builds.org).
 pub const VARIABLE: &str = "SOURCE_DATE_EPOCH";
-/// The first time that a zip file can say: 1 January 1980.
+/// The earliest time in a zip file: 1 January 1980.
 const FIRST: u64 = 315_532_800;
 
 /// A version and its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Release {
     pub version: &'static str,
-    /// Seconds since 1970 of every file in a package.
+    /// The time of every file in a package, in seconds since 1970.
     pub epoch: u64,
 }
 
 impl Release {
-    /// The time comes from `SOURCE_DATE_EPOCH`, else from the last commit, else from the newest version of CHANGELOG that has
-    /// a date. \[OURS]
+    /// Finds the version and the time: from `SOURCE_DATE_EPOCH`, or else that of the last commit, or else the date of
+    /// the newest version in CHANGELOG. \[OURS]
     pub fn find(project: &Project) -> Result<Self, Error> {
         let given = env::var(VARIABLE).ok();
         let from_git = || {
@@ -38,14 +38,14 @@ impl Release {
         Ok(Self { version: env!("CARGO_PKG_VERSION"), epoch })
     }
 
-    /// The time in the words of a program that is told `format` (of `date`).
+    /// The time in the given format of `date`.
     pub fn date(&self, format: &str) -> Result<String, Error> {
         let mut date = Command::new("date");
         date.env("LC_ALL", "C").args(["-u", "-d", &format!("@{}", self.epoch), format]);
         Ok(String::from_utf8_lossy(&command::output(&mut date)?).trim().to_owned())
     }
 
-    /// A command that makes the same of the same: time, words and order of names do not come from this machine.
+    /// A command whose output does not depend on the time, language and sort order of this machine.
     pub fn command(&self, program: &str) -> Command {
         let mut command = Command::new(program);
         command.env(VARIABLE, self.epoch.to_string()).env("LC_ALL", "C").env("TZ", "UTC");
@@ -53,7 +53,7 @@ impl Release {
     }
 }
 
-/// Seconds since 1970 of the first heading such as `## [0.1.0] - 2026-11-22`.
+/// The date of the first heading such as `## [0.1.0] - 2026-11-22`, in seconds since 1970.
 fn date_in(changelog: &str) -> Option<String> {
     let day = changelog.lines().filter(|line| line.starts_with("## [")).find_map(|line| line.split_once("] - "))?.1;
     let mut date = Command::new("date");

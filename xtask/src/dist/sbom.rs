@@ -1,5 +1,5 @@
-//! What each shipped file is made of, in CycloneDX 1.5: crates with versions, licences and sums, the standard library, and
-//! what MinGW adds.
+//! Lists the components of each shipped file, in CycloneDX 1.5: crates with versions, licences and checksums, the
+//! standard library, and the runtime of MinGW.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -16,18 +16,18 @@ use crate::windows::Width;
 
 /// A file that is shipped.
 pub struct Artefact {
-    /// Where it is found: package and path.
+    /// Its package and path.
     pub name: String,
-    /// `library` or `application`.
+    /// Its type: `library` or `application`.
     pub kind: &'static str,
-    /// The very file.
+    /// The file itself.
     pub file: PathBuf,
     pub crates: Vec<Crate>,
-    /// What is in it besides.
+    /// Its components that are not crates.
     pub runtimes: Vec<Runtime>,
 }
 
-/// What a compiler adds.
+/// A component that a compiler adds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Runtime {
     pub name: &'static str,
@@ -36,12 +36,12 @@ pub struct Runtime {
 }
 
 impl Runtime {
-    /// The standard library of a Rust of that version.
+    /// The standard library of that version of Rust.
     pub fn rust(version: String) -> Self {
         Self { name: "rust-std", version, licence: OWN_LICENCE }
     }
 
-    /// What Debian's MinGW adds to what it links.
+    /// The runtime that Debian's MinGW links.
     pub fn mingw(width: Width) -> Result<Vec<Self>, Error> {
         let (runtime, compiler) = match width {
             Width::X86 => ("mingw-w64-i686-dev", "gcc-mingw-w64-i686-posix"),

@@ -1,4 +1,5 @@
-//! The package for any Linux of that age or younger: what `cargo xtask stage` installs, with notes.
+//! The package for any Linux with that C library or a newer one: what `cargo xtask stage` installs, with
+//! documentation.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! A folder that becomes a package: every mode and time in it is said here and none comes from this machine.
+//! A folder that becomes a package. Every mode and time in it is set here, and none comes from this machine.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -12,13 +12,13 @@ pub struct Tree {
     root: PathBuf,
 }
 
-/// Mode of what is read alone.
+/// The mode of a file that is only read.
 pub const DATA: u32 = 0o644;
-/// Mode of a program and of a folder.
+/// The mode of a program and of a folder.
 pub const PROGRAM: u32 = 0o755;
 
 impl Tree {
-    /// A new one at `root`; what is there is removed.
+    /// Makes a new tree at `root`; an existing one is removed.
     pub fn new(root: PathBuf) -> Result<Self, Error> {
         if root.exists() {
             fs::remove_dir_all(&root).map_err(Error::file("remove", &root))?;
@@ -32,7 +32,7 @@ impl Tree {
         &self.root
     }
 
-    /// Where `path` of it lies.
+    /// The path on this machine of `path` in the tree.
     pub fn at(&self, path: &str) -> PathBuf {
         self.root.join(path)
     }
@@ -60,7 +60,7 @@ impl Tree {
         Ok(())
     }
 
-    /// A symbolic link.
+    /// Makes a symbolic link.
     pub fn link(&self, path: &str, target: &str) -> Result<(), Error> {
         let link = self.place(path)?;
         symlink(target, &link).map_err(Error::file("make the link", &link))
@@ -76,12 +76,12 @@ impl Tree {
         Ok(())
     }
 
-    /// Files and links, from its root, in the order of their names.
+    /// The files and links, relative to its root, sorted by name.
     pub fn files(&self) -> Result<Vec<PathBuf>, Error> {
         files(&self.root)
     }
 
-    /// Where `path` lies; its folder is made.
+    /// As [`Self::at`], and makes its folder.
     fn place(&self, path: &str) -> Result<PathBuf, Error> {
         self.folder(Path::new(path).parent().unwrap_or(Path::new("")))?;
         Ok(self.at(path))
@@ -102,7 +102,7 @@ impl Tree {
     }
 }
 
-/// The files and links below a folder, from there, in the order of their names.
+/// The files and links below a folder, relative to it, sorted by name.
 pub fn files(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut found = Vec::new();
     collect(folder, Path::new(""), &mut found)?;

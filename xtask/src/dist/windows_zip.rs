@@ -1,4 +1,5 @@
-//! The package for Windows: the DLLs, what links them, the assemblies, the tool, and words for who swaps a DLL.
+//! The package for Windows: the DLLs, their import libraries, the .NET assemblies, the tool, and instructions for
+//! replacing a DLL.
 
 use std::fs;
 use std::path::Path;
@@ -9,14 +10,14 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::windows::{DLL, MINGW, MSVC, Width};
 
-/// What is taken from the stage folder of `cargo xtask windows`: where it lies there below the folder of a width, and where
-/// in the package, `@` for the width's name.
+/// The parts of the stage folder of `cargo xtask windows`: the place below the folder of a width, and the place in
+/// the package, with `@` for the width.
 const OF_A_WIDTH: [(&str, &str); 3] = [(DLL, "@"), (MSVC, "lib/@"), (MINGW, "lib/@")];
 
-/// Programs of the stage folder; one that is not there is an error.
+/// The programs of the stage folder, which must exist.
 pub const PROGRAMS: &[&str] = &["x86/ecmsk.exe", "x64/ecmsk.exe"];
 
-/// Texts for Windows, whose lines end as there.
+/// The texts for Windows, which get its line ends.
 const TEXTS: [(&str, &str); 4] = [
     ("share/windows/README.txt", "README.txt"),
     ("share/windows/ecmsk.toml", "ecmsk.toml"),
@@ -24,7 +25,7 @@ const TEXTS: [(&str, &str); 4] = [
     ("LICENSE-APACHE", "LICENSE-APACHE.txt"),
 ];
 
-/// Where the licences of others stand.
+/// The file with the licences of other projects.
 pub const OTHERS: &str = "THIRD-PARTY-LICENSES.txt";
 
 /// Fills the tree from the stage folder of `cargo xtask windows` and the assemblies of `cargo xtask dotnet`.
@@ -55,7 +56,7 @@ pub fn fill(
     tree.write(OTHERS, for_windows(others))
 }
 
-/// Lines that end as on Windows.
+/// The text with the line ends of Windows.
 fn for_windows(text: &str) -> String {
     text.replace("\r\n", "\n").replace('\n', "\r\n")
 }

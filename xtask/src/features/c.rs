@@ -7,11 +7,11 @@ pub struct Comment {
     pub text: String,
 }
 
-/// What a source is made of, as far as it matters here.
+/// A piece of a source.
 enum Piece<'a> {
     Comment(&'a str),
     Word(&'a str),
-    /// One character of code that is no blank.
+    /// A character of code other than a blank.
     Sign(char),
     /// A blank line.
     Gap,
@@ -20,7 +20,7 @@ enum Piece<'a> {
 /// The comments of a source in order.
 pub fn comments(text: &str) -> Vec<Comment> {
     let mut found = Vec::new();
-    // From here on: comments that may stand above the next function.
+    // The index of the first comment that may belong to the next function.
     let mut above = 0;
     let mut function: Option<(String, usize)> = None;
     let mut depth = 0;
@@ -64,7 +64,7 @@ pub fn comments(text: &str) -> Vec<Comment> {
     found
 }
 
-/// What stands before a `{`, to tell the body of a function from a namespace, a struct or an initialiser.
+/// The tokens before a `{`, which tell the body of a function from a namespace, a struct or an initialiser.
 #[derive(Default)]
 struct Head<'a> {
     last_word: Option<&'a str>,
@@ -105,7 +105,7 @@ impl<'a> Head<'a> {
     }
 }
 
-/// Takes a source apart. Preprocessor lines and literals leave nothing.
+/// Splits a source into pieces. Preprocessor lines and literals are left out.
 fn pieces(text: &str) -> Vec<Piece<'_>> {
     let mut pieces = Vec::new();
     let mut rest = text;
@@ -145,7 +145,7 @@ fn pieces(text: &str) -> Vec<Piece<'_>> {
     pieces
 }
 
-/// Up to the end of the line, or of the last one that a backslash joins to it; a comment in it is left.
+/// The length of a preprocessor line, with those that a backslash joins to it, up to a comment.
 fn preprocessor_len(text: &str) -> usize {
     let mut previous = ' ';
     for (at, c) in text.char_indices() {

@@ -1,4 +1,4 @@
-//! Which tests name which rules: the sources are read, ids in the comments of tests are collected.
+//! Finds which tests name which rules: collects the ids in the comments of tests in all sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -50,7 +50,7 @@ impl Evidence {
         for test in &source.tests {
             self.add(&test.comments, || format!("{file}::{}", test.name));
         }
-        // Helpers of the tests name programs too, so any file below a folder `tests` counts.
+        // Helpers of tests name programs as well, so every file below a folder `tests` counts.
         if file.split('/').any(|folder| folder == "tests") {
             named.extend(source.strings.iter().cloned());
         }
@@ -83,7 +83,7 @@ fn is_named(file: &str, strings: &BTreeSet<String>) -> bool {
         .any(|string| names.iter().any(|name| Path::new(string).file_name().is_some_and(|end| end == &**name)))
 }
 
-/// Adds the sources below `folder`; one that is not there has none.
+/// Adds the sources below `folder`, if it exists.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), Error> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),

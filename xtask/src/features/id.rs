@@ -3,7 +3,7 @@
 use std::fmt;
 use std::iter;
 
-/// What ids begin with, and whether a section stands before the number: the board, the library for applications, the
+/// The prefixes of ids, and whether a section follows before the number: the board, the library for applications, the
 /// native API, the tool, names of boards, a board on the network, a board on its wires, .NET, Windows, packages.
 pub const PREFIXES: [(&str, bool); 10] = [
     ("SK-", true),
@@ -18,7 +18,7 @@ pub const PREFIXES: [(&str, bool); 10] = [
     ("DIST-", false),
 ];
 
-/// An id as it is written; it need not be that of a rule.
+/// An id; there need not be such a rule.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RuleId(String);
 
@@ -28,7 +28,7 @@ impl fmt::Display for RuleId {
     }
 }
 
-/// All ids in `text`, whole ones alone: `SK-5.25` does not name SK-5.2, and `SK-5` is a section and no rule.
+/// All ids in `text`. Only whole ids count: `SK-5.25` does not name SK-5.2, and `SK-5` is a section.
 pub fn ids_in(text: &str) -> impl Iterator<Item = RuleId> + '_ {
     let mut rest = text;
     iter::from_fn(move || {
@@ -45,12 +45,12 @@ pub fn ids_in(text: &str) -> impl Iterator<Item = RuleId> + '_ {
     })
 }
 
-/// The id that is `text`, all of it.
+/// The id if the whole text is one.
 pub fn id_of(text: &str) -> Option<RuleId> {
     (id_len(text) == Some(text.len())).then(|| RuleId(text.to_owned()))
 }
 
-/// Length of the id that `text` begins with.
+/// The length of the id with which `text` begins.
 fn id_len(text: &str) -> Option<usize> {
     let &(prefix, dotted) = PREFIXES.iter().find(|(prefix, _)| text.starts_with(prefix))?;
     let mut len = prefix.len() + number_len(text.strip_prefix(prefix)?)?;
@@ -63,7 +63,7 @@ fn id_len(text: &str) -> Option<usize> {
     (ends && (dots > 0) == dotted).then_some(len)
 }
 
-/// Length of the decimal number that `text` begins with.
+/// The length of the decimal number with which `text` begins.
 fn number_len(text: &str) -> Option<usize> {
     let len = text.bytes().take_while(u8::is_ascii_digit).count();
     (len > 0).then_some(len)

@@ -1,4 +1,10 @@
-//! `cargo xtask features`: which rule of docs/rules/ is shown by which test, summed up in docs/FEATURES.md.
+//! `cargo xtask features`: writes docs/FEATURES.md, the summary of which tests show which rules of docs/rules/.
+//!
+//! Files:
+//!
+//! - `rules.rs`, `id.rs`: the rules and their ids
+//! - `rust.rs`, `c.rs`, `evidence.rs`: the tests in Rust and C sources, and which rules they name
+//! - `report.rs`: docs/FEATURES.md, and what is wrong
 
 mod c;
 mod evidence;
@@ -106,7 +112,7 @@ fn read_rules(root: &Path) -> Result<Rules, Error> {
     Ok(rules)
 }
 
-/// The text of a file; a byte that is no UTF-8 reads as U+FFFD.
+/// The text of a file; invalid UTF-8 is replaced by U+FFFD.
 fn text_of(path: &Path) -> io::Result<String> {
     fs::read(path).map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
 }
@@ -115,7 +121,7 @@ fn text_of(path: &Path) -> io::Result<String> {
 mod tests {
     use super::*;
 
-    /// README calls no link working that docs/FEATURES.md does not name.
+    /// README only calls links working that docs/FEATURES.md lists.
     #[test]
     fn readme_claims_what_works() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

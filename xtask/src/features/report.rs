@@ -1,7 +1,7 @@
-//! docs/FEATURES.md, what is wrong between rules and tests, and the tests of a rule.
+//! Writes docs/FEATURES.md, reports problems of rules and tests, and lists the tests of a rule.
 //!
-//! The page counts tests by subject. By rule the numbers would change with every test that names one rule more, and no user
-//! reads 650 of them.
+//! The page counts tests by subject. If it counted them by rule, it would change with every test that names another
+//! rule.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -19,7 +19,7 @@ features SK-5` those of a section; `git grep -nw SK-5.6` finds both, too.
 Written by `cargo xtask features` from the pages of rules and the comments of the tests: do not edit it, run that again.
 ";
 
-/// The whole file.
+/// The text of docs/FEATURES.md.
 pub fn page(rules: &Rules, evidence: &Evidence) -> String {
     let findings = Findings::of(rules, evidence);
     let mut text = format!("{HEAD}\n{}.\n", findings.summary());
@@ -49,7 +49,7 @@ fn count(section: &Section) -> String {
     if later == 0 { now.to_string() } else { format!("{now}, {later} not yet") }
 }
 
-/// What a link to a heading of Markdown ends with, as GitHub makes it.
+/// The anchor of a Markdown heading, as GitHub makes it.
 fn anchor(title: &str) -> String {
     let kept = title.to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || [' ', '-', '_'].contains(c));
@@ -71,17 +71,17 @@ pub fn answer(rules: &Rules, evidence: &Evidence, name: &str) -> Option<String> 
     (!text.is_empty()).then_some(text)
 }
 
-/// What there is to say about the rules.
+/// The result of comparing rules and tests.
 pub struct Findings<'a> {
     total: usize,
     works: usize,
-    /// Tests that name a rule.
+    /// How many tests name a rule.
     tests: usize,
     /// Rules `now` that no test names.
     untested: Vec<&'a Rule>,
     /// Rules `later` that tests name.
     early: Vec<&'a Rule>,
-    /// Ids that are no rule, with the tests that name them, and whether they were one.
+    /// Ids without a rule, with the tests that name them, and whether they are retired.
     unknown: Vec<(&'a RuleId, &'a BTreeSet<String>, bool)>,
 }
 
@@ -116,7 +116,7 @@ impl<'a> Findings<'a> {
         line
     }
 
-    /// What makes a check fail, each with what to do.
+    /// The problems that make the check fail, each with what to do.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if !self.untested.is_empty() {
@@ -134,7 +134,7 @@ impl<'a> Findings<'a> {
         problems
     }
 
-    /// What may be of use.
+    /// Hints that do not make it fail.
     pub fn hints(&self) -> Vec<String> {
         let hint = |rule: &&Rule| format!("{} has a test: its status could be `now`", rule.id);
         self.early.iter().map(hint).collect()
@@ -180,7 +180,7 @@ mod tests {
         evidence
     }
 
-    /// A test that two rules of a subject have counts once there; names of tests do not stand in the page.
+    /// A test that two rules of a subject have is counted once; the page contains no names of tests.
     #[test]
     fn the_page_counts_by_subject() {
         let tests = [("SK-1.1", "a.rs::x"), ("SK-1.1", "a.rs::y"), ("SK-1.2", "a.rs::y"), ("SK-2.1", "a.rs::y")];

@@ -1,11 +1,11 @@
-//! The rules: docs/RULES.md, which lists the pages and the ids that are no longer in use, and the pages of docs/rules/ with
-//! their sections and tables, `| id | rule | source | status |`.
+//! Reads the rules: docs/RULES.md lists the pages and the retired ids, and the pages of docs/rules/ have sections
+//! with tables, `| id | rule | source | status |`.
 
 use std::collections::BTreeSet;
 
 use super::id::{PREFIXES, RuleId, id_of, ids_in};
 
-/// The heading in the index below which the ids stand that are no longer in use.
+/// The heading of the retired ids in the index.
 const RETIRED: &str = "## Ids that are no longer in use";
 
 /// Whether a rule is claimed.
@@ -17,22 +17,22 @@ pub enum Status {
     Later,
 }
 
-/// A row.
+/// A rule: a row of a table.
 #[derive(Debug)]
 pub struct Rule {
     pub id: RuleId,
-    /// What holds, as Markdown.
+    /// The text of the rule, as Markdown.
     pub text: String,
     pub status: Status,
-    /// The file and the line that it stands in, as editors take them.
+    /// Its file and line, in the form that editors accept.
     pub place: String,
 }
 
-/// A heading with the rules below it.
+/// A section: a heading with the rules below it.
 #[derive(Debug)]
 pub struct Section {
     pub title: String,
-    /// What works, for a user: the paragraph below the heading.
+    /// The paragraph below the heading, which tells users what works.
     pub summary: String,
     pub rules: Vec<Rule>,
 }
@@ -40,7 +40,7 @@ pub struct Section {
 /// A page of docs/rules/.
 #[derive(Debug)]
 pub struct Page {
-    /// As links in docs/ name it: `rules/board.md`.
+    /// Its file, as links in docs/ name it: `rules/board.md`.
     pub file: String,
     pub title: String,
     /// The paragraph below the title.
@@ -48,7 +48,7 @@ pub struct Page {
     pub sections: Vec<Section>,
 }
 
-/// What is wrong in a line of a file.
+/// An error in a line of a file.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Wrong {
     pub file: String,
@@ -56,16 +56,16 @@ pub struct Wrong {
     pub problem: String,
 }
 
-/// All pages.
+/// The rules of all pages.
 #[derive(Debug, Default)]
 pub struct Rules {
     pub pages: Vec<Page>,
-    /// Ids that rules had and that no rule has any more.
+    /// Retired ids.
     pub retired: BTreeSet<RuleId>,
 }
 
 impl Rules {
-    /// Takes the ids that are no longer in use from the index, and names the pages that it links, in its order.
+    /// Reads the retired ids of the index; returns the pages that it links, in its order.
     pub fn read_index(&mut self, text: &str) -> Vec<String> {
         let retired = text.split_once(RETIRED).map_or("", |(_, below)| below);
         let first_cells = retired.lines().filter_map(|line| line.strip_prefix("| ")?.split('|').next());
@@ -103,7 +103,7 @@ impl Rules {
                 }
                 page.sections.push(Section { title, summary, rules: Vec::new() });
             }
-            // Every row of a section's table but its head.
+            // Every row of a section's table except its head.
             let is_row = |row: &str| !row.starts_with("id |") && !row.starts_with("---");
             let is_rule = |row: &str| PREFIXES.iter().any(|(prefix, _)| row.starts_with(prefix));
             let applies = |row| is_rule(row) || (!page.sections.is_empty() && is_row(row));
@@ -137,7 +137,7 @@ impl Page {
     }
 }
 
-/// The first paragraph of `lines` in one line; empty if something else comes first.
+/// The first paragraph of `lines` as one line; empty if something else comes first.
 fn paragraph(lines: &[&str]) -> String {
     let text = lines.iter().skip_while(|line| line.trim().is_empty()).take_while(|line| !line.trim().is_empty());
     let text = text.map(|line| line.trim()).collect::<Vec<_>>().join(" ");
@@ -173,7 +173,7 @@ fn cells(line: &str) -> Vec<String> {
         }
         escaped = c == '\\' && !escaped;
     }
-    // What comes after the last bar is no cell.
+    // The text after the last bar is not a cell.
     cells.pop();
     cells.iter().map(|cell| cell.trim().to_owned()).collect()
 }
@@ -226,7 +226,7 @@ mod tests {
         }
     }
 
-    /// An id has one meaning: in all pages, and for all time.
+    /// An id has one meaning, in all pages and for all time.
     #[test]
     fn an_id_is_used_once() {
         let row = "| SK-1.1 | a | s | now |\n";

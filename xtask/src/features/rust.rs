@@ -1,4 +1,4 @@
-//! Tests in Rust sources: where they stand and what their comments say.
+//! Finds the tests in Rust sources with their comments.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ pub struct Test {
     pub comments: String,
 }
 
-/// What a Rust source holds.
+/// The tests and strings of a Rust source.
 #[derive(Debug, Default)]
 pub struct Source {
     pub tests: Vec<Test>,
@@ -34,14 +34,14 @@ pub fn read(text: &str) -> Result<Source, String> {
 
 struct Reader<'a> {
     text: &'a str,
-    /// Where the tokens lie, in order. What lies between them are blanks and comments, doc comments included.
+    /// The places of the tokens, in order. Between them are blanks and comments, also doc comments.
     tokens: Vec<Range<usize>>,
     tests: Vec<(String, Range<usize>)>,
     strings: Vec<String>,
 }
 
 impl Reader<'_> {
-    /// Goes through a stream that begins after byte `before`.
+    /// Reads a stream of tokens that begins after byte `before`.
     fn walk(&mut self, stream: TokenStream, before: usize) {
         let trees: Vec<TokenTree> = stream.into_iter().collect();
         let mut attributes_end = 0;
@@ -59,7 +59,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Notes where a token lies, and what is in it.
+    /// Adds a token and the tokens inside it.
     fn note(&mut self, tree: &TokenTree) {
         let range = tree.span().byte_range();
         // A doc comment comes as the tokens of an attribute, each as long as the comment.
@@ -84,14 +84,14 @@ impl Reader<'_> {
         }
     }
 
-    /// Where the line comments begin that end directly above the end of `gap`, the bytes between two tokens.
+    /// The beginning of the line comments that end directly above the end of `gap`, the bytes between two tokens.
     fn start_of_comment(&self, gap: Range<usize>) -> usize {
         let text = &self.text[gap.clone()];
         let last_line = text.rfind('\n').map_or(0, |end| end + 1);
         let mut start = last_line;
         for line in text[..last_line].split_inclusive('\n').rev() {
             let begin = start - line.len();
-            // The first line belongs to the token before, but at the beginning of the file.
+            // The first line belongs to the previous token, except at the beginning of the file.
             if line.trim().is_empty() || (begin == 0 && gap.start != 0) {
                 break;
             }

@@ -4,6 +4,14 @@
 //! The guest is Debian's kernel, an archive in memory with its modules and the one of `tests/rig/board`, Debian's
 //! `usbip`, the tool and the test program, and nothing else; QEMU boots it without privileges and without KVM. All that
 //! is fetched stays in `target/xtask/rig/`.
+//!
+//! Files:
+//!
+//! - `packages.rs`, `kernel.rs`, `modules.rs`, `board.rs`: Debian's packages, the kernel, its modules, and the module
+//!   that is a board on SPI
+//! - `programs.rs`: the programs that run in the guest
+//! - `initrd.rs`, `guest.rs`: the guest's root, and its content
+//! - `qemu.rs`, `files.rs`: booting the guest, and the files that it prints
 
 mod board;
 mod files;

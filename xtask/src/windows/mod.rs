@@ -3,6 +3,13 @@
 //! Everything is made on Linux: rustc builds for MinGW, with the standard library from its own sources and for Windows 7
 //! and later (what the targets `*-pc-windows-gnu` import, Wine 8 does not have). It comes from Debian, for rustup has no
 //! such targets ready; what is built stays in `target/xtask/windows/`.
+//!
+//! Files:
+//!
+//! - `files.rs`, `implib.rs`, `version.rs`, `relocations.rs`: building the DLL and the tool: import libraries,
+//!   version resource, relocations
+//! - `wine.rs`, `dotnet.rs`, `usb.rs`: running the tests: under Wine, on .NET Core, with boards on USB in a guest
+//! - `bench.rs`: how long the DLLs take to load
 
 pub mod bench;
 pub mod dotnet;

@@ -1,4 +1,13 @@
 //! What the tests of the tool share: running it, and recordings to run it on.
+//!
+//! Files:
+//!
+//! - `mod.rs`: running the tool and looking at what it printed
+//! - `board.rs`: transcripts of verbs, and what a recording of a run shows
+//! - `exec.rs`: a program and a library for `ecmsk exec`
+//! - `machine.rs`: a machine made of files, for `list` and `doctor`
+//! - `motion.rs`, `recordings.rs`: a board in motion without the model, and recordings of its frames
+//! - `plots.rs`, `svg.rs`: plots of recordings, and reading them back
 
 pub mod board;
 #[cfg(unix)]

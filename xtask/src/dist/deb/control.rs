@@ -1,4 +1,4 @@
-//! What dpkg reads of a package.
+//! Writes the control files of a package.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -12,12 +12,12 @@ use crate::dist::tree::Tree;
 use crate::error::Error;
 use crate::project::Project;
 
-/// Who answers for the packages. The project has no address of its own. \[OURS]
+/// The maintainer of the packages. The project has no mail address of its own. \[OURS]
 pub const MAINTAINER: &str = "The ecmsk authors <ecmsk@packages.invalid>";
 
 /// Writes the folder `DEBIAN`.
 pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>, tree: &Tree) -> Result<(), Error> {
-    // Before DEBIAN is there: both are about what is installed.
+    // Computed before DEBIAN exists, since both are about the installed files.
     let (size, sums) = (installed_size(tree)?, md5sums(tree)?);
     let own = part.depends_on_own.iter().map(|package| format!("{package} (= {version})"));
     let depends: Vec<String> = own.chain(libraries.map(str::to_owned)).collect();
@@ -47,7 +47,7 @@ pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>,
     Ok(())
 }
 
-/// The first line, then lines that begin with a blank.
+/// The description: the first line, then lines that begin with a blank.
 fn description(part: &Part) -> String {
     let mut lines = vec![part.description.0.to_owned(), String::new()];
     for word in long_description(part).split_whitespace() {
@@ -61,7 +61,7 @@ fn description(part: &Part) -> String {
     lines.join("\n")
 }
 
-/// In KiB as dpkg-gencontrol counts: each file rounded up, one for everything else.
+/// The installed size in KiB, as dpkg-gencontrol counts: each file rounded up, 1 for everything else.
 fn installed_size(tree: &Tree) -> Result<u64, Error> {
     let mut size = 0;
     let mut folders = BTreeSet::new();
@@ -89,7 +89,7 @@ fn md5sums(tree: &Tree) -> Result<String, Error> {
     Ok(lines)
 }
 
-/// The licences, as Debian's tools read them (DEP-5).
+/// The licences in the format of Debian's tools (DEP-5).
 pub fn copyright(project: &Project, release: &Release) -> Result<String, Error> {
     let file = project.root.join("LICENSE-MIT");
     let text = fs::read_to_string(&file).map_err(Error::file("read", &file))?;

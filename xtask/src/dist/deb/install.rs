@@ -1,4 +1,4 @@
-//! The packages in a fresh Debian 12: installed, used and removed.
+//! Installs, uses and removes the packages in a fresh Debian 12.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -11,7 +11,7 @@ use crate::dist::tree;
 use crate::error::Error;
 use crate::project::Project;
 
-/// A Debian with what compiles a program, and nothing of this project.
+/// A Debian system with a compiler and nothing of this project.
 const SYSTEM: System = System {
     name: "debian-packages",
     why: "the packages are installed in a Debian of its own: fetching some 150 MB, which takes 600 MB and, on two free \
@@ -21,16 +21,16 @@ const SYSTEM: System = System {
     left_out: "path-exclude=/usr/share/locale/*\n",
 };
 
-/// Where files lie in it that belong to the test.
+/// The folder in it for files of the test.
 const PLACE: &str = "srv";
-/// A program in C, in the vendor's words.
+/// A program in C that uses the vendor's functions.
 const PROGRAM: &str = include_str!("program.c");
 /// What the program prints.
 const EXPECTED: &str = "PreOP\n";
-/// Places that dpkg, the dynamic linker and the test keep notes in.
-const NOTES: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];
+/// Paths that dpkg, the dynamic linker and the test itself change.
+const CHANGING_PATHS: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];
 
-/// What is done there with the packages, each a shell line and what it prints; `None`: it need not be known.
+/// The steps of the test: shell lines and what they print; `None` if the output does not matter.
 fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
     let compile = "cd /srv && gcc -Wall -Wextra -Werror program.c -o";
     let pkgconfig = "$(pkg-config --cflags --libs nextwusblib)";
@@ -55,7 +55,7 @@ fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
 pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<(), Error> {
     let root = debian::set_up(&project.target.join("xtask"), &SYSTEM)?;
     println!("installing the packages in {}", root.display());
-    // What a run before this one may have left.
+    // Removes what an earlier run may have left.
     purge(&root)?;
     let before = listed(&root)?;
     let place = root.join(PLACE).join("packages");
@@ -91,7 +91,7 @@ pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<()
 
 fn purge(root: &Path) -> Result<(), Error> {
     let mut words = vec!["dpkg", "--purge"];
-    // Who needs another one goes first.
+    // A package is removed before those that it depends on.
     words.extend(PARTS.iter().rev().map(|part| part.package));
     let (known, ours) = (root.join("var/lib/dpkg/status"), PARTS[0].package);
     let status = fs::read_to_string(&known).map_err(Error::file("read", &known))?;
@@ -101,8 +101,8 @@ fn purge(root: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Every path but those of notes.
+/// All paths except those in [`CHANGING_PATHS`].
 fn listed(root: &Path) -> Result<BTreeSet<PathBuf>, Error> {
     let files = tree::files(root)?.into_iter();
-    Ok(files.filter(|file| !NOTES.iter().any(|note| file.to_string_lossy().starts_with(note))).collect())
+    Ok(files.filter(|file| !CHANGING_PATHS.iter().any(|note| file.to_string_lossy().starts_with(note))).collect())
 }

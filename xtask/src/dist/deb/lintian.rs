@@ -1,4 +1,4 @@
-//! Debian's own judgement of the packages.
+//! Checks the packages with lintian.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -10,7 +10,7 @@ use crate::needs::LINTIAN;
 /// Errors and warnings end the chore; a warning that is wrong is overridden in the package, with its reason.
 pub fn check(packages: &[PathBuf]) -> Result<(), Error> {
     let mut lintian = Command::new(LINTIAN.program);
-    // Nothing of what this user has set up.
+    // The user's configuration is not used.
     lintian.args(["--no-cfg", "--profile", "debian", "--fail-on", "error,warning", "--info", "--"]);
     command::run(lintian.args(packages))
 }

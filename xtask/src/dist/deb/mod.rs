@@ -1,5 +1,5 @@
-//! Debian's packages: the library, what compiles and links programs with it, and the tool. They are split as Debian splits a
-//! library, so that a program's package depends on the library alone, and that a library with another binary interface can be
+//! The Debian packages: the library, its development files, and the tool. They are split as Debian splits a library,
+//! so that the package of a program depends on the library alone, and a library with another binary interface can be
 //! installed beside this one.
 
 mod control;
@@ -20,14 +20,14 @@ use parts::{Part, Place};
 
 pub use lintian::check as lintian;
 
-/// Debian's number for one version packed anew. \[OURS]
+/// The Debian revision of the version. \[OURS]
 const REVISION: u32 = 1;
 
-/// What lintian says of packages that are so, and why.
+/// The warning of lintian that is overridden, since it is about uploads to Debian.
 const OVERRIDDEN: &str = "initial-upload-closes-no-bugs";
 const OVERRIDDEN_BECAUSE: &str = "The package is not uploaded to Debian, and answers no request there.";
 
-/// Builds all packages from the files in `stage` into `folder`; where they are.
+/// Builds all packages from the files in `stage` into `folder`; returns their paths.
 pub fn build(
     project: &Project,
     release: &Release,
@@ -54,7 +54,7 @@ pub fn build(
     Ok(packages)
 }
 
-/// What every package has to say of itself.
+/// Writes the documents that every package must contain.
 fn documents(
     project: &Project,
     release: &Release,
@@ -85,17 +85,18 @@ fn documents(
     )
 }
 
-/// As Debian wants it: with no name and no time inside.
+/// Compresses a file as Debian requires: without name and time.
 fn compress(release: &Release, file: &Path) -> Result<(), Error> {
     command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(file))
 }
 
-/// The packages whose libraries the programs of this one load, by Debian's own tool; `None`: there are no programs.
+/// The packages with the libraries of this package's programs, found by Debian's own tool; `None` if there are no
+/// programs.
 fn depends(project: &Project, part: &Part, place: &Place, tree: &Tree) -> Result<Option<String>, Error> {
     if part.programs.is_empty() {
         return Ok(None);
     }
-    // It works in a folder of Debian's sources, and asks for nothing there but this file.
+    // The tool expects a folder of Debian sources, of which it only reads this file.
     let sources = super::folder(project).join("deb/sources");
     let debian = sources.join("debian");
     fs::create_dir_all(&debian).map_err(Error::file("make", &debian))?;

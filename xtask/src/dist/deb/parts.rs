@@ -1,4 +1,4 @@
-//! Which file belongs into which package, and where Debian has such files.
+//! Assigns the files to the packages and their places in Debian.
 
 use std::fs;
 use std::path::Path;
@@ -10,17 +10,17 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::stage::{ARCHIVE, LINK_NAME, SONAME, UDEV_RULE};
 
-/// The machine that packages are for.
+/// The architecture for which packages are made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// `amd64`
+    /// Debian's name of the architecture: `amd64`.
     pub architecture: String,
-    /// Where libraries of that architecture lie: `x86_64-linux-gnu` in `/usr/lib`.
+    /// The folder of its libraries in `/usr/lib`: `x86_64-linux-gnu`.
     pub multiarch: String,
 }
 
 impl Place {
-    /// That of this machine.
+    /// The architecture of this machine.
     pub fn ask() -> Result<Self, Error> {
         let ask = |variable: &str| -> Result<String, Error> {
             let said = command::output(Command::new("dpkg-architecture").arg(format!("-q{variable}")))?;
@@ -29,7 +29,7 @@ impl Place {
         Ok(Self { architecture: ask("DEB_HOST_ARCH")?, multiarch: ask("DEB_HOST_MULTIARCH")? })
     }
 
-    /// A path with `@` for the folder of the architecture.
+    /// The path in which `@` stands for the folder of the architecture.
     pub fn of(&self, path: &str) -> String {
         path.replace('@', &self.multiarch)
     }
@@ -39,7 +39,7 @@ impl Place {
 pub struct Part {
     pub package: &'static str,
     pub section: &'static str,
-    /// Of the same version.
+    /// Packages of this project on which it depends in the same version.
     pub depends_on_own: &'static [&'static str],
     pub recommends: &'static [&'static str],
     pub suggests: &'static [&'static str],
@@ -47,14 +47,14 @@ pub struct Part {
     pub multi_arch: Option<&'static str>,
     /// The first line, then the text.
     pub description: (&'static str, &'static str),
-    /// What is linked with libraries, see [`Place::of`].
+    /// Its programs and libraries, whose dependencies have to be found; see [`Place::of`].
     pub programs: &'static [&'static str],
-    /// What dpkg and the dynamic linker are to be told, by the names of dpkg's files.
+    /// Further control files by their names, for dpkg and the dynamic linker.
     pub control: &'static [(&'static str, &'static str)],
     pub fill: fn(&Project, &Place, &Path, &Tree) -> Result<(), Error>,
 }
 
-/// The package of the library: Debian names it by the SONAME.
+/// The package of the library, which Debian names by the SONAME.
 pub const LIBRARY: &str = "libnextwusblib0";
 
 const BOARD: &str = "The ECM-SK (EC01M, by NEXTW) is a board that drives EtherCAT slaves for a host on USB or SPI. ";
@@ -64,7 +64,7 @@ pub const PARTS: &[Part] = &[
         package: LIBRARY,
         section: "libs",
         depends_on_own: &[],
-        // Loaded when a board on USB is opened.
+        // The library loads it when a board on USB is opened.
         recommends: &["libusb-1.0-0"],
         suggests: &["ecmsk"],
         multi_arch: Some("same"),
@@ -117,7 +117,7 @@ pub const PARTS: &[Part] = &[
     },
 ];
 
-/// The text of a description, by what the board is.
+/// The text of a description, with a paragraph about the board.
 pub fn long_description(part: &Part) -> String {
     format!("{BOARD}{}", part.description.1)
 }
@@ -135,7 +135,7 @@ fn development(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<
     tree.write(&place.of("usr/lib/@/pkgconfig/nextwusblib.pc"), pkgconfig(&text, place))
 }
 
-/// The file for pkg-config with Debian's folders instead of those that it finds by its own place.
+/// The pkg-config file with Debian's folders instead of those relative to its own place.
 fn pkgconfig(text: &str, place: &Place) -> String {
     let lines = text.lines().map(|line| match line.split_once('=') {
         Some(("prefix", _)) => "prefix=/usr".to_owned(),
@@ -157,7 +157,7 @@ fn tool(project: &Project, _: &Place, stage: &Path, tree: &Tree) -> Result<(), E
     let share = stage.join("share");
     for (from, to) in [
         ("bash-completion/completions/ecmsk", "bash-completion/completions/ecmsk"),
-        // Debian keeps zsh's own folder for who administers the machine.
+        // In Debian zsh's own folder is for the administrator of the machine.
         ("zsh/site-functions/_ecmsk", "zsh/vendor-completions/_ecmsk"),
         ("fish/vendor_completions.d/ecmsk.fish", "fish/vendor_completions.d/ecmsk.fish"),
     ] {

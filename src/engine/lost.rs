@@ -7,7 +7,7 @@ use super::network::Step;
 use super::outputs::used_axes;
 use super::{Engine, Event};
 use crate::cia402::Mode;
-use crate::fieldbus::{CycleDone, MAX_SLAVES, Ns, Pacing, SlaveSet};
+use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
 /// Since when answers of each slave are newer than its newest move: those that a bus had still under way then say
@@ -22,21 +22,30 @@ impl Engine {
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
-    /// Commands that went with those outputs and have not reached their slaves.
-    pub(super) fn count_unreached(&mut self, id: u64) {
+    /// The answer of a cycle has come, whose outputs were new ones if they are `carried`. Counts the commands that went
+    /// with them, and with those before them whose answers were lost, and have not reached their slaves; and of slaves
+    /// that the bus names as lost only now, though they have been for longer, those that went meanwhile.
+    pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
+        let Inputs { lost, deaf, .. } = self.inputs;
+        let named_before = std::mem::replace(&mut self.named_lost, lost);
+        if lost.union(deaf).is_empty() {
+            return;
+        }
+        let heard = self.heard.map_or(0, |id| id + 1);
+        let news = lost.difference(named_before);
+        let starts = news.iter().map(|slave| self.inputs.lost_from[usize::from(slave) - 1]);
+        let oldest = starts.flatten().fold(heard, u64::min);
         let n = self.executed.len() as u64;
-        let unreached = self.executed[(id % n) as usize].commanded.intersection(self.unreached());
-        self.counters.for_lost += u64::from(unreached.len());
-    }
-
-    /// The bus knows only now who was lost: commands that went to them meanwhile have not reached them.
-    fn count_unreached_since_loss(&mut self, news: SlaveSet) {
-        let Some(from) = self.inputs.lost_from.take() else { return };
-        let end = self.heard.map_or(0, |id| id + 1);
-        let n = self.executed.len() as u64;
-        for id in from.max(self.next_output_id.saturating_sub(n))..end {
-            let unreached = self.executed[(id % n) as usize].commanded.intersection(news);
-            self.counters.for_lost += u64::from(unreached.len());
+        for id in oldest.max(self.next_output_id.saturating_sub(n))..carried.map_or(heard, |id| id + 1) {
+            let is_newest = Some(id) == carried;
+            let was_lost = |slave| match self.inputs.lost_from[usize::from(slave) - 1] {
+                _ if !news.contains(slave) => id >= heard && lost.contains(slave),
+                Some(from) => from <= id,
+                None => is_newest,
+            };
+            let unreached = self.executed[(id % n) as usize].commanded.intersection(lost.union(deaf));
+            let missed = unreached.iter().filter(|slave| was_lost(*slave) || is_newest && deaf.contains(*slave));
+            self.counters.for_lost += missed.count() as u64;
         }
     }
 
@@ -92,7 +101,6 @@ impl Engine {
             return;
         }
         self.v.network.lose(news);
-        self.count_unreached_since_loss(news);
         for slave in news.iter() {
             self.v.failure = Some(super::StateFailure::Lost { slave });
             self.lose_slave(slave.into(), at);
@@ -188,7 +196,8 @@ impl Engine {
             // The bus was down when the one before was to go.
             self.counters.for_lost += 1;
         }
-        if self.v.network.in_op() {
+        // One that is declared as none is not in OP, and nothing reaches it.
+        if self.v.network.in_op() && self.role(slave) != Role::Unused {
             self.commanded.insert(slave as u8);
         }
     }

@@ -145,6 +145,8 @@ pub struct Engine {
     op_from: u64,
     /// The newest outputs that a polled cycle carried.
     heard: Option<u64>,
+    /// Slaves that it named as lost.
+    named_lost: SlaveSet,
     /// Slaves that were homing when the frame under execution began.
     homing_before: SlaveSet,
     /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
@@ -203,6 +205,7 @@ impl Engine {
             unsent_from: 0,
             op_from: 0,
             heard: None,
+            named_lost: SlaveSet::EMPTY,
             homing_before: SlaveSet::EMPTY,
             executed: vec![Executed::new(); most_unknown + answered + 1],
             begun: Box::new(Executed::new()),

@@ -11,11 +11,9 @@ impl Engine {
     pub(super) fn complete(&mut self, done: &CycleDone) {
         let carried = done.outputs.filter(|id| Some(*id) > self.heard && *id < self.next_output_id);
         self.note_lost(done.at);
-        if let Some(id) = carried {
-            self.count_unreached(id);
-            if id >= self.op_from {
-                self.show_heads(id);
-            }
+        self.count_unreached(carried);
+        if let Some(id) = carried.filter(|id| *id >= self.op_from) {
+            self.show_heads(id);
         }
         if self.v.network.in_op() {
             self.answer_axes();

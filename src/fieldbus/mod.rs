@@ -224,9 +224,9 @@ pub struct Inputs {
     /// state they were brought to. The engine takes one such cycle for a loss, so a bus on which single frames may go
     /// astray waits before it names a slave.
     pub lost: SlaveSet,
-    /// The first outputs that slaves named in `lost` for the first time have not got, where the bus knows that later
-    /// than they were sent; `None`: those of this cycle.
-    pub lost_from: Option<u64>,
+    /// Of each slave in `lost` (slave n is `lost_from[n - 1]`) the first outputs that it has not got, where the bus knows
+    /// that later than they were sent, or has lost the answers in between; `None`: those of the cycle that names it first.
+    pub lost_from: [Option<u64>; MAX_SLAVES],
     /// Slaves that took no outputs in this cycle because they are not in OP, as far as the bus knows: on the way down
     /// some leave it before others.
     pub deaf: SlaveSet,
@@ -237,7 +237,8 @@ pub struct Inputs {
 impl Default for Inputs {
     fn default() -> Self {
         let slaves = [[AxisIn::default(); MAX_AXES]; MAX_SLAVES];
-        Self { slaves, lost: SlaveSet::EMPTY, lost_from: None, deaf: SlaveSet::EMPTY, mute: SlaveSet::EMPTY }
+        let (lost, deaf, mute) = (SlaveSet::EMPTY, SlaveSet::EMPTY, SlaveSet::EMPTY);
+        Self { slaves, lost, lost_from: [None; MAX_SLAVES], deaf, mute }
     }
 }
 

@@ -86,6 +86,45 @@ fn a_loss_known_late() {
     }
 }
 
+/// SK-12.5 Two slaves that are lost soon after each other, and known to be so later: of each only the commands count that it
+/// has not got. SK-12.4 Answers that are lost meanwhile change nothing of it.
+#[test]
+fn two_losses_known_late() {
+    for loss_delay in [0, 1, 5, 40] {
+        for (between, loses) in [0, 1, 3, 8, 30].into_iter().flat_map(|between| [(between, 0), (between, 4)]) {
+            let mut net = Net::on(Some(but(Honesty { loss_delay, loses, keeps: 64, ..Honesty::default() })), 3);
+            net.stream(50);
+            net.network.silence(2, true);
+            net.stream(between);
+            net.network.silence(3, true);
+            net.stream(100).settle();
+            let missed = [2, 3].map(|slave| (net.targets - net.received(slave).last().unwrap()) as u64);
+            let what = format!("{loss_delay} cycles late, {between} between them, one answer in {loses} lost");
+            assert_eq!(net.host.counters().for_lost, missed[0] + missed[1], "{what}");
+            assert_eq!((net.lost(), net.received(1).len()), (set(&[2, 3]), 151 + between), "{what}");
+        }
+    }
+}
+
+/// SK-12.5 A loss that is known only when OP has been left, or forgotten by SW_RESET: what was sent to the slave in OP and
+/// has not reached it counts all the same.
+#[test]
+fn a_loss_known_when_op_is_over() {
+    for command in [MasterCommand::SetState(SafeOp), MasterCommand::SetState(PreOp), MasterCommand::SoftReset] {
+        let mut net = Net::on(Some(but(Honesty { loss_delay: 40, keeps: 64, ..Honesty::default() })), 2);
+        let before = net.host.counters();
+        net.stream(50);
+        net.network.silence(2, true);
+        net.stream(10);
+        net.host.master(command).cycles(200);
+        let after = net.host.counters();
+        // What was sent and slave 1 has not got either has come when it had left OP.
+        let sent = (after.executed - before.executed).min(60) as i32;
+        let missed = [1, 2].map(|slave| (sent - net.received(slave).last().unwrap()) as u64);
+        assert_eq!((after.for_lost, missed[1] > 5), (missed[0] + missed[1], true), "{command:?}");
+    }
+}
+
 /// SK-12.7 A bus that configures no slave without the others: bringing one back throws them out of OP. That is logged, their
 /// motors stay off until they are switched on, and one SET_STATE brings all back. SK-4.62
 #[test]

@@ -275,22 +275,22 @@ impl<B: Fieldbus> AheadBus<B> {
         }
     }
 
-    /// A slave that does not answer is named as lost when it has been silent for long enough.
+    /// A slave that does not answer is named as lost when it has been silent for long enough, with the first outputs that
+    /// it has not got.
     fn hide_losses(&mut self, seen: &mut Inputs, carries_news: bool) {
         let delay = self.how.honesty.loss_delay;
         let first = self.sent.map(|id| if carries_news { id } else { id + 1 });
-        for (slave, silent) in (1..).zip(&mut self.silent) {
+        for ((slave, silent), lost_from) in (1..).zip(&mut self.silent).zip(&mut seen.lost_from) {
             if !seen.lost.contains(slave) {
                 *silent = None;
                 continue;
             }
             let began = Silence { since: self.cycles, outputs: first };
             let Silence { since, outputs } = *silent.get_or_insert(began);
-            let known = self.cycles - since;
-            if known < delay {
+            if self.cycles - since < delay {
                 seen.lost.remove(slave);
-            } else if known < delay + u64::from(ANSWER_DELAY) && delay > 0 {
-                seen.lost_from = seen.lost_from.into_iter().chain(outputs).min();
+            } else {
+                *lost_from = outputs;
             }
         }
     }

@@ -170,10 +170,17 @@ impl Axis {
     }
 
     /// What was asked since `then` is taken back: SET_FIFO has cleared it. An axis that is off stays off: no motor starts
-    /// because of entries that went \[OURS]. `homing`: where it was on its way home; `None`: it was not.
+    /// because of entries that went, not even for the time until the next answer \[OURS]. One that does not follow is held
+    /// where it was measured last, not where it was then. `homing`: where it was on its way home; `None`: it was not.
     pub(super) fn go_back_to(&mut self, then: &Driven, homing: Option<&AxisHoming>) {
-        let power = if self.asked.power == Power::Down { Power::Down } else { then.asked.power };
-        self.asked = Asked { power, ..then.asked };
+        let mut asked = then.asked;
+        if self.asked.power == Power::Down {
+            (asked.power, asked.out.controlword) = (Power::Down, Controlword::DISABLE_VOLTAGE);
+        }
+        if !self.enabled {
+            asked.out.target = self.asked.out.target;
+        }
+        self.asked = asked;
         self.homing.go_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_rest)));
     }
 

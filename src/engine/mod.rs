@@ -135,7 +135,7 @@ pub struct Engine {
     cancel_transfer: bool,
     clearing: outputs::Clearing,
     outputs: Outputs,
-    /// The bus has not taken them.
+    /// The bus has not taken them, or they are not the newest that it has sent.
     outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,

@@ -245,6 +245,8 @@ impl Engine {
         };
         let lost = self.v.network.lost();
         self.v.test = sent.test;
+        // What was pushed last is gone, and what was sent before it may be what no axis asks for any more.
+        self.outputs_left = true;
         for (slave, (n, axes)) in (1..).zip(self.v.axes.iter_mut().enumerate()) {
             if lost.contains(slave) {
                 continue;

@@ -1,6 +1,6 @@
 //! A bus that owns its cycle and takes outputs ahead: a program sees the same as on one that our runner paces.
 
-use ecmsk::cia402::DriveState;
+use ecmsk::cia402::{Controlword, DriveState};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, EngineConfig, Stepped, Stop};
 use ecmsk::fieldbus::sim::SimBus;
@@ -11,7 +11,7 @@ use ecmsk::sk::{
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 use crate::host::Host;
-use crate::puppet::Puppet;
+use crate::puppet::{FAULT, Puppet};
 use crate::rig::{Rig, ahead};
 use support::ahead_bus::{Ahead, AheadBus};
 
@@ -178,6 +178,28 @@ fn clear_takes_back_walks() {
             assert_eq!(rig.puppet.controlwords(), [if on { 0x0F } else { 0x00 }], "{how:?}");
             assert_eq!(rig.drive(1).statusword.is_enabled(), on, "{how:?}");
         }
+    }
+}
+
+/// SK-5.22 [OURS] An axis that has left Operation enabled by itself stays off when entries are taken back: nothing that is sent
+/// after the clear asks for its motor, though what was sent before it does; also if a threshold holds all entries back.
+#[test]
+fn clear_starts_no_motor() {
+    for (how, held) in ahead().filter(|how| how.depth > 8).flat_map(|how| [(how, false), (how, true)]) {
+        let mut rig = Rig::new(how);
+        (0..100).for_each(|_| rig.target());
+        rig.run(10);
+        rig.puppet.strings().freeze(FAULT);
+        rig.run(how.pipeline + 5);
+        rig.send(|frame| frame.put_master(SIZE, &clear()));
+        if held {
+            rig.send(|frame| frame.put_master(SIZE, &MasterCommand::SetFifo(FifoAction::Threshold(20))));
+        }
+        rig.run(1);
+        assert_eq!(rig.puppet.last().controlword, Controlword::ENABLE_OPERATION, "{how:?}");
+        rig.puppet.forget();
+        rig.run(50);
+        assert_eq!(rig.puppet.controlwords(), [0], "{how:?}, held: {held}");
     }
 }
 

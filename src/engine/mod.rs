@@ -103,6 +103,8 @@ struct Executed {
     homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
     /// Slaves that a command in them is for.
     commanded: SlaveSet,
+    /// When they were handed to the bus.
+    pushed_at: Ns,
     /// Where the test was.
     test: test_mode::Test,
 }
@@ -115,6 +117,7 @@ impl Executed {
             homers: SlaveSet::EMPTY,
             homing: [[AxisHoming::default(); MAX_AXES]; MAX_SLAVES],
             commanded: SlaveSet::EMPTY,
+            pushed_at: 0,
             test: test_mode::Test::default(),
         }
     }

@@ -4,8 +4,8 @@
 //! **What was sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. Entries count as
 //! executed, and what they hold for the board itself acts, when their outputs are known to be sent.
 //!
-//! **How much lies ahead** can only be estimated: every cycle since the newest one polled has taken one set. That
-//! estimate decides what is worth pushing, never what was sent.
+//! **How much lies ahead** can only be estimated: every cycle since the newest one polled has taken one set, if one had been
+//! pushed by then. That estimate decides what is worth pushing, never what was sent.
 //!
 //! **An axis that is being switched on** is held where it was measured last. Outputs that lie ahead hold it where it was
 //! before that: one that sags while its brake opens would be pulled back to there when it is enabled, however deep the bus
@@ -76,6 +76,7 @@ impl Engine {
             refresh_outputs(&mut self.outputs, &mut self.v, executed);
             executed.heads = self.v.heads;
             executed.commanded = self.commanded;
+            executed.pushed_at = now;
             executed.test = self.v.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
@@ -120,13 +121,22 @@ impl Engine {
         self.next_output_id - self.unsent_from
     }
 
-    /// Sets of outputs that the bus seems to hold.
+    /// Sets of outputs that the bus seems to hold: each cycle since the newest one polled has taken the oldest set that had
+    /// been pushed by then.
     fn lies_ahead(&self, now: Ns) -> u64 {
-        let passed = match self.pacing {
-            Pacing::Runner => 0,
-            Pacing::Bus { .. } => now.saturating_sub(self.last_passed) / self.period_ns(),
-        };
-        self.unknown().saturating_sub(passed)
+        if self.pacing == Pacing::Runner {
+            return self.unknown();
+        }
+        let (n, period_ns) = (self.executed.len() as u64, self.period_ns());
+        let mut cycles = 0;
+        for id in self.unsent_from..self.next_output_id {
+            let pushed_after = self.executed[(id % n) as usize].pushed_at.saturating_sub(self.last_passed) / period_ns;
+            cycles = (cycles + 1).max(pushed_after + 1);
+            if self.last_passed + cycles * period_ns > now {
+                return self.next_output_id - id;
+            }
+        }
+        0
     }
 
     /// Sets of outputs that may lie ahead.

@@ -82,6 +82,35 @@ fn a_deep_bus_pulls_a_sagging_axis_back_no_further() {
     }
 }
 
+/// SK-12.3 Nor by a program that has sent an entry now and then, which leaves a bus with little to do, and sends many at
+/// once while the brake opens: cycles that had nothing to take have not taken what is pushed after them.
+#[test]
+fn a_burst_while_the_brake_opens() {
+    for (pipeline, phase, slower) in [(4, 500_000, 300), (20, 333_333, 0), (30, 999_999, 2500)] {
+        for waits in [10, 30, 50] {
+            let how = Ahead::kind(64, pipeline, phase, slower);
+            let mut net = Net::new(Some(how), 1);
+            net.host.go(MasterState::Op).drained();
+            net.puppets[0].strings().reflex = Some(vertical);
+            let mut frame = Frame::new();
+            frame.put_slave(net.host.size, 1, &SlaveCommand::ServoOn.into());
+            net.host.arrive(&frame);
+            let is_opening = |net: &Net| net.puppets[0].strings().shows.error_code > 0;
+            let mut opening = 0;
+            for n in 0..300 {
+                opening += usize::from(is_opening(&net));
+                let frames = if opening == waits / 2 { 100 } else { usize::from(n % 5 == 0) };
+                (0..frames).for_each(|_| _ = net.host.arrive(&Frame::new()));
+                net.host.cycle();
+            }
+            net.host.drained().cycles(30);
+            assert!(net.host.drive(1).statusword.is_enabled(), "{how:?}");
+            let (pulled, late) = (i32::from(net.host.drive(1).torque), pipeline as i32 + 3);
+            assert!(pulled <= late * SAG, "{how:?}, {waits}: {pulled} counts");
+        }
+    }
+}
+
 /// SK-12.3 Nor while another axis follows targets; and that one does not stand still for it.
 #[test]
 fn another_axis_goes_on_meanwhile() {

@@ -107,6 +107,11 @@ impl Rig {
         });
     }
 
+    /// What the slave was sent in the cycle that the newest answer belongs to.
+    pub fn answered(&self) -> AxisOut {
+        *self.puppet.strings().sent.iter().rev().nth(self.how.pipeline).expect("so many cycles have passed")
+    }
+
     /// Nothing but targets is sent from now on, and every report is checked.
     pub fn check_reports(&mut self) {
         self.checked = Some(self.puppet.strings().sent.len() - self.how.pipeline);

@@ -1,5 +1,7 @@
 // The class that programs use: constants, cmdData, respData and five functions, as UG17 4.3 has them. One source for the
 // three assemblies; the symbols are given to the compiler by `cargo xtask dotnet`.
+//
+// A new method goes into NEXTWUSBDiagnostics.cs: this class has what the vendor's has, and nothing else (NET-1).
 
 using System;
 using System.Runtime.InteropServices;

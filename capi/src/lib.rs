@@ -1,15 +1,12 @@
 //! The drop-in `NEXTWUSBLib`: the four functions of the vendor's library, which existing programs call, and the `ecmsk_*`
 //! functions beside them.
 //!
-//! A new exported function goes into `boards.rs` or `info.rs` and into `exports.txt`; `include/ecmsk.h` is generated. How to
+//! A new exported function goes into a file of `exported/` and into `exports.txt`; `include/ecmsk.h` is generated. How to
 //! read this crate:
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `vendor.rs` | `OpenECMUSB`, `CloseECMUSB`, `ECMUSBWrite`, `ECMUSBRead` |
-//! | `boards.rs` | `ecmsk_open`, `ecmsk_write` and others: several boards, named by URIs; the result codes |
-//! | `info.rs` | `ecmsk_last_error`, counters and other information |
-//! | `entry.rs` | what every exported function runs in: no panic leaves it, calls are traced for `ECMSK_LOG` |
+//! | `exported/` | the exported functions |
 //! | `buffer.rs` | the caller's memory |
 //! | `board.rs`, `handles.rs` | an open board, and the table of those opened by URI |
 //! | `connect.rs` | which link is opened |
@@ -20,26 +17,23 @@
 #![allow(non_snake_case, reason = "the library is named as the vendor's is")]
 
 mod board;
-mod boards;
 mod buffer;
 mod cancellation;
 mod connect;
-mod entry;
 mod error;
+mod exported;
 mod floating_point;
 mod handles;
-mod info;
 mod last_error;
 mod logger;
 mod module;
 mod shutdown;
-mod vendor;
 
-use boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};
-use info::{
+use exported::boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};
+use exported::info::{
     ecmsk_get_counters, ecmsk_get_link_name, ecmsk_get_stats, ecmsk_last_error, ecmsk_reject_name, ecmsk_version,
 };
-use vendor::{CloseECMUSB, ECMUSBRead, ECMUSBWrite, OpenECMUSB};
+use exported::vendor::{CloseECMUSB, ECMUSBRead, ECMUSBWrite, OpenECMUSB};
 
 // Names every function of `exports.txt`, so that one which is listed and not there does not compile.
 include!(concat!(env!("OUT_DIR"), "/exports.rs"));

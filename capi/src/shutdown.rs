@@ -75,7 +75,7 @@ static AT_EXIT: extern "C" fn() = at_exit;
 extern "C" fn at_exit() {
     // A child of fork must not release the boards, which belong to its parent.
     if process::id() == OWNER.load(Ordering::Relaxed) && !is_forked() {
-        let _ = std::panic::catch_unwind(crate::boards::vanish_all);
+        let _ = std::panic::catch_unwind(crate::exported::boards::vanish_all);
     }
 }
 

@@ -8,8 +8,9 @@
 //!
 //! - `mod.rs`: [`Link`], [`LinkError`], [`open`]
 //! - `uri.rs`, `keys.rs`, `keys/table.rs`: the URI `scheme:path?key=value`; the table of all keys with their defaults
-//! - `options.rs`, `slaves.rs`, `travel.rs`, `fraction.rs`: the values of the keys as Rust types; those that only `usb:`,
-//!   `spi:`, `tcp:` or `fault.*` has are in an `options.rs` of that folder
+//! - `options.rs` with `options/sim.rs`, `travel.rs`, `fraction.rs`: the values of the keys as Rust types; those that only
+//!   `usb:`, `spi:`, `tcp:` or `fault.*` has are in an `options.rs` of that folder
+//! - `slaves.rs` with `slaves/kinds.rs`: the list of simulated slaves, and the kinds of them that there are
 //! - `config.rs`: which link is opened when a program names none (`ECMSK_LINK`, `ecmsk.toml`)
 //! - `sim.rs`, `engine.rs`, `boards.rs`: `sim:`, the link to a board in this process, and the boards that outlive their
 //!   links

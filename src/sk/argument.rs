@@ -135,16 +135,6 @@ impl DcShift {
     }
 }
 
-/// What SET_FIFO does to the command FIFO (UG17 2.1.6).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum FifoAction {
-    /// 1: drop all entries and cancel a threshold.
-    Clear,
-    /// 2: execute no entry until fewer than this many entries are free, so that the FIFO is filled before motion begins.
-    /// Not 0.
-    Threshold(u32),
-}
-
 /// How a slave is synchronised: DRIVE_TYPE, Data2 of DRIVE_MODE (UG17 2.1.7). `[OURS]` Any value but 0 is DC sync, the
 /// default, because programs reuse a slot and leave in Data2 what an earlier command put there, such as SET_DC's 0xFFFF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

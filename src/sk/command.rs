@@ -23,7 +23,8 @@ mod slave;
 
 use core::fmt::{self, Display, Formatter};
 
-use super::argument::{Argument, CycleTime, DcShift, FifoAction, Malformed, SlaveKind};
+use super::argument::{Argument, CycleTime, DcShift, Malformed, SlaveKind};
+use super::fifo::FifoAction;
 use super::id::CommandId;
 use super::response::MasterState;
 use super::slot::{RawSlot, SlotSize};

@@ -15,6 +15,7 @@
 //! | [`crc`] | the CRC-8 in byte 3 of a frame |
 //! | [`id`] | the ids of the 22 commands, and which slot takes which of them |
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
+//! | [`fifo`] | the depth of the command FIFO, and what SET_FIFO does to it |
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
 //! | [`response`] | responses with their meaning |
 //! | [`dump`] | a frame as readable lines |
@@ -39,16 +40,18 @@ pub mod argument;
 pub mod command;
 pub mod crc;
 pub mod dump;
+pub mod fifo;
 pub mod find_size;
 pub mod frame;
 pub mod id;
 pub mod response;
 pub mod slot;
 
-pub use argument::{Argument, CycleTime, DcShift, DriveSync, FifoAction, Malformed, SlaveKind};
+pub use argument::{Argument, CycleTime, DcShift, DriveSync, Malformed, SlaveKind};
 pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
+pub use fifo::{FIFO_ENTRIES, FifoAction};
 pub use find_size::SlotForm;
 pub use frame::{Dir, FRAME_LEN, Frame};
 pub use id::{CommandId, SlotKind};
@@ -59,7 +62,5 @@ pub use slot::{RawSlot, SlotSize, Slots};
 
 /// The board's vendor and product id on USB (SK-9), which many hobby devices have as well.
 pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);
-/// The depth of the board's command FIFO in OP, in entries (SK-5). An entry is one command frame and lasts one cycle.
-pub const FIFO_ENTRIES: u16 = 160;
 /// Byte 0 of slot 0 of every response in OP: "master cyclic response" (UG17 2.1.1).
 pub const MASTER_CYCLIC: u8 = 0xBF;

@@ -21,7 +21,7 @@ use crate::shutdown::{self, MayHoldLock};
 /// error is kept for `ecmsk_last_error`. The call is traced with the named arguments, which must not be pointers.
 macro_rules! entry {
     ($name:ident($($argument:ident),*), $body:block) => {
-        $crate::entry::enter(
+        $crate::exported::entry::enter(
             format_args!(concat!(stringify!($name), "(", $(stringify!($argument), "={:?} ",)* ")"), $($argument),*),
             || $body,
         )

@@ -9,11 +9,12 @@ use ecmsk::sk::Frame;
 
 use crate::board::OpenBoard;
 use crate::buffer::{ReportBuffer, fill_frame, text_from};
-use crate::entry::{entry, guard};
 use crate::error::CallError;
+use crate::exported::entry::{entry, guard};
+use crate::exported::vendor;
 use crate::handles::Handles;
 use crate::module::{self, CloseResult, close_and_unload};
-use crate::{connect, shutdown, vendor};
+use crate::{connect, shutdown};
 
 /// The result of a call: `ECMSK_OK`, or a negative error code. `ecmsk_last_error` has a text for every error.
 pub type EcmskResult = i32;

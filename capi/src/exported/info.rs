@@ -5,9 +5,9 @@ use std::ffi::{CStr, CString, c_char};
 use ecmsk::engine::Reason;
 use ecmsk::link::fault::FaultCounts;
 
-use crate::boards::{EcmskBoard, EcmskResult, code, find};
-use crate::entry::entry;
 use crate::error::{self, CallError};
+use crate::exported::boards::{EcmskBoard, EcmskResult, code, find};
+use crate::exported::entry::entry;
 
 /// The number of entries of `rejected` in `ecmsk_counters`. There are fewer reasons, so that a later version can add some.
 pub const ECMSK_REJECT_KINDS: usize = 16;

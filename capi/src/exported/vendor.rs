@@ -9,10 +9,10 @@ use std::ffi::{c_uchar, c_ulong};
 use ecmsk::sk::Frame;
 
 use crate::board::VendorBoard;
-use crate::boards::ECMSK_OK;
 use crate::buffer::{ReportBuffer, fill_frame};
-use crate::entry::{entry, guard};
 use crate::error::{CallError, remember_open};
+use crate::exported::boards::ECMSK_OK;
+use crate::exported::entry::{entry, guard};
 use crate::module::{self, CloseResult, close_and_unload};
 use crate::{connect, last_error, shutdown};
 

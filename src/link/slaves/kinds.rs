@@ -1,0 +1,135 @@
+//! The kinds of simulated slaves: which there are, and in what they differ.
+//!
+//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::Model), and a variant of [`SlaveModel`] with its
+//! row here.
+
+#[cfg(feature = "sim")]
+use crate::link::sim;
+use crate::link::travel::TravelSpec;
+use crate::sk::SlaveKind;
+#[cfg(feature = "sim")]
+use crate::slave::{Channels, DriveConfig, Io, Slave};
+
+/// A kind of simulated slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SlaveModel {
+    /// A CiA 402 servo drive.
+    Drive,
+    /// A CiA 402 stepper drive, which has no mode but CSP.
+    Step,
+    /// A pulse module (HSP) with one channel.
+    Hsp,
+    /// A pulse module (HSP) with two channels.
+    Hsp2,
+    /// An IO slave with 16 digital outputs and 16 digital inputs; output k is wired to input k.
+    Io,
+}
+
+impl SlaveModel {
+    /// Every model.
+    pub const ALL: [Self; 5] = [Self::Drive, Self::Io, Self::Step, Self::Hsp, Self::Hsp2];
+
+    /// The name of the model in a link.
+    pub const fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// The name with its article, for messages.
+    pub(in crate::link) const fn with_article(self) -> &'static str {
+        self.row().with_article
+    }
+
+    /// The kind of slave by which SET_AXIS declares it.
+    pub const fn kind(self) -> SlaveKind {
+        self.row().kind
+    }
+
+    /// The number of axes: 0..=2.
+    pub const fn axes(self) -> usize {
+        self.row().axes
+    }
+
+    /// The number of axes with a simulated motor, which a script can jam: 0..=1.
+    pub const fn motors(self) -> usize {
+        self.row().motors
+    }
+
+    /// The number of channels with 16 digital inputs and outputs: 0..=2.
+    pub const fn channels(self) -> usize {
+        self.row().channels
+    }
+
+    /// A slave of this model that was just switched on, with the travel that a link gives for its axes.
+    #[cfg(feature = "sim")]
+    pub(in crate::link) fn build(self, travel: &TravelSpec) -> Box<dyn Slave> {
+        (self.row().build)(travel)
+    }
+
+    /// The row of the model: everything in which the models differ.
+    const fn row(self) -> Row {
+        match self {
+            Self::Drive => Row {
+                name: "drive",
+                with_article: "a drive",
+                kind: SlaveKind::Drive,
+                axes: 1,
+                motors: 1,
+                channels: 0,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::drive(DriveConfig::default(), travel),
+            },
+            Self::Step => Row {
+                name: "step",
+                with_article: "a step",
+                kind: SlaveKind::Step,
+                axes: 1,
+                motors: 1,
+                channels: 0,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::drive(DriveConfig::stepper(), travel),
+            },
+            Self::Hsp => Row {
+                name: "hsp",
+                with_article: "an hsp",
+                kind: SlaveKind::Hsp,
+                axes: 1,
+                motors: 0,
+                channels: 1,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::hsp(Channels::One, travel),
+            },
+            Self::Hsp2 => Row {
+                name: "hsp2",
+                with_article: "an hsp2",
+                kind: SlaveKind::Hsp,
+                axes: 2,
+                motors: 0,
+                channels: 2,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::hsp(Channels::Two, travel),
+            },
+            Self::Io => Row {
+                name: "io",
+                with_article: "an io",
+                kind: SlaveKind::Io,
+                axes: 0,
+                motors: 0,
+                channels: 1,
+                #[cfg(feature = "sim")]
+                build: |_| Box::<Io>::default(),
+            },
+        }
+    }
+}
+
+/// The properties of a model. A new model is a variant of [`SlaveModel`] with its row.
+struct Row {
+    name: &'static str,
+    with_article: &'static str,
+    kind: SlaveKind,
+    axes: usize,
+    motors: usize,
+    channels: usize,
+    #[cfg(feature = "sim")]
+    build: fn(&TravelSpec) -> Box<dyn Slave>,
+}

@@ -243,24 +243,25 @@ impl Capture {
             }
         }
         self.sink.ended(self.last_ns);
-        let dropped = self.dropped.load(Ordering::Relaxed);
-        if dropped > 0 {
-            let why = self.failed.as_deref().unwrap_or(TOO_SLOW);
-            tell(format!("recording to {}: {dropped} frames are missing: {why}", self.name));
+        if let (_, Some(missing)) = self.missing() {
+            tell(format!("recording to {}: {missing}", self.name));
         }
     }
 
-    fn write_end(&mut self) -> io::Result<()> {
+    /// How many frames are missing, and if there are any how many and why, in words.
+    fn missing(&self) -> (u64, Option<String>) {
         let dropped = self.dropped.load(Ordering::Relaxed);
+        let why = self.failed.as_deref().unwrap_or(TOO_SLOW);
+        (dropped, (dropped > 0).then(|| format!("{dropped} frames are missing: {why}")))
+    }
+
+    fn write_end(&mut self) -> io::Result<()> {
+        let (dropped, missing) = self.missing();
         let mut options = vec![
             InterfaceStatisticsOption::IsbIfRecv(self.frames_written + dropped),
             InterfaceStatisticsOption::IsbIfDrop(dropped),
         ];
-        if dropped > 0 {
-            let why = self.failed.as_deref().unwrap_or(TOO_SLOW);
-            options
-                .push(InterfaceStatisticsOption::Comment(Cow::Owned(format!("{dropped} frames are missing: {why}"))));
-        }
+        options.extend(missing.map(|missing| InterfaceStatisticsOption::Comment(Cow::Owned(missing))));
         let statistics = InterfaceStatisticsBlock {
             interface_id: 0,
             // In pcapng the upper half comes first, but the crate writes one little-endian number.

@@ -33,22 +33,21 @@ pub(super) fn begin(
     answer_check: &mut AnswerCheck,
 ) -> Result<MasterResponse, LinkError> {
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
+    let refused = |error| refused(name, error);
     let began = Instant::now();
-    wires.reset(RESET_LOW).map_err(|error| refused(name, error))?;
+    wires.reset(RESET_LOW).map_err(refused)?;
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
     // Answers shifted by some bits may look valid, so the fault that an earlier invalid answer has shown is kept.
     let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
-        if !wires.wait_ready(left).map_err(|error| refused(name, error))? {
+        if !wires.wait_ready(left).map_err(refused)? {
             return Err(no_board(busy_is_high(options.open_limit)));
         }
         let question = question(options, exchanges);
         let length = options.slot.frame_len();
-        wires
-            .exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length])
-            .map_err(|error| refused(name, error))?;
+        wires.exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length]).map_err(refused)?;
         exchanges += 1;
         let fault = match answer_check.check(&answer) {
             Ok(_) if answer.wire(options.slot) == question.wire(options.slot) => Some(WiringFault::Echo),
@@ -58,10 +57,10 @@ pub(super) fn begin(
                     || response.state.state() == Some(MasterState::Op)
                     || response.id == CommandId::LocalRead.code();
                 if valid >= VALID_ANSWERS_MIN && sure {
-                    if !wires.wait_ready(options.busy_limit).map_err(|error| refused(name, error))? {
+                    if !wires.wait_ready(options.busy_limit).map_err(refused)? {
                         return Err(no_board(busy_is_high(options.busy_limit)));
                     }
-                    rises |= wires.busy_has_fallen().map_err(|error| refused(name, error))?;
+                    rises |= wires.busy_has_fallen().map_err(refused)?;
                     if wires.has_busy_line() && !rises {
                         return Err(no_board(BUSY_IS_LOW.to_owned()));
                     }

@@ -40,14 +40,9 @@ impl<'a> Facts<'a> {
 
     /// The device in error messages: `1-2.3 (ECM-SK, serial 7)`.
     fn shown(&self) -> String {
-        let mut text = self.path.to_owned();
-        match (&self.name, &self.serial) {
-            (Some(name), Some(serial)) => _ = write!(text, " ({name}, serial {serial})"),
-            (Some(name), None) => _ = write!(text, " ({name})"),
-            (None, Some(serial)) => _ = write!(text, " (serial {serial})"),
-            (None, None) => {}
-        }
-        text
+        let serial = self.serial.as_ref().map(|serial| format!("serial {serial}"));
+        let known: Vec<String> = self.name.clone().into_iter().chain(serial).collect();
+        if known.is_empty() { self.path.to_owned() } else { format!("{} ({})", self.path, known.join(", ")) }
     }
 }
 

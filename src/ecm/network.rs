@@ -49,7 +49,7 @@ impl Network {
     /// The configuration of a slave, which must have one.
     pub(super) fn declared(&self, slave: u8) -> Result<&Slave, EcmError> {
         // Called for each of 40 axes in a cycle: no error is made that is then dropped.
-        self.slave(slave).ok_or_else(|| EcmError::NoSuchSlave { slave, declared: self.count })
+        self.slave(slave).ok_or(EcmError::NoSuchSlave { slave, declared: self.count })
     }
 
     /// How the axis of a slave is run, which `what` is for.

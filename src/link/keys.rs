@@ -118,10 +118,7 @@ impl Syntax {
         let normal = match self {
             Self::Choice(words) => words.contains(&value).then(|| value.to_owned()),
             Self::Number(min, max) => {
-                // `parse` alone would let a plus sign pass.
-                let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
-                let number = value.parse::<u64>().ok().filter(|n| digits && (min..=max).contains(n));
-                number.map(|n| n.to_string())
+                decimal(value).filter(|number| (min..=max).contains(number)).map(|number| number.to_string())
             }
             Self::Fraction(min, max) => {
                 let number = Fraction::parse(value).filter(|number| (min..=max).contains(number));
@@ -187,8 +184,12 @@ pub(super) fn hertz(value: &str) -> Option<u64> {
         Some(digits) => (digits, 1_000_000),
         None => value.strip_suffix('k').map_or((value, 1), |digits| (digits, 1000)),
     };
-    let plain = !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit());
-    digits.parse::<u64>().ok().filter(|_| plain)?.checked_mul(unit)
+    decimal(digits)?.checked_mul(unit)
+}
+
+/// A whole number of decimal digits alone: `parse` would let a plus sign pass.
+pub(super) fn decimal(text: &str) -> Option<u64> {
+    text.parse().ok().filter(|_| text.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// The shortest text for a frequency in Hz.

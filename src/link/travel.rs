@@ -6,6 +6,7 @@
 
 use std::fmt;
 
+use super::keys::decimal;
 use super::uri::suggestion;
 
 /// The largest position in either direction \[OURS]: those that object 0x6064 can show.
@@ -204,10 +205,9 @@ fn allowed() -> String {
 
 /// Parses an integer position with an optional minus sign.
 fn position(text: &str) -> Option<i64> {
-    let digits = text.strip_prefix('-').unwrap_or(text);
-    // `parse` alone would let a plus sign pass.
-    let plain = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
-    text.parse().ok().filter(|place: &i64| plain && place.abs() <= POSITION_MAX_COUNTS)
+    let (digits, sign) = text.strip_prefix('-').map_or((text, 1), |digits| (digits, -1));
+    let place = i64::try_from(decimal(digits)?).ok()?;
+    (place <= POSITION_MAX_COUNTS).then_some(sign * place)
 }
 
 fn unless_none<T>(text: &str, read: impl FnOnce(&str) -> Option<T>) -> Option<Option<T>> {

@@ -195,12 +195,8 @@ impl LinkUri {
             return Err(UriError::NotKeyValue { scheme, part, hint });
         };
         let (key, value) = (decode(key)?, decode(value)?);
-        let value = match Key::find(scheme, &key) {
-            Some(row) => {
-                row.syntax.normal(&value).map_err(|why| UriError::BadValue { key: key.clone(), value, why })?
-            }
-            None => return Err(self.unknown_key(&key, &value)),
-        };
+        let row = Key::find(scheme, &key).ok_or_else(|| self.unknown_key(&key, &value))?;
+        let value = row.syntax.normal(&value).map_err(|why| UriError::BadValue { key: key.clone(), value, why })?;
         if let Some((_, first)) = self.keys.iter().find(|(name, _)| *name == key) {
             return Err(UriError::DuplicateKey { key, first: first.clone(), second: value });
         }

@@ -50,7 +50,7 @@ pub fn to_standstill(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    let stood = stop.to_the_end();
+    let stood = stop.until_all_stand();
     if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
         // The error of the stop says why axes do not stand; one of this frame would say less.
         let _ = stop.in_one_step();
@@ -97,7 +97,7 @@ impl<'a, 's> Stop<'a, 's> {
         Self { ecm, session, began, deadline, left, ramped: SlaveSet::EMPTY, unlocked: false }
     }
 
-    fn to_the_end(&mut self) -> Result<(), EcmError> {
+    fn until_all_stand(&mut self) -> Result<(), EcmError> {
         self.ecm.exchange.catch_up(self.session)?;
         if !self.session.in_op() || self.session.network.count == 0 {
             return Ok(());

@@ -1,9 +1,8 @@
 //! Splits a line of a script into words, and reads times and numbers.
 
-use std::str::FromStr;
-
 use crate::fieldbus::Ns;
 use crate::link::Fraction;
+use crate::link::keys::decimal;
 use crate::link::uri::suggestion;
 
 /// Why a line is invalid: the position in characters from 1, and the message.
@@ -89,12 +88,9 @@ pub(super) fn time(words: &mut Words, form: &str) -> Result<Ns, LineError> {
 fn span(text: &str) -> Option<Ns> {
     let (number, unit) = UNITS.iter().find_map(|(name, ns)| Some((text.strip_suffix(name)?, *ns)))?;
     let (whole, decimals) = number.split_once('.').unwrap_or((number, "0"));
-    if whole.is_empty() || !whole.bytes().all(|byte| byte.is_ascii_digit()) {
-        return None;
-    }
     let part = Fraction::parse(&format!("0.{decimals}"))?;
     let part = u128::from(part.billionths()) * u128::from(unit) / u128::from(Fraction::ONE.billionths());
-    let ns = Ns::from_str(whole).ok()?.checked_mul(unit)?.checked_add(part as Ns)?;
+    let ns = decimal(whole)?.checked_mul(unit)?.checked_add(part as Ns)?;
     (ns <= TIME_MAX_NS).then_some(ns)
 }
 

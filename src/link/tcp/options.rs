@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::wire::Role;
-use crate::link::keys::{Scheme, WHERE_TO_LOOK};
+use crate::link::keys::{Scheme, WHERE_TO_LOOK, decimal};
 use crate::link::options::millis;
 use crate::link::uri::{LinkUri, UriError};
 
@@ -83,8 +83,7 @@ fn address(path: &str) -> Option<(String, u16)> {
     let port = match port {
         None => DEFAULT_PORT,
         // A second colon, as in an IPv6 address without brackets, is not a digit.
-        Some(port) if port.is_empty() || !port.bytes().all(|byte| byte.is_ascii_digit()) => return None,
-        Some(port) => port.parse().ok().filter(|port| *port != 0)?,
+        Some(port) => decimal(port).and_then(|port| u16::try_from(port).ok()).filter(|port| *port != 0)?,
     };
     (!host.is_empty()).then(|| (host.to_owned(), port))
 }

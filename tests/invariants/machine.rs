@@ -2,6 +2,7 @@
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{
     AxisTarget, CycleTime, DcShift, DriveSync, Frame, HspResponse, MasterCommand, MasterState, Motion, SlaveCommand,
@@ -106,12 +107,19 @@ pub struct Machine {
     pub size: SlotSize,
     pub cycle: CycleTime,
     pub units: Vec<Unit>,
+    /// Cycles more than one after which an answer comes.
+    pub late: u64,
     marker: Seen,
 }
 
 impl Machine {
     /// The machine of a seed, in PreOP.
     pub fn new(seed: u64) -> Self {
+        Self::over(seed, |bus| Box::new(bus))
+    }
+
+    /// The same over a bus around its network.
+    pub fn over(seed: u64, around: impl FnOnce(SimBus) -> Box<dyn Fieldbus>) -> Self {
         let mut dice = Dice(seed ^ 0x6D61_6368_696E_6521);
         let size = dice.pick(&[SlotSize::Bytes12, SlotSize::Bytes16]);
         let cycle = dice.pick(&[250, 500, 1000, 1000, 2000]);
@@ -127,9 +135,9 @@ impl Machine {
         let bus = SimBus::new(slaves).with_timing(SWIFT);
         let network = bus.handle();
         let config = EngineConfig { slot: size, state_timeout_ns: 200_000_000, ..EngineConfig::default() };
-        let mut board = Board::new(config, Box::new(bus));
+        let mut board = Board::new(config, around(bus));
         assert!(board.boot(1_000_000_000));
-        Self { board, network, size, cycle, units, marker }
+        Self { board, network, size, cycle, units, late: 0, marker }
     }
 
     /// The board checks the CRC of command frames from now on.

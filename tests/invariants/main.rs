@@ -1,12 +1,14 @@
-//! What must hold whatever a program does and whatever goes wrong: random programs on random machines with random faults,
-//! writers of a served board that die, and a long day.
+//! What must hold whatever a program does and whatever goes wrong: random programs on random machines with random faults, on a
+//! bus that our runner paces and on late ones, writers of a served board that die, and a long day.
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
 mod books;
 mod day;
 mod ends;
+mod late;
 mod machine;
+mod paced;
 mod path;
 mod program;
 mod tap;
@@ -19,6 +21,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
 use machine::Machine;
+use paced::Paced;
 use program::{Done, Program};
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
@@ -32,7 +35,9 @@ fn asked(name: &str) -> Option<u64> {
 }
 
 fn schedule(seed: u64) -> Done {
-    let mut program = Program::new(seed, Machine::new(seed));
+    let machine = Machine::new(seed);
+    let paced = Paced::new(&machine);
+    let mut program = Program::new(seed, machine, paced);
     program.run(CYCLES);
     program.done()
 }

@@ -89,7 +89,7 @@ impl Path {
                     Wish::Nothing
                 }
             }
-            Self::Home { step, method, .. } => self.home(step, method, unit, statusword, dice),
+            Self::Home { step, method, .. } => self.home(step, method, unit, (statusword, now.machine.late), dice),
         }
     }
 
@@ -115,7 +115,14 @@ impl Path {
         unit.motion(*at, *speed)
     }
 
-    fn home(&mut self, step: Step, method: i8, unit: &Unit, statusword: Statusword, dice: &mut Dice) -> Wish {
+    fn home(
+        &mut self,
+        step: Step,
+        method: i8,
+        unit: &Unit,
+        (statusword, late): (Statusword, u64),
+        dice: &mut Dice,
+    ) -> Wish {
         let next = |path: &mut Self, step, wait| *path = Self::Home { step, wait, method };
         let write = |index, value: u8| SdoCommand::Write {
             slave: unit.slave as u8,
@@ -125,15 +132,15 @@ impl Path {
         };
         match step {
             Step::Mode => {
-                next(self, Step::Method, 10);
+                next(self, Step::Method, 10 + late);
                 Wish::Sdo(write(0x6060, 6))
             }
             Step::Method => {
-                next(self, Step::Go, 10);
+                next(self, Step::Go, 10 + late);
                 Wish::Sdo(write(0x6098, method as u8))
             }
             Step::Go => {
-                next(self, Step::Wait, 20);
+                next(self, Step::Wait, 20 + late);
                 Wish::Slave(SlaveCommand::GoHome)
             }
             Step::Wait => {

@@ -4,17 +4,16 @@
 use std::ops::AddAssign;
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::AlState;
+use ecmsk::engine::Counters;
+use ecmsk::fieldbus::{AlState, Ns};
 use ecmsk::sk::{
     FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SlaveCommand,
-    StateByte,
+    SlotCommand, SlotSize, StateByte,
 };
 use ecmsk::slave::{AlStatus, DeviceFault, Fault, Input};
 
-use crate::books::Books;
 use crate::machine::{MARKER, Machine};
 use crate::path::{Now, Path, Wish};
-use crate::watch::Watch;
 use support::dice::Dice;
 
 /// What schedules did, so that none passes for lack of it.
@@ -32,6 +31,11 @@ pub struct Done {
     pub lost: u64,
     pub homed: u64,
     pub fastest: f64,
+    /// Over a bus that is late: axes that were switched on, reports that were compared with the cycle that they answer,
+    /// cycles whose answers were lost.
+    pub risen: u64,
+    pub compared: u64,
+    pub answers_lost: u64,
 }
 
 impl AddAssign for Done {
@@ -48,6 +52,9 @@ impl AddAssign for Done {
         self.lost += other.lost;
         self.homed += other.homed;
         self.fastest = self.fastest.max(other.fastest);
+        self.risen += other.risen;
+        self.compared += other.compared;
+        self.answers_lost += other.answers_lost;
     }
 }
 
@@ -69,12 +76,49 @@ impl Done {
     }
 }
 
+impl Done {
+    /// The same over a bus that is late: programs wait longer there before they move.
+    pub fn assert_enough_late(&self, schedules: u64) {
+        let least = [
+            ("cycles in OP", self.in_op, 1500),
+            ("cycles enabled", self.enabled, 500),
+            ("targets followed", self.followed, 150),
+            ("targets counted", self.discarded, 30),
+            ("faults", self.faults, 2),
+            ("twice the axes switched on", 2 * self.risen, 1),
+            ("reports compared", self.compared, 1000),
+        ];
+        for (what, n, each) in least {
+            assert!(n >= each * schedules, "{what}: only {n} in {schedules} schedules");
+        }
+        let some = [self.full, self.cleared, self.ignored, self.lost, self.homed, self.answers_lost];
+        assert!(some.iter().all(|n| *n > 0) && self.fastest > 0.4, "{self:?}");
+    }
+}
+
+/// What watches a schedule.
+pub trait Checks {
+    /// What the next frame carries for the marker.
+    fn next_mark(&mut self) -> SlotCommand;
+    /// A frame has arrived in OP.
+    fn arrived(&mut self, frame: &Frame, size: SlotSize, before: &Counters, after: &Counters);
+    /// SW_RESET.
+    fn forget(&mut self);
+    /// The shafts of unit `n` are jammed, or free again.
+    fn jam(&mut self, machine: &Machine, n: usize, jammed: bool);
+    /// A cycle of the board has passed, so long after the one before, with its reports and the time that each belongs to.
+    fn cycle(&mut self, machine: &Machine, reports: &[(Frame, Ns)], dt_ns: Ns, before: &Counters, after: &Counters);
+    /// What was seen.
+    fn tell(&self, done: &mut Done);
+    /// All is at rest.
+    fn close(&self, machine: &Machine);
+}
+
 /// The program, its machine, and what is watched.
-pub struct Program {
+pub struct Program<C> {
     dice: Dice,
     machine: Machine,
-    books: Books,
-    watch: Watch,
+    checks: C,
     report: Frame,
     paths: Vec<Path>,
     /// Cycles for which the program sends nothing.
@@ -83,24 +127,26 @@ pub struct Program {
     empty: u64,
     /// Cycles until cable and slaves are whole again.
     broken: u64,
+    /// Cycles until another slave is lost, and which one.
+    next_loss: Option<(u64, u8)>,
     /// Cycles until a jam, and what it leaves behind, is over.
     jam: u64,
     done: Done,
 }
 
-impl Program {
-    pub fn new(seed: u64, machine: Machine) -> Self {
-        let (watch, paths) = (Watch::new(&machine), vec![Path::Rest; machine.units.len()]);
+impl<C: Checks> Program<C> {
+    pub fn new(seed: u64, machine: Machine, checks: C) -> Self {
+        let paths = vec![Path::Rest; machine.units.len()];
         Self {
             dice: Dice(seed),
             machine,
-            books: Books::default(),
-            watch,
+            checks,
             report: Frame::new(),
             paths,
             pause: 0,
             empty: 0,
             broken: 0,
+            next_loss: None,
             jam: 0,
             done: Done::default(),
         }
@@ -128,34 +174,42 @@ impl Program {
         }
     }
 
+    /// Everything is mended, the FIFO is cleared, and so many cycles pass.
+    pub fn come_to_rest(&mut self, cycles: u64) {
+        (self.broken, self.next_loss, self.jam) = (0, None, self.jam.min(301));
+        self.master(&MasterCommand::SetFifo(FifoAction::Clear));
+        for _ in 0..cycles {
+            self.cycle();
+        }
+        self.checks.close(&self.machine);
+    }
+
     pub fn done(self) -> Done {
         let counters = self.machine.board.engine().counters();
-        Done {
-            followed: self.books.followed,
-            discarded: self.books.discarded,
+        let mut done = Done {
+            discarded: counters.discarded_before_enabled + counters.ignored_homing + counters.for_lost,
             full: counters.full,
             cleared: counters.cleared,
             ignored: counters.ignored_homing,
             lost: counters.for_lost,
-            homed: self.watch.homed,
-            fastest: self.watch.fastest,
+            answers_lost: counters.answers_lost,
             ..self.done
-        }
+        };
+        self.checks.tell(&mut done);
+        done
     }
 
     /// A cycle passes.
     fn cycle(&mut self) {
-        let Self { machine, books, watch, report, .. } = self;
+        let Self { machine, checks, report, .. } = self;
         let (before, then) = (*machine.board.engine().counters(), machine.board.now());
-        let mut news = false;
-        machine.board.cycle(&mut |frame, _| {
-            report.clone_from(frame);
-            news = true;
-        });
-        let report = news.then_some(&*report);
+        let mut reports = Vec::new();
+        machine.board.cycle(&mut |frame, at| reports.push((frame.clone(), at)));
+        if let Some((newest, _)) = reports.last() {
+            report.clone_from(newest);
+        }
         let after = *machine.board.engine().counters();
-        books.cycle(machine, report, &before, &after);
-        watch.cycle(machine, report, machine.board.now() - then);
+        checks.cycle(machine, &reports, machine.board.now() - then, &before, &after);
         self.done.cycles += 1;
         self.done.in_op += u64::from(self.machine.in_op());
         self.done.enabled += (0..self.paths.len()).filter(|n| self.is_on(*n)).count() as u64;
@@ -166,7 +220,12 @@ impl Program {
             }
         }
         let free = MasterResponse::decode(&self.report.slot(self.machine.size, 0)).fifo_free;
-        self.empty = if news && free == FIFO_ENTRIES { self.empty + 1 } else { 0 };
+        self.empty = match reports.len() as u64 {
+            0 if self.machine.late > 0 && self.machine.board.engine().fifo_free() == FIFO_ENTRIES => self.empty,
+            0 => 0,
+            news if free == FIFO_ENTRIES => self.empty + news,
+            _ => 0,
+        };
         self.repair();
     }
 
@@ -293,10 +352,16 @@ impl Program {
                     network.silence(slave, true);
                 }
                 self.broken = 1 + self.dice.below(100);
+                // Where losses are known late, two that are close together are told apart by when they were.
+                if self.machine.late > 0 && self.dice.one_in(2) {
+                    let other = self.machine.units[self.dice.below(units) as usize].slave as u8;
+                    self.next_loss = Some((self.dice.below(30), other));
+                    self.broken += 30;
+                }
             }
             8 if self.jam == 0 => {
                 (0..axes).for_each(|axis| network.inflict(slave, Fault::Jam { axis, jammed: true }));
-                self.watch.jam(n, true);
+                self.checks.jam(&self.machine, n, true);
                 self.jam = 600;
             }
             9 => {
@@ -320,6 +385,14 @@ impl Program {
     /// What is broken is mended when its time is over.
     fn repair(&mut self) {
         let network = &self.machine.network;
+        if let Some((wait, slave)) = &mut self.next_loss {
+            if *wait == 0 {
+                network.silence(*slave, true);
+                self.next_loss = None;
+            } else {
+                *wait -= 1;
+            }
+        }
         self.broken = self.broken.saturating_sub(1);
         if self.broken == 0 {
             network.heal();
@@ -334,7 +407,7 @@ impl Program {
                 (0..unit.axes).for_each(|axis| network.inflict(unit.slave as u8, Fault::Jam { axis, jammed: false }));
             }
         } else if self.jam == 0 {
-            (0..self.paths.len()).for_each(|n| self.watch.jam(n, false));
+            (0..self.paths.len()).for_each(|n| self.checks.jam(&self.machine, n, false));
         }
     }
 
@@ -363,21 +436,21 @@ impl Program {
 
     /// Sends a frame, with its mark and its CRC. No time passes: a cycle's frames come between two cycles.
     fn send(&mut self, mut frame: Frame) {
-        let Self { machine, books, .. } = self;
+        let Self { machine, checks, .. } = self;
         let size = machine.size;
         let op = machine.in_op();
         let boots = machine.board.engine().boots();
         if op {
-            frame.put_slave(size, MARKER, &SlaveCommand::IoRead.with_index(books.next_mark()));
+            frame.put_slave(size, MARKER, &checks.next_mark());
         }
         frame.fill_crc(size);
         let before = *machine.board.engine().counters();
         machine.board.host(&frame, machine.board.now(), &mut |_, _| unreachable!());
         let after = *machine.board.engine().counters();
         if machine.board.engine().boots() != boots {
-            books.forget();
+            checks.forget();
         } else if op && machine.board.engine().talks() {
-            books.arrived(&frame, size, &before, &after);
+            checks.arrived(&frame, size, &before, &after);
             if after.full > before.full {
                 // The next target would be two steps away.
                 self.rest();

@@ -55,7 +55,9 @@ impl Watch {
             self.state = StateByte::reached(MasterState::PreOp);
         }
         if let Some(report) = report {
-            self.state_byte(MasterResponse::decode(&report.slot(machine.size, 0)).state);
+            let state = MasterResponse::decode(&report.slot(machine.size, 0)).state;
+            assert_legal_state(self.state, state);
+            self.state = state;
             for n in 0..machine.units.len() {
                 self.answer(n, machine, report);
             }
@@ -67,7 +69,7 @@ impl Watch {
                 if let Some(before) = last.shaft
                     && !last.jammed
                 {
-                    self.speed((shaft - before).abs() as f64 * 1e9 / dt_ns as f64, unit.mode, dt_ns, unit.slave);
+                    self.fastest = self.fastest.max(speed_share(shaft - before, unit.mode, dt_ns, unit.slave));
                 }
                 self.axes[n][axis].shaft = Some(shaft);
             }
@@ -102,39 +104,37 @@ impl Watch {
             (last.offset, last.homing) = (Some(offset), homing);
         }
     }
+}
 
-    /// Nothing that the board adds makes a shaft faster than the program's paths are.
-    fn speed(&mut self, speed: f64, mode: Mode, dt_ns: Ns, slave: usize) {
-        // A count more or less is half a count of rounding at either end.
-        let rounding = 1e9 / dt_ns as f64;
-        let limit = 2.0 * f64::from(SPEED) + rounding;
-        if mode != Mode::Cst {
-            self.fastest = self.fastest.max(speed / limit);
-        }
-        assert!(speed <= limit, "slave {slave} ({mode}) turns at {speed} counts/s, no path at more than {SPEED}");
-    }
+/// Nothing that the board adds makes a shaft faster than the program's paths are. Gives how fast it is, as a part of what
+/// it may be; in CST 0.
+pub fn speed_share(moved: i64, mode: Mode, dt_ns: Ns, slave: usize) -> f64 {
+    let speed = moved.abs() as f64 * 1e9 / dt_ns as f64;
+    // A count more or less is half a count of rounding at either end.
+    let rounding = 1e9 / dt_ns as f64;
+    let limit = 2.0 * f64::from(SPEED) + rounding;
+    assert!(speed <= limit, "slave {slave} ({mode}) turns at {speed} counts/s, no path at more than {SPEED}");
+    if mode == Mode::Cst { 0.0 } else { speed / limit }
+}
 
-    /// SK-4: from each state those below it and the next above it; and failures.
-    fn state_byte(&mut self, state: StateByte) {
-        let (was, is) = (self.state, state);
-        self.state = state;
-        if was == is {
-            return;
-        }
-        let (Some(from), Some(to)) = (was.state(), is.state()) else { panic!("state {was} to {is}") };
-        let legal = match (was.is_failed(), is.is_failed()) {
-            (false, true) => from == to,
-            // Down the slaves that are there go first.
-            (true, true) => to < from,
-            (true, false) => to <= from,
-            (false, false) => to < from || to.code() == from.code() * 2,
-        };
-        assert!(legal, "state {was} to {is}");
+/// SK-4: from each state those below it and the next above it; and failures.
+pub fn assert_legal_state(was: StateByte, is: StateByte) {
+    if was == is {
+        return;
     }
+    let (Some(from), Some(to)) = (was.state(), is.state()) else { panic!("state {was} to {is}") };
+    let legal = match (was.is_failed(), is.is_failed()) {
+        (false, true) => from == to,
+        // Down the slaves that are there go first.
+        (true, true) => to < from,
+        (true, false) => to <= from,
+        (false, false) => to < from || to.code() == from.code() * 2,
+    };
+    assert!(legal, "state {was} to {is}");
 }
 
 /// The transitions of CiA 402-2 figure 2, and two of them in one cycle where the first does not wait.
-fn is_legal(from: DriveState, to: DriveState) -> bool {
+pub fn is_legal(from: DriveState, to: DriveState) -> bool {
     use DriveState::*;
     match (from, to) {
         (_, FaultReactionActive | Fault) => from != Fault,

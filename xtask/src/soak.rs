@@ -1,6 +1,6 @@
-//! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, the writers that
-//! die and the long day of tests/invariants, the random frames against every network of tests/engine, and all of
-//! tests/engine over a bus that takes outputs ahead.
+//! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
+//! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
+//! network of tests/engine, and all of tests/engine over a bus that takes outputs ahead.
 
 use std::process::Command;
 
@@ -10,7 +10,7 @@ use crate::project::Project;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// How many random schedules
+    /// How many random schedules of each kind
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..))]
     schedules: u64,
     /// Seed of the first one, and of the frames against the first network

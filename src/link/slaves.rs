@@ -7,14 +7,9 @@ mod kinds;
 use std::fmt;
 use std::sync::Arc;
 
-<<<<<<< HEAD
 pub use kinds::SlaveModel;
 
-=======
 use super::keys::decimal;
-#[cfg(feature = "sim")]
-use super::sim;
->>>>>>> fc3bb06 (Whole numbers of a link's texts are read in one place)
 use super::travel::TravelSpec;
 use super::uri::suggestion;
 use crate::sk::SlotSize;
@@ -194,14 +189,8 @@ fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
 }
 
 fn parse_count(item: &str, count: &str) -> Result<usize, String> {
-<<<<<<< HEAD
-    let digits = count.bytes().all(|b| b.is_ascii_digit());
-    let number = count.parse().ok().filter(|n| digits && (1..=SLAVES_MAX).contains(n));
+    let number = decimal(count).and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=SLAVES_MAX).contains(n));
     number.ok_or_else(|| format!("in `{item}`, allowed: a whole number from 1 to {SLAVES_MAX} after the *"))
-=======
-    let number = decimal(count).and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=MAX).contains(n));
-    number.ok_or_else(|| format!("in `{item}`, allowed: a whole number from 1 to {MAX} after the *"))
->>>>>>> fc3bb06 (Whole numbers of a link's texts are read in one place)
 }
 
 fn kinds() -> String {

@@ -36,7 +36,7 @@ pub struct Cycle {
 #[derive(Clone, Debug)]
 pub enum Event {
     /// A cycle has passed on the wire.
-    Passed(Box<Cycle>),
+    Passed(Arc<Cycle>),
     /// The engine has handed outputs over.
     Pushed { id: u64, outputs: Box<[SlaveOut; SLAVES]> },
     /// The engine has taken the answer of the cycle at that time; it names these slaves as lost.
@@ -98,7 +98,7 @@ impl<B: Fieldbus> Fieldbus for Wire<B> {
             shafts: first(&self.network.shafts().positions),
         };
         self.clock = now;
-        note(&self.log, Event::Passed(Box::new(cycle)));
+        note(&self.log, Event::Passed(Arc::new(cycle)));
         done
     }
 }

@@ -1,6 +1,7 @@
 //! What a schedule has done so far: cycles on the wire, outputs handed over, the newest answer that the engine has taken.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use ecmsk::fieldbus::{MAX_AXES, Ns, SlaveOut, SlaveSet};
 
@@ -25,7 +26,7 @@ pub struct Pushed {
 /// The trace. Cycles are numbered from 0.
 #[derive(Default)]
 pub struct Trace {
-    cycles: VecDeque<Cycle>,
+    cycles: VecDeque<Arc<Cycle>>,
     /// Number of the oldest cycle that is remembered.
     oldest: usize,
     pushed: VecDeque<Pushed>,
@@ -67,9 +68,9 @@ impl Trace {
         None
     }
 
-    fn pass(&mut self, cycle: &Cycle) -> Option<u64> {
+    fn pass(&mut self, cycle: &Arc<Cycle>) -> Option<u64> {
         let n = self.passed();
-        self.cycles.push_back(cycle.clone());
+        self.cycles.push_back(Arc::clone(cycle));
         if self.cycles.len() > REMEMBERED {
             self.cycles.pop_front();
             self.oldest += 1;
@@ -78,7 +79,7 @@ impl Trace {
             self.pushed.pop_front();
         }
         let (id, outputs) = cycle.outputs.as_ref()?;
-        let pushed = self.pushed.iter_mut().find(|pushed| pushed.id == *id && pushed.sent.is_none())?;
+        let pushed = self.pushed.iter_mut().rfind(|pushed| pushed.id == *id && pushed.sent.is_none())?;
         // What a bus repeats is no new outputs, and before the first ones of an OP it sends none of the engine's.
         if *pushed.outputs != *outputs {
             return None;

@@ -1,8 +1,8 @@
 //! The drop-in `NEXTWUSBLib`: the four functions of the vendor's library, which existing programs call, and the `ecmsk_*`
 //! functions beside them.
 //!
-//! A new exported function goes into a file of `exported/` and into `exports.txt`; `include/ecmsk.h` is generated. How to
-//! read this crate:
+//! A new exported function goes into a file of `exported/`, into the imports below, and to the end of `exports.txt`, whose
+//! order is that of the DLL's ordinals; `include/ecmsk.h` is generated. How to read this crate:
 //!
 //! | file | what it holds |
 //! | --- | --- |

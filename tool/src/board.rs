@@ -27,7 +27,7 @@ use ecmsk::sk::SlotSize;
 pub use bring_up::Needs;
 pub use error::BoardError;
 pub use interrupt::Interrupt;
-pub use network::{find_slave, list};
+pub use network::{find_axis, find_slave, list, slaves_with_axis, wrong_kind};
 pub use number::{duration, not_negative, position, positive, whole};
 pub use reporter::Reporter;
 pub use session::{Board, BoardUse, NEAR_COUNTS, StepSource, in_mode, numbered, statusword_text};

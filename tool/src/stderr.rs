@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use ecmsk::port::notes::{Note, Notes, Teller};
 
-use super::visible::Visible;
+use super::visible::visible_bytes;
 
 /// The bytes of a line.
 type Line = Vec<u8>;
@@ -46,19 +46,11 @@ pub fn finish() {
 }
 
 fn write(bytes: Vec<u8>) {
-    let bytes = shown(&bytes);
+    let bytes = visible_bytes(&bytes);
     match QUEUE.get() {
         Some((notes, _)) => notes.tell(bytes),
         None => write_now(&bytes),
     }
-}
-
-/// The text with control characters replaced by their codes.
-fn shown(bytes: &[u8]) -> Vec<u8> {
-    let mut shown = Vec::with_capacity(bytes.len());
-    // Writing to memory does not fail.
-    let _ = Visible::new(&mut shown).write_all(bytes);
-    shown
 }
 
 /// A closed standard error is ignored.

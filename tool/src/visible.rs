@@ -19,10 +19,15 @@ pub fn is_plain(letter: char) -> bool {
 
 /// The text with control characters replaced by their codes.
 pub fn visible(text: &str) -> String {
-    let mut shown = Vec::with_capacity(text.len());
+    String::from_utf8(visible_bytes(text.as_bytes())).unwrap_or_default()
+}
+
+/// As [`visible`], for bytes that may not be UTF-8.
+pub fn visible_bytes(bytes: &[u8]) -> Vec<u8> {
+    let mut shown = Vec::with_capacity(bytes.len());
     // Writing to memory does not fail.
-    let _ = Visible::new(&mut shown).write_all(text.as_bytes());
-    String::from_utf8(shown).unwrap_or_default()
+    let _ = Visible::new(&mut shown).write_all(bytes);
+    shown
 }
 
 /// A writer that replaces control characters by their codes, and bytes that are not UTF-8 by `\x9b` and the like.

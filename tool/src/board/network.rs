@@ -96,6 +96,22 @@ pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a S
     found.ok_or_else(|| BoardError::NoSlave { what: what.to_owned(), slave, network: list(config) })
 }
 
+/// The axis of the slave with that number.
+pub fn find_axis<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Axis, BoardError> {
+    let found = find_slave(config, what, slave)?;
+    found.axis().ok_or_else(|| wrong_kind(what, slave, found, "a drive, step or hsp"))
+}
+
+/// The error for a slave of another kind than the `wanted` ones.
+pub fn wrong_kind(what: &str, slave: u8, found: &Slave, wanted: &'static str) -> BoardError {
+    BoardError::WrongKind { what: what.to_owned(), slave, found: found.to_string(), wanted }
+}
+
+/// The slaves that have an axis.
+pub fn slaves_with_axis(config: &Config) -> Vec<u8> {
+    (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
+}
+
 /// The slaves as text: `1 drive, 2 io`.
 pub fn list(config: &Config) -> String {
     if config.slaves.is_empty() {

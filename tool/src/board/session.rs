@@ -16,7 +16,7 @@ use ecmsk::sk::{MasterState, SlotSize, StateByte};
 use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
-use super::network::find_slave;
+use super::network::find_axis;
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
 
@@ -186,20 +186,7 @@ impl Board {
 
     /// The axis of a slave.
     pub fn axis(&self, what: &str, slave: u8) -> Result<Axis, BoardError> {
-        let config = self.known_network(what)?;
-        let found = find_slave(config, what, slave)?;
-        found.axis().copied().ok_or_else(|| BoardError::WrongKind {
-            what: what.to_owned(),
-            slave,
-            found: found.to_string(),
-            wanted: "a drive, step or hsp",
-        })
-    }
-
-    /// The slaves that have an axis.
-    pub fn axes(&self, what: &str) -> Result<Vec<u8>, BoardError> {
-        let config = self.known_network(what)?;
-        Ok((1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect())
+        find_axis(self.known_network(what)?, what, slave).copied()
     }
 
     /// Adds what the tool knows to an error of the library: what to type, and why a change of state has failed.

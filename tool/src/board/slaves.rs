@@ -3,7 +3,7 @@
 use ecmsk::ecm::Config;
 
 use super::error::BoardError;
-use super::network::find_slave;
+use super::network::{find_axis, slaves_with_axis};
 
 /// A list of slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,17 +40,10 @@ impl SlaveList {
         for list in lists {
             let named: Vec<u8> = match list {
                 Self::Some(named) => named.clone(),
-                Self::All => {
-                    let slaves = (1..).zip(&network.slaves);
-                    slaves.filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
-                }
+                Self::All => slaves_with_axis(network),
             };
             for slave in named {
-                let found = find_slave(network, what, slave)?;
-                if found.axis().is_none() {
-                    let (what, found) = (what.to_owned(), found.to_string());
-                    return Err(BoardError::WrongKind { what, slave, found, wanted: "a drive, step or hsp" });
-                }
+                find_axis(network, what, slave)?;
                 if !axes.contains(&slave) {
                     axes.push(slave);
                 }

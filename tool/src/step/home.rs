@@ -8,7 +8,7 @@ use ecmsk::ecm::{Config, Homing, HomingPhase, HomingProgress};
 use serde_json::json;
 
 use super::motion::{Target, counts};
-use crate::board::{Board, BoardError, Needs, SlaveList, find_slave, position};
+use crate::board::{Board, BoardError, Needs, SlaveList, find_axis, position};
 
 const WHAT: &str = "home";
 /// Homing method.
@@ -55,9 +55,8 @@ impl Args {
     /// A slave that is none or no axis, an offset that is no position of it.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for slave in SlaveList::axes(&self.axes, network, WHAT)? {
-            let axis = find_slave(network, WHAT, slave)?.axis();
-            if let (Some(value), Some(axis)) = (self.offset, axis) {
-                counts(WHAT, &Target { slave, value }, axis.scale)?;
+            if let Some(value) = self.offset {
+                counts(WHAT, &Target { slave, value }, find_axis(network, WHAT, slave)?.scale)?;
             }
         }
         Ok(())

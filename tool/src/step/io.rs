@@ -3,7 +3,7 @@
 use ecmsk::ecm::{Config, Slave};
 use serde_json::json;
 
-use crate::board::{Board, BoardError, Needs, find_slave, whole};
+use crate::board::{Board, BoardError, Needs, find_slave, whole, wrong_kind};
 
 const WHAT: &str = "io";
 
@@ -99,9 +99,7 @@ impl Args {
 pub fn io_slave(network: &Config, what: &str, slave: u8) -> Result<(), BoardError> {
     match find_slave(network, what, slave)? {
         Slave::Io => Ok(()),
-        other => {
-            Err(BoardError::WrongKind { what: what.to_owned(), slave, found: other.to_string(), wanted: "an io slave" })
-        }
+        other => Err(wrong_kind(what, slave, other, "an io slave")),
     }
 }
 

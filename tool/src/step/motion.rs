@@ -11,7 +11,7 @@ use ecmsk::sk::{AxisTarget, SlotSize};
 use serde_json::json;
 
 use super::profile::{PathPoint, Profile};
-use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, find_slave, in_mode, positive};
+use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, find_axis, in_mode, positive};
 use path::{AxisPath, Path, Speeds};
 use target::{Jerk, outside};
 pub use target::{Target, counts};
@@ -69,15 +69,7 @@ impl Args {
             if self.targets[..index].iter().any(|other| other.slave == slave) {
                 return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
             }
-            let found = find_slave(network, WHAT, slave)?;
-            let Some(axis) = found.axis() else {
-                return Err(BoardError::WrongKind {
-                    what: WHAT.into(),
-                    slave,
-                    found: found.to_string(),
-                    wanted: "a drive, step or hsp",
-                });
-            };
+            let axis = find_axis(network, WHAT, slave)?;
             in_mode(slave, WHAT, axis, Mode::Csp)?;
             counts(WHAT, target, axis.scale)?;
             let (velocity, ahead) = (self.speeds(axis.scale).velocity, f64::from(depth(network)));

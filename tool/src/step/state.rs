@@ -3,7 +3,7 @@
 use ecmsk::sk::MasterState;
 use serde_json::json;
 
-use crate::board::{Board, BoardError, numbered};
+use crate::board::{Board, BoardError, numbered, slaves_with_axis};
 
 /// Show or change the network's state
 ///
@@ -56,11 +56,11 @@ impl Args {
 /// Notes which axes will be switched off; one that hangs without a brake drops.
 fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let snapshot = board.ecm.snapshot()?;
-    if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) || board.config.is_none() {
+    if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) {
         return Ok(());
     }
-    let on: Vec<u8> = board.axes("state")?;
-    let on: Vec<u8> = on.into_iter().filter(|slave| board.statusword(&snapshot, *slave).is_enabled()).collect();
+    let axes = board.config.iter().flat_map(slaves_with_axis);
+    let on: Vec<u8> = axes.filter(|slave| board.statusword(&snapshot, *slave).is_enabled()).collect();
     if !on.is_empty() {
         board.reporter.note(format_args!("leaving OP switches off {}", numbered("axis", "axes", &on)));
     }

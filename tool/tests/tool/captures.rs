@@ -176,11 +176,6 @@ fn of_several_boards_in_a_capture_one_is_chosen() {
     tool("replay", &file, &["--link", MODEL, "--device", "five"]).misused(&["five", "1.5"]);
 }
 
-fn json(ran: &Ran) -> Value {
-    assert_eq!(ran.out.lines().count(), 1, "{}", ran.out);
-    serde_json::from_str(&ran.out).expect("one JSON object")
-}
-
 /// WIRE-105 Exit codes, words, JSON and picture of a board that does otherwise than the model.
 #[test]
 fn replay_shows_what_a_board_does_otherwise_than_the_model() {
@@ -196,7 +191,7 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
 
     let svg = capture.file.with_extension("svg");
     let options = [&model[..], &["--json", "--plot", svg.to_str().expect("UTF-8")]].concat();
-    let found = json(&tool("replay", &capture.file, &options));
+    let found = tool("replay", &capture.file, &options).json();
     assert_eq!((&found["equal"], &found["a"]["commands"]), (&false.into(), &304.into()));
     let what = found["first"]["what"].as_array().expect("a list");
     let code = what.iter().find(|what| what["of"] == "error_code").expect("one of them");

@@ -63,7 +63,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     assert!(lines[9].starts_with("answers to ") && lines[9].ends_with(" later commands differ too"), "{}", ran.out);
     assert_eq!(lines[10], "B ends early: 304 of 308 commands");
     // The frame is found again.
-    let json = json(&compare(&a, &b, &["--json"]));
+    let json = compare(&a, &b, &["--json"]).json();
     let frame = json["first"]["frames"][1].as_u64().expect("a number");
     let dump = run(["dump", b.path(), "--slots", "2", "--commands", "CSP"]).quiet();
     let number = json["first"]["text"].as_str().expect("a text").replace("slave 2 ", "");
@@ -71,30 +71,25 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     assert!(dump[place..].lines().nth(1).expect("a line").contains(&number), "{number}");
 }
 
-fn json(ran: &Ran) -> Value {
-    assert_eq!(ran.out.lines().count(), 1, "{}", ran.out);
-    serde_json::from_str(&ran.out).expect("one JSON object")
-}
-
 /// TOOL-62 The same as one JSON object, with numbers for programs.
 #[test]
 fn json_has_the_comparison_as_one_object() {
     let a = Program::default().record();
     let b = Program { other_target: Some((100, 5)), ..Program::default() }.record();
-    let found = json(&compare(&a, &b, &["--json"]));
+    let found = compare(&a, &b, &["--json"]).json();
     assert_eq!((&found["equal"], &found["first"]["command"]), (&false.into(), &(BEFORE + 101).into()));
     assert_eq!(found["first"]["what"][0]["of"], "command");
     assert_eq!(found["context"].as_array().expect("a list").len(), 3);
     assert_eq!((&found["a"]["commands"], &found["a"]["file"]), (&308.into(), &a.path().into()));
     let b = Program { home_offset: 5, ..Program::default() }.record();
-    let found = json(&compare(&a, &b, &["--json"]));
+    let found = compare(&a, &b, &["--json"]).json();
     assert_eq!(found["first"]["text"], "SDO SDO_WR slave 1 0x607C:0 u32 = 0", "{found}");
     let b = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
-    let found = json(&compare(&a, &b, &["--json"]));
+    let found = compare(&a, &b, &["--json"]).json();
     let what = &found["first"]["what"][0];
     assert_eq!((&what["of"], &what["slave"], &what["values"][0]), (&"statusword".into(), &2.into(), &0x1237.into()));
     assert_eq!(found["ends_early"], "b");
-    let equal = json(&compare(&a, &a, &["--json"]));
+    let equal = compare(&a, &a, &["--json"]).json();
     assert_eq!((&equal["equal"], &equal["first"], &equal["ends_early"]), (&true.into(), &Value::Null, &Value::Null));
 }
 

@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Ran, run};
+use crate::common::{Ran, json_lines, run};
 use serde_json::Value;
 use support::pe::{ARM64, IL_ONLY, PREFERS_32, Pe, REQUIRES_32, X64, X86, ours, vendors};
 use tempfile::TempDir;
@@ -24,7 +24,7 @@ fn doctor(folder: &Path) -> (Ran, Vec<Value>) {
     let folder = folder.display().to_string();
     let (text, json) = (run(["doctor", &folder]), run(["doctor", "--json", &folder]));
     assert_eq!(text.code, json.code, "{text:?} {json:?}");
-    let findings = json.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let findings = json_lines(&json.out);
     (text, findings)
 }
 

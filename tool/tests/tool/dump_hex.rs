@@ -1,6 +1,6 @@
 //! `ecmsk dump --hex`: bare frames in words and as JSON.
 
-use crate::common::{Ran, run, run_with_input};
+use crate::common::{Ran, json_lines, run, run_with_input};
 use ecmsk::sk::SlotSize;
 use serde_json::Value;
 use vectors::{Vector, vector_named, vectors};
@@ -19,11 +19,6 @@ fn dump(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
     run_with_input(&[&["dump", "--hex"], arguments].concat(), input)
 }
 
-/// Every line of a JSON dump.
-fn json_lines(ran: Ran) -> Vec<Value> {
-    ran.quiet().lines().map(|line| serde_json::from_str(line).expect("a line is one JSON object")).collect()
-}
-
 /// Every golden frame in words, as it has been read through by hand.
 #[test]
 fn every_golden_frame_is_dumped_as_the_snapshot_says() {
@@ -37,7 +32,7 @@ fn every_golden_frame_is_dumped_as_the_snapshot_says() {
 fn json_has_the_numbers_of_the_golden_frames() {
     for vector in vectors() {
         let size = vector.size.bytes().to_string();
-        let frames = json_lines(dump(&["--json", "--all", "--slot-size", &size], line(&vector)));
+        let frames = json_lines(&dump(&["--json", "--all", "--slot-size", &size], line(&vector)).quiet());
         let [frame] = &frames[..] else { panic!("one line gives one object, not {}", frames.len()) };
         assert_eq!(frame["slot_bytes"], vector.size.bytes(), "{}", vector.name);
         let slots = frame["slots"].as_array().expect("slots are a list");
@@ -64,7 +59,7 @@ fn json_says_whether_the_crc_is_right_absent_or_wrong() {
         [("set-state-preop", "right"), ("resp-preop-nocrc", "absent"), ("crc-wrong", "wrong"), ("crc-is-zero", "right")]
     {
         let vector = vector_named(name);
-        let frame = &json_lines(dump(&["--json"], line(&vector)))[0];
+        let frame = &json_lines(&dump(&["--json"], line(&vector)).quiet())[0];
         assert_eq!(frame["crc"]["status"], status, "{name}");
         assert_eq!(frame["crc"]["found"], vector.bytes[3], "{name}");
         if let Some(crc) = vector.crc8 {
@@ -78,7 +73,7 @@ fn json_says_whether_the_crc_is_right_absent_or_wrong() {
 fn json_fields_have_names_with_units() {
     let slot = |name: &str, slot: &str, arguments: &[&str]| {
         let arguments = [&["--json", "--slots", slot], arguments].concat();
-        json_lines(dump(&arguments, line(&vector_named(name))))[0]["slots"][0].clone()
+        json_lines(&dump(&arguments, line(&vector_named(name))).quiet())[0]["slots"][0].clone()
     };
     let csp = slot("csp-index-7", "1", &[]);
     assert_eq!((&csp["role"], &csp["id"], &csp["index"]), (&"slave".into(), &"CSP".into(), &7.into()));
@@ -108,7 +103,7 @@ fn json_fields_have_names_with_units() {
 #[test]
 fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
     for vector in vectors() {
-        let frame = &json_lines(dump(&["--json"], hex(&vector.bytes)))[0];
+        let frame = &json_lines(&dump(&["--json"], hex(&vector.bytes)).quiet())[0];
         let expected = if vector.is_response() { "response" } else { "command" };
         assert_eq!(
             (&frame["direction"], &frame["direction_guessed"]),
@@ -147,7 +142,7 @@ fn slot_size_is_found_by_the_crc() {
     let narrow = padded(vector_named("csp-all-40").bytes);
     let wide = hex(&vector_named("csp-hsp-2ch-16").bytes);
     let sizes = |input: &str| -> Vec<_> {
-        json_lines(dump(&["--json"], input)).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
+        json_lines(&dump(&["--json"], input).quiet()).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
     };
     assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
     let all = |digits: &str| dump(&["--json", "--all"], digits).quiet();

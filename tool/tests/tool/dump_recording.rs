@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::recordings::{Script, make_capture, record_to_a_slow_disk};
-use crate::common::{Ran, run, run_with_input};
+use crate::common::{Ran, json_lines, run, run_with_input};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, SlotSize};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -50,7 +50,7 @@ impl Recorded {
 
     fn json(&self, options: &[&str]) -> Vec<Value> {
         let out = self.dump(&[&["--json"], options].concat()).quiet();
-        out.lines().map(|line| serde_json::from_str(line).expect("a line is one JSON object")).collect()
+        json_lines(&out)
     }
 }
 

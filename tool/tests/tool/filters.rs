@@ -3,7 +3,7 @@
 use crate::common::motion::Run;
 use crate::common::plots::{Recorded, two_axes};
 use crate::common::svg::COLOURS;
-use crate::common::{Ran, run};
+use crate::common::{Ran, json_lines, run};
 use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SlaveCommand, SlotSize};
 use serde_json::Value;
 
@@ -33,7 +33,7 @@ fn dump(recorded: &Recorded, options: &[&str]) -> Ran {
 
 fn json(recorded: &Recorded, options: &[&str]) -> Vec<Value> {
     let out = dump(recorded, &[&["--json"], options].concat()).quiet();
-    out.lines().map(|line| serde_json::from_str(line).expect("one object a line")).collect()
+    json_lines(&out)
 }
 
 fn slots(frame: &Value) -> Vec<u64> {

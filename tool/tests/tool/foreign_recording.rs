@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
-use crate::common::{Ran, run};
+use crate::common::{Ran, json_lines, run};
 use ecmsk::link::Link;
 use ecmsk::link::options::Clock;
 use ecmsk::link::record::RecordLink;
@@ -72,7 +72,7 @@ fn text_of_a_recording_is_shown() {
         let ran = run(arguments);
         harmless(&ran);
         if arguments.contains(&"--json") {
-            let parsed: Vec<Value> = ran.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+            let parsed = json_lines(&ran.out);
             let named = parsed.iter().any(|object| object["name"] == file || object["a"]["file"] == file);
             assert!(named || !matches!(arguments[0], "compare" | "monitor"), "{}", ran.out);
         }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use crate::common::motion::Run;
 use crate::common::plots::Recorded;
 use crate::common::recordings::Script;
-use crate::common::{Ran, run};
+use crate::common::{Ran, json_lines, run};
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::sk::{
@@ -65,10 +65,6 @@ fn monitor(file: &std::path::Path, options: &[&str]) -> Ran {
     run([&["monitor", "--recording", path], options].concat())
 }
 
-fn objects(out: &str) -> Vec<Value> {
-    out.lines().map(|line| serde_json::from_str(line).expect("one object a line")).collect()
-}
-
 /// TOOL-65 The table: board, FIFO, SDO, and every slave as what it is.
 #[test]
 fn the_table_shows_board_fifo_sdo_and_every_slave() {
@@ -94,7 +90,7 @@ fn without_set_axis_kinds_are_guessed_and_marked() {
 #[test]
 fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
-    let views = objects(&monitor(&file, &["--json", "--interval", "25ms"]).quiet());
+    let views = json_lines(&monitor(&file, &["--json", "--interval", "25ms"]).quiet());
     let times: Vec<_> = views.iter().map(|view| view["time_ns"].as_u64().expect("a time") / MS).collect();
     assert_eq!(times, [25, 50, 75, 100]);
     let view = &views[2];
@@ -103,9 +99,9 @@ fn json_has_one_object_for_each_interval() {
     assert_eq!(view["velocities"][0], serde_json::json!({ "slave": 1, "counts_per_s": 5000.0 }));
     assert_eq!(view["velocities"][1]["counts_per_s"], 0.0);
     let path = file.to_str().expect("UTF-8");
-    let dump = objects(&run(["dump", path, "--json", "--from", "100ms"]).quiet());
+    let dump = json_lines(&run(["dump", path, "--json", "--from", "100ms"]).quiet());
     assert_eq!(views[3]["slots"], dump[0]["slots"]);
-    assert_eq!(objects(&monitor(&file, &["--json", "--interval", "25ms", "--seconds", "60ms"]).quiet()).len(), 3);
+    assert_eq!(json_lines(&monitor(&file, &["--json", "--interval", "25ms", "--seconds", "60ms"]).quiet()).len(), 3);
 }
 
 /// TOOL-68 A board is looked at and nothing is sent: it counts no frame, and stays in the state it was in.
@@ -114,7 +110,7 @@ fn nothing_is_sent() {
     for clock in ["real", "virtual"] {
         let link = format!("sim:?slaves=drive*2,io&clock={clock}&queue=4096");
         let options = ["monitor", "--link", &link, "--json", "--interval", "50ms", "--seconds", "0.4"];
-        let views = objects(&run(options).quiet());
+        let views = json_lines(&run(options).quiet());
         let last = views.last().expect("a view");
         assert_eq!((&last["counters"]["frames"], &last["slots"][0]["state"]), (&0.into(), &"PreOP".into()), "{clock}");
         assert!(last["reports"].as_u64().is_some_and(|reports| reports > 0), "{clock}");
@@ -132,7 +128,7 @@ fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     let link = "sim:?slaves=drive&fault.disconnect_ms=300";
     let ran = run(["monitor", "--link", link, "--json", "--interval", "20ms", "--seconds", "30"]);
     ran.failed(1, &["is gone"], "open it again");
-    assert!(objects(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
+    assert!(json_lines(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
 }
 
 /// TOOL-65 What there is nothing to see of, and what to do.

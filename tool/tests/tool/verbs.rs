@@ -3,7 +3,7 @@
 #![cfg(target_os = "linux")]
 
 use crate::common::board::{BOARD, Tape, file, text, transcript};
-use crate::common::run;
+use crate::common::{json_lines, run};
 use ecmsk::sk::{CommandId, MasterState, SlotSize};
 
 fn recorded(name: &str, slaves: &str) -> (String, std::path::PathBuf) {
@@ -240,8 +240,7 @@ fn progress_is_told_once_a_second() {
     let told = ran.err.lines().filter(|line| line.starts_with("progress: moving")).count();
     assert_eq!((told, ran.out.as_str()), (3, "axis 1: at 35000\n"), "{}", ran.err);
     let ran = run(line.into_iter().chain(["--json"]));
-    let objects: Vec<serde_json::Value> =
-        ran.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let objects = json_lines(&ran.out);
     assert_eq!(objects.len(), 4);
     assert!(objects[..3].iter().all(|object| object["verb"] == "move" && object["progress"].is_f64()));
     assert_eq!(objects[3]["position_counts"], 35_000);

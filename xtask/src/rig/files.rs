@@ -1,4 +1,4 @@
-//! Files that come out of the guest: it says them on its console.
+//! Receives files from the guest, which prints them on its console.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,10 +7,10 @@ use std::path::Path;
 use super::packages;
 use crate::error::Error;
 
-/// A line of a file: this word, the file's name, and the next bytes of it in hexadecimal digits.
+/// The first word of a line of a file; the name of the file and its next bytes in hexadecimal digits follow.
 pub const MARK: &str = "FILE ";
 
-/// Puts them into `folder`, which holds nothing else.
+/// Writes the files into `folder`, which contains nothing else.
 pub fn keep(lines: &[String], folder: &Path) -> Result<(), Error> {
     packages::empty(folder)?;
     for (name, content) in files(lines) {
@@ -31,7 +31,7 @@ fn files(lines: &[String]) -> BTreeMap<&str, Vec<u8>> {
     files
 }
 
-/// `None`: no hexadecimal digits.
+/// The bytes of hexadecimal digits; `None` for other text.
 fn bytes(digits: &str) -> Option<Vec<u8>> {
     let pairs = digits.as_bytes().chunks(2);
     pairs.map(|pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok()).collect()

@@ -1,4 +1,4 @@
-//! What the guest consists of.
+//! Packs the content of the guest.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,14 +10,13 @@ use super::programs::{self, Programs};
 use super::{modules, packages};
 use crate::error::Error;
 
-/// What the guest's USB and HID code is, the virtual host controller, and the monitor of USB traffic.
+/// The modules of the guest: the virtual host controller, USB HID, and the monitor of USB traffic.
 const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 
-/// What the link `usb:` loads, which no program names.
+/// The libraries that the link `usb:` loads at run time.
 const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];
 
-/// The guest's first program. `@` stands for the modules in their order, `COMMAND` for what it is there
-/// to run.
+/// The guest's first program. `@` is replaced by the modules in their order, `COMMAND` by the program to run.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin:/rig
@@ -38,8 +37,7 @@ printf "\\x$(printf %02x $code)" | dd of=/dev/port bs=1 seek=244 count=1 2>/dev/
 poweroff -f
 "#;
 
-/// Packs the guest's root; `board` is the module that is a board on SPI, `command` what the guest
-/// runs.
+/// Packs the guest's root. `board` is the module that is a board on SPI, `command` the program to run.
 pub fn pack(
     packages: &Packages,
     board: &Path,
@@ -51,12 +49,12 @@ pub fn pack(
     for empty in ["proc", "sys", "dev", "tmp", "var", "run"] {
         archive.folder(empty);
     }
-    // usbip keeps what it has attached below it.
+    // usbip keeps its state below this path.
     archive.link("var/run", "/run");
     archive.copy("bin/busybox", &packages.root.join("bin/busybox"))?;
 
     let mut order = modules::in_order(&packages.root.join("lib/modules").join(&packages.release), &MODULES)?;
-    // All that it needs is in the kernel itself.
+    // The module only needs the kernel itself.
     order.push(board.to_owned());
     let mut names = Vec::new();
     for module in &order {

@@ -1,4 +1,4 @@
-//! The archive that the guest has as its root: cpio in the format "newc" (Documentation/driver-api/early-userspace/
+//! Writes the archive of the guest's root: cpio in the format "newc" (Documentation/driver-api/early-userspace/
 //! buffer-format.rst of Linux).
 
 use std::collections::BTreeSet;
@@ -13,7 +13,7 @@ const FILE: u32 = 0o100_000;
 const LINK: u32 = 0o120_777;
 const END: &str = "TRAILER!!!";
 
-/// An archive in the making.
+/// An archive to which files are added.
 #[derive(Default)]
 pub struct Archive {
     bytes: Vec<u8>,
@@ -60,7 +60,8 @@ impl Archive {
     fn entry(&mut self, path: &str, mode: u32, content: &[u8]) {
         self.entries += 1;
         let (size, name) = (content.len() as u32, path.len() as u32 + 1);
-        // Number, mode, owner, group, links, time, size, four of devices, length of the name, a sum that nobody checks.
+        // The fields: number, mode, owner, group, links, time, size, four device numbers, length of the name, an
+        // unused checksum.
         let fields = [self.entries, mode, 0, 0, 1, 0, size, 0, 0, 0, 0, name, 0];
         self.bytes.extend_from_slice(b"070701");
         for field in fields {

@@ -1,4 +1,4 @@
-//! The kernel as QEMU boots it fastest: without the decompressor that a bzImage brings.
+//! Unpacks the kernel, which QEMU boots faster without the decompressor of a bzImage.
 
 use std::fs;
 use std::io::Write;
@@ -20,7 +20,7 @@ pub fn unpack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     }
     let image = packages.root.join(format!("boot/vmlinuz-{}", packages.release));
     let bytes = fs::read(&image).map_err(Error::file("read", &image))?;
-    // The magic may stand in the decompressor too: the kernel is what unpacks to a program.
+    // The magic bytes may also occur in the decompressor; the kernel is the stream that unpacks to an ELF file.
     let starts = bytes.windows(XZ_MAGIC.len()).enumerate().filter(|(_, window)| *window == XZ_MAGIC);
     for (at, _) in starts {
         let unpacked = unxz(&bytes[at..])?;
@@ -34,7 +34,7 @@ pub fn unpack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     Err(Error::Rig("the kernel is packed otherwise than Debian 12 does it (xz); run it on Debian 12"))
 }
 
-/// The first stream in `bytes`; nothing if there is none.
+/// Unpacks the first stream in `bytes`; the result is empty if there is none.
 fn unxz(bytes: &[u8]) -> Result<Vec<u8>, Error> {
     let mut xz = Command::new("xz");
     xz.args(["--decompress", "--stdout", "--single-stream"]);
@@ -44,7 +44,7 @@ fn unxz(bytes: &[u8]) -> Result<Vec<u8>, Error> {
     let input = child.stdin.take();
     let output = std::thread::scope(|scope| {
         scope.spawn(move || {
-            // It stops reading at the end of the stream.
+            // xz stops reading at the end of the stream, so this write may fail.
             let _ = input.map(|mut input| input.write_all(bytes));
         });
         child.wait_with_output()

@@ -1,5 +1,5 @@
-//! `cargo xtask test --rig`: the wire tests in a small guest, where a real kernel's USB, HID, SPI and GPIO code stands
-//! between the two ends. `cargo xtask bench --rig`: the wires measured there.
+//! `cargo xtask test --rig`: runs the wire tests in a small guest system, where a real kernel's USB, HID, SPI and
+//! GPIO code is between the two ends. `cargo xtask bench --rig`: measures the wires there.
 //!
 //! The guest is Debian's kernel, an archive in memory with its modules and the one of `tests/rig/board`, Debian's
 //! `usbip`, the tool and the test program, and nothing else; QEMU boots it without privileges and without KVM. All that
@@ -34,14 +34,15 @@ use packages::Packages;
 use programs::Programs;
 use qemu::Machine;
 
-/// What the guest runs.
+/// The command that the guest runs.
 const TESTS: &str = "/rig/tests --test-threads=1";
 const BENCH: &str = "/rig/bench";
 
-/// The tests that take half of the time, which a second guest runs meanwhile: a guest has one processor.
+/// The tests that take half of the time. A second guest runs them at the same time, because a guest has one
+/// processor.
 const HALF: [&str; 2] = ["unchanged::", "--skip=unchanged::"];
 
-/// What the rig needs beside cargo.
+/// The programs that the wire tests need besides cargo.
 pub const NEEDS: &[Need] = &[QEMU, XZ, STRIP, CXX, GCC, MAKE, PKG_CONFIG];
 
 /// Runs the wire tests in the guest: those whose names contain one of `names`, or all.
@@ -58,7 +59,7 @@ pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     files::keep(&said, &folder.join("files"))
 }
 
-/// Measures the wires in the guest; gives what the bench says.
+/// Measures the wires in the guest; returns the output of the bench.
 pub fn bench(project: &Project) -> Result<Vec<String>, Error> {
     let packages = packages::fetch(&project.target.join("xtask/rig"))?;
     let programs = programs::bench(project)?;
@@ -66,7 +67,7 @@ pub fn bench(project: &Project) -> Result<Vec<String>, Error> {
     booted.run("console.log", &[], |line| line.starts_with("GUEST-BEGIN"))
 }
 
-/// What a guest is booted from.
+/// The files from which a guest is booted.
 struct Booted {
     kernel: PathBuf,
     initrd: PathBuf,
@@ -82,13 +83,13 @@ impl Booted {
         Ok(Self { kernel, initrd, folder })
     }
 
-    /// What a guest says that is handed these words; what it says goes to that file, too.
+    /// Runs a guest with these arguments; returns its output, which also goes to the file `log`.
     fn run(&self, log: &str, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
         let machine = Machine { kernel: &self.kernel, initrd: &self.initrd, memory_mb: 512, folders: &[] };
         qemu::boot(&machine, words, &self.folder.join(log), is_shown)
     }
 
-    /// What two guests say that run at the same time, one after the other.
+    /// Runs two guests at the same time; returns the output of both.
     fn run_two(&self, words: [&str; 2]) -> Result<Vec<String>, Error> {
         let run = |log, word: &str| self.run(log, &[word.to_owned()], qemu::is_result);
         let [first, second] = words;

@@ -1,4 +1,4 @@
-//! The kernel's modules that the guest loads, each after those that it needs.
+//! Orders the kernel's modules so that each comes after those that it needs.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 
-/// Modules below `folder` that `wanted` are and need, in an order in which they can be loaded.
+/// The modules below `folder` with these names and all that they need, in an order in which they can be loaded.
 pub fn in_order(folder: &Path, wanted: &[&str]) -> Result<Vec<PathBuf>, Error> {
     let mut all = BTreeMap::new();
     collect(folder, &mut all)?;
@@ -17,7 +17,7 @@ pub fn in_order(folder: &Path, wanted: &[&str]) -> Result<Vec<PathBuf>, Error> {
     Ok(order)
 }
 
-/// Modules by name; in names `-` and `_` are the same.
+/// Collects the modules by name; `-` and `_` are the same in names.
 fn collect(folder: &Path, all: &mut BTreeMap<String, PathBuf>) -> Result<(), Error> {
     for path in super::packages::list(folder)? {
         if path.is_dir() {
@@ -41,7 +41,7 @@ fn add(name: &str, all: &BTreeMap<String, PathBuf>, order: &mut Vec<PathBuf>) ->
         return Ok(());
     }
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
-    // Modules need each other in no circle.
+    // Modules have no circular dependencies.
     for needed in depends(&bytes) {
         add(&needed, all, order)?;
     }
@@ -49,7 +49,7 @@ fn add(name: &str, all: &BTreeMap<String, PathBuf>, order: &mut Vec<PathBuf>) ->
     Ok(())
 }
 
-/// What a module says that it needs: `depends=a,b` between zeros.
+/// The modules that a module needs: `depends=a,b` between zeros.
 fn depends(module: &[u8]) -> Vec<String> {
     let said = module.split(|byte| *byte == 0).find_map(|text| text.strip_prefix(b"depends="));
     let names = String::from_utf8_lossy(said.unwrap_or_default()).into_owned();

@@ -1,4 +1,4 @@
-//! Debian's packages for the guest: fetched without installing them, so that the host stays as it is.
+//! Fetches Debian packages for the guest without installing them, so that the host is not changed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,26 +7,26 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 
-/// What stands for the newest kernel of this Debian. The flavour "cloud" has no USB.
+/// The package that depends on the newest kernel of this Debian. The flavour "cloud" has no USB.
 const KERNEL: &str = "linux-image-amd64";
-/// Busybox is the guest's user land; usbip attaches a board; libusb, with what it needs, is what the link `usb:` loads;
-/// libelf1 is what the programs of linux-kbuild load.
+/// Further packages: busybox is the guest's user land, usbip attaches a board, libusb and libudev are loaded by the
+/// link `usb:`, and libelf1 by the programs of linux-kbuild.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
-/// Folders of the kernel's modules for what the guest has none of: most of the kernel's package.
+/// Folders of modules for hardware that the guest does not have, which is most of the kernel's package.
 const LEFT_OUT: [&str; 6] =
     ["drivers/gpu", "drivers/infiniband", "drivers/media", "drivers/net", "drivers/scsi", "sound"];
-/// File in the root that says which packages it was made of.
+/// The file in the root that lists the packages that it was made of.
 const MADE_OF: &str = "made-of";
 
-/// What the packages hold, unpacked.
+/// The unpacked packages.
 pub struct Packages {
-    /// As it would lie below `/`.
+    /// The folder that corresponds to `/`.
     pub root: PathBuf,
     /// The kernel's release, such as `6.1.0-40-amd64`.
     pub release: String,
 }
 
-/// Fetches what is not there yet, and unpacks it.
+/// Fetches missing packages and unpacks them.
 pub fn fetch(folder: &Path) -> Result<Packages, Error> {
     if !command::succeeds(Command::new("apt-get").arg("--version")) {
         return Err(Error::Rig("the guest is made of Debian's packages, and there is no apt-get; run it on Debian 12"));
@@ -52,24 +52,24 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
         if root.exists() {
             fs::remove_dir_all(&root).map_err(Error::file("remove", &root))?;
         }
-        // Named last, when all is in its place.
+        // It gets its name last, when it is complete.
         fs::rename(&unpacked, &root).map_err(Error::file("rename", &unpacked))?;
     }
     Ok(Packages { root, release })
 }
 
 impl Packages {
-    /// What modules for this kernel are built with.
+    /// The headers for building modules for this kernel.
     pub fn headers(&self) -> PathBuf {
         self.root.join(format!("usr/src/linux-headers-{}", self.release))
     }
 
-    /// The part of it that is the same for all flavours of the kernel.
+    /// The headers that all flavours of the kernel have in common.
     pub fn common_headers(&self) -> PathBuf {
         self.root.join("usr/src").join(common_headers(&self.release))
     }
 
-    /// Libraries of these names, by their places below `/`.
+    /// The libraries with these names, and their paths below `/`.
     pub fn libraries(&self, names: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
         let mut found = Vec::new();
         for folder in ["lib", "usr/lib"].map(|folder| self.root.join(folder)).iter().filter(|folder| folder.is_dir()) {
@@ -84,7 +84,7 @@ impl Packages {
     }
 }
 
-/// Unpacks a package but for what no guest has.
+/// Unpacks a package without the folders in [`LEFT_OUT`].
 fn unpack(deb: &Path, to: &Path) -> Result<(), Error> {
     let without = LEFT_OUT.map(|folder| format!("--exclude=*/kernel/{folder}")).join(" ");
     let mut shell = Command::new("sh");
@@ -93,30 +93,31 @@ fn unpack(deb: &Path, to: &Path) -> Result<(), Error> {
     command::run(shell.args(["-ec", &line]).arg(deb).arg(to))
 }
 
-/// All packages: the kernel, what modules for it are built with, and the others.
+/// The names of all packages: the kernel, what is needed to build modules for it, and the others.
 fn names(image: &str, release: &str) -> Vec<String> {
     let headers = [format!("linux-headers-{release}"), common_headers(release), kbuild(release)];
     let kernel = std::iter::once(image.to_owned()).chain(headers);
     kernel.chain(OTHERS.map(str::to_owned)).collect()
 }
 
-/// `6.1.0-40-amd64`: the flavour is its last part.
+/// The package of the common headers, named like the kernel without its flavour: `6.1.0-40-amd64` has the flavour
+/// `amd64`.
 fn common_headers(release: &str) -> String {
     format!("linux-headers-{}-common", release.rsplit_once('-').map_or(release, |(version, _)| version))
 }
 
-/// It is named by the first two numbers of the version.
+/// The package linux-kbuild, named by the first two numbers of the version.
 fn kbuild(release: &str) -> String {
     let numbers: Vec<&str> = release.splitn(3, '.').take(2).collect();
     format!("linux-kbuild-{}", numbers.join("."))
 }
 
-/// The package with the kernel itself, by the one that depends on the newest.
+/// The package of the kernel, on which [`KERNEL`] depends.
 fn kernel_package() -> Result<String, Error> {
     if let Some(image) = depends()? {
         return Ok(image);
     }
-    // A fresh system knows of no packages.
+    // A fresh system has no lists of packages yet.
     command::run(Command::new("apt-get").args(["-qq", "update"]))?;
     depends()?.ok_or(Error::Rig("apt knows no kernel (linux-image-amd64); run `sudo apt-get update`"))
 }
@@ -132,7 +133,7 @@ fn image_of(said: &str) -> Option<String> {
     depends.map(str::trim).find(|name| name.starts_with("linux-image-")).map(str::to_owned)
 }
 
-/// The folder, with nothing in it.
+/// Makes the folder, empty.
 pub fn empty(folder: &Path) -> Result<(), Error> {
     if folder.exists() {
         fs::remove_dir_all(folder).map_err(Error::file("remove", folder))?;
@@ -140,7 +141,7 @@ pub fn empty(folder: &Path) -> Result<(), Error> {
     fs::create_dir_all(folder).map_err(Error::file("make", folder))
 }
 
-/// What lies in a folder, by name.
+/// The contents of a folder, sorted by name.
 pub fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let entries =
         fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>).map_err(Error::file("list", folder))?;

@@ -1,5 +1,5 @@
-//! What runs in the guest: the wire tests as one program, with the tool and unchanged programs on two libraries; or the
-//! bench of the wires.
+//! Builds the programs that run in the guest: the wire tests as one program, with the tool and unchanged programs on
+//! two libraries; or the bench of the wires.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -13,16 +13,16 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::{command, stage};
 
-/// The test of the root package that runs in the guest alone.
+/// The test program that runs only in the guest.
 const TESTS: &str = "rig";
-/// The folders of programs whose makefiles build them all.
+/// The folders of example programs, which their Makefiles build.
 const EXAMPLES: [&str; 2] = ["examples/c", "examples/cpp"];
-/// The bench of the root package that measures in the guest alone.
+/// The bench that runs only in the guest.
 const BENCH: &str = "rig";
-/// The library by the name that programs ask for.
+/// The file name of the library that programs ask for.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
-/// Programs and libraries for the guest, by their names below `/rig`.
+/// The programs and libraries for the guest, with their names below `/rig`.
 pub type Programs = Vec<(String, PathBuf)>;
 
 /// A line of cargo's `--message-format=json-render-diagnostics`.
@@ -38,7 +38,7 @@ struct Target {
     kind: Vec<String>,
 }
 
-/// The wire tests with all that they start.
+/// The wire tests with all programs that they start.
 pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Programs, Error> {
     let prefix = project.target.join("xtask/stage");
     stage::build_into(project, &prefix, "dev")?;
@@ -47,7 +47,7 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
     let mut programs = vec![
         ("tests".to_owned(), build_target(project, "test", TESTS)?),
         ("ecmsk".to_owned(), prefix.join("bin/ecmsk")),
-        // This project's library, and one that moves a hidraw node.
+        // The library of this project, and one that uses a hidraw device.
         (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
         (format!("hidraw/{LIBRARY}"), build_hidraw_library(project, &built)?),
         ("cancelled".to_owned(), build_cancelled(project, &prefix, &built)?),
@@ -89,7 +89,7 @@ fn build_examples(project: &Project, prefix: &Path, to: &Path) -> Result<Vec<Pat
     Ok(programs)
 }
 
-/// A program that cancels threads in calls of the library.
+/// Builds a program that cancels threads in calls of the library.
 fn build_cancelled(project: &Project, prefix: &Path, built: &Path) -> Result<PathBuf, Error> {
     let program = built.join("cancelled");
     let mut gcc = Command::new("gcc");
@@ -114,21 +114,21 @@ fn executable(said: &[u8], name: &str, kind: &str) -> Option<PathBuf> {
     messages.filter(|message| message.target.as_ref().is_some_and(wanted)).find_map(|message| message.executable)
 }
 
-/// The program without what only a debugger needs, which is most of it.
+/// Copies the program without its debug information, which is most of it.
 pub fn stripped(program: &Path, to: &Path) -> Result<(), Error> {
     command::run(Command::new("strip").arg("-o").args([to, program]))
 }
 
-/// The libraries that a program loads, by their places on this machine.
+/// The libraries that a program loads, with their paths on this machine.
 pub fn libraries(program: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut ldd = Command::new("ldd");
     let said = command::output(ldd.arg(program))?;
-    // That under test is put in its place by itself.
+    // The library under test is added separately.
     let libraries = String::from_utf8_lossy(&said).lines().filter_map(library).map(PathBuf::from).collect::<Vec<_>>();
     Ok(libraries.into_iter().filter(|path| path.file_name() != Some(OsStr::new(LIBRARY))).collect())
 }
 
-/// `name => /path (address)` or `/path (address)`.
+/// The path in a line of ldd: `name => /path (address)` or `/path (address)`.
 fn library(line: &str) -> Option<&str> {
     line.split_whitespace().find(|word| Path::new(OsStr::new(word)).is_absolute())
 }

@@ -1,4 +1,4 @@
-//! Boots the guest and reads what it says.
+//! Boots the guest and reads its console.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -11,29 +11,30 @@ use super::files;
 use crate::command;
 use crate::error::Error;
 
-/// No run of the tests takes longer, on a machine that is busy with other things too.
+/// The time limit of a run, which is enough even on a machine that is busy otherwise.
 const LIMIT: Duration = Duration::from_secs(2400);
-/// QEMU's own exit code when the guest said 0: twice that and one more.
+/// QEMU's exit code if the guest ended with 0: twice the guest's code plus 1.
 const GUEST_SUCCEEDED: i32 = 1;
-/// What the guest's first program says last.
+/// The last line of the guest's first program.
 const END: &str = "GUEST-END rc=0";
-/// Lines that are shown of a guest that failed.
+/// How many lines are shown of a guest that failed.
 const LAST_LINES: usize = 80;
 
-/// What the kernel is told; behind it stands what it hands to its first program.
+/// The options of the kernel, followed by the arguments of its first program.
 const KERNEL_OPTIONS: &str = "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic --";
 
-/// What is booted.
+/// The guest system.
 pub struct Machine<'a> {
     pub kernel: &'a Path,
     pub initrd: &'a Path,
     pub memory_mb: u32,
-    /// Folders of this machine that it sees, by the names it mounts them by; it cannot write to them.
+    /// Folders of this machine that are visible in the guest, by the names under which it mounts them; they are
+    /// read-only.
     pub folders: &'a [(&'a str, &'a Path)],
 }
 
-/// Boots it, hands it these words, and gives what it says, line by line. That goes to the file `log` too, and what
-/// `is_shown` to standard output at once.
+/// Boots the guest with these arguments and returns the lines of its output. The output also goes to the file `log`,
+/// and lines for which `is_shown` is true to standard output at once.
 pub fn boot(
     machine: &Machine<'_>,
     words: &[String],
@@ -59,7 +60,7 @@ pub fn boot(
     let until = Instant::now() + LIMIT;
     let mut all = Vec::new();
     while let Ok(line) = heard.recv_timeout(until.saturating_duration_since(Instant::now())) {
-        // The file is for a person; that it is full is no reason to stop.
+        // The file is for users; a full disk does not end the test.
         let _ = writeln!(file, "{line}");
         if is_shown(&line) {
             println!("  {line}");
@@ -71,7 +72,7 @@ pub fn boot(
         child.end();
     }
     let status = child.0.wait().map_err(Error::file("wait for", Path::new("qemu")))?;
-    // Its output is at its end, as it is itself.
+    // The guest has ended, and so has its output.
     let _ = reader.join();
     if in_time && status.code() == Some(GUEST_SUCCEEDED) && all.iter().any(|line| line == END) {
         return Ok(all);
@@ -82,13 +83,15 @@ pub fn boot(
     Err(Error::Guest { why, log: log.to_owned() })
 }
 
-/// Without KVM: on a machine that is a guest itself it may hang.
+/// The command line of QEMU. KVM is not used, because it may hang on a machine that is a guest itself.
 fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     let mut qemu = Command::new("qemu-system-x86_64");
-    // 64-bit Wine goes back to itself by iretq, to which this QEMU applies SMAP: the guest's kernel would panic.
+    // 64-bit Wine returns to itself by iretq, to which this QEMU wrongly applies SMAP, so that the guest's kernel
+    // would panic.
     qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max,-smap", "-smp", "1", "-m", &machine.memory_mb.to_string()]);
-    // Time in the guest is what it has executed, 1 ns an instruction: a busy machine makes no test late. While it does
-    // nothing time jumps to what it waits for next, unless that is a file of this machine, which takes its time.
+    // The guest's time is the number of executed instructions, 1 ns each, so that no test is late on a busy machine.
+    // While the guest is idle its time jumps to the next event, unless it waits for a file of this machine, which
+    // takes real time.
     let idle = if machine.folders.is_empty() { "off" } else { "on" };
     qemu.arg("-icount").arg(format!("shift=0,sleep={idle}"));
     qemu.args(["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]);
@@ -96,7 +99,7 @@ fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     qemu.arg("-kernel").arg(machine.kernel).arg("-initrd").arg(machine.initrd);
     qemu.arg("-append").arg(format!("{KERNEL_OPTIONS} {}", words.join(" ")));
     for (name, folder) in machine.folders {
-        // A comma in a value is written twice.
+        // A comma in a value is doubled.
         let path = folder.to_string_lossy().replace(',', ",,");
         qemu.arg("-virtfs").arg(format!("local,path={path},mount_tag={name},security_model=none,readonly=on"));
     }
@@ -104,17 +107,17 @@ fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     qemu
 }
 
-/// A line that says how a test or all of them went.
+/// Whether a line is the result of one test or of all.
 pub fn is_result(line: &str) -> bool {
     line.starts_with("test ") || line.starts_with("GUEST-BEGIN")
 }
 
-/// Ends with this program.
+/// QEMU, which is ended when this is dropped.
 struct Guest(Child);
 
 impl Guest {
     fn end(&mut self) {
-        // It may have ended by itself.
+        // It may have ended already.
         let _ = self.0.kill();
     }
 }

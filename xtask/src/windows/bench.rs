@@ -1,5 +1,5 @@
-//! How long the DLLs take from LoadLibrary to an open board, against an empty one, under Wine; and on a board on USB, in the
-//! guest.
+//! Measures how long the DLLs take from LoadLibrary to an open board, against an empty DLL, under Wine; and on a
+//! board on USB, in the guest.
 
 use std::fs;
 use std::path::Path;
@@ -12,11 +12,11 @@ use crate::project::Project;
 use crate::system::stay_on_one_processor;
 
 const SOURCE: &str = "benches/windows";
-/// Where it lies below the folder of all programs.
+/// The folder of the bench among all programs.
 const PLACE: &str = "bench-load";
 const LINK: &str = "sim:";
 
-/// Measures both widths; gives what the bench says.
+/// Measures both widths; returns the output of the bench.
 pub fn bench(project: &Project) -> Result<String, Error> {
     let mut said = String::new();
     let prefix = folder(project).join("stage");
@@ -24,8 +24,8 @@ pub fn bench(project: &Project) -> Result<String, Error> {
         build_width(project, width, &prefix)?;
     }
     said += &(super::usb::bench(project)? + "\n");
-    // Wine asks its server many times while it loads a DLL; on two processors it depends on chance how long each of them takes to
-    // wake up, which is as much as what is measured.
+    // While it loads a DLL Wine exchanges many messages with its server. On two processors the time to wake up varies
+    // as much as the time that is measured.
     stay_on_one_processor().map_err(Error::Processor)?;
     for width in Width::ALL {
         let wine = wine::set_up(project, width)?;

@@ -1,5 +1,6 @@
-//! Programs in C# and VB.NET on Microsoft's .NET Core for Windows, under Wine. C# is compiled as it is everywhere, by
-//! `dotnet.rs`; VB.NET by Microsoft's compiler, which runs on that .NET Core alone, for Mono's libraries and so for every .NET.
+//! Tests programs in C# and VB.NET on Microsoft's .NET Core for Windows, under Wine. C# is compiled by `dotnet.rs` as
+//! everywhere; VB.NET by Microsoft's compiler, which runs on that .NET Core only, against Mono's libraries and so for
+//! every .NET.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,12 +15,12 @@ use crate::npm::{DOTNET_X64, DOTNET_X86, VBC};
 use crate::project::Project;
 use crate::wheel::DOTNET_CORE_3;
 
-/// The module that the tests stand in.
+/// The module of the tests.
 pub const MODULE: &str = "dotnet::";
 
 const VB_SOURCE: &str = "examples/vb";
 const VB_PROGRAMS: [&str; 1] = ["GuideExample"];
-/// For any .NET: what VB.NET needs of a library of its own goes into the program.
+/// Options for any .NET: the runtime library of VB.NET is compiled into the program.
 const VB_OPTIONS: [&str; 8] = [
     "-nologo",
     "-deterministic+",
@@ -30,15 +31,15 @@ const VB_OPTIONS: [&str; 8] = [
     r#"-define:_MYTYPE="Empty""#,
     "-target:exe",
 ];
-/// Mono's libraries, which are those of .NET Framework 4 by their names.
+/// Mono's libraries, which have the names of those of .NET Framework 4.
 const MONO: &str = "/usr/lib/mono/4.5";
 
-/// Whether a name of a test may be one of the tests of a width here.
+/// Whether a test with that name may belong to this width and this module.
 pub fn takes(width: Width, name: &str) -> bool {
     width.has(name) && is_of_it(name)
 }
 
-/// Whether a name of a test is one of those here.
+/// Whether a test with that name is in this module.
 pub fn is_of_it(name: &str) -> bool {
     name.starts_with(MODULE)
 }
@@ -53,7 +54,7 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     build_width(project, width, &prefix)?;
     let out = project.target.join("xtask/dotnet");
     let compiled = dotnet::compile_into(project, &out)?;
-    // VB.NET is compiled for either width, by the 64-bit compiler, and tried once.
+    // VB.NET programs are compiled for both widths by the 64-bit compiler, and tested once.
     if width == Width::X64 {
         compile_vb(project, &wine, &dotnet, &compiled, &out.join("vb"))?;
     }
@@ -64,13 +65,13 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     })
 }
 
-/// `dotnet.exe` by the path that Wine finds it at.
+/// The path of `dotnet.exe` in Wine.
 fn runtime(project: &Project, width: Width, wine: &Wine) -> Result<PathBuf, Error> {
     const PROGRAM: &str = "dotnet.exe";
     if width == Width::X64 {
         return Ok(DOTNET_X64.folder(project).join(PROGRAM));
     }
-    // 32-bit Wine sees nothing of this system: a copy for it.
+    // 32-bit Wine runs in another root, so it needs a copy.
     let from = DOTNET_X86.folder(project);
     let name = from.file_name().unwrap_or_default();
     let copy = wine.root().join(name);
@@ -109,7 +110,7 @@ fn compile_vb(
     Ok(())
 }
 
-/// A path of this system as Wine's programs know it.
+/// A path of this system as a path of Wine.
 fn drive_z(path: &Path) -> String {
     format!("Z:{}", path.display())
 }

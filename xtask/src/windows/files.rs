@@ -1,4 +1,4 @@
-//! The DLL and the tool, of either width: built, linked with what Windows shows of them.
+//! Builds the DLL and the tool for either width, with their version resources.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,19 +10,19 @@ use crate::command;
 use crate::error::Error;
 use crate::project::{Project, cargo_home};
 
-/// The library's file.
+/// The file name of the library.
 pub const DLL: &str = "NEXTWUSBLib.dll";
-/// The tool's file.
+/// The file name of the tool.
 pub const TOOL: &str = "ecmsk.exe";
 
 /// A file that is built.
 pub struct Built {
     details: version::File,
-    /// What cargo is told to build.
+    /// The arguments of cargo.
     what: &'static [&'static str],
 }
 
-/// All that are built.
+/// All files that are built.
 pub const BUILT: [Built; 2] = [
     Built {
         details: version::File {
@@ -30,7 +30,7 @@ pub const BUILT: [Built; 2] = [
             description: "The ECM-SK's library, of the project ecmsk",
             kind: Kind::Library,
         },
-        // The DLL alone: not the archive, and not the crate that the bench links.
+        // The DLL only, without the static library and the crate that the bench links.
         what: &["--package=NEXTWUSBLib", "--lib", "--crate-type=cdylib"],
     },
     Built {
@@ -41,15 +41,15 @@ pub const BUILT: [Built; 2] = [
 
 /// Cargo's profile for them.
 const PROFILE: &str = "windows";
-/// Debian's programs, whatever rustup has put in front of them.
+/// Debian's programs, and not those that rustup has put before them on the path.
 const CARGO: &str = "/usr/bin/cargo";
 pub const RUSTC: &str = "/usr/bin/rustc";
-/// Objects that MinGW's 32-bit programs and DLLs begin and end with, of the standard library's sources; building it does
-/// not make them.
+/// Objects with which MinGW's 32-bit programs and DLLs begin and end. They are made from the standard library's
+/// sources, whose build does not make them.
 const START_AND_END: [&str; 2] = ["rsbegin", "rsend"];
 
 impl Built {
-    /// Builds the one of a width into `place`.
+    /// Builds the file for a width into `place`.
     pub fn build(&self, project: &Project, width: Width, place: &Path) -> Result<(), Error> {
         let Self { details, what } = self;
         let target = folder(project).join("build");
@@ -72,14 +72,14 @@ impl Built {
     }
 }
 
-/// cargo, set up for a width; its verb and arguments are to follow.
+/// cargo with the settings for a width, without its subcommand and arguments.
 fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Error> {
     let mut flags = vec![
-        // Thread-local values as the loader knows them: it gives them up with the DLL. Otherwise each would take one of the
-        // process's 1088 TLS indexes for good, every time that a program loads the DLL.
+        // Thread-local values are managed by the loader, which releases them with the DLL. Otherwise each would take
+        // one of the process's 1088 TLS indexes forever whenever a program loads the DLL.
         "-Zhas-thread-local=yes".to_owned(),
     ];
-    // No path of this machine in the file.
+    // The file must not contain paths of this machine.
     let target = in_order(target);
     for (folder, name) in
         [(Some(project.root.clone()), "ecmsk"), (cargo_home(), "cargo"), (Some(target.clone()), "target")]
@@ -91,12 +91,12 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
     }
     let mut cargo = Command::new(CARGO);
     cargo.current_dir(&project.root);
-    // Otherwise rustup's, which runs this program, would be found first.
+    // Otherwise rustup's rustc would be found first, with which this program runs.
     cargo.env("RUSTC", RUSTC).env("PATH", "/usr/bin:/bin").env_remove("RUSTUP_TOOLCHAIN");
-    // The standard library is built too, which only a nightly compiler does without being told that it may.
+    // The standard library is built as well, which a stable compiler only does with this variable.
     cargo.env("RUSTC_BOOTSTRAP", "1").env("CARGO_TARGET_DIR", &target);
     cargo.env_remove("RUSTFLAGS").env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1F"));
-    // For ld: the files have no time, so that linking them again gives the same bytes.
+    // For ld: the files contain no time, so that linking again gives the same bytes.
     cargo.env("SOURCE_DATE_EPOCH", "0");
     let variable = width.target().replace('-', "_");
     cargo.env(format!("CC_{variable}"), format!("{}-gcc", width.mingw()));
@@ -104,18 +104,18 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
     Ok(cargo)
 }
 
-/// A folder by a name that comes before `/usr` in the alphabet, wherever it lies. GNU ld puts what a DLL imports into the order of
-/// the paths of the archives that it comes from; some of them are built here, and MinGW's lie in `/usr`.
+/// A name of the folder that comes before `/usr` in the alphabet, wherever it is. GNU ld sorts imports by the paths
+/// of their archives; some are built here, and MinGW's are in `/usr`.
 fn in_order(folder: &Path) -> PathBuf {
     Path::new("/proc/self/root").join(folder.strip_prefix("/").unwrap_or(folder))
 }
 
-/// What the unwinder of 32-bit DLLs needs of threads.
+/// Compiles the functions for threads that the unwinder of 32-bit DLLs needs.
 fn unwinding(target: &Path) -> Result<PathBuf, Error> {
     let (source, object) = (target.join("unwinding.c"), target.join("unwinding.o"));
     fs::write(&source, include_str!("unwinding.c")).map_err(Error::file("write", &source))?;
     let mut compiler = Command::new(format!("{}-gcc", Width::X86.mingw()));
-    // SRW locks are there from Windows 7 on.
+    // SRW locks exist from Windows 7 on.
     compiler
         .args(["-O2", "-Wall", "-Wextra", "-Werror", "-D_WIN32_WINNT=0x0601", "-c"])
         .arg(source)

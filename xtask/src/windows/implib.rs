@@ -1,8 +1,9 @@
-//! Import libraries: what a linker needs of the DLL, by every name that programs know its functions by.
+//! Makes the import libraries: what a linker needs of the DLL, with every name under which programs know its
+//! functions.
 //!
-//! The vendor's functions have two names for a compiler: some copies of the vendor's headers declare them inside
-//! `extern "C"`, some do not, and then a C++ program asks for the name with its types in it. Both lead to the one export,
-//! whose name has no decoration.
+//! A compiler may know the vendor's functions by two names: some copies of the vendor's headers declare them inside
+//! `extern "C"` and some do not, so that a C++ program uses the mangled name. Both refer to the one export, whose
+//! name is not decorated.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -15,22 +16,22 @@ use super::Width;
 use crate::command;
 use crate::error::Error;
 
-/// For Microsoft's linker.
+/// The import library for Microsoft's linker.
 pub const MSVC: &str = "NEXTWUSBLib.lib";
-/// For MinGW's.
+/// The import library for MinGW's linker.
 pub const MINGW: &str = "libNEXTWUSBLib.dll.a";
 
 /// The list of exports, in the order of their ordinals.
 const EXPORTS: &str = include_str!("../../../capi/exports.txt");
 
-/// How C++ sees a vendor's function.
+/// The names of a vendor's function.
 struct Vendor {
     name: &'static str,
-    /// Bytes of its arguments in 32 bits: part of a name by `__stdcall`.
+    /// The bytes of its arguments in 32 bits, which are part of its `__stdcall` name.
     stdcall: u8,
-    /// What follows the name for Microsoft's compiler, x86 and x64.
+    /// The suffix of the mangled name for Microsoft's compiler, x86 and x64.
     msvc: [&'static str; 2],
-    /// The same for MinGW's, of either width.
+    /// The suffix for MinGW's compiler, for both widths.
     itanium: &'static str,
 }
 
@@ -48,7 +49,7 @@ pub fn write(width: Width, place: &Path) -> Result<(), Error> {
     mingw(width, place)
 }
 
-/// An entry: the symbol that a program asks for, the export that it is, and that one's ordinal.
+/// An entry of an import library: the symbol that a program uses, the export that it refers to, and its ordinal.
 type Entry = (String, &'static str, u16);
 
 fn exports() -> impl Iterator<Item = (&'static str, u16)> {
@@ -56,7 +57,7 @@ fn exports() -> impl Iterator<Item = (&'static str, u16)> {
     names.zip(1..)
 }
 
-/// Symbols as Microsoft's compiler makes them.
+/// The symbols that Microsoft's compiler uses.
 fn msvc_entries(width: Width) -> Vec<Entry> {
     let entries = exports().flat_map(|(name, ordinal)| {
         let vendor = VENDOR.iter().find(|vendor| vendor.name == name);
@@ -79,13 +80,13 @@ fn msvc(width: Width, path: &Path) -> Result<(), Error> {
         Width::X64 => MachineTypes::AMD64,
     };
     let export = |(symbol, name, ordinal): Entry| COFFShortExport {
-        // A symbol that differs from the name is one whose decoration the linker takes off to find the export.
+        // For a symbol that differs from the name the linker removes the decoration to find the export.
         name: name.to_owned(),
         symbol_name: Some(symbol),
         ext_name: None,
         import_name: None,
         export_as: None,
-        // A hint for the loader.
+        // The hint for the loader.
         ordinal: ordinal - 1,
         noname: false,
         data: false,
@@ -97,8 +98,8 @@ fn msvc(width: Width, path: &Path) -> Result<(), Error> {
     write_import_library(&mut file, DLL, &exports, machine, false, false, &[]).map_err(Error::file("write", path))
 }
 
-/// Lines of a module definition as dlltool takes it: a symbol without the underscore that every one has on x86, the ordinal,
-/// and after `==` the export's name.
+/// The lines of a module definition for dlltool: a symbol without the underscore that all symbols have on x86, the
+/// ordinal, and after `==` the name of the export.
 fn mingw_definition(width: Width) -> String {
     let mut lines = vec![format!("LIBRARY {DLL}"), "EXPORTS".to_owned()];
     for (name, ordinal) in exports() {
@@ -119,12 +120,13 @@ fn mingw_definition(width: Width) -> String {
 }
 
 fn mingw(width: Width, place: &Path) -> Result<(), Error> {
-    // By names alone: symbols in the library are made of them.
+    // File names without folders, because dlltool makes symbols of them.
     let definition = Path::new("NEXTWUSBLib.def");
     let path = place.join(definition);
     fs::write(&path, mingw_definition(width)).map_err(Error::file("write", &path))?;
     let mut dlltool = Command::new(format!("{}-dlltool", width.mingw()));
-    // The same bytes every time: otherwise its temporary files, which are members, have the process's number.
+    // Makes the same bytes every time; otherwise the names of temporary files, which become members, contain the
+    // process id.
     dlltool.current_dir(place).args(["--deterministic-libraries", "--temp-prefix", "NEXTWUSBLib", "--input-def"]);
     command::run(dlltool.arg(definition).args(["--output-lib", MINGW]))?;
     fs::remove_file(&path).map_err(Error::file("remove", &path))

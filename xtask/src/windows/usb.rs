@@ -1,4 +1,5 @@
-//! Windows programs on a board on USB: Wine's HID stack and the USB and HID code of a real kernel, in a guest system.
+//! Runs Windows programs on a board on USB: Wine's HID stack and the USB and HID code of a real kernel, in a guest
+//! system.
 //!
 //! The kernel and its modules are those of the wire tests (`rig`). The guest's root is the Debian that 32-bit programs run
 //! on here, seen through 9p and not written to: what is written stays in the guest's memory.
@@ -19,24 +20,23 @@ use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
 use crate::stage;
 
-/// The test of the root package that runs in the guest.
+/// The test program that runs in the guest.
 const TESTS: &str = "windows_usb";
-/// Its programs: one of its own, one that runs on any link, and a bench.
+/// Its programs: one for this test, one that runs on any link, and a bench.
 const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
-/// The test that is the bench.
+/// The arguments that run only the bench.
 const BENCH: [&str; 3] = ["speed::", "--ignored", "--nocapture"];
-/// USB and HID, the virtual host controller, and what shows folders of this machine to the guest.
+/// The modules: USB HID, the virtual host controller, and 9p for folders of this machine.
 const MODULES: [&str; 7] = ["vhci-hcd", "usbhid", "hid-generic", "virtio_pci", "9pnet_virtio", "9p", "overlay"];
 const MEMORY_MB: u32 = 2048;
 
-/// What Wine is to know: of devices those that the kernel has as hidraw, and not by SDL, which is not there and without
-/// which it would look no further.
+/// The registry of Wine: it must use hidraw devices, and not SDL, without which it would stop searching.
 const REGISTRY: &str = "REGEDIT4\n\n[HKEY_LOCAL_MACHINE\\System\\CurrentControlSet\\Services\\winebus]\n\
                         \"Enable SDL\"=dword:00000000\n\"DisableInput\"=dword:00000001\n\
                         \"DisableHidraw\"=dword:00000000\n";
 
-/// The guest's first program. `@MODULES@` stands for the modules in their order, `@PREFIX@` for Wine's folder. Libraries of
-/// udev are there, and the daemon has to run, or Wine notices neither that a board goes nor that it comes back.
+/// The guest's first program. `@MODULES@` is replaced by the modules in their order, `@PREFIX@` by Wine's folder. The
+/// udev daemon has to run, or Wine does not notice that a board comes or goes.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin
@@ -71,7 +71,7 @@ printf "\\x$(printf %02x $code)" | /bin/dd of=/new/dev/port bs=1 seek=244 count=
 /bin/poweroff -f
 "#;
 
-/// Whether a name of a test is one of those in the guest: it begins with the module that they stand in.
+/// Whether a test with that name runs in the guest: it begins with the module of these tests.
 pub fn takes(name: &str) -> bool {
     name.starts_with("boards::")
 }
@@ -85,13 +85,13 @@ pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Measures the DLLs on a board on USB, in the guest; gives what the bench says.
+/// Measures the DLLs on a board on USB in the guest; returns the output of the bench.
 pub fn bench(project: &Project) -> Result<String, Error> {
     let said = in_guest(project, &BENCH.map(str::to_owned), |line| line.starts_with('{'))?;
     Ok(said.join("\n"))
 }
 
-/// What is said in a guest that runs the tests with these words.
+/// Runs the tests with these arguments in a guest; returns its output.
 fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
     let folder = folder(project).join("usb");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
@@ -106,7 +106,7 @@ fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> 
     qemu::boot(&machine, words, &folder.join("console.log"), is_shown)
 }
 
-/// The Debian with Wine of both widths, which is told where to look for devices.
+/// Sets up the Debian system with Wine of both widths and its registry.
 fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
     let wine = wine::set_up(project, Width::X86)?;
     let known = wine.programs.join("winebus.reg");
@@ -114,14 +114,15 @@ fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
         let new = wine.programs.join("winebus.new.reg");
         fs::write(&new, REGISTRY).map_err(Error::file("write", &new))?;
         wine.run(".", &["regedit.exe", "/S", "winebus.new.reg"])?;
-        // Named last, when Wine knows it.
+        // The file gets its name last, when Wine has read it.
         fs::rename(&new, &known).map_err(Error::file("rename", &new))?;
     }
-    // Wine writes its registry when its server ends, which it does when this is dropped.
+    // Wine writes its registry when its server ends, which happens when this is dropped.
     Ok(wine.root())
 }
 
-/// What the guest sees at `/rig`: the tests, the tool, and of each width the programs, the DLL and the tool again.
+/// Fills the folder that the guest has as `/rig`: the tests, the tool, and for each width the programs, the DLL and
+/// the tool.
 fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
     let (stage, share) = (super::folder(project).join("stage"), folder.join("share"));
     packages::empty(&share)?;
@@ -153,7 +154,7 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
     Ok(share)
 }
 
-/// Packs what the guest begins with.
+/// Packs the initial archive of the guest.
 fn pack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     let mut archive = Archive::default();
     for empty in ["proc", "sys", "dev"] {

@@ -1,4 +1,4 @@
-//! What Windows shows of a file under Details.
+//! Makes the version resources, which Windows shows under Details.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use crate::command;
 use crate::error::Error;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Four numbers, as Windows compares versions.
+/// The version as four numbers, which Windows compares.
 const NUMBERS: &str = concat!(
     env!("CARGO_PKG_VERSION_MAJOR"),
     ",",
@@ -19,7 +19,7 @@ const NUMBERS: &str = concat!(
     ",0"
 );
 
-/// A program or DLL as Windows shows it.
+/// The texts of a program or DLL.
 pub struct File {
     pub name: &'static str,
     pub description: &'static str,
@@ -33,7 +33,7 @@ pub enum Kind {
 }
 
 impl File {
-    /// Makes the object with it in `folder`, for the linker.
+    /// Makes the object with the resource in `folder`, for the linker.
     pub fn object(&self, width: Width, folder: &Path) -> Result<PathBuf, Error> {
         fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
         let source = folder.join(self.name).with_extension("rc");
@@ -43,7 +43,8 @@ impl File {
         Ok(object)
     }
 
-    /// In the language of windres. 0x40004 is 32-bit and 64-bit Windows, 0x0409 American English, 0x04B0 UTF-16.
+    /// The resource in the language of windres. 0x40004 is 32-bit and 64-bit Windows, 0x0409 American English, 0x04B0
+    /// UTF-16.
     fn resource(&self) -> String {
         let Self { name, description, kind } = self;
         let kind = match kind {

@@ -1,8 +1,8 @@
-//! Wine: 64-bit programs run on this system's, 32-bit ones on that of a Debian of its own, since this system's mirrors need
-//! not have 32-bit packages of the versions that are installed here.
+//! Sets up Wine. 64-bit programs run on this system's Wine, 32-bit ones on that of a Debian system in a folder,
+//! because this system's mirrors may not have 32-bit packages of the installed versions.
 //!
-//! Either gets a folder for programs and a script that runs one: `SCRIPT FOLDER PROGRAM ARGUMENTS`, where FOLDER lies in
-//! that folder and is the program's current one.
+//! Both have a folder for programs and a script that runs one: `SCRIPT FOLDER PROGRAM ARGUMENTS`, where FOLDER is in
+//! that folder and becomes the program's working directory.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,30 +15,30 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::system::set_mode;
 
-/// The Debian with both Wines.
+/// The Debian system with Wine of both widths.
 const SYSTEM: System = System {
     name: "debian",
     why: "32-bit Wine runs on a Debian of its own: fetching some 300 MB, which takes 2 GB and, on two free cores, two minutes",
     also: Some("i386"),
-    // The last two are for USB in the guest: Wine looks for devices by libudev, of either width.
+    // The last two are for USB in the guest: Wine finds devices by libudev, in either width.
     packages: &["wine", "wine64", "wine32:i386", "udev", "libudev1:i386"],
-    // What nobody reads there.
+    // Files that nobody reads there.
     left_out: "path-exclude=/usr/share/doc/*\npath-exclude=/usr/share/man/*\npath-exclude=/usr/share/locale/*\n",
 };
-/// Where programs lie in the Debian of its own.
+/// The folder for programs in that Debian system.
 const PROGRAMS: &str = "srv";
-/// Where Wine keeps its drive C there.
+/// The folder of Wine's drive C there.
 pub const PREFIX: &str = "wine";
 
-/// A Wine that is ready.
+/// Wine, ready to run programs.
 pub struct Wine {
-    /// Folder for programs.
+    /// The folder for programs.
     pub programs: PathBuf,
-    /// Runs one.
+    /// The script that runs a program.
     pub script: PathBuf,
 }
 
-/// Sets Wine up for a width; a second time it is there at once.
+/// Sets Wine up for a width; nothing is done if it is set up already.
 pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
     let folder = folder(project);
     let script = folder.join(format!("wine-{}", width.name()));
@@ -62,31 +62,31 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
     if !prefix.join("system.reg").exists() {
         println!("setting up Wine for {} (10 s)", width.name());
         wine.run(".", &["wineboot.exe", "-i"])?;
-        // It has written all when its server ends.
+        // Wine has written everything when its server has ended.
         wine.run("--server", &["-w"])?;
         if width == Width::X86 {
             share_dlls(&wine.root(), &prefix)?;
         }
     }
-    // One that an interrupted run has left would be in the way; mostly there is none.
+    // Ends a server that an interrupted run may have left.
     let _ = wine.run("--server", &["-k"]);
-    // The server stays until it is told to go: started anew for each program it would take most of the time.
+    // The server keeps running, because starting it for each program would take most of the time.
     wine.run("--server", &["-p"])?;
-    // Its services begin with the first program and keep what that one writes to open: this one writes to nobody.
+    // Wine's services start with the first program and keep its output open, so the first one has no output.
     wine.run(".", &["cmd.exe", "/c", "exit"])?;
     Ok(wine)
 }
 
 impl Wine {
-    /// The root that its programs see, if it is one of its own.
+    /// The root of its programs, if it is not that of this system.
     pub fn root(&self) -> PathBuf {
         self.programs.parent().map(Path::to_owned).unwrap_or_default()
     }
 
-    /// Runs a program in a folder of it.
+    /// Runs a program in a folder of [`Self::programs`].
     pub fn run(&self, folder: &str, words: &[&str]) -> Result<(), Error> {
         let mut script = Command::new(&self.script);
-        // Wine's complaints about what it does not find here are none of ours.
+        // Wine's warnings about missing features are not of interest.
         script.arg(folder).args(words).stdout(Stdio::null()).stderr(Stdio::null());
         command::run(&mut script)
     }
@@ -94,19 +94,19 @@ impl Wine {
 
 impl Drop for Wine {
     fn drop(&mut self) {
-        // Nothing depends on it.
+        // A server that cannot be ended does no harm.
         let _ = self.run("--server", &["-k"]);
     }
 }
 
-/// Wine's folders in a Debian with the DLLs of each width, and where a prefix has its copies of them.
+/// Wine's folders of DLLs for each width, and where a prefix has its copies.
 const DLLS: [(&str, &str); 2] = [
     ("usr/lib/x86_64-linux-gnu/wine/x86_64-windows", "system32"),
     ("usr/lib/i386-linux-gnu/wine/i386-windows", "syswow64"),
 ];
 
-/// Wine has copied all its DLLs into the prefix, more than a gigabyte. Each copy becomes a second name of the file that it is
-/// a copy of, which in a Debian of its own nobody else has.
+/// Wine has copied all its DLLs into the prefix, more than a gigabyte. Each copy is replaced by a hard link to its
+/// original, which only this prefix uses.
 fn share_dlls(root: &Path, prefix: &Path) -> Result<(), Error> {
     for (from, to) in DLLS.map(|(from, to)| (root.join(from), prefix.join("drive_c/windows").join(to))) {
         for entry in fs::read_dir(&from).map_err(Error::file("list", &from))?.flatten() {
@@ -121,7 +121,7 @@ fn share_dlls(root: &Path, prefix: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// What Wine is to know: nothing of .NET and HTML, no word about itself, a drive C of its own.
+/// The environment of Wine: without .NET, HTML and debug output, and with the given drive C.
 fn environment(prefix: &Path) -> String {
     format!(
         "export WINEPREFIX={} WINEARCH=win64 WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml=' HOME={0}",
@@ -139,7 +139,7 @@ fn on_this_system(programs: &Path, prefix: &Path) -> String {
     )
 }
 
-/// The mount of /proc is seen by nobody else, and gone with the program.
+/// Runs a command in its own root. The mount of /proc is not visible outside and ends with the program.
 fn in_its_own(root: &Path) -> String {
     let inside = format!(
         "{}\nfolder=$1\nshift\n[ \"$folder\" = --server ] && exec wineserver \"$@\"\n\
@@ -167,7 +167,7 @@ fn write_script(script: &Path, text: &str) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    /// The scripts are shell, whatever is in the paths.
+    /// The scripts are valid shell scripts, whatever is in the paths.
     #[test]
     fn scripts_can_be_read_by_a_shell() {
         let odd = Path::new("/a folder/of $HOME's");

@@ -55,6 +55,12 @@ pub struct Ran {
     pub err: String,
 }
 
+/// The lines of an output, each a JSON object.
+#[track_caller]
+pub fn json_lines(out: &str) -> Vec<serde_json::Value> {
+    out.lines().map(|line| serde_json::from_str(line).expect("a line is one JSON object")).collect()
+}
+
 impl From<Output> for Ran {
     fn from(output: Output) -> Self {
         let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("output is UTF-8");
@@ -68,6 +74,13 @@ impl Ran {
     pub fn quiet(self) -> String {
         assert_eq!((self.code, self.err.as_str()), (Some(0), ""), "{}", self.out);
         self.out
+    }
+
+    /// The only line of its output, as JSON.
+    #[track_caller]
+    pub fn json(&self) -> serde_json::Value {
+        assert_eq!(self.out.lines().count(), 1, "{}", self.out);
+        serde_json::from_str(&self.out).expect("one JSON object")
     }
 
     /// It failed with this code and one line that has these words, and ends with this next step.

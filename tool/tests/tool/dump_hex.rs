@@ -2,7 +2,6 @@
 
 use crate::common::{Ran, json_lines, run, run_with_input};
 use ecmsk::sk::SlotSize;
-use serde_json::Value;
 use vectors::{Vector, vector_named, vectors};
 
 /// Hexadecimal digits of some bytes.

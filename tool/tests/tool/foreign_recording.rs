@@ -11,7 +11,6 @@ use ecmsk::link::Link;
 use ecmsk::link::options::Clock;
 use ecmsk::link::record::RecordLink;
 use ecmsk::recording::{RecordMeta, Recording};
-use serde_json::Value;
 use support::recorded::Program;
 use support::recording::{Echo, Memory};
 

@@ -12,7 +12,6 @@ use ecmsk::sk::{
     CommandId, DriveResponse, Frame, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterCommand, MasterResponse,
     MasterState, SdoResponse, SlaveKind, SlaveResponse, SlotSize, StateByte,
 };
-use serde_json::Value;
 use tempfile::TempDir;
 
 const SIZE: SlotSize = SlotSize::Bytes16;

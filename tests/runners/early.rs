@@ -43,7 +43,7 @@ fn the_runner_is_never_early() {
 
 /// LIB-55 It says what the board has counted, and what nobody has read.
 #[test]
-fn it_says_what_was_counted() {
+fn the_runner_reports_the_counters_of_the_board() {
     let (board, _) = board(1);
     let runner = start(board, 2);
     for _ in 0..3 {
@@ -61,7 +61,7 @@ fn it_says_what_was_counted() {
 
 /// Who drops it has ended its thread: nothing of the board is left.
 #[test]
-fn dropping_it_ends_its_thread() {
+fn dropping_the_runner_ends_its_thread() {
     let held = Arc::new(());
     let holds = Arc::clone(&held);
     let bus = Hooked(SimBus::new(Vec::new()), move || _ = Arc::strong_count(&holds));

@@ -129,7 +129,7 @@ fn a_host_that_stops_reading_finds_the_newest_reports() {
 /// LIB-36 A read with a limit ends after that time of the board; LIB-54 and leaves the buffer alone.
 /// SK-9.10 Time passes while one waits, and by looking too.
 #[test]
-fn reads_with_limits() {
+fn a_read_with_a_limit_ends_after_that_board_time() {
     let (mut client, _) = open(1, options());
     client.master(MasterCommand::SetDc { cycle: CycleTime::from_us(512_000).unwrap(), shift: DcShift::Auto });
     client.op();
@@ -245,7 +245,7 @@ fn a_report_a_cycle_in_every_state() {
 /// SK-9.8 Time that is let pass is the board's, and its reports are kept as if nobody had read; a report that is due at
 /// the very end of a limit comes; LIB-49 a board that is reset says so.
 #[test]
-fn time_is_let_pass() {
+fn passed_time_makes_reports_as_if_nobody_read() {
     let (board, _) = board(1);
     let zero = board.now();
     let stepped = Stepped::new(board, 0, 32);

@@ -46,7 +46,7 @@ fn ended_by<T: Send>(call: impl FnOnce() -> T + Send, end: impl Fn()) -> T {
 
 /// SK-9.8 Reports arrive by themselves, whole and one a cycle; SK-9.9 in OP one each EtherCAT cycle.
 #[test]
-fn reports_arrive() {
+fn one_whole_report_arrives_per_cycle() {
     let (mut client, _) = open(2, options());
     let first = client.read();
     assert_eq!(client.answer().state, StateByte::reached(MasterState::PreOp));
@@ -153,7 +153,7 @@ fn a_blocked_write_ends() {
 
 /// Writes that may not wait at all get through one after the other at the usual pace.
 #[test]
-fn writes_that_may_not_wait() {
+fn writes_that_may_not_wait_succeed_at_the_usual_pace() {
     let (client, _) = open(1, options());
     for n in 0..500 {
         assert!(client.link.write(&Frame::new(), Wait::Now).is_ok(), "write {n}");
@@ -282,7 +282,7 @@ fn a_dead_runner_ends_the_waits() {
 
 /// Wishes that the system refuses are warnings: the board runs all the same.
 #[test]
-fn refused_wishes_are_warnings() {
+fn a_refused_real_time_priority_is_a_warning() {
     let _turn = listen();
     // No system has priority 200.
     let real_time = RealTime { priority: Some(200), lock_memory: false };

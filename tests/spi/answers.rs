@@ -20,7 +20,7 @@ fn head(report: &Frame, slot: usize) -> (u8, u8) {
 /// WIRE-120, SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
 /// FIFO is free: a program may wait for both.
 #[test]
-fn the_id_stays() {
+fn the_id_and_index_of_a_command_stay_in_every_report() {
     for answers in BOTH {
         let mut bench = Bench::on(Setup { slaves: 2, answers, ..Setup::default() });
         for (index, command) in [(7, CommandId::AlarmClear), (8, CommandId::ServoOn), (9, CommandId::AlarmClear)] {
@@ -83,7 +83,7 @@ fn a_rejected_command_is_not_shown_as_answered() {
 
 /// WIRE-120, WIRE-44 What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
 #[test]
-fn what_was_dropped_is_not_answered() {
+fn a_command_dropped_by_a_clear_is_not_shown_as_answered() {
     let mut bench = Bench::on(Setup::default());
     bench.held.push_back(all(1, CommandId::ServoOn, 3, 0));
     bench.until(|bench| bench.free == 160 && head(&bench.report, 1) == (CommandId::ServoOn.code(), 3));
@@ -134,7 +134,7 @@ fn first_outputs(link: &dyn Link, slots: usize, report: &mut Frame) {
 /// WIRE-120, SK-3.7, SK-3.8 An IO slave over a whole link: IO_WR's answer stays the outputs, IO_RD's the inputs of the cycle,
 /// both with the whole FIFO free and with a right CRC.
 #[test]
-fn inputs_and_outputs() {
+fn an_io_slave_is_read_and_written_over_the_whole_link() {
     let held = Held::board("sim:?queue=1&slaves=io");
     let link = held.open("spi:/dev/spidev0.0").unwrap();
     let write = |frame: &Frame| link.write(frame, Wait::Forever).unwrap();

@@ -19,7 +19,7 @@ fn stream(bench: &mut Bench, count: u32) {
 /// WIRE-43, SK-5.4, SK-5.6 A host whose clock is faster passes exchanges over, one whose clock is slower makes some more;
 /// the FIFO stays nearly empty, each frame is executed once and in order, and the axes never stand still between two.
 #[test]
-fn clocks_that_differ() {
+fn clocks_that_differ_never_fill_the_fifo_nor_lose_a_frame() {
     for answers in [Answers::Newest, Answers::Older] {
         for host_is_faster in [-20_000, -2000, -100, 0, 100, 2000, 20_000] {
             let mut bench = Bench::on(Setup { host_is_faster, answers, ..Setup::default() });
@@ -40,7 +40,7 @@ fn clocks_that_differ() {
 /// WIRE-43 A machine that is late at times, while the program is ahead: after the first time the frames that it needs are in
 /// the board before, and the axes do not stand still again. A program that is not ahead waits no longer for its answers.
 #[test]
-fn a_machine_that_is_late_at_times() {
+fn a_machine_that_is_late_at_times_keeps_more_entries_in_the_fifo() {
     for answers in [Answers::Newest, Answers::Older] {
         let mut bench = Bench::on(Setup { answers, ..Setup::default() });
         let mut written = 0;

@@ -47,7 +47,7 @@ fn shift(bits: usize, late: bool) -> impl FnMut(&[u8], &mut [u8]) + Send + 'stat
 
 /// WIRE-47 MISO that never changes.
 #[test]
-fn miso_stuck() {
+fn a_stuck_miso_is_named() {
     let held = Held::board(BOARD).tamper(|_, answer| answer.fill(0xFF));
     says(&refused(&held, LINK), &["all ones", "MISO (J3/J2 pin 9)", "power"]);
     for busy in [Busy::True, Busy::None] {
@@ -58,14 +58,14 @@ fn miso_stuck() {
 
 /// WIRE-47 MISO joined to MOSI.
 #[test]
-fn miso_is_mosi() {
+fn miso_joined_to_mosi_is_named() {
     let held = Held::board(BOARD).tamper(|question, answer| answer.copy_from_slice(question));
     says(&refused(&held, LINK), &["MISO repeats what MOSI says", "connect each to its own pin"]);
 }
 
 /// WIRE-47 Answers that come too late or too early, with a board that fills the CRC.
 #[test]
-fn answers_that_have_slipped() {
+fn answers_shifted_by_bits_or_bytes_are_named() {
     for bits in [1, 2, 7] {
         let held = Held::board(BOARD).tamper(shift(bits, true));
         says(&refused(&held, LINK), &[&format!("{bits} bit(s) too late"), "mode=1", "speed="]);
@@ -82,7 +82,7 @@ fn answers_that_have_slipped() {
 
 /// WIRE-47 Noise.
 #[test]
-fn garbled_answers() {
+fn noise_is_named() {
     let mut noise = 1_u32;
     let held = Held::board(BOARD).tamper(move |_, answer| {
         for byte in answer {
@@ -95,7 +95,7 @@ fn garbled_answers() {
 
 /// WIRE-47, SK-10.13 A slot size that is not the board's is found out, and the right one proposed, both ways round.
 #[test]
-fn the_other_slot_size() {
+fn another_slot_size_is_found_and_the_right_one_proposed() {
     let held = Held::board("sim:?queue=1&slot=16");
     says(&refused(&held, LINK), &["slots of 16 bytes, not of 12", "CONFIG2", "set slot=16"]);
     let held = Held::board(BOARD);
@@ -105,7 +105,7 @@ fn the_other_slot_size() {
 
 /// WIRE-47 The same without a CRC in the answers: the form tells.
 #[test]
-fn without_a_crc_the_form_tells() {
+fn without_a_crc_faults_are_found_by_the_form_of_slots() {
     fn no_crc(answer: &mut [u8]) {
         answer[3] = 0;
     }
@@ -125,7 +125,7 @@ fn without_a_crc_the_form_tells() {
 
 /// WIRE-48, SK-10.4 BUSY that never falls or never rises, when the link is opened.
 #[test]
-fn busy_stuck() {
+fn a_stuck_busy_is_named() {
     let held = Held::board(BOARD).busy(Busy::High);
     says(&refused(&held, LINK), &["BUSY has been high", "busy=", "J3/J2 pin 5", "switch it off and on"]);
     assert!(held.with(|state| state.exchanges.is_empty()), "nothing begins while it is high");
@@ -136,7 +136,7 @@ fn busy_stuck() {
 /// WIRE-47, WIRE-48 A wire that comes off later ends every call with the same words; answers that are none are not handed
 /// on, and a few of them end nothing.
 #[test]
-fn wires_that_come_off() {
+fn a_wire_that_comes_off_ends_every_call_with_its_name() {
     type Break = fn(&Held);
     let breaks: [(Break, &str); 5] = [
         (|held| held.with(|state| state.busy = Busy::High), "BUSY has been high"),
@@ -165,7 +165,7 @@ fn wires_that_come_off() {
 
 /// WIRE-47 A bad answer now and then is left out and counted; its number is missing.
 #[test]
-fn a_bad_answer_now_and_then() {
+fn an_occasional_bad_answer_is_left_out_and_counted() {
     let held = Held::board(BOARD);
     let link = held.open(LINK).unwrap();
     let mut number = 0;
@@ -197,7 +197,7 @@ fn a_bad_answer_now_and_then() {
 /// WIRE-47 What is none has a right CRC once in 256 times: a board without a CRC is not taken for one that fills it because of
 /// that, and its next answers are answers. With a CRC in each, each another one, it counts as one that does.
 #[test]
-fn a_crc_that_is_right_by_chance() {
+fn a_crc_that_is_right_by_chance_does_not_make_a_board_with_crcs() {
     let answer = |inputs: u32| {
         let mut answer = Frame::new();
         let slot = RawSlot { id: CommandId::LocalRead.code(), parm: 2, data1: inputs, ..RawSlot::ZERO };

@@ -44,7 +44,7 @@ fn on(link: &dyn Link, slaves: usize) {
 /// WIRE-42, WIRE-44, SK-10.3, SK-10.4 The examples' loop over a link with BUSY and over one without: every frame that was
 /// written went out once and in order, untouched, and every entry was executed; a report a cycle, each with a right CRC.
 #[test]
-fn the_examples_loop() {
+fn every_frame_written_goes_out_once_and_in_order() {
     for busy in [Busy::True, Busy::None] {
         let sim = link::open("sim:?queue=1&slaves=drive*3", Share::ByName).unwrap();
         let held = Held::over(sim.clone()).busy(busy);
@@ -264,7 +264,7 @@ impl Drop for Hold {
 
 /// WIRE-50 Waits end at once by closing and by cancelling, and by their limit; the frame of a read is left alone.
 #[test]
-fn waits_end() {
+fn waits_end_by_closing_cancelling_and_their_limit() {
     let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
     let held = Held::over(sim);
     let link = Arc::new(held.open(LINK).unwrap());
@@ -368,7 +368,7 @@ fn a_clear_overtakes_what_is_held() {
 
 /// WIRE-41, SK-10.6, SK-10.7 A cycle that the wires are too slow for is refused before its frame is sent.
 #[test]
-fn cycles_that_the_wires_are_too_slow_for() {
+fn a_cycle_that_the_wires_are_too_slow_for_is_refused() {
     let held = Held::board("sim:?queue=1&slaves=drive").busy(Busy::None);
     let link = held.open(LINK).unwrap();
     for us in [250, 500] {
@@ -402,7 +402,7 @@ fn the_board_is_reset_when_it_is_opened() {
 
 /// SK-10.13 The other slot size: exchanges of 512 bytes.
 #[test]
-fn slots_of_16_bytes() {
+fn slots_of_16_bytes_are_exchanged_in_512_bytes() {
     let held = Held::board("sim:?queue=1&slaves=drive&slot=16");
     let link = held.open("spi:/dev/spidev0.0?slot=16").unwrap();
     let mut report = Frame::new();
@@ -413,7 +413,7 @@ fn slots_of_16_bytes() {
 
 /// WIRE-51 Reader and writer are two threads, and neither waits for the other; neither allocates.
 #[test]
-fn two_threads_and_no_allocation() {
+fn reader_and_writer_do_not_wait_for_each_other_nor_allocate() {
     let held = Held::board("sim:?queue=1&slaves=drive");
     let link = Arc::new(held.open(LINK).unwrap());
     on(&*link, 1);

@@ -57,7 +57,7 @@ fn the_free_count_is_the_programs() {
 
 /// WIRE-42 One report a cycle whether the program writes or not, in OP and before it, and one exchange for each.
 #[test]
-fn one_exchange_a_cycle() {
+fn there_is_one_report_and_one_exchange_per_cycle() {
     let mut bench = Bench::new(Setup::default());
     let count = |bench: &mut Bench| {
         let (from, end) = (bench.begins.len(), bench.now + 200_000_000);

@@ -14,7 +14,7 @@ fn fails(uri: &str, parts: &[&str]) -> LinkError {
 
 /// WIRE-40, SK-10.1 Defaults and normal forms of the keys.
 #[test]
-fn keys_and_their_defaults() {
+fn keys_have_these_defaults_and_normal_forms() {
     let normal = |text: &str| LinkUri::parse(text).unwrap().to_string();
     for (text, expected) in [
         ("spi:/dev/spidev0.0?speed=24M&mode=0&slot=12&cycle_us=1000&prefill=0", "spi:/dev/spidev0.0"),
@@ -54,7 +54,7 @@ fn keys_and_their_defaults() {
 
 /// WIRE-41 What cannot go together is refused before anything is opened.
 #[test]
-fn what_cannot_go_together() {
+fn keys_that_exclude_each_other_are_refused() {
     fails("spi:", &["as its place", "spi:/dev/spidev0.0"]);
     fails("spi:spidev0.0", &["as its place", "spi:/dev/spidev0.0"]);
     fails("spi:/dev/spidev0.0?cycle_us=750", &["`cycle_us`", "250 * 2^n"]);
@@ -67,7 +67,7 @@ fn what_cannot_go_together() {
 
 /// WIRE-52 A device that is not there, and one that is another, are named.
 #[test]
-fn devices_that_are_none() {
+fn a_missing_or_wrong_device_is_named() {
     let missing =
         fails("spi:/dev/spidev999.7", &["/dev/spidev999.7 is not there", "switch SPI on", "correct the link"]);
     assert!(matches!(missing, LinkError::NoBoard { .. }), "{missing:?}");
@@ -78,7 +78,7 @@ fn devices_that_are_none() {
 
 /// WIRE-52 Who has the device open is told to a second one.
 #[test]
-fn a_device_that_is_in_use() {
+fn a_device_in_use_is_named_with_its_user() {
     let file = tempfile::NamedTempFile::new().unwrap();
     rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
     let error = fails(&format!("spi:{}", file.path().display()), &["in use", "ecmsk serve tcp"]);

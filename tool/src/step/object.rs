@@ -88,7 +88,7 @@ impl Value {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Object {
     pub address: ObjectAddress,
-    /// Its name and type, if it is in [`Object::KNOWN`].
+    /// Its name and type, if it is in [`KNOWN`].
     pub known: Option<(&'static str, Type)>,
 }
 

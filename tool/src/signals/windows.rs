@@ -97,7 +97,7 @@ fn install() -> io::Result<()> {
     // SAFETY: without a function this sets whether this process ignores Ctrl-C, and nothing else.
     let hears = unsafe { SetConsoleCtrlHandler(None, 0) };
     // Once more does no harm: what is first called has done it all.
-    // SAFETY: the function has the signature that is end_request for, and stays as long as the process.
+    // SAFETY: the function has the signature that is asked for, and stays as long as the process.
     let installed = unsafe { SetConsoleCtrlHandler(Some(came), TRUE) };
     if hears == 0 || installed == 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }

@@ -41,28 +41,36 @@ fn a_wrong_option_is_a_wrong_command_line() {
 #[test]
 fn a_network_other_than_described_is_refused() {
     let state = |link: &str, slaves: &str| run(["state", "op", "--link", link, "--slaves", slaves]);
-    state(BOARD, "drive*2").failed(1, &["2 slaves are configured and the board found 3"], "check cables and power");
+    state(BOARD, "drive*2").expect_failure(
+        1,
+        &["2 slaves are configured and the board found 3"],
+        "check cables and power",
+    );
     let ran = state(BOARD, "drive*2,drive");
     assert_eq!(ran.code, Some(1));
     assert!(ran.err.contains("OP was not reached") && ran.err.contains("slave 3 is no DRIVE"), "{}", ran.err);
     let empty = "sim:?slaves=none&clock=virtual";
-    run(["state", "op", "--link", empty]).failed(1, &["no board", "it finds no slave"], "give it some with `slaves=`");
+    run(["state", "op", "--link", empty]).expect_failure(
+        1,
+        &["no board", "it finds no slave"],
+        "give it some with `slaves=`",
+    );
     let ran = run(["move", "1=5", "--up", "--link", BOARD, "--slaves", "none*3"]);
-    ran.failed(1, &["slave 1 is none"], "or correct --slaves");
+    ran.expect_failure(1, &["slave 1 is none"], "or correct --slaves");
     let ran = run(["state", "op", "--link", BOARD, "--cycle-us", "300"]);
-    ran.failed(1, &["cycle_us is 300"], "set 250, 500, 1000, 2000 or 4000");
-    run(["state", "--link", BOARD, "--slaves", "step:csv*3"]).failed(
+    ran.expect_failure(1, &["cycle_us is 300"], "set 250, 500, 1000, 2000 or 4000");
+    run(["state", "--link", BOARD, "--slaves", "step:csv*3"]).expect_failure(
         1,
         &["slave 1 is a STEP in CSV"],
         "set its mode to CSP",
     );
-    run(["state", "--slot-size", "16", "--link", BOARD]).failed(
+    run(["state", "--slot-size", "16", "--link", BOARD]).expect_failure(
         1,
         &["slots of 16 bytes"],
         "leave out --slot-size, or give 12",
     );
     let ran = run(["servo", "on", "all", "--up", "--link", "sim:?slaves=io&clock=virtual"]);
-    ran.failed(1, &["the network has no axis"], "correct --slaves");
+    ran.expect_failure(1, &["the network has no axis"], "correct --slaves");
 }
 
 /// TOOL-12 Slaves that are not there, or of another kind, are told before anything is sent.

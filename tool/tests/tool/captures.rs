@@ -62,7 +62,7 @@ fn tool(verb: &str, file: &Path, options: &[&str]) -> Ran {
 fn a_capture_is_dumped() {
     for slot in [12, 16] {
         let files = Files::new();
-        let dumps: Vec<String> = files.all(slot).iter().map(|file| tool("dump", file, &[]).quiet()).collect();
+        let dumps: Vec<String> = files.all(slot).iter().map(|file| tool("dump", file, &[]).expect_quiet()).collect();
         let first = &dumps[0];
         assert!(first.starts_with("# bus 1, device "), "{first}");
         for words in
@@ -74,7 +74,7 @@ fn a_capture_is_dumped() {
             assert_eq!(first.matches(&format!("slave 1  CSP #{n} target {}\n", 10 * n)).count(), 1, "{first}");
         }
         assert!(dumps.iter().all(|dump| dump == first), "{slot}");
-        let json = tool("dump", &files.folder.path().join("windows.pcapng"), &["--json"]).quiet();
+        let json = tool("dump", &files.folder.path().join("windows.pcapng"), &["--json"]).expect_quiet();
         assert!(json.lines().all(|line| line.contains(&format!("\"slot_bytes\":{slot}"))), "{json}");
     }
 }
@@ -86,12 +86,12 @@ fn a_capture_is_plotted_and_compared() {
     let all = files.all(16);
     for file in &all {
         let svg = files.folder.path().join("x.svg");
-        tool("plot", file, &["-o", svg.to_str().expect("UTF-8")]).quiet();
+        tool("plot", file, &["-o", svg.to_str().expect("UTF-8")]).expect_quiet();
         let plot = Plot::parse(&fs::read_to_string(svg).expect("a plot"));
         assert!(plot.panel_names().iter().any(|name| name.starts_with("Axis 1")), "{:?}", plot.panel_names());
     }
     for other in &all[1..] {
-        let found = tool("compare", &all[0], &[other.to_str().expect("UTF-8")]).quiet();
+        let found = tool("compare", &all[0], &[other.to_str().expect("UTF-8")]).expect_quiet();
         assert!(found.contains("\nequal: "), "{found}");
     }
 }
@@ -102,7 +102,7 @@ fn a_capture_of_the_model_is_its_replay() {
     for slot in [12, 16] {
         let files = Files::new();
         for file in files.all(slot) {
-            let found = tool("replay", &file, &["--link", MODEL]).quiet();
+            let found = tool("replay", &file, &["--link", MODEL]).expect_quiet();
             assert!(found.starts_with(&format!("A is {} (device 1.", file.display())), "{found}");
             let slot_key = if slot == 16 { "&slot=16" } else { "" };
             assert!(found.contains(&format!("\nB is {MODEL}{slot_key}\n")), "{found}");
@@ -121,10 +121,10 @@ fn without_crc_the_slots_tell_the_size() {
         }
         let files = Files::new();
         let file = files.keep("x.pcap", &pcap(&events, USB_LINUX, Parts::Two, 65_535));
-        let json = tool("dump", &file, &["--json"]).quiet();
+        let json = tool("dump", &file, &["--json"]).expect_quiet();
         assert!(json.lines().all(|line| line.contains(&format!("\"slot_bytes\":{slot}"))), "{slot}");
         let other = (28 - slot).to_string();
-        let forced = tool("dump", &file, &["--json", "--slot-size", &other]).quiet();
+        let forced = tool("dump", &file, &["--json", "--slot-size", &other]).expect_quiet();
         assert!(forced.lines().all(|line| line.contains(&format!("\"slot_bytes\":{other}"))), "{slot}");
     }
 }
@@ -156,23 +156,27 @@ fn of_several_boards_in_a_capture_one_is_chosen() {
     let files = Files::new();
     let file = files.keep("two.pcapng", &pcapng(&both, USBPCAP));
     let choose = format!("--device {}", addresses[0]);
-    tool("replay", &file, &["--link", MODEL]).failed(2, &[&addresses[0], &addresses[1], "16c0:05df"], "");
+    tool("replay", &file, &["--link", MODEL]).expect_failure(2, &[&addresses[0], &addresses[1], "16c0:05df"], "");
     assert!(tool("replay", &file, &["--link", MODEL]).err.trim_end().ends_with(&choose));
     assert!(tool("plot", &file, &[]).err.trim_end().ends_with(&choose));
     assert!(tool("compare", &file, &[file.to_str().expect("UTF-8")]).err.trim_end().ends_with(&choose));
     for address in &addresses {
-        assert!(tool("replay", &file, &["--link", MODEL, "--device", address]).quiet().contains("\nequal: "));
-        let dump = tool("dump", &file, &["--device", address]).quiet();
+        assert!(tool("replay", &file, &["--link", MODEL, "--device", address]).expect_quiet().contains("\nequal: "));
+        let dump = tool("dump", &file, &["--device", address]).expect_quiet();
         assert_eq!(dump.matches("# bus").count(), 1, "{dump}");
     }
     let path = file.to_str().expect("UTF-8");
-    let compared = tool("compare", &file, &[path, "--device", &addresses.join(",")]).quiet();
+    let compared = tool("compare", &file, &[path, "--device", &addresses.join(",")]).expect_quiet();
     assert!(compared.contains("\nequal: "), "{compared}");
-    tool("compare", &file, &[path, "--device", "1.1,1.2,1.3"]).failed(2, &["3 devices"], "as 1.5,1.6");
-    let dump = tool("dump", &file, &[]).quiet();
+    tool("compare", &file, &[path, "--device", "1.1,1.2,1.3"]).expect_failure(2, &["3 devices"], "as 1.5,1.6");
+    let dump = tool("dump", &file, &[]).expect_quiet();
     assert!(addresses.iter().all(|address| dump.contains(&format!("# bus 1, device {}\n", &address[2..]))));
-    tool("replay", &file, &["--link", MODEL, "--device", "1.99"]).failed(2, &["no frames of device 1.99"], "--device");
-    tool("replay", &file, &["--link", MODEL, "--device", "five"]).misused(&["five", "1.5"]);
+    tool("replay", &file, &["--link", MODEL, "--device", "1.99"]).expect_failure(
+        2,
+        &["no frames of device 1.99"],
+        "--device",
+    );
+    tool("replay", &file, &["--link", MODEL, "--device", "five"]).expect_misuse(&["five", "1.5"]);
 }
 
 /// WIRE-105 Exit codes, words, JSON and picture of a board that does otherwise than the model.
@@ -204,14 +208,14 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     assert!(!plot.panel("Axis 2").samples(ALARM, false).is_empty());
 
     let same = capture.file.to_str().expect("UTF-8");
-    tool("replay", &capture.file, &[&model[..], &["--plot", same]].concat()).failed(
+    tool("replay", &capture.file, &[&model[..], &["--plot", same]].concat()).expect_failure(
         2,
         &["would replace"],
         "with --plot",
     );
     // A recording brings its model, and what that has of files if they may be opened.
-    tool("replay", &run.file, &[]).failed(2, &["names a file (script=", "--allow-files"], "with --link");
-    let found = tool("replay", &run.file, &["--allow-files"]).quiet();
+    tool("replay", &run.file, &[]).expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
+    let found = tool("replay", &run.file, &["--allow-files"]).expect_quiet();
     assert!(found.contains("\nequal: 304 commands"), "{found}");
 }
 
@@ -221,11 +225,15 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     let files = Files::new();
     let captured = fixture(12);
     let whole = files.keep("x.pcap", &captured);
-    tool("replay", &whole, &[]).failed(2, &["which slaves the board has"], "--link 'sim:");
-    tool("replay", &whole, &["--link", "usb:"]).failed(2, &["`usb:` is no model"], "");
-    tool("replay", Path::new("-"), &["--link", MODEL]).failed(2, &["standard input"], "save it to a file");
-    tool("replay", Path::new("/no/such/file"), &["--link", MODEL]).failed(2, &["/no/such/file"], "check the path");
-    tool("replay", &whole, &["--link", "sim:?slaves=lamp"]).misused(&["lamp"]);
+    tool("replay", &whole, &[]).expect_failure(2, &["which slaves the board has"], "--link 'sim:");
+    tool("replay", &whole, &["--link", "usb:"]).expect_failure(2, &["`usb:` is no model"], "");
+    tool("replay", Path::new("-"), &["--link", MODEL]).expect_failure(2, &["standard input"], "save it to a file");
+    tool("replay", Path::new("/no/such/file"), &["--link", MODEL]).expect_failure(
+        2,
+        &["/no/such/file"],
+        "check the path",
+    );
+    tool("replay", &whole, &["--link", "sim:?slaves=lamp"]).expect_misuse(&["lamp"]);
 
     // In the packet of the fourth command.
     let all = events(&captured);
@@ -241,15 +249,19 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
 
     let snapped = files.keep("snap.pcap", &pcap(&events(&captured), USBPCAP, Parts::Two, 96));
     for verb in ["dump", "plot"] {
-        tool(verb, &snapped, &[]).failed(1, &["captured to 69 of 512 bytes"], "snap length 0");
+        tool(verb, &snapped, &[]).expect_failure(1, &["captured to 69 of 512 bytes"], "snap length 0");
     }
-    tool("replay", &snapped, &["--link", MODEL]).failed(2, &["captured to 69 of 512 bytes"], "snap length 0");
+    tool("replay", &snapped, &["--link", MODEL]).expect_failure(2, &["captured to 69 of 512 bytes"], "snap length 0");
 
     let mut others = events(&captured);
     others.retain(|event| event.length != 512);
     let others = files.keep("others.pcap", &pcap(&others, USB_LINUX, Parts::Two, 65_535));
     for (verb, options, code) in [("dump", &[][..], 1), ("plot", &[], 1), ("replay", &["--link", MODEL], 2)] {
-        tool(verb, &others, options).failed(code, &["no frames of a board", "16c0:05df"], "while the program runs");
+        tool(verb, &others, options).expect_failure(
+            code,
+            &["no frames of a board", "16c0:05df"],
+            "while the program runs",
+        );
     }
 }
 

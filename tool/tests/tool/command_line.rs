@@ -9,7 +9,7 @@ use crate::common::{Ran, ecmsk, run, run_with_input};
 /// `--help` documents the exit codes, every verb has a help of its own, and lines fit a terminal.
 #[test]
 fn the_help_documents_exit_codes_and_every_verb() {
-    let help = run(["--help"]).quiet();
+    let help = run(["--help"]).expect_quiet();
     for code in ["0 ", "1 ", "2 ", "130 ", "143 ", "125 ", "126 ", "127 ", "128 + n"] {
         assert!(help.contains(code), "{code} is missing in {help}");
     }
@@ -36,24 +36,24 @@ fn the_help_documents_exit_codes_and_every_verb() {
         "man",
     ] {
         assert!(help.contains(&format!("\n  {verb} ")), "{verb} is missing in {help}");
-        let about = run([verb, "--help"]).quiet();
+        let about = run([verb, "--help"]).expect_quiet();
         assert!(about.contains(&format!("Usage: ecmsk {verb}")), "{about}");
-        assert!(run([verb, "-h"]).quiet().len() <= about.len());
+        assert!(run([verb, "-h"]).expect_quiet().len() <= about.len());
     }
 }
 
 /// `--version` is the version of the package.
 #[test]
 fn the_version_is_that_of_the_package() {
-    assert_eq!(run(["--version"]).quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
+    assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
 /// A wrong command line is told with the next step, and is 2.
 #[test]
 fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {
-    run(["frobnicate"]).misused(&["frobnicate"]);
-    run(["plot"]).misused(&["<FILE>"]);
-    run(["link", "frobnicate"]).misused(&["frobnicate"]);
+    run(["frobnicate"]).expect_misuse(&["frobnicate"]);
+    run(["plot"]).expect_misuse(&["<FILE>"]);
+    run(["link", "frobnicate"]).expect_misuse(&["frobnicate"]);
     let bare: [&str; 0] = [];
     assert_eq!(run(bare).code, Some(2));
     assert_eq!(run(["link"]).code, Some(2));
@@ -62,7 +62,7 @@ fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {
 /// LINK-3 `ecmsk link help` is the library's own table: every key that an error may name stands in it.
 #[test]
 fn link_help_lists_every_key_that_an_error_may_name() {
-    let help = run(["link", "help"]).quiet();
+    let help = run(["link", "help"]).expect_quiet();
     assert_eq!(help, ecmsk::link::keys::help());
     for key in ecmsk::link::keys::KEYS {
         assert!(help.contains(&format!("{}=", key.name)), "{} is missing", key.name);
@@ -73,7 +73,7 @@ fn link_help_lists_every_key_that_an_error_may_name() {
 #[test]
 fn every_shell_gets_completions_of_verbs_and_options() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        let script = run(["completions", shell]).quiet();
+        let script = run(["completions", shell]).expect_quiet();
         for word in [
             "exec",
             "dump",
@@ -93,7 +93,7 @@ fn every_shell_gets_completions_of_verbs_and_options() {
             assert!(script.contains(word), "{shell}: {word} is missing");
         }
     }
-    run(["completions", "abacus"]).misused(&["abacus", "bash"]);
+    run(["completions", "abacus"]).expect_misuse(&["abacus", "bash"]);
 }
 
 /// bash itself takes the script and completes a verb and an option.
@@ -102,9 +102,9 @@ fn every_shell_gets_completions_of_verbs_and_options() {
 fn completions_work_in_bash() {
     let script = "eval \"$1\"; COMP_WORDS=(ecmsk du); COMP_CWORD=1; _ecmsk ecmsk du ecmsk; echo ${COMPREPLY[*]};
         COMP_WORDS=(ecmsk dump --kin); COMP_CWORD=2; _ecmsk ecmsk --kin dump; echo ${COMPREPLY[*]}";
-    let completions = run(["completions", "bash"]).quiet();
+    let completions = run(["completions", "bash"]).expect_quiet();
     let bash = std::process::Command::new("bash").args(["-c", script, "bash", &completions]).output();
-    assert_eq!(Ran::from(bash.expect("bash starts")).quiet(), "dump\n--kinds\n");
+    assert_eq!(Ran::from(bash.expect("bash starts")).expect_quiet(), "dump\n--kinds\n");
 }
 
 /// Whoever reads the output may stop: no panic, no message, no failure.
@@ -143,7 +143,7 @@ fn a_full_disk_is_an_error_with_the_next_step() {
     for arguments in [&["link", "help"][..], &["completions", "fish"], &["info", "--link", board]] {
         let full = File::options().write(true).open("/dev/full").expect("Linux has it");
         let ran = Ran::from(ecmsk(arguments).stdout(full).output().expect("the tool starts"));
-        ran.failed(1, &["cannot write to standard output", "No space left"], "send it to a place with room");
+        ran.expect_failure(1, &["cannot write to standard output", "No space left"], "send it to a place with room");
     }
 }
 
@@ -160,5 +160,5 @@ fn a_closed_standard_error_changes_nothing() {
 #[test]
 fn nothing_is_logged_unless_asked_for() {
     let zeros = "00".repeat(504);
-    assert!(run_with_input(&["dump", "--hex"], &zeros).quiet().contains("GET_STATUS"));
+    assert!(run_with_input(&["dump", "--hex"], &zeros).expect_quiet().contains("GET_STATUS"));
 }

@@ -18,18 +18,22 @@ fn exit_codes_are_those_of_diff() {
     let a = Program::default().record();
     let slower = Program { keys: "&host_us=400".into(), polls: 1, ..Program::default() }.record();
     let other = Program { other_target: Some((7, 1)), ..Program::default() }.record();
-    let out = compare(&a, &slower, &[]).quiet();
+    let out = compare(&a, &slower, &[]).expect_quiet();
     assert!(out.contains("\nequal: 308 commands and 30"), "{out}");
     let different = compare(&a, &other, &[]);
     assert_eq!((different.code, different.err.as_str()), (Some(1), ""));
-    run(["compare", a.path(), "/no/such/file"]).failed(2, &["/no/such/file"], "check the path");
-    run(["compare", a.path(), "-"]).failed(2, &["standard input"], "save it to a file");
-    run(["compare", a.path()]).misused(&["<B>"]);
-    compare(&a, &a, &["--statusword-mask", "x"]).misused(&["--statusword-mask", "0x006F"]);
+    run(["compare", a.path(), "/no/such/file"]).expect_failure(2, &["/no/such/file"], "check the path");
+    run(["compare", a.path(), "-"]).expect_failure(2, &["standard input"], "save it to a file");
+    run(["compare", a.path()]).expect_misuse(&["<B>"]);
+    compare(&a, &a, &["--statusword-mask", "x"]).expect_misuse(&["--statusword-mask", "0x006F"]);
     let nothing = a.file.with_file_name("nothing.pcapng");
     fs::write(&nothing, "no recording").expect("a file");
-    run(["compare", a.path(), nothing.to_str().expect("UTF-8")]).failed(2, &["neither a pcapng"], "with Wireshark");
-    let help = run(["--help"]).quiet();
+    run(["compare", a.path(), nothing.to_str().expect("UTF-8")]).expect_failure(
+        2,
+        &["neither a pcapng"],
+        "with Wireshark",
+    );
+    let help = run(["--help"]).expect_quiet();
     assert!(help.contains("0 the recordings are equal, 1 they differ, 2 they could not be compared"), "{help}");
 }
 
@@ -65,7 +69,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     // The frame is found again.
     let json = compare(&a, &b, &["--json"]).json();
     let frame = json["first"]["frames"][1].as_u64().expect("a number");
-    let dump = run(["dump", b.path(), "--slots", "2", "--commands", "CSP"]).quiet();
+    let dump = run(["dump", b.path(), "--slots", "2", "--commands", "CSP"]).expect_quiet();
     let number = json["first"]["text"].as_str().expect("a text").replace("slave 2 ", "");
     let place = dump.find(&format!("frame {frame} ")).expect("the frame");
     assert!(dump[place..].lines().nth(1).expect("a line").contains(&number), "{number}");
@@ -125,8 +129,8 @@ fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     assert!(largest > 50.0, "{largest}");
     assert!(difference.iter().filter(|(at, _)| *at < command - 1.0).all(|(_, counts)| counts.abs() < 5.0));
     assert!(plot.texts().contains(&"first difference: command 105"), "{:?}", plot.texts());
-    compare(&a, &b, &["--plot", a.path()]).failed(2, &["would replace the recording"], "with --plot");
-    compare(&a, &b, &["--plot", "/no/such/folder/x.svg"]).failed(2, &["cannot write"], "with --plot");
+    compare(&a, &b, &["--plot", a.path()]).expect_failure(2, &["would replace the recording"], "with --plot");
+    compare(&a, &b, &["--plot", "/no/such/folder/x.svg"]).expect_failure(2, &["cannot write"], "with --plot");
     assert!(Path::new(a.path()).exists());
 }
 

@@ -34,7 +34,7 @@ fn home_move_and_info_use_the_units_of_counts_per_unit() {
 fn half_a_count_is_refused() {
     for words in [&["move", "1=2.5"] as &[_], &["move", "1=0.5", "--relative"], &["home", "1", "--offset", "0.5"]] {
         let ran = run(words.iter().copied().chain(["--link", BOARD, "--up"]));
-        ran.failed(1, &["of axis 1 is no whole number of counts", "--counts-per-unit"], "what a unit is");
+        ran.expect_failure(1, &["of axis 1 is no whole number of counts", "--counts-per-unit"], "what a unit is");
     }
     assert_eq!(run(["move", "1=3.0", "--link", BOARD, "--up"]).out, "axis 1: at 3\n");
 }

@@ -4,8 +4,8 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use crate::common::machine::{RELAY, Tree, objects, page_block};
-use crate::common::{Ran, run};
+use crate::common::machine::{FakeMachine, RELAY, page_block};
+use crate::common::{Ran, json_lines, run};
 use ecmsk::link::keys::Scheme;
 use serde_json::Value;
 
@@ -14,7 +14,7 @@ const SPI: &str = "spi:/dev/spidev0.0";
 const SIM: &str = "sim:";
 
 /// The report, without what is of this build and of the machine that the test runs on.
-fn report(tree: &Tree, link: &str, arguments: &[&str]) -> Ran {
+fn report(tree: &FakeMachine, link: &str, arguments: &[&str]) -> Ran {
     let mut command = tree.tool(&[&["doctor", "--quick"], arguments].concat());
     let mut ran = Ran::from(command.env("ECMSK_LINK", link).output().expect("the tool starts"));
     let mut lines: Vec<&str> = ran.out.lines().collect();
@@ -33,7 +33,7 @@ fn state(finding: &Value) -> &str {
     finding["state"].as_str().expect("a text")
 }
 
-fn wrongs(tree: &Tree, link: &str) -> Vec<String> {
+fn wrongs(tree: &FakeMachine, link: &str) -> Vec<String> {
     let mut findings = tree.doctor(link);
     findings.retain(|finding| finding["state"] == "wrong" && finding["check"] != "build");
     findings.iter().map(|finding| finding["check"].as_str().expect("a text").to_owned()).collect()
@@ -43,7 +43,7 @@ fn wrongs(tree: &Tree, link: &str) -> Vec<String> {
 /// which.
 #[test]
 fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
-    let good = Tree::good();
+    let good = FakeMachine::good();
     let [text, json] = [&[][..], &["--json"]].map(|arguments| report(&good, USB, arguments));
     let is_missing = i32::from(!Scheme::Usb.in_build());
     assert_eq!((text.code, json.code), (Some(is_missing), Some(is_missing)), "{text:?}");
@@ -60,8 +60,8 @@ fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
 }
 
 /// A machine where everything is wrong.
-fn bad() -> Tree {
-    let bad = Tree::bare();
+fn bad() -> FakeMachine {
+    let bad = FakeMachine::bare();
     bad.hub("1-2", "80");
     bad.board("1-2.3", 5, "8");
     bad.deny("/dev/bus/usb/001/005");
@@ -98,8 +98,8 @@ fn doctor_prints_what_tool_md_shows() {
 /// TOOL-100 The last line counts: what is wrong, and what could be better.
 #[test]
 fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
-    let tree = Tree::good();
-    let last = |tree: &Tree| {
+    let tree = FakeMachine::good();
+    let last = |tree: &FakeMachine| {
         let mut command = tree.tool(&["doctor", "--quick"]);
         let ran = Ran::from(command.env("ECMSK_LINK", SIM).output().expect("the tool starts"));
         (ran.code, ran.out.lines().last().map(str::to_owned))
@@ -116,7 +116,7 @@ fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
 /// what is found and what to do. Everything else stays right.
 #[test]
 fn each_thing_that_is_wrong_is_found_by_its_own_check() {
-    type Change = fn(&Tree);
+    type Change = fn(&FakeMachine);
     const LIMITS: &str = "/proc/self/limits";
     const GOVERNOR: &str = "/sys/devices/system/cpu/cpu1/cpufreq/scaling_governor";
     const BUFSIZ: &str = "/sys/module/spidev/parameters/bufsiz";
@@ -204,7 +204,7 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
         (SIM, |t| t.file(GOVERNOR, "schedutil\n"), "governor", "advice", "performance, schedutil", "scaling_governor"),
     ];
     for (link, change, check, expected, found, next) in cases {
-        let tree = Tree::good();
+        let tree = FakeMachine::good();
         change(&tree);
         let finding = tree.finding(link, check);
         assert_eq!(state(&finding), *expected, "{check}: {finding}");
@@ -219,7 +219,7 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
 /// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105 What looks wrong and is not.
 #[test]
 fn what_only_looks_wrong_is_not_reported() {
-    type Change = fn(&Tree);
+    type Change = fn(&FakeMachine);
     let cases: &[(&str, Change, &str, &str)] = &[
         (USB, |t| t.driver("1-1", "usbhid"), "usb-holder", "usb: takes it from the driver usbhid while open"),
         (USB, |t| t.remove("/sys/bus/usb/devices/1-1:1.0/driver"), "usb-holder", "nobody has it"),
@@ -238,14 +238,14 @@ fn what_only_looks_wrong_is_not_reported() {
         (SIM, |t| t.remove("/proc/self/limits"), "realtime-priority", "not known"),
     ];
     for (link, change, check, found) in cases {
-        let tree = Tree::good();
+        let tree = FakeMachine::good();
         change(&tree);
         let finding = tree.finding(link, check);
         assert_eq!(state(&finding), "ok", "{check}: {finding}");
         assert!(finding["found"].as_str().is_some_and(|text| text.contains(found)), "{check}: `{found}`: {finding}");
     }
     // What SPI there is says nothing of a machine without.
-    let bare = Tree::bare();
+    let bare = FakeMachine::bare();
     assert_eq!(state(&bare.finding(SIM, "spi")), "ok");
     let named = bare.finding(SPI, "spi");
     assert_eq!((state(&named), named["subject"].as_str()), ("wrong", Some("/dev/spidev0.0")));
@@ -258,7 +258,7 @@ fn a_board_behind_a_hub_without_power_supply_could_be_better() {
     for (attributes, state, found) in
         [("c0", "ok", "has a power supply"), ("a0", "advice", "no power supply"), ("", "ok", "does not say")]
     {
-        let tree = Tree::bare();
+        let tree = FakeMachine::bare();
         tree.hub("1-2", attributes);
         tree.board("1-2.3", 5, "8");
         let finding = tree.finding(USB, "usb-power");
@@ -270,7 +270,7 @@ fn a_board_behind_a_hub_without_power_supply_could_be_better() {
 /// TOOL-101 Without a board the link usb: has something wrong, another link has not; devices with its ids are named.
 #[test]
 fn without_a_board_only_a_usb_link_is_wrong() {
-    let tree = Tree::bare();
+    let tree = FakeMachine::bare();
     assert_eq!((wrongs(&tree, USB), wrongs(&tree, SIM)), (vec!["usb".to_owned()], Vec::new()));
     tree.device("1-4", 7, &RELAY);
     tree.usb("1-4", "product", "Relay");
@@ -282,7 +282,7 @@ fn without_a_board_only_a_usb_link_is_wrong() {
 /// TOOL-101 A board that is off is told, and is no second one to choose from: the link passes over it.
 #[test]
 fn a_board_that_is_not_switched_on_is_passed_over() {
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     tree.board("1-3", 9, "8");
     tree.usb("1-3", "bConfigurationValue", "");
     assert_eq!(tree.finding(USB, "usb")["found"], "board at 1-1 (ECM-SK, serial 7)");
@@ -292,7 +292,7 @@ fn a_board_that_is_not_switched_on_is_passed_over() {
 /// TOOL-102 Processes that this user may not look into are counted, so that nobody takes silence for an answer.
 #[test]
 fn processes_that_this_user_may_not_inspect_are_counted() {
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     tree.process(9, "demo", "/dev/bus/usb/001/004");
     tree.deny("/proc/9/fd");
     let finding = tree.finding(USB, "usb-holder");
@@ -305,10 +305,11 @@ fn processes_that_this_user_may_not_inspect_are_counted() {
 /// TOOL-105 What a capability allows is allowed whatever the limit says.
 #[test]
 fn a_capability_allows_what_a_limit_forbids() {
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     tree.file("/proc/self/limits", "Max realtime priority     0    0\nMax locked memory   0  0 bytes\n");
-    let both =
-        |tree: &Tree| ["realtime-priority", "locked-memory"].map(|check| state(&tree.finding(SIM, check)).to_owned());
+    let both = |tree: &FakeMachine| {
+        ["realtime-priority", "locked-memory"].map(|check| state(&tree.finding(SIM, check)).to_owned())
+    };
     assert_eq!(both(&tree), ["advice", "advice"]);
     tree.file("/proc/self/status", "CapEff:\t0000000000800000\n");
     assert_eq!(both(&tree), ["ok", "advice"]);
@@ -319,10 +320,10 @@ fn a_capability_allows_what_a_limit_forbids() {
 /// TOOL-107 The link that would be used, who named it, and where else was looked.
 #[test]
 fn the_link_that_would_be_used_is_shown_with_its_source() {
-    let tree = Tree::good();
-    let link = |tree: &Tree| {
+    let tree = FakeMachine::good();
+    let link = |tree: &FakeMachine| {
         let ran = tree.run(&["doctor", "--quick", "--json"]);
-        objects(&ran.out).into_iter().find(|finding| finding["check"] == "link").expect("it is told")
+        json_lines(&ran.out).into_iter().find(|finding| finding["check"] == "link").expect("it is told")
     };
     let home = "/home/user/.config/ecmsk/ecmsk.toml";
     let found = link(&tree)["found"].as_str().expect("a text").to_owned();
@@ -352,7 +353,7 @@ fn the_link_that_would_be_used_is_shown_with_its_source() {
 /// TOOL-107 A link that this build cannot open is wrong, and how to build one that can is said; versions are told.
 #[test]
 fn a_link_that_this_build_cannot_open_is_wrong() {
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     for (link, scheme) in [(USB, Scheme::Usb), (SPI, Scheme::Spi), (SIM, Scheme::Sim)] {
         let found = tree.doctor(link).into_iter().find(|finding| finding["check"] == "build");
         assert_eq!(found.is_some(), !scheme.in_build(), "{link}");
@@ -371,9 +372,9 @@ fn a_link_that_this_build_cannot_open_is_wrong() {
 /// TOOL-106 How late threads are woken up is measured, and told in figures; `--quick` leaves it out.
 #[test]
 fn the_lateness_of_threads_is_measured_unless_quick() {
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     let ran = tree.run(&["doctor", "--json"]);
-    let findings = objects(&ran.out);
+    let findings = json_lines(&ran.out);
     let found = findings.iter().find(|finding| finding["check"] == "wake-up").expect("it is measured");
     let figure = |name: &str| found["figures"][name].as_i64().unwrap_or_else(|| panic!("{name}: {found}"));
     assert!(figure("p50_us") <= figure("p99_us") && figure("p99_us") <= figure("max_us"), "{found}");
@@ -386,7 +387,7 @@ fn the_lateness_of_threads_is_measured_unless_quick() {
 fn doctor_reports_on_the_machine_it_runs_on() {
     let ran = run(["doctor", "--quick", "--json"]);
     assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
-    let checks: Vec<Value> = objects(&ran.out).into_iter().map(|finding| finding["check"].clone()).collect();
+    let checks: Vec<Value> = json_lines(&ran.out).into_iter().map(|finding| finding["check"].clone()).collect();
     for check in ["versions", "link", "usb", "udev-rule", "realtime-priority", "locked-memory", "governor", "timer"] {
         assert!(checks.contains(&Value::from(check)), "{check} is missing in {checks:?}");
     }

@@ -22,8 +22,8 @@ fn dump(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
 #[test]
 fn every_golden_frame_is_dumped_as_the_snapshot_says() {
     let input: String = vectors().iter().map(|vector| format!("# {}\n{}", vector.name, line(vector))).collect();
-    support::snapshot("dump_hex", &dump(&[], &input).quiet());
-    support::snapshot("dump_hex_json", &dump(&["--json"], &input).quiet());
+    support::snapshot("dump_hex", &dump(&[], &input).expect_quiet());
+    support::snapshot("dump_hex_json", &dump(&["--json"], &input).expect_quiet());
 }
 
 /// SK-1.1, SK-1.2, SK-1.4 All slots of every golden frame carry the numbers of its vector, the slot size is found.
@@ -31,7 +31,7 @@ fn every_golden_frame_is_dumped_as_the_snapshot_says() {
 fn json_has_the_numbers_of_the_golden_frames() {
     for vector in vectors() {
         let size = vector.size.bytes().to_string();
-        let frames = json_lines(&dump(&["--json", "--all", "--slot-size", &size], line(&vector)).quiet());
+        let frames = json_lines(&dump(&["--json", "--all", "--slot-size", &size], line(&vector)).expect_quiet());
         let [frame] = &frames[..] else { panic!("one line gives one object, not {}", frames.len()) };
         assert_eq!(frame["slot_bytes"], vector.size.bytes(), "{}", vector.name);
         let slots = frame["slots"].as_array().expect("slots are a list");
@@ -58,7 +58,7 @@ fn json_says_whether_the_crc_is_right_absent_or_wrong() {
         [("set-state-preop", "right"), ("resp-preop-nocrc", "absent"), ("crc-wrong", "wrong"), ("crc-is-zero", "right")]
     {
         let vector = vector_named(name);
-        let frame = &json_lines(&dump(&["--json"], line(&vector)).quiet())[0];
+        let frame = &json_lines(&dump(&["--json"], line(&vector)).expect_quiet())[0];
         assert_eq!(frame["crc"]["status"], status, "{name}");
         assert_eq!(frame["crc"]["found"], vector.bytes[3], "{name}");
         if let Some(crc) = vector.crc8 {
@@ -72,7 +72,7 @@ fn json_says_whether_the_crc_is_right_absent_or_wrong() {
 fn json_fields_have_names_with_units() {
     let slot = |name: &str, slot: &str, arguments: &[&str]| {
         let arguments = [&["--json", "--slots", slot], arguments].concat();
-        json_lines(&dump(&arguments, line(&vector_named(name))).quiet())[0]["slots"][0].clone()
+        json_lines(&dump(&arguments, line(&vector_named(name))).expect_quiet())[0]["slots"][0].clone()
     };
     let csp = slot("csp-index-7", "1", &[]);
     assert_eq!((&csp["role"], &csp["id"], &csp["index"]), (&"slave".into(), &"CSP".into(), &7.into()));
@@ -102,7 +102,7 @@ fn json_fields_have_names_with_units() {
 #[test]
 fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
     for vector in vectors() {
-        let frame = &json_lines(&dump(&["--json"], hex(&vector.bytes)).quiet())[0];
+        let frame = &json_lines(&dump(&["--json"], hex(&vector.bytes)).expect_quiet())[0];
         let expected = if vector.is_response() { "response" } else { "command" };
         assert_eq!(
             (&frame["direction"], &frame["direction_guessed"]),
@@ -112,11 +112,11 @@ fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
         );
     }
     let digits = hex(&vector_named("set-state-preop").bytes);
-    assert!(dump(&[], &digits).quiet().starts_with("line 1    command (guessed)\n"));
-    assert!(dump(&["--command"], &digits).quiet().starts_with("line 1    command\n"));
-    assert!(dump(&["--response"], &digits).quiet().starts_with("line 1    response\n"));
-    assert!(dump(&["--response"], format!(">{digits}")).quiet().starts_with("line 1    command\n"));
-    assert!(dump(&["--command"], format!(" < {digits}")).quiet().starts_with("line 1    response\n"));
+    assert!(dump(&[], &digits).expect_quiet().starts_with("line 1    command (guessed)\n"));
+    assert!(dump(&["--command"], &digits).expect_quiet().starts_with("line 1    command\n"));
+    assert!(dump(&["--response"], &digits).expect_quiet().starts_with("line 1    response\n"));
+    assert!(dump(&["--response"], format!(">{digits}")).expect_quiet().starts_with("line 1    command\n"));
+    assert!(dump(&["--command"], format!(" < {digits}")).expect_quiet().starts_with("line 1    response\n"));
 }
 
 /// Blanks, comments and upper case do not matter; lines keep their numbers.
@@ -125,7 +125,7 @@ fn blanks_comments_and_upper_case_do_not_matter() {
     let vector = vector_named("csp-index-7");
     let spaced: String = vector.bytes.iter().map(|byte| format!(" {byte:02X}\t")).collect();
     let input = format!("# a comment\n\n  \t\n>{spaced}# the first\r\n> {}", hex(&vector.bytes));
-    let out = dump(&["--slots", "1"], &input).quiet();
+    let out = dump(&["--slots", "1"], &input).expect_quiet();
     let expected = "line 4    command\n  slave 1  CSP #7 target -1234567\n\
                     line 5    command\n  slave 1  CSP #7 target -1234567\n";
     assert_eq!(out, expected);
@@ -141,10 +141,10 @@ fn slot_size_is_found_by_the_crc() {
     let narrow = padded(vector_named("csp-all-40").bytes);
     let wide = hex(&vector_named("csp-hsp-2ch-16").bytes);
     let sizes = |input: &str| -> Vec<_> {
-        json_lines(&dump(&["--json"], input).quiet()).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
+        json_lines(&dump(&["--json"], input).expect_quiet()).iter().map(|frame| frame["slot_bytes"].as_u64()).collect()
     };
     assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
-    let all = |digits: &str| dump(&["--json", "--all"], digits).quiet();
+    let all = |digits: &str| dump(&["--json", "--all"], digits).expect_quiet();
     assert_eq!(all(&narrow), all(&hex(&vector_named("csp-all-40").bytes)));
     // A frame without a CRC is taken for one of its neighbours' board.
     assert_eq!(sizes(&format!("{wide}\n{}", "00".repeat(512))), [Some(16), Some(16)]);
@@ -161,7 +161,7 @@ fn an_assumed_slot_size_is_noted_once() {
         ran.err,
         "note: line 1: no CRC tells the slot size, taken as 12 bytes; if it is not, give --slot-size\n"
     );
-    let out = dump(&["--json", "--slot-size", "16"], &zeros).quiet();
+    let out = dump(&["--json", "--slot-size", "16"], &zeros).expect_quiet();
     assert!(out.contains("\"slot_bytes\":16"), "{out}");
 }
 
@@ -169,14 +169,14 @@ fn an_assumed_slot_size_is_noted_once() {
 #[test]
 fn set_axis_tells_the_kinds() {
     let (axes, response) = (line(&vector_named("set-axis-group0")), line(&vector_named("resp-hsp-12")));
-    let alone = dump(&["--slots", "1,3"], &response).quiet();
+    let alone = dump(&["--slots", "1,3"], &response).expect_quiet();
     assert!(alone.contains("CSP #2 DRIVE? statusword"), "{alone}");
-    let after = dump(&["--slots", "1,3"], format!("{axes}{response}")).quiet();
+    let after = dump(&["--slots", "1,3"], format!("{axes}{response}")).expect_quiet();
     assert!(after.contains("CSP #2 DRIVE statusword"), "{after}");
-    let given = dump(&["--slots", "1", "--kinds", "hsp"], format!("{axes}{response}")).quiet();
+    let given = dump(&["--slots", "1", "--kinds", "hsp"], format!("{axes}{response}")).expect_quiet();
     assert!(given.contains("CSP #2 HSP statusword") && given.contains("inputs 0x00A5"), "{given}");
     let reset = line(&vector_named("sw-reset"));
-    let forgotten = dump(&["--slots", "1"], format!("{axes}{reset}{response}")).quiet();
+    let forgotten = dump(&["--slots", "1"], format!("{axes}{reset}{response}")).expect_quiet();
     assert!(forgotten.contains("CSP #2 DRIVE? statusword"), "{forgotten}");
 }
 
@@ -195,35 +195,35 @@ fn a_wrong_line_ends_the_dump_with_its_number() {
         (format!("{good}\u{e4}{digits}"), ["`\u{e4}` is no", ""]),
     ] {
         let ran = dump(&[], &input);
-        ran.failed(1, &words, "put `#` before what is no frame");
+        ran.expect_failure(1, &words, "put `#` before what is no frame");
         assert_eq!(ran.out, "line 1    command\n  ECM      SET_STATE PreOP, CRC 0xE7 ok\n", "{input}");
     }
-    dump(&[], b"\xff\xfe\n").failed(1, &["line 1", "is no hexadecimal digit"], "put `#` before");
-    dump(&[], vec![0; 1 << 20]).failed(1, &["line 1 is longer than 65536 bytes"], "one frame a line");
-    dump(&["--slot-size", "16"], &digits).failed(1, &["504 bytes", "512"], "leave out --slot-size 16");
+    dump(&[], b"\xff\xfe\n").expect_failure(1, &["line 1", "is no hexadecimal digit"], "put `#` before");
+    dump(&[], vec![0; 1 << 20]).expect_failure(1, &["line 1 is longer than 65536 bytes"], "one frame a line");
+    dump(&["--slot-size", "16"], &digits).expect_failure(1, &["504 bytes", "512"], "leave out --slot-size 16");
     let wide = hex(&vector_named("all-zero-16").bytes);
-    dump(&["--slots", "32"], &wide).failed(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
+    dump(&["--slots", "32"], &wide).expect_failure(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
 }
 
 /// No input, or nothing but comments, is nothing to show and no failure.
 #[test]
 fn empty_input_shows_nothing_and_is_no_failure() {
-    assert_eq!(dump(&[], "").quiet(), "");
-    assert_eq!(dump(&["--json"], "# nothing\n\n").quiet(), "");
+    assert_eq!(dump(&[], "").expect_quiet(), "");
+    assert_eq!(dump(&["--json"], "# nothing\n\n").expect_quiet(), "");
 }
 
 /// What contradicts itself on the command line is refused by name.
 #[test]
 fn contradicting_options_are_refused_by_name() {
-    run(["dump"]).misused(&["<FILE>"]);
-    run(["dump", "--hex", "file.pcapng"]).misused(&["--hex", "[FILE]"]);
-    run(["dump", "f", "--command"]).misused(&["--command", "[FILE]"]);
-    run(["dump", "--hex", "--command", "--response"]).misused(&["--command", "--response"]);
-    run(["dump", "--hex", "--slots", "1", "--all"]).misused(&["--slots", "--all"]);
-    run(["dump", "--hex", "--slot-size", "14"]).misused(&["'14'", "--slot-size", "allowed: 12, 16"]);
-    run(["dump", "--hex", "--fw", "2"]).misused(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
+    run(["dump"]).expect_misuse(&["<FILE>"]);
+    run(["dump", "--hex", "file.pcapng"]).expect_misuse(&["--hex", "[FILE]"]);
+    run(["dump", "f", "--command"]).expect_misuse(&["--command", "[FILE]"]);
+    run(["dump", "--hex", "--command", "--response"]).expect_misuse(&["--command", "--response"]);
+    run(["dump", "--hex", "--slots", "1", "--all"]).expect_misuse(&["--slots", "--all"]);
+    run(["dump", "--hex", "--slot-size", "14"]).expect_misuse(&["'14'", "--slot-size", "allowed: 12, 16"]);
+    run(["dump", "--hex", "--fw", "2"]).expect_misuse(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
     run(["dump", "--hex", "--kinds", "drive*2,dog"])
-        .misused(&["kind `dog` is unknown; allowed: drive, io, hsp, hsp2, step, none"]);
-    run(["dump", "--hex", "--kinds", "drive*0"]).misused(&["in `drive*0` a number from 1 to 40"]);
-    run(["dump", "--hex", "--kinds", "drive*40,io"]).misused(&["41 slaves, allowed: at most 40"]);
+        .expect_misuse(&["kind `dog` is unknown; allowed: drive, io, hsp, hsp2, step, none"]);
+    run(["dump", "--hex", "--kinds", "drive*0"]).expect_misuse(&["in `drive*0` a number from 1 to 40"]);
+    run(["dump", "--hex", "--kinds", "drive*40,io"]).expect_misuse(&["41 slaves, allowed: at most 40"]);
 }

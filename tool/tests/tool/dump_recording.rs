@@ -49,7 +49,7 @@ impl Recorded {
     }
 
     fn json(&self, options: &[&str]) -> Vec<Value> {
-        let out = self.dump(&[&["--json"], options].concat()).quiet();
+        let out = self.dump(&[&["--json"], options].concat()).expect_quiet();
         json_lines(&out)
     }
 }
@@ -74,7 +74,7 @@ const MIXED: [&str; 7] = [
 #[test]
 fn a_recording_is_dumped_frame_by_frame_with_its_link() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
-    support::snapshot("dump_recording", &recorded.dump(&[]).quiet());
+    support::snapshot("dump_recording", &recorded.dump(&[]).expect_quiet());
 }
 
 /// The same as JSON lines: times since the first frame and as recorded.
@@ -104,7 +104,7 @@ fn a_report_that_was_read_late_has_the_time_at_which_it_was_made() {
     pass(&mut script, 2 * MS, &vector_named("resp-op-fw17"));
     let recorded = Recorded::new(&script, LINK, Some(SlotSize::Bytes12));
     assert_eq!(recorded.json(&[])[1]["time_ns"], -3 * MS.cast_signed());
-    let text = recorded.dump(&[]).quiet();
+    let text = recorded.dump(&[]).expect_quiet();
     assert!(text.contains("frame 2        -0.003000000 s  response\n"), "{text}");
 }
 
@@ -166,7 +166,7 @@ fn only_the_slots_asked_for_are_shown() {
     assert_eq!(shown(&["--slots", "7", "--slots", "3"]), [Some(3), Some(7)]);
     assert_eq!(shown(&["--all"]).len(), 42);
     assert_eq!(shown(&[]).len(), 41, "the SDO slot is idle");
-    recorded.dump(&["--slots", "42"]).failed(1, &["12-byte slots has no slot 42"], "name slots from 0 to 41");
+    recorded.dump(&["--slots", "42"]).expect_failure(1, &["12-byte slots has no slot 42"], "name slots from 0 to 41");
 }
 
 /// A recording that was cut off, at any place: what is whole is shown, then an error says what to do.
@@ -174,7 +174,7 @@ fn only_the_slots_asked_for_are_shown() {
 fn a_truncated_recording_is_shown_up_to_the_error() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     let whole = fs::read(&recorded.file).expect("a recording");
-    let text = recorded.dump(&[]).quiet();
+    let text = recorded.dump(&[]).expect_quiet();
     let cut = recorded.file.with_extension("cut");
     for len in (1..whole.len()).step_by(97).chain([whole.len() - 1]) {
         fs::write(&cut, &whole[..len]).expect("a file");
@@ -217,12 +217,12 @@ fn a_damaged_recording_never_ends_in_a_panic() {
 fn a_file_that_is_no_recording_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("file");
-    dump(&file, &[]).failed(1, &["file: No such file"], "check the path");
-    dump(folder.path(), &[]).failed(1, &["directory"], "check the path");
+    dump(&file, &[]).expect_failure(1, &["file: No such file"], "check the path");
+    dump(folder.path(), &[]).expect_failure(1, &["directory"], "check the path");
     fs::write(&file, "").expect("a file");
-    dump(&file, &[]).failed(1, &["neither a pcapng nor a pcap file"], "record=");
+    dump(&file, &[]).expect_failure(1, &["neither a pcapng nor a pcap file"], "record=");
     fs::write(&file, "some text that is no capture, and longer than a header").expect("a file");
-    dump(&file, &[]).failed(1, &["neither a pcapng nor a pcap file"], "record=");
+    dump(&file, &[]).expect_failure(1, &["neither a pcapng nor a pcap file"], "record=");
 }
 
 /// A recording may come from standard input.
@@ -230,15 +230,15 @@ fn a_file_that_is_no_recording_is_an_error() {
 fn a_recording_is_read_from_standard_input() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, None);
     let bytes = fs::read(&recorded.file).expect("a recording");
-    assert_eq!(run_with_input(&["dump", "-"], bytes).quiet(), recorded.dump(&[]).quiet());
-    run_with_input(&["dump", "-"], "text").failed(1, &["standard input is neither"], "record=");
+    assert_eq!(run_with_input(&["dump", "-"], bytes).expect_quiet(), recorded.dump(&[]).expect_quiet());
+    run_with_input(&["dump", "-"], "text").expect_failure(1, &["standard input is neither"], "record=");
 }
 
 /// A recording without frames has nothing to show.
 #[test]
 fn a_recording_without_frames_has_nothing_to_show() {
     let recorded = Recorded::new(&Script::default(), LINK, None);
-    assert_eq!(recorded.dump(&[]).quiet(), "");
+    assert_eq!(recorded.dump(&[]).expect_quiet(), "");
 }
 
 /// TOOL-141 A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time is
@@ -253,7 +253,7 @@ fn a_recording_of_several_openings_is_one_dump_with_each_link() {
     script.command(MS, frame);
     script.record(&file, "sim:", Some(SlotSize::Bytes12));
     script.record(&file, "sim:?name=b", Some(SlotSize::Bytes12));
-    let text = dump(&file, &[]).quiet();
+    let text = dump(&file, &[]).expect_quiet();
     let heads: Vec<_> = text.lines().filter(|line| !line.starts_with("  ")).collect();
     let expected =
         ["# sim:", "frame 1         0.000000000 s  command", "# sim:?name=b", "frame 2         0.001000000 s  command"];
@@ -285,7 +285,7 @@ fn in_a_capture_of_two_boards_each_has_its_own_slaves() {
     let script = golden(&["set-axis-group0", "resp-hsp-12", "resp-hsp-12"]);
     let recorded = Recorded::new(&script, LINK, Some(SlotSize::Bytes12));
     make_capture(&recorded.file, &[7, 7, 8]);
-    let text = recorded.dump(&["--slots", "1"]).quiet();
+    let text = recorded.dump(&["--slots", "1"]).expect_quiet();
     let lines: Vec<_> = text.lines().map(|line| line.split(" statusword").next().unwrap_or_default()).collect();
     let expected = [
         "# bus 1, device 7",

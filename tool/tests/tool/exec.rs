@@ -8,35 +8,35 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use crate::common::exec::{OPENS, Place};
-use crate::common::{Ran, undisturbed};
+use crate::common::exec::{ExecFolder, OPEN_BOARD};
+use crate::common::{Ran, with_default_signals};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 
 /// The program gets the link in normal form, and nothing is said.
 #[test]
 fn the_link_reaches_the_program() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let link = "sim:?clock=virtual&slaves=drive,drive,drive&slot=12";
-    let out = place.run(&["--link", link], "echo \"$ECMSK_LINK\"").quiet();
+    let out = place.run(&["--link", link], "echo \"$ECMSK_LINK\"").expect_quiet();
     assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
 }
 
 /// Without --link the library looks for its link as always: the variable is neither set nor taken away.
 #[test]
 fn without_a_link_the_environment_stays() {
-    let place = Place::new();
-    assert_eq!(place.run(&[], "echo \"${ECMSK_LINK-not set}\"").quiet(), "not set\n");
-    let script = ["--", "sh", "-c", &format!("{OPENS} echo \"$ECMSK_LINK\"")];
+    let place = ExecFolder::new();
+    assert_eq!(place.run(&[], "echo \"${ECMSK_LINK-not set}\"").expect_quiet(), "not set\n");
+    let script = ["--", "sh", "-c", &format!("{OPEN_BOARD} echo \"$ECMSK_LINK\"")];
     let mut command = place.exec(&[]);
     let ran = Ran::from(command.args(script).env("ECMSK_LINK", "anything").output().expect("the tool starts"));
-    assert_eq!(ran.quiet(), "anything\n");
+    assert_eq!(ran.expect_quiet(), "anything\n");
 }
 
 /// A program that never came to the library is named, with or without a link; the exit code is its own.
 #[test]
 fn a_program_that_opens_no_board_is_named() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     for options in [&[] as &[&str], &["--link", "sim:"]] {
         let ran = Ran::from(place.exec(options).args(["--", "sh", "-c", "exit 3"]).output().expect("the tool starts"));
         assert_eq!(ran.code, Some(3));
@@ -48,9 +48,9 @@ fn a_program_that_opens_no_board_is_named() {
 /// --record stands in the link, encoded, with the whole path.
 #[test]
 fn record_is_part_of_the_link() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let name = "a run & 100 %?#=.pcapng";
-    let out = place.run(&["--link", "sim:?clock=virtual", "--record", name], "echo \"$ECMSK_LINK\"").quiet();
+    let out = place.run(&["--link", "sim:?clock=virtual", "--record", name], "echo \"$ECMSK_LINK\"").expect_quiet();
     let link = LinkUri::parse(out.trim_end()).expect("a link");
     let expected = fs::canonicalize(place.path()).expect("a folder").join(name);
     assert_eq!(link.value("record").map(Path::new), Some(expected.as_path()));
@@ -60,23 +60,23 @@ fn record_is_part_of_the_link() {
 /// A recording that cannot be made is an error before the program starts.
 #[test]
 fn a_recording_that_cannot_be_made_is_an_error_before_the_program_starts() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let refused = |record: &str, code, words: &[&str], next: &str| {
         let ran = place.run(&["--link", "sim:", "--record", record], "echo started");
-        ran.failed(code, words, next);
+        ran.expect_failure(code, words, next);
         assert_eq!(ran.out, "", "the program was started");
     };
     refused("nowhere/run.pcapng", 125, &["nowhere/run.pcapng", "its folder does not exist"], "with --record");
     refused("tmp", 125, &["cannot record to tmp", "it is a folder"], "with --record");
     let twice = place.run(&["--link", "sim:?record=a", "--record", "b"], "echo started");
-    twice.failed(2, &["`record` is given twice"], "ecmsk link help");
+    twice.expect_failure(2, &["`record` is given twice"], "ecmsk link help");
 }
 
 /// Without --link a recording is of the link that the library would choose: ECMSK_LINK, then the files beside the program
 /// and beside the library; none: a board on USB.
 #[test]
 fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let nowhere = place.tmp();
     let run = |variable: Option<&str>| {
         let mut command = place.exec(&["--record", "run.pcapng", "--", "./program"]);
@@ -87,24 +87,24 @@ fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
         Ran::from(command.output().expect("the tool starts"))
     };
     place.program("program", "#!/bin/sh\n: > \"$ECMSK_OPENED\"; echo \"$ECMSK_LINK\"\n", "755");
-    let record = LinkUri::parse(run(None).quiet().trim_end()).expect("a link");
+    let record = LinkUri::parse(run(None).expect_quiet().trim_end()).expect("a link");
     assert!(record.scheme() == Scheme::Usb && record.value("record").is_some(), "{record}");
-    let record = LinkUri::parse(run(Some("sim:?slot=16")).quiet().trim_end()).expect("a link");
+    let record = LinkUri::parse(run(Some("sim:?slot=16")).expect_quiet().trim_end()).expect("a link");
     let expected = fs::canonicalize(place.path()).expect("a folder").join("run.pcapng");
     assert_eq!((record.value("slot"), record.value("record").map(Path::new)), (Some("16"), Some(expected.as_path())));
-    run(Some("sim:?slot=14")).failed(2, &["`slot` does not take `14`"], "ecmsk link help");
+    run(Some("sim:?slot=14")).expect_failure(2, &["`slot` does not take `14`"], "ecmsk link help");
     let file = place.path().join("ecmsk.toml");
     fs::write(&file, "link = \"sim:?slaves=drive*5\"\n").expect("a file");
-    let record = LinkUri::parse(run(None).quiet().trim_end()).expect("a link");
+    let record = LinkUri::parse(run(None).expect_quiet().trim_end()).expect("a link");
     assert_eq!(record.value("slaves"), Some("drive*5"));
     fs::write(&file, "lnk = 1\n").expect("a file");
-    run(None).failed(125, &["ecmsk.toml, line 1"], "ecmsk link help");
+    run(None).expect_failure(125, &["ecmsk.toml, line 1"], "ecmsk link help");
 }
 
 /// A wrong link is an error of the command line, and the program is not started.
 #[test]
 fn a_wrong_link_does_not_start_the_program() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     for (link, words) in [
         ("sim:?slavs=drive", ["slavs", "slaves"]),
         ("sim:?slaves=drive*41", ["drive*41", "40"]),
@@ -112,7 +112,7 @@ fn a_wrong_link_does_not_start_the_program() {
         ("nic:eth1", ["unknown scheme `nic`", "sim:?slaves=drive*2"]),
     ] {
         let ran = place.run(&["--link", link], "echo started");
-        ran.misused(&words);
+        ran.expect_misuse(&words);
         assert_eq!(ran.out, "", "{link}: the program was started");
     }
 }
@@ -120,7 +120,7 @@ fn a_wrong_link_does_not_start_the_program() {
 /// The program's exit code is the tool's; 128 + n if signal n ended it.
 #[test]
 fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     for code in [0, 1, 3, 125, 255] {
         let ran = place.run(&[], &format!("exit {code}"));
         assert_eq!((ran.code, ran.err.as_str()), (Some(code), ""));
@@ -134,7 +134,7 @@ fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
 /// 127 for what is not there, 126 for what cannot be executed, each with what to do.
 #[test]
 fn programs_that_do_not_start() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     place.program("program", "#!/bin/sh\n", "644");
     place.program("script", "#!/no/such/shell\n", "755");
     place.program("rubbish", "\x01\x02\x03", "755");
@@ -143,19 +143,19 @@ fn programs_that_do_not_start() {
         place.is_clean();
         ran
     };
-    run("no-such-program").failed(127, &["no-such-program: not found"], "put its folder on PATH");
-    run("./no-such-program").failed(127, &["./no-such-program: not found"], "check the path");
-    run("program").failed(127, &["program: not found"], "write ./program");
-    run("./program").failed(126, &["./program: Permission denied"], "chmod +x");
-    run("/").failed(126, &["/: Permission denied"], "name the program in it");
-    run("./script").failed(127, &["./script: not found"], "its interpreter or dynamic linker is not");
-    run("./rubbish").failed(126, &["./rubbish: Exec format error"], "build it here");
+    run("no-such-program").expect_failure(127, &["no-such-program: not found"], "put its folder on PATH");
+    run("./no-such-program").expect_failure(127, &["./no-such-program: not found"], "check the path");
+    run("program").expect_failure(127, &["program: not found"], "write ./program");
+    run("./program").expect_failure(126, &["./program: Permission denied"], "chmod +x");
+    run("/").expect_failure(126, &["/: Permission denied"], "name the program in it");
+    run("./script").expect_failure(127, &["./script: not found"], "its interpreter or dynamic linker is not");
+    run("./rubbish").expect_failure(126, &["./rubbish: Exec format error"], "build it here");
 }
 
 /// Options behind the program are the program's, with or without `--`.
 #[test]
 fn arguments_are_passed_on() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     for between in [&["--"][..], &[]] {
         let mut command = place.exec(&["-v"]);
         command.args(between).args(["printf", "%s|", "--link", "x y", "-v", "--help"]);
@@ -163,13 +163,13 @@ fn arguments_are_passed_on() {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), "--link|x y|-v|--help|"));
     }
     let nothing = Ran::from(place.exec(&[]).output().expect("the tool starts"));
-    nothing.misused(&["<PROGRAM>"]);
+    nothing.expect_misuse(&["<PROGRAM>"]);
 }
 
 /// -v says what was set and how the program ended, on standard error alone.
 #[test]
 fn verbose_says_what_was_set_and_how_the_program_ended() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let ran = place.run(&["-v", "--link", "sim:"], "echo out; exit 3");
     assert_eq!((ran.code, ran.out.as_str()), (Some(3), "out\n"));
     let library = place.path().join("libNEXTWUSBLib.so");
@@ -183,22 +183,22 @@ fn verbose_says_what_was_set_and_how_the_program_ended() {
 /// A folder for temporary files that cannot be used is named.
 #[test]
 fn a_folder_for_temporary_files_that_cannot_be_used_is_named() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let run = |tmp: &Path| {
         let mut command = place.exec(&["--", "true"]);
         Ran::from(command.env("TMPDIR", tmp).output().expect("the tool starts"))
     };
     let gone = place.path().join("gone");
-    run(&gone).failed(125, &["cannot make a folder", "gone"], "set TMPDIR");
+    run(&gone).expect_failure(125, &["cannot make a folder", "gone"], "set TMPDIR");
     let colon = place.path().join("a:b");
     fs::create_dir(&colon).expect("a folder");
-    run(&colon).failed(125, &["cannot look into", "a:b"], "set TMPDIR");
+    run(&colon).expect_failure(125, &["cannot look into", "a:b"], "set TMPDIR");
 }
 
 /// A program inherits no ignored or blocked signal from the tool, and what the user ignores (`nohup`) stays ignored.
 #[test]
 fn signals_are_inherited_as_they_were() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let script = ["--", "sh", "-c", ": > \"$ECMSK_OPENED\"; cat /proc/self/status"];
     // Signals above 31 are the C library's own.
     let mask = |status: &str, name: &str| {
@@ -209,19 +209,19 @@ fn signals_are_inherited_as_they_were() {
     // start.
     let own = fs::read_to_string("/proc/self/status").expect("a file");
     let ignored = mask(&own, "SigIgn:") & !(1 << 12);
-    let out = Ran::from(place.exec(&script).output().expect("the tool starts")).quiet();
+    let out = Ran::from(place.exec(&script).output().expect("the tool starts")).expect_quiet();
     assert_eq!((mask(&out, "SigBlk:"), mask(&out, "SigIgn:")), (0, ignored));
 
     let inner = place.exec(&script);
     let mut nohup = Command::new("sh");
     nohup.args(["-c", "trap '' HUP INT; exec \"$@\"", "sh"]).arg(inner.get_program()).args(inner.get_args());
     let ran = Ran::from(nohup.env("TMPDIR", place.tmp()).output().expect("the shell starts"));
-    assert_eq!(mask(&ran.quiet(), "SigIgn:"), ignored | 0b11);
+    assert_eq!(mask(&ran.expect_quiet(), "SigIgn:"), ignored | 0b11);
 }
 
 /// Starts a script that says when it is ready, in a process group of its own, as a shell does.
-fn start(place: &Place, script: &str) -> Child {
-    let mut command = undisturbed(&place.exec(&["--", "sh", "-c", script]));
+fn start(place: &ExecFolder, script: &str) -> Child {
+    let mut command = with_default_signals(&place.exec(&["--", "sh", "-c", script]));
     let mut tool = command.stdout(Stdio::piped()).process_group(0).spawn().expect("the tool starts");
     let mut line = String::new();
     BufReader::new(tool.stdout.take().expect("a pipe")).read_line(&mut line).expect("a line");
@@ -238,7 +238,7 @@ fn kill(signal: &str, whom: &str) {
 /// Ctrl-C goes to the whole group: the program decides, and its end is the tool's.
 #[test]
 fn ctrl_c_is_handled_by_the_program_alone() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     for (script, code) in [
         ("trap 'exit 9' INT; echo ready; while :; do sleep 0.05; done", 9),
         ("echo ready; exec sleep 300", 130),
@@ -254,7 +254,7 @@ fn ctrl_c_is_handled_by_the_program_alone() {
 /// SIGTERM and SIGHUP that come to the tool alone are handed on.
 #[test]
 fn sigterm_and_sighup_are_passed_on_to_the_program() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     for (signal, script, code) in [
         ("-TERM", "trap 'exit 7' TERM; echo ready; while :; do sleep 0.05; done", 7),
         ("-TERM", "echo ready; exec sleep 300", 143),
@@ -292,7 +292,7 @@ mod needs_cxx {
     /// LIB-1 A program that links the library runs on the board that the tool names.
     #[test]
     fn a_program_runs_on_the_board_named() {
-        let out = exec(&["--link", "sim:?slaves=drive*3&clock=virtual"], &program("which_link.c")).quiet();
+        let out = exec(&["--link", "sim:?slaves=drive*3&clock=virtual"], &program("which_link.c")).expect_quiet();
         assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
     }
 
@@ -317,7 +317,7 @@ mod needs_cxx {
         let mut command = ecmsk(["exec", "--library"]);
         command.arg(folder.path()).arg("--").arg(program("which_link.c"));
         let ran = Ran::from(command.output().expect("the tool starts"));
-        assert_eq!(ran.quiet(), "sim:?slaves=drive*7&clock=virtual\n");
+        assert_eq!(ran.expect_quiet(), "sim:?slaves=drive*7&clock=virtual\n");
     }
 
     /// What a program did can be read and plotted afterwards.
@@ -327,16 +327,16 @@ mod needs_cxx {
         let file = folder.path().join("two axes.pcapng");
         let path = file.to_str().expect("UTF-8");
         let link = "sim:?slaves=drive*2&clock=virtual";
-        let out = exec(&["--link", link, "--record", path], &program("two_axes.c")).quiet();
+        let out = exec(&["--link", link, "--record", path], &program("two_axes.c")).expect_quiet();
         assert_eq!(out, "ok\n");
-        let text = run(["dump", path]).quiet();
+        let text = run(["dump", path]).expect_quiet();
         assert!(text.starts_with("# sim:?clock=virtual\n"), "{}", &text[..200]);
         for line in ["SET_STATE OP", "slave 2  CSP target -50000", "slave 1  CSP DRIVE statusword", "position 100000,"]
         {
             assert!(text.contains(line), "`{line}` is missing");
         }
         let plot = folder.path().join("two axes.svg");
-        assert_eq!(run(["plot", path]).quiet(), format!("{}\n", plot.display()));
+        assert_eq!(run(["plot", path]).expect_quiet(), format!("{}\n", plot.display()));
         let svg = fs::read_to_string(plot).expect("a plot");
         assert!(svg.contains("Axis 1: position (counts)") && svg.contains("Axis 2: position (counts)"));
     }

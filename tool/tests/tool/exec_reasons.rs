@@ -1,7 +1,7 @@
 //! `ecmsk exec` says why the board did not do what a program wanted, and sums it up; `ecmsk summary` does so of a recording.
 #![cfg(target_os = "linux")]
 
-use crate::common::exec::Place;
+use crate::common::exec::ExecFolder;
 
 /// TOOL-153 Each reason once, what was counted at the end, of all processes of the program; what is not understood is
 /// passed over. The exit code is the program's.
@@ -24,7 +24,7 @@ fn what_the_library_tells_is_said_once() {
         "8 count 0 rejected.no_slave 2",
     ]);
     let script = format!("{script} printf '7 said 2 the begin of a line' >> \"$ECMSK_TOLD\"; exit 6");
-    let place = Place::new();
+    let place = ExecFolder::new();
     let ran = place.run(&[], &script);
     assert_eq!((ran.code, ran.out.as_str()), (Some(6), ""));
     let expected = [
@@ -47,7 +47,7 @@ fn what_the_library_tells_is_said_once() {
 /// TOOL-138 A recording that is not whole is an exit code of its own, unless the program has failed anyway.
 #[test]
 fn a_recording_that_lacks_frames_is_an_exit_code() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let lacks = "echo '7 count 0 record_dropped 5570' >> \"$ECMSK_TOLD\";";
     let ran = place.run(&[], lacks);
     assert_eq!(ran.code, Some(124), "{}", ran.err);
@@ -68,7 +68,7 @@ fn a_standard_error_that_nobody_reads_delays_neither_program_nor_tool() {
     while writer.write(&[b'.'; 1000]).is_ok() {}
     while writer.write(b".").is_ok() {}
     fcntl_setfl(&writer, flags).expect("flags");
-    let place = Place::new();
+    let place = ExecFolder::new();
     let script = ": > \"$ECMSK_OPENED\"; echo '7 said 0 a reason' >> \"$ECMSK_TOLD\"; exit 6";
     let mut command = place.exec(&["--", "sh", "-c", script]);
     let status = command.stderr(writer).status().expect("the tool starts");
@@ -105,7 +105,7 @@ mod needs_cxx {
     /// TOOL-153 Nothing is said of a program whose commands are all executed.
     #[test]
     fn a_program_without_trouble_is_quiet() {
-        assert_eq!(exec(&[], TWO, &["2", "300"]).quiet(), "done\n");
+        assert_eq!(exec(&[], TWO, &["2", "300"]).expect_quiet(), "done\n");
     }
 
     /// TOOL-153 Two axes on a network of one: thousands of commands are rejected, which the program does not see. The reason
@@ -190,26 +190,26 @@ mod needs_cxx {
             "slave 2 has an alarm, 0x2310: continuous overcurrent at the output",
         ];
         alarms.iter().for_each(|alarm| has(&ran, &[&format!("warning: {alarm}")]));
-        let text = run(["summary", file.to_str().expect("UTF-8")]).quiet();
+        let text = run(["summary", file.to_str().expect("UTF-8")]).expect_quiet();
         let gap = "1 gap(s) in a motion: ";
         has(&ran, &[&format!("summary: {gap}")]);
         assert!(text.starts_with(gap) && text.ends_with(&format!("{}\n{}\n", alarms[0], alarms[1])), "{text}");
-        let json = run(["summary", "--json", file.to_str().expect("UTF-8")]).quiet();
+        let json = run(["summary", "--json", file.to_str().expect("UTF-8")]).expect_quiet();
         let json: serde_json::Value = serde_json::from_str(&json).expect("one object");
         assert_eq!(json["counts"], serde_json::json!({"gaps": 1}));
         assert_eq!(json["alarms"][1]["error_code"], 0x2310);
 
         let (_, file) = recorded(folder.path(), TWO, &["2", "500", "flood"]);
-        let text = run(["summary", file.to_str().expect("UTF-8")]).quiet();
+        let text = run(["summary", file.to_str().expect("UTF-8")]).expect_quiet();
         assert!(text.starts_with("278 command frame(s) found the FIFO full and were lost; "), "{text}");
         let (_, file) = recorded(folder.path(), TWO, &["2", "10", "undeclared"]);
-        let text = run(["summary", file.to_str().expect("UTF-8")]).quiet();
+        let text = run(["summary", file.to_str().expect("UTF-8")]).expect_quiet();
         assert!(
             text.starts_with("a change of state failed, byte 2 of slot 0 is 0x12: PreOP (a slave failed); the program"),
             "{text}"
         );
         let (_, file) = recorded(folder.path(), TWO, &["2", "100"]);
-        assert_eq!(run(["summary", file.to_str().expect("UTF-8")]).quiet(), "");
+        assert_eq!(run(["summary", file.to_str().expect("UTF-8")]).expect_quiet(), "");
     }
 
     /// TOOL-138 A disk that is full while a program is recorded: said, and an exit code.

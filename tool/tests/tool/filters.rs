@@ -1,6 +1,6 @@
 //! What `ecmsk dump` and `ecmsk plot` leave out when asked: by slot, by command, by time.
 
-use crate::common::motion::Run;
+use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, two_axes};
 use crate::common::svg::COLOURS;
 use crate::common::{Ran, json_lines, run};
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 /// Two drives that are moved, one of them sent home in between, and an SDO.
 fn mixed(size: SlotSize) -> Recorded {
-    let mut board = Run::new(size, 2);
+    let mut board = FakeBoard::new(size, 2);
     for i in 0..10 {
         board.send(&[i, 2 * i]);
         board.cycle();
@@ -32,7 +32,7 @@ fn dump(recorded: &Recorded, options: &[&str]) -> Ran {
 }
 
 fn json(recorded: &Recorded, options: &[&str]) -> Vec<Value> {
-    let out = dump(recorded, &[&["--json"], options].concat()).quiet();
+    let out = dump(recorded, &[&["--json"], options].concat()).expect_quiet();
     json_lines(&out)
 }
 
@@ -53,9 +53,9 @@ fn dump_by_slot() {
         }
     }
     let wide = mixed(SlotSize::Bytes16);
-    dump(&wide, &["--slots", "30-40"]).failed(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
+    dump(&wide, &["--slots", "30-40"]).expect_failure(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
     for wrong in ["3-1", "x", "1-", "300"] {
-        dump(&wide, &["--slots", wrong]).misused(&["--slots", "ranges as 3-5", "`sdo`"]);
+        dump(&wide, &["--slots", wrong]).expect_misuse(&["--slots", "ranges as 3-5", "`sdo`"]);
     }
 }
 
@@ -81,8 +81,8 @@ fn dump_by_command() {
         frames.len()
     });
     assert_eq!((sent, sent + answered), (20, json(&recorded, &["--commands", "CSP"]).len()));
-    dump(&recorded, &["--direction", "up"]).misused(&["--direction", "allowed: command, response"]);
-    dump(&recorded, &["--commands", "CPS"]).misused(&["--commands", "CSP", "SET_STATE", "CYCLIC"]);
+    dump(&recorded, &["--direction", "up"]).expect_misuse(&["--direction", "allowed: command, response"]);
+    dump(&recorded, &["--commands", "CPS"]).expect_misuse(&["--commands", "CSP", "SET_STATE", "CYCLIC"]);
     // What SET_AXIS said counts, though it is not shown.
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");
 }
@@ -105,11 +105,11 @@ fn dump_by_time() {
     let late = json(&recorded, &["--from", "5ms", "--slots", "1"]);
     assert_eq!(late.last().map(|frame| &frame["slots"][0]["slot"]), Some(&1.into()));
     let none = dump(&recorded, &["--from", "1h"]);
-    none.misused(&["--from", "500ms"]);
+    none.expect_misuse(&["--from", "500ms"]);
     let none = dump(&recorded, &["--json", "--from", "100"]);
     assert_eq!((none.code, none.out.as_str()), (Some(0), ""));
     assert!(none.err.starts_with(&format!("note: none of {} frames is left; change ", all.len())), "{}", none.err);
-    run(["dump", "--hex", "--from", "1"]).misused(&["--from", "--hex"]);
+    run(["dump", "--hex", "--from", "1"]).expect_misuse(&["--from", "--hex"]);
 }
 
 /// TOOL-53 A plot of ranges of axes and of commands; where nothing is left there is an error and no plot.
@@ -119,20 +119,20 @@ fn plot_by_axis_and_command() {
     let recorded = Recorded::new(&run);
     let plot = recorded.plot(&["--slots", "1-2", "--from", "400ms", "--to", "0.5s"]);
     assert_eq!(plot.panel_names()[..2], ["Axis 1: position (counts)", "Axis 2: position (counts)"]);
-    recorded.try_plot(&["--axes", "9"]).failed(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
-    recorded.try_plot(&["--axes", "1", "--commands", "CSV,GO_HOME"]).failed(
+    recorded.try_plot(&["--axes", "9"]).expect_failure(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
+    recorded.try_plot(&["--axes", "1", "--commands", "CSV,GO_HOME"]).expect_failure(
         1,
         &["nothing is left of axis 1", "CSV, GO_HOME"],
         "change --commands",
     );
-    recorded.try_plot(&["--from", "100"]).failed(1, &["asked for 100 s and later"], "change --from or --to");
+    recorded.try_plot(&["--from", "100"]).expect_failure(1, &["asked for 100 s and later"], "change --from or --to");
     assert!(!recorded.file.with_extension("svg").exists());
 }
 
 /// TOOL-53 Only the stretches where a slot has the command: before and after there is no line.
 #[test]
 fn plot_of_a_command() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut csp = Vec::new();
     for i in 0..300 {
         board.drives[0].id = if i < 100 { 0x00 } else { 0x15 };

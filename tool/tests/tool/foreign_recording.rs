@@ -149,12 +149,12 @@ fn replay_opens_no_file_unasked() {
         assert_eq!(ran.code, Some(2), "{ran:?}");
         assert!(!ran.err.contains("root") && ran.out.is_empty(), "{}", ran.err);
         if named.starts_with("script") {
-            ran.failed(2, &["names a file (script=", "--allow-files"], "with --link");
+            ran.expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
         }
     }
     // A model that the user names has what the user says.
     renamed(&program.file, &format!("sim:?clock=virtual&script={}", pipe.display()), &file);
     let ran = run(["replay", file.to_str().expect("UTF-8"), "--link", "sim:?slaves=drive*2,io"]);
     assert!(ran.code == Some(0) && ran.out.contains("\nequal: "), "{ran:?}");
-    run(["replay", program.path(), "--link", "sim:", "--allow-files"]).misused(&["--allow-files", "--link"]);
+    run(["replay", program.path(), "--link", "sim:", "--allow-files"]).expect_misuse(&["--allow-files", "--link"]);
 }

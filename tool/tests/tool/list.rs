@@ -1,8 +1,8 @@
 //! `ecmsk list` on machines of files: which boards there are, and why some cannot be opened.
 #![cfg(target_os = "linux")]
 
-use crate::common::Ran;
-use crate::common::machine::{BOARD, RELAY, Tree, objects, page_block};
+use crate::common::machine::{BOARD, FakeMachine, RELAY, page_block};
+use crate::common::{Ran, json_lines};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use serde_json::Value;
@@ -22,15 +22,15 @@ fn opens(ran: &Ran, scheme: Scheme) {
     assert_eq!((ran.code, missing), (Some(i32::from(!scheme.in_build())), !scheme.in_build()), "{ran:?}");
 }
 
-fn row(tree: &Tree, path: &str) -> Value {
-    let rows = objects(&tree.run(&["list", "--json"]).out);
+fn row(tree: &FakeMachine, path: &str) -> Value {
+    let rows = json_lines(&tree.run(&["list", "--json"]).out);
     rows.into_iter().find(|row| row["path"] == path).unwrap_or_else(|| panic!("{path} is not in the list"))
 }
 
 /// Boards of every kind: one that opens, one that is denied, one that is slow, one that sleeps; another device with their
 /// ids; SPI devices.
-fn several() -> Tree {
-    let tree = Tree::good();
+fn several() -> FakeMachine {
+    let tree = FakeMachine::good();
     tree.hub("1-2", "e0");
     tree.board("1-2.3", 5, "8");
     tree.deny("/dev/bus/usb/001/005");
@@ -75,7 +75,7 @@ fn list_prints_what_tool_md_shows() {
 /// TOOL-96 What it prints as a link is one.
 #[test]
 fn every_link_that_is_listed_can_be_parsed() {
-    let links: Vec<String> = objects(&several().run(&["list", "--json"]).out)
+    let links: Vec<String> = json_lines(&several().run(&["list", "--json"]).out)
         .iter()
         .filter_map(|row| row["link"].as_str().map(str::to_owned))
         .collect();
@@ -96,7 +96,7 @@ fn every_link_that_is_listed_can_be_parsed() {
 /// TOOL-96 The exit code is 0 when each board that is there can be opened; an SPI device counts if there is no board on USB.
 #[test]
 fn the_exit_code_is_0_if_every_board_can_be_opened() {
-    let tree = Tree::bare();
+    let tree = FakeMachine::bare();
     let ran = tree.run(&["list"]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""));
     assert!(ran.err.starts_with("note: no board on USB and no SPI device; plug it in, set CONFIG0 to USB"), "{ran:?}");
@@ -124,7 +124,7 @@ fn the_exit_code_is_0_if_every_board_can_be_opened() {
 /// TOOL-98 Each thing that keeps a board from being opened, with what to do.
 #[test]
 fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
-    type Change = fn(&Tree);
+    type Change = fn(&FakeMachine);
     const CHANGES: [(Change, &str, &str); 8] = [
         (|tree| tree.deny("/dev/bus/usb/001/004"), "may not open /dev/bus/usb/001/004", "plug the board in again"),
         (|tree| tree.remove("/dev/bus/usb/001/004"), "there is no /dev/bus/usb/001/004", "/dev/bus/usb"),
@@ -147,7 +147,7 @@ fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
         ),
     ];
     for (change, reason, next) in CHANGES {
-        let tree = Tree::good();
+        let tree = FakeMachine::good();
         let fine = row(&tree, "1-1");
         assert_eq!(
             (&fine["can_open"], &fine["reason"], &fine["next"]),
@@ -166,7 +166,7 @@ fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
 /// TOOL-97 A device whose files are missing or nonsense is shown as far as it is known; what it says controls no terminal.
 #[test]
 fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
-    let tree = Tree::bare();
+    let tree = FakeMachine::bare();
     tree.board("1-1", 4, "\x1b[2J7");
     assert_eq!(row(&tree, "1-1")["serial"], "\u{FFFD}[2J7");
     assert!(!tree.run(&["list"]).out.contains('\x1b'));
@@ -183,7 +183,7 @@ fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
 fn list_works_on_the_machine_it_runs_on() {
     let ran = crate::common::run(["list", "--json"]);
     assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
-    for row in objects(&ran.out) {
+    for row in json_lines(&ran.out) {
         assert_eq!(row["verb"], "list", "{row}");
     }
 }

@@ -5,47 +5,47 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use crate::common::machine::{Tree, objects};
-use crate::common::{Ran, run};
+use crate::common::machine::FakeMachine;
+use crate::common::{Ran, json_lines, run};
 
 /// TOOL-108 The rule is written where udev looks, once; what is there already is left.
 #[test]
 fn the_udev_rule_is_written_once_where_udev_looks() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
-    let tree = Tree::bare();
+    let tree = FakeMachine::bare();
     fs::set_permissions(tree.path("/etc/udev/rules.d"), fs::Permissions::from_mode(0o777)).expect("our own folder");
     let written = tree.path("/etc/udev/rules.d/60-ecmsk.rules");
-    let first = tree.run(&["doctor", "--write-udev-rule"]).quiet();
+    let first = tree.run(&["doctor", "--write-udev-rule"]).expect_quiet();
     assert_eq!(fs::read_to_string(&written).expect("it is written"), kept);
     assert!(first.starts_with(&kept), "it is shown: {first}");
     assert!(first.contains("\nsudo udevadm control --reload\nsudo udevadm trigger "), "{first}");
-    let again = tree.run(&["doctor", "--write-udev-rule"]).quiet();
+    let again = tree.run(&["doctor", "--write-udev-rule"]).expect_quiet();
     assert!(again.starts_with("/etc/udev/rules.d/60-ecmsk.rules is there already"), "{again}");
     tree.file("/etc/udev/rules.d/60-ecmsk.rules", "# mine\n");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.failed(1, &["says something else, it was left as it is", "sudo rm "], "look at it");
+    ran.expect_failure(1, &["says something else, it was left as it is", "sudo rm "], "look at it");
     assert_eq!(fs::read_to_string(&written).expect("it is there"), "# mine\n");
     tree.remove("/etc/udev");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.failed(1, &["was not written"], "is there udev on this machine");
-    run(["doctor", "--write-udev-rule", "--json"]).misused(&["--json"]);
+    ran.expect_failure(1, &["was not written"], "is there udev on this machine");
+    run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 
 /// TOOL-108 Who may not write it gets lines to type, which do.
 #[test]
 fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
-    let tree = Tree::bare();
+    let tree = FakeMachine::bare();
     fs::set_permissions(tree.path("/etc/udev/rules.d"), fs::Permissions::from_mode(0o555)).expect("our own folder");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.failed(1, &["was not written: Permission denied"], "type the lines above");
+    ran.expect_failure(1, &["was not written: Permission denied"], "type the lines above");
     assert!(!tree.path("/etc/udev/rules.d/60-ecmsk.rules").exists());
     // As root would, on this machine of files.
     let typed = tree.path("/typed");
     let script = ran.out.replace("/etc/udev/rules.d/60-ecmsk.rules", typed.to_str().expect("UTF-8"));
     let script = format!("sudo() {{ case $1 in tee) \"$@\";; *) echo \"$@\";; esac; }}\n{script}");
     let bash = std::process::Command::new("bash").args(["-c", &script]).output().expect("bash starts");
-    let said = Ran::from(bash).quiet();
+    let said = Ran::from(bash).expect_quiet();
     assert_eq!(fs::read_to_string(typed).expect("it is written"), kept);
     assert!(said.starts_with("udevadm control --reload\nudevadm trigger --subsystem-match=usb"), "{said}");
 }
@@ -71,7 +71,7 @@ fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
 /// panic.
 #[test]
 fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
-    type Spoil = fn(&Tree, &str);
+    type Spoil = fn(&FakeMachine, &str);
     let spoils: [(&str, Spoil); 6] = [
         ("missing", |_, _| {}),
         ("empty", |tree, file| tree.file(file, "")),
@@ -85,12 +85,12 @@ fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
         }),
         ("a folder", |tree, file| tree.dir(file)),
     ];
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     tree.process(9, "demo", "/dev/bus/usb/001/004");
     let files = tree.files();
     assert!(files.len() > 25, "{files:?}");
     for (name, spoil) in spoils {
-        let tree = Tree::good();
+        let tree = FakeMachine::good();
         tree.process(9, "demo", "/dev/bus/usb/001/004");
         for file in &files {
             tree.remove(file);
@@ -99,7 +99,7 @@ fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
         reads(&tree, &format!("all files are {name}"));
     }
     for file in &files {
-        let tree = Tree::good();
+        let tree = FakeMachine::good();
         tree.process(9, "demo", "/dev/bus/usb/001/004");
         tree.remove(file);
         tree.file(file, b"\xff\x1b[2J-99999999999999999999\0\n");
@@ -110,7 +110,7 @@ fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
 /// TOOL-97 A pipe that nobody writes to is not waited for.
 #[test]
 fn a_pipe_in_place_of_a_file_is_not_waited_for() {
-    let tree = Tree::good();
+    let tree = FakeMachine::good();
     tree.remove("/sys/bus/usb/devices/1-1/speed");
     let pipe = tree.path("/sys/bus/usb/devices/1-1/speed");
     let made = std::process::Command::new("mkfifo").arg(pipe).status().expect("it starts");
@@ -118,13 +118,13 @@ fn a_pipe_in_place_of_a_file_is_not_waited_for() {
     assert_eq!(tree.finding("usb:", "usb-speed")["state"], "wrong");
 }
 
-fn reads(tree: &Tree, how: &str) {
+fn reads(tree: &FakeMachine, how: &str) {
     for words in [&["doctor", "--quick"][..], &["doctor", "--quick", "--json"], &["list"], &["list", "--json"]] {
         let ran = tree.run(words);
         assert!(matches!(ran.code, Some(0 | 1)), "{how}: {words:?}: {ran:?}");
         assert!(!ran.out.contains('\x1b') && !ran.err.contains("panicked"), "{how}: {words:?}: {ran:?}");
         if words.contains(&"--json") {
-            objects(&ran.out);
+            json_lines(&ran.out);
         }
     }
 }

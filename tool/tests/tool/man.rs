@@ -20,8 +20,8 @@ fn a_page_for_each_verb() {
     let folder = tempfile::tempdir().expect("a folder");
     let pages = folder.path().join("share/man/man1");
     let path = pages.to_str().expect("UTF-8");
-    assert_eq!(run(["man", "--out", path]).quiet(), format!("{path}\n"));
-    let verbs: Vec<_> = verbs(&run(["--help"]).quiet()).into_iter().filter(|verb| verb != "help").collect();
+    assert_eq!(run(["man", "--out", path]).expect_quiet(), format!("{path}\n"));
+    let verbs: Vec<_> = verbs(&run(["--help"]).expect_quiet()).into_iter().filter(|verb| verb != "help").collect();
     assert!(verbs.len() >= 8, "{verbs:?}");
     for verb in &verbs {
         let page = fs::read_to_string(pages.join(format!("ecmsk-{verb}.1"))).expect("a page");
@@ -29,16 +29,16 @@ fn a_page_for_each_verb() {
             page.starts_with(&format!(".ie \\n(.g .ds Aq \\(aq\n.el .ds Aq '\n.TH ecmsk-{verb} 1")),
             "{verb}: {page}"
         );
-        assert_eq!(page, run(["man", verb]).quiet(), "{verb}");
+        assert_eq!(page, run(["man", verb]).expect_quiet(), "{verb}");
     }
     let tool = fs::read_to_string(pages.join("ecmsk.1")).expect("a page");
-    assert_eq!(tool, run(["man"]).quiet());
+    assert_eq!(tool, run(["man"]).expect_quiet());
     for verb in &verbs {
         assert!(tool.contains(&format!("ecmsk\\-{verb}(1)")), "{verb} is missing in {tool}");
     }
     assert!(tool.contains(".SH \"EXIT CODES\"\n") || tool.contains(".SH EXIT CODES\n.nf\n"), "{tool}");
     assert!(fs::exists(pages.join("ecmsk-link-help.1")).expect("a folder"), "verbs of verbs too");
-    let dump = run(["man", "dump"]).quiet();
+    let dump = run(["man", "dump"]).expect_quiet();
     for line in ["\\-\\-slots", "ecmsk dump run.pcapng \\-\\-slots 0,3\\-5,sdo | less\n", ".SH EXAMPLES\n.nf\n"] {
         assert!(dump.contains(line), "`{line}` is missing in {dump}");
     }
@@ -47,10 +47,10 @@ fn a_page_for_each_verb() {
 /// TOOL-75 What is no verb, and where nothing can be written.
 #[test]
 fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
-    run(["man", "frobnicate"]).failed(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");
-    run(["man", "link", "frobnicate"]).failed(1, &["no verb `link frobnicate`"], "`ecmsk --help` lists");
-    run(["man", "--out", "/dev/null/x"]).failed(1, &["cannot write /dev/null/x"], "with --out");
-    run(["man", "dump", "--out", "x"]).misused(&["--out"]);
+    run(["man", "frobnicate"]).expect_failure(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");
+    run(["man", "link", "frobnicate"]).expect_failure(1, &["no verb `link frobnicate`"], "`ecmsk --help` lists");
+    run(["man", "--out", "/dev/null/x"]).expect_failure(1, &["cannot write /dev/null/x"], "with --out");
+    run(["man", "dump", "--out", "x"]).expect_misuse(&["--out"]);
 }
 
 /// TOOL-75 A line that begins with a dot is a request that formatters know; all other dots are text.
@@ -59,7 +59,7 @@ fn pages_are_well_formed() {
     const REQUESTS: [&str; 13] =
         [".ie", ".el", ".TH", ".SH", ".SS", ".TP", ".RS", ".RE", ".nf", ".fi", ".br", ".PP", ".IP"];
     let folder = tempfile::tempdir().expect("a folder");
-    run(["man", "--out", folder.path().to_str().expect("UTF-8")]).quiet();
+    run(["man", "--out", folder.path().to_str().expect("UTF-8")]).expect_quiet();
     for page in fs::read_dir(folder.path()).expect("a folder") {
         let page = page.expect("a page").path();
         let text = fs::read_to_string(&page).expect("UTF-8");

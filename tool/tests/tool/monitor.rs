@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::common::motion::Run;
+use crate::common::motion::FakeBoard;
 use crate::common::plots::Recorded;
 use crate::common::recordings::Script;
 use crate::common::{Ran, json_lines, run};
@@ -68,7 +68,7 @@ fn monitor(file: &std::path::Path, options: &[&str]) -> Ran {
 #[test]
 fn the_table_shows_board_fifo_sdo_and_every_slave() {
     let (folder, file) = everything(true);
-    let text = monitor(&file, &["--once", "--interval", "20ms"]).quiet();
+    let text = monitor(&file, &["--once", "--interval", "20ms"]).expect_quiet();
     let text = text.replace(folder.path().to_str().expect("UTF-8"), "FOLDER");
     support::snapshot("monitor_once", &text);
 }
@@ -77,10 +77,10 @@ fn the_table_shows_board_fifo_sdo_and_every_slave() {
 #[test]
 fn without_set_axis_kinds_are_guessed_and_marked() {
     let (_folder, file) = everything(false);
-    let guessed = monitor(&file, &["--once"]).quiet();
+    let guessed = monitor(&file, &["--once"]).expect_quiet();
     assert!(guessed.contains("    1 drive? Operation enabled"), "{guessed}");
     assert!(guessed.contains("    4 io "), "an answer to IO_RD is of an IO slave: {guessed}");
-    let told = monitor(&file, &["--once", "--slaves", "drive:csv,none,step,io,hsp2"]).quiet();
+    let told = monitor(&file, &["--once", "--slaves", "drive:csv,none,step,io,hsp2"]).expect_quiet();
     assert!(told.contains("    1 drive  Operation enabled") && told.contains("axis 2"), "{told}");
     assert!(!told.contains("\n    2 "), "{told}");
 }
@@ -89,7 +89,7 @@ fn without_set_axis_kinds_are_guessed_and_marked() {
 #[test]
 fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
-    let views = json_lines(&monitor(&file, &["--json", "--interval", "25ms"]).quiet());
+    let views = json_lines(&monitor(&file, &["--json", "--interval", "25ms"]).expect_quiet());
     let times: Vec<_> = views.iter().map(|view| view["time_ns"].as_u64().expect("a time") / MS).collect();
     assert_eq!(times, [25, 50, 75, 100]);
     let view = &views[2];
@@ -98,9 +98,12 @@ fn json_has_one_object_for_each_interval() {
     assert_eq!(view["velocities"][0], serde_json::json!({ "slave": 1, "counts_per_s": 5000.0 }));
     assert_eq!(view["velocities"][1]["counts_per_s"], 0.0);
     let path = file.to_str().expect("UTF-8");
-    let dump = json_lines(&run(["dump", path, "--json", "--from", "100ms"]).quiet());
+    let dump = json_lines(&run(["dump", path, "--json", "--from", "100ms"]).expect_quiet());
     assert_eq!(views[3]["slots"], dump[0]["slots"]);
-    assert_eq!(json_lines(&monitor(&file, &["--json", "--interval", "25ms", "--seconds", "60ms"]).quiet()).len(), 3);
+    assert_eq!(
+        json_lines(&monitor(&file, &["--json", "--interval", "25ms", "--seconds", "60ms"]).expect_quiet()).len(),
+        3
+    );
 }
 
 /// TOOL-68 A board is looked at and nothing is sent: it counts no frame, and stays in the state it was in.
@@ -109,7 +112,7 @@ fn nothing_is_sent() {
     for clock in ["real", "virtual"] {
         let link = format!("sim:?slaves=drive*2,io&clock={clock}&queue=4096");
         let options = ["monitor", "--link", &link, "--json", "--interval", "50ms", "--seconds", "0.4"];
-        let views = json_lines(&run(options).quiet());
+        let views = json_lines(&run(options).expect_quiet());
         let last = views.last().expect("a view");
         assert_eq!((&last["counters"]["frames"], &last["slots"][0]["state"]), (&0.into(), &"PreOP".into()), "{clock}");
         assert!(last["reports"].as_u64().is_some_and(|reports| reports > 0), "{clock}");
@@ -117,7 +120,7 @@ fn nothing_is_sent() {
         // The link knows what the slaves are.
         assert_eq!(last["slots"][3]["kind"], "io", "{clock}");
     }
-    let text = run(["monitor", "--link", "sim:?slaves=drive*2", "--once"]).quiet();
+    let text = run(["monitor", "--link", "sim:?slaves=drive*2", "--once"]).expect_quiet();
     assert!(text.starts_with("sim:\nstate PreOP ") && text.contains("    2 drive  says nothing"), "{text}");
 }
 
@@ -126,25 +129,25 @@ fn nothing_is_sent() {
 fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     let link = "sim:?slaves=drive&fault.disconnect_ms=300";
     let ran = run(["monitor", "--link", link, "--json", "--interval", "20ms", "--seconds", "30"]);
-    ran.failed(1, &["is gone"], "open it again");
+    ran.expect_failure(1, &["is gone"], "open it again");
     assert!(json_lines(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
 }
 
 /// TOOL-65 What there is nothing to see of, and what to do.
 #[test]
 fn a_source_that_cannot_be_watched_is_an_error_with_the_next_step() {
-    let board = Run::new(SlotSize::Bytes12, 1);
+    let board = FakeBoard::new(SlotSize::Bytes12, 1);
     let recorded = Recorded::new(&board);
     let file = recorded.file.to_str().expect("UTF-8");
-    run(["monitor", "--recording", file]).failed(1, &["no terminal"], "use --once or --json");
-    run(["monitor", "--once", "--recording", "/no/such/file"]).failed(1, &["/no/such/file"], "check the path");
-    run(["monitor", "--once", "--link", "tcp:?x"]).misused(&["--link"]);
-    run(["monitor", "--link", "sim:", "--recording", file]).misused(&["--link", "--recording"]);
-    run(["monitor", "--link", "sim:", "--interval", "1ms"]).misused(&["--interval", "10ms to 3600s"]);
+    run(["monitor", "--recording", file]).expect_failure(1, &["no terminal"], "use --once or --json");
+    run(["monitor", "--once", "--recording", "/no/such/file"]).expect_failure(1, &["/no/such/file"], "check the path");
+    run(["monitor", "--once", "--link", "tcp:?x"]).expect_misuse(&["--link"]);
+    run(["monitor", "--link", "sim:", "--recording", file]).expect_misuse(&["--link", "--recording"]);
+    run(["monitor", "--link", "sim:", "--interval", "1ms"]).expect_misuse(&["--interval", "10ms to 3600s"]);
     let mut script = Script::default();
     script.command(MS, Frame::new());
     let folder = tempfile::tempdir().expect("a folder");
     let empty = folder.path().join("empty.pcapng");
     script.record(&empty, "usb:", Some(SIZE));
-    monitor(&empty, &["--once"]).failed(1, &["holds no report"], "record a program that reads");
+    monitor(&empty, &["--once"]).expect_failure(1, &["holds no report"], "record a program that reads");
 }

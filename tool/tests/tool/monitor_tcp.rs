@@ -21,12 +21,12 @@ fn a_monitor_is_a_reader() {
     let writer = link::open(&format!("tcp://{place}"), Share::ByName).expect("a board");
     for role in ["", "?role=writer", "?role=reader"] {
         let link = format!("tcp://{place}{role}");
-        let out = run(["monitor", "--link", &link, "--json", "--seconds", "0.2"]).quiet();
+        let out = run(["monitor", "--link", &link, "--json", "--seconds", "0.2"]).expect_quiet();
         let last: Value = serde_json::from_str(out.lines().last().expect("a view")).expect("an object");
         assert_eq!((&last["slots"][0]["state"], &last["counters"]["frames"]), (&"PreOP".into(), &0.into()), "{role}");
     }
     for (verb, shown) in [("info", "state       PreOP"), ("state", "PreOP")] {
-        let said = run([verb, "--link", &format!("tcp://{place}")]).quiet();
+        let said = run([verb, "--link", &format!("tcp://{place}")]).expect_quiet();
         assert!(said.contains(shown), "{verb}: {said}");
     }
     let mut frame = Frame::new();

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{ecmsk, undisturbed};
+use crate::common::{ecmsk, with_default_signals};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -63,7 +63,7 @@ impl Terminal {
             command.arg("--ctty");
         }
         command.arg(inner.get_program()).args(inner.get_args()).env("TERM", "xterm-256color");
-        let mut command = undisturbed(&command);
+        let mut command = with_default_signals(&command);
         let side = || OwnedFd::from(line.try_clone().expect("a file"));
         let tool = command.stdin(side()).stdout(side()).stderr(side()).spawn().expect("setsid starts");
         let screen = Arc::new(Mutex::new(vt100::Parser::new(ROWS, COLUMNS, 0)));

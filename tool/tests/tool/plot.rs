@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::motion::Run;
+use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, near, two_axes};
 use crate::common::recordings::make_capture;
 use crate::common::run;
@@ -46,7 +46,7 @@ fn targets_and_positions() {
 /// Torque in percent of rated, as the drive reports it in 0.1 %.
 #[test]
 fn torque_is_shown_in_percent_of_rated() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..200 {
         board.send(&[if i < 100 { 0 } else { 8000 }]);
         board.cycle();
@@ -61,7 +61,7 @@ fn torque_is_shown_in_percent_of_rated() {
 /// An HSP has its inputs where a drive has its torque.
 #[test]
 fn an_hsp_has_no_torque() {
-    let mut board = Run::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
+    let mut board = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
     for i in 0..100 {
         board.send(&[100 * i]);
         board.cycle();
@@ -73,7 +73,7 @@ fn an_hsp_has_no_torque() {
 /// The FIFO's level, and the moments when commands were lost.
 #[test]
 fn the_fifo_level_and_lost_commands_are_shown() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut levels = Vec::new();
     for i in 0..300 {
         for _ in 0..if i == 100 { 175 } else { 1 } {
@@ -106,7 +106,7 @@ fn without_lost_commands_the_plot_does_not_mention_any() {
 /// A target that is sent once stays until the next one: the line has a step, no slope.
 #[test]
 fn a_target_holds_until_the_next_one() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..400 {
         if i == 100 {
             board.send(&[1000]);
@@ -126,7 +126,7 @@ fn a_target_holds_until_the_next_one() {
 /// One cycle out of thousands is still seen, and a line has no more points than a picture can show.
 #[test]
 fn long_recordings_are_thinned_without_loss() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..30_000 {
         if i == 12_345 {
             board.positions[0] = 100_000;
@@ -135,7 +135,7 @@ fn long_recordings_are_thinned_without_loss() {
         board.positions[0] = 0;
     }
     let recorded = Recorded::new(&board);
-    let svg = recorded.try_plot(&["-o", "-"]).quiet();
+    let svg = recorded.try_plot(&["-o", "-"]).expect_quiet();
     assert!(svg.len() < 500_000, "{} bytes", svg.len());
     let plot = Plot::parse(&svg);
     let samples = plot.panel("Axis 1").samples(COLOURS[0], false);
@@ -166,7 +166,7 @@ fn axes_and_time_can_be_chosen() {
 #[test]
 fn eight_axes_have_colours_and_further_ones_are_left_out_by_name() {
     let board = |axes: usize| {
-        let mut board = Run::new(SlotSize::Bytes12, axes);
+        let mut board = FakeBoard::new(SlotSize::Bytes12, axes);
         for i in 0..50 {
             board.send(&vec![i; axes]);
             board.cycle();
@@ -186,7 +186,7 @@ fn eight_axes_have_colours_and_further_ones_are_left_out_by_name() {
     assert_eq!(Plot::parse(&ran.out).panel_names().len(), 8 + 2);
     let plot = ten.plot(&["--axes", "10,1"]);
     assert_eq!(plot.panel_names()[..2], ["Axis 1: position (counts)", "Axis 10: position (counts)"]);
-    ten.try_plot(&["--axes", "1,2,3,4,5,6,7,8,9"]).failed(1, &["9 axes", "at most 8"], "--axes");
+    ten.try_plot(&["--axes", "1,2,3,4,5,6,7,8,9"]).expect_failure(1, &["9 axes", "at most 8"], "--axes");
 }
 
 /// No text lies on another one or beyond the picture, whatever the numbers are.
@@ -195,7 +195,7 @@ fn labels_neither_overlap_nor_leave_the_picture() {
     for (axes, scale, options) in
         [(1, 0, &[][..]), (2, 1, &["--difference"]), (8, 250_000_000, &["--difference"]), (3, 7, &["--to", "0.0095"])]
     {
-        let mut board = Run::new(SlotSize::Bytes12, axes);
+        let mut board = FakeBoard::new(SlotSize::Bytes12, axes);
         for i in 0..200 {
             for _ in 0..if i == 20 { 170 } else { 1 } {
                 board.send(&(1..=axes as i32).map(|axis| (i % 9 - 4) * axis * (scale / 8)).collect::<Vec<_>>());
@@ -211,7 +211,7 @@ fn labels_neither_overlap_nor_leave_the_picture() {
 /// 16-byte slots and a firmware whose full count counts words make no difference.
 #[test]
 fn slots_of_16_bytes_and_a_wide_full_count_give_the_same_plot() {
-    let mut board = Run::new(SlotSize::Bytes16, 2);
+    let mut board = FakeBoard::new(SlotSize::Bytes16, 2);
     for i in 0..100 {
         board.send(&[100 * i, -100 * i]);
         board.cycle();
@@ -238,7 +238,7 @@ fn a_report_that_was_read_late_is_plotted_when_it_was_made() {
 /// Of a capture of two boards the one that is in OP is plotted.
 #[test]
 fn of_two_boards_the_one_in_op_is_plotted() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..20 {
         board.send(&[1000 * i]);
         board.cycle();
@@ -263,7 +263,7 @@ fn each_note_is_printed_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
     // Without an axis and without CRCs nothing tells the slot size.
-    let mut board = Run::new(SlotSize::Bytes12, 0);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 0);
     board.cycle();
     board.script.leave_crc_out();
     board.script.record(&file, "usb:", None);
@@ -275,7 +275,7 @@ fn each_note_is_printed_once() {
 /// Leaving OP ends the lines, coming back starts new ones.
 #[test]
 fn outside_op_there_is_a_gap() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for part in 0..2 {
         for i in 0..100 {
             board.send(&[1000 * part + i]);
@@ -296,13 +296,13 @@ fn outside_op_there_is_a_gap() {
 fn without_an_output_the_plot_lies_beside_the_recording() {
     let recorded = Recorded::new(&two_axes().0);
     let beside = recorded.file.with_extension("svg");
-    assert_eq!(recorded.try_plot(&[]).quiet(), format!("{}\n", beside.display()));
+    assert_eq!(recorded.try_plot(&[]).expect_quiet(), format!("{}\n", beside.display()));
     let other = recorded.file.with_file_name("other.svg");
     let name = other.to_str().expect("UTF-8");
-    assert_eq!(recorded.try_plot(&["-o", name]).quiet(), format!("{name}\n"));
+    assert_eq!(recorded.try_plot(&["-o", name]).expect_quiet(), format!("{name}\n"));
     let read = |file: &Path| fs::read_to_string(file).expect("a plot");
     assert_eq!(read(&beside), read(&other));
-    assert_eq!(read(&beside), recorded.try_plot(&["-o", "-"]).quiet());
+    assert_eq!(read(&beside), recorded.try_plot(&["-o", "-"]).expect_quiet());
 }
 
 /// Whatever stands in a link or a file's name, the SVG stays one.
@@ -312,7 +312,7 @@ fn names_with_markup_do_not_break_the_svg() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("<a & \"b\">\u{1}\u{7f}'.pcapng");
     board.script.record(&file, "usb:?serial=</svg>&x=]]>", None);
-    let plot = Plot::parse(&run([Path::new("plot"), &file, Path::new("-o"), Path::new("-")]).quiet());
+    let plot = Plot::parse(&run([Path::new("plot"), &file, Path::new("-o"), Path::new("-")]).expect_quiet());
     assert!(plot.texts().iter().any(|text| text.contains("<a & \"b\">\u{fffd}\u{fffd}'.pcapng")), "{:?}", plot.texts());
 }
 
@@ -322,33 +322,41 @@ fn what_cannot_be_plotted_is_an_error_with_the_next_step() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
     let end = format!("in OP from 0.002 s to {:.3} s", board.seconds());
-    recorded.try_plot(&["--from", "9"]).failed(1, &["asked for 9 s and later", &end], "change --from or --to");
-    recorded.try_plot(&["--to", "-1"]).failed(1, &["asked for all until -1 s", &end], "change --from or --to");
-    recorded.try_plot(&["--from", "0.5", "--to", "0.4"]).failed(1, &["0.5 s to 0.4 s"], "change --from or --to");
-    recorded.try_plot(&["--axes", "0"]).misused(&["--axes"]);
-    recorded.try_plot(&["--axes", "41"]).misused(&["--axes"]);
-    recorded.try_plot(&["--axes", "31", "--slot-size", "16"]).failed(
+    recorded.try_plot(&["--from", "9"]).expect_failure(1, &["asked for 9 s and later", &end], "change --from or --to");
+    recorded.try_plot(&["--to", "-1"]).expect_failure(1, &["asked for all until -1 s", &end], "change --from or --to");
+    recorded.try_plot(&["--from", "0.5", "--to", "0.4"]).expect_failure(
+        1,
+        &["0.5 s to 0.4 s"],
+        "change --from or --to",
+    );
+    recorded.try_plot(&["--axes", "0"]).expect_misuse(&["--axes"]);
+    recorded.try_plot(&["--axes", "41"]).expect_misuse(&["--axes"]);
+    recorded.try_plot(&["--axes", "31", "--slot-size", "16"]).expect_failure(
         1,
         &["axis 31", "16-byte"],
         "from 1 to 30 with --axes",
     );
-    recorded.try_plot(&["-o", "/no/such/folder/x.svg"]).failed(1, &["cannot write /no/such/folder/x.svg"], "with -o");
+    recorded.try_plot(&["-o", "/no/such/folder/x.svg"]).expect_failure(
+        1,
+        &["cannot write /no/such/folder/x.svg"],
+        "with -o",
+    );
     let same = recorded.file.to_str().expect("UTF-8");
-    recorded.try_plot(&["-o", same]).failed(1, &["would replace the recording"], "with -o");
-    run(["plot", "-"]).failed(1, &["cannot read standard input"], "name a file");
-    run(["plot", "/no/such/file"]).failed(1, &["/no/such/file: No such file"], "check the path");
+    recorded.try_plot(&["-o", same]).expect_failure(1, &["would replace the recording"], "with -o");
+    run(["plot", "-"]).expect_failure(1, &["cannot read standard input"], "name a file");
+    run(["plot", "/no/such/file"]).expect_failure(1, &["/no/such/file: No such file"], "check the path");
     assert!(!recorded.file.with_extension("svg").exists(), "an error leaves nothing behind");
 }
 
 /// A recording that never gets to OP has nothing to plot.
 #[test]
 fn a_recording_without_op_has_nothing_to_plot() {
-    let mut board = Run::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
+    let mut board = FakeBoard::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
     for _ in 0..20 {
         board.report(MasterState::PreOp);
     }
     let recorded = Recorded::new(&board);
-    recorded.try_plot(&[]).failed(1, &["no response in OP (22 frames)"], "look at this one with `ecmsk dump`");
+    recorded.try_plot(&[]).expect_failure(1, &["no response in OP (22 frames)"], "look at this one with `ecmsk dump`");
 }
 
 /// A recording that was cut off is plotted as far as it goes, and a note says so.
@@ -365,13 +373,13 @@ fn a_truncated_recording_is_plotted_as_far_as_it_goes() {
     let plot = Plot::parse(&ran.out);
     near(plot.panel("Axis 1").at(COLOURS[0], false, early.seconds), early.position[0].into(), 10_000.0);
     fs::write(&recorded.file, &whole[..1500]).expect("a file");
-    recorded.try_plot(&[]).failed(1, &["ends in the middle of the block"], "before copying its file");
+    recorded.try_plot(&[]).expect_failure(1, &["ends in the middle of the block"], "before copying its file");
 }
 
 /// SET_FIFO's clear is a command for slot 0 with an argument in byte 2, whatever else the frame holds.
 #[test]
 fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     board.master(&MasterCommand::SetFifo(FifoAction::Threshold(120)));
     for _ in 0..10 {
         board.cycle();
@@ -394,10 +402,10 @@ fn an_axis_that_the_network_lacks_is_an_error_with_those_it_has() {
         run(["plot".as_ref()].into_iter().chain(words))
     };
     for axes in ["7", "1,4", "40"] {
-        plot(axes).failed(1, &["is empty: no slave has its slot in OP"], "name some of 1, 2, 3 with --axes");
+        plot(axes).expect_failure(1, &["is empty: no slave has its slot in OP"], "name some of 1, 2, 3 with --axes");
         assert!(!picture.exists());
     }
-    plot("1-3").quiet();
+    plot("1-3").expect_quiet();
 }
 
 /// An axis that the recording says nothing of is an error, and the text names those that there are.
@@ -405,7 +413,7 @@ fn an_axis_that_the_network_lacks_is_an_error_with_those_it_has() {
 fn an_axis_without_data_is_an_error_with_those_that_have_some() {
     let (board, _) = two_axes();
     let recorded = Recorded::new(&board);
-    recorded.try_plot(&["--axes", "1,9"]).failed(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
+    recorded.try_plot(&["--axes", "1,9"]).expect_failure(1, &["axis 9 is empty"], "name some of 1, 2 with --axes");
     recorded.plot(&["--axes", "2"]);
 }
 
@@ -416,8 +424,8 @@ fn a_time_that_is_no_finite_number_is_refused() {
     let recorded = Recorded::new(&board);
     for option in ["--from", "--to"] {
         for none in ["nan", "inf", "-1e999", "NaN", "1e999"] {
-            recorded.try_plot(&[option, none]).misused(&[option, none, "not a time"]);
+            recorded.try_plot(&[option, none]).expect_misuse(&[option, none, "not a time"]);
         }
-        recorded.try_plot(&[option, "soon"]).misused(&[option, "soon", "not a time; write it as in 3.5"]);
+        recorded.try_plot(&[option, "soon"]).expect_misuse(&[option, "soon", "not a time; write it as in 3.5"]);
     }
 }

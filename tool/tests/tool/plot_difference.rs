@@ -1,6 +1,6 @@
 //! `ecmsk plot --difference`: the target executed in a cycle minus the position that its report has.
 
-use crate::common::motion::Run;
+use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, near, two_axes};
 use crate::common::svg::COLOURS;
 use ecmsk::sk::{MasterState, SlotSize};
@@ -22,7 +22,7 @@ fn the_difference_is_to_the_target_that_was_executed_then() {
 /// A command and a report that cross each other give no wrong difference.
 #[test]
 fn a_command_and_a_report_that_cross_give_no_wrong_difference() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..400 {
         match i {
             0..8 => board.send(&[100 * i]),
@@ -45,7 +45,7 @@ fn a_command_and_a_report_that_cross_give_no_wrong_difference() {
 /// After commands were lost the difference is not shown until it is known again, and never a wrong one.
 #[test]
 fn after_a_loss_no_difference_is_shown_until_it_is_known_again() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut cycles = Vec::new();
     for i in 0..600 {
         // A burst that does not fit, then nothing until the FIFO has run empty, then one command a cycle.
@@ -76,7 +76,7 @@ fn after_a_loss_no_difference_is_shown_until_it_is_known_again() {
 /// After a clear of the FIFO the targets in force are those sent with it and later.
 #[test]
 fn after_a_clear_the_difference_is_to_the_targets_sent_later() {
-    let mut board = Run::new(SlotSize::Bytes12, 1);
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..50 {
         board.send(&[1000 + i]);
     }

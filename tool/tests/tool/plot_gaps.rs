@@ -1,6 +1,6 @@
 //! `ecmsk plot`: where the FIFO was empty while an axis was moving.
 
-use crate::common::motion::Run;
+use crate::common::motion::FakeBoard;
 use crate::common::plots::Recorded;
 use crate::common::svg::{GAP, Panel};
 use ecmsk::sk::SlotSize;
@@ -17,8 +17,8 @@ fn are(panel: &Panel<'_>, expected: &[(f64, f64)]) {
 
 /// Axis 1 goes 10 counts a cycle, axis 2 stands. The host is `ahead` commands ahead, and sends nothing in the cycles `away`.
 /// Gives the run and the time in which the board had nothing to execute.
-fn late(ahead: i32, away: std::ops::Range<i32>) -> (Run, (f64, f64)) {
-    let mut run = Run::new(SlotSize::Bytes12, 2);
+fn late(ahead: i32, away: std::ops::Range<i32>) -> (FakeBoard, (f64, f64)) {
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
     let (mut sent, mut idle) = (0, Vec::new());
     for cycle in 0..400 {
         if !away.contains(&cycle) {
@@ -60,7 +60,7 @@ fn an_empty_fifo_during_motion_is_marked_with_its_length() {
 #[test]
 fn ends_and_pauses_of_motion_are_no_gaps() {
     let (run, _) = {
-        let mut run = Run::new(SlotSize::Bytes12, 1);
+        let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
         for start in [0, 2000] {
             // Slowly off and slowly to the end, as a planned motion goes.
             for i in 0..=100_i32 {
@@ -75,7 +75,7 @@ fn ends_and_pauses_of_motion_are_no_gaps() {
     are(&plot.panel("Axis 1"), &[]);
     assert!(!plot.texts().iter().any(|text| text.starts_with("gap")), "{:?}", plot.texts());
 
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..30 {
         run.send(&[10 * i]);
     }

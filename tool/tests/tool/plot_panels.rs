@@ -1,6 +1,6 @@
 //! `ecmsk plot`: IO, velocity, the plane of two axes, units, the title, and which diagrams there are.
 
-use crate::common::motion::Run;
+use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, near, two_axes};
 use crate::common::svg::{COLOURS, IN_OUT};
 use ecmsk::sk::{CommandId, IoResponse, Motion, SlaveCommand, SlaveKind, SlaveResponse, SlotSize};
@@ -13,8 +13,8 @@ fn io(id: u8, bits: u16) -> ecmsk::sk::RawSlot {
 }
 
 /// A drive that moves, and an IO slave whose input 3 goes up and whose output 15 goes up and down. Gives also when.
-fn with_io() -> (Run, [f64; 3]) {
-    let mut run = Run::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
+fn with_io() -> (FakeBoard, [f64; 3]) {
+    let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
     let mut times = [0.0; 3];
     run.slots.insert(2, io(GET_STATUS, 0));
     for i in 0..300 {
@@ -64,7 +64,7 @@ fn an_io_slave_shows_inputs_when_reported_and_outputs_when_executed() {
 /// TOOL-148 A silent IO slave has no panel by itself, and a list of commands leaves its axis as it is.
 #[test]
 fn an_io_slave_without_changes_has_no_panel() {
-    let mut run = Run::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
+    let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
     for i in 0..100 {
         run.slots.insert(2, io(GET_STATUS, 0));
         run.send(&[10 * i]);
@@ -74,12 +74,12 @@ fn an_io_slave_without_changes_has_no_panel() {
     let names = ["Axis 1: position (counts)", "Torque (% of rated)", "FIFO: free entries of 160"];
     assert_eq!(recorded.plot(&[]).panel_names(), names);
     assert_eq!(recorded.plot(&["--axes", "2"]).panel_names(), ["FIFO: free entries of 160"]);
-    recorded.try_plot(&["--axes", "2", "--panels", "io"]).failed(
+    recorded.try_plot(&["--axes", "2", "--panels", "io"]).expect_failure(
         1,
         &["nothing for the diagrams io"],
         "or leave it out",
     );
-    recorded.try_plot(&["--xy", "1,2"]).failed(1, &["slave 2 is IO and has no position"], "as in --xy 1,2");
+    recorded.try_plot(&["--xy", "1,2"]).expect_failure(1, &["slave 2 is IO and has no position"], "as in --xy 1,2");
 }
 
 /// TOOL-149 The velocity is that of the positions, a second, and behind it that of the targets; it is shown if it is asked for.
@@ -102,7 +102,7 @@ fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
 /// TOOL-149 A drive that goes by CSV shows its velocity by itself, and what was asked for in the cycle in which it was executed.
 #[test]
 fn a_drive_in_csv_shows_its_velocity() {
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut changed = 0.0;
     for i in 0..200 {
         run.send_to(1, &SlaveCommand::Csv(Motion::to(if i < 100 { 500 } else { 900 })));
@@ -125,7 +125,7 @@ fn a_drive_in_csv_shows_its_velocity() {
 /// TOOL-150 The plane: what was commanded and what was gone, the first axis from left to right, both to the same scale.
 #[test]
 fn the_plane_shows_two_axes_to_the_same_scale() {
-    let mut run = Run::new(SlotSize::Bytes12, 3);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 3);
     for i in 0..400 {
         let side = (i % 100) * 100;
         let [x, y] = match i / 100 {
@@ -157,10 +157,14 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
         recorded.plot(&["--panels", "xy"]).panel_names(),
         ["Plane of axes 1 and 2: position of axis 2 (counts)"]
     );
-    recorded.try_plot(&["--panels", "xy", "--axes", "1"]).failed(1, &["needs two axes", "shows 1"], "as in --xy 1,2");
-    recorded.try_plot(&["--xy", "1,9"]).failed(1, &["axis 9 is empty"], "--axes");
+    recorded.try_plot(&["--panels", "xy", "--axes", "1"]).expect_failure(
+        1,
+        &["needs two axes", "shows 1"],
+        "as in --xy 1,2",
+    );
+    recorded.try_plot(&["--xy", "1,9"]).expect_failure(1, &["axis 9 is empty"], "--axes");
     for wrong in ["1", "1,1", "1,2,3", "0,1", "a,b"] {
-        recorded.try_plot(&["--xy", wrong]).misused(&["--xy", "as in 1,2"]);
+        recorded.try_plot(&["--xy", wrong]).expect_misuse(&["--xy", "as in 1,2"]);
     }
 }
 
@@ -181,8 +185,8 @@ fn values_are_in_units_if_counts_per_unit_are_given() {
     near(plot.panel("Following difference (mm)").at(COLOURS[0], false, at.seconds), difference, 0.4);
     let plot = recorded.plot(&["--counts-per-unit", "10"]);
     assert_eq!(plot.panel_names()[0], "Axis 1: position (units)");
-    recorded.try_plot(&["--unit", "mm"]).misused(&["--counts-per-unit"]);
-    recorded.try_plot(&["--counts-per-unit", "0"]).misused(&["--counts-per-unit"]);
+    recorded.try_plot(&["--unit", "mm"]).expect_misuse(&["--counts-per-unit"]);
+    recorded.try_plot(&["--counts-per-unit", "0"]).expect_misuse(&["--counts-per-unit"]);
 }
 
 /// TOOL-152 A title stands in the place of the link, whatever is in it.
@@ -204,6 +208,6 @@ fn only_the_panels_asked_for_are_shown() {
         recorded.plot(&["--panels", "difference,position", "--axes", "2"]).panel_names(),
         ["Axis 2: position (counts)", "Following difference (counts)"]
     );
-    recorded.try_plot(&["--panels", "speed"]).misused(&["speed", "velocity"]);
+    recorded.try_plot(&["--panels", "speed"]).expect_misuse(&["speed", "velocity"]);
     assert_eq!(CommandId::from_code(GET_STATUS), CommandId::GetStatus);
 }

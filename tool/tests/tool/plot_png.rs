@@ -55,12 +55,12 @@ fn an_unknown_ending_of_the_picture_is_refused() {
         let file = recorded.file.with_extension(ending);
         let name = file.to_str().expect("UTF-8");
         let said = [".svg", ".png", &format!("not as .{ending}")];
-        recorded.try_plot(&["-o", name]).failed(1, &said, "make other kinds from SVG");
-        run(["compare", recording, recording, "--plot", name]).failed(2, &said, "make other kinds from SVG");
+        recorded.try_plot(&["-o", name]).expect_failure(1, &said, "make other kinds from SVG");
+        run(["compare", recording, recording, "--plot", name]).expect_failure(2, &said, "make other kinds from SVG");
         assert!(!file.exists());
     }
     let bare = recorded.file.with_file_name("bare");
     let name = bare.to_str().expect("UTF-8");
-    recorded.try_plot(&["-o", name]).quiet();
+    recorded.try_plot(&["-o", name]).expect_quiet();
     Plot::parse(&std::fs::read_to_string(&bare).expect("a picture"));
 }

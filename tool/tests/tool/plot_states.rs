@@ -1,6 +1,6 @@
 //! `ecmsk plot`: where a drive is homing, has a fault or is not enabled.
 
-use crate::common::motion::{ENABLED, Run, Says};
+use crate::common::motion::{DriveSlot, ENABLED, FakeBoard};
 use crate::common::plots::Recorded;
 use crate::common::svg::{COLOURS, Panel, STATES};
 use ecmsk::sk::{SlaveCommand, SlaveKind, SlotSize};
@@ -25,8 +25,8 @@ const ABORT_HOME: u8 = 0x19;
 
 /// That many cycles in which the drive of a slave says this; when they began and when they were over, in seconds: the
 /// report after them is the first that says something else.
-fn say(run: &mut Run, slave: usize, id: u8, statusword: u16, cycles: u32) -> (f64, f64) {
-    run.drives[slave - 1] = Says { id, statusword, ..run.drives[slave - 1] };
+fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) -> (f64, f64) {
+    run.drives[slave - 1] = DriveSlot { id, statusword, ..run.drives[slave - 1] };
     run.cycle();
     let from = run.seconds();
     for _ in 1..cycles {
@@ -50,7 +50,7 @@ fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
 #[test]
 fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
     for first in [STANDS, ATTAINED, UNDER_WAY] {
-        let mut run = Run::new(SlotSize::Bytes12, 2);
+        let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
         say(&mut run, 2, CSP, ENABLED, 100);
         run.send_to(2, &SlaveCommand::GoHome);
         let (from, _) = say(&mut run, 2, GO_HOME, first, 3);
@@ -71,7 +71,7 @@ fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
 /// for 20 ms. And the next GO_HOME is seen although the host has sent nothing else meanwhile.
 #[test]
 fn a_drive_that_is_home_at_once_is_seen_and_so_is_its_next_homing() {
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     say(&mut run, 1, CSP, ENABLED, 50);
     run.send_to(1, &SlaveCommand::GoHome);
     let (first, _) = say(&mut run, 1, GO_HOME, ATTAINED, 200);
@@ -85,7 +85,7 @@ fn a_drive_that_is_home_at_once_is_seen_and_so_is_its_next_homing() {
 /// SK-7.21 Bit 13 ends homing and is told; ABORT_HOME in another slave's slot, a fault, SV_OFF and leaving OP end it too.
 #[test]
 fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
-    let ends: [fn(&mut Run); 5] = [
+    let ends: [fn(&mut FakeBoard); 5] = [
         |run| _ = say(run, 1, 0, ERROR, 50),
         |run| _ = say(run, 2, ABORT_HOME, ENABLED, 50),
         |run| _ = say(run, 1, 0, FAULTED, 50),
@@ -93,7 +93,7 @@ fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
         |run| (0..50).for_each(|_| run.report(ecmsk::sk::MasterState::SafeOp)),
     ];
     for (i, end) in ends.into_iter().enumerate() {
-        let mut run = Run::new(SlotSize::Bytes12, 2);
+        let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
         say(&mut run, 1, CSP, ENABLED, 50);
         let (from, to) = say(&mut run, 1, GO_HOME, UNDER_WAY, 100);
         end(&mut run);
@@ -112,7 +112,7 @@ fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
 /// SK-7.30 A GO_HOME that is rejected is not answered, and no homing begins.
 #[test]
 fn a_rejected_go_home_begins_no_homing() {
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     run.send_to(1, &SlaveCommand::GoHome);
     say(&mut run, 1, 0, UNDER_WAY, 100);
     are(&Recorded::new(&run).plot(&[]).panel("Axis 1"), HOMING, &[]);
@@ -122,7 +122,7 @@ fn a_rejected_go_home_begins_no_homing() {
 /// there on the drive is not enabled until it is on again. Targets sent before are in force no more.
 #[test]
 fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     run.send(&[5000]);
     say(&mut run, 1, CSP, ENABLED, 100);
     let (from, _) = say(&mut run, 1, CSP, REACTION, 10);
@@ -150,7 +150,7 @@ fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
 /// SK-3.21 An HSP has no error code in its slot: what stands in its place is none.
 #[test]
 fn a_fault_of_an_hsp_has_no_error_code() {
-    let mut run = Run::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
+    let mut run = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
     say(&mut run, 1, CSP, ENABLED, 50);
     run.drives[0].error_code = 0x1234;
     say(&mut run, 1, CSP, FAULTED, 50);
@@ -163,7 +163,7 @@ fn a_fault_of_an_hsp_has_no_error_code() {
 /// A drive that was on all the time has no shade and no word of one.
 #[test]
 fn a_drive_that_was_on_all_the_time_has_no_shading() {
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     say(&mut run, 1, CSP, ENABLED, 100);
     let plot = Recorded::new(&run).plot(&[]);
     for colour in STATES {
@@ -176,7 +176,7 @@ fn a_drive_that_was_on_all_the_time_has_no_shading() {
 /// cut, and thousands of faults do not make a picture of thousands of areas.
 #[test]
 fn short_states_are_seen_and_thousands_of_faults_stay_readable() {
-    let mut run = Run::new(SlotSize::Bytes12, 1);
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     for i in 0..20_000 {
         run.drives[0].error_code = if i % 2 == 0 { 0x7500 } else { 0 };
         say(&mut run, 1, CSP, if i % 2 == 0 { FAULTED } else { ENABLED }, 1);

@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use crate::common::exec::Place;
+use crate::common::exec::ExecFolder;
 use crate::common::run;
 use serde_json::Value;
 use support::recorded::{Program, Run};
@@ -80,17 +80,17 @@ fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
 /// replaced unasked.
 #[test]
 fn exec_tells_of_its_recording() {
-    let place = Place::new();
+    let place = ExecFolder::new();
     let tool = env!("CARGO_BIN_EXE_ecmsk");
     let file = place.path().join("run.pcapng");
     let options = ["--link", "sim:?slaves=drive&clock=virtual", "--record", "run.pcapng"];
     let moves = format!("{tool} move 1=100000 --up >/dev/null 2>moved");
-    place.run(&options, &moves).quiet();
+    place.run(&options, &moves).expect_quiet();
     let whole = fs::read(&file).expect("a recording");
     assert!(whole.len() > 100_000, "{}", whole.len());
 
     let refused = place.run(&options, "echo started");
-    refused.failed(125, &["cannot record to run.pcapng", "is there already", "--overwrite"], "with --record");
+    refused.expect_failure(125, &["cannot record to run.pcapng", "is there already", "--overwrite"], "with --record");
     assert!(refused.out.is_empty() && fs::read(&file).expect("a recording") == whole);
     let again = [&options[..], &["--overwrite"]].concat();
 
@@ -109,6 +109,6 @@ fn exec_tells_of_its_recording() {
     let cut = place.run(&again, &format!("{moves}; truncate -s -52 run.pcapng"));
     assert!(cut.code == Some(124) && cut.err.contains("was not ended"), "{cut:?}");
     // Nothing was recorded, and nothing is left of what was there.
-    place.run(&again, ":").quiet();
+    place.run(&again, ":").expect_quiet();
     assert!(!file.exists());
 }

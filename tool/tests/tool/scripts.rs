@@ -1,7 +1,7 @@
 //! `ecmsk run` and `ecmsk shell`: the same words on one open board, on virtual time.
 #![cfg(target_os = "linux")]
 
-use crate::common::board::{BOARD, Tape, file, script, text, told};
+use crate::common::board::{BOARD, RecordedTraffic, file, script, text, transcript_entry};
 use crate::common::{Ran, ecmsk, run, run_with_input};
 
 const DAY: &str = "\
@@ -30,9 +30,9 @@ state preop
 fn a_script_does_its_steps_in_order() {
     let file = text("day.ecm", DAY);
     let words = ["run", "day.ecm", "--link", BOARD];
-    let mut all = told(&words, &run(["run", &file, "--link", BOARD]));
+    let mut all = transcript_entry(&words, &run(["run", &file, "--link", BOARD]));
     let words = ["run", "-", "--json", "--link", BOARD];
-    all += &told(&words, &run_with_input(&words, DAY));
+    all += &transcript_entry(&words, &run_with_input(&words, DAY));
     support::snapshot("tool_run", &all);
 }
 
@@ -72,7 +72,7 @@ quit
     let ran = script(&board, wrong);
     assert!(!file.exists(), "the board was not even opened");
     assert_eq!(ran.err.lines().count(), 24, "{}", ran.err);
-    support::snapshot("tool_run_wrong", &told(&["run", "-", "--link", BOARD], &ran));
+    support::snapshot("tool_run_wrong", &transcript_entry(&["run", "-", "--link", BOARD], &ran));
 }
 
 /// TOOL-33 The first step that fails ends the script: it is told with its line, and what came before holds.
@@ -84,7 +84,7 @@ fn a_step_that_fails_ends_a_script() {
     assert_eq!(ran.code, Some(1));
     let error = "error: standard input:4: move needs axis 2 on, it is in Switch on disabled (0x0250); write `servo on 2` before it";
     assert_eq!(ran.err.lines().last(), Some(error));
-    let tape = Tape::read(&file);
+    let tape = RecordedTraffic::read(&file);
     assert!(tape.is_on(1) && tape.targets(1).is_empty());
     for (lines, why) in [
         ("move 1=5", ":1: move needs OP, the network is in PreOP; write `state op` before it"),
@@ -102,13 +102,17 @@ fn a_step_that_fails_ends_a_script() {
 /// TOOL-30 A script that cannot be read is told.
 #[test]
 fn a_script_that_cannot_be_read_is_an_error() {
-    run(["run", "/no/such/script", "--link", BOARD]).failed(1, &["/no/such/script", "No such file"], "name a file");
+    run(["run", "/no/such/script", "--link", BOARD]).expect_failure(
+        1,
+        &["/no/such/script", "No such file"],
+        "name a file",
+    );
     let latin = file("latin");
     std::fs::write(&latin, b"state op # \xE4\n").unwrap();
-    run(["run", latin.to_str().unwrap(), "--link", BOARD]).failed(1, &["not UTF-8"], "name a text file");
+    run(["run", latin.to_str().unwrap(), "--link", BOARD]).expect_failure(1, &["not UTF-8"], "name a text file");
     let long = text("long.ecm", &"#".repeat((1 << 20) + 1));
-    run(["run", &long, "--link", BOARD]).failed(1, &["longer than 1048576 bytes"], "cut it into several");
-    run(["run", "--link", BOARD]).misused(&["<SCRIPT>"]);
+    run(["run", &long, "--link", BOARD]).expect_failure(1, &["longer than 1048576 bytes"], "cut it into several");
+    run(["run", "--link", BOARD]).expect_misuse(&["<SCRIPT>"]);
 }
 
 /// TOOL-21 Moves of one session follow each other without drift: each begins where the last one was told to end.
@@ -122,7 +126,7 @@ fn relative_moves_do_not_drift() {
     let ran = script(&board, &lines);
     assert_eq!(ran.code, Some(0));
     assert_ne!(ran.out.lines().nth(2), Some("axis 1: at 50000"), "{}", ran.out);
-    assert_eq!(Tape::read(&file).targets(1).last(), Some(&50_040));
+    assert_eq!(RecordedTraffic::read(&file).targets(1).last(), Some(&50_040));
 }
 
 /// TOOL-3, TOOL-20 In units; a relative target that leaves the 32 bits is refused before a frame of it is sent.
@@ -134,7 +138,7 @@ fn targets_are_in_units_and_stay_within_32_bits() {
     let ran = script(&recorded, "state op\nservo on 1\nmove 1=647 --relative\nmove 1=1 --relative\n");
     assert_eq!((ran.code, ran.out.lines().last()), (Some(1), Some("axis 1: at 2147483647")));
     assert!(ran.err.contains(":4: move: target 1 of axis 1 is outside the 32 bits"), "{}", ran.err);
-    assert_eq!(Tape::read(&file).targets(1).last(), Some(&i32::MAX));
+    assert_eq!(RecordedTraffic::read(&file).targets(1).last(), Some(&i32::MAX));
     let words = ["run", "-", "--counts-per-unit", "1=1000", "--link", BOARD];
     let ran =
         run_with_input(&words, "state op\nservo on 1\nmove 1=2.5\nexpect position 1=2.5\nexpect position 1=2500\n");
@@ -147,12 +151,16 @@ fn targets_are_in_units_and_stay_within_32_bits() {
 fn a_speed_that_the_guard_would_refuse_is_refused_at_once() {
     let line = ["move", "1=50000", "--velocity", "1000000", "--up", "--link", BOARD];
     let guarded = run(line.into_iter().chain(["--guard", "1000"]));
-    guarded.failed(1, &["runs 64000 counts ahead of it, its guard is 1000"], "lower --velocity, or widen --guard");
+    guarded.expect_failure(
+        1,
+        &["runs 64000 counts ahead of it, its guard is 1000"],
+        "lower --velocity, or widen --guard",
+    );
     for passes in [run(line), run(line.into_iter().chain(["--guard", "off"]))] {
         let at: i32 = passes.out.trim().trim_start_matches("axis 1: at ").parse().expect("a position");
         assert!(passes.code == Some(0) && at.abs_diff(50_000) <= 2, "it has settled: {passes:?}");
     }
-    run(line.into_iter().chain(["--guard", "0"])).misused(&["counts, 1 or more, or off"]);
+    run(line.into_iter().chain(["--guard", "0"])).expect_misuse(&["counts, 1 or more, or off"]);
 }
 
 fn shell(lines: &str) -> Ran {
@@ -182,15 +190,15 @@ fn a_shell_without_a_terminal_prints_results_only() {
     let lines =
         "state\nstate op\nfoo\nmove 1=5\nservo on 1\n# nothing\n\nmove 1=5\nhelp servo\nhelp foo\nstate\nquit\nstate\n";
     let words = ["shell", "--keep-going", "--link", BOARD];
-    support::snapshot("tool_shell", &told(&words, &run_with_input(&words, lines)));
+    support::snapshot("tool_shell", &transcript_entry(&words, &run_with_input(&words, lines)));
     assert_eq!(shell("state op").quiet_but_for_notes(), "OP\n");
-    assert_eq!(shell("").quiet(), "");
-    let help = shell("help").quiet();
+    assert_eq!(shell("").expect_quiet(), "");
+    let help = shell("help").expect_quiet();
     for word in ["info", "state", "sdo", "io", "servo", "home", "move", "wait", "expect", "quit", "help"] {
         assert!(help.contains(word), "{word} is missing in {help}");
     }
     let ran = Ran::from(ecmsk(["shell", "--link", BOARD]).stdin(std::fs::File::open("/").unwrap()).output().unwrap());
-    ran.failed(1, &["standard input"], "lines of text");
+    ran.expect_failure(1, &["standard input"], "lines of text");
 }
 
 trait ButForNotes {

@@ -117,7 +117,7 @@ fn listening_to_others_is_refused() {
             assert!(ran.err.contains(part), "{listen}: no {part}: {ran:?}");
         }
     }
-    run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).failed(1, &["in use"], "name=");
+    run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).expect_failure(1, &["in use"], "name=");
 }
 
 /// WIRE-14 Whoever reaches it can use the boards: that is said.
@@ -144,13 +144,21 @@ fn a_board_that_cannot_be_served_is_an_error_with_the_next_step() {
     assert_eq!((elsewhere.code, elsewhere.err.lines().count()), (Some(1), 2), "{elsewhere:?}");
     assert!(elsewhere.err.contains("cannot listen on 192.0.2.1:3240: "), "{elsewhere:?}");
     assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");
-    run(&[&listen[..], &["--link", "sim:?clock=virtual"]].concat()).failed(1, &["virtual clock"], "clock=virtual");
-    run(&[&listen[..], &["--link", "sim:", "--link", "sim:"]].concat()).failed(1, &["in use"], "name=");
-    run(&["--link", "sim:?slaves=whale"]).misused(&["slaves"]);
-    run(&["--link", "sim:", "--vendor", "12345"]).misused(&["allowed: 0000 to ffff"]);
-    run(&["--link", "sim:", "--interval", "17"]).misused(&["17"]);
-    run(&[]).misused(&["--link"]);
+    run(&[&listen[..], &["--link", "sim:?clock=virtual"]].concat()).expect_failure(
+        1,
+        &["virtual clock"],
+        "clock=virtual",
+    );
+    run(&[&listen[..], &["--link", "sim:", "--link", "sim:"]].concat()).expect_failure(1, &["in use"], "name=");
+    run(&["--link", "sim:?slaves=whale"]).expect_misuse(&["slaves"]);
+    run(&["--link", "sim:", "--vendor", "12345"]).expect_misuse(&["allowed: 0000 to ffff"]);
+    run(&["--link", "sim:", "--interval", "17"]).expect_misuse(&["17"]);
+    run(&[]).expect_misuse(&["--link"]);
     if !std::path::Path::new(ecmsk::port::usbip::VHCI).exists() {
-        run(&[&listen[..], &["--link", "sim:", "--attach"]].concat()).failed(1, &["vhci_hcd"], "modprobe vhci-hcd");
+        run(&[&listen[..], &["--link", "sim:", "--attach"]].concat()).expect_failure(
+            1,
+            &["vhci_hcd"],
+            "modprobe vhci-hcd",
+        );
     }
 }

@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, Stdio};
 
-use crate::common::board::{Tape, file, text};
+use crate::common::board::{RecordedTraffic, file, text};
 use crate::common::ecmsk;
 use ecmsk::sk::{CommandId, MasterState};
 use rustix::process::{Pid, Signal, kill_process};
@@ -88,7 +88,7 @@ fn ctrl_c_brakes_a_move() {
             "{said}"
         );
 
-        let tape = Tape::read(&file);
+        let tape = RecordedTraffic::read(&file);
         let (first, second) = (tape.targets(1), tape.targets(2));
         let (speed, change) = steps(&first);
         // 100 counts a cycle; 0.2 more or less in the next one, and a count for rounding.
@@ -120,7 +120,7 @@ fn a_slow_brake_is_cut_short() {
     work.until("progress: moving");
     work.signal(Signal::INT);
     assert_eq!(work.end().0, Some(130));
-    let tape = Tape::read(&file);
+    let tape = RecordedTraffic::read(&file);
     let (speed, change) = steps(&tape.targets(1));
     let fastest = speed.iter().position(|step| step == speed.iter().max().unwrap()).unwrap();
     assert!(speed[fastest] > 25 && change.iter().all(|change| change.abs() <= 2));
@@ -155,7 +155,7 @@ fn ctrl_c_aborts_homing() {
     let (code, said) = work.end();
     assert_eq!(code, Some(130), "{said}");
     assert!(said.ends_with("run it again to go on\n"), "{said}");
-    let tape = Tape::read(&file);
+    let tape = RecordedTraffic::read(&file);
     assert!(tape.sent(2, CommandId::GoHome) && tape.sent(2, CommandId::AbortHome));
     let positions = tape.positions(2);
     let rest = &positions[positions.len() - 3..];

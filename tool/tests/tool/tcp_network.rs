@@ -70,13 +70,14 @@ fn the_tool_shows_kinds_and_units() {
     command.args(["--counts-per-unit", "1=1000"]);
     let serving = Serving::start(command);
     let link = serving.1.as_str();
-    let info: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).quiet()).unwrap();
+    let info: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).expect_quiet()).unwrap();
     assert_eq!(info["network"], "1 drive, 2 drive, 3 io");
-    let seen: Value = serde_json::from_str(&run(["monitor", "--once", "--json", "--link", link]).quiet()).unwrap();
+    let seen: Value =
+        serde_json::from_str(&run(["monitor", "--once", "--json", "--link", link]).expect_quiet()).unwrap();
     let kinds: Vec<_> = (1..=3).map(|slot| (&seen["slots"][slot]["kind"], &seen["slots"][slot]["kind_is"])).collect();
     assert!(kinds.iter().zip(["drive", "drive", "io"]).all(|((kind, _), expected)| **kind == expected), "{kinds:?}");
     assert_eq!(run(["move", "1=2.5", "2=30", "--up", "--link", link]).code, Some(0));
-    let moved: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).quiet()).unwrap();
+    let moved: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).expect_quiet()).unwrap();
     let at = |slave: usize| moved["slaves"][slave]["position_counts"].as_i64().unwrap();
     assert!((at(0) - 2500).abs() < 64 && (at(1) - 30).abs() < 64, "{moved}");
 }
@@ -91,7 +92,7 @@ fn the_board_of_the_environment_is_served() {
         if port == "tcp" {
             assert_eq!(link::open(&serving.1, Share::ByName).unwrap().network(), known("drive,io", ""));
         }
-        run(["serve", port, "--listen", "127.0.0.1:0"]).misused(&["--link", "ECMSK_LINK"]);
+        run(["serve", port, "--listen", "127.0.0.1:0"]).expect_misuse(&["--link", "ECMSK_LINK"]);
         let wrong = ecmsk(["serve", port]).env("ECMSK_LINK", "whale:").output().unwrap();
         assert!(String::from_utf8_lossy(&wrong.stderr).contains("whale"), "{wrong:?}");
     }

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
-use crate::common::{ecmsk, undisturbed};
+use crate::common::{ecmsk, with_default_signals};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -57,7 +57,7 @@ impl Terminal {
         if owner == Owner::Tool {
             let mut session = Command::new("setsid");
             session.arg("--ctty").arg(command.get_program()).args(command.get_args());
-            command = undisturbed(&session);
+            command = with_default_signals(&session);
         }
         let child = command
             .env("TERM", "xterm")

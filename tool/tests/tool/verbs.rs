@@ -2,7 +2,7 @@
 //! `tests/snapshots/`.
 #![cfg(target_os = "linux")]
 
-use crate::common::board::{BOARD, Tape, file, text, transcript};
+use crate::common::board::{BOARD, RecordedTraffic, file, text, transcript};
 use crate::common::{json_lines, run};
 use ecmsk::sk::{CommandId, MasterState, SlotSize};
 
@@ -35,7 +35,7 @@ fn info_and_state_show_board_and_slaves() {
 /// One slave is told as one.
 #[test]
 fn a_network_of_one_slave_is_told_in_the_singular() {
-    let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).quiet();
+    let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).expect_quiet();
     assert_eq!(one.lines().last(), Some("found       1 slave"), "{one}");
 }
 
@@ -106,9 +106,9 @@ fn servo_home_and_move_bring_the_network_up_only_with_up() {
 #[test]
 fn without_a_link_the_board_is_the_one_of_the_library() {
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", BOARD).output().expect("it starts");
-    assert_eq!(crate::common::Ran::from(ran).quiet(), "PreOP\n");
+    assert_eq!(crate::common::Ran::from(ran).expect_quiet(), "PreOP\n");
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
-    crate::common::Ran::from(ran).failed(1, &["`nonsense` has no scheme"], "ecmsk link help");
+    crate::common::Ran::from(ran).expect_failure(1, &["`nonsense` has no scheme"], "ecmsk link help");
     // A board that is plugged in here is none of this test's: the library that would find it cannot be loaded.
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("libusb-1.0.so.0"), "no library").expect("a file");
@@ -116,7 +116,7 @@ fn without_a_link_the_board_is_the_one_of_the_library() {
     nowhere.env("HOME", "/nonexistent").env_remove("XDG_CONFIG_HOME").env("LD_LIBRARY_PATH", folder.path());
     let ran = crate::common::Ran::from(nowhere.output().expect("it starts"));
     let words = ["no link was given", "no board at `usb:`", "sudo apt-get install libusb-1.0-0", "sim:?slaves=drive*2"];
-    ran.failed(1, &words, "`ecmsk link help`");
+    ran.expect_failure(1, &words, "`ecmsk link help`");
 }
 
 /// TOOL-5 `--up` switches on the axes that a verb names, and no other; a verb that has none switches on none.
@@ -124,13 +124,13 @@ fn without_a_link_the_board_is_the_one_of_the_library() {
 fn up_switches_on_what_is_named() {
     let (board, file) = recorded("up-move", "drive*3,io");
     run(["move", "2=100", "--up", "--link", &board]);
-    let tape = Tape::read(&file);
+    let tape = RecordedTraffic::read(&file);
     assert_eq!([1, 2, 3].map(|slave| tape.is_on(slave)), [false, true, false]);
     assert_eq!(tape.state(), Some(MasterState::Op));
     run(["io", "4", "--up", "--link", &board]);
-    assert!((1..=3).all(|slave| !Tape::read(&file).sent(slave, CommandId::ServoOn)));
+    assert!((1..=3).all(|slave| !RecordedTraffic::read(&file).sent(slave, CommandId::ServoOn)));
     run(["sdo", "read", "1", "0x1000", "--up", "--link", &board]);
-    assert_eq!(Tape::read(&file).state(), Some(MasterState::PreOp));
+    assert_eq!(RecordedTraffic::read(&file).state(), Some(MasterState::PreOp));
 }
 
 /// TOOL-4 A verb that may not bring the network up sends nothing at all.
@@ -141,10 +141,10 @@ fn nothing_is_sent_without_up() {
         let ran = run(words.iter().copied().chain(["--link", &board]));
         assert_eq!(ran.code, Some(1), "{ran:?}");
         assert!(ran.err.ends_with(" --up\n"), "{}", ran.err);
-        assert_eq!(Tape::read(&file).written.len(), 0, "{words:?}");
+        assert_eq!(RecordedTraffic::read(&file).written.len(), 0, "{words:?}");
     }
-    run(["info", "--link", &board]).quiet();
-    assert_eq!(Tape::read(&file).written.len(), 0);
+    run(["info", "--link", &board]).expect_quiet();
+    assert_eq!(RecordedTraffic::read(&file).written.len(), 0);
 }
 
 /// TOOL-6 By default the axes stay on; `--close servo-off` switches them off.
@@ -154,7 +154,7 @@ fn axes_stay_on_unless_close_says_servo_off() {
     for (how, on) in [(None, true), (Some("hold"), true), (Some("servo-off"), false), (Some("leave"), true)] {
         let close = how.map(|how| ["--close", how]);
         run(["move", "1=2000", "--up", "--link", &board].into_iter().chain(close.into_iter().flatten()));
-        let tape = Tape::read(&file);
+        let tape = RecordedTraffic::read(&file);
         assert_eq!(tape.is_on(1), on, "{how:?}");
         assert!(tape.last(1).position.abs_diff(2000) <= 1);
     }
@@ -165,7 +165,7 @@ fn axes_stay_on_unless_close_says_servo_off() {
 fn axes_move_on_a_straight_line() {
     let (board, file) = recorded("line", "drive*3");
     run(["move", "1=30000", "2=-7777", "3=1", "--up", "--velocity", "50000", "--link", &board]);
-    let tape = Tape::read(&file);
+    let tape = RecordedTraffic::read(&file);
     let [first, second, third] = [1, 2, 3].map(|slave| tape.targets(slave));
     assert_eq!([first.len(), second.len()], [third.len(); 2]);
     assert_eq!([first.last(), second.last(), third.last()], [Some(&30_000), Some(&-7777), Some(&1)]);
@@ -184,7 +184,7 @@ fn a_move_keeps_its_limits() {
     let (board, file) = recorded("limits", "drive");
     let limits = ["--velocity", "100000", "--acceleration", "200000", "--jerk", "1000000"];
     run(["move", "1=150000", "--up", "--link", &board].into_iter().chain(limits));
-    let targets = Tape::read(&file).targets(1);
+    let targets = RecordedTraffic::read(&file).targets(1);
     let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
     assert_eq!(steps.iter().max(), Some(&100));
     // A change of the step is 0.2 counts at most in a cycle: over 100 cycles 20, and two for rounding.
@@ -198,7 +198,7 @@ fn a_move_keeps_its_limits() {
         .into_iter()
         .chain(limits[..4].iter().copied())
         .chain(["--jerk", "off"]));
-    let seconds = Tape::read(&file).targets(1).len() as f64 / 1000.0;
+    let seconds = RecordedTraffic::read(&file).targets(1).len() as f64 / 1000.0;
     assert!((1.99..=2.01).contains(&seconds), "{seconds}");
 }
 
@@ -209,7 +209,7 @@ fn the_second_channel_of_an_hsp_stays() {
     let board = format!("sim:?slaves=hsp2:start@5000&slot=16&clock=virtual&record={}", file.display());
     let ran = run(["move", "1=6000", "--up", "--link", &board]);
     assert_eq!(ran.out, "axis 1: at 6000\n", "{ran:?}");
-    let tape = Tape::of_size(&file, SlotSize::Bytes16);
+    let tape = RecordedTraffic::of_size(&file, SlotSize::Bytes16);
     let last =
         ecmsk::sk::HspResponse::decode(&tape.reports.last().unwrap().slot(SlotSize::Bytes16, 1), SlotSize::Bytes16);
     assert_eq!((last.first.position, last.second.position), (6000, 5000));
@@ -225,7 +225,7 @@ fn an_alarm_during_a_move_stops_the_other_axis() {
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{ran:?}");
     assert!(ran.err.contains("error: axis 2 has alarm 0x7500; remove the cause"), "{}", ran.err);
     assert!(ran.err.contains("ecmsk servo clear 2") && ran.err.contains("note: axis 1 is at "), "{}", ran.err);
-    let tape = Tape::read(&file);
+    let tape = RecordedTraffic::read(&file);
     let positions = tape.positions(1);
     let rest = &positions[positions.len() - 5..];
     assert!(rest.iter().all(|position| position.abs_diff(rest[0]) <= 1) && rest[0] < 100_000, "{rest:?}");
@@ -258,7 +258,7 @@ fn a_hard_move_ends_at_its_target() {
         let ran = run(["move", "1=30000", "2=-15000"].into_iter().chain(how));
         assert_eq!(ran.code, Some(0), "{ran:?}");
         for (slave, end) in [(1, 30_000), (2, -15_000_i32)] {
-            let targets = Tape::read(&file).targets(slave);
+            let targets = RecordedTraffic::read(&file).targets(slave);
             let furthest = targets.iter().map(|target| target * end.signum()).max();
             assert_eq!((furthest, targets.last()), (Some(end.abs()), Some(&end)), "{velocity} {acceleration} {jerk}");
         }

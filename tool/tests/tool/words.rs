@@ -20,7 +20,7 @@ fn slot_size_and_slots_mean_the_same_in_every_verb() {
         &["monitor", "--recording", file, "--once", "--slot-size", "12"],
         &["info", "--link", LINK, "--slot-size", "12"],
     ] {
-        assert!(!run(arguments).quiet().is_empty(), "{arguments:?}");
+        assert!(!run(arguments).expect_quiet().is_empty(), "{arguments:?}");
     }
 }
 
@@ -49,10 +49,10 @@ fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     }
     for size in ["12", "16"] {
         let ran = run(["dump", file, "--slot", size]);
-        ran.misused(&[&format!("--slots {size}"), &format!("--slot-size {size}")]);
+        ran.expect_misuse(&[&format!("--slots {size}"), &format!("--slot-size {size}")]);
     }
-    run(["info", "--link", LINK, "--slot", "12", "--slot-size", "12"]).misused(&["--slot", "--slot-size"]);
-    run(["monitor", "--recording", file, "--once", "--slot", "3"]).misused(&["allowed: 12, 16"]);
+    run(["info", "--link", LINK, "--slot", "12", "--slot-size", "12"]).expect_misuse(&["--slot", "--slot-size"]);
+    run(["monitor", "--recording", file, "--once", "--slot", "3"]).expect_misuse(&["allowed: 12, 16"]);
 }
 
 /// TOOL-164 Verbs that talk to a board record it as `exec` does, scripts and the shell too; a recording that is there is replaced
@@ -73,10 +73,10 @@ fn every_verb_records() {
         let arguments = [*verb, &["--link", LINK, "--record", file][..]].concat();
         let ran = if verb_is_up { with(&[]) } else { run(arguments) };
         assert_eq!(ran.code, Some(0), "{verb:?}: {}", ran.err);
-        assert!(run(["dump", file]).quiet().contains("response"), "{verb:?}");
+        assert!(run(["dump", file]).expect_quiet().contains("response"), "{verb:?}");
         let before = fs::read(file).expect("a recording");
         let ran = with(&[]);
-        ran.failed(
+        ran.expect_failure(
             1,
             &["cannot record to", &format!("{n}.pcapng"), "is there already", "--overwrite"],
             "with --record",
@@ -85,11 +85,11 @@ fn every_verb_records() {
         assert_eq!(with(&["--overwrite"]).code, Some(0), "{verb:?}");
         assert!(!fs::exists(format!("{file}.1")).expect("a folder"));
         fs::write(file, "a letter").expect("a file");
-        with(&["--overwrite"]).failed(1, &["no recording of ecmsk"], "with --record");
+        with(&["--overwrite"]).expect_failure(1, &["no recording of ecmsk"], "with --record");
         assert_eq!(fs::read(file).expect("a letter"), b"a letter");
     }
-    run(["move", "1=1", "--link", LINK, "--overwrite"]).misused(&["--record"]);
-    run(["move", "1=1", "--link", "sim:?record=a", "--record", "b"]).failed(
+    run(["move", "1=1", "--link", LINK, "--overwrite"]).expect_misuse(&["--record"]);
+    run(["move", "1=1", "--link", "sim:?record=a", "--record", "b"]).expect_failure(
         1,
         &["`record` is given twice"],
         "link help",

@@ -13,13 +13,13 @@ pub const SIZE: SlotSize = SlotSize::Bytes12;
 /// Two drives and an IO slave on virtual time.
 pub const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
 
-/// A command line and how it ended, as somebody in front of it sees it: what was said on standard error comes first.
+/// Command lines with their output, as a user sees it: standard error first.
 pub fn transcript(lines: &[&[&str]]) -> String {
-    lines.iter().map(|words| told(words, &run(*words))).collect()
+    lines.iter().map(|words| transcript_entry(words, &run(*words))).collect()
 }
 
-/// One of them.
-pub fn told(words: &[&str], ran: &Ran) -> String {
+/// One command line with its output.
+pub fn transcript_entry(words: &[&str], ran: &Ran) -> String {
     let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
     let said: String = ran.err.lines().map(|line| format!("! {line}\n")).collect();
     let code = ran.code.map_or("no exit code".to_owned(), |code| format!("exit code {code}"));
@@ -31,31 +31,31 @@ fn quoted(word: &str) -> String {
     if word.chars().all(plain) && !word.contains('*') { word.to_owned() } else { format!("'{word}'") }
 }
 
-/// A file of the test's own.
+/// A file with that name for this test.
 pub fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("tool-{}-{name}", std::process::id()))
 }
 
-/// A text in a file of its own.
+/// Writes a text to a file for this test.
 pub fn text(name: &str, text: &str) -> String {
     let file = file(name);
     std::fs::write(&file, text).expect("a file in the target folder");
     file.display().to_string()
 }
 
-/// Runs a script that comes on standard input.
+/// Runs a script from standard input.
 pub fn script(board: &str, lines: &str) -> Ran {
     run_with_input(&["run", "-", "--link", board], lines)
 }
 
-/// What went over a link that was recorded.
-pub struct Tape {
+/// The frames of a recorded link.
+pub struct RecordedTraffic {
     pub written: Vec<Frame>,
     pub reports: Vec<Frame>,
     size: SlotSize,
 }
 
-impl Tape {
+impl RecordedTraffic {
     pub fn read(file: &Path) -> Self {
         Self::of_size(file, SIZE)
     }
@@ -69,18 +69,18 @@ impl Tape {
         Self { written, reports, size }
     }
 
-    /// Targets of CSP for a slave, in the order they were sent.
+    /// The CSP targets of a slave, in the order in which they were sent.
     pub fn targets(&self, slave: usize) -> Vec<i32> {
         let slots = self.written.iter().map(|frame| frame.slot(self.size, slave));
         slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect()
     }
 
-    /// Whether that command was sent to that slot.
+    /// Whether that command was sent in that slot.
     pub fn sent(&self, slot: usize, id: CommandId) -> bool {
         self.written.iter().any(|frame| frame.slot(self.size, slot).id == id.code())
     }
 
-    /// What the drive said last.
+    /// The drive's slot of the last report.
     pub fn last(&self, slave: usize) -> DriveResponse {
         DriveResponse::decode(&self.reports.last().expect("a report").slot(self.size, slave))
     }
@@ -95,7 +95,7 @@ impl Tape {
         Statusword(word).is_enabled()
     }
 
-    /// Positions of a drive, report by report.
+    /// The positions of a drive in all reports.
     pub fn positions(&self, slave: usize) -> Vec<i32> {
         self.reports.iter().map(|frame| DriveResponse::decode(&frame.slot(self.size, slave)).position).collect()
     }

@@ -1,4 +1,4 @@
-//! What the tests of `ecmsk exec` share: a place with something that looks like the library.
+//! Folders for the tests of `ecmsk exec`, with a file in place of the library.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -9,15 +9,15 @@ use tempfile::TempDir;
 
 use crate::common::{Ran, ecmsk};
 
-/// What the library does when a program opens a board.
-pub const OPENS: &str = ": > \"$ECMSK_OPENED\";";
+/// The shell command for what the library does when a program opens a board.
+pub const OPEN_BOARD: &str = ": > \"$ECMSK_OPENED\";";
 
-/// A folder with something that looks like the library, and one for temporary files.
-pub struct Place {
+/// A folder with a file in place of the library, and one for temporary files.
+pub struct ExecFolder {
     folder: TempDir,
 }
 
-impl Place {
+impl ExecFolder {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         fs::create_dir(folder.path().join("tmp")).expect("a folder");
@@ -40,9 +40,9 @@ impl Place {
         command
     }
 
-    /// Runs a shell script that does as the library does when a board is opened, to its end; nothing is left behind.
+    /// Runs a shell script after [`OPEN_BOARD`], and checks that nothing is left behind.
     pub fn run(&self, options: &[&str], script: &str) -> Ran {
-        let script = format!("{OPENS} {script}");
+        let script = format!("{OPEN_BOARD} {script}");
         let ran = self.exec(options).args(["--", "sh", "-c", &script]).output().expect("the tool starts").into();
         self.is_clean();
         ran
@@ -62,8 +62,9 @@ impl Place {
     }
 }
 
-/// A copy to be executed. Another process makes it: while this one has it open for writing, a program that another test
-/// starts holds it too for a moment, and a file open for writing cannot be executed.
+/// Copies a file to be executed. Another process makes the copy: while this process has it open for writing, a
+/// program that another test starts would have it open as well for a moment, and a file that is open for writing
+/// cannot be executed.
 pub fn install(from: &Path, to: &Path, mode: &str) {
     let status = Command::new("install").args(["-m", mode]).args([from, to]).status().expect("install starts");
     assert!(status.success(), "install {}", to.display());

@@ -1,4 +1,4 @@
-//! A machine of files: what its kernel says in `/sys`, `/proc` and `/dev`, below a folder.
+//! A machine made of files: the contents of `/sys`, `/proc` and `/dev` below a folder.
 
 use std::fs;
 use std::os::fd::AsRawFd;
@@ -11,9 +11,9 @@ use std::sync::OnceLock;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::common::{Ran, ecmsk};
+use crate::common::{Ran, ecmsk, json_lines};
 
-/// What a board says of itself (SK-9): one HID interface, interrupt endpoints 0x81 and 0x02 of 512 bytes.
+/// The USB descriptors of a board (SK-9): one HID interface, interrupt endpoints 0x81 and 0x02 of 512 bytes.
 #[rustfmt::skip]
 pub const BOARD: [u8; 59] = [
     18, 1, 0x00, 0x02, 0, 0, 0, 64, 0xC0, 0x16, 0xDF, 0x05, 0x00, 0x01, 1, 2, 3, 1,
@@ -34,15 +34,15 @@ pub const RELAY: [u8; 52] = [
     7, 5, 0x81, 3, 0x08, 0x00, 10,
 ];
 
-/// The number of a user without rights: nobody.
+/// The id of a user without rights: nobody.
 const NOBODY: u32 = 65534;
 
-/// A machine.
-pub struct Tree {
+/// A machine made of files.
+pub struct FakeMachine {
     folder: TempDir,
 }
 
-impl Tree {
+impl FakeMachine {
     /// A machine with USB and nothing else.
     pub fn bare() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
@@ -61,7 +61,7 @@ impl Tree {
         tree
     }
 
-    /// One with a board at 1-1, an SPI device with its lines, and rights for all of it: nothing is wrong.
+    /// A machine on which nothing is wrong: a board at 1-1, an SPI device with its lines, and rights for all of it.
     pub fn good() -> Self {
         let tree = Self::bare();
         tree.board("1-1", 4, "7");
@@ -104,17 +104,17 @@ impl Tree {
         if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.expect("it is there");
     }
 
-    /// Nobody but root may.
+    /// Lets only root use a file.
     pub fn deny(&self, name: &str) {
         fs::set_permissions(self.path(name), fs::Permissions::from_mode(0o000)).expect("our own file");
     }
 
-    /// An attribute of a USB device.
+    /// Sets an attribute of a USB device.
     pub fn usb(&self, path: &str, name: &str, value: &str) {
         self.file(&format!("/sys/bus/usb/devices/{path}/{name}"), format!("{value}\n"));
     }
 
-    /// A device with the board's ids at `path`, number `device` on bus 1.
+    /// Adds a device with the board's ids at `path`, number `device` on bus 1.
     pub fn device(&self, path: &str, device: u16, descriptors: &[u8]) {
         for (name, value) in [
             ("idVendor", "16c0"),
@@ -138,7 +138,7 @@ impl Tree {
         self.file(&format!("/dev/bus/usb/001/{device:03}"), "");
     }
 
-    /// A board.
+    /// Adds a board.
     pub fn board(&self, path: &str, device: u16, serial: &str) {
         self.device(path, device, &BOARD);
         for (name, value) in [("product", "ECM-SK"), ("serial", serial), ("manufacturer", "NEXTW")] {
@@ -149,14 +149,14 @@ impl Tree {
         self.file(&format!("/dev/hidraw{device}"), "");
     }
 
-    /// The driver that has the interface of a device.
+    /// Sets the driver of a device's interface.
     pub fn driver(&self, path: &str, name: &str) {
         let link = format!("/sys/bus/usb/devices/{path}:1.0/driver");
         let _ = fs::remove_file(self.path(&link));
         self.link(&link, &format!("../../../bus/usb/drivers/{name}"));
     }
 
-    /// A hub.
+    /// Adds a hub.
     pub fn hub(&self, path: &str, attributes: &str) {
         for (name, value) in [("idVendor", "05e3"), ("idProduct", "0608"), ("bmAttributes", attributes)] {
             self.usb(path, name, value);
@@ -168,7 +168,7 @@ impl Tree {
         self.file(&format!("/dev/{name}"), "");
     }
 
-    /// A process that has a file open.
+    /// Adds a process that has a file open.
     pub fn process(&self, pid: u32, program: &str, file: &str) {
         self.file(&format!("/proc/{pid}/comm"), format!("{program}\n"));
         self.link(&format!("/proc/{pid}/fd/0"), "/dev/null");
@@ -210,10 +210,10 @@ impl Tree {
         let mut command = self.tool(&["doctor", "--quick", "--json"]);
         let ran = Ran::from(command.env("ECMSK_LINK", link).output().expect("the tool starts"));
         assert!(matches!(ran.code, Some(0 | 1)) && ran.err.is_empty(), "{ran:?}");
-        objects(&ran.out)
+        json_lines(&ran.out)
     }
 
-    /// What the tool says of a thing.
+    /// The finding of one check for a link.
     pub fn finding(&self, link: &str, check: &str) -> Value {
         let mut found = self.doctor(link).into_iter().filter(|finding| finding["check"] == check);
         let one = found.next().unwrap_or_else(|| panic!("nothing is said of {check}"));
@@ -221,7 +221,7 @@ impl Tree {
         one
     }
 
-    /// Every file of it, by its name.
+    /// The names of all files.
     pub fn files(&self) -> Vec<String> {
         let mut files = Vec::new();
         let mut folders = vec![self.folder.path().to_owned()];
@@ -241,20 +241,14 @@ impl Tree {
     }
 }
 
-/// JSON objects, one a line.
-pub fn objects(text: &str) -> Vec<Value> {
-    let object = |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
-    text.lines().map(object).collect()
-}
-
-/// The lines of the block of docs/TOOL.md that begins so.
+/// The lines of the block of docs/TOOL.md that begins with `start`.
 pub fn page_block(start: &str) -> Vec<String> {
     let page = fs::read_to_string(support::root().join("docs/TOOL.md")).expect("the page");
     let block = page.split("```text\n").find(|block| block.starts_with(start)).expect("the block");
     block.lines().take_while(|line| *line != "```").map(str::to_owned).collect()
 }
 
-/// The tool's file, open: users who may not go into the target folder can execute it all the same.
+/// A path to the open file of the tool, so that users who may not enter the target folder can execute it.
 fn open_tool() -> PathBuf {
     static TOOL: OnceLock<fs::File> = OnceLock::new();
     let tool = TOOL.get_or_init(|| {

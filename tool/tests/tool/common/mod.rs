@@ -33,8 +33,9 @@ pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command 
     command
 }
 
-/// The same with signals as a shell at a terminal leaves them: whoever runs the tests may ignore some (`nohup`).
-pub fn undisturbed(inner: &Command) -> Command {
+/// The same command with default signal actions, as from a shell at a terminal; the tests may have been started with
+/// some ignored (`nohup`).
+pub fn with_default_signals(inner: &Command) -> Command {
     let mut command = Command::new("env");
     command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());
     for (name, value) in inner.get_envs() {
@@ -47,7 +48,7 @@ pub fn undisturbed(inner: &Command) -> Command {
     command
 }
 
-/// How a run of the tool ended.
+/// The exit code and output of a finished run of the tool.
 #[derive(Debug)]
 pub struct Ran {
     pub code: Option<i32>,
@@ -69,9 +70,9 @@ impl From<Output> for Ran {
 }
 
 impl Ran {
-    /// It did what it was asked and had nothing to say about it; gives its output.
+    /// Asserts that the run succeeded without anything on standard error; returns its output.
     #[track_caller]
-    pub fn quiet(self) -> String {
+    pub fn expect_quiet(self) -> String {
         assert_eq!((self.code, self.err.as_str()), (Some(0), ""), "{}", self.out);
         self.out
     }
@@ -83,9 +84,10 @@ impl Ran {
         serde_json::from_str(&self.out).expect("one JSON object")
     }
 
-    /// It failed with this code and one line that has these words, and ends with this next step.
+    /// Asserts that the run failed with this code and one line of error that contains these words and ends with this
+    /// next step.
     #[track_caller]
-    pub fn failed(&self, code: i32, words: &[&str], next_step: &str) {
+    pub fn expect_failure(&self, code: i32, words: &[&str], next_step: &str) {
         assert_eq!(self.code, Some(code), "{self:?}");
         assert_eq!(self.err.lines().count(), 1, "{}", self.err);
         let error = self.error(code);
@@ -96,7 +98,7 @@ impl Ran {
         assert!(last.contains(next_step), "the next step is `{last}`, not `{next_step}`");
     }
 
-    /// What is said of the error, which stands behind `error: ` or, of `--json`, in an object with the exit code.
+    /// The text of the error, behind `error: ` or, with `--json`, in an object with the exit code.
     #[track_caller]
     fn error(&self, code: i32) -> String {
         if let Some(error) = self.err.strip_prefix("error: ") {
@@ -107,9 +109,9 @@ impl Ran {
         object["error"].as_str().expect("words").to_owned()
     }
 
-    /// The command line was wrong: these words are said of it, and where to read more.
+    /// Asserts that the command line was refused with these words and a hint where to read more.
     #[track_caller]
-    pub fn misused(&self, words: &[&str]) {
+    pub fn expect_misuse(&self, words: &[&str]) {
         assert_eq!(self.code, Some(2), "{self:?}");
         assert!(self.out.is_empty(), "{self:?}");
         let error = self.error(2);
@@ -133,7 +135,7 @@ pub fn run_with_input(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
     let mut stdin = tool.stdin.take().expect("a pipe");
     let input = input.as_ref().to_owned();
     let writer = std::thread::spawn(move || {
-        // A tool that has found an error reads no further.
+        // After an error the tool does not read its input to the end.
         let _ = stdin.write_all(&input);
     });
     let output = tool.wait_with_output().expect("the tool ends");

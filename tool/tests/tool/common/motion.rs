@@ -1,4 +1,4 @@
-//! A run of a board in OP, made up for the tests: the host sends targets, they wait in a queue, the drives follow.
+//! A fake board in OP without the model: the host sends targets, they wait in a queue, the drives follow.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -11,40 +11,40 @@ use ecmsk::sk::{
 use super::recordings::Script;
 
 const MS: u64 = 1_000_000;
-/// What a call of the host takes.
+/// The time that a call of the host takes.
 const CALL: u64 = MS / 8;
 /// Operation enabled, following its target.
 pub const ENABLED: u16 = 0x1637;
 
-/// The made-up board and its host, 1 ms a cycle.
-pub struct Run {
+/// The fake board and its host, with a cycle of 1 ms.
+pub struct FakeBoard {
     pub script: Script,
     pub size: SlotSize,
-    /// When the first frame passed.
+    /// The time of the first frame.
     start_ns: u64,
     now_ns: u64,
     free: u16,
     full: u16,
     waiting: VecDeque<Vec<i32>>,
-    /// Targets executed last.
+    /// The targets that were executed last.
     pub targets: Vec<i32>,
     pub positions: Vec<i32>,
-    /// What the slot of each drive says.
-    pub drives: Vec<Says>,
-    /// Slots of slaves that are no drives, by their numbers.
+    /// The values in the slot of each drive.
+    pub drives: Vec<DriveSlot>,
+    /// The slots of slaves that are not drives, by their numbers.
     pub slots: BTreeMap<usize, RawSlot>,
 }
 
-/// What the slot of a drive says beside position and torque.
+/// The values in a drive's slot besides position and torque.
 #[derive(Clone, Copy)]
-pub struct Says {
-    /// The command answered.
+pub struct DriveSlot {
+    /// The command that the slot answers.
     pub id: u8,
     pub statusword: u16,
     pub error_code: u16,
 }
 
-impl Run {
+impl FakeBoard {
     /// A board with that many drives that is taken to OP.
     pub fn new(size: SlotSize, axes: usize) -> Self {
         Self::of_kind(size, axes, SlaveKind::Drive)
@@ -85,7 +85,7 @@ impl Run {
             waiting: VecDeque::new(),
             targets: zeros.clone(),
             positions: zeros,
-            drives: vec![Says { id: 0x15, statusword: ENABLED, error_code: 0 }; axes],
+            drives: vec![DriveSlot { id: 0x15, statusword: ENABLED, error_code: 0 }; axes],
             slots: BTreeMap::new(),
         };
         for group in 0..axes.div_ceil(8) {
@@ -101,7 +101,7 @@ impl Run {
         (self.now_ns - self.start_ns) as f64 / 1e9
     }
 
-    /// Commands that wait.
+    /// How many commands wait in the FIFO.
     pub fn waiting(&self) -> u16 {
         self.waiting.len() as u16
     }
@@ -114,7 +114,7 @@ impl Run {
         self.free = 159;
     }
 
-    /// The host asks the board itself for something.
+    /// The host sends a command in slot 0.
     pub fn master(&mut self, command: &MasterCommand) {
         let mut frame = Frame::new();
         frame.put_master(self.size, command);
@@ -123,7 +123,7 @@ impl Run {
         self.script.command(self.now_ns, frame);
     }
 
-    /// The host asks for an SDO transfer.
+    /// The host sends an SDO command.
     pub fn sdo(&mut self, command: &SdoCommand) {
         let mut frame = Frame::new();
         frame.put_sdo(self.size, command);
@@ -191,7 +191,7 @@ impl Run {
         if op {
             for (i, (position, target)) in self.positions.iter().zip(&self.targets).enumerate() {
                 let torque = ((target - position) / 4).clamp(-3000, 3000) as i16;
-                let Says { id, statusword, error_code } = self.drives[i];
+                let DriveSlot { id, statusword, error_code } = self.drives[i];
                 let (head, statusword) = (SlaveResponse { id, index: 0 }, Statusword(statusword));
                 let drive = DriveResponse { head, statusword, position: *position, torque, error_code };
                 frame.put(self.size, i + 1, &drive.encode());

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use ecmsk::sk::SlotSize;
 use tempfile::TempDir;
 
-use super::motion::Run;
+use super::motion::FakeBoard;
 use super::svg::Plot;
 use super::{Ran, run};
 
@@ -16,11 +16,11 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    pub fn new(run: &Run) -> Self {
+    pub fn new(run: &FakeBoard) -> Self {
         Self::of_link(run, "sim:?slaves=drive*3&clock=virtual")
     }
 
-    pub fn of_link(run: &Run, link: &str) -> Self {
+    pub fn of_link(run: &FakeBoard, link: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("run.pcapng");
         run.script.record(&file, link, Some(run.size));
@@ -35,18 +35,18 @@ impl Recorded {
     pub fn picture(&self, ending: &str, options: &[&str]) -> Vec<u8> {
         let file = self.file.with_extension(ending);
         let name = file.to_str().expect("UTF-8");
-        assert_eq!(self.try_plot(&[options, &["-o", name]].concat()).quiet(), format!("{name}\n"));
+        assert_eq!(self.try_plot(&[options, &["-o", name]].concat()).expect_quiet(), format!("{name}\n"));
         std::fs::read(&file).expect("a picture")
     }
 
     pub fn plot(&self, options: &[&str]) -> Plot {
-        Plot::parse(&self.try_plot(&[options, &["-o", "-"]].concat()).quiet())
+        Plot::parse(&self.try_plot(&[options, &["-o", "-"]].concat()).expect_quiet())
     }
 }
 
 /// Two axes: axis k goes k * 10 counts a cycle for a second, eight commands ahead.
-pub fn two_axes() -> (Run, Vec<Cycle>) {
-    let mut run = Run::new(SlotSize::Bytes12, 2);
+pub fn two_axes() -> (FakeBoard, Vec<Cycle>) {
+    let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
     let mut cycles = Vec::new();
     for i in 0..1008 {
         run.send(&[10 * i, 20 * i]);

@@ -1,5 +1,16 @@
 //! Wire tests: the tool, Debian's `usbip`, and between them the USB, HID, SPI and GPIO code of a real kernel. They run in a guest
 //! system, as root, one at a time: `cargo xtask test --rig`.
+//!
+//! Files:
+//!
+//! - `usb.rs`, `trouble.rs`, `silence.rs`, `sleep.rs`, `left_over.rs`, `links.rs`: the link `usb:`: in order, with
+//!   boards that misbehave, that answer nothing, after a suspend, what it leaves behind, how waits end
+//! - `frames.rs`, `detach.rs`, `here.rs`, `shown.rs`: `ecmsk serve usbip`: frames, boards that come and go,
+//!   `--attach`, what the kernel sees
+//! - `captured.rs`, `machine.rs`: captures of usbmon; what `list` and `doctor` read of a real kernel
+//! - `program.rs`, `unchanged.rs`: unchanged programs
+//! - `hidraw.rs`, `usbfs.rs`, `rogue.rs`: a board through hidraw and usbfs, and a device that misbehaves
+//! - `spi/`: the link `spi:` and the board's end of the wires
 #![cfg(target_os = "linux")]
 
 mod captured;

@@ -1,5 +1,14 @@
 //! The DLLs for Windows: what is in the files, what links with them, and programs of both widths that run on them under Wine:
 //! `cargo xtask test --windows`, which builds the DLLs and sets Wine up. Every test stands in a module of its width.
+//!
+//! Files:
+//!
+//! - `fixture.rs`: the DLLs, compilers and Wine that the tests use
+//! - `exports.rs`, `linking.rs`: the files: exports, imports, versions; the import libraries
+//! - `habits.rs`, `examples.rs`, `dotnet.rs`: programs: every exported function, the examples, .NET
+//! - `links.rs`, `tool.rs`: which link is opened, boards in the network; the tool
+//! - `unloading.rs`: loading and unloading the DLL
+//! - `usb/`: a test program of its own: boards on USB, in a guest
 #![cfg(target_os = "linux")]
 
 mod dotnet;

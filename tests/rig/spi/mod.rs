@@ -1,4 +1,12 @@
 //! SPI: spidev and the GPIO lines of a real kernel, and a board on the wires behind them.
+//!
+//! Files:
+//!
+//! - `kernel.rs`: the wires of the rig without a board
+//! - `wires.rs`, `played.rs`, `model.rs`: the board's end: the device of the kernel module, a thread that answers,
+//!   and the model behind it
+//! - `answers.rs`: a host other than the link
+//! - `link.rs`, `lies.rs`: the link, and faulty wires
 
 mod answers;
 mod kernel;

@@ -21,7 +21,7 @@ use std::time::Instant;
 
 use ecmsk::engine::Board;
 use ecmsk::sk::{Frame, MasterResponse, MasterState, Motion, SlaveCommand, StateByte, crc::frame_crc};
-use ecmsk::slave::plant::{Effort, Motor, Servo};
+use ecmsk::slave::plant::{Motor, Servo, Setpoint};
 use host::{Path, SIZE, drives_in_op, drives_in_op_ahead};
 use places::Places;
 use support::ahead_bus::Ahead;
@@ -150,7 +150,7 @@ impl PlainLoop {
         let by = f64::from(self.path.target - from);
         black_box(frame_crc(black_box(self.command.wire(SIZE))));
         for (n, plant) in self.plants.iter_mut().enumerate() {
-            plant.run(Effort::Position { from: from.into(), fraction: 0.0, by }, CYCLE_NS);
+            plant.run(Setpoint::Position { from: from.into(), fraction: 0.0, by }, CYCLE_NS);
             let at = (n + 1) * SIZE.bytes();
             self.report.bytes_mut()[at..at + 12].copy_from_slice(&self.command.bytes()[at..at + 12]);
         }

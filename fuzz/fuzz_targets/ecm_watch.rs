@@ -148,7 +148,7 @@ impl Watched {
                 }
                 8 => self.blind = count & 1 != 0,
                 _ => match count % 4 {
-                    0 => self.network.inflict(
+                    0 => self.network.apply_fault(
                         1 + step[2] % 3,
                         Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x8611, resettable: true } },
                     ),

@@ -4,7 +4,7 @@
 #![no_main]
 
 use ecmsk::coe::{AbortCode, SdoSize};
-use ecmsk::slave::MakersObjects;
+use ecmsk::slave::ManufacturerObjects;
 use ecmsk::slave::dictionary::Access;
 use ecmsk_tool::fuzzed;
 use libfuzzer_sys::fuzz_target;
@@ -13,7 +13,7 @@ use libfuzzer_sys::fuzz_target;
 const DEVICE: &str = "--device ";
 
 fuzz_target!(|text: &str| {
-    match MakersObjects::parse(text) {
+    match ManufacturerObjects::parse(text) {
         Ok(objects) => {
             let written = lines(&objects);
             assert_eq!(lines(&read(&written)), written);
@@ -38,16 +38,16 @@ fuzz_target!(|text: &str| {
     }
 });
 
-fn read(text: &str) -> MakersObjects {
-    MakersObjects::parse(text).unwrap_or_else(|error| panic!("it was written so: {error}\n{text}"))
+fn read(text: &str) -> ManufacturerObjects {
+    ManufacturerObjects::parse(text).unwrap_or_else(|error| panic!("it was written so: {error}\n{text}"))
 }
 
-fn lines(objects: &MakersObjects) -> String {
+fn lines(objects: &ManufacturerObjects) -> String {
     objects.objects().iter().map(|object| format!("{object}\n")).collect()
 }
 
 /// A slave that has them answers for each: what is written is read, of what it may not the reason is said.
-fn have(mut objects: MakersObjects) {
+fn have(mut objects: ManufacturerObjects) {
     for object in objects.objects().to_vec() {
         let at = object.address;
         match objects.upload(at, AbortCode::NO_OBJECT) {

@@ -1,6 +1,6 @@
 //! A board: the engine, the bus it drives, and the time it has reached. What a runner runs.
 
-use super::assembler::{Assembler, INCOMPLETE_CYCLES};
+use super::partial_frames::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
 use crate::fieldbus::{Fieldbus, Ns};
 use crate::sk::Frame;
@@ -86,7 +86,7 @@ impl Board {
 
     /// Whether frames come back from the network.
     pub(super) fn network_answers(&self) -> bool {
-        self.now - self.last_passed < self.engine.patience_ns() + self.engine.period_ns()
+        self.now - self.last_passed < self.engine.silence_tolerance_ns() + self.engine.period_ns()
     }
 
     /// The board's time, nanoseconds since it was switched on.
@@ -105,10 +105,10 @@ impl Board {
     }
 
     /// When the last report was made and the cycles without one since, while the board is silent and nothing is left of
-    /// a script that could change it: the cable before the first slave is cut, or the board was muted.
+    /// a script that could change it: the cable before the first slave is cut, or the board was reports_suppressed.
     pub fn silence(&self) -> Option<(Ns, u64)> {
         let over = self.script.as_ref().is_none_or(|script| script.is_over());
-        let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.patience_ns();
+        let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.silence_tolerance_ns();
         silent.then_some((self.last_report, self.silent_cycles))
     }
 

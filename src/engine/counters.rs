@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::assembler::INCOMPLETE_CYCLES;
 use super::homing::HomingEnd;
+use super::partial_frames::INCOMPLETE_CYCLES;
 use super::state_failure::StateFailure;
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};

@@ -2,7 +2,7 @@
 
 /// Sets of outputs with the bit set, and the least number without it before it rises again \[OURS]: 2 ms at the shortest
 /// cycle, so that a drive that looks at its controlword more seldom than that sees the edge all the same.
-const SETS: u8 = 8;
+const PULSE_SETS: u8 = 8;
 
 /// The bit in the set of outputs made last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,20 +20,20 @@ enum Bit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,
-    /// An ALM_CLR whose pulse has not begun. One that comes during a pulse makes another one after it \[OURS]: the
+    /// An ALM_CLR whose pulse has not op_start. One that comes during a pulse makes another one after it \[OURS]: the
     /// drive may be ready for it only then.
-    asked: bool,
+    requested: bool,
 }
 
 impl FaultReset {
     /// ALM_CLR.
-    pub(super) const fn ask(&mut self) {
-        self.asked = true;
+    pub(super) const fn request(&mut self) {
+        self.requested = true;
     }
 
     /// There is no fault (any more).
     pub(super) const fn end(&mut self) {
-        self.asked = false;
+        self.requested = false;
         if let Bit::Set { more } = &mut self.bit {
             *more = 0;
         }
@@ -41,18 +41,18 @@ impl FaultReset {
 
     /// Whether the bit is set, or still has to change.
     pub(super) const fn is_under_way(&self) -> bool {
-        self.asked || !matches!(self.bit, Bit::Clear)
+        self.requested || !matches!(self.bit, Bit::Clear)
     }
 
     /// The bit in the next set of outputs.
     pub(super) const fn next_bit(&mut self) -> bool {
         self.bit = match self.bit {
-            Bit::Clear if self.asked => {
-                self.asked = false;
-                Bit::Set { more: SETS - 1 }
+            Bit::Clear if self.requested => {
+                self.requested = false;
+                Bit::Set { more: PULSE_SETS - 1 }
             }
             Bit::Clear => return false,
-            Bit::Set { more: 0 } => Bit::Resting { more: SETS - 2 },
+            Bit::Set { more: 0 } => Bit::Resting { more: PULSE_SETS - 2 },
             Bit::Set { more } => Bit::Set { more: more - 1 },
             Bit::Resting { more: 0 } => Bit::Clear,
             Bit::Resting { more } => Bit::Resting { more: more - 1 },
@@ -69,10 +69,10 @@ mod tests {
     #[test]
     fn pulses_are_as_long_as_the_pauses_between_them() {
         let mut reset = FaultReset::default();
-        reset.ask();
+        reset.request();
         let bits: Vec<bool> = (0..40)
             .map(|_| {
-                reset.ask();
+                reset.request();
                 reset.next_bit()
             })
             .collect();

@@ -1,6 +1,6 @@
 //! GO_HOME, ABORT_HOME and all that ends homing (SK-7): the board's side, over all slaves.
 
-use super::homing::{Answer, HomingEnd, News};
+use super::homing::{Answer, HomingEnd, HomingEvent};
 use super::{Engine, Event, Reason};
 use crate::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
@@ -21,27 +21,27 @@ impl Engine {
     /// Where a slave (from 1) is on its way home. Commands for one that is not [`HomingPhase::Idle`] count as ignored
     /// while homing, but for SV_OFF, ALM_CLR and ABORT_HOME.
     pub fn homing_phase(&self, slave: u8) -> HomingPhase {
-        let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.v.axes.get(n)) else {
+        let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.volatile.axes.get(n)) else {
             return HomingPhase::Idle;
         };
-        if !self.v.homers.contains(slave) && !self.v.restores.concern(slave) {
+        if !self.volatile.homing_active.contains(slave) && !self.volatile.restores.concern(slave) {
             return HomingPhase::Idle;
         }
         if axes.iter().any(|axis| axis.homing.is_homing()) {
             return HomingPhase::Homing;
         }
-        let restoring = axes.iter().any(|axis| axis.homing.is_ending()) || self.v.restores.concern(slave);
+        let restoring = axes.iter().any(|axis| axis.homing.is_ending()) || self.volatile.restores.concern(slave);
         if restoring && self.config.firmware.restores_mode() { HomingPhase::Restoring } else { HomingPhase::Idle }
     }
 
     /// Slaves that are homing.
     pub(super) fn homing_slaves(&self) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
-        if self.v.homers.is_empty() {
+        if self.volatile.homing_active.is_empty() {
             return slaves;
         }
-        for slave in self.v.homers.iter() {
-            if self.v.axes[usize::from(slave) - 1].iter().any(|axis| axis.homing.is_homing()) {
+        for slave in self.volatile.homing_active.iter() {
+            if self.volatile.axes[usize::from(slave) - 1].iter().any(|axis| axis.homing.is_homing()) {
                 slaves.insert(slave);
             }
         }
@@ -62,7 +62,7 @@ impl Engine {
     /// a later SV_ON because of it. If one of several axes is not, none starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
-        let modes = self.v.modes_written[slave - 1];
+        let modes = self.volatile.modes_written[slave - 1];
         let is_chosen = |axis: &usize| modes[*axis] == Mode::Homing.code();
         if !(0..axes).any(|axis| is_chosen(&axis)) {
             return Err(Reason::NotInHomingMode);
@@ -70,25 +70,25 @@ impl Engine {
         if self.config.firmware.one_homing_at_a_time() && self.is_any_homing_of(self.homing_before) {
             return Err(Reason::HomingElsewhere);
         }
-        let axes_of_slave = &mut self.v.axes[slave - 1];
-        if !(0..axes).filter(is_chosen).all(|axis| axes_of_slave[axis].is_up()) {
+        let axes_of_slave = &mut self.volatile.axes[slave - 1];
+        if !(0..axes).filter(is_chosen).all(|axis| axes_of_slave[axis].is_on()) {
             return Err(Reason::NotEnabled);
         }
         for axis in (0..axes).filter(is_chosen) {
             axes_of_slave[axis].homing.start();
         }
-        self.v.homers.insert(slave as u8);
+        self.volatile.homing_active.insert(slave as u8);
         Ok(())
     }
 
     /// Whether any of these slaves is homing, as far as a program can tell.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
-            let axes = &self.v.axes[usize::from(slave) - 1];
+            let axes = &self.volatile.axes[usize::from(slave) - 1];
             let inputs = &self.inputs.slaves[usize::from(slave) - 1];
-            axes.iter()
-                .zip(inputs)
-                .any(|(axis, input)| axis.homing.is_homing() && !axis.homing.seems_over(self.heard, input.statusword))
+            axes.iter().zip(inputs).any(|(axis, input)| {
+                axis.homing.is_homing() && !axis.homing.seems_over(self.newest_answered, input.statusword)
+            })
         })
     }
 
@@ -108,33 +108,33 @@ impl Engine {
 
     /// Ends homing of one axis.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
-        if self.v.axes[slave - 1][axis].homing.end(end) {
+        if self.volatile.axes[slave - 1][axis].homing.end(end) {
             self.log.push(Event::HomingEnded { at, slave: slave as u8, axis: axis as u8, end });
         }
     }
 
     /// What the answer of a cycle means for homing.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
-        let (heard, period_ns) = (self.heard, self.period_ns());
-        if self.v.homers.is_empty() {
+        let (outputs_received, period_ns) = (self.newest_answered, self.period_ns());
+        if self.volatile.homing_active.is_empty() {
             return;
         }
-        for slave in self.v.homers.iter().map(usize::from) {
-            if self.v.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
-                self.v.homers.remove(slave as u8);
+        for slave in self.volatile.homing_active.iter().map(usize::from) {
+            if self.volatile.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
+                self.volatile.homing_active.remove(slave as u8);
                 continue;
             }
             for axis in 0..MAX_AXES {
-                let homing = &mut self.v.axes[slave - 1][axis].homing;
+                let homing = &mut self.volatile.axes[slave - 1][axis].homing;
                 if homing.is_idle() {
                     continue;
                 }
                 let statusword = self.inputs.slaves[slave - 1][axis].statusword;
-                match homing.answer(&Answer { statusword, heard, period_ns }) {
-                    Some(News::Ended(end)) => {
+                match homing.take_answer(&Answer { statusword, outputs_received, period_ns }) {
+                    Some(HomingEvent::Ended(end)) => {
                         self.log.push(Event::HomingEnded { at: done.at, slave: slave as u8, axis: axis as u8, end });
                     }
-                    Some(News::Stands) => self.restore_later(slave, axis),
+                    Some(HomingEvent::AtStandstill) => self.restore_later(slave, axis),
                     None => {}
                 }
             }
@@ -145,9 +145,9 @@ impl Engine {
     pub(super) fn end_homing_of_lost(&mut self, slave: usize, at: Ns) {
         self.end_homing(slave, HomingEnd::Lost, at);
         for axis in 0..MAX_AXES {
-            let homing = &mut self.v.axes[slave - 1][axis].homing;
+            let homing = &mut self.volatile.axes[slave - 1][axis].homing;
             if homing.is_ending() {
-                homing.wait_no_more();
+                homing.skip_standstill();
                 self.restore_later(slave, axis);
             }
             self.give_up_restore_of_lost(slave as u8, axis, at);
@@ -160,7 +160,7 @@ impl Engine {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);
             for axis in 0..MAX_AXES {
-                if self.v.axes[slave - 1][axis].homing.is_ending() {
+                if self.volatile.axes[slave - 1][axis].homing.is_ending() {
                     self.restore_later(slave, axis);
                 }
             }

@@ -10,7 +10,7 @@ use super::Engine;
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
-    muted: AtomicBool,
+    reports_suppressed: AtomicBool,
     fifo_held: AtomicBool,
     local_inputs: AtomicU8,
 }
@@ -22,7 +22,7 @@ pub struct BoardHandle(Arc<Shared>);
 impl Default for BoardHandle {
     fn default() -> Self {
         Self(Arc::new(Shared {
-            muted: AtomicBool::new(false),
+            reports_suppressed: AtomicBool::new(false),
             fifo_held: AtomicBool::new(false),
             local_inputs: AtomicU8::new(UNTOUCHED),
         }))
@@ -31,8 +31,8 @@ impl Default for BoardHandle {
 
 impl BoardHandle {
     /// The board makes no reports, while everything else goes on; or it makes them again.
-    pub fn mute(&self, muted: bool) {
-        self.0.muted.store(muted, Ordering::Relaxed);
+    pub fn suppress_reports(&self, reports_suppressed: bool) {
+        self.0.reports_suppressed.store(reports_suppressed, Ordering::Relaxed);
     }
 
     /// The board takes nothing out of its FIFO, so that it fills and full counts rise; or it goes on.
@@ -47,7 +47,7 @@ impl BoardHandle {
 
     /// A cycle begins.
     pub(super) fn apply(&self, engine: &mut Engine) {
-        engine.mute(self.0.muted.load(Ordering::Relaxed));
+        engine.suppress_reports(self.0.reports_suppressed.load(Ordering::Relaxed));
         engine.hold_fifo(self.0.fifo_held.load(Ordering::Relaxed));
         let inputs = self.0.local_inputs.load(Ordering::Relaxed);
         if inputs != UNTOUCHED {

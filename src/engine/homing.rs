@@ -4,9 +4,9 @@
 //! rises. The inputs of a cycle were measured before its outputs arrived, so the first answer that counts is the one
 //! after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. And "attained" or "error"
 //! is believed only when it cannot be an old one: of the answers that count one has shown bits 12 and 13 clear; or the
-//! drive, enabled and in mode 6, has shown them clear in every answer of the last [`SETTLE_NS`] before bit 4 reached it
+//! drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4 reached it
 //! (so a drive that is home at once, by methods 35 and 37, is believed at once); or the same result has stood for
-//! [`SETTLE_NS`]. The time before bit 4 counts from the end of the write of 0x6060 on, and begins anew whenever the drive
+//! [`RESULT_SETTLE_NS`]. The time before bit 4 counts from the end of the write of 0x6060 on, and begins anew whenever the drive
 //! shows one of the bits or is not enabled: a drive may take over a mode, and with it the result of an earlier homing, a
 //! little later than it says, and bit 12 of CSP ("follows") says nothing of home.
 //!
@@ -27,16 +27,16 @@ use crate::fieldbus::Ns;
 
 /// Sets of outputs with bit 4 clear, at least, before it rises again \[OURS]: 2 ms at the shortest cycle, so that a drive
 /// that looks at its controlword more seldom than that sees the edge all the same.
-const REST: u8 = 8;
+const START_BIT_LOW_SETS: u8 = 8;
 
 /// So long a drive has to show no result before bit 4, or one that it may have shown before, until that is believed
 /// \[OURS].
-const SETTLE_NS: Ns = 20_000_000;
+const RESULT_SETTLE_NS: Ns = 20_000_000;
 /// And in so many answers at least \[OURS].
-const SETTLE_ANSWERS: u64 = 4;
+const RESULT_SETTLE_ANSWERS: u64 = 4;
 
 /// So long a drive may take to stand after homing was ended; it says so by bit 10 \[OURS].
-const STAND_NS: Ns = 500_000_000;
+const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
 /// How the homing of an axis ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -61,7 +61,7 @@ pub enum HomingEnd {
 
 impl HomingEnd {
     /// Whether it came by a FIFO entry, which a SET_FIFO clear can take back.
-    const fn is_of_an_entry(self) -> bool {
+    const fn is_from_fifo_entry(self) -> bool {
         matches!(self, Self::ServoOff | Self::Aborted)
     }
 }
@@ -83,13 +83,13 @@ impl fmt::Display for HomingEnd {
 
 /// What a statusword says in homing mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Shown {
-    Open,
+enum ShownResult {
+    None,
     Attained,
     Error,
 }
 
-impl Shown {
+impl ShownResult {
     const fn of(Statusword(word): Statusword) -> Self {
         const ATTAINED: u16 = Statusword::TARGET_REACHED | Statusword::BIT12;
         if word & Statusword::BIT13 != 0 {
@@ -97,7 +97,7 @@ impl Shown {
         } else if word & ATTAINED == ATTAINED {
             Self::Attained
         } else {
-            Self::Open
+            Self::None
         }
     }
 }
@@ -111,9 +111,9 @@ enum Phase {
     #[default]
     Idle,
     /// GO_HOME was executed; bit 4 rises with the next outputs, or when it has rested.
-    Asked,
+    Requested,
     /// Bit 4 is set, since the outputs `first`.
-    Running { first: u64, result: Shown, in_a_row: u64, clear_seen: bool },
+    Running { first: u64, result: ShownResult, in_a_row: u64, clear_seen: bool },
     /// Over; bit 4 is clear since the outputs `clear`, and the drive comes to a stand.
     Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
     /// It stands; the outputs `there` hold it.
@@ -122,11 +122,11 @@ enum Phase {
 
 /// What an answer has brought.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum News {
+pub(super) enum HomingEvent {
     /// Homing is over.
     Ended(HomingEnd),
     /// After its end: the drive stands, and its target is there. The mode may change.
-    Stands,
+    AtStandstill,
 }
 
 /// What came back in a cycle.
@@ -134,7 +134,7 @@ pub(super) enum News {
 pub(super) struct Answer {
     pub(super) statusword: Statusword,
     /// The newest outputs that the slave had got before it measured this.
-    pub(super) heard: Option<u64>,
+    pub(super) outputs_received: Option<u64>,
     /// Time from one answer to the next.
     pub(super) period_ns: Ns,
 }
@@ -142,7 +142,7 @@ pub(super) struct Answer {
 impl Answer {
     /// Whether it was measured after those outputs had come.
     fn follows(&self, outputs: Option<u64>) -> bool {
-        outputs.is_some() && self.heard >= outputs
+        outputs.is_some() && self.outputs_received >= outputs
     }
 
     /// Answers that take that long.
@@ -156,9 +156,9 @@ impl Answer {
 pub(super) struct AxisHoming {
     phase: Phase,
     /// Sets of outputs with bit 4 clear that are still to come before it may rise.
-    rest: u8,
+    low_sets_left: u8,
     /// Answers in a row, before bit 4 came, that showed a drive in mode 6 without a result.
-    quiet: u64,
+    clear_answers: u64,
     /// Answers of cycles before this time may be older than the mode.
     mode_since: Ns,
     /// The first outputs of the newest homing that the drive has ended.
@@ -167,18 +167,18 @@ pub(super) struct AxisHoming {
 
 impl AxisHoming {
     /// Not homing, with so many sets of outputs to come before bit 4 may rise.
-    pub(super) const fn idle(rest: u8) -> Self {
-        Self { phase: Phase::Idle, rest, quiet: 0, mode_since: 0, ended: None }
+    pub(super) const fn idle(low_sets_left: u8) -> Self {
+        Self { phase: Phase::Idle, low_sets_left, clear_answers: 0, mode_since: 0, ended: None }
     }
 
     /// Sets of outputs with bit 4 clear that are still to come before it may rise.
-    pub(super) const fn rest(&self) -> u8 {
-        self.rest
+    pub(super) const fn low_sets_left(&self) -> u8 {
+        self.low_sets_left
     }
 
     /// GO_HOME was executed and homing has not ended.
     pub(super) const fn is_homing(&self) -> bool {
-        matches!(self.phase, Phase::Asked | Phase::Running { .. })
+        matches!(self.phase, Phase::Requested | Phase::Running { .. })
     }
 
     /// Homing has ended, and the mode must not change yet.
@@ -193,12 +193,12 @@ impl AxisHoming {
 
     /// There is nothing to do for it, and bit 4 may rise at once.
     pub(super) const fn is_at_rest(&self) -> bool {
-        self.is_idle() && self.rest == 0
+        self.is_idle() && self.low_sets_left == 0
     }
 
     /// GO_HOME.
     pub(super) const fn start(&mut self) {
-        self.phase = Phase::Asked;
+        self.phase = Phase::Requested;
     }
 
     /// Ends homing, if it is under way; says whether it was.
@@ -207,9 +207,9 @@ impl AxisHoming {
             return false;
         }
         if let Phase::Running { first, .. } = self.phase {
-            self.rest = REST;
-            self.quiet = 0;
-            if !end.is_of_an_entry() {
+            self.low_sets_left = START_BIT_LOW_SETS;
+            self.clear_answers = 0;
+            if !end.is_from_fifo_entry() {
                 self.ended = Some((first, end));
             }
         }
@@ -218,7 +218,7 @@ impl AxisHoming {
     }
 
     /// After its end there is nothing to wait for: the slave is gone, or its mode has changed already.
-    pub(super) const fn wait_no_more(&mut self) {
+    pub(super) const fn skip_standstill(&mut self) {
         if self.is_ending() {
             self.phase = Phase::Idle;
         }
@@ -226,37 +226,37 @@ impl AxisHoming {
 
     /// 0x6060 was written by that time. Answers of cycles before it say nothing.
     pub(super) const fn mode_written(&mut self, at: Ns) {
-        self.quiet = 0;
+        self.clear_answers = 0;
         self.mode_since = at;
     }
 
     /// The answer of the cycle at `at` while bit 4 is not up: whether the drive is in mode 6, enabled, and shows no result.
-    pub(super) fn watch(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
+    pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;
         }
-        let quiet = in_mode_6 && statusword.is_enabled() && shows_no_result(statusword);
-        self.quiet = if quiet && at >= self.mode_since { self.quiet + 1 } else { 0 };
+        let clear_answers = in_mode_6 && statusword.is_enabled() && shows_no_result(statusword);
+        self.clear_answers = if clear_answers && at >= self.mode_since { self.clear_answers + 1 } else { 0 };
     }
 
     /// Whether a report has told the host that it is over: it has shown the outputs that carried bit 4, the newest of
     /// them `shown`, with that statusword.
     pub(super) fn seems_over(&self, shown: Option<u64>, statusword: Statusword) -> bool {
         matches!(self.phase, Phase::Running { first, .. } if shown >= Some(first))
-            && Shown::of(statusword) != Shown::Open
+            && ShownResult::of(statusword) != ShownResult::None
     }
 
     /// Bit 4 as the next outputs have it, if nothing changes.
-    pub(super) const fn bit(&self) -> bool {
+    pub(super) const fn start_bit(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }
 
     /// Whether new outputs have to be made although they may be the same.
     pub(super) const fn is_under_way(&self) -> bool {
-        self.rest > 0
+        self.low_sets_left > 0
             || matches!(
                 self.phase,
-                Phase::Asked | Phase::Braking { clear: None, .. } | Phase::Holding { there: None, .. }
+                Phase::Requested | Phase::Braking { clear: None, .. } | Phase::Holding { there: None, .. }
             )
     }
 
@@ -264,61 +264,61 @@ impl AxisHoming {
     pub(super) fn next_bit(&mut self, id: u64) -> bool {
         match &mut self.phase {
             Phase::Running { .. } => return true,
-            Phase::Asked if self.rest == 0 => {
-                self.phase = Phase::Running { first: id, result: Shown::Open, in_a_row: 0, clear_seen: false };
+            Phase::Requested if self.low_sets_left == 0 => {
+                self.phase = Phase::Running { first: id, result: ShownResult::None, in_a_row: 0, clear_seen: false };
                 return true;
             }
             Phase::Braking { clear: mark, .. } | Phase::Holding { there: mark, .. } => {
                 mark.get_or_insert(id);
             }
-            Phase::Asked | Phase::Idle => {}
+            Phase::Requested | Phase::Idle => {}
         }
-        self.rest = self.rest.saturating_sub(1);
+        self.low_sets_left = self.low_sets_left.saturating_sub(1);
         false
     }
 
     /// The answer of a cycle.
-    pub(super) fn answer(&mut self, answer: &Answer) -> Option<News> {
+    pub(super) fn take_answer(&mut self, answer: &Answer) -> Option<HomingEvent> {
         let Statusword(word) = answer.statusword;
         let off = answer.statusword.state().is_some_and(|state| state != DriveState::OperationEnabled);
         if off && self.end(HomingEnd::NotEnabled) {
-            return Some(News::Ended(HomingEnd::NotEnabled));
+            return Some(HomingEvent::Ended(HomingEnd::NotEnabled));
         }
         match &mut self.phase {
             Phase::Running { first, .. } if !answer.follows(Some(*first)) => {
                 if !shows_no_result(answer.statusword) {
-                    self.quiet = 0;
+                    self.clear_answers = 0;
                 }
                 None
             }
             Phase::Running { result, in_a_row, clear_seen, .. } => {
-                let shown = Shown::of(answer.statusword);
+                let shown = ShownResult::of(answer.statusword);
                 *in_a_row = if shown == *result { *in_a_row + 1 } else { 1 };
                 *result = shown;
-                let settling = answer.in_time(SETTLE_NS).max(SETTLE_ANSWERS);
-                *clear_seen |= shows_no_result(answer.statusword) || self.quiet >= settling;
+                let settling = answer.in_time(RESULT_SETTLE_NS).max(RESULT_SETTLE_ANSWERS);
+                *clear_seen |= shows_no_result(answer.statusword) || self.clear_answers >= settling;
                 let settled = *in_a_row >= settling;
                 let end = match shown {
-                    Shown::Attained => HomingEnd::Attained,
-                    Shown::Error => HomingEnd::Error,
-                    Shown::Open => return None,
+                    ShownResult::Attained => HomingEnd::Attained,
+                    ShownResult::Error => HomingEnd::Error,
+                    ShownResult::None => return None,
                 };
                 (*clear_seen || settled).then(|| {
                     self.end(end);
-                    News::Ended(end)
+                    HomingEvent::Ended(end)
                 })
             }
             Phase::Braking { end, clear, answers } if answer.follows(*clear) => {
                 *answers += 1;
                 let reached = word & Statusword::TARGET_REACHED != 0;
-                if off || reached || *end == HomingEnd::Attained || *answers >= answer.in_time(STAND_NS) {
+                if off || reached || *end == HomingEnd::Attained || *answers >= answer.in_time(STANDSTILL_TIMEOUT_NS) {
                     self.phase = Phase::Holding { end: *end, there: None };
                 }
                 None
             }
             Phase::Holding { there, .. } if answer.follows(*there) => {
                 self.phase = Phase::Idle;
-                Some(News::Stands)
+                Some(HomingEvent::AtStandstill)
             }
             _ => None,
         }
@@ -326,21 +326,23 @@ impl AxisHoming {
 
     /// Outputs made since `then` are taken back: SET_FIFO has cleared their entries. What the drive has ended stays
     /// ended.
-    pub(super) fn go_back_to(&mut self, then: &Self) {
+    pub(super) fn roll_back_to(&mut self, then: &Self) {
         let braking = |end| Phase::Braking { end, clear: None, answers: 0 };
         let (phase, rest) = match (self.phase, then.phase) {
             (Phase::Running { first: now, .. }, Phase::Running { first, .. }) if now == first => return,
-            (Phase::Idle, _) => (Phase::Idle, self.rest.max(then.rest)),
+            (Phase::Idle, _) => (Phase::Idle, self.low_sets_left.max(then.low_sets_left)),
             (_, Phase::Running { first, .. }) if self.ended.is_some_and(|(ended, _)| ended == first) => {
-                (self.ended.map_or(Phase::Idle, |(_, end)| braking(end)), REST)
+                (self.ended.map_or(Phase::Idle, |(_, end)| braking(end)), START_BIT_LOW_SETS)
             }
-            (Phase::Braking { end, .. } | Phase::Holding { end, .. }, Phase::Asked) if !end.is_of_an_entry() => {
-                (braking(end), then.rest)
+            (Phase::Braking { end, .. } | Phase::Holding { end, .. }, Phase::Requested)
+                if !end.is_from_fifo_entry() =>
+            {
+                (braking(end), then.low_sets_left)
             }
-            (_, phase) => (phase, then.rest),
+            (_, phase) => (phase, then.low_sets_left),
         };
         self.phase = phase;
-        self.rest = rest;
+        self.low_sets_left = rest;
     }
 }
 
@@ -351,8 +353,8 @@ mod tests {
     const CLEAR: Statusword = Statusword(0x0237);
     const ATTAINED: Statusword = Statusword(0x0237 | Statusword::TARGET_REACHED | Statusword::BIT12);
 
-    fn answer(statusword: Statusword, heard: u64) -> Answer {
-        Answer { statusword, heard: Some(heard), period_ns: 1_000_000 }
+    fn answer(statusword: Statusword, outputs_received: u64) -> Answer {
+        Answer { statusword, outputs_received: Some(outputs_received), period_ns: 1_000_000 }
     }
 
     /// Homing since the outputs 10.
@@ -369,9 +371,9 @@ mod tests {
     fn what_was_shown_counts_after_a_clear() {
         let mut homing = running();
         let then = homing;
-        assert_eq!(homing.answer(&answer(CLEAR, 10)), None);
-        homing.go_back_to(&then);
-        assert_eq!(homing.answer(&answer(ATTAINED, 11)), Some(News::Ended(HomingEnd::Attained)));
+        assert_eq!(homing.take_answer(&answer(CLEAR, 10)), None);
+        homing.roll_back_to(&then);
+        assert_eq!(homing.take_answer(&answer(ATTAINED, 11)), Some(HomingEvent::Ended(HomingEnd::Attained)));
     }
 
     /// SK-5.22 An ABORT_HOME and the GO_HOME after it, both taken back: the homing of before goes on, and its end is its
@@ -383,13 +385,13 @@ mod tests {
         assert!(homing.end(HomingEnd::Aborted));
         homing.start();
         let first = (11..40).find(|id| homing.next_bit(*id)).expect("bit 4 rises again");
-        assert_eq!(first, 11 + u64::from(REST), "after its rest");
-        homing.go_back_to(&then);
+        assert_eq!(first, 11 + u64::from(START_BIT_LOW_SETS), "after its rest");
+        homing.roll_back_to(&then);
         assert!(homing.is_homing() && homing.next_bit(first + 1));
         // Answered before the second one's bit 4 could have been sent.
-        assert_eq!(homing.answer(&answer(CLEAR, 10)), None);
-        assert_eq!(homing.answer(&answer(ATTAINED, 10)), Some(News::Ended(HomingEnd::Attained)));
-        homing.go_back_to(&then);
+        assert_eq!(homing.take_answer(&answer(CLEAR, 10)), None);
+        assert_eq!(homing.take_answer(&answer(ATTAINED, 10)), Some(HomingEvent::Ended(HomingEnd::Attained)));
+        homing.roll_back_to(&then);
         assert!(!homing.is_homing(), "what the drive has ended stays ended");
     }
 
@@ -403,7 +405,7 @@ mod tests {
             homing.start();
             let then = homing;
             assert!(homing.end(end));
-            homing.go_back_to(&then);
+            homing.roll_back_to(&then);
             assert_eq!((homing.is_homing(), homing.is_ending()), (goes_on, !goes_on), "{end}");
         }
     }
@@ -413,21 +415,23 @@ mod tests {
     fn answers_of_before_the_mode_say_nothing() {
         const MS: Ns = 1_000_000;
         for older in [CLEAR, ATTAINED] {
-            for (quiet, believed) in [(SETTLE_NS / 1_000_000 - 1, false), (SETTLE_NS / 1_000_000, true)] {
+            for (clear_answers, believed) in
+                [(RESULT_SETTLE_NS / 1_000_000 - 1, false), (RESULT_SETTLE_NS / 1_000_000, true)]
+            {
                 let mut homing = AxisHoming::default();
                 homing.mode_written(16 * MS);
-                (0..16).for_each(|ms| homing.watch(ms * MS, true, older));
-                (0..quiet).for_each(|ms| homing.watch((16 + ms) * MS, true, CLEAR));
+                (0..16).for_each(|ms| homing.observe_idle(ms * MS, true, older));
+                (0..clear_answers).for_each(|ms| homing.observe_idle((16 + ms) * MS, true, CLEAR));
                 homing.start();
                 assert!(homing.next_bit(10));
-                let end = homing.answer(&answer(ATTAINED, 10));
-                let expected = believed.then_some(News::Ended(HomingEnd::Attained));
-                assert_eq!(end, expected, "{quiet} answers after {older:?}");
+                let end = homing.take_answer(&answer(ATTAINED, 10));
+                let expected = believed.then_some(HomingEvent::Ended(HomingEnd::Attained));
+                assert_eq!(end, expected, "{clear_answers} answers after {older:?}");
             }
         }
     }
 
-    /// SK-7.41 The drive is given time to stand from when it has heard that bit 4 fell: what it showed before, bit 10 of
+    /// SK-7.41 The drive is given time to stand from when it has outputs_received that bit 4 fell: what it showed before, bit 10 of
     /// an earlier move for example, says nothing.
     #[test]
     fn standing_counts_when_bit_4_has_fallen() {
@@ -435,12 +439,12 @@ mod tests {
         let mut homing = running();
         assert!(homing.end(HomingEnd::Aborted));
         assert!(!homing.next_bit(11));
-        assert_eq!(homing.answer(&answer(REACHED, 10)), None);
+        assert_eq!(homing.take_answer(&answer(REACHED, 10)), None);
         assert!(!homing.next_bit(12));
-        assert_eq!(homing.answer(&answer(CLEAR, 12)), None, "it brakes");
-        assert_eq!(homing.answer(&answer(REACHED, 13)), None, "it stands, and is to be held there");
+        assert_eq!(homing.take_answer(&answer(CLEAR, 12)), None, "it brakes");
+        assert_eq!(homing.take_answer(&answer(REACHED, 13)), None, "it stands, and is to be held there");
         assert!(!homing.next_bit(14));
-        assert_eq!(homing.answer(&answer(REACHED, 13)), None);
-        assert_eq!(homing.answer(&answer(REACHED, 14)), Some(News::Stands));
+        assert_eq!(homing.take_answer(&answer(REACHED, 13)), None);
+        assert_eq!(homing.take_answer(&answer(REACHED, 14)), Some(HomingEvent::AtStandstill));
     }
 }

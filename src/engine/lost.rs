@@ -1,8 +1,8 @@
 //! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
 //! Its slot keeps its values, what comes for it is counted, and the others go on.
 
-use super::axis::Driven;
-use super::execute::suits;
+use super::axis::AxisCheckpoint;
+use super::commands::check_kind;
 use super::network::Step;
 use super::outputs::used_axes;
 use super::{Engine, Event};
@@ -12,13 +12,13 @@ use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, Slot
 
 /// Since when answers of each slave are newer than its newest move: those that a bus had still under way then say
 /// nothing of where it is.
-pub(super) type FreshFrom = [Ns; MAX_SLAVES];
+pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 impl Engine {
     /// Slaves that the outputs of the newest cycle have not reached. One that is declared as none is not in OP, and its
     /// slot answers for nobody: it shows what came last, as that of an empty place does.
     fn unreached(&self) -> SlaveSet {
-        let unreached = self.inputs.lost.union(self.inputs.deaf);
+        let unreached = self.inputs.lost.union(self.inputs.without_outputs);
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
@@ -26,49 +26,51 @@ impl Engine {
     /// with them, and with those before them whose answers were lost, and have not reached their slaves; and of slaves
     /// that the bus names as lost only now, though they have been for longer, those that went meanwhile.
     pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
-        let Inputs { lost, deaf, .. } = self.inputs;
-        let named_before = std::mem::replace(&mut self.named_lost, lost);
-        if lost.union(deaf).is_empty() {
+        let Inputs { lost, without_outputs, .. } = self.inputs;
+        let lost_before = std::mem::replace(&mut self.lost_before, lost);
+        let unreached = lost.union(without_outputs);
+        if unreached.is_empty() {
             return;
         }
-        let heard = self.heard.map_or(0, |id| id + 1);
-        let news = lost.difference(named_before);
-        let starts = news.iter().map(|slave| self.inputs.lost_from[usize::from(slave) - 1]);
-        let oldest = starts.flatten().fold(heard, u64::min);
-        let n = self.executed.len() as u64;
-        for id in oldest.max(self.next_output_id.saturating_sub(n))..carried.map_or(heard, |id| id + 1) {
+        let unanswered = self.newest_answered.map_or(0, |id| id + 1);
+        let newly_lost = lost.difference(lost_before);
+        let starts = newly_lost.iter().map(|slave| self.inputs.lost_from[usize::from(slave) - 1]);
+        let oldest = starts.flatten().fold(unanswered, u64::min);
+        let kept = self.next_output_id.saturating_sub(self.records.len());
+        for id in oldest.max(kept)..carried.map_or(unanswered, |id| id + 1) {
             let is_newest = Some(id) == carried;
             let was_lost = |slave| match self.inputs.lost_from[usize::from(slave) - 1] {
-                _ if !news.contains(slave) => id >= heard && lost.contains(slave),
+                _ if !newly_lost.contains(slave) => id >= unanswered && lost.contains(slave),
                 Some(from) => from <= id,
                 None => is_newest,
             };
-            let unreached = self.executed[(id % n) as usize].commanded.intersection(lost.union(deaf));
-            let missed = unreached.iter().filter(|slave| was_lost(*slave) || is_newest && deaf.contains(*slave));
+            let missed = self.records.of(id).commanded.intersection(unreached);
+            let missed =
+                missed.iter().filter(|slave| was_lost(*slave) || is_newest && without_outputs.contains(*slave));
             self.counters.for_lost += missed.count() as u64;
         }
     }
 
     /// Says once that slaves do not answer, while the bus does not name them.
-    pub(super) fn note_short_answers(&mut self, done: &CycleDone) {
+    pub(super) fn note_working_counter(&mut self, done: &CycleDone) {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let short = counted < expected && self.inputs.lost.is_empty();
-        if short && !self.answers_short {
+        if short && !self.working_counter_short {
             self.log.push(Event::WorkingCounter { at, counted, expected });
         }
-        self.answers_short = short;
+        self.working_counter_short = short;
     }
 
     /// Slaves that are not in the network's state although no change moves any: one that failed has left them in a lower
     /// one, while others refused it.
     fn left_behind(&self) -> SlaveSet {
         // A bus says at the end of a Configure whom it has disturbed.
-        if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::Reconfigure)) {
+        if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
-        match self.v.network.state() {
-            Some(MasterState::Op) => self.inputs.deaf,
-            Some(MasterState::SafeOp) => self.inputs.mute,
+        match self.volatile.network.state() {
+            Some(MasterState::Op) => self.inputs.without_outputs,
+            Some(MasterState::SafeOp) => self.inputs.without_inputs,
             _ => SlaveSet::EMPTY,
         }
     }
@@ -84,25 +86,25 @@ impl Engine {
     /// SK-4 \[OURS]: a change that fails on the way down may leave slaves below the state that it ends in. Those are lost
     /// as well: nobody drives them, and they come back as lost ones do, configured again and with their outputs off.
     pub(super) fn note_lost(&mut self, at: Ns) {
-        if !self.v.network.notices_losses() {
+        if !self.volatile.network.notices_losses() {
             return;
         }
         let gone = self.inputs.lost.union(self.left_behind());
         if gone.is_empty() {
             return;
         }
-        let mut news = gone.intersection(self.used_slaves()).difference(self.v.network.lost());
-        for slave in news.iter() {
-            if at < self.v.fresh_from[usize::from(slave) - 1] {
-                news.remove(slave);
+        let mut newly_lost = gone.intersection(self.used_slaves()).difference(self.volatile.network.lost());
+        for slave in newly_lost.iter() {
+            if at < self.volatile.answers_valid_from[usize::from(slave) - 1] {
+                newly_lost.remove(slave);
             }
         }
-        if news.is_empty() {
+        if newly_lost.is_empty() {
             return;
         }
-        self.v.network.lose(news);
-        for slave in news.iter() {
-            self.v.failure = Some(super::StateFailure::Lost { slave });
+        self.volatile.network.mark_lost(newly_lost);
+        for slave in newly_lost.iter() {
+            self.volatile.failure = Some(super::StateFailure::Lost { slave });
             self.lose_slave(slave.into(), at);
             let silent = self.inputs.lost.contains(slave);
             self.log.push(if silent { Event::SlaveLost { at, slave } } else { Event::SlaveLeft { at, slave } });
@@ -110,7 +112,7 @@ impl Engine {
         // On the way down nobody waits for them: that step begins anew without them.
         if let Some(work) = self.job
             && let Step::Move(to) = work.step
-            && Some(to) < self.v.network.state()
+            && Some(to) < self.volatile.network.state()
         {
             self.cancel_job = true;
         }
@@ -123,36 +125,35 @@ impl Engine {
             self.lose_slave(slave.into(), at);
             self.log.push(Event::SlaveDisturbed { at, slave });
         }
-        self.v.network.disturb(disturbed);
+        self.volatile.network.mark_disturbed(disturbed);
     }
 
     /// What was under way for a slave ends with its loss.
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
-        if self.v.network.in_op() {
+        if self.volatile.network.in_op() {
             // Commands that a bus had taken ahead do not reach it.
-            self.v.heads[slave - 1] = self.shown[slave - 1];
+            self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
         // Its slot keeps its values; once it is back it shows what is really output.
-        self.v.heads[slave - 1].outputs_off();
-        self.shown[slave - 1].outputs_off();
+        self.volatile.heads[slave - 1].outputs_off();
+        self.shown_heads[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
-        let used = used_axes(self.v.second_axes, slave as u8);
-        for (axis, input) in self.v.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]).take(used) {
+        let used = used_axes(self.volatile.second_axes, slave as u8);
+        for (axis, input) in self.volatile.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]).take(used) {
             axis.lose(input, mode);
         }
     }
 
     /// The report shows the commands behind the outputs with that id, but for slaves that they have not reached.
     pub(super) fn show_heads(&mut self, id: u64) {
-        let n = self.executed.len() as u64;
-        let heads = &self.executed[(id % n) as usize].heads;
-        let lost = self.v.network.lost().union(self.unreached());
+        let heads = &self.records.of(id).heads;
+        let lost = self.volatile.network.lost().union(self.unreached());
         if lost.is_empty() {
-            self.shown = *heads;
+            self.shown_heads = *heads;
             return;
         }
-        for (slave, (shown, head)) in (1..).zip(self.shown.iter_mut().zip(heads)) {
+        for (slave, (shown, head)) in (1..).zip(self.shown_heads.iter_mut().zip(heads)) {
             if !lost.contains(slave) {
                 *shown = *head;
             }
@@ -161,24 +162,24 @@ impl Engine {
 
     /// Whether what comes for a slave passes it over. Outside OP its settings are taken all the same.
     pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
-        let lost = self.v.network.lost();
-        !lost.is_empty() && self.v.network.in_op() && lost.contains(slave as u8)
+        let lost = self.volatile.network.lost();
+        !lost.is_empty() && self.volatile.network.in_op() && lost.contains(slave as u8)
     }
 
     /// A command for a lost slave: its slot keeps its values, so it is counted alone. What would be rejected anyway is.
     /// SK-4 \[OURS]
-    pub(super) fn pass_over_lost(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
+    pub(super) fn execute_for_lost(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id == CommandId::GetStatus {
             return;
         }
         let right = self.admit(id, SlotKind::Slave).and_then(|()| {
             let command = SlotCommand::decode(slot, self.config.slot).map_err(super::Reason::BadArgument)?.command;
-            suits(&command, self.role(slave))?;
+            check_kind(&command, self.role(slave))?;
             match command {
-                SlaveCommand::Csp(_) => self.follows_in(slave, Mode::Csp),
-                SlaveCommand::Csv(_) => self.follows_in(slave, Mode::Csv),
-                SlaveCommand::Cst(_) => self.follows_in(slave, Mode::Cst),
+                SlaveCommand::Csp(_) => self.check_mode(slave, Mode::Csp),
+                SlaveCommand::Csv(_) => self.check_mode(slave, Mode::Csv),
+                SlaveCommand::Cst(_) => self.check_mode(slave, Mode::Cst),
                 _ => Ok(()),
             }
         });
@@ -197,32 +198,31 @@ impl Engine {
             self.counters.for_lost += 1;
         }
         // One that is declared as none is not in OP, and nothing reaches it.
-        if self.v.network.in_op() && self.role(slave) != Role::Unused {
+        if self.volatile.network.in_op() && self.role(slave) != Role::Unused {
             self.commanded.insert(slave as u8);
         }
     }
 
     /// The next outputs are none that carry what was executed: OP begins or ends.
-    pub(super) fn forget_commanded(&mut self) {
+    pub(super) fn drop_commanded(&mut self) {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
 
     /// Whether a step may begin. Lost slaves go to OP only when a bus that takes outputs ahead has none left from
     /// before their loss: no motor starts and no output comes on by what was sent for another time \[OURS].
-    pub(super) fn may_begin(&mut self, step: Step) -> bool {
-        if step != Step::Return(MasterState::Op) {
+    pub(super) fn may_begin_step(&mut self, step: Step) -> bool {
+        if step != Step::RecoverTo(MasterState::Op) {
             return true;
         }
         let alone = self.present(self.used_slaves()).is_empty();
         // A bus repeats the newest ones that it has sent, unless nobody was left in OP.
-        let oldest = if alone { self.unsent_from } else { self.unsent_from.saturating_sub(1) };
-        let n = self.executed.len() as u64;
-        let returning = self.v.network.returning();
+        let oldest = if alone { self.unconfirmed_from } else { self.unconfirmed_from.saturating_sub(1) };
+        let recovering = self.volatile.network.recovering();
         let at_rest = (oldest..self.next_output_id).all(|id| {
-            let axes = &self.executed[(id % n) as usize].axes;
-            returning.iter().all(|slave| {
-                let used = used_axes(self.v.second_axes, slave);
-                axes[..used].iter().map(|axes| &axes[usize::from(slave) - 1]).all(Driven::is_at_rest)
+            let axes = &self.records.of(id).axes;
+            recovering.iter().all(|slave| {
+                let used = used_axes(self.volatile.second_axes, slave);
+                axes[..used].iter().map(|axes| &axes[usize::from(slave) - 1]).all(AxisCheckpoint::is_at_rest)
             })
         });
         // With nobody in OP a bus may send nothing, and there is nobody to take it from.
@@ -233,7 +233,7 @@ impl Engine {
     }
 
     /// Cycles from this time on were after something that has ended by `now`.
-    pub(super) fn fresh_from(&self, now: Ns) -> Ns {
+    pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,
             // Its clock is not quite ours.
@@ -242,15 +242,15 @@ impl Engine {
     }
 
     /// A step has moved slaves.
-    pub(super) fn slaves_moved(&mut self, step: Step, now: Ns) {
+    pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
-            Step::Return(to) if to > MasterState::PreOp => self.v.network.returning(),
+            Step::RecoverTo(to) if to > MasterState::PreOp => self.volatile.network.recovering(),
             Step::Move(to) if to > MasterState::PreOp => self.used_slaves(),
             _ => return,
         };
-        let fresh_from = self.fresh_from(now);
-        who.iter().for_each(|slave| self.v.fresh_from[usize::from(slave) - 1] = fresh_from);
-        if step == Step::Return(MasterState::Op) {
+        let answers_valid_from = self.answers_valid_from(now);
+        who.iter().for_each(|slave| self.volatile.answers_valid_from[usize::from(slave) - 1] = answers_valid_from);
+        if step == Step::RecoverTo(MasterState::Op) {
             // What they measure now goes into their first outputs: those hold them where they are.
             who.iter().for_each(|slave| self.answer_slave(slave.into()));
         }

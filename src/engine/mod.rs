@@ -4,13 +4,13 @@
 //! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
 //! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
 
-mod assembler;
 mod axis;
 mod board;
+mod commands;
 mod counters;
-mod execute;
 mod fault_reset;
 mod fifo;
+mod firmware;
 mod go_home;
 mod handle;
 mod handover;
@@ -19,10 +19,11 @@ mod jobs;
 mod lost;
 mod network;
 mod outputs;
-mod profile;
+mod outputs_record;
+mod partial_frames;
 mod realtime;
-mod report;
 mod reports;
+mod response;
 mod restore;
 mod sdo;
 mod snapshot;
@@ -36,13 +37,13 @@ mod volatile;
 
 use std::collections::VecDeque;
 
-pub use assembler::{INCOMPLETE_CYCLES, PartialFrames};
 pub use board::{Board, Script};
 pub use counters::{Counters, Event, Reason, Rejection};
+pub use firmware::Firmware;
 pub use go_home::HomingPhase;
 pub use handle::BoardHandle;
 pub use homing::HomingEnd;
-pub use profile::Firmware;
+pub use partial_frames::{INCOMPLETE_CYCLES, PartialFrames};
 pub use realtime::{Rate, RealTime};
 pub use reports::Report;
 pub use snapshot::{Leds, Snapshot};
@@ -52,13 +53,13 @@ pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 pub use unexecuted::Unexecuted;
 
-use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
+use crate::fieldbus::{Fieldbus, Inputs, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
-use axis::{Axis, Driven};
+use axis::Axis;
 use counters::EventLog;
 use fifo::CommandFifo;
-use homing::AxisHoming;
-use volatile::{CrcSwitches, FACTORY_CRC, Head, Volatile};
+use outputs_record::{OutputsHistory, OutputsRecord};
+use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 
 /// What a board is, apart from what programs tell it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,52 +91,19 @@ impl Default for EngineConfig {
     }
 }
 
-/// What stood behind the outputs with one id.
-#[derive(Clone, Debug)]
-struct Executed {
-    /// The heads that an answer to them shows.
-    heads: [Head; MAX_SLAVES],
-    /// The axes as they were driven, the first ones of all slaves before the second ones: most have only one.
-    axes: [[Driven; MAX_SLAVES]; MAX_AXES],
-    /// Slaves with an axis that was homing, or not done with what follows.
-    homers: SlaveSet,
-    /// Where those were on their way home. What stands here of other slaves is older.
-    homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
-    /// Slaves that a command in them is for.
-    commanded: SlaveSet,
-    /// When they were handed to the bus.
-    pushed_at: Ns,
-    /// Where the test was.
-    test: test_mode::Test,
-}
-
-impl Executed {
-    fn new() -> Self {
-        Self {
-            heads: [Head::default(); MAX_SLAVES],
-            axes: [[Driven::default(); MAX_SLAVES]; MAX_AXES],
-            homers: SlaveSet::EMPTY,
-            homing: [[AxisHoming::default(); MAX_AXES]; MAX_SLAVES],
-            commanded: SlaveSet::EMPTY,
-            pushed_at: 0,
-            test: test_mode::Test::default(),
-        }
-    }
-}
-
 /// The EC01M.
 pub struct Engine {
     config: EngineConfig,
     pacing: Pacing,
     /// Switches that the next boot takes over.
     remembered: CrcSwitches,
-    v: Volatile,
+    volatile: Volatile,
     fifo: CommandFifo,
     /// What the bus does for the network; beside it a transfer may run.
-    job: Option<jobs::Work>,
-    transfer: Option<jobs::Transfer>,
+    job: Option<jobs::NetworkJob>,
+    sdo_owner: Option<jobs::SdoOwner>,
     cancel_job: bool,
-    cancel_transfer: bool,
+    cancel_sdo: bool,
     clearing: outputs::Clearing,
     outputs: Outputs,
     /// The bus has not taken them, or they are not the newest that it has sent.
@@ -143,37 +111,37 @@ pub struct Engine {
     inputs: Inputs,
     next_output_id: u64,
     /// All outputs before these are known to be sent; what was cleared gives its ids back.
-    unsent_from: u64,
+    unconfirmed_from: u64,
     /// The first outputs of this OP.
     op_from: u64,
     /// The newest outputs that a polled cycle carried.
-    heard: Option<u64>,
-    /// Slaves that it named as lost.
-    named_lost: SlaveSet,
+    newest_answered: Option<u64>,
+    /// Slaves that the cycle answered before this one named as lost.
+    lost_before: SlaveSet,
     /// Slaves that were homing when the frame under execution began.
     homing_before: SlaveSet,
     /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
-    executed: Vec<Executed>,
+    records: OutputsHistory,
     /// How OP began, for a clear before any outputs were sent.
-    begun: Box<Executed>,
+    op_start: Box<OutputsRecord>,
     /// FIFO entries whose outputs are not known to be sent yet.
-    ahead: VecDeque<outputs::Ahead>,
+    entries_ahead: VecDeque<outputs::EntryAhead>,
     /// Sets of outputs not known to be sent that can be kept track of.
-    most_unknown: u64,
+    unconfirmed_max: u64,
     /// Slaves that a command of the entries executed since the newest outputs is for.
     commanded: SlaveSet,
     /// Heads that the report shows: those of the newest outputs that were sent.
-    shown: [Head; MAX_SLAVES],
+    shown_heads: [SlotHead; MAX_SLAVES],
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
     /// When the bus would like the next cycle.
     next_deadline: Option<Ns>,
     /// Fewer slaves answered the newest cycle than should, and the bus names none that is lost.
-    answers_short: bool,
+    working_counter_short: bool,
     local_inputs: u8,
     /// The chip's outputs as the bus was told them last.
     local_outputs_told: u8,
-    muted: bool,
+    reports_suppressed: bool,
     boots: u64,
     counters: Counters,
     log: EventLog,
@@ -184,7 +152,7 @@ impl Engine {
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
         // A cycle that we run is answered at once. Else some outputs are held, some were sent since the newest look, and
         // some wait for their answer. A loss may be known as much later than an answer.
-        let (most_unknown, answered) = match pacing {
+        let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
                 (2 * usize::from(depth) + usize::from(answer_delay), usize::from(answer_delay))
@@ -194,34 +162,34 @@ impl Engine {
             config,
             pacing,
             remembered: FACTORY_CRC,
-            v: Volatile::new(FACTORY_CRC),
+            volatile: Volatile::new(FACTORY_CRC),
             fifo: CommandFifo::new(),
             job: None,
-            transfer: None,
+            sdo_owner: None,
             cancel_job: false,
-            cancel_transfer: false,
-            clearing: outputs::Clearing::No,
+            cancel_sdo: false,
+            clearing: outputs::Clearing::Idle,
             outputs: Outputs::default(),
             outputs_left: false,
             inputs: Inputs::default(),
             next_output_id: 0,
-            unsent_from: 0,
+            unconfirmed_from: 0,
             op_from: 0,
-            heard: None,
-            named_lost: SlaveSet::EMPTY,
+            newest_answered: None,
+            lost_before: SlaveSet::EMPTY,
             homing_before: SlaveSet::EMPTY,
-            executed: vec![Executed::new(); most_unknown + answered + 1],
-            begun: Box::new(Executed::new()),
-            ahead: VecDeque::with_capacity(most_unknown + 1),
-            most_unknown: most_unknown as u64,
+            records: OutputsHistory::new(unconfirmed_max + answered + 1),
+            op_start: Box::new(OutputsRecord::new()),
+            entries_ahead: VecDeque::with_capacity(unconfirmed_max + 1),
+            unconfirmed_max: unconfirmed_max as u64,
             commanded: SlaveSet::EMPTY,
-            shown: [Head::default(); MAX_SLAVES],
+            shown_heads: [SlotHead::default(); MAX_SLAVES],
             last_passed: 0,
             next_deadline: None,
-            answers_short: false,
+            working_counter_short: false,
             local_inputs: 0,
             local_outputs_told: 0,
-            muted: false,
+            reports_suppressed: false,
             boots: 1,
             counters: Counters::default(),
             log: EventLog::new(),
@@ -235,7 +203,7 @@ impl Engine {
 
     /// Whether the host interface talks: PreOP was reached since the board booted.
     pub const fn talks(&self) -> bool {
-        self.v.network.talks()
+        self.volatile.network.talks()
     }
 
     /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was open before a
@@ -246,12 +214,12 @@ impl Engine {
 
     /// Byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
-        self.v.network.state_byte()
+        self.volatile.network.state_byte()
     }
 
     /// Why the state has failed; `None`: it has not.
     pub fn state_failure(&self) -> Option<StateFailure> {
-        self.v.failure.filter(|_| self.state().is_failed())
+        self.volatile.failure.filter(|_| self.state().is_failed())
     }
 
     /// The LEDs that show the state.
@@ -261,27 +229,27 @@ impl Engine {
 
     /// Slaves that are lost: they fell from SafeOP or OP, and no SET_STATE has brought them back (SK-4).
     pub const fn lost(&self) -> SlaveSet {
-        self.v.network.lost()
+        self.volatile.network.lost()
     }
 
     /// Slaves found at boot.
     pub const fn slaves_found(&self) -> u8 {
-        self.v.network.found()
+        self.volatile.network.found()
     }
 
     /// Time between two reports: the EtherCAT cycle in OP, the default cycle before (SK-9).
     pub const fn period_ns(&self) -> Ns {
-        if self.v.network.in_op() { self.v.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
+        if self.volatile.network.in_op() { self.volatile.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
     /// The longer one of the cycles in OP and before it.
     pub(crate) fn longest_period_ns(&self) -> Ns {
-        self.v.cycle.max(CycleTime::DEFAULT).ns()
+        self.volatile.cycle.max(CycleTime::DEFAULT).ns()
     }
 
     /// Free entries of the command FIFO, wherever the entries lie.
     pub fn fifo_free(&self) -> u16 {
-        self.fifo.free(self.ahead.len() as u16)
+        self.fifo.free(self.entries_ahead.len() as u16)
     }
 
     /// Counters since the board was switched on; SW_RESET does not touch them.
@@ -306,12 +274,12 @@ impl Engine {
 
     /// The chip's six outputs as LIO_WR wrote them.
     pub const fn local_outputs(&self) -> u8 {
-        self.v.local_outputs
+        self.volatile.local_outputs
     }
 
     /// Makes no reports any more, while everything else goes on; or makes them again. A fault on demand.
-    pub(super) const fn mute(&mut self, muted: bool) {
-        self.muted = muted;
+    pub(super) const fn suppress_reports(&mut self, reports_suppressed: bool) {
+        self.reports_suppressed = reports_suppressed;
     }
 
     /// Takes nothing out of the FIFO any more, so that it fills; or goes on. A fault on demand: SW_RESET does not end it.
@@ -332,12 +300,12 @@ impl Engine {
         }
         let size = self.config.slot;
         self.counters.frames += 1;
-        if self.v.switches.check_commands && frame.crc(size) != frame.crc_byte() {
-            self.v.crc_errors = self.v.crc_errors.wrapping_add(1);
+        if self.volatile.switches.check_commands && frame.crc(size) != frame.crc_byte() {
+            self.volatile.crc_errors = self.volatile.crc_errors.wrapping_add(1);
             self.counters.crc += 1;
             return;
         }
-        if !self.v.network.in_op() {
+        if !self.volatile.network.in_op() {
             return self.execute(frame, at);
         }
         // SK-5 [OURS]: these three act on arrival, before queueing and also when the FIFO is full.
@@ -349,7 +317,7 @@ impl Engine {
         if self.boots != boots {
             return;
         }
-        let ahead = self.ahead.len() as u16;
+        let ahead = self.entries_ahead.len() as u16;
         if !self.fifo.push(frame, ahead, self.config.firmware, size) {
             self.counters.full += 1;
         }
@@ -379,13 +347,13 @@ impl Engine {
         if self.config.test {
             self.run_test(now);
         }
-        if self.v.network.in_op() {
+        if self.volatile.network.in_op() {
             self.push_outputs(now, bus);
         }
-        let (in_op, mut passed) = (self.v.network.in_op(), false);
+        let (in_op, mut passed) = (self.volatile.network.in_op(), false);
         while let Some(done) = bus.poll(now, &mut self.inputs) {
             passed = true;
-            self.note_sent(&done);
+            self.note_confirmed(&done);
             self.last_passed = done.at;
             self.next_deadline = done.next_deadline;
             self.complete(&done);
@@ -406,9 +374,9 @@ impl Engine {
             }
             self.give_report(now, report);
         }
-        if self.v.local_outputs != self.local_outputs_told {
-            self.local_outputs_told = self.v.local_outputs;
-            bus.set_local_outputs(self.v.local_outputs);
+        if self.volatile.local_outputs != self.local_outputs_told {
+            self.local_outputs_told = self.volatile.local_outputs;
+            bus.set_local_outputs(self.volatile.local_outputs);
         }
         passed
     }
@@ -423,15 +391,15 @@ impl Engine {
     }
 
     fn give_report(&mut self, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
-        if self.talks() && !self.muted {
+        if self.talks() && !self.reports_suppressed {
             self.counters.reports += 1;
-            report(&self.v.response, at);
+            report(&self.volatile.response, at);
         }
     }
 
     /// Time without a cycle of the bus that is no silence. A bus that owns its cycle passes none in some of ours: by its
     /// phase, by jitter, and when the cycle changes \[OURS: two of its longest cycles], and answers come later still.
-    pub(crate) fn patience_ns(&self) -> Ns {
+    pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,
             Pacing::Bus { answer_delay, .. } => (2 + Ns::from(answer_delay)) * self.longest_period_ns(),
@@ -440,7 +408,7 @@ impl Engine {
 
     /// Whether the cable before the first slave seems to be cut.
     fn is_bus_silent(&self, now: Ns) -> bool {
-        now - self.last_passed > self.patience_ns()
+        now - self.last_passed > self.silence_tolerance_ns()
     }
 
     /// SW_RESET: all variables but the switches of SET_EX, which take effect now. The interface talks again when the
@@ -448,12 +416,12 @@ impl Engine {
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.clear_ahead();
-        self.forget_held();
+        self.drop_deferred();
         self.set_second_axes(SlaveSet::EMPTY);
-        self.v = Volatile::new(self.remembered);
-        (self.cancel_job, self.cancel_transfer) = (true, true);
-        self.forget_commanded();
-        self.shown = [Head::default(); MAX_SLAVES];
+        self.volatile = Volatile::new(self.remembered);
+        (self.cancel_job, self.cancel_sdo) = (true, true);
+        self.drop_commanded();
+        self.shown_heads = [SlotHead::default(); MAX_SLAVES];
         self.boots += 1;
     }
 
@@ -468,18 +436,18 @@ impl Engine {
         match self.role(slave) {
             Role::Io | Role::Unused => 0,
             Role::Drive(_) | Role::Step(_) => 1,
-            Role::Hsp(_) => 1 + usize::from(self.v.second_axes.contains(slave as u8)),
+            Role::Hsp(_) => 1 + usize::from(self.volatile.second_axes.contains(slave as u8)),
         }
     }
 
     /// Whether a slave's slot carries two channels (SK-3): in 12-byte mode a module of two moves axis 1 only \[OURS].
     fn carries_two_channels(&self, slave: usize) -> bool {
-        self.config.slot == SlotSize::Bytes16 && self.v.second_axes.contains(slave as u8)
+        self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }
 
     /// Whether commands for that slave's slot have somebody to go to.
     fn role(&self, slave: usize) -> Role {
-        if slave <= usize::from(self.v.network.found()) { self.v.roles[slave - 1] } else { Role::Unused }
+        if slave <= usize::from(self.volatile.network.found()) { self.volatile.roles[slave - 1] } else { Role::Unused }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The network's state (SK-4): boot, changes on the way up and down, failures, lost slaves. Decides which job the bus
+//! The network's state (SK-4): boot, changes on the recovery up and down, failures, lost slaves. Decides which job the bus
 //! does next.
 
 use crate::fieldbus::{Ns, SlaveSet};
@@ -11,50 +11,50 @@ pub(super) enum Step {
     Scan,
     /// Bring all slaves found to PreOP, at boot.
     Boot,
-    /// Map process data, on the way from PreOP to SafeOP.
+    /// Map process data, on the recovery from PreOP to SafeOP.
     Configure,
     /// Bring the slaves to that state.
     Move(MasterState),
     /// Bring lost ones to PreOP, wherever they have fallen.
-    Fetch,
+    RecoverToPreOp,
     /// Map the process data of those.
-    Reconfigure,
+    RecoverConfigure,
     /// Bring those to the state that the others are in.
-    Return(MasterState),
+    RecoverTo(MasterState),
 }
 
 /// So long lost slaves are waited for together, until those that do not answer are left behind \[OURS]: a slave that is
 /// silent for so long ends an SDO, too.
-const FETCH_NS: Ns = 1_000_000_000;
+const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
 /// And so long each time after that: who answers is there already \[OURS].
-const FETCH_AGAIN_NS: Ns = 100_000_000;
+const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
 
-/// How far the lost slaves have come on their way back.
+/// How far the lost slaves have come on their recovery back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Way {
+enum Recovery {
     #[default]
-    Ahead,
+    EntryAhead,
     InPreOp,
     Configured,
     /// They are back. Who was lost since then waits for the next SET_STATE.
-    Back,
+    Done,
 }
 
-/// A change under way.
+/// A change under recovery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Change {
     target: MasterState,
     deadline: Ns,
-    /// Its Configure has begun, with what was declared then.
+    /// Its Configure has op_start, with what was declared then.
     configuring: bool,
     configured: bool,
     /// Something else was declared since: all begin in PreOP again.
-    anew: bool,
-    way: Way,
+    declared_anew: bool,
+    recovery: Recovery,
     /// Lost slaves that it still has to bring back: those that were lost when it began, but for those that have refused.
-    awaited: Option<SlaveSet>,
+    to_recover: Option<SlaveSet>,
     /// Those of them that the others do not wait for: they have not answered in this round.
-    silent: SlaveSet,
+    unanswered: SlaveSet,
     /// Some lost slave has refused.
     refused: bool,
 }
@@ -66,10 +66,10 @@ impl Change {
             deadline,
             configuring: false,
             configured: false,
-            anew: false,
-            way: Way::Ahead,
-            awaited: None,
-            silent: SlaveSet::EMPTY,
+            declared_anew: false,
+            recovery: Recovery::EntryAhead,
+            to_recover: None,
+            unanswered: SlaveSet::EMPTY,
             refused: false,
         }
     }
@@ -88,16 +88,16 @@ pub(super) struct Network {
     change: Option<Change>,
     /// Slaves that did not stay where the network is.
     lost: SlaveSet,
-    /// Those of them that the change under way brings back together now.
-    returning: SlaveSet,
+    /// Those of them that the change under recovery brings back together now.
+    recovering: SlaveSet,
 }
 
 impl Step {
-    /// Whether lost slaves begin their way back with it.
-    fn is_first_of_return(self) -> bool {
+    /// Whether lost slaves begin their recovery back with it.
+    fn begins_recovery(self) -> bool {
         match self {
-            Self::Fetch => true,
-            Self::Return(to) => to <= MasterState::PreOp,
+            Self::RecoverToPreOp => true,
+            Self::RecoverTo(to) => to <= MasterState::PreOp,
             _ => false,
         }
     }
@@ -137,12 +137,12 @@ impl Network {
         self.lost
     }
 
-    /// Those of them that the change under way brings back together now.
-    pub(super) const fn returning(&self) -> SlaveSet {
-        self.returning
+    /// Those of them that the change under recovery brings back together now.
+    pub(super) const fn recovering(&self) -> SlaveSet {
+        self.recovering
     }
 
-    /// Whether slaves that do not answer now are lost: in OP always. In SafeOP too, but on the way up to OP: that change
+    /// Whether slaves that do not answer now are lost: in OP always. In SafeOP too, but on the recovery up to OP: that change
     /// has its time for them. Below SafeOP nothing is exchanged that would be missed, and the next change finds out.
     /// SK-4 \[OURS]
     pub(super) fn notices_losses(&self) -> bool {
@@ -154,29 +154,29 @@ impl Network {
     }
 
     /// Slaves are lost, until a SET_STATE brings them back.
-    pub(super) fn lose(&mut self, slaves: SlaveSet) {
+    pub(super) fn mark_lost(&mut self, slaves: SlaveSet) {
         self.lost = self.lost.union(slaves);
     }
 
-    /// Slaves have fallen from the network's state because others were configured, which are on their way back: these go
+    /// Slaves have fallen from the network's state because others were configured, which are on their recovery back: these go
     /// with them.
-    pub(super) fn disturb(&mut self, slaves: SlaveSet) {
+    pub(super) fn mark_disturbed(&mut self, slaves: SlaveSet) {
         if slaves.is_empty() {
             return;
         }
-        self.lose(slaves);
+        self.mark_lost(slaves);
         if let Some(change) = &mut self.change {
-            self.returning = self.returning.union(slaves);
-            change.awaited = Some(change.awaited.unwrap_or(SlaveSet::EMPTY).union(slaves));
+            self.recovering = self.recovering.union(slaves);
+            change.to_recover = Some(change.to_recover.unwrap_or(SlaveSet::EMPTY).union(slaves));
         }
     }
 
     /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
     ///
-    /// A request during a change replaces its target, and with `declared_otherwise` what is to be configured. One that
+    /// A request during a change replaces its target, and with `new_declarations` what is to be configured. One that
     /// replaces nothing does not give the change more time \[OURS]: a program that asks in every frame shall see a failure,
     /// too. A request for the state the network is in acknowledges a failure. Every accepted one brings lost slaves back.
-    pub(super) fn request(&mut self, target: MasterState, deadline: Ns, declared_otherwise: bool) -> bool {
+    pub(super) fn request(&mut self, target: MasterState, deadline: Ns, new_declarations: bool) -> bool {
         let Some(state) = self.reached else { return false };
         if state == MasterState::Init && target > MasterState::PreOp {
             return false;
@@ -186,13 +186,15 @@ impl Network {
         }
         let new = Change::to(target, deadline);
         self.change = Some(match self.change {
-            Some(change) if change.configuring && declared_otherwise => Change { anew: true, ..new },
+            Some(change) if change.configuring && new_declarations => Change { declared_anew: true, ..new },
             // Who was lost since others came back comes back as well.
-            Some(change) if change.target == target && change.way == Way::Back && !self.lost.is_empty() => {
-                Change { way: Way::Ahead, awaited: None, refused: false, ..change }
+            Some(change) if change.target == target && change.recovery == Recovery::Done && !self.lost.is_empty() => {
+                Change { recovery: Recovery::EntryAhead, to_recover: None, refused: false, ..change }
             }
             Some(change) if change.target == target => change,
-            Some(Change { configuring, configured, anew, .. }) => Change { configuring, configured, anew, ..new },
+            Some(Change { configuring, configured, declared_anew, .. }) => {
+                Change { configuring, configured, declared_anew, ..new }
+            }
             None => new,
         });
         true
@@ -205,12 +207,14 @@ impl Network {
         };
         let change = self.change?;
         Some(match (state, change.target) {
-            // Nobody waits for the lost ones on the way down: they follow [OURS].
+            // Nobody waits for the lost ones on the recovery down: they follow [OURS].
             (from, to) if to < from => Step::Move(to),
-            (from, _) if !self.lost.is_empty() && change.way != Way::Back => Self::step_back(from, change.way),
+            (from, _) if !self.lost.is_empty() && change.recovery != Recovery::Done => {
+                Self::recovery_step(from, change.recovery)
+            }
             (from, to) if to == from => Step::Move(to),
             // Some slaves may have gone further than others: all begin where all have been [OURS].
-            (from, change_to) if self.failed || change.anew && change_to > from => Step::Move(from),
+            (from, change_to) if self.failed || change.declared_anew && change_to > from => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
             (MasterState::PreOp, _) if !change.configured => Step::Configure,
             (MasterState::PreOp, _) => Step::Move(MasterState::SafeOp),
@@ -218,12 +222,12 @@ impl Network {
         })
     }
 
-    fn step_back(state: MasterState, way: Way) -> Step {
-        match way {
-            _ if state <= MasterState::PreOp => Step::Return(state),
-            Way::Ahead => Step::Fetch,
-            Way::InPreOp => Step::Reconfigure,
-            Way::Configured | Way::Back => Step::Return(state),
+    fn recovery_step(state: MasterState, recovery: Recovery) -> Step {
+        match recovery {
+            _ if state <= MasterState::PreOp => Step::RecoverTo(state),
+            Recovery::EntryAhead => Step::RecoverToPreOp,
+            Recovery::InPreOp => Step::RecoverConfigure,
+            Recovery::Configured | Recovery::Done => Step::RecoverTo(state),
         }
     }
 
@@ -232,9 +236,9 @@ impl Network {
         let Some(change) = &mut self.change else { return };
         match step {
             Step::Configure => change.configuring = true,
-            _ if step.is_first_of_return() => {
-                let awaited = change.awaited.get_or_insert(self.lost);
-                self.returning = awaited.difference(change.silent);
+            _ if step.begins_recovery() => {
+                let to_recover = change.to_recover.get_or_insert(self.lost);
+                self.recovering = to_recover.difference(change.unanswered);
             }
             _ => {}
         }
@@ -244,51 +248,57 @@ impl Network {
     ///
     /// A dead slave does not keep those back that could come \[OURS]: who does not answer is left behind, the others come
     /// back without it, and then it is asked again while there is time.
-    pub(super) fn patience(&self, step: Step, left: Ns) -> Option<Ns> {
+    pub(super) fn step_timeout(&self, step: Step, left: Ns) -> Option<Ns> {
         let change = self.change?;
-        let alone = change.awaited.is_some_and(|awaited| awaited.len() <= 1);
+        let alone = change.to_recover.is_some_and(|to_recover| to_recover.len() <= 1);
         match step {
             _ if alone => None,
-            _ if step.is_first_of_return() => Some(if change.silent.is_empty() { FETCH_NS } else { FETCH_AGAIN_NS }),
-            Step::Return(_) => Some(left / 2),
+            _ if step.begins_recovery() => {
+                Some(if change.unanswered.is_empty() { RECOVERY_TIMEOUT_NS } else { RECOVERY_RETRY_TIMEOUT_NS })
+            }
+            Step::RecoverTo(_) => Some(left / 2),
             _ => None,
         }
     }
 
     /// A slave does not come back with the others: it says nothing, or it refuses and is not asked again.
-    pub(super) fn stays_away(&mut self, slave: u8, silent: bool) {
+    pub(super) fn recovery_failed(&mut self, slave: u8, silent: bool) {
         let Some(change) = &mut self.change else { return };
-        if !self.returning.contains(slave) {
+        if !self.recovering.contains(slave) {
             return self.fail();
         }
-        let awaited = change.awaited.get_or_insert(self.returning);
+        let to_recover = change.to_recover.get_or_insert(self.recovering);
         if silent {
-            change.silent.insert(slave);
+            change.unanswered.insert(slave);
         } else {
-            awaited.remove(slave);
+            to_recover.remove(slave);
             change.refused = true;
         }
-        let nobody_left = awaited.is_empty();
-        self.returning.remove(slave);
-        if self.returning.is_empty() {
-            (change.way, change.silent) = (Way::Ahead, SlaveSet::EMPTY);
+        let nobody_left = to_recover.is_empty();
+        self.recovering.remove(slave);
+        if self.recovering.is_empty() {
+            (change.recovery, change.unanswered) = (Recovery::EntryAhead, SlaveSet::EMPTY);
             if nobody_left {
                 self.fail();
             }
         }
     }
 
-    /// Whether the step under way no longer leads to the target: the way up was given up.
+    /// Whether the step under recovery no longer leads to the target: the recovery up was given up.
     pub(super) fn is_obsolete(&self, step: Step) -> bool {
         match (step, self.change, self.reached) {
             (Step::Configure, Some(change), Some(state)) => change.target <= state,
-            (Step::Move(to), Some(change), Some(state)) => to > state && (change.anew || change.target <= state),
-            (Step::Fetch | Step::Reconfigure | Step::Return(_), Some(change), Some(state)) => change.target < state,
+            (Step::Move(to), Some(change), Some(state)) => {
+                to > state && (change.declared_anew || change.target <= state)
+            }
+            (Step::RecoverToPreOp | Step::RecoverConfigure | Step::RecoverTo(_), Some(change), Some(state)) => {
+                change.target < state
+            }
             _ => false,
         }
     }
 
-    /// When the change under way has failed.
+    /// When the change under recovery has failed.
     pub(super) fn deadline(&self) -> Option<Ns> {
         self.change.map(|change| change.deadline)
     }
@@ -309,17 +319,17 @@ impl Network {
                 }
                 return None;
             }
-            Step::Fetch => {
-                self.come(Way::InPreOp);
+            Step::RecoverToPreOp => {
+                self.set_recovery(Recovery::InPreOp);
                 return None;
             }
-            Step::Reconfigure => {
-                self.come(Way::Configured);
+            Step::RecoverConfigure => {
+                self.set_recovery(Recovery::Configured);
                 return None;
             }
-            Step::Return(state) => {
-                self.lost = self.lost.difference(self.returning);
-                self.have_come(state);
+            Step::RecoverTo(state) => {
+                self.lost = self.lost.difference(self.recovering);
+                self.recovered(state);
                 return None;
             }
             Step::Boot => MasterState::PreOp,
@@ -330,23 +340,25 @@ impl Network {
         self.talks |= step == Step::Boot;
         let all_here = self.lost.is_empty();
         match &mut self.change {
-            Some(change) if change.target == state && (all_here || change.way == Way::Back) => self.change = None,
-            Some(change) => (change.configuring, change.configured, change.anew) = (false, false, false),
+            Some(change) if change.target == state && (all_here || change.recovery == Recovery::Done) => {
+                self.change = None
+            }
+            Some(change) => (change.configuring, change.configured, change.declared_anew) = (false, false, false),
             None => {}
         }
         Some(state)
     }
 
     /// Lost slaves are back in the network's state.
-    fn have_come(&mut self, state: MasterState) {
+    fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
-        let awaited = change.awaited.map_or(SlaveSet::EMPTY, |awaited| awaited.difference(self.returning));
-        change.awaited = Some(awaited);
-        if !awaited.is_empty() {
-            (change.way, change.silent) = (Way::Ahead, SlaveSet::EMPTY);
+        let to_recover = change.to_recover.map_or(SlaveSet::EMPTY, |to_recover| to_recover.difference(self.recovering));
+        change.to_recover = Some(to_recover);
+        if !to_recover.is_empty() {
+            (change.recovery, change.unanswered) = (Recovery::EntryAhead, SlaveSet::EMPTY);
             return;
         }
-        change.way = Way::Back;
+        change.recovery = Recovery::Done;
         if change.refused {
             self.fail();
         } else if !self.failed && change.target == state {
@@ -354,9 +366,9 @@ impl Network {
         }
     }
 
-    fn come(&mut self, way: Way) {
+    fn set_recovery(&mut self, recovery: Recovery) {
         if let Some(change) = &mut self.change {
-            change.way = way;
+            change.recovery = recovery;
         }
     }
 

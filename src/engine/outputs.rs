@@ -9,44 +9,45 @@
 //!
 //! **An axis that is being switched on** is held where it was measured last. Outputs that lie ahead hold it where it was
 //! before that: one that sags while its brake opens would be pulled back to there when it is enabled, however deep the bus
-//! is. So while an axis is on its way to Operation enabled hardly anything is pushed ahead \[OURS]: [`AHEAD_AT_REST`], or
-//! [`AHEAD_IN_MOTION`] while other axes follow targets, which are not to stand still for it.
+//! is. So while an axis is on its way to Operation enabled hardly anything is pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
+//! [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow targets, which are not to stand still for it.
 
+use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
-use super::{Engine, Event, Executed};
+use super::{Engine, Event};
 use crate::cia402::Mode;
 use crate::fieldbus::{Cleared, CycleDone, Fieldbus, Ns, Outputs, Pacing, SlaveSet};
 use crate::sk::RawSlot;
 
 /// Sets of outputs that may lie ahead while an axis is being switched on and none follows targets \[OURS].
-const AHEAD_AT_REST: u64 = 1;
+const AHEAD_MAX_SWITCHING_ON: u64 = 1;
 /// And while others follow targets \[OURS]: enough that a look which is a few cycles late leaves no gap in their motion.
-const AHEAD_IN_MOTION: u64 = 4;
+const AHEAD_MAX_BESIDE_MOTION: u64 = 4;
 
 /// Whether what lies ahead is being thrown away. Nothing is pushed meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Clearing {
-    No,
+    Idle,
     /// With the next cycle.
-    Wanted,
+    Requested,
     /// The bus is at it.
-    UnderWay,
+    Running,
 }
 
 /// A FIFO entry on its way.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ahead {
+pub(super) struct EntryAhead {
     /// The outputs that carry it.
     id: u64,
     /// What of it acts when they are sent, and not before: `None` once it has.
-    held: Option<Held>,
+    held: Option<DeferredSlots>,
 }
 
 /// What a FIFO entry holds for the board itself: the chip's inputs and outputs, and the SDO slot. On a bus that takes
 /// outputs ahead it acts with the entry's outputs (SK-5): with what it stands beside, and not at all if a clear takes it
 /// back.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Held {
+pub(super) struct DeferredSlots {
     pub(super) master: RawSlot,
     pub(super) sdo: RawSlot,
 }
@@ -57,10 +58,10 @@ impl Engine {
         if self.is_clearing() {
             return;
         }
-        let most = self.most_ahead();
+        let most = self.ahead_max();
         for _ in 0..bus.room() {
-            let ahead = self.lies_ahead(now);
-            if ahead >= most || self.unknown() >= self.most_unknown {
+            let ahead = self.estimated_ahead(now);
+            if ahead >= most || self.unconfirmed() >= self.unconfirmed_max {
                 return;
             }
             let (has_entry, held) = self.take_entry(now);
@@ -71,66 +72,65 @@ impl Engine {
             }
             let id = self.next_output_id;
             self.outputs.id = id;
-            let n = self.executed.len() as u64;
-            let executed = &mut self.executed[(id % n) as usize];
-            refresh_outputs(&mut self.outputs, &mut self.v, executed);
-            executed.heads = self.v.heads;
-            executed.commanded = self.commanded;
-            executed.pushed_at = now;
-            executed.test = self.v.test;
+            let record = self.records.of_mut(id);
+            refresh_outputs(&mut self.outputs, &mut self.volatile, record);
+            record.heads = self.volatile.heads;
+            record.commanded = self.commanded;
+            record.pushed_at = now;
+            record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
                 // The cable was cut this moment: what was executed goes with the next outputs.
                 self.counters.executed += u64::from(has_entry);
-                self.act(held, now);
+                self.run_deferred(held, now);
                 return;
             }
             self.next_output_id += 1;
             self.commanded = SlaveSet::EMPTY;
             if has_entry {
-                self.ahead.push_back(Ahead { id, held });
+                self.entries_ahead.push_back(EntryAhead { id, held });
             }
         }
     }
 
     /// Executes the next entry, if there is one to take; what of it does not act yet is handed back.
-    fn take_entry(&mut self, now: Ns) -> (bool, Option<Held>) {
-        let Some(entry) = self.fifo.take(self.ahead.len() as u16) else { return (false, None) };
+    fn take_entry(&mut self, now: Ns) -> (bool, Option<DeferredSlots>) {
+        let Some(entry) = self.fifo.take(self.entries_ahead.len() as u16) else { return (false, None) };
         let size = self.config.slot;
         if self.pacing == Pacing::Runner {
             self.execute(&entry, now);
             return (true, None);
         }
         self.execute_slaves(&entry, now);
-        (true, Some(Held { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
+        (true, Some(DeferredSlots { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
     }
 
-    fn act(&mut self, held: Option<Held>, at: Ns) {
-        let Some(Held { master, sdo }) = held else { return };
-        let shown = (self.v.master_id, self.v.master_result);
+    fn run_deferred(&mut self, held: Option<DeferredSlots>, at: Ns) {
+        let Some(DeferredSlots { master, sdo }) = held else { return };
+        let shown = (self.volatile.master_id, self.volatile.master_result);
         self.execute_queued_master(&master, at);
         self.execute_sdo(&sdo, at);
-        if !self.v.network.in_op() {
+        if !self.volatile.network.in_op() {
             // Known to be sent when OP is over already: slot 0 answers what has come since.
-            (self.v.master_id, self.v.master_result) = shown;
+            (self.volatile.master_id, self.volatile.master_result) = shown;
         }
     }
 
     /// Sets of outputs pushed that are not known to be sent.
-    pub(super) const fn unknown(&self) -> u64 {
-        self.next_output_id - self.unsent_from
+    pub(super) const fn unconfirmed(&self) -> u64 {
+        self.next_output_id - self.unconfirmed_from
     }
 
     /// Sets of outputs that the bus seems to hold: each cycle since the newest one polled has taken the oldest set that had
     /// been pushed by then.
-    fn lies_ahead(&self, now: Ns) -> u64 {
+    fn estimated_ahead(&self, now: Ns) -> u64 {
         if self.pacing == Pacing::Runner {
-            return self.unknown();
+            return self.unconfirmed();
         }
-        let (n, period_ns) = (self.executed.len() as u64, self.period_ns());
+        let period_ns = self.period_ns();
         let mut cycles = 0;
-        for id in self.unsent_from..self.next_output_id {
-            let pushed_after = self.executed[(id % n) as usize].pushed_at.saturating_sub(self.last_passed) / period_ns;
+        for id in self.unconfirmed_from..self.next_output_id {
+            let pushed_after = self.records.of(id).pushed_at.saturating_sub(self.last_passed) / period_ns;
             cycles = (cycles + 1).max(pushed_after + 1);
             if self.last_passed + cycles * period_ns > now {
                 return self.next_output_id - id;
@@ -140,157 +140,156 @@ impl Engine {
     }
 
     /// Sets of outputs that may lie ahead.
-    fn most_ahead(&self) -> u64 {
-        let found = usize::from(self.v.network.found());
-        let axes = || self.v.axes[..found].iter().enumerate();
+    fn ahead_max(&self) -> u64 {
+        let found = usize::from(self.volatile.network.found());
+        let axes = || self.volatile.axes[..found].iter().enumerate();
         let rises = |(n, axes): (usize, &[super::Axis; 2])| {
-            axes.iter().any(super::Axis::is_rising) && self.v.roles[n].mode() == Some(Mode::Csp)
+            axes.iter().any(super::Axis::is_switching_on) && self.volatile.roles[n].mode() == Some(Mode::Csp)
         };
         if self.pacing == Pacing::Runner || !axes().any(rises) {
             u64::MAX
         } else if axes().flat_map(|(_, axes)| axes).any(super::Axis::follows) {
-            AHEAD_IN_MOTION
+            AHEAD_MAX_BESIDE_MOTION
         } else {
-            AHEAD_AT_REST
+            AHEAD_MAX_SWITCHING_ON
         }
     }
 
     /// The outputs before that id have been sent: their entries are executed. Says how many entries those are.
-    fn entries_sent(&mut self, unsent_from: u64, at: Ns) -> u64 {
+    fn confirm_sent(&mut self, unconfirmed_from: u64, at: Ns) -> u64 {
         let mut entries = 0;
-        while let Some(Ahead { held, .. }) = self.ahead.pop_front_if(|ahead| ahead.id < unsent_from) {
+        while let Some(EntryAhead { held, .. }) = self.entries_ahead.pop_front_if(|ahead| ahead.id < unconfirmed_from) {
             entries += 1;
-            self.act(held, at);
+            self.run_deferred(held, at);
         }
-        self.unsent_from = self.unsent_from.max(unsent_from);
+        self.unconfirmed_from = self.unconfirmed_from.max(unconfirmed_from);
         self.counters.executed += entries;
         entries
     }
 
     /// SW_RESET: entries whose outputs are on their way do nothing any more for the board itself.
-    pub(super) fn forget_held(&mut self) {
-        self.ahead.iter_mut().for_each(|ahead| ahead.held = None);
+    pub(super) fn drop_deferred(&mut self) {
+        self.entries_ahead.iter_mut().for_each(|ahead| ahead.held = None);
     }
 
     /// Whether the axes ask for something else than the outputs pushed last.
     fn outputs_changed(&self) -> bool {
-        let axes = self.v.axes.iter().zip(&self.outputs.slaves).take(self.v.network.found().into());
+        let axes = self.volatile.axes.iter().zip(&self.outputs.slaves).take(self.volatile.network.found().into());
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
     /// A cycle has passed: what it says of outputs that were sent.
-    pub(super) fn note_sent(&mut self, done: &CycleDone) {
+    pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
-        let entries = self.entries_sent(sent, done.at);
-        if entries == 0 && self.v.network.in_op() {
+        let entries = self.confirm_sent(sent, done.at);
+        if entries == 0 && self.volatile.network.in_op() {
             self.counters.idle_cycles += 1;
         }
-        if done.answers_lost > 0 && self.v.network.in_op() {
+        if done.answers_lost > 0 && self.volatile.network.in_op() {
             self.counters.answers_lost += u64::from(done.answers_lost);
             self.log.push(Event::AnswersLost { at: done.at, cycles: done.answers_lost });
         }
     }
 
     /// OP begins: its first outputs are the next ones.
-    pub(super) fn begin_outputs(&mut self) {
+    pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
-        let begun = &mut self.begun;
-        begun.heads = self.v.heads;
-        begun.test = self.v.test;
-        begun.homers = SlaveSet::EMPTY;
-        for (n, axes) in self.v.axes.iter().enumerate() {
-            for (driven, axis) in begun.axes.iter_mut().zip(axes) {
-                driven[n] = axis.driven();
+        let op_start = &mut self.op_start;
+        op_start.heads = self.volatile.heads;
+        op_start.test = self.volatile.test;
+        op_start.homing_active = SlaveSet::EMPTY;
+        for (n, axes) in self.volatile.axes.iter().enumerate() {
+            for (checkpoint, axis) in op_start.axes.iter_mut().zip(axes) {
+                checkpoint[n] = axis.checkpoint();
             }
         }
     }
 
     pub(super) fn is_clearing(&self) -> bool {
-        self.clearing != Clearing::No
+        self.clearing != Clearing::Idle
     }
 
     /// What the bus has taken and not sent is to go. One clear that is under way is enough: nothing was pushed since.
     pub(super) fn clear_ahead(&mut self) {
-        if self.clearing == Clearing::No && self.unknown() > 0 {
-            self.clearing = Clearing::Wanted;
+        if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {
+            self.clearing = Clearing::Requested;
         }
     }
 
     /// Starts a clear, and takes its end.
     pub(super) fn run_clear(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        if self.clearing == Clearing::Wanted {
+        if self.clearing == Clearing::Requested {
             bus.clear_ahead(now);
-            self.clearing = Clearing::UnderWay;
+            self.clearing = Clearing::Running;
         }
-        if self.clearing == Clearing::UnderWay
+        if self.clearing == Clearing::Running
             && let Some(cleared) = bus.poll_clear(now)
         {
-            self.clearing = Clearing::No;
+            self.clearing = Clearing::Idle;
             self.cleared(cleared, now);
         }
     }
 
-    /// The outputs that were not sent are gone: their entries count as cleared, the axes are driven as by the newest
+    /// The outputs that were not sent are gone: their entries count as cleared, the axes are checkpoint as by the newest
     /// outputs that were sent, and the next ones have the ids that come after those.
     fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
-        let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unsent_from, self.next_output_id);
-        self.entries_sent(next, at);
-        self.counters.cleared += self.ahead.len() as u64;
-        self.ahead.clear();
+        let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unconfirmed_from, self.next_output_id);
+        self.confirm_sent(next, at);
+        self.counters.cleared += self.entries_ahead.len() as u64;
+        self.entries_ahead.clear();
         // What was pushed in an earlier OP has nothing to do with this one.
-        let takes_back = self.v.network.in_op() && self.next_output_id > next.max(self.op_from);
+        let takes_back = self.volatile.network.in_op() && self.next_output_id > next.max(self.op_from);
         self.next_output_id = next;
         self.op_from = self.op_from.min(next);
         if takes_back {
-            self.take_back();
+            self.roll_back();
         }
     }
 
     /// Goes back to how the newest outputs that were sent have left it.
-    fn take_back(&mut self) {
-        let n = self.executed.len() as u64;
+    fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
-            Some(newest) if newest >= self.op_from => &self.executed[(newest % n) as usize],
-            _ => &*self.begun,
+            Some(newest) if newest >= self.op_from => self.records.of(newest),
+            _ => &*self.op_start,
         };
-        let lost = self.v.network.lost();
-        self.v.test = sent.test;
+        let lost = self.volatile.network.lost();
+        self.volatile.test = sent.test;
         // What was pushed last is gone, and what was sent before it may be what no axis asks for any more.
         self.outputs_left = true;
-        for (slave, (n, axes)) in (1..).zip(self.v.axes.iter_mut().enumerate()) {
+        for (slave, (n, axes)) in (1..).zip(self.volatile.axes.iter_mut().enumerate()) {
             if lost.contains(slave) {
                 continue;
             }
-            self.v.heads[n] = sent.heads[n];
+            self.volatile.heads[n] = sent.heads[n];
             let then = sent.axes.iter().map(|axes| &axes[n]).zip(&sent.homing[n]);
-            for (axis, (then, homing)) in axes.iter_mut().zip(then).take(used_axes(self.v.second_axes, slave)) {
-                axis.go_back_to(then, sent.homers.contains(slave).then_some(homing));
+            for (axis, (then, homing)) in axes.iter_mut().zip(then).take(used_axes(self.volatile.second_axes, slave)) {
+                axis.roll_back_to(then, sent.homing_active.contains(slave).then_some(homing));
             }
             if axes.iter().any(|axis| !axis.homing.is_idle()) {
-                self.v.homers.insert(slave);
+                self.volatile.homing_active.insert(slave);
             }
         }
     }
 }
 
 /// Copies the axes' outputs to the process image, and what stands behind them to `executed`.
-fn refresh_outputs(outputs: &mut Outputs, v: &mut Volatile, executed: &mut Executed) {
+fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut OutputsRecord) {
     let Outputs { id, slaves } = outputs;
-    let [first, second] = &mut executed.axes;
-    let found = usize::from(v.network.found());
-    for ((n, axes), image) in v.axes[..found].iter_mut().enumerate().zip(slaves) {
+    let [first, second] = &mut record.axes;
+    let found = usize::from(volatile.network.found());
+    for ((n, axes), image) in volatile.axes[..found].iter_mut().enumerate().zip(slaves) {
         image[0] = axes[0].next_out(*id);
-        first[n] = axes[0].driven();
-        if v.second_axes.contains(n as u8 + 1) {
+        first[n] = axes[0].checkpoint();
+        if volatile.second_axes.contains(n as u8 + 1) {
             image[1] = axes[1].next_out(*id);
-            second[n] = axes[1].driven();
+            second[n] = axes[1].checkpoint();
         }
     }
-    executed.homers = v.homers;
-    for slave in v.homers.iter() {
+    record.homing_active = volatile.homing_active;
+    for slave in volatile.homing_active.iter() {
         let n = usize::from(slave) - 1;
-        let kept = executed.homing[n].iter_mut().zip(&v.axes[n]);
-        kept.take(used_axes(v.second_axes, slave)).for_each(|(then, axis)| *then = axis.homing);
+        let kept = record.homing[n].iter_mut().zip(&volatile.axes[n]);
+        kept.take(used_axes(volatile.second_axes, slave)).for_each(|(then, axis)| *then = axis.homing);
     }
 }
 

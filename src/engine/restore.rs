@@ -1,7 +1,7 @@
 //! The mode after homing (SK-7, firmware 1.7): SDO transfers of the board's own that write DRIVE_MODE's mode back.
 
 use super::homing::HomingEnd;
-use super::jobs::{Transfer, mode_object};
+use super::jobs::{SdoOwner, mode_object};
 use super::{Engine, Event};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -61,25 +61,25 @@ impl Engine {
     /// Homing of that axis has ended, and its mode may change.
     pub(super) fn restore_later(&mut self, slave: usize, axis: usize) {
         if self.config.firmware.restores_mode() {
-            self.v.restores.due[axis].insert(slave as u8);
+            self.volatile.restores.due[axis].insert(slave as u8);
         }
     }
 
     /// Starts the next transfer, if one is due: of those that have failed least often, and not before all axes of its
     /// slave are done.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        if self.v.restores.due.iter().all(|due| due.is_empty()) {
+        if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
         }
         // A lost slave takes nothing.
-        let not_yet = self.homing_slaves().union(self.v.network.lost());
-        let restores = &mut self.v.restores;
+        let not_yet = self.homing_slaves().union(self.volatile.network.lost());
+        let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));
         let ready = due.filter(|restore| !not_yet.contains(restore.slave));
         let next = ready.min_by_key(|restore| restores.failed[usize::from(restore.slave) - 1][restore.axis]);
         let Some(restore) = next else { return };
         let Some(mode) = self.role(restore.slave.into()).mode() else {
-            return self.v.restores.cancel(restore);
+            return self.volatile.restores.cancel(restore);
         };
         let request = SdoRequest {
             slave: restore.slave,
@@ -88,23 +88,25 @@ impl Engine {
             timeout_ns: self.config.sdo_timeout_ns,
         };
         if bus.start(Job::Sdo(request), now).is_ok() {
-            self.v.restores.running = Some(restore);
-            self.transfer = Some(Transfer::Restore(restore));
+            self.volatile.restores.running = Some(restore);
+            self.sdo_owner = Some(SdoOwner::Restore(restore));
         }
     }
 
     /// The transfer under way has ended.
     pub(super) fn restored(&mut self, restore: Restore, result: Result<u32, AbortCode>, now: Ns) {
-        self.v.restores.running = None;
+        self.volatile.restores.running = None;
         match result {
             Ok(mode) => {
-                self.v.modes_written[usize::from(restore.slave) - 1][restore.axis] = mode as u8;
-                self.v.restores.cancel(restore);
+                self.volatile.modes_written[usize::from(restore.slave) - 1][restore.axis] = mode as u8;
+                self.volatile.restores.cancel(restore);
             }
             // On the way up the mode is written anyway.
-            Err(_) if self.v.network.state() < Some(MasterState::SafeOp) => self.v.restores.cancel(restore),
+            Err(_) if self.volatile.network.state() < Some(MasterState::SafeOp) => {
+                self.volatile.restores.cancel(restore)
+            }
             Err(code) => {
-                let failures = self.v.restores.failures(restore);
+                let failures = self.volatile.restores.failures(restore);
                 *failures += 1;
                 if *failures >= TRIES {
                     self.give_up_restore(restore, code, now);
@@ -115,13 +117,13 @@ impl Engine {
 
     /// A host's write of a mode of operation went well: it is the mode that counts.
     pub(super) fn mode_written(&mut self, slave: u8, axis: usize, mode: u8, now: Ns) {
-        self.v.modes_written[usize::from(slave) - 1][axis] = mode;
-        self.v.restores.cancel(Restore { slave, axis });
+        self.volatile.modes_written[usize::from(slave) - 1][axis] = mode;
+        self.volatile.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
         // The mode has changed: there is nothing to wait for, and nothing to write back.
-        let since = self.fresh_from(now);
-        let homing = &mut self.v.axes[usize::from(slave) - 1][axis].homing;
-        homing.wait_no_more();
+        let since = self.answers_valid_from(now);
+        let homing = &mut self.volatile.axes[usize::from(slave) - 1][axis].homing;
+        homing.skip_standstill();
         homing.mode_written(since);
     }
 
@@ -129,7 +131,7 @@ impl Engine {
     /// ends, and that axis does not stand yet.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self
-            .v
+            .volatile
             .sdo
             .waiting_write()
             .and_then(|(slave, object)| mode_object(object).map(|axis| (usize::from(slave), axis)))
@@ -137,19 +139,19 @@ impl Engine {
             return false;
         };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
-        self.v.axes[slave - 1][axis].homing.is_ending()
+        self.volatile.axes[slave - 1][axis].homing.is_ending()
     }
 
     /// A slave is lost: nothing can be written to it.
     pub(super) fn give_up_restore_of_lost(&mut self, slave: u8, axis: usize, now: Ns) {
         let restore = Restore { slave, axis };
-        if self.v.restores.due[axis].contains(slave) && self.v.restores.running != Some(restore) {
+        if self.volatile.restores.due[axis].contains(slave) && self.volatile.restores.running != Some(restore) {
             self.give_up_restore(restore, AbortCode::TIMEOUT, now);
         }
     }
 
     fn give_up_restore(&mut self, restore: Restore, code: AbortCode, at: Ns) {
-        self.v.restores.cancel(restore);
+        self.volatile.restores.cancel(restore);
         self.counters.modes_not_restored += 1;
         self.log.push(Event::ModeNotRestored { at, slave: restore.slave, axis: restore.axis as u8, code });
     }

@@ -7,14 +7,14 @@ use crate::sk::{CommandId, RawSlot, SdoCommand, SdoResponse};
 
 /// A transfer the host asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Transfer {
+pub(super) struct SdoTransfer {
     pub(super) slave: u8,
     pub(super) object: ObjectAddress,
     /// Size, and the value as it stood in Data2.
     pub(super) write: Option<(SdoSize, u32)>,
 }
 
-impl Transfer {
+impl SdoTransfer {
     const fn id(&self) -> CommandId {
         match self.write {
             None => CommandId::SdoRead,
@@ -25,7 +25,7 @@ impl Transfer {
 
 /// What became of a request that was not rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Taken {
+pub(super) enum Accepted {
     New,
     /// It is the one that waits or runs already.
     Repeats,
@@ -35,8 +35,8 @@ pub(super) enum Taken {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoSlot {
     answer: RawSlot,
-    waiting: Option<Transfer>,
-    running: Option<Transfer>,
+    waiting: Option<SdoTransfer>,
+    running: Option<SdoTransfer>,
 }
 
 impl SdoSlot {
@@ -51,25 +51,27 @@ impl SdoSlot {
 
     /// Takes a command of the host. SK-6 \[OURS]: a request while another one is under way is rejected; one that repeats it is
     /// one with it: programs that poll send it in every frame.
-    pub(super) fn command(&mut self, command: SdoCommand) -> Result<Taken, Reason> {
+    pub(super) fn command(&mut self, command: SdoCommand) -> Result<Accepted, Reason> {
         let transfer = match command {
-            SdoCommand::Read { slave, object } => Transfer { slave, object, write: None },
-            SdoCommand::Write { slave, object, size, value } => Transfer { slave, object, write: Some((size, value)) },
-            SdoCommand::GetStatus | SdoCommand::Other(_) => return Ok(Taken::New),
+            SdoCommand::Read { slave, object } => SdoTransfer { slave, object, write: None },
+            SdoCommand::Write { slave, object, size, value } => {
+                SdoTransfer { slave, object, write: Some((size, value)) }
+            }
+            SdoCommand::GetStatus | SdoCommand::Other(_) => return Ok(Accepted::New),
         };
         match self.waiting.or(self.running) {
-            Some(under_way) if under_way == transfer => Ok(Taken::Repeats),
+            Some(under_way) if under_way == transfer => Ok(Accepted::Repeats),
             Some(_) => Err(Reason::SdoBusy),
             None => {
                 self.waiting = Some(transfer);
-                Ok(Taken::New)
+                Ok(Accepted::New)
             }
         }
     }
 
     /// The transfer that waits, if one does.
     pub(super) fn waiting(&self, timeout_ns: Ns) -> Option<SdoRequest> {
-        let Transfer { slave, object, write } = self.waiting?;
+        let SdoTransfer { slave, object, write } = self.waiting?;
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
     }
 
@@ -84,7 +86,7 @@ impl SdoSlot {
     }
 
     /// The transfer under way has ended; says which it was.
-    pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<Transfer> {
+    pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {

@@ -12,7 +12,7 @@ use crate::sk::Frame;
 
 /// A read on a virtual clock that looks without waiting costs this much of the board's time \[OURS]: one USB
 /// microframe. Else a program that polls would stop the clock.
-const LOOK_NS: Ns = 125_000;
+const POLL_READ_NS: Ns = 125_000;
 
 /// Time that passes until other threads' calls come in between \[OURS]: some hundred cycles, which take less than a
 /// millisecond.
@@ -93,7 +93,7 @@ impl Stepped {
         if let Some(report) = reports.pop(out) {
             return Ok(report);
         }
-        let limit = limit.map(|limit| Ns::try_from(limit.as_nanos()).unwrap_or(Ns::MAX).max(LOOK_NS));
+        let limit = limit.map(|limit| Ns::try_from(limit.as_nanos()).unwrap_or(Ns::MAX).max(POLL_READ_NS));
         let end = limit.map(|limit| board.now().saturating_add(limit));
         loop {
             if let Some(end) = end

@@ -1,4 +1,4 @@
-//! Test mode (CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and walks the outputs of all IO
+//! TestPhase mode (CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and walks the outputs of all IO
 //! slaves until a host writes some.
 
 use super::Engine;
@@ -14,7 +14,7 @@ const OUTPUTS: u64 = 16;
 
 /// Where the test is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Test {
+pub(super) enum TestPhase {
     /// The board has not reached PreOP since it booted.
     #[default]
     Booting,
@@ -41,51 +41,51 @@ fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
 impl Engine {
     /// A cycle of a board in test mode.
     pub(super) fn run_test(&mut self, now: Ns) {
-        let in_op = self.v.network.in_op();
-        match self.v.test {
-            Test::Booting if self.talks() => {
-                self.v.test = Test::Waiting;
+        let in_op = self.volatile.network.in_op();
+        match self.volatile.test {
+            TestPhase::Booting if self.talks() => {
+                self.volatile.test = TestPhase::Waiting;
                 // PreOP accepts it.
-                self.v.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
+                self.volatile.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
-            Test::Waiting if in_op => {
-                self.v.test = Test::Walking(now);
-                self.write_walk(0);
+            TestPhase::Waiting if in_op => {
+                self.volatile.test = TestPhase::Walking(now);
+                self.write_test_outputs(0);
             }
-            Test::Walking(since) if in_op => self.write_walk(now - since),
-            Test::Walking(_) => self.v.test = Test::Waiting,
-            Test::Booting | Test::Waiting | Test::Over => {}
+            TestPhase::Walking(since) if in_op => self.write_test_outputs(now - since),
+            TestPhase::Walking(_) => self.volatile.test = TestPhase::Waiting,
+            TestPhase::Booting | TestPhase::Waiting | TestPhase::Over => {}
         }
     }
 
-    fn write_walk(&mut self, elapsed_ns: Ns) {
+    fn write_test_outputs(&mut self, elapsed_ns: Ns) {
         let slaves = self.io_slaves().count() as u64;
         self.write_outputs(|n| image(n, slaves, elapsed_ns));
     }
 
     /// A host writes outputs: the walk is over, and what it had switched on goes off \[OURS].
-    pub(super) fn end_walk(&mut self) {
-        if self.config.test && self.v.test != Test::Over {
-            self.v.test = Test::Over;
+    pub(super) fn end_output_test(&mut self) {
+        if self.config.test && self.volatile.test != TestPhase::Over {
+            self.volatile.test = TestPhase::Over;
             self.write_outputs(|_| 0);
         }
     }
 
     fn write_outputs(&mut self, image: impl Fn(u64) -> u16) {
-        let lost = self.v.network.lost();
+        let lost = self.volatile.network.lost();
         let mut n = 0;
-        for slave in 1..=usize::from(self.v.network.found()) {
+        for slave in 1..=usize::from(self.volatile.network.found()) {
             if self.role(slave) != Role::Io {
                 continue;
             }
             if !lost.contains(slave as u8) {
-                self.v.axes[slave - 1][0].asked.out.outputs = image(n);
+                self.volatile.axes[slave - 1][0].requested.out.outputs = image(n);
             }
             n += 1;
         }
     }
 
     fn io_slaves(&self) -> impl Iterator<Item = usize> {
-        (1..=usize::from(self.v.network.found())).filter(|slave| self.role(*slave) == Role::Io)
+        (1..=usize::from(self.volatile.network.found())).filter(|slave| self.role(*slave) == Role::Io)
     }
 }

@@ -14,16 +14,16 @@ use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
 /// The runner looks for frames at least this often, however long the cycle is; closing takes no longer either.
-const VISIT: Duration = Duration::from_millis(5);
+const VISIT_INTERVAL: Duration = Duration::from_millis(5);
 /// Frames a host can hand over between two visits: more than can come in that time.
 const INBOX_FRAMES: usize = 256;
 /// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
 /// time leaves the whole gap out, and it is counted \[OURS]. A machine that is too slow for its cycles gets there again
 /// and again, and its board goes on all the same, slower than its clock.
-const LONGEST_CATCH_UP: Duration = Duration::from_secs(1);
+const CATCH_UP_MAX: Duration = Duration::from_secs(1);
 /// A write that may not wait waits for its turn on the wire all the same, but no longer than one USB microframe of the
 /// board's time \[OURS]: two writes in a row are no failure.
-const TURN: Duration = Duration::from_micros(125);
+const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
 /// Events kept for the host's log between two looks.
 const EVENTS_KEPT: usize = 32;
 
@@ -39,7 +39,7 @@ pub struct Lateness {
 }
 
 /// What the runner shows of the board, besides reports.
-struct Shown {
+struct BoardView {
     counters: Counters,
     snapshot: Snapshot,
     events: Vec<Event>,
@@ -50,7 +50,7 @@ struct Shown {
 struct Shared {
     handover: Handover,
     stop: AtomicBool,
-    shown: Mutex<Shown>,
+    shown: Mutex<BoardView>,
     cycles: AtomicU64,
     worst_ns: AtomicU64,
     skipped_ns: AtomicU64,
@@ -61,7 +61,7 @@ impl Shared {
         Self {
             handover: Handover::new(INBOX_FRAMES, queue),
             stop: AtomicBool::new(false),
-            shown: Mutex::new(Shown {
+            shown: Mutex::new(BoardView {
                 counters: *board.engine().counters(),
                 snapshot: board.snapshot(),
                 events: Vec::with_capacity(EVENTS_KEPT),
@@ -103,14 +103,14 @@ impl Threaded {
     ///
     /// # Errors
     /// The system's, if it gives no thread; the board is lost then.
-    pub fn start(board: Board, host_ns: Ns, queue: usize, wishes: RealTime, rate: Rate) -> std::io::Result<Self> {
+    pub fn start(board: Board, host_ns: Ns, queue: usize, real_time: RealTime, rate: Rate) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(&board, queue));
         let clock = Arc::new(Clock::start(rate));
         let zero = board.now();
         let thread = crate::threads::spawn("ecmsk-board", {
             let (shared, clock) = (Arc::clone(&shared), Arc::clone(&clock));
             move || {
-                for warning in wishes.apply() {
+                for warning in real_time.apply() {
                     log::warn!("{warning}");
                 }
                 let _end = EndOnExit(&shared.handover);
@@ -135,7 +135,7 @@ impl Threaded {
     pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
         let now = self.clock.now();
         let rate = self.clock.rate();
-        let limit = limit.map(|limit| limit.max(rate.real(TURN)));
+        let limit = limit.map(|limit| limit.max(rate.real(TURN_WAIT_MAX)));
         let (arrival, at) = {
             let mut writes = self.writes.lock().unwrap_or_else(PoisonError::into_inner);
             let arrival = now.max(writes.next);
@@ -246,13 +246,13 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let mut skipped = Duration::ZERO;
     let mut now = Duration::ZERO;
     let rate = clock.rate();
-    let (between_visits, longest_catch_up) = (rate.slowed(VISIT), rate.slowed(LONGEST_CATCH_UP));
+    let (between_visits, catch_up_max) = (rate.slowed(VISIT_INTERVAL), rate.slowed(CATCH_UP_MAX));
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
         clock.sleep_until(due.min(now + between_visits));
         now = clock.now();
         let late = now.saturating_sub(due);
-        if late > longest_catch_up {
+        if late > catch_up_max {
             // The next cycle is due now. Were any of the gap left to catch up on, the next look would find it too long
             // again.
             due = now;
@@ -267,7 +267,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             shared.worst_ns.fetch_max(rate.real(now - due).as_nanos() as u64, Ordering::Relaxed);
             board.advance(part, &mut |frame, at| shared.handover.publish(frame, at));
             shared.cycles.store(board.cycles() - cycles, Ordering::Relaxed);
-            show(&board, shared);
+            publish_view(&board, shared);
         }
         if board.engine().boots() != boots {
             shared.handover.end(Stop::Rebooted);
@@ -289,7 +289,7 @@ fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, fra
 }
 
 /// Copies counters and new events out, if nobody is looking at them right now.
-fn show(board: &Board, shared: &Shared) {
+fn publish_view(board: &Board, shared: &Shared) {
     let Ok(mut shown) = shared.shown.try_lock() else { return };
     let engine = board.engine();
     shown.counters = *engine.counters();

@@ -21,14 +21,14 @@ pub(super) const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false,
 
 /// What a slave's slot shows of the command executed last.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Head {
+pub(super) struct SlotHead {
     pub(super) id: u8,
     pub(super) index: u8,
     /// The command was IO_WR: Data1 of the answer is this output image.
     pub(super) output_image: Option<u16>,
 }
 
-impl Head {
+impl SlotHead {
     /// The slave's outputs are off, whatever was written last.
     pub(super) fn outputs_off(&mut self) {
         self.output_image = self.output_image.map(|_| 0);
@@ -50,14 +50,14 @@ pub(super) struct Volatile {
     /// Pulse modules of two channels among them.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
-    pub(super) fresh_from: lost::FreshFrom,
-    pub(super) test: test_mode::Test,
+    pub(super) answers_valid_from: lost::AnswersValidFrom,
+    pub(super) test: test_mode::TestPhase,
     /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     pub(super) axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
     /// Slaves with an axis that is homing, or not done with what follows; and perhaps some that have just been.
-    pub(super) homers: SlaveSet,
+    pub(super) homing_active: SlaveSet,
     /// Modes that the board has to write back after homing.
     pub(super) restores: Restores,
     /// Byte 0 and bytes 4..7 of slot 0 outside OP.
@@ -65,7 +65,7 @@ pub(super) struct Volatile {
     pub(super) master_result: u32,
     pub(super) crc_errors: u8,
     pub(super) local_outputs: u8,
-    pub(super) heads: [Head; MAX_SLAVES],
+    pub(super) heads: [SlotHead; MAX_SLAVES],
     pub(super) response: Frame,
 }
 
@@ -82,18 +82,18 @@ impl Volatile {
             roles: [Role::Unused; MAX_SLAVES],
             second_axes: SlaveSet::EMPTY,
             syncs: [DriveSync::DcSync; MAX_SLAVES],
-            fresh_from: [0; MAX_SLAVES],
-            test: test_mode::Test::default(),
+            answers_valid_from: [0; MAX_SLAVES],
+            test: test_mode::TestPhase::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
-            homers: SlaveSet::EMPTY,
+            homing_active: SlaveSet::EMPTY,
             restores: Restores::new(),
             master_id: CommandId::GetStatus,
             master_result: 0,
             crc_errors: 0,
             local_outputs: 0,
-            heads: [Head::default(); MAX_SLAVES],
+            heads: [SlotHead::default(); MAX_SLAVES],
             response: Frame::new(),
         }
     }

@@ -1,5 +1,5 @@
 //! CiA 402, the drive profile: statusword, controlword, the states of the state machine, the modes of operation, the error
-//! codes. Only what the ECM-SK uses of it.
+//! codes. Of the profile only what the ECM-SK uses.
 //!
 //! Source: CiA 402-2 (IEC 61800-7-201), chapters 7 and 8. Section SK-7 of the rules has what real drives answered.
 

@@ -1,6 +1,6 @@
-//! Sets of slaves, as a word of bits: a cyclic path asks and changes them for each slave.
+//! Sets of slaves. They are kept as the bits of one word because the cyclic path tests and changes them for each slave.
 
-/// Slaves on the network of one board at most (12-byte slots, SK-1).
+/// The most slaves that a board can have on its network (with 12-byte slots, SK-1).
 pub const MAX_SLAVES: usize = 40;
 
 /// A set of slaves, numbered from 1 in the order of the cable.
@@ -21,7 +21,7 @@ impl SlaveSet {
         self.0
     }
 
-    /// Slaves 1..=n.
+    /// The slaves 1..=n.
     pub const fn first(n: u8) -> Self {
         Self((1 << n as u64) - 1)
     }
@@ -41,35 +41,35 @@ impl SlaveSet {
         self.0 &= !(1 << (slave as u64 - 1));
     }
 
-    /// Whether there is no slave in it.
+    /// Whether no slave is in the set.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Those in this set or the other.
+    /// The slaves that are in this set or in the other.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Those in both.
+    /// The slaves that are in both sets.
     #[must_use]
     pub const fn intersection(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// Those in this set and not in the other.
+    /// The slaves that are in this set and not in the other.
     #[must_use]
     pub const fn difference(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
 
-    /// How many slaves are in it.
+    /// How many slaves are in the set.
     pub const fn len(self) -> u8 {
         self.0.count_ones() as u8
     }
 
-    /// The slaves in order.
+    /// The slaves in ascending order.
     pub fn iter(self) -> impl Iterator<Item = u8> {
         let mut left = self.0 & ((1 << MAX_SLAVES) - 1);
         core::iter::from_fn(move || {

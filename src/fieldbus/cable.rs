@@ -1,9 +1,12 @@
-//! The cable of a simulated network and what goes wrong along it, whichever way the network is simulated: whom frames reach,
-//! who answers, who loses its power, who refuses what, and the faults of devices.
+//! The cable of a simulated network and what goes wrong along it: which slaves frames reach, which slaves answer, lose their
+//! power, refuse an AL state or abort an SDO, and the faults inside devices ([`Fault`]). Every way to simulate a network uses it.
 //!
-//! Scripts and tests change it from any thread while the network runs. A cycle reads atomics and takes locks only by trying:
-//! a thread that holds one delays a fault by a cycle, never the cycle itself. What is no part of a cycle takes the lock, which
-//! is never held for longer than an assignment.
+//! A new kind of trouble for scripts begins here if it is one of the network, or in `slave/fault.rs` if it is one of a
+//! device; the verb that causes it stands in `link/script/verbs.rs`.
+//!
+//! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to take
+//! locks: a thread that holds one delays a fault by a cycle, never the cycle itself. Other calls take the lock, which is never
+//! held for longer than an assignment.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,32 +15,33 @@ use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 use crate::slave::{AlStatus, Fault};
 
-/// What one slave is made to do.
+/// How one slave is made to answer changes of state and SDOs.
 #[derive(Clone, Copy, Default)]
-struct Orders {
-    /// A state that it refuses, and why.
+struct ScriptedAnswers {
+    /// An AL state that the slave refuses, and with which AL status code.
     refuse: Option<(AlState, AlStatus)>,
     sdo_delay_ns: Ns,
+    /// The abort code of all SDO transfers.
     sdo_abort: Option<AbortCode>,
-    /// One object only.
+    /// The abort code of the SDO transfers of one object.
     object_abort: Option<(ObjectAddress, AbortCode)>,
 }
 
 struct Shared {
-    /// Slaves that the cable reaches.
+    /// How many slaves the cable reaches.
     reach: AtomicU8,
     /// Bit n - 1: slave n does not answer.
     silent: AtomicU64,
-    /// Bit n - 1: slave n loses its power in the next cycle.
+    /// Bit n - 1: slave n has lost its power since the last cycle.
     powered_off: AtomicU64,
+    /// There are faults that no cycle has taken yet.
     has_faults: AtomicBool,
-    /// Of which slave; not yet happened.
+    /// Those faults, each with its slave.
     faults: Mutex<Vec<(u8, Fault)>>,
-    orders: Mutex<[Orders; MAX_SLAVES]>,
+    answers: Mutex<[ScriptedAnswers; MAX_SLAVES]>,
 }
 
-/// The cable; clones are the same one. Slaves are numbered from 1; what is said of a slave that is not there is without
-/// effect.
+/// The cable; clones are the same cable. Slaves are numbered from 1. A call for a slave that does not exist has no effect.
 #[derive(Clone)]
 pub struct Cable(Arc<Shared>);
 
@@ -49,14 +53,14 @@ impl Default for Cable {
             powered_off: AtomicU64::new(0),
             has_faults: AtomicBool::new(false),
             faults: Mutex::new(Vec::with_capacity(MAX_SLAVES * MAX_AXES)),
-            orders: Mutex::new([Orders::default(); MAX_SLAVES]),
+            answers: Mutex::new([ScriptedAnswers::default(); MAX_SLAVES]),
         }))
     }
 }
 
-/// What scripts and tests do to it.
+/// What scripts and tests do to the network.
 impl Cable {
-    /// Cuts the cable after that many slaves. 0: before the first one, so that the bus is silent.
+    /// Cuts the cable after that many slaves. 0: before the first one, so that no slave answers.
     pub fn cut_after(&self, slaves: u8) {
         self.0.reach.store(slaves, Ordering::Relaxed);
     }
@@ -66,7 +70,8 @@ impl Cable {
         self.cut_after(u8::MAX);
     }
 
-    /// A slave stops answering, while frames still pass it and time passes in it; or it answers again.
+    /// Makes a slave not answer at all, neither its mailbox nor process data, or makes it answer again. Frames still pass it, and
+    /// time passes in it.
     pub fn silence(&self, slave: u8, silent: bool) {
         let bit = bit_of(slave);
         if silent {
@@ -76,69 +81,69 @@ impl Cable {
         }
     }
 
-    /// A slave loses its power: it falls to Init, forgets its process data and does not answer, while frames still pass
-    /// it and those behind it stay.
+    /// Takes the power from a slave: it goes to Init, loses its process data and does not answer. Frames still pass it, so that
+    /// the slaves behind it stay on the network.
     pub fn lose(&self, slave: u8) {
         self.silence(slave, true);
         self.0.powered_off.fetch_or(bit_of(slave), Ordering::Relaxed);
     }
 
-    /// A slave that was lost has power again: it answers, in Init.
+    /// Gives a slave its power back after [`Self::lose`]: it answers, in Init.
     pub fn find(&self, slave: u8) {
         self.silence(slave, false);
     }
 
-    /// A slave refuses to enter a state, with that AL status code; `None`: it enters every state that it can.
+    /// Makes a slave refuse an AL state with that AL status code; `None`: it enters every state that it can.
     pub fn refuse(&self, slave: u8, state: Option<(AlState, AlStatus)>) {
-        self.order(slave, |orders| orders.refuse = state);
+        self.set_answers(slave, |answers| answers.refuse = state);
     }
 
-    /// SDO transfers with a slave take that much longer; beyond the timeout of the request they fail. 0: no delay.
+    /// Makes SDO transfers with a slave take that much longer; beyond the timeout of the request they fail. 0: no delay.
     pub fn delay_sdo(&self, slave: u8, ns: Ns) {
-        self.order(slave, |orders| orders.sdo_delay_ns = ns);
+        self.set_answers(slave, |answers| answers.sdo_delay_ns = ns);
     }
 
-    /// A slave aborts every SDO transfer with that code, and does nothing of it; `None`: no longer.
+    /// Makes a slave abort every SDO transfer with that abort code, without effect on the object; `None`: no longer.
     pub fn abort_sdo(&self, slave: u8, code: Option<AbortCode>) {
-        self.order(slave, |orders| orders.sdo_abort = code);
+        self.set_answers(slave, |answers| answers.sdo_abort = code);
     }
 
-    /// A slave aborts transfers of one object with that code, and does nothing of them; `None`: no longer. One object of
-    /// a slave at a time.
+    /// Makes a slave abort SDO transfers of one object with that abort code, without effect on the object; `None`: no longer. A
+    /// slave has at most one such object at a time.
     pub fn abort_object(&self, slave: u8, abort: Option<(ObjectAddress, AbortCode)>) {
-        self.order(slave, |orders| orders.object_abort = abort);
+        self.set_answers(slave, |answers| answers.object_abort = abort);
     }
 
-    /// Something goes wrong in a slave, or is as it was, from the next cycle on. An axis or a channel that the slave does not
-    /// have is without effect.
-    pub fn inflict(&self, slave: u8, fault: Fault) {
+    /// Causes a fault inside a slave, or ends it, from the next cycle on. A fault of an axis or a channel that the slave does not
+    /// have has no effect.
+    pub fn apply_fault(&self, slave: u8, fault: Fault) {
         lock(&self.0.faults).push((slave, fault));
         self.0.has_faults.store(true, Ordering::Release);
     }
 
-    fn order(&self, slave: u8, change: impl FnOnce(&mut Orders)) {
+    fn set_answers(&self, slave: u8, change: impl FnOnce(&mut ScriptedAnswers)) {
         if let Some(place) = usize::from(slave).checked_sub(1)
-            && let Some(orders) = lock(&self.0.orders).get_mut(place)
+            && let Some(answers) = lock(&self.0.answers).get_mut(place)
         {
-            change(orders);
+            change(answers);
         }
     }
 }
 
-/// What a network asks of it.
+/// What a simulated network reads.
 impl Cable {
-    /// How many slaves frames reach; those behind a cut are not reached.
+    /// How many slaves frames reach: all before the place where the cable is cut.
     pub fn reach(&self) -> u8 {
         self.0.reach.load(Ordering::Relaxed)
     }
 
-    /// Slaves that frames reach and that answer them.
+    /// The slaves that frames reach and that answer.
     pub fn answering(&self) -> SlaveSet {
         let silent = SlaveSet::from_bits(self.0.silent.load(Ordering::Relaxed));
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
     }
 
-    /// Slaves whose power goes now.
+    /// The slaves that have lost their power since the last call.
     pub fn take_powered_off(&self) -> SlaveSet {
         match self.0.powered_off.load(Ordering::Relaxed) {
             0 => SlaveSet::EMPTY,
@@ -146,35 +151,35 @@ impl Cable {
         }
     }
 
-    /// With which AL status code a slave refuses a state whatever it could do; `None`: it does not.
+    /// The AL status code with which a slave is made to refuse a state; `None`: it is not.
     pub fn refusal(&self, slave: u8, state: AlState) -> Option<AlStatus> {
-        self.orders(slave).refuse.filter(|(refused, _)| *refused == state).map(|(_, status)| status)
+        self.answers(slave).refuse.filter(|(refused, _)| *refused == state).map(|(_, status)| status)
     }
 
-    /// How much longer SDO transfers with a slave take.
+    /// How much longer SDO transfers with a slave are made to take.
     pub fn sdo_delay_ns(&self, slave: u8) -> Ns {
-        self.orders(slave).sdo_delay_ns
+        self.answers(slave).sdo_delay_ns
     }
 
-    /// With which code a slave aborts a transfer of that object whatever it could do; `None`: it does not.
+    /// The abort code with which a slave is made to abort a transfer of that object; `None`: it is not.
     pub fn sdo_abort(&self, slave: u8, object: ObjectAddress) -> Option<AbortCode> {
-        let Orders { sdo_abort, object_abort, .. } = self.orders(slave);
+        let ScriptedAnswers { sdo_abort, object_abort, .. } = self.answers(slave);
         sdo_abort.or(object_abort.filter(|(aborted, _)| *aborted == object).map(|(_, code)| code))
     }
 
-    /// Hands out the faults that have not yet happened, unless a thread is just adding one.
-    pub fn take_faults(&self, mut happens: impl FnMut(u8, Fault)) {
+    /// Calls `apply` for each fault since the last call. While a thread is adding one, the faults wait for the next call.
+    pub fn take_faults(&self, mut apply: impl FnMut(u8, Fault)) {
         if !self.0.has_faults.load(Ordering::Acquire) {
             return;
         }
         let Ok(mut faults) = self.0.faults.try_lock() else { return };
         self.0.has_faults.store(false, Ordering::Release);
-        faults.drain(..).for_each(|(slave, fault)| happens(slave, fault));
+        faults.drain(..).for_each(|(slave, fault)| apply(slave, fault));
     }
 
-    fn orders(&self, slave: u8) -> Orders {
+    fn answers(&self, slave: u8) -> ScriptedAnswers {
         let place = usize::from(slave).wrapping_sub(1);
-        lock(&self.0.orders).get(place).copied().unwrap_or_default()
+        lock(&self.0.answers).get(place).copied().unwrap_or_default()
     }
 }
 
@@ -185,7 +190,7 @@ fn bit_of(slave: u8) -> u64 {
     }
 }
 
-/// A panic elsewhere leaves plain data behind, which is as good as before.
+/// A thread that has panicked leaves plain data behind, which is still valid.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,9 +1,9 @@
-//! What the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in PreOP, and how
-//! [`AxisOut`](super::AxisOut) and [`AxisIn`] lie in the images of bytes that the slave then sends and takes.
+//! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in
+//! PreOP, and how [`AxisOut`](super::AxisOut) and [`AxisIn`] lie in the process images that the slave then takes and sends.
 //!
-//! Every bus maps the same: one writes [`ProcessData::downloads`] over its mailboxes, and moves images with
-//! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. The other two, [`ProcessData::take_outputs`] and
-//! [`ProcessData::put_inputs`], are the slave's side of the same, for models of slaves that know nothing of objects.
+//! Every bus maps the same: it writes [`ProcessData::downloads`] by SDO, and converts images with
+//! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. [`ProcessData::take_outputs`] and
+//! [`ProcessData::put_inputs`] are the slave's side of the same, for models of slaves without an object dictionary.
 
 mod downloads;
 
@@ -14,13 +14,13 @@ use crate::sk::DriveSync;
 
 pub use downloads::{Download, Downloads, NO_SUCH_MODE};
 
-/// The longest image that the board maps, bytes: that of a pulse module of two channels.
+/// The length of the longest process image that the board maps, bytes: that of a pulse module of two channels.
 pub const IMAGE_BYTES_MAX: usize = 20;
 
-/// The object by which a pulse module says that it has a second axis: it can be read \[OURS].
+/// The object that shows whether a pulse module has a second axis: if it has, the object can be read \[OURS].
 pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
 
-/// A word of [`AxisOut`].
+/// A field of [`AxisOut`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum OutWord {
     Controlword,
@@ -28,7 +28,7 @@ enum OutWord {
     Outputs,
 }
 
-/// A word of [`AxisIn`].
+/// A field of [`AxisIn`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum InWord {
     Statusword,
@@ -38,7 +38,7 @@ enum InWord {
     Inputs,
 }
 
-/// An object of the first axis that is mapped, and which word it carries.
+/// An object of the first axis that is mapped, and the field that it carries.
 #[derive(Clone, Copy, Debug)]
 struct Mapped<W> {
     object: ObjectAddress,
@@ -52,7 +52,7 @@ const fn mapped<W: Copy>(index: u16, sub: u8, bytes: usize, word: W) -> Mapped<W
 }
 
 impl<W> Mapped<W> {
-    /// The entry of a mapping object that maps it, or its like of another axis.
+    /// The mapping entry (index, sub-index, bit length) of this object, or of the same object of another axis.
     const fn entry(&self, axis: usize) -> u32 {
         let index = self.object.index + SECOND_AXIS_OFFSET * axis as u16;
         let bits = self.bytes as u32 * 8;
@@ -72,7 +72,7 @@ const DRIVE_IN: [In; 4] = [
     mapped(0x6077, 0, 2, InWord::Torque),
     mapped(ERROR_CODE, 0, 2, InWord::ErrorCode),
 ];
-/// The digital lines of a pulse module are objects of 32 bits, of which the low 16 are used.
+/// The digital inputs and outputs of a pulse module are objects of 32 bits, of which the low 16 are used.
 const HSP_CSP: [Out; 3] = [
     mapped(CONTROLWORD, 0, 2, OutWord::Controlword),
     mapped(0x607A, 0, 4, OutWord::Target),
@@ -88,11 +88,11 @@ const HSP_IN: [In; 3] = [
     mapped(0x6064, 0, 4, InWord::Position),
     mapped(0x60FD, 0, 4, InWord::Inputs),
 ];
-/// \[OURS] The modular profile's areas (ETG.5001): inputs at 0x6000, outputs at 0x7000.
+/// \[OURS] The areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at 0x7000.
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Which table the outputs of an axis go by.
+/// Which of the tables above maps the outputs of an axis.
 #[derive(Clone, Copy, Debug)]
 enum OutTable {
     DriveCsp,
@@ -103,7 +103,7 @@ enum OutTable {
     Io,
 }
 
-/// Which table its inputs go by.
+/// Which of the tables above maps the inputs of an axis.
 #[derive(Clone, Copy, Debug)]
 enum InTable {
     Drive,
@@ -111,7 +111,7 @@ enum InTable {
     Io,
 }
 
-/// Calls a function with the table as a constant, so that the compiler makes straight code of each.
+/// Calls a function with the table as a constant, so that the compiler makes straight code of each table.
 macro_rules! with_outputs {
     ($table:expr, $call:ident ( $($argument:expr),* )) => {
         match $table {
@@ -125,7 +125,7 @@ macro_rules! with_outputs {
     };
 }
 
-/// The same of inputs.
+/// The same for inputs.
 macro_rules! with_inputs {
     ($table:expr, $call:ident ( $($argument:expr),* )) => {
         match $table {
@@ -139,7 +139,7 @@ macro_rules! with_inputs {
 /// The process data of one slave.
 #[derive(Clone, Copy, Debug)]
 pub struct ProcessData {
-    /// Of each axis.
+    /// The table for each axis.
     outputs: OutTable,
     inputs: InTable,
     axes: u8,
@@ -149,8 +149,8 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    /// Those of a slave that is used as `role`, of a pulse module with one axis or two. `None`: there are none, see
-    /// [`Role::has_process_data`], or it is not used.
+    /// The process data of a slave that is used as `role`; a pulse module may have a second axis. `None`: the slave is not
+    /// used, or there are none for the role, see [`Role::has_process_data`].
     pub fn of(role: Role, has_second_axis: bool) -> Option<Self> {
         let (outputs, inputs) = match role {
             Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => (OutTable::DriveCsp, InTable::Drive),
@@ -173,39 +173,39 @@ impl ProcessData {
         })
     }
 
-    /// How long the image of the outputs is, at most [`IMAGE_BYTES_MAX`].
+    /// The length of the output image, at most [`IMAGE_BYTES_MAX`].
     pub const fn output_bytes(&self) -> usize {
         self.output_bytes as usize
     }
 
-    /// How long the image of the inputs is, at most [`IMAGE_BYTES_MAX`].
+    /// The length of the input image, at most [`IMAGE_BYTES_MAX`].
     pub const fn input_bytes(&self) -> usize {
         self.input_bytes as usize
     }
 
-    /// How many axes it has, 1 or 2; an IO slave counts as 1.
+    /// The number of axes, 1 or 2; an IO slave counts as 1.
     pub const fn axes(&self) -> usize {
         self.axes as usize
     }
 
-    /// What is to be written to the slave in PreOP, in this order.
+    /// The SDO downloads that map the process data and set the mode in PreOP, in their order.
     pub fn downloads(&self, sync: DriveSync) -> Downloads {
         Downloads::of(self, sync)
     }
 
-    /// The entries of the RxPDO of an axis (from 0).
+    /// The mapping entries of the RxPDO of an axis (from 0).
     fn output_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
         let outputs: &'static [Out] = with_outputs!(self.outputs, all());
         outputs.iter().map(move |mapped| mapped.entry(axis))
     }
 
-    /// The entries of the TxPDO of an axis (from 0).
+    /// The mapping entries of the TxPDO of an axis (from 0).
     fn input_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
         let inputs: &'static [In] = with_inputs!(self.inputs, all());
         inputs.iter().map(move |mapped| mapped.entry(axis))
     }
 
-    /// The master's side: the image of what is sent to the slave, which begins at the beginning of `image`.
+    /// The master's side: puts the outputs at the beginning of `image` and gives that part of it.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::output_bytes`].
@@ -216,8 +216,8 @@ impl ProcessData {
         image
     }
 
-    /// The master's side: what the slave has sent. Words that are not mapped are 0, and an axis that it does not have stays as
-    /// it was.
+    /// The master's side: takes what the slave has sent out of `image`. Fields that are not mapped become 0; those of an axis
+    /// that the slave does not have stay as they were.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
@@ -226,7 +226,7 @@ impl ProcessData {
         with_inputs!(self.inputs, take_inputs(&image[..self.input_bytes()], inputs));
     }
 
-    /// The slave's side of [`Self::put_outputs`]: what was sent to it; words that are not mapped are 0.
+    /// The slave's side of [`Self::put_outputs`]: what the master has sent. Fields that are not mapped are 0.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::output_bytes`].
@@ -236,7 +236,7 @@ impl ProcessData {
         outputs
     }
 
-    /// The slave's side of [`Self::take_inputs`].
+    /// The slave's side of [`Self::take_inputs`]: puts what the slave sends into `image`.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
@@ -245,7 +245,7 @@ impl ProcessData {
     }
 }
 
-/// How long the image of an axis is, bytes.
+/// The length of the image of one axis, bytes.
 const fn length<W, const N: usize>(mapped: &[Mapped<W>; N]) -> usize {
     let (mut n, mut bytes) = (0, 0);
     while n < N {
@@ -259,7 +259,7 @@ const fn all<W, const N: usize>(mapped: &'static [Mapped<W>; N]) -> &'static [Ma
     mapped
 }
 
-/// Of as many axes as the image has room for, and so the others.
+/// Puts the outputs of as many axes into the image as it has room for. The three functions below do the same for their part.
 #[inline(always)]
 fn put_outputs<const N: usize>(mapped: &[Out; N], outputs: &SlaveOut, image: &mut [u8]) {
     for (axis, mut image) in outputs.iter().zip(image.chunks_exact_mut(length(mapped))) {
@@ -324,7 +324,7 @@ fn take_inputs<const N: usize>(mapped: &[In; N], image: &[u8], inputs: &mut Slav
     }
 }
 
-/// Puts a number of 2 or 4 bytes at the beginning of an image; what is behind it.
+/// Puts a number of 2 or 4 bytes at the beginning of an image. The rest of the image.
 #[inline(always)]
 fn put(image: &mut [u8], bytes: usize, number: u32) -> &mut [u8] {
     let (here, rest) = image.split_at_mut(bytes);
@@ -335,7 +335,7 @@ fn put(image: &mut [u8], bytes: usize, number: u32) -> &mut [u8] {
     rest
 }
 
-/// The number of 2 or 4 bytes at the beginning of an image, and what is behind it.
+/// The number of 2 or 4 bytes at the beginning of an image, and the rest of the image.
 #[inline(always)]
 fn take(image: &[u8], bytes: usize) -> (u32, &[u8]) {
     let (here, rest) = image.split_at(bytes);

@@ -3,17 +3,17 @@
 //! A cycle is one [`Fieldbus::poll`] at a later time than the one before: the frame passes every slave (inputs are what
 //! was measured at the end of the previous cycle), then the time since the last poll passes in every slave.
 //!
-//! **Working counter.** As an LRW over the whole image: a slave in OP counts 3 (2 for its outputs, 1 for its inputs),
-//! one in SafeOP 1, any other nothing.
+//! **Working counter.** It counts as for one LRW over the whole process image: 3 for a slave in OP (2 for its outputs, 1 for
+//! its inputs), 1 for a slave in SafeOP, and 0 for every other slave.
 //!
-//! **Lost slaves** \[OURS]. A slave in SafeOP or OP that does not answer a cycle (cable cut before it, silent, fallen to
-//! a lower state by itself) is lost: its inputs keep their values, and it stays lost, also when it could answer again,
+//! **Lost slaves** \[OURS]. A slave in SafeOP or OP is lost when it does not answer a cycle: the cable before it is cut, it is
+//! silent, or it has left its state by itself. Its inputs keep their values. It stays lost, even if it could answer again,
 //! until a [`Job::State`] brings it back. A slave in Init or PreOP is lost only while it does not answer.
 //!
-//! **A cut before the first slave** silences the bus: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
+//! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
 //! goes on passing in the slaves.
 //!
-//! Allocates when it is made, never in a cycle.
+//! The bus allocates when it is made, never in a cycle.
 
 mod configure;
 mod handle;
@@ -31,14 +31,14 @@ use super::{
 };
 use crate::slave::Slave;
 use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
-use jobs::Running;
+use jobs::RunningJob;
 
-/// A place in the cable.
+/// A slave at its place on the cable.
 struct Station {
     slave: Box<dyn Slave>,
-    /// The AL state that a job brought it to.
-    brought: AlState,
-    /// What was mapped for its role; `None`: nothing.
+    /// The AL state that the newest job brought the slave to. The slave may have left it by itself.
+    commanded: AlState,
+    /// The process data that are mapped; `None`: nothing is.
     process_data: Option<ProcessData>,
 }
 
@@ -51,22 +51,22 @@ pub struct SimBus {
     found: u8,
     lost: SlaveSet,
     outputs: Outputs,
-    held: bool,
-    /// The newest outputs that a frame has carried.
+    /// No frame has carried `outputs` yet.
+    has_new_outputs: bool,
+    /// The id of the newest outputs that a frame has carried.
     sent: Option<u64>,
     /// The time that has passed in the slaves.
     clock: Ns,
-    /// What is under way that is no SDO.
-    job: Option<Running>,
-    sdo: Option<Running>,
+    /// The job under way that is no SDO.
+    job: Option<RunningJob>,
+    sdo: Option<RunningJob>,
 }
 
 impl SimBus {
-    /// A network of these slaves in the order of the cable, switched on at time 0. Those beyond the 40th are never
-    /// found.
+    /// A network of these slaves in the order of the cable, switched on at time 0. A scan never finds those beyond the 40th.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
         let stations =
-            slaves.into_iter().map(|slave| Station { slave, brought: AlState::Init, process_data: None }).collect();
+            slaves.into_iter().map(|slave| Station { slave, commanded: AlState::Init, process_data: None }).collect();
         let mut bus = Self {
             stations,
             timing: Timing::default(),
@@ -74,7 +74,7 @@ impl SimBus {
             found: 0,
             lost: SlaveSet::EMPTY,
             outputs: Outputs::default(),
-            held: false,
+            has_new_outputs: false,
             sent: None,
             clock: 0,
             job: None,
@@ -84,13 +84,13 @@ impl SimBus {
         bus
     }
 
-    /// The same with other durations of its jobs.
+    /// The same network with other durations of its jobs.
     pub fn with_timing(mut self, timing: Timing) -> Self {
         self.timing = timing;
         self
     }
 
-    /// What scripts and tests hold on to, from any thread.
+    /// The handle by which scripts and tests reach the network while it runs, from any thread.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
     }
@@ -108,40 +108,40 @@ impl SimBus {
         &mut self.stations[usize::from(slave) - 1]
     }
 
-    /// The AL state that a slave (from 1) really is in.
+    /// The true AL state of a slave (from 1).
     fn state(&self, slave: u8) -> AlState {
         self.stations[usize::from(slave) - 1].slave.state()
     }
 
-    /// Finds out who is lost; see the module's page.
-    fn look_for_lost(&mut self) {
+    /// Finds out which slaves are lost, as the page of this module says.
+    fn update_lost(&mut self) {
         let answering = self.handle.answering();
-        for (slave, Station { slave: device, brought, .. }) in (1..).zip(&self.stations[..usize::from(self.found)]) {
-            if !answering.contains(slave) || device.state() < *brought {
+        for (slave, Station { slave: device, commanded, .. }) in (1..).zip(&self.stations[..usize::from(self.found)]) {
+            if !answering.contains(slave) || device.state() < *commanded {
                 self.lost.insert(slave);
-            } else if *brought < AlState::SafeOp {
+            } else if *commanded < AlState::SafeOp {
                 self.lost.remove(slave);
             }
         }
     }
 
-    /// The frame passes every slave.
+    /// One frame passes every slave.
     fn exchange(&mut self, inputs: &mut Inputs) -> CycleDone {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
-        let (mut deaf, mut mute) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
+        let (mut without_outputs, mut without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
         let stations = &mut self.stations[..usize::from(self.found)];
         let (mut output_image, mut input_image) = ([0; IMAGE_BYTES_MAX], [0; IMAGE_BYTES_MAX]);
         for (slave, (station, (outputs, inputs))) in (1..).zip(stations.iter_mut().zip(images)) {
-            let (in_op, count) = match station.brought {
+            let (in_op, count) = match station.commanded {
                 AlState::Op => (true, 3),
                 AlState::SafeOp => {
-                    deaf.insert(slave);
+                    without_outputs.insert(slave);
                     (false, 1)
                 }
                 AlState::Init | AlState::PreOp => {
-                    deaf.insert(slave);
-                    mute.insert(slave);
+                    without_outputs.insert(slave);
+                    without_inputs.insert(slave);
                     continue;
                 }
             };
@@ -156,8 +156,8 @@ impl SimBus {
                 working_counter += count;
             }
         }
-        (inputs.lost, inputs.deaf, inputs.mute) = (self.lost, deaf, mute);
-        let outputs = std::mem::take(&mut self.held).then_some(self.outputs.id);
+        (inputs.lost, inputs.without_outputs, inputs.without_inputs) = (self.lost, without_outputs, without_inputs);
+        let outputs = std::mem::take(&mut self.has_new_outputs).then_some(self.outputs.id);
         self.sent = outputs.or(self.sent);
         CycleDone {
             at: self.clock,
@@ -169,21 +169,21 @@ impl SimBus {
         }
     }
 
-    /// Slaves that lose their power forget what they were told: they are in Init when they answer again.
+    /// Slaves that have lost their power go to Init. They are there when they answer again.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {
-                // Down is open to every slave.
+                // Every slave can go to Init.
                 let _ = station.slave.enter(AlState::Init);
             }
         }
     }
 
-    fn let_faults_happen(&mut self) {
+    fn apply_faults(&mut self) {
         let stations = &mut self.stations;
         self.handle.take_faults(|slave, fault| {
             if let Some(station) = stations.get_mut(usize::from(slave).wrapping_sub(1)) {
-                station.slave.suffer(fault);
+                station.slave.apply_fault(fault);
             }
         });
     }
@@ -202,7 +202,7 @@ impl Fieldbus for SimBus {
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         let running = Some(self.begin(job, now));
         match job {
-            Job::Sdo(_) if self.sdo.is_none() && self.job.as_ref().is_none_or(Running::leaves_mailboxes) => {
+            Job::Sdo(_) if self.sdo.is_none() && self.job.as_ref().is_none_or(RunningJob::allows_sdo) => {
                 self.sdo = running;
             }
             Job::State { .. } if self.job.is_none() => self.job = running,
@@ -236,11 +236,11 @@ impl Fieldbus for SimBus {
     }
 
     fn room(&self) -> u16 {
-        u16::from(!self.held && !self.is_down())
+        u16::from(!self.has_new_outputs && !self.is_down())
     }
 
     fn clear_ahead(&mut self, _now: Ns) {
-        self.held = false;
+        self.has_new_outputs = false;
     }
 
     fn poll_clear(&mut self, _now: Ns) -> Option<Cleared> {
@@ -251,11 +251,11 @@ impl Fieldbus for SimBus {
         if self.is_down() {
             return Err(BusError::Down);
         }
-        if self.held {
+        if self.has_new_outputs {
             return Err(BusError::Full);
         }
         self.outputs.clone_from(outputs);
-        self.held = true;
+        self.has_new_outputs = true;
         Ok(())
     }
 
@@ -263,9 +263,9 @@ impl Fieldbus for SimBus {
         let dt_ns = now.checked_sub(self.clock).filter(|dt_ns| *dt_ns > 0)?;
         self.clock = now;
         self.power_off();
-        self.look_for_lost();
+        self.update_lost();
         let done = (!self.is_down()).then(|| self.exchange(inputs));
-        self.let_faults_happen();
+        self.apply_faults();
         for stations in self.stations.chunks_mut(SIDE_BY_SIDE) {
             let mut motors = [const { None }; SIDE_BY_SIDE];
             for (motor, station) in motors.iter_mut().zip(&mut *stations) {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::keys::WHERE_TO_LOOK;
 use super::slaves::{ManufacturerObjectsSpec, SlaveSpec};
 use crate::files::read_small;
-use crate::slave::{MAKERS_BYTES_MAX, MakersObjects};
+use crate::slave::{MANUFACTURER_FILE_BYTES_MAX, ManufacturerObjects};
 
 /// Why a file of manufacturer-specific objects cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -21,9 +21,9 @@ pub struct ManufacturerObjectsError {
 ///
 /// # Errors
 /// [`ManufacturerObjectsError`] if the file cannot be read or a line is invalid.
-pub fn load(file: &Path) -> Result<MakersObjects, ManufacturerObjectsError> {
-    let text = read_text(file, MAKERS_BYTES_MAX)?;
-    MakersObjects::parse(&text).map_err(|error| wrong(file, error))
+pub fn load(file: &Path) -> Result<ManufacturerObjects, ManufacturerObjectsError> {
+    let text = read_text(file, MANUFACTURER_FILE_BYTES_MAX)?;
+    ManufacturerObjects::parse(&text).map_err(|error| wrong(file, error))
 }
 
 /// Reads a regular file of UTF-8 text of at most `size_max` bytes.
@@ -41,8 +41,8 @@ fn wrong(file: &Path, message: impl ToString) -> ManufacturerObjectsError {
 
 /// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. Each file is read
 /// once. Logs which simulated slaves have such objects.
-pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<MakersObjects>>, ManufacturerObjectsError> {
-    let mut read: Vec<(&str, MakersObjects)> = Vec::new();
+pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<ManufacturerObjects>>, ManufacturerObjectsError> {
+    let mut read: Vec<(&str, ManufacturerObjects)> = Vec::new();
     let mut of_slaves = Vec::with_capacity(slaves.len());
     for (slave, spec) in (1..).zip(slaves) {
         of_slaves.push(match &spec.manufacturer_objects {
@@ -52,7 +52,7 @@ pub(super) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<MakersObjects
                     "slave {slave} has objects@any: it stores what it is told in 0x2000..0x5FFF and 0x6000..0x9FFF, \
                      where a real drive may answer with an abort code"
                 );
-                Some(MakersObjects::any())
+                Some(ManufacturerObjects::any())
             }
             Some(ManufacturerObjectsSpec::File(file)) => {
                 let known = read.iter().find(|(name, _)| *name == &**file).map(|(_, objects)| objects.clone());

@@ -13,7 +13,7 @@ use super::{FAILED_OPEN, LinkError, Share};
 use crate::engine::{Board, EngineConfig, Rate, RealTime};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{MAX_AXES, Ns};
-use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, MakersObjects, Slave, Travel};
+use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, ManufacturerObjects, Slave, Travel};
 
 /// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -81,7 +81,7 @@ fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
     }
 }
 
-fn switch_on(options: &SimOptions, manufacturer_objects: Vec<Option<MakersObjects>>) -> (Board, SimHandle) {
+fn switch_on(options: &SimOptions, manufacturer_objects: Vec<Option<ManufacturerObjects>>) -> (Board, SimHandle) {
     let config = EngineConfig {
         slot: options.slot,
         firmware: options.firmware,
@@ -93,7 +93,7 @@ fn switch_on(options: &SimOptions, manufacturer_objects: Vec<Option<MakersObject
     let slaves = options.slaves.iter().zip(manufacturer_objects).map(|(spec, objects)| {
         let mut slave = spec.model.build(&spec.travel);
         if let Some(objects) = objects {
-            slave.give_makers_objects(objects);
+            slave.add_manufacturer_objects(objects);
         }
         slave
     });

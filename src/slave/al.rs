@@ -1,32 +1,32 @@
-//! The AL state of a device (ETG.1000.6 6.4): which changes it takes part in, and the watchdog of its outputs.
+//! The AL state machine of a device (ETG.1000.6 6.4): which changes of state it allows, and the watchdog of its outputs.
 
 use super::AlStatus;
 use crate::ethercat::{AlState, Ns};
 
-/// \[OURS] Outputs that stay away for so long end OP, as a sync manager's watchdog does with its usual setting.
+/// \[OURS] A device that gets no outputs for this time leaves OP. It is the usual setting of the sync manager watchdog.
 pub const WATCHDOG_NS: Ns = 100_000_000;
 
-/// AL state machine of one device.
+/// The AL state machine of one device.
 #[derive(Clone, Debug, Default)]
 pub struct ApplicationLayer {
     state: AlState,
-    /// Outputs came since the last step.
-    fed: bool,
-    /// For how long none have come.
-    starved_ns: Ns,
+    /// Outputs have come since the last step.
+    outputs_came: bool,
+    /// For how long no outputs have come.
+    without_outputs_ns: Ns,
 }
 
 impl ApplicationLayer {
-    /// The state.
+    /// The AL state.
     pub const fn state(&self) -> AlState {
         self.state
     }
 
-    /// Goes to a state: to the next one up, to any one down, or to the one it is in. `ready` is what the device says
-    /// of its process data before it enters SafeOP.
+    /// Goes to a state: to the next higher one, to any lower one, or to the present one. `ready` says whether the mapping of
+    /// the device allows SafeOP.
     ///
     /// # Errors
-    /// [`AlStatus::INVALID_CHANGE`] if a state is left out, or what `ready` says.
+    /// [`AlStatus::INVALID_CHANGE`] if a state is left out on the way up, or the error in `ready`.
     pub fn enter(&mut self, target: AlState, ready: Result<(), AlStatus>) -> Result<(), AlStatus> {
         use AlState::*;
         match (self.state, target) {
@@ -36,26 +36,26 @@ impl ApplicationLayer {
             _ => return Err(AlStatus::INVALID_CHANGE),
         }
         self.state = target;
-        self.fed = false;
-        self.starved_ns = 0;
+        self.outputs_came = false;
+        self.without_outputs_ns = 0;
         Ok(())
     }
 
-    /// Outputs have come.
-    pub const fn feed(&mut self) {
-        self.fed = true;
+    /// Outputs have come: the watchdog starts again.
+    pub const fn note_outputs(&mut self) {
+        self.outputs_came = true;
     }
 
-    /// `dt_ns` pass. True: the watchdog has just ended OP; the device is in SafeOP now.
+    /// `dt_ns` pass. True: the watchdog has just expired, and the device has gone from OP to SafeOP.
     ///
-    /// The time right after outputs is not counted, however long: a cycle may be longer than the watchdog.
+    /// The step right after outputs does not count, however long it is, since a cycle may be longer than the watchdog.
     pub fn step(&mut self, dt_ns: Ns) -> bool {
-        if self.state != AlState::Op || std::mem::take(&mut self.fed) {
-            self.starved_ns = 0;
+        if self.state != AlState::Op || std::mem::take(&mut self.outputs_came) {
+            self.without_outputs_ns = 0;
             return false;
         }
-        self.starved_ns += dt_ns;
-        let expired = self.starved_ns >= WATCHDOG_NS;
+        self.without_outputs_ns += dt_ns;
+        let expired = self.without_outputs_ns >= WATCHDOG_NS;
         if expired {
             self.state = AlState::SafeOp;
         }

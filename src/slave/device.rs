@@ -1,39 +1,39 @@
-//! What every simulated device does alike: AL states, mailbox, identity, process data.
+//! What every simulated device does alike: AL states, mailbox, identity, process data, faults.
 //!
-//! A device keeps a [`Base`] and implements [`Model`] with what is its own: its objects, its axes, and what its time does
-//! apart from its axes. [`Slave`] and the dictionary's [`Device`](super::dictionary::Device) follow from that.
+//! A kind of slave keeps a [`Base`] and implements [`Model`], which says what sets it apart: its objects, its PDOs, its axes.
+//! [`Slave`] and the dictionary's [`Device`](super::dictionary::Device) are implemented here for every [`Model`].
 
 use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::dictionary::{self, Object, Values};
 use super::lines::Lines;
-use super::makers::MakersObjects;
+use super::manufacturer::ManufacturerObjects;
 use super::plant::Following;
 use super::process_data::{self, Mapping, Pdo, Plan};
 use super::switches::Input;
-use super::{AXES_MAX, AlStatus, Fault, Slave};
+use super::{AlStatus, Fault, Slave};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
-/// 0x1018:1 of the devices that are no vendor's. \[OURS] "ECMS": no vendor's number.
+/// Vendor ID, 0x1018:1, of the devices here. \[OURS] "ECMS": no vendor has this number.
 pub const VENDOR_ID: u32 = 0x4543_4D53;
 
-/// What a device says of itself.
+/// The identity of a kind of slave, as its objects show it.
 #[derive(Clone, Copy, Debug)]
 pub struct Identity {
-    /// 0x1000: device profile and type.
+    /// Device type, 0x1000: device profile and kind of device.
     pub device_type: u32,
-    /// 0x1008.
+    /// Device name, 0x1008.
     pub name: &'static str,
-    /// 0x1018:1.
+    /// Vendor ID, 0x1018:1.
     pub vendor_id: u32,
-    /// 0x1018:2.
+    /// Product code, 0x1018:2.
     pub product_code: u32,
-    /// 0x1018:3.
+    /// Revision, 0x1018:3.
     pub revision: u32,
 }
 
-/// What every device keeps.
+/// What every device keeps, whatever its kind.
 #[derive(Clone, Debug)]
 #[repr(C)] // What a cycle uses lies at the end.
 pub struct Base<M> {
@@ -42,31 +42,31 @@ pub struct Base<M> {
     identity: &'static Identity,
     /// The stored values of its objects.
     pub values: Values,
-    /// Objects besides those of its table; apart from what a cycle uses.
-    makers: Option<Box<MakersObjects>>,
+    /// Manufacturer-specific objects, which are not in the table of the kind. No cycle uses them.
+    manufacturer: Option<Box<ManufacturerObjects>>,
     mapping: Mapping,
-    /// Lengths of sync managers 2 and 3.
+    /// The lengths of sync managers 2 and 3 that the master has set, bytes.
     sync_managers: (u16, u16),
     plan: Plan<M>,
     al: ApplicationLayer,
 }
 
 impl<M> Base<M> {
-    /// A device that is switched on now: its name for people, its serial number (0x1018:4), what it says of itself,
-    /// its stored values, the PDOs that it has.
+    /// A device at power-on: the name that people know it by, its serial number (0x1018:4), its identity, its stored values,
+    /// and its PDOs.
     pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
         let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos), Plan::with_room());
-        Self { name, serial, identity, al, values, makers: None, mapping, sync_managers: (0, 0), plan }
+        Self { name, serial, identity, al, values, manufacturer: None, mapping, sync_managers: (0, 0), plan }
     }
 
-    /// Its AL state.
+    /// The AL state of the device.
     pub const fn al_state(&self) -> AlState {
         self.al.state()
     }
 
-    /// Whether the process data that the plan moves are as long as the master has set the sync managers.
+    /// Whether the mapped process data are as long as the sync managers.
     ///
-    /// \[OURS] Sync manager 2 is looked at first.
+    /// \[OURS] Sync manager 2 is checked first.
     fn fits_sync_managers(&self) -> Result<(), AlStatus> {
         let ((outputs, inputs), (wanted_outputs, wanted_inputs)) = (self.plan.lengths(), self.sync_managers);
         if outputs != wanted_outputs {
@@ -76,47 +76,53 @@ impl<M> Base<M> {
     }
 }
 
-/// What is a device's own.
+/// A kind of slave: what sets it apart from the others.
 pub trait Model: Send + Sized + 'static {
-    /// Its objects, ascending by address, [`identity`] first; [`check`](dictionary::check) them when compiling.
+    /// The object dictionary, ascending by address, [`identity`] first. [`check`](dictionary::check) it in a constant.
     fn objects() -> &'static [Object<Self>];
 
-    /// Its PDOs when it is switched on, of whatever kind it is.
+    /// The PDOs that devices of this kind can have at power-on.
     fn pdos() -> &'static [Pdo<Self>];
 
     /// What every device keeps.
     fn base(&self) -> &Base<Self>;
 
-    /// What every device keeps, to change it.
+    /// What every device keeps, to be changed.
     fn base_mut(&mut self) -> &mut Base<Self>;
 
-    /// Its axes.
+    /// The axes of the device.
     fn axes(&self) -> &[Axis] {
         &[]
     }
 
-    /// Its axes, to move them.
+    /// The axes of the device, to be moved.
     fn axes_mut(&mut self) -> &mut [Axis] {
         &mut []
     }
 
-    /// Its digital lines, those of a channel each.
+    /// The digital inputs and outputs of the device, one entry for each channel.
     fn lines_mut(&mut self) -> &mut [Lines] {
         &mut []
     }
 
-    /// Whether it has distributed clocks.
+    /// Whether the device has distributed clocks.
     fn has_dc(&self) -> bool {
         true
     }
 
-    /// `dt_ns` pass, apart from the axes.
+    /// `dt_ns` pass in all of the device but its axes.
     fn pass(&mut self, dt_ns: Ns) {
         let _ = dt_ns;
     }
 
-    /// There are no outputs any more: a state below OP was entered, or they stayed away. The axes brake.
+    /// No outputs come any more: the device has left OP by a change of state or by its watchdog. Its axes brake without this
+    /// call.
     fn lose_outputs(&mut self) {}
+}
+
+/// Changes an axis (from 0). False: the device has no such axis.
+fn change_axis<M: Model>(device: &mut M, axis: usize, change: impl FnOnce(&mut Axis)) -> bool {
+    device.axes_mut().get_mut(axis).map(change).is_some()
 }
 
 fn lose_outputs<M: Model>(device: &mut M) {
@@ -124,17 +130,19 @@ fn lose_outputs<M: Model>(device: &mut M) {
     device.lose_outputs();
 }
 
-/// Time passes in the AL state machine. True: its watchdog has just ended OP.
-fn step_al<M: Model>(device: &mut M, dt_ns: Ns) -> bool {
+/// Time passes in the AL state machine; its watchdog may end OP.
+fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     let Base { al, plan, .. } = device.base_mut();
     if plan.lengths().0 == 0 {
-        // Who has no outputs misses none.
-        al.feed();
+        // Without mapped outputs the watchdog of outputs must not expire.
+        al.note_outputs();
     }
-    al.step(dt_ns)
+    if al.step(dt_ns) {
+        lose_outputs(device);
+    }
 }
 
-/// Makes the plan of what is mapped now.
+/// Compiles the present mapping into the plan by which a cycle moves process data.
 fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
     let mut plan = std::mem::take(&mut device.base_mut().plan);
     let compiled = plan.compile(device, &device.base().mapping);
@@ -142,27 +150,30 @@ fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
     compiled.and_then(|()| device.base().fits_sync_managers())
 }
 
-/// Whether an entry may stand in a PDO.
+/// Whether an object may be mapped into a PDO of that direction.
 fn may_map<M: Model>(device: &M, direction: dictionary::PdoDirection, entry: u32) -> Result<(), AbortCode> {
     process_data::may_map(device, direction, entry).map_err(|code| {
         let at = ObjectAddress::new((entry >> 16) as u16, (entry >> 8) as u8);
-        let is_elsewhere = device.base().mapping.has(at.index) || makers_have(device, at);
+        let is_elsewhere = device.base().mapping.has(at.index) || has_manufacturer_object(device, at);
         if is_absent(code) && is_elsewhere { AbortCode::NOT_MAPPABLE } else { code }
     })
 }
 
-fn makers_have<M: Model>(device: &M, at: ObjectAddress) -> bool {
-    let read = |makers: &MakersObjects| makers.read(at, SdoScope::Entry, &mut [], AbortCode::NO_OBJECT).is_ok();
-    device.base().makers.as_deref().is_some_and(read)
+fn has_manufacturer_object<M: Model>(device: &M, at: ObjectAddress) -> bool {
+    let read = |manufacturer: &ManufacturerObjects| {
+        manufacturer.read(at, SdoScope::Entry, &mut [], AbortCode::NO_OBJECT).is_ok()
+    };
+    device.base().manufacturer.as_deref().is_some_and(read)
 }
 
-/// Whether the device has no object at an address, so that its maker's are looked at.
+/// Whether an abort code says that the object dictionary of the kind has no such object, so that the object may be a
+/// manufacturer-specific one.
 const fn is_absent(code: AbortCode) -> bool {
     matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
 }
 
-/// Without a mailbox nothing answers, and the master's transfer times out.
-fn mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
+/// In Init the mailbox does not answer, and the SDO transfer of the master times out.
+fn check_mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
     if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
 }
 
@@ -190,21 +201,21 @@ impl<M: Model> Slave for M {
     }
 
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        mailbox(self)?;
-        let Base { mapping, makers, .. } = self.base();
+        check_mailbox(self)?;
+        let Base { mapping, manufacturer, .. } = self.base();
         if mapping.has(object.index) {
             return mapping.read(object, scope, value);
         }
         match dictionary::read(self, object, scope, value) {
             Err(code) if is_absent(code) => {
-                makers.as_ref().map_or(Err(code), |makers| makers.read(object, scope, value, code))
+                manufacturer.as_ref().map_or(Err(code), |manufacturer| manufacturer.read(object, scope, value, code))
             }
             answer => answer,
         }
     }
 
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
-        mailbox(self)?;
+        check_mailbox(self)?;
         let Base { mapping, al, .. } = self.base();
         if mapping.has(object.index) {
             let may_map = |direction, entry| may_map(self, direction, entry);
@@ -214,8 +225,8 @@ impl<M: Model> Slave for M {
         }
         match dictionary::write(self, object, scope, value) {
             Err(code) if is_absent(code) => {
-                let makers = self.base_mut().makers.as_mut();
-                makers.map_or(Err(code), |makers| makers.write(object, scope, value, code))
+                let manufacturer = self.base_mut().manufacturer.as_mut();
+                manufacturer.map_or(Err(code), |manufacturer| manufacturer.write(object, scope, value, code))
             }
             answer => answer,
         }
@@ -228,22 +239,18 @@ impl<M: Model> Slave for M {
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
         process_data::put_inputs(self, inputs);
         let Some(outputs) = outputs.filter(|_| self.base().al_state() == AlState::Op) else { return };
-        self.base_mut().al.feed();
+        self.base_mut().al.note_outputs();
         process_data::take_outputs(self, outputs);
     }
 
     fn step(&mut self, dt_ns: Ns) {
-        if step_al(self, dt_ns) {
-            lose_outputs(self);
-        }
+        step_al(self, dt_ns);
         self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
         self.pass(dt_ns);
     }
 
     fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
-        if step_al(self, dt_ns) {
-            lose_outputs(self);
-        }
+        step_al(self, dt_ns);
         match self.axes_mut() {
             [axis] => axis.begin_step(dt_ns),
             axes => {
@@ -260,28 +267,22 @@ impl<M: Model> Slave for M {
         self.pass(dt_ns);
     }
 
-    fn suffer(&mut self, fault: Fault) -> bool {
-        if let Fault::ForceInputs { channel, pattern } = fault {
-            return self.lines_mut().get_mut(channel).map(|lines| lines.force(pattern)).is_some();
-        }
-        let (Fault::Alarm { axis, .. } | Fault::Stick { axis, .. } | Fault::Jam { axis, .. }) = fault else {
-            return false;
-        };
-        let Some(axis) = self.axes_mut().get_mut(axis) else { return false };
+    fn apply_fault(&mut self, fault: Fault) -> bool {
         match fault {
-            Fault::Alarm { fault, .. } => axis.machine_mut().raise(fault),
-            Fault::Stick { input: Some(input), value, .. } => axis.stick(input, value),
-            Fault::Stick { input: None, value, .. } => {
-                Input::ALL.into_iter().for_each(|input| axis.stick(input, value))
+            Fault::Alarm { axis, fault } => change_axis(self, axis, |axis| axis.machine_mut().raise(fault)),
+            Fault::Stick { axis, input, value } => change_axis(self, axis, |axis| match input {
+                Some(input) => axis.stick(input, value),
+                None => Input::ALL.into_iter().for_each(|input| axis.stick(input, value)),
+            }),
+            Fault::Jam { axis, jammed } => change_axis(self, axis, |axis| axis.jam(jammed)),
+            Fault::ForceInputs { channel, pattern } => {
+                self.lines_mut().get_mut(channel).map(|lines| lines.force(pattern)).is_some()
             }
-            Fault::Jam { jammed, .. } => axis.jam(jammed),
-            Fault::ForceInputs { .. } => {}
         }
-        true
     }
 
-    fn give_makers_objects(&mut self, makers: MakersObjects) {
-        self.base_mut().makers = Some(Box::new(makers));
+    fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {
+        self.base_mut().manufacturer = Some(Box::new(manufacturer));
     }
 
     fn has_dc(&self) -> bool {
@@ -290,14 +291,6 @@ impl<M: Model> Slave for M {
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.axes().get(axis).map(|axis| axis.plant().position())
-    }
-
-    fn shafts(&self) -> [Option<i64>; AXES_MAX] {
-        let mut shafts = [None; AXES_MAX];
-        for (shaft, axis) in shafts.iter_mut().zip(self.axes()) {
-            *shaft = Some(axis.plant().position());
-        }
-        shafts
     }
 }
 
@@ -329,7 +322,7 @@ impl<M: Model> process_data::Planned for M {
     }
 }
 
-/// Objects 0x1000 to 0x1018, which every device has and programs look for, and 0x1C00: what its sync managers are for.
+/// Objects 0x1000 to 0x1018, which every device has and programs look for, and the sync manager types, 0x1C00.
 pub const fn identity<M: Model>() -> [Object<M>; 13] {
     [
         Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
@@ -348,8 +341,8 @@ pub const fn identity<M: Model>() -> [Object<M>; 13] {
     ]
 }
 
-/// Objects 0x1C32 and 0x1C33 of a device with a clock of its own: how it is synchronised. \[OURS] DC with SYNC0 until a
-/// master says otherwise, and the type makes no difference: the simulated network has one clock.
+/// Objects 0x1C32 and 0x1C33, the synchronization of a device with distributed clocks. \[OURS] It is DC with SYNC0 until a
+/// master writes another type. The type makes no difference, since the simulated network has one clock.
 pub const fn synchronization<M: Model>() -> [Object<M>; 4] {
     const DC_SYNC0: i64 = 2;
     [
@@ -360,7 +353,7 @@ pub const fn synchronization<M: Model>() -> [Object<M>; 4] {
     ]
 }
 
-/// Error register (CiA 301 7.5.2.2) of the axes' error codes: bit 0 for any, and the bits of their groups.
+/// The error register (CiA 301 7.5.2.2) for the error codes of the axes: bit 0 for any error, and the bits of their groups.
 fn error_register<M: Model>(device: &M) -> i64 {
     let bits = |code: u16| match code >> 12 {
         0 => 0,

@@ -1,12 +1,12 @@
-//! Object dictionaries as tables: one row says all that an SDO transfer has to know of an object.
+//! Object dictionaries as tables: one row holds everything that an SDO transfer needs to know of an object.
 //!
-//! A device lists its objects in a constant slice of [`Object`], ascending by address, and implements [`Device`];
-//! [`read`] and [`write()`] then do the rest, abort codes included; [`upload`] and [`download`] are the same of at most 4
-//! bytes. A row keeps its value in one of two ways:
+//! A kind of device lists its objects in a constant slice of [`Object`], ascending by address, and implements [`Device`].
+//! [`read`] and [`write()`] transfer any object of the table and give the right abort codes; [`upload`] and [`download`] do the
+//! same for values of at most 4 bytes. The value of a row is kept in one of two ways:
 //!
-//! - *stored*: in the device's [`Values`]. The device reads it through a [`Slot`], which is looked up when the program
+//! - *stored*: in the [`Values`] of the device. The device reads it through a [`Slot`], which is looked up when the program
 //!   is compiled: neither a search nor a wrong type is possible at run time.
-//! - *live*: in a field of the device, behind accessor functions. What a cycle moves lives there.
+//! - *live*: in a field of the device, behind accessor functions. Values that a cycle moves are live.
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -48,22 +48,22 @@ use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::AlState;
 use object::Cell;
 
-/// Something that has an object dictionary.
+/// A device with an object dictionary.
 pub trait Device: Sized + 'static {
-    /// Its objects, ascending by address; [`check`] them when compiling.
+    /// The table of objects, ascending by address. [`check`] it in a constant.
     fn objects() -> &'static [Object<Self>];
 
     /// The stored values.
     fn values(&self) -> &Values;
 
-    /// The stored values, for a download.
+    /// The stored values, to be changed by a download.
     fn values_mut(&mut self) -> &mut Values;
 
-    /// Its AL state, by which some objects can be written or not.
+    /// The AL state, which decides whether some objects can be written.
     fn al_state(&self) -> AlState;
 }
 
-/// SDO upload of at most 4 bytes, the first ones of a longer value.
+/// SDO upload of a value of at most 4 bytes, or of the first 4 bytes of a longer one.
 ///
 /// # Errors
 /// As [`read`].
@@ -79,11 +79,11 @@ pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, val
     write(device, at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
 }
 
-/// SDO upload: the first bytes of the value go into `value`. How long the value is.
+/// SDO upload: puts the first bytes of the value into `value`. The length of the whole value.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::WRITE_ONLY`]; with complete access
-/// [`AbortCode::UNSUPPORTED_ACCESS`] from another sub-index than 0 and 1, [`AbortCode::COMPLETE_ACCESS`] of a text.
+/// [`AbortCode::UNSUPPORTED_ACCESS`] from another sub-index than 0 and 1, [`AbortCode::COMPLETE_ACCESS`] for a text.
 pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
     match scope {
         SdoScope::Entry => read_entry(device, at, value),
@@ -93,15 +93,15 @@ pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &m
 
 /// SDO download of a whole value.
 ///
-/// Checked in this order \[OURS]: does the object exist, can it be written, does the size fit, does the AL state allow
-/// it, is the value in range, and what the row's own check says.
+/// The checks come in this order \[OURS]: whether the object exists, can be written, has that size, can be written in this AL
+/// state, and has the value in its range; then the check of the row itself.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`],
 /// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the
-/// code of the row's own check; the value is then as before. With complete access what [`read`] says, and
-/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one; sub-indices before one that refuses
-/// its value have been written \[OURS].
+/// code of the row's own check; the object keeps its value then. With complete access also the codes of [`read`], and
+/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one; the sub-indices before one that refuses
+/// its value have been written by then \[OURS].
 pub fn write<D: Device>(device: &mut D, at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
     match scope {
         SdoScope::Entry => write_entry(device, at, value),
@@ -159,14 +159,14 @@ fn in_range<D>(object: &Object<D>, number: i64) -> Result<(), AbortCode> {
     if number < object.min { Err(AbortCode::VALUE_LOW) } else { Ok(()) }
 }
 
-/// Where an object is: its row in the table, and its cell in [`Values`].
+/// Where a sub-index is: its row in the table, and its cell in [`Values`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) row: usize,
     pub(super) cell: usize,
 }
 
-/// The place of an address. A plain walk: SDO transfers are rare and tables short.
+/// The place of an address. A linear search is enough, since SDO transfers are rare and tables short.
 pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, AbortCode> {
     let mut cell = 0;
     let mut index_exists = false;
@@ -184,7 +184,7 @@ pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, Ab
     Err(if index_exists { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT })
 }
 
-/// The number that an object has now; a text has none.
+/// The present value of an object as a number; 0 for a text.
 #[inline(always)]
 pub(super) fn number<D: Device>(device: &D, object: &Object<D>, cell: usize) -> i64 {
     match object.cell {
@@ -194,7 +194,7 @@ pub(super) fn number<D: Device>(device: &D, object: &Object<D>, cell: usize) -> 
     }
 }
 
-/// Outputs bring a number. \[OURS] One that the object does not take, as an SDO would be told, is left out.
+/// Writes a number that process data have brought. \[OURS] A number that an SDO download would refuse is ignored.
 #[inline(always)]
 pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: usize, number: i64) {
     if let Some(output) = object.output {
@@ -209,7 +209,7 @@ pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: u
         }
         Cell::Stored { accept, changed } => {
             let bits = object.data.encode(number);
-            // A mapped object comes in every cycle, and what follows from a new value is work.
+            // A mapped object is written in every cycle, and to apply a new value takes time.
             if device.values().bits(cell) == bits
                 || accept.is_some_and(|accept| accept(device, object.address(), number).is_err())
             {
@@ -224,14 +224,14 @@ pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: u
     }
 }
 
-/// As much of the bytes as there is room for. How many they are.
+/// Puts as many of the bytes into `value` as there is room for. How many bytes there are.
 pub(super) fn put_first(bytes: &[u8], value: &mut [u8]) -> usize {
     let shown = bytes.len().min(value.len());
     value[..shown].copy_from_slice(&bytes[..shown]);
     bytes.len()
 }
 
-/// The number of at most 8 bytes, the lowest first.
+/// The number that at most 8 bytes form, the lowest byte first.
 pub(super) fn number_of(bytes: &[u8]) -> u64 {
     let mut whole = [0; 8];
     let len = bytes.len().min(8);

@@ -18,20 +18,20 @@ use crate::coe::AbortCode;
 
 pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 
-/// What a [`Drive`] is.
+/// Which kind of drive a [`Drive`] is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DriveKind {
-    /// A servo drive: CSP, CSV and CST.
+    /// A servo drive with CSP, CSV and CST.
     #[default]
     Servo,
-    /// A stepper with an encoder: CSP.
+    /// A stepper with an encoder, which has CSP alone.
     Stepper,
 }
 
-/// How a [`Drive`] differs from the one it is by default.
+/// The configuration of a [`Drive`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriveConfig {
-    /// Its name for people.
+    /// The name that people know it by.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
@@ -41,9 +41,9 @@ pub struct DriveConfig {
     pub position: i64,
     /// The motor and its load.
     pub motor: Motor,
-    /// How long its transitions take.
+    /// How long the transitions of its state machine take.
     pub times: TransitionTimes,
-    /// Its switches, in counts of the shaft: with another motor than the default one, [`Travel::for_turn`].
+    /// Its switches and end stops, in counts of the shaft. For another motor than the default one use [`Travel::for_turn`].
     pub travel: Travel,
 }
 
@@ -62,7 +62,7 @@ impl Default for DriveConfig {
 }
 
 impl DriveConfig {
-    /// The stepper as it is by default.
+    /// The default configuration of a stepper.
     pub fn stepper() -> Self {
         let motor = Motor::stepper();
         let travel = Travel::for_turn(motor.counts_per_turn);
@@ -70,11 +70,11 @@ impl DriveConfig {
     }
 }
 
-/// The drive.
+/// A simulated servo drive or stepper.
 ///
-/// \[OURS] It keeps what process data and SDOs write in one place: an object mapped into the RxPDO can be written by
-/// SDO too, and the next cycle writes over it. When it leaves OP while it moves (a change of state, or the watchdog of
-/// its outputs, 100 ms) it brakes on the quick-stop ramp and ends in Switch on disabled; this is no fault.
+/// \[OURS] An object that is mapped into the RxPDO can be written by SDO too; the next cycle overwrites it. When the drive
+/// leaves OP while it moves (by a change of state, or by the watchdog of its outputs, 100 ms) it brakes on the quick-stop ramp
+/// and ends in Switch on disabled; this is no fault.
 #[derive(Clone, Debug)]
 #[repr(C)] // What a cycle uses lies side by side: the end of `base` and the beginning of `axis`.
 pub struct Drive {
@@ -89,7 +89,7 @@ impl Drive {
     pub fn new(config: DriveConfig) -> Self {
         let DriveConfig { name, serial, kind, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
-        let axis = Axis::new(&motor, times, settings(&values), position).on(&travel, motor.counts_per_turn);
+        let axis = Axis::new(&motor, times, settings(&values), position).with_travel(&travel, motor.counts_per_turn);
         Self {
             base: Base::new(name, serial, objects::identity_of(kind), values, objects::pdos_of(kind)),
             kind,
@@ -98,14 +98,14 @@ impl Drive {
         }
     }
 
-    /// The axis, for measurements that no object shows.
+    /// The axis, for tests that measure what no object shows.
     pub const fn axis(&self) -> &Axis {
         &self.axis
     }
 
-    /// Objects that the axis works with are new.
+    /// Gives the axis its settings after an object that it reads was written.
     fn settings_changed(&mut self) {
-        self.axis.set(settings(&self.base.values));
+        self.axis.apply_settings(settings(&self.base.values));
     }
 
     fn set_mode(&mut self, code: i64) -> Result<(), AbortCode> {

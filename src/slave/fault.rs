@@ -1,46 +1,47 @@
-//! What may go wrong in a device.
+//! The faults that scripts and tests can cause inside a device. [`Slave::apply_fault`](super::Slave::apply_fault) applies them,
+//! and the verbs of scripts for them stand in `link/script/verbs.rs`.
 
 use super::lines::InputPattern;
 use super::state_machine::DeviceFault;
 use super::switches::Input;
 
-/// Something that goes wrong in a device, and where in it. Axes and channels are numbered from 0.
+/// A fault inside a device, or its end. Axes and channels are numbered from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// An axis has a fault that its statusword and 0x603F show.
+    /// An axis goes to the state Fault; its statusword and its error code 0x603F show it.
     Alarm {
-        /// Which axis.
+        /// The axis.
         axis: usize,
-        /// Which fault.
+        /// The error code, and whether a fault reset clears it.
         fault: DeviceFault,
     },
     /// An input of an axis sticks at a value. An index pulse that sticks does not come any more.
     Stick {
-        /// Which axis.
+        /// The axis.
         axis: usize,
-        /// Which input; `None`: all of them.
+        /// The input; `None`: every input of the axis.
         input: Option<Input>,
-        /// `None`: it works again.
+        /// The value; `None`: the input works again.
         value: Option<bool>,
     },
-    /// The shaft of an axis is jammed: it stands whatever the torque.
+    /// The shaft of an axis is jammed: it does not move, whatever the torque.
     Jam {
-        /// Which axis.
+        /// The axis.
         axis: usize,
-        /// False: it is free again.
+        /// False: the shaft is free again.
         jammed: bool,
     },
-    /// The digital inputs of a channel are forced, instead of being wired to its outputs.
+    /// The digital inputs of a channel are forced to a pattern, instead of following the outputs that they are wired to.
     ForceInputs {
-        /// Which channel.
+        /// The channel.
         channel: usize,
-        /// `None`: they work again.
+        /// The pattern; `None`: the inputs follow the outputs again.
         pattern: Option<InputPattern>,
     },
 }
 
 impl Fault {
-    /// What takes it back; itself where nothing does, since a fault reset is the master's.
+    /// The fault that ends this one. An alarm is its own end, since only a fault reset by the master clears it.
     #[must_use]
     pub const fn end(self) -> Self {
         match self {
@@ -51,12 +52,12 @@ impl Fault {
         }
     }
 
-    /// What takes back whatever may last on an axis or a channel.
-    pub const fn all_ends(place: usize) -> [Self; 3] {
+    /// The ends of all faults that may last on the axis or the channel with that number.
+    pub const fn all_ends(number: usize) -> [Self; 3] {
         [
-            Self::Stick { axis: place, input: None, value: None },
-            Self::Jam { axis: place, jammed: false },
-            Self::ForceInputs { channel: place, pattern: None },
+            Self::Stick { axis: number, input: None, value: None },
+            Self::Jam { axis: number, jammed: false },
+            Self::ForceInputs { channel: number, pattern: None },
         ]
     }
 }

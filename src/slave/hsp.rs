@@ -1,10 +1,11 @@
-//! A pulse module (HSP) of one or two channels: each is a CiA 402 axis in CSP or CSV whose pulses are counted, with 16
-//! digital outputs and 16 digital inputs (SK-3, SK-7). Each does homing, too, on its own. Axis 2 has the objects of axis 1,
+//! A pulse module (HSP) of one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are counted, with 16
+//! digital outputs and 16 digital inputs (SK-3, SK-7). Each channel does its own homing. Axis 2 has the objects of axis 1,
 //! 0x800 higher.
 //!
-//! \[OURS] A module has no shaft to look at: its position is the pulses it has sent. Output k of a channel is wired to
-//! input k of the same channel: what is written is read back a cycle later. Outside OP the outputs are off. The switches of
-//! a channel's travel and the index pulse of the stepper that it drives have lines of their own, which 0x60FD does not show.
+//! \[OURS] A module has no encoder: its position is the number of pulses that it has sent. Output k of a channel is wired to
+//! input k of the same channel: what is written is read back a cycle later. Outside OP the outputs are off. The limit and home
+//! switches of a channel and the index pulse of the stepper that it drives have inputs of their own, which 0x60FD does not
+//! show.
 
 mod objects;
 
@@ -26,41 +27,41 @@ pub use objects::{PRODUCT_CODES, REVISION};
 /// How many channels a module has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Channels {
-    /// One.
+    /// One channel.
     #[default]
     One = 1,
-    /// Two.
+    /// Two channels.
     Two = 2,
 }
 
-/// How an [`Hsp`] differs from the one it is by default.
+/// The configuration of an [`Hsp`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HspConfig {
-    /// Its name for people.
+    /// The name that people know it by.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
     /// One channel or two.
     pub channels: Channels,
-    /// What its counters stand at at power-on.
+    /// The position of each channel at power-on, pulses.
     pub positions: [i64; AXES_MAX],
-    /// The pulses of every channel.
+    /// How every channel makes its pulses.
     pub train: PulseTrain,
     /// How long the transitions of every channel take.
     pub times: TransitionTimes,
-    /// Pulses of a turn of the steppers: so often comes their index pulse.
+    /// Pulses of one turn of the steppers, which have one index pulse a turn.
     pub pulses_per_turn: u32,
-    /// What is along the way of every channel, in pulses. End stops have no effect: pulses are counted all the same.
+    /// The switches along the travel of each channel, in pulses. End stops have no effect, since pulses are counted all the same.
     pub travels: [Travel; AXES_MAX],
 }
 
-/// \[OURS] What many stepper drivers are set to.
+/// \[OURS] A common setting of stepper drivers.
 const PULSES_PER_TURN: u32 = 10_000;
 
 impl HspConfig {
-    /// The module with that many channels, by default.
+    /// The default configuration of a module with that many channels.
     pub fn with(channels: Channels) -> Self {
-        // [OURS] No power stage charges, no brake opens.
+        // [OURS] A module has no power stage to charge and no brake to open.
         let times = TransitionTimes { switch_on_ns: 2_000_000, enable_ns: 2_000_000, ..TransitionTimes::default() };
         let name = match channels {
             Channels::One => "hsp",
@@ -85,7 +86,7 @@ impl Default for HspConfig {
     }
 }
 
-/// The module.
+/// A simulated pulse module.
 #[derive(Clone, Debug)]
 pub struct Hsp {
     base: Base<Hsp>,
@@ -100,7 +101,7 @@ impl Hsp {
         let values = objects::defaults(&train, pulses_per_turn);
         let new = |n: usize| {
             let settings = objects::settings(&values, n);
-            Axis::of_pulses(&train, times, settings, positions[n]).on(&travels[n], pulses_per_turn)
+            Axis::of_pulses(&train, times, settings, positions[n]).with_travel(&travels[n], pulses_per_turn)
         };
         let axes = (0..channels as usize).map(new).collect();
         Self {
@@ -110,12 +111,12 @@ impl Hsp {
         }
     }
 
-    /// The axes, for measurements that no object shows.
+    /// The axes, for tests that measure what no object shows.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// The outputs of a channel (from 0) as they are, bit k is output k.
+    /// The outputs of a channel (from 0), bit k is output k.
     ///
     /// # Panics
     /// If `channel` is not below [`AXES_MAX`].
@@ -123,9 +124,9 @@ impl Hsp {
         self.lines[channel].outputs()
     }
 
-    /// Objects that a channel works with are new.
+    /// Gives the axis of a channel its settings after an object that it reads was written.
     fn settings_changed(&mut self, channel: usize) {
-        self.axes[channel].set(objects::settings(&self.base.values, channel));
+        self.axes[channel].apply_settings(objects::settings(&self.base.values, channel));
     }
 
     fn set_mode(&mut self, channel: usize, code: i64) -> Result<(), AbortCode> {

@@ -10,9 +10,9 @@ use super::lines::Lines;
 use super::process_data::{Pdo, rx_pdo, tx_pdo};
 use crate::ethercat::Ns;
 
-/// 0x1018:2. \[OURS] "IO16".
+/// Product code, 0x1018:2. \[OURS] "IO16".
 pub const PRODUCT_CODE: u32 = 0x494F_3136;
-/// 0x1018:3.
+/// Revision, 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
 
 const IDENTITY: Identity = Identity {
@@ -24,10 +24,10 @@ const IDENTITY: Identity = Identity {
     revision: REVISION,
 };
 
-/// How an [`Io`] differs from the one it is by default.
+/// The configuration of an [`Io`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IoConfig {
-    /// Its name for people.
+    /// The name that people know it by.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
@@ -39,7 +39,7 @@ impl Default for IoConfig {
     }
 }
 
-/// The module.
+/// A simulated IO module.
 #[derive(Clone, Debug)]
 pub struct Io {
     base: Base<Io>,
@@ -53,7 +53,7 @@ impl Io {
         Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS), PDOS), lines: Lines::default() }
     }
 
-    /// The outputs as they are, bit k is output k.
+    /// The outputs in force, bit k is output k.
     pub const fn outputs(&self) -> u16 {
         self.lines.outputs()
     }
@@ -101,8 +101,8 @@ impl Model for Io {
 
 type Row = Object<Io>;
 
-/// Every object. \[OURS] The modular profile's areas (ETG.5001): inputs at 0x6000, outputs at 0x7000; outputs are written
-/// by process data alone.
+/// The object dictionary. \[OURS] It has the areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at 0x7000.
+/// Outputs are written by process data alone.
 const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 2] = [&identity(), OWN];
@@ -116,6 +116,6 @@ const OWN: &[Row] = &[
         .live(|io| io.lines.outputs().into()),
 ];
 
-/// PDOs at power-on.
+/// The PDOs at power-on.
 const PDOS: &[Pdo<Io>] =
     &[rx_pdo!(OBJECTS, 0x1600, true, [0x7000_0110]), tx_pdo!(OBJECTS, 0x1A00, true, [0x6000_0110])];

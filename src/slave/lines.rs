@@ -1,26 +1,26 @@
-//! 16 digital outputs and 16 digital inputs.
+//! The 16 digital outputs and 16 digital inputs of an IO module, or of a channel of a pulse module.
 //!
 //! \[OURS] Output k is wired to input k: what is written is read back a cycle later, unless the inputs are forced.
 
 use crate::ethercat::Ns;
 
-/// Inputs are a bit each, and that many.
+/// How many inputs there are.
 const INPUTS: Ns = 16;
 
-/// What inputs are forced to.
+/// The values that inputs are forced to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputPattern {
-    /// These bits, bit k is input k.
+    /// Constant values, bit k is input k.
     Bits(u16),
     /// One input after the other is on, from input 0 to input 15 and again.
     Walk {
-        /// How long each is on; 0 counts as 1.
+        /// How long each input is on; 0 counts as 1.
         step_ns: Ns,
     },
 }
 
 impl InputPattern {
-    /// The inputs after that time.
+    /// The inputs that long after the pattern has begun.
     const fn after(self, ns: Ns) -> u16 {
         match self {
             Self::Bits(bits) => bits,
@@ -30,7 +30,7 @@ impl InputPattern {
     }
 }
 
-/// The lines of a module or of one of its channels.
+/// The digital inputs and outputs of a module, or of one of its channels.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lines {
     outputs: u16,
@@ -40,7 +40,7 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// The outputs as they are, bit k is output k.
+    /// The outputs in force, bit k is output k.
     pub const fn outputs(&self) -> u16 {
         self.outputs
     }
@@ -50,12 +50,12 @@ impl Lines {
         self.inputs
     }
 
-    /// Outputs have come.
+    /// Sets the outputs, bit k is output k.
     pub const fn set_outputs(&mut self, bits: u16) {
         self.outputs = bits;
     }
 
-    /// From now on the inputs are forced, or wired to the outputs again: `None`.
+    /// Forces the inputs to a pattern from now on; `None`: they follow the outputs again.
     pub fn force(&mut self, pattern: Option<InputPattern>) {
         self.forced = pattern.map(|pattern| (pattern, 0));
     }

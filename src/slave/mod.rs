@@ -1,10 +1,25 @@
-//! Models of EtherCAT slaves. Whatever is their master drives them through [`Slave`]; they know of no board.
+//! Models of EtherCAT slaves. A master drives them through the trait [`Slave`]; they know nothing of the board.
 //!
-//! A device is put together from parts: [`al`] its AL state, [`dictionary`] its objects, [`process_data`] what of them a cycle
-//! moves, [`state_machine`] and
-//! [`plant`] joined to an [`axis`], which does its [`homing`] by [`switches`]; [`device`] is what all of them do alike.
-//! [`drive`] is a servo drive or a stepper made of them, [`hsp`] a pulse module, [`io`] a module of digital inputs and
-//! outputs; both have digital [`lines`].
+//! | file or folder | what it answers |
+//! | --- | --- |
+//! | `drive.rs`, `hsp.rs`, `io.rs` | the kinds of slave: servo drive and stepper, pulse module, module of digital inputs and outputs; their objects are in `drive/objects.rs` and `hsp/objects.rs` |
+//! | `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
+//! | `al.rs` | which changes of its AL state a slave takes part in, and the watchdog of its outputs |
+//! | `dictionary/`, `dictionary.rs` | how objects are read and written by SDO |
+//! | `manufacturer/`, `manufacturer.rs` | manufacturer-specific objects that are read from a file |
+//! | `process_data/`, `process_data.rs` | how objects are mapped into PDOs, and how a cycle moves them |
+//! | `axis/`, `axis.rs` | how an axis follows its targets: modes of operation, following error, statusword |
+//! | `state_machine.rs` | the states and transitions of CiA 402 |
+//! | `homing/` | homing: `method.rs` the homing methods (0x6098), `run.rs` one search for home, `mod.rs` the mode around it |
+//! | `switches.rs` | limit switches, home switch, index pulse and end stops along the travel of an axis |
+//! | `plant/`, `plant.rs` | the physics: a motor with its load and control loops, or a train of pulses |
+//! | `lines.rs` | digital inputs and outputs |
+//! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
+//!
+//! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, add a row to the table of models in
+//! `link/slaves.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
+//! `fieldbus/pdo.rs`. To add a homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a verb for scripts to
+//! `link/script/verbs.rs`.
 
 pub mod al;
 pub mod axis;
@@ -16,7 +31,7 @@ pub mod homing;
 pub mod hsp;
 pub mod io;
 pub mod lines;
-mod makers;
+mod manufacturer;
 pub mod plant;
 pub mod process_data;
 pub mod state_machine;
@@ -27,7 +42,9 @@ pub use fault::Fault;
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use lines::InputPattern;
-pub use makers::{FormatError, MAKERS_BYTES_MAX, MakersObject, MakersObjects, MakersType};
+pub use manufacturer::{
+    FormatError, MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, ManufacturerObjects, ManufacturerType,
+};
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
 
@@ -38,20 +55,20 @@ use plant::Following;
 
 use crate::ethercat::{AlState, Ns};
 
-/// Axes that a slave has at most: those of a pulse module of two channels.
+/// The most axes that a slave has: a pulse module of two channels has two.
 pub const AXES_MAX: usize = 2;
 
-/// A value of at most 4 bytes, or the first 4 of a longer one, read from an object dictionary.
+/// A value of at most 4 bytes that an SDO upload has read, or the first 4 bytes of a longer one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoValue {
-    /// The object's size in bytes, at most 4.
+    /// How many of the 4 bytes belong to the value.
     pub size: u8,
     /// The value, zero-extended.
     pub bits: u32,
 }
 
 impl SdoValue {
-    /// What `read` puts into 4 bytes, and how long it says that the value is.
+    /// The value of which `read` puts the first bytes into 4 bytes and gives the whole length.
     fn of(read: impl FnOnce(&mut [u8]) -> Result<usize, AbortCode>) -> Result<Self, AbortCode> {
         let mut first = [0; 4];
         let len = read(&mut first)?;
@@ -59,40 +76,40 @@ impl SdoValue {
     }
 }
 
-/// One simulated slave: state machine of the application layer, mailbox, process data and physics.
+/// One simulated slave: AL state machine, mailbox, process data and physics.
 ///
 /// Time passes only in [`Slave::step`]. Arithmetic is integers or `+ - * /` and `sqrt` of `f64`, so that every target
 /// computes the same bits.
 pub trait Slave: Send {
-    /// Its name for people, e.g. `drive`.
+    /// The name that people know it by, e.g. `drive`.
     fn name(&self) -> &str;
 
-    /// The AL state it is in. It may fall back by itself, e.g. when its process data stay away.
+    /// The AL state. A slave may leave a state by itself, e.g. when no outputs come.
     fn state(&self) -> AlState;
 
-    /// Whether it can enter that state now; it has entered it if the answer is `Ok`.
+    /// Requests an AL state. The slave is in that state if the answer is `Ok`.
     ///
     /// # Errors
-    /// The AL status code of the refusal.
+    /// The AL status code with which the slave refuses.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
-    /// SDO upload: the first bytes of the value go into `value`, as many as there is room for; what is behind them stays.
-    /// How long the value is.
+    /// SDO upload: puts as many of the first bytes of the value into `value` as there is room for. The length of the whole
+    /// value.
     ///
     /// # Errors
-    /// The CoE abort code.
+    /// The SDO abort code.
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode>;
 
     /// SDO download of a whole value.
     ///
     /// # Errors
-    /// The CoE abort code.
+    /// The SDO abort code.
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// SDO upload of one sub-index; of more than 4 bytes the first 4, as the ECM-SK shows them (SK-6).
+    /// SDO upload of one sub-index; of a value of more than 4 bytes the first 4, as the ECM-SK shows them (SK-6).
     ///
     /// # Errors
-    /// The CoE abort code.
+    /// The SDO abort code.
     fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
         SdoValue::of(|value| self.read(object, SdoScope::Entry, value))
     }
@@ -100,59 +117,59 @@ pub trait Slave: Send {
     /// SDO download of 1, 2 or 4 bytes to one sub-index.
     ///
     /// # Errors
-    /// The CoE abort code.
+    /// The SDO abort code.
     fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
         self.write(object, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
     }
 
-    /// The master sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0: off. A device goes to SafeOP only if
-    /// they are as long as what is mapped. Init sets both to 0.
+    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0: off. A device goes to SafeOP only if they are as
+    /// long as the process data that are mapped. Init sets both to 0.
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
         let _ = (outputs, inputs);
     }
 
-    /// The process data frame passes: what the slave measured last goes into the image of its inputs, the image of its
-    /// outputs comes out of it. `None`: the slave is in SafeOP and takes no outputs.
+    /// The process data of a cycle: the slave takes the output image and puts what it measured last into the input image.
+    /// `outputs` is `None` if the master has brought the slave to SafeOP only, in which it takes no outputs.
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]);
 
     /// `dt_ns` pass.
     fn step(&mut self, dt_ns: Ns);
 
     /// The first half of [`Slave::step`]: `dt_ns` begin to pass. A motor that only has to follow a position is handed out,
-    /// to be run for that time side by side with those of other slaves before [`Slave::end_step`] is called.
+    /// to be run for that time together with those of other slaves before [`Slave::end_step`] is called.
     fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
         self.step(dt_ns);
         None
     }
 
-    /// The second half.
+    /// The second half of [`Slave::step`].
     fn end_step(&mut self, dt_ns: Ns) {
         let _ = dt_ns;
     }
 
-    /// Something goes wrong in the device, or is as it was. False: it has no such axis or channel.
-    fn suffer(&mut self, fault: Fault) -> bool {
+    /// Causes a fault in the device, or ends it. False: the device has no such axis or channel.
+    fn apply_fault(&mut self, fault: Fault) -> bool {
         let _ = fault;
         false
     }
 
-    /// Gives it objects of its maker besides its own. They have no effect.
-    fn give_makers_objects(&mut self, makers: MakersObjects) {
-        let _ = makers;
+    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read and written, without any effect.
+    fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
+        let _ = objects;
     }
 
-    /// Whether it has distributed clocks.
+    /// Whether the slave has distributed clocks.
     fn has_dc(&self) -> bool {
         true
     }
 
-    /// Where the shaft of an axis (from 0) really is, counts; `None`: it has no such axis.
+    /// The true position of the shaft of an axis (from 0), counts; `None`: the slave has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         let _ = axis;
         None
     }
 
-    /// Where the shafts of all its axes are.
+    /// The true positions of the shafts of all axes.
     fn shafts(&self) -> [Option<i64>; AXES_MAX] {
         std::array::from_fn(|axis| self.shaft(axis))
     }

@@ -1,4 +1,5 @@
-//! What an axis moves, with the loops that make it follow: a motor with its load, or pulses that are counted.
+//! The physics of an axis: a motor with its load and control loops (`plant/servo.rs`), or a train of pulses that are counted
+//! (`plant/pulses.rs`).
 
 mod pulses;
 mod servo;
@@ -8,48 +9,48 @@ pub use servo::{Following, Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_si
 
 use crate::ethercat::Ns;
 
-/// What the loops are to do during a span of time.
+/// What the control loops have to follow during a span of time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Effort {
+pub enum Setpoint {
     /// No torque: the shaft coasts, and friction holds it when it stands.
     Coast,
-    /// Follow a position that moves evenly.
+    /// A position that moves evenly.
     Position {
-        /// Where it is at the start: whole counts.
+        /// The position at the start of the span, whole counts.
         from: i64,
-        /// And the rest.
+        /// The fraction of a count that the position at the start has on top of them.
         fraction: f64,
-        /// How far it moves, counts.
+        /// The distance that the position moves, counts.
         by: f64,
     },
-    /// Follow a velocity that changes evenly, counts/s.
+    /// A velocity that changes evenly.
     Velocity {
-        /// At the start.
+        /// The velocity at the start of the span, counts/s.
         from: f64,
-        /// At the end.
+        /// The velocity at the end of the span, counts/s.
         to: f64,
     },
-    /// Give a torque, as a part of the rated one, as long as the speed stays in its limit.
+    /// A torque, as a part of the rated one, as long as the speed stays within its limit.
     Torque(f64),
 }
 
-/// The plant of an axis.
+/// What an axis moves.
 #[derive(Clone, Debug)]
 pub enum Plant {
     /// A motor with its load.
     Servo(Servo),
-    /// A train of pulses.
+    /// A train of pulses for a stepper driver.
     Pulses(Pulses),
 }
 
-/// What a plant shows of itself after each cycle; see the methods of [`Plant`].
-pub(super) struct Shown {
+/// What an axis reads from its plant after each step; see the methods of [`Plant`].
+pub(super) struct PlantReading {
     pub(super) position: i64,
     pub(super) torque: f64,
     pub(super) limited: bool,
 }
 
-/// The same question or order to whichever it is.
+/// Calls the same method of whichever plant it is.
 macro_rules! either {
     ($plant:expr, $it:ident => $what:expr) => {
         match $plant {
@@ -60,7 +61,7 @@ macro_rules! either {
 }
 
 impl Plant {
-    /// Limits of the drive, on top of the motor's: speed in counts/s, torque in 0.1 % of rated.
+    /// Sets the limits of the drive, which apply besides those of the motor: speed in counts/s, torque in 0.1 % of rated.
     pub fn set_limits(&mut self, velocity: u32, torque: u16) {
         match self {
             Self::Servo(servo) => servo.set_limits(velocity, torque),
@@ -68,32 +69,34 @@ impl Plant {
         }
     }
 
-    /// End stops of the mechanics: the lowest and the highest count that the shaft can reach. Pulses know of none.
+    /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. Pulses have none.
     pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
         if let Self::Servo(servo) = self {
             servo.set_stops(stops);
         }
     }
 
-    /// The shaft is jammed, or free again. Pulses are counted all the same.
+    /// Jams the shaft, or frees it. Pulses are counted all the same.
     pub const fn jam(&mut self, jammed: bool) {
         if let Self::Servo(servo) = self {
             servo.jam(jammed);
         }
     }
 
-    /// What the position is more than its whole counts, -0.5..=0.5.
+    /// The fraction of a count that the position has on top of its whole counts, -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         either!(self, it => it.fraction())
     }
 
-    /// Position, torque and limits at once: a cycle asks for all of them.
-    pub(super) const fn shown(&self) -> Shown {
+    /// Position, torque and limits in one call, since every cycle needs them all.
+    pub(super) const fn reading(&self) -> PlantReading {
         match self {
             Self::Servo(servo) => {
-                Shown { position: servo.position(), torque: servo.torque(), limited: servo.is_limited() }
+                PlantReading { position: servo.position(), torque: servo.torque(), limited: servo.is_limited() }
             }
-            Self::Pulses(pulses) => Shown { position: pulses.position(), torque: 0.0, limited: pulses.is_limited() },
+            Self::Pulses(pulses) => {
+                PlantReading { position: pulses.position(), torque: 0.0, limited: pulses.is_limited() }
+            }
         }
     }
 
@@ -125,7 +128,7 @@ impl Plant {
         either!(self, it => it.is_at_standstill())
     }
 
-    /// The greatest torque as an acceleration, counts/s²; without bounds where no torque bounds it.
+    /// The acceleration that the greatest torque gives, counts/s²; infinite for pulses.
     pub fn torque_as_acceleration(&self) -> f64 {
         match self {
             Self::Servo(servo) => servo.torque_as_acceleration(),
@@ -133,13 +136,13 @@ impl Plant {
         }
     }
 
-    /// `ns` pass with that effort. Spans of tens of milliseconds at most keep the fraction fine.
-    pub fn run(&mut self, effort: Effort, ns: Ns) {
-        either!(self, it => it.run(effort, ns));
+    /// `ns` pass with that setpoint. Spans of tens of milliseconds at most keep the fraction precise.
+    pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
+        either!(self, it => it.run(setpoint, ns));
     }
 }
 
-/// Moves whole counts out of the fraction, which is then in -0.5..0.5.
+/// Moves whole counts from the fraction to `whole`, so that the fraction is in -0.5..0.5.
 fn carry(whole: &mut i64, fraction: &mut f64) {
     let shifted = *fraction + 0.5;
     let mut counts = shifted as i64;
@@ -150,13 +153,13 @@ fn carry(whole: &mut i64, fraction: &mut f64) {
     *fraction -= counts as f64;
 }
 
-/// `x`, at most `limit` in either direction.
+/// `x` clamped to `-limit..=limit`.
 #[inline(always)]
-fn within(x: f64, limit: f64) -> f64 {
+fn clamp_to(x: f64, limit: f64) -> f64 {
     at_least(at_most(x, limit), -limit)
 }
 
-// Not `f64::min` and `max`: their care for NaN costs time in the innermost loop.
+// `f64::min` and `max` treat NaN, which costs time in the innermost loop.
 #[inline(always)]
 fn at_most(x: f64, limit: f64) -> f64 {
     if x < limit { x } else { limit }

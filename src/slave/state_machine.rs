@@ -1,21 +1,21 @@
 //! The state machine of a CiA 402 drive (CiA 402-2, IEC 61800-7-201, 7.1): states, transitions 0 to 16, option codes.
 //!
-//! It decides nothing about motion: it says what the power stage does ([`Power`]) and is told whether the shaft stands
-//! still. Transitions that take a real drive some time take it here too, so that programs have to poll.
+//! It does not move anything: it says what the power stage does ([`Power`]) and is told whether the shaft is at standstill.
+//! Transitions that take a real drive some time take it here too, so that programs have to poll the statusword.
 
 use crate::cia402::{Controlword, DriveState, Statusword};
 use crate::ethercat::Ns;
 
-/// A fault of a device.
+/// A fault that a drive shows in its statusword and error code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeviceFault {
-    /// Error code, as in 0x603F.
+    /// The error code, 0x603F.
     pub code: u16,
     /// Whether a fault reset clears it; if not, it stays until the device is switched off.
     pub resettable: bool,
 }
 
-/// How long a drive takes for its transitions.
+/// How long the transitions of a drive take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TransitionTimes {
     /// Transition 1, self test: from power-on to Switch on disabled.
@@ -27,38 +27,38 @@ pub struct TransitionTimes {
 }
 
 impl Default for TransitionTimes {
-    /// \[OURS] Times of a small servo drive.
+    /// \[OURS] The times of a small servo drive.
     fn default() -> Self {
         Self { self_test_ns: 100_000_000, switch_on_ns: 10_000_000, enable_ns: 40_000_000 }
     }
 }
 
-/// Objects 0x605A to 0x605E, as written.
+/// The option codes that decide how a drive stops, as they were written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
-    /// 0x605A, 0..=8.
+    /// Quick stop option code, 0x605A, 0..=8.
     pub quick_stop: i16,
-    /// 0x605B, 0..=1.
+    /// Shutdown option code, 0x605B, 0..=1.
     pub shutdown: i16,
-    /// 0x605C, 0..=1.
+    /// Disable operation option code, 0x605C, 0..=1.
     pub disable_operation: i16,
-    /// 0x605E, 0..=4.
+    /// Fault reaction option code, 0x605E, 0..=4.
     pub fault_reaction: i16,
 }
 
-/// How a drive brakes.
+/// The ramp on which a drive brakes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ramp {
-    /// On the slow-down ramp, 0x6084.
+    /// The slow-down ramp, 0x6084.
     SlowDown,
-    /// On the quick-stop ramp, 0x6085.
+    /// The quick-stop ramp, 0x6085.
     QuickStop,
-    /// With all the torque there is.
+    /// The greatest torque that the drive allows.
     TorqueLimit,
 }
 
 impl Ramp {
-    /// The ramp of option codes 1..=4 (and 5..=8 of the quick stop); `None` for 0: the motor coasts.
+    /// The ramp that an option code selects: 1..=4, and for the quick stop 5..=8 too; `None` for 0: the motor coasts.
     const fn of_option(code: i16) -> Option<Self> {
         match code {
             1 | 5 => Some(Self::SlowDown),
@@ -73,7 +73,7 @@ impl Ramp {
 /// What the power stage does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
-    /// Nothing: the motor has no torque.
+    /// It is off: the motor has no torque.
     Off,
     /// The motor follows its targets.
     Follow,
@@ -81,7 +81,7 @@ pub enum Power {
     Stop(Ramp),
 }
 
-/// Commands of the controlword (CiA 402-2 table "command coding").
+/// A command of the controlword (CiA 402-2 table "command coding").
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Command {
     Shutdown,
@@ -89,7 +89,7 @@ enum Command {
     EnableOperation,
     DisableVoltage,
     QuickStop,
-    /// Bit 7 is set: the other bits mean nothing.
+    /// Bit 7, fault reset, is set, and the other bits have no meaning.
     None,
 }
 
@@ -112,29 +112,29 @@ impl Command {
     }
 }
 
-/// The state machine.
+/// The CiA 402 state machine of one axis.
 #[derive(Clone, Debug)]
 #[repr(C)] // What each cycle uses lies side by side, last.
 pub struct StateMachine {
     times: TransitionTimes,
     options: OptionCodes,
-    /// A transition that takes time: where to, and how much of it is left.
-    waiting: Option<(DriveState, Ns)>,
+    /// The transition under way, if it takes time: the state that it leads to, and the time that is left.
+    delayed: Option<(DriveState, Ns)>,
     state: DriveState,
     controlword: Controlword,
-    /// Bit 7 has risen since the last step.
+    /// Bit 7 of the controlword, fault reset, has risen since the last step.
     reset_requested: bool,
-    /// In Quick stop active: the way leads down whatever the option code says.
-    gives_up: bool,
-    /// In Operation enabled: the motor brakes before the state changes to the one named.
+    /// In Quick stop active: the drive goes to Switch on disabled, whatever the quick stop option code says.
+    ends_switched_off: bool,
+    /// In Operation enabled: the motor brakes on this ramp before the state changes to this one.
     braking: Option<(Ramp, DriveState)>,
-    /// In Fault reaction active: how the motor brakes.
+    /// In Fault reaction active: the ramp on which the motor brakes; `None`: it coasts.
     reaction: Option<Ramp>,
     fault: Option<DeviceFault>,
 }
 
 impl StateMachine {
-    /// A drive at power-on (transition 0).
+    /// The state machine of a drive at power-on (transition 0).
     pub const fn new(times: TransitionTimes, options: OptionCodes) -> Self {
         Self {
             times,
@@ -142,35 +142,35 @@ impl StateMachine {
             state: DriveState::NotReadyToSwitchOn,
             controlword: Controlword(0),
             reset_requested: false,
-            waiting: None,
+            delayed: None,
             braking: None,
-            gives_up: false,
+            ends_switched_off: false,
             reaction: None,
             fault: None,
         }
     }
 
-    /// The state.
+    /// The state of the drive.
     pub const fn state(&self) -> DriveState {
         self.state
     }
 
-    /// The controlword as it came last.
+    /// The newest controlword.
     pub const fn controlword(&self) -> Controlword {
         self.controlword
     }
 
-    /// The fault that keeps the drive in Fault.
+    /// The fault that the drive shows; `None`: it has none.
     pub const fn fault(&self) -> Option<DeviceFault> {
         self.fault
     }
 
-    /// Objects 0x605A to 0x605E are new.
+    /// Takes over option codes that were written.
     pub const fn set_options(&mut self, options: OptionCodes) {
         self.options = options;
     }
 
-    /// A controlword has come. It acts in the next [`StateMachine::step`].
+    /// Takes a controlword. It acts in the next [`StateMachine::step`].
     pub const fn command(&mut self, word: Controlword) {
         if word.0 & !self.controlword.0 & Controlword::FAULT_RESET != 0 {
             self.reset_requested = true;
@@ -178,7 +178,7 @@ impl StateMachine {
         self.controlword = word;
     }
 
-    /// A fault (transition 13). One that comes while another is there is shown instead of it.
+    /// A fault occurs (transition 13). It replaces an earlier one that was not cleared.
     pub fn raise(&mut self, fault: DeviceFault) {
         let resettable = fault.resettable && self.fault.is_none_or(|earlier| earlier.resettable);
         self.fault = Some(DeviceFault { resettable, ..fault });
@@ -192,13 +192,13 @@ impl StateMachine {
         self.go(DriveState::FaultReactionActive);
     }
 
-    /// Nobody commands the drive any more.
+    /// No controlword comes any more, because the device has left OP.
     ///
-    /// \[OURS] It brakes as by a quick stop and ends in Switch on disabled; the controlword reads Quick stop.
+    /// \[OURS] The drive brakes as by a quick stop and ends in Switch on disabled; the controlword reads Quick stop.
     pub fn lose_master(&mut self) {
         self.controlword = Controlword(0b0010);
         if matches!(self.state, DriveState::OperationEnabled | DriveState::QuickStopActive) {
-            self.gives_up = true;
+            self.ends_switched_off = true;
         }
     }
 
@@ -212,7 +212,7 @@ impl StateMachine {
         }
     }
 
-    /// Statusword bits 0..=6 and 9: the state, voltage (there once the self test is over) and remote.
+    /// Statusword bits 0..=6 and 9: the state, voltage enabled (from the end of the self test on) and remote.
     ///
     /// In Operation enabled the low byte is 37h, in Switch on disabled 50h (SK-7 \[OBS]).
     pub const fn status_bits(&self) -> u16 {
@@ -229,20 +229,20 @@ impl StateMachine {
         state | Statusword::VOLTAGE_ENABLED | Statusword::REMOTE
     }
 
-    /// `dt_ns` pass; at most one transition ends in them. `standstill`: the shaft does not move.
+    /// `dt_ns` pass, in which at most one transition ends. `standstill`: the shaft does not move.
     pub fn step(&mut self, dt_ns: Ns, standstill: bool) {
         use DriveState::*;
         let reset = std::mem::take(&mut self.reset_requested);
         let command = Command::of(self.controlword);
         match (self.state, command) {
-            (NotReadyToSwitchOn, _) => self.go_after(SwitchOnDisabled, self.times.self_test_ns, dt_ns), // 1
-            (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn),                          // 2
+            (NotReadyToSwitchOn, _) => self.go_delayed(SwitchOnDisabled, self.times.self_test_ns, dt_ns), // 1
+            (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn),                            // 2
             (ReadyToSwitchOn | SwitchedOn, Command::DisableVoltage | Command::QuickStop) => self.go(SwitchOnDisabled), // 7, 10
             (ReadyToSwitchOn, Command::SwitchOn | Command::EnableOperation) => {
-                self.go_after(SwitchedOn, self.times.switch_on_ns, dt_ns); // 3
+                self.go_delayed(SwitchedOn, self.times.switch_on_ns, dt_ns); // 3
             }
-            (SwitchedOn, Command::EnableOperation) => self.go_after(OperationEnabled, self.times.enable_ns, dt_ns), // 4
-            (SwitchedOn, Command::Shutdown) => self.go(ReadyToSwitchOn),                                            // 6
+            (SwitchedOn, Command::EnableOperation) => self.go_delayed(OperationEnabled, self.times.enable_ns, dt_ns), // 4
+            (SwitchedOn, Command::Shutdown) => self.go(ReadyToSwitchOn), // 6
             (OperationEnabled, _) => self.step_enabled(command, standstill),
             (QuickStopActive, _) => self.step_quick_stop(command, standstill),
             (FaultReactionActive, _) => {
@@ -256,8 +256,8 @@ impl StateMachine {
                     self.go(SwitchOnDisabled); // 15
                 }
             }
-            // What was under way is no longer asked for.
-            (SwitchOnDisabled | ReadyToSwitchOn | SwitchedOn, _) => self.waiting = None,
+            // The transition under way is no longer commanded.
+            (SwitchOnDisabled | ReadyToSwitchOn | SwitchedOn, _) => self.delayed = None,
         }
     }
 
@@ -282,7 +282,7 @@ impl StateMachine {
 
     fn step_quick_stop(&mut self, command: Command, standstill: bool) {
         use DriveState::*;
-        let stays = matches!(self.options.quick_stop, 5..=8) && !self.gives_up;
+        let stays = matches!(self.options.quick_stop, 5..=8) && !self.ends_switched_off;
         if command == Command::DisableVoltage {
             self.go(SwitchOnDisabled); // 12
         } else if command == Command::EnableOperation && stays {
@@ -292,23 +292,23 @@ impl StateMachine {
         }
     }
 
-    fn go_after(&mut self, target: DriveState, takes_ns: Ns, dt_ns: Ns) {
-        let left = match self.waiting {
+    fn go_delayed(&mut self, target: DriveState, takes_ns: Ns, dt_ns: Ns) {
+        let left = match self.delayed {
             Some((to, left)) if to == target => left,
             _ => takes_ns,
         };
         if left <= dt_ns {
             self.go(target);
         } else {
-            self.waiting = Some((target, left - dt_ns));
+            self.delayed = Some((target, left - dt_ns));
         }
     }
 
     fn go(&mut self, target: DriveState) {
-        self.waiting = None;
+        self.delayed = None;
         self.braking = None;
         if target == DriveState::SwitchOnDisabled {
-            self.gives_up = false;
+            self.ends_switched_off = false;
         }
         self.state = target;
     }

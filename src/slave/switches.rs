@@ -1,18 +1,18 @@
 //! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
 //!
-//! Everything is at a place on the shaft, in counts of the plant, which no homing ever shifts. A switch is active on a
-//! range of counts, both ends in it, so that an edge lies between two counts and is seen at the first count on its far
-//! side; the index pulse is one count wide. [`Switches::next`] finds the counts where something changes on the way from
-//! one place to another, so that an edge or a pulse is latched to the count, however far the shaft went meanwhile.
+//! All positions are counts of the shaft, which homing never changes. A switch is active on a range of counts, both ends
+//! included, so that an edge lies between two counts and is detected at the first count behind it; the index pulse is one count
+//! wide. [`Switches::next`] finds the counts where a switch changes between two positions, so that an edge or a pulse is
+//! latched to the count, however far the shaft moves in a cycle.
 
 use super::plant::Motor;
 
-/// \[OURS] A run gives up after that many turns, unless [`Travel::search_limit`] says another way.
+/// \[OURS] A homing run ends in an error after that many turns, unless [`Travel::search_limit`] sets another distance.
 const SEARCH_LIMIT_TURNS: u64 = 100;
-/// \[OURS] Where the limit switches of [`Travel::for_turn`] are, turns from 0 in either direction.
+/// \[OURS] How far from 0 the limit switches of [`Travel::for_turn`] are on either side, turns.
 const LIMIT_TURNS: i64 = 10;
 
-/// An input of an axis that can be wired, or stick.
+/// An input of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
     /// Negative limit switch, bit 0 of 0x60FD.
@@ -29,7 +29,7 @@ impl Input {
     /// Every input.
     pub const ALL: [Self; 4] = [Self::NegativeLimit, Self::PositiveLimit, Self::Home, Self::Index];
 
-    /// Its name for people.
+    /// The name in messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::NegativeLimit => "negative limit switch",
@@ -40,12 +40,12 @@ impl Input {
     }
 }
 
-/// States of the three switches, as bits 0 to 2 of 0x60FD (CiA 402-2).
+/// The states of the three switches, as bits 0 to 2 of 0x60FD (CiA 402-2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs(u8);
 
 impl Inputs {
-    /// Whether a switch is active; the index pulse is none.
+    /// Whether a switch is active. Never true of the index pulse, which is no switch.
     pub const fn has(self, input: Input) -> bool {
         self.0 & Self::bit(input) != 0
     }
@@ -60,7 +60,7 @@ impl Inputs {
         self.0.into()
     }
 
-    /// The same seen from the other end of the travel: the limit switches change places.
+    /// The same with the limit switches exchanged, for the homing methods that are mirror images of others.
     pub const fn mirrored(self) -> Self {
         Self(self.0 & 0b100 | (self.0 & 0b001) << 1 | (self.0 & 0b010) >> 1)
     }
@@ -78,42 +78,42 @@ impl Inputs {
 /// Where a home switch is active, counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HomeSwitch {
-    /// A cam: from `first` to `last`, both in it.
+    /// A cam: active from `first` to `last`, both included.
     Cam {
         /// The lowest count.
         first: i64,
         /// The highest count.
         last: i64,
     },
-    /// A step: from that count on upwards.
+    /// A step: active from this count upwards.
     From(i64),
-    /// A step: up to that count.
+    /// A step: active up to this count.
     UpTo(i64),
 }
 
-/// What is along the way of an axis, in counts of its shaft. An input that is `None` is not wired: it reads 0, and a
-/// homing method that needs it ends in an error.
+/// The switches and end stops along the travel of an axis, in counts of its shaft. An input that is `None` is not wired: it
+/// reads 0, and a homing method that needs it ends in a homing error.
 ///
-/// The limit switches act in homing only \[OURS]: in CSP, CSV and CST an axis runs past them, as one whose drive leaves
-/// them to its master.
+/// The limit switches act in homing only \[OURS]: in CSP, CSV and CST an axis runs past them, like a drive that leaves them to
+/// its master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
     /// The negative limit switch is active at this count and below.
     pub negative_limit: Option<i64>,
     /// The positive limit switch is active at this count and above.
     pub positive_limit: Option<i64>,
-    /// The home switch.
+    /// Where the home switch is active.
     pub home: Option<HomeSwitch>,
-    /// The index pulse comes once a turn, at every count that leaves this rest.
+    /// The index pulse comes once a turn, at every count that leaves this remainder when divided by the counts of a turn.
     pub index: Option<u32>,
     /// Mechanical end stops: the lowest and the highest count that the shaft can reach.
     pub stops: Option<(i64, i64)>,
-    /// A homing run that has gone further than this, counts there and back, gives up.
+    /// A homing run whose distance, there and back, exceeds this many counts ends in a homing error.
     pub search_limit: u64,
 }
 
 impl Travel {
-    /// Nothing is wired, and nothing is in the way.
+    /// No input is wired, and there are no end stops.
     pub const NONE: Self = Self {
         negative_limit: None,
         positive_limit: None,
@@ -123,7 +123,7 @@ impl Travel {
         search_limit: u64::MAX,
     };
 
-    /// \[OURS] A travel on which every homing method finds home from where an axis stands at power-on, position 0:
+    /// \[OURS] A travel on which every homing method finds home from position 0, where an axis stands at power-on:
     /// limit switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every
     /// whole turn, no end stops, and runs of 100 turns at most.
     pub fn for_turn(counts_per_turn: u32) -> Self {
@@ -140,26 +140,26 @@ impl Travel {
 }
 
 impl Default for Travel {
-    /// That of the default motor.
+    /// The travel for the default motor.
     fn default() -> Self {
         Self::for_turn(Motor::default().counts_per_turn)
     }
 }
 
-/// The switches of an axis as they are wired, with what sticks.
+/// The switches of an axis as they are wired, and the values that they stick at.
 #[derive(Clone, Debug)]
 pub struct Switches {
-    /// Ranges of the three switches.
+    /// The counts where each of the three switches is active.
     ranges: [(Input, Option<(i64, i64)>); 3],
     index: Option<i64>,
     turn: i64,
     search_limit: f64,
-    /// In the order of [`Input`].
+    /// The value that each input sticks at, in the order of [`Input`].
     stuck: [Option<bool>; 4],
 }
 
 impl Switches {
-    /// The switches of a travel, on a shaft with that many counts a turn.
+    /// The switches of a travel on a shaft with that many counts a turn.
     pub fn new(travel: &Travel, counts_per_turn: u32) -> Self {
         let home = travel.home.map(|home| match home {
             HomeSwitch::Cam { first, last } => (first, last),
@@ -179,12 +179,12 @@ impl Switches {
         }
     }
 
-    /// An input sticks at a value (an index pulse at either: no pulse comes any more), or works again: `None`.
+    /// Makes an input stick at a value; `None`: it works again. An index pulse that sticks, at whichever value, does not come.
     pub const fn stick(&mut self, input: Input, value: Option<bool>) {
         self.stuck[input as usize] = value;
     }
 
-    /// Whether an input is wired, working or not.
+    /// Whether an input is wired, even if it sticks.
     pub fn is_wired(&self, input: Input) -> bool {
         match input {
             Input::Index => self.index.is_some(),
@@ -192,12 +192,12 @@ impl Switches {
         }
     }
 
-    /// How far a homing run may go, counts.
+    /// The greatest distance of a homing run, counts.
     pub const fn search_limit(&self) -> f64 {
         self.search_limit
     }
 
-    /// The switches with the shaft at that count.
+    /// The states of the switches with the shaft at that count.
     pub fn read(&self, position: i64) -> Inputs {
         let mut bits = 0;
         for (input, range) in self.ranges {
@@ -209,8 +209,7 @@ impl Switches {
         Inputs(bits)
     }
 
-    /// Whether [`Switches::next`] finds a switch that changes on the way from one count to another. It costs less, and on
-    /// most ways there is none.
+    /// Whether a switch changes between two counts. It costs less than [`Switches::next`], and in most cycles none does.
     pub fn change_between(&self, from: i64, to: i64) -> bool {
         let (low, high) = if from < to { (from, to) } else { (to, from) };
         self.ranges.iter().any(|(input, range)| {
@@ -224,7 +223,7 @@ impl Switches {
         self.next_index(position.wrapping_sub(1), true) == Some(position)
     }
 
-    /// The first count after `from`, up to `to` and in its direction, where a switch changes, or with `index` a pulse
+    /// The first count after `from`, up to `to` and in its direction, where a switch changes, or with `index` the index pulse
     /// comes.
     pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
         let up = to > from;
@@ -241,7 +240,7 @@ impl Switches {
         if up { places.min() } else { places.max() }
     }
 
-    /// The first index pulse beyond a count.
+    /// The count of the first index pulse beyond `from`.
     fn next_index(&self, from: i64, up: bool) -> Option<i64> {
         let index = self.index.filter(|_| self.stuck[Input::Index as usize].is_none())?;
         let way = if up { index.wrapping_sub(from) } else { from.wrapping_sub(index) }.rem_euclid(self.turn);

@@ -36,7 +36,7 @@ fn state(host: &Host) -> DriveState {
 /// A drive that was on and is in Fault now.
 fn faulted(host: &mut Host, network: &SimHandle, resettable: bool) {
     host.servo_on(1).cycles(5);
-    network.inflict(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable } });
+    network.apply_fault(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable } });
     host.until("Fault", |host| state(host) == DriveState::Fault);
     assert_eq!(host.drive(1).error_code, 0x2310);
 }

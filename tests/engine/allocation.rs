@@ -117,7 +117,7 @@ fn what_goes_wrong_allocates_nothing() {
         host.cycles(20);
         host.master(MasterCommand::SetFifo(FifoAction::Clear)).cycles(20);
     });
-    network.inflict(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } });
+    network.apply_fault(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } });
     allocates_nothing("a fault", || {
         host.cycles(100);
     });

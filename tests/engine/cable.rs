@@ -177,7 +177,7 @@ fn lost_slaves_are_configured_again() {
         net.ask(Op, StateByte(8));
         assert_eq!(roles(&net), [before[0], before[1] + 1, before[2] + 1], "{how:?}");
         assert_eq!(net.puppets[2].strings().roles.last(), Some(&Role::Drive(Mode::Csp)));
-        assert_eq!(net.jobs.configured().who, set(&[2, 3]));
+        assert_eq!(net.jobs.configured().selected, set(&[2, 3]));
     }
 }
 

@@ -23,7 +23,7 @@ fn free(host: &Host) -> u16 {
 fn a_muted_board_goes_on() {
     let mut host = board();
     let handle = host.board.handle();
-    handle.mute(true);
+    handle.suppress_reports(true);
     host.cycle();
     let reports = host.reports;
     for _ in 0..3 {
@@ -32,7 +32,7 @@ fn a_muted_board_goes_on() {
     assert_eq!(free(&host), FIFO_ENTRIES - 3);
     host.cycles(3);
     assert_eq!((host.reports, free(&host)), (reports, FIFO_ENTRIES));
-    handle.mute(false);
+    handle.suppress_reports(false);
     host.cycles(3);
     assert_eq!(host.reports, reports + 3);
 }

@@ -223,8 +223,8 @@ fn a_homing_that_fails() {
         let mut axes = Axes::on(firmware, Kind::Servo, vec![config]);
         axes.prepare(1, if case == 2 { 16 } else { 17 }, places.turn);
         if case == 0 {
-            axes.network.inflict(1, Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(true) });
-            axes.network.inflict(1, Fault::Stick { axis: 0, input: Some(Input::NegativeLimit), value: Some(true) });
+            axes.network.apply_fault(1, Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(true) });
+            axes.network.apply_fault(1, Fault::Stick { axis: 0, input: Some(Input::NegativeLimit), value: Some(true) });
         }
         let mark = axes.host.mark();
         axes.host.slave(1, SlaveCommand::GoHome);
@@ -250,9 +250,9 @@ fn a_jam_ends_homing_by_a_fault() {
         let mark = axes.host.mark();
         axes.host.slave(1, SlaveCommand::GoHome);
         axes.cycles(100);
-        axes.network.inflict(1, Fault::Jam { axis: 0, jammed: true });
+        axes.network.apply_fault(1, Fault::Jam { axis: 0, jammed: true });
         axes.until("the following error", |host| host.drive(1).error_code == 0x8611);
-        axes.network.inflict(1, Fault::Jam { axis: 0, jammed: false });
+        axes.network.apply_fault(1, Fault::Jam { axis: 0, jammed: false });
         axes.back_to_csp(1, firmware);
         assert_eq!(axes.ends(mark), [(1, HomingEnd::NotEnabled)]);
         axes.host.slave(1, SlaveCommand::AlarmClear).cycles(50);

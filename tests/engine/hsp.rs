@@ -203,7 +203,7 @@ fn alarm_clear_resets_both_axes() {
     op(&mut host, Mode::Csp);
     host.slave(1, SlaveCommand::ServoOn).until("on", |host| answer(host).statusword.is_enabled()).cycles(50);
     for axis in [0, 1] {
-        network.inflict(1, Fault::Alarm { axis, fault: DeviceFault { code: 0x7500, resettable: true } });
+        network.apply_fault(1, Fault::Alarm { axis, fault: DeviceFault { code: 0x7500, resettable: true } });
     }
     host.until("the fault", |host| answer(host).statusword.state() == Some(DriveState::Fault));
     let second = |host: &mut Host| Statusword(host.read_object(1, 0x6841, 0).unwrap() as u16).state();

@@ -51,7 +51,7 @@ impl Slave for AnySlave {
         self.passed += 1;
         self.images.put_inputs(&[AxisIn { position: self.passed, ..MEASURED }; 2], inputs);
         if outputs.is_some() {
-            self.al.feed();
+            self.al.note_outputs();
         }
     }
 

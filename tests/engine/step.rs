@@ -131,7 +131,7 @@ fn a_stepper_moves() {
         let at = network.shaft(1, 0).unwrap();
         assert!((at - 20_000).abs() <= 10, "{at}");
         assert_eq!(i64::from(host.drive(1).position), at);
-        network.inflict(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x7500, resettable: true } });
+        network.apply_fault(1, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x7500, resettable: true } });
         host.until("the alarm", |host| host.drive(1).error_code == 0x7500).cycles(50);
         host.slave(1, SlaveCommand::AlarmClear).until("no alarm", |host| host.drive(1).error_code == 0);
         host.cycles(20).servo_on(1);

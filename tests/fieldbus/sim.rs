@@ -272,9 +272,9 @@ fn old_outputs_do_not_come_back() {
 fn faults_from_outside() {
     let mut bench = Bench::enabled(3);
     let fault = DeviceFault { code: 0x4210, resettable: true };
-    bench.handle.inflict(2, Fault::Alarm { axis: 0, fault });
+    bench.handle.apply_fault(2, Fault::Alarm { axis: 0, fault });
     for (slave, axis) in [(0, 0), (4, 0), (1, 1)] {
-        bench.handle.inflict(slave, Fault::Alarm { axis, fault });
+        bench.handle.apply_fault(slave, Fault::Alarm { axis, fault });
     }
     bench.cycles(3);
     assert_eq!([1, 2, 3].map(|slave| bench.inputs.slaves[slave - 1][0].error_code), [0, 0x4210, 0]);
@@ -300,7 +300,7 @@ fn a_long_pause() {
 #[test]
 fn a_cycle_allocates_nothing() {
     let mut bench = Bench::enabled(40);
-    bench.handle.inflict(7, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x4210, resettable: true } });
+    bench.handle.apply_fault(7, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x4210, resettable: true } });
     let allocated = allocation_counter::measure(|| {
         for cycle in 0..100 {
             for slave in 1..=40 {
@@ -333,9 +333,9 @@ fn a_slave_without_power() {
     assert_eq!(bench.done(back(PreOp)), JobDone::State(Ok(())));
     let Job::Configure(config) = configure(Role::Drive(Mode::Csp)) else { unreachable!() };
     assert!(matches!(bench.done(Job::Configure(config)), JobDone::Configure(Err(_))), "the others are in OP");
-    let who = set(&[2]);
+    let selected = set(&[2]);
     assert_eq!(
-        bench.run(Job::Configure(BusConfig { who, ..config })),
+        bench.run(Job::Configure(BusConfig { selected, ..config })),
         (JobDone::Configure(Ok(Configured::default())), 10 * MS)
     );
     bench.cycle();

@@ -339,7 +339,7 @@ impl<C: Checks> Program<C> {
                 let code = self.dice.pick(&[0x7500, 0x8611, 0x2310, 0x3210]);
                 let fault = DeviceFault { code, resettable: !self.dice.one_in(10) };
                 // Both axes of a module: its statusword is that of one, and a program sees no more.
-                (0..2).for_each(|axis| network.inflict(slave, Fault::Alarm { axis, fault }));
+                (0..2).for_each(|axis| network.apply_fault(slave, Fault::Alarm { axis, fault }));
             }
             4 | 5 => {
                 network.cut_after(self.dice.below(1 + units) as u8);
@@ -360,13 +360,13 @@ impl<C: Checks> Program<C> {
                 }
             }
             8 if self.jam == 0 => {
-                (0..axes).for_each(|axis| network.inflict(slave, Fault::Jam { axis, jammed: true }));
+                (0..axes).for_each(|axis| network.apply_fault(slave, Fault::Jam { axis, jammed: true }));
                 self.checks.jam(&self.machine, n, true);
                 self.jam = 600;
             }
             9 => {
                 let input = self.dice.pick(&[Input::NegativeLimit, Input::PositiveLimit, Input::Home, Input::Index]);
-                network.inflict(
+                network.apply_fault(
                     slave,
                     Fault::Stick {
                         axis: 0,
@@ -404,7 +404,8 @@ impl<C: Checks> Program<C> {
         self.jam = self.jam.saturating_sub(1);
         if self.jam == 300 {
             for unit in &self.machine.units {
-                (0..unit.axes).for_each(|axis| network.inflict(unit.slave as u8, Fault::Jam { axis, jammed: false }));
+                (0..unit.axes)
+                    .for_each(|axis| network.apply_fault(unit.slave as u8, Fault::Jam { axis, jammed: false }));
             }
         } else if self.jam == 0 {
             (0..self.paths.len()).for_each(|n| self.checks.jam(&self.machine, n, false));

@@ -65,8 +65,8 @@ impl Slave for Tap {
         self.inner.step(dt_ns);
     }
 
-    fn suffer(&mut self, fault: Fault) -> bool {
-        self.inner.suffer(fault)
+    fn apply_fault(&mut self, fault: Fault) -> bool {
+        self.inner.apply_fault(fault)
     }
 
     fn has_dc(&self) -> bool {

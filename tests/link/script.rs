@@ -224,9 +224,9 @@ fn a_script_in_rust_does_what_the_handles_do() {
         board.advance(to, &mut |_, _| reports += 1);
         reports
     };
-    handle.mute(true);
+    handle.suppress_reports(true);
     assert_eq!(reports(&mut board, 10), 0);
-    handle.mute(false);
+    handle.suppress_reports(false);
     assert_eq!(reports(&mut board, 10), 10);
 
     let script =

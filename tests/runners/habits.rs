@@ -99,7 +99,7 @@ fn statuswords_as_applications_read_them() {
     client.slave(1, SlaveCommand::ServoOff);
     client.until("off", |client| client.slot(1).parm & 1 == 0);
     assert_eq!(client.slot(1).data2 >> 16, 0);
-    network.inflict(
+    network.apply_fault(
         1,
         ecmsk::slave::Fault::Alarm { axis: 0, fault: ecmsk::slave::DeviceFault { code: 0x2310, resettable: true } },
     );

@@ -383,9 +383,9 @@ fn watchdog_of_the_outputs() {
 fn injected_faults() {
     for (resettable, after) in [(true, DriveState::SwitchOnDisabled), (false, DriveState::Fault)] {
         let mut rig = moving();
-        assert!(rig.drive.suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3210, resettable } }));
+        assert!(rig.drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3210, resettable } }));
         assert!(
-            !rig.drive.suffer(Fault::Alarm { axis: 1, fault: DeviceFault { code: 0x3210, resettable } }),
+            !rig.drive.apply_fault(Fault::Alarm { axis: 1, fault: DeviceFault { code: 0x3210, resettable } }),
             "there is no second axis"
         );
         rig.cycle();

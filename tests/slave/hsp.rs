@@ -378,7 +378,7 @@ fn axes_are_independent() {
         master.out = master.out.map(|out| AxisOut { target: 2222, ..out });
         master.cycles(5);
         assert_eq!((master.seen[axis].position, master.seen[other].position), (2222, stands));
-        assert!(master.hsp.suffer(Fault::Alarm { axis, fault: DeviceFault { code: 0x7500, resettable: true } }));
+        assert!(master.hsp.apply_fault(Fault::Alarm { axis, fault: DeviceFault { code: 0x7500, resettable: true } }));
         master.cycles(5);
         assert_eq!(master.state(axis), Some(DriveState::Fault));
         assert_eq!(master.state(other), Some(DriveState::SwitchOnDisabled));
@@ -389,7 +389,7 @@ fn axes_are_independent() {
     let mut one = Hsp::default();
     let fault = DeviceFault { code: 0x7500, resettable: true };
     assert_eq!(
-        (one.suffer(Fault::Alarm { axis: 0, fault }), one.suffer(Fault::Alarm { axis: 1, fault })),
+        (one.apply_fault(Fault::Alarm { axis: 0, fault }), one.apply_fault(Fault::Alarm { axis: 1, fault })),
         (true, false)
     );
     assert_eq!((one.shaft(0), one.shaft(1)), (Some(0), None));

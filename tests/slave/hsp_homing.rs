@@ -228,12 +228,12 @@ fn the_default_travel() {
         assert_eq!((hsp.bits(0), hsp.error(0)), (0b011, None), "method {method}");
     }
     let mut bench = Bench::new(Channels::Two, Mode::Csp, travel());
-    assert!(bench.hsp.suffer(Fault::Stick { axis: 1, input: Some(Input::NegativeLimit), value: Some(true) }));
+    assert!(bench.hsp.apply_fault(Fault::Stick { axis: 1, input: Some(Input::NegativeLimit), value: Some(true) }));
     bench.prepare(1, 34);
     bench.prepare(0, 34);
     bench.start(1, true);
     bench.start(0, true);
-    bench.hsp.suffer(Fault::Stick { axis: 1, input: Some(Input::PositiveLimit), value: Some(true) });
+    bench.hsp.apply_fault(Fault::Stick { axis: 1, input: Some(Input::PositiveLimit), value: Some(true) });
     bench.until_end(&[0, 1]);
     assert_eq!(bench.error(1), Some(HomingError::BothLimits));
     assert_eq!(bench.error(0), None, "the inputs of the other channel work");

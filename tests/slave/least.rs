@@ -36,10 +36,10 @@ impl Slave for Least {
 #[test]
 fn it_has_no_axis_and_no_channel() {
     let mut slave = Least;
-    assert!(!slave.suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x7305, resettable: true } }));
-    assert!(!slave.suffer(Fault::Stick { axis: 0, input: Some(Input::Home), value: Some(true) }));
-    assert!(!slave.suffer(Fault::Jam { axis: 0, jammed: true }));
-    assert!(!slave.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) }));
+    assert!(!slave.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x7305, resettable: true } }));
+    assert!(!slave.apply_fault(Fault::Stick { axis: 0, input: Some(Input::Home), value: Some(true) }));
+    assert!(!slave.apply_fault(Fault::Jam { axis: 0, jammed: true }));
+    assert!(!slave.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) }));
     assert_eq!(slave.shaft(0), None);
 }
 

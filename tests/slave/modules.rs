@@ -56,14 +56,14 @@ fn inputs(io: &mut Io) -> u32 {
 fn inputs_of_a_module_are_forced() {
     let mut io = in_preop(Io::new(IoConfig::default()));
     assert_eq!(inputs(&mut io), 0);
-    assert!(io.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0xA5C3)) }));
+    assert!(io.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0xA5C3)) }));
     assert_eq!([inputs(&mut io), inputs(&mut io)], [0xA5C3; 2]);
-    assert!(io.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 2 * MS }) }));
+    assert!(io.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 2 * MS }) }));
     let walk: Vec<u32> = (0..34).map(|_| inputs(&mut io)).collect();
     let expected: Vec<u32> = (0..34).map(|n| 1 << (n / 2 % 16)).collect();
     assert_eq!(walk, expected);
     assert!(
-        io.suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 0 }) }),
+        io.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 0 }) }),
         "every nanosecond is the fastest"
     );
     let fastest: Vec<u32> = (0..5)
@@ -73,9 +73,12 @@ fn inputs_of_a_module_are_forced() {
         })
         .collect();
     assert_eq!(fastest, [1, 1 << 3, 1 << 6, 1 << 9, 1 << 12]);
-    assert!(io.suffer(Fault::ForceInputs { channel: 0, pattern: None }));
+    assert!(io.apply_fault(Fault::ForceInputs { channel: 0, pattern: None }));
     assert_eq!(inputs(&mut io), 0);
-    assert!(!io.suffer(Fault::ForceInputs { channel: 1, pattern: Some(InputPattern::Bits(1)) }), "it has one channel");
+    assert!(
+        !io.apply_fault(Fault::ForceInputs { channel: 1, pattern: Some(InputPattern::Bits(1)) }),
+        "it has one channel"
+    );
     assert_eq!(inputs(&mut io), 0);
 }
 
@@ -87,7 +90,7 @@ fn inputs_of_channels() {
         for channel in 0..3 {
             let pattern = InputPattern::Bits(0x0101 << channel);
             assert_eq!(
-                hsp.suffer(Fault::ForceInputs { channel, pattern: Some(pattern) }),
+                hsp.apply_fault(Fault::ForceInputs { channel, pattern: Some(pattern) }),
                 channel < count,
                 "{channels:?} {channel}"
             );
@@ -102,7 +105,7 @@ fn inputs_of_channels() {
     }
     assert!(
         !Drive::new(DriveConfig::default())
-            .suffer(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) })
+            .apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) })
     );
 }
 
@@ -122,14 +125,14 @@ fn error_registers() {
         (0xFF01, 0x81), // the maker's own
     ] {
         let mut drive = in_preop(Drive::new(DriveConfig::default()));
-        assert!(drive.suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code, resettable: true } }));
+        assert!(drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code, resettable: true } }));
         drive.step(MS);
         assert_eq!(read(&mut drive, 0x603F, 0), u32::from(code));
         assert_eq!(read(&mut drive, 0x1001, 0), expected, "{code:#06x}");
     }
     let mut hsp = in_preop(Hsp::new(HspConfig::with(Channels::Two)));
     for (axis, code) in [(0, 0x2310), (1, 0x3210)] {
-        assert!(hsp.suffer(Fault::Alarm { axis, fault: DeviceFault { code, resettable: true } }));
+        assert!(hsp.apply_fault(Fault::Alarm { axis, fault: DeviceFault { code, resettable: true } }));
     }
     hsp.step(MS);
     assert_eq!(read(&mut hsp, 0x1001, 0), 0x07, "the register is of both axes");

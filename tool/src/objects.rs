@@ -12,7 +12,7 @@ use clap::Subcommand;
 use ecmsk::ecm::EcmError;
 use ecmsk::link::manufacturer_objects;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::slave::{MakersObject, MakersObjects};
+use ecmsk::slave::{ManufacturerObject, ManufacturerObjects};
 use serde_json::json;
 
 use super::CliError;
@@ -126,7 +126,7 @@ pub fn converted(text: &str, file: &Path, device: Option<&str>) -> Result<String
     let wrong = |error| ObjectsError::Esi { file: file.to_path_buf(), error };
     let esi = esi::read(text, device).map_err(wrong)?;
     let mut lines = head(&format!("{} of {}", esi.device, file.display()));
-    for object in MakersObjects::of(esi.objects).objects() {
+    for object in ManufacturerObjects::of(esi.objects).objects() {
         // Writing to a String does not fail.
         let _ = writeln!(lines, "{object}");
     }
@@ -145,7 +145,7 @@ fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Resul
     let mut out = io::stdout().lock();
     out.write_all(head(&format!("slave {slave} of {link}")).as_bytes())?;
     let mut read = 0;
-    let found = |object: MakersObject| Ok::<_, ObjectsError>(writeln!(out, "{object}")?);
+    let found = |object: ManufacturerObject| Ok::<_, ObjectsError>(writeln!(out, "{object}")?);
     drive::read(&link.to_string(), slave, range, found, |index| {
         read += 1;
         if is_watched && read % 64 == 1 {

@@ -6,7 +6,7 @@ fn at(state: MasterState) -> Network {
     Network { reached: Some(state), found: 1, scanned: true, talks: true, ..Network::default() }
 }
 
-/// SK-4: the steps of every way from one state to another.
+/// SK-4: the steps of every recovery from one state to another.
 #[test]
 fn every_way_is_walked_step_by_step() {
     use MasterState::*;
@@ -44,7 +44,7 @@ fn walk(network: &mut Network) -> Vec<Step> {
     steps
 }
 
-/// SK-4.64 A target that is replaced by the state the network is in: what was begun is led back.
+/// SK-4.64 A target that is replaced by the state the network is in: what was op_start is led back.
 #[test]
 fn the_state_of_before_is_asked_for_again() {
     let mut network = at(MasterState::PreOp);
@@ -54,7 +54,7 @@ fn the_state_of_before_is_asked_for_again() {
     assert_eq!(walk(&mut network), [Step::Move(MasterState::PreOp)]);
 }
 
-/// SK-4.75 What was declared during the configuration is configured, however often the target is replaced: the way
+/// SK-4.75 What was declared during the configuration is configured, however often the target is replaced: the recovery
 /// up begins at PreOP again.
 #[test]
 fn new_settings_are_remembered_with_another_target() {
@@ -77,14 +77,14 @@ fn new_settings_are_remembered_with_another_target() {
 fn lost_slaves_come_back() {
     use MasterState::*;
     let ways: [(MasterState, &[Step]); 4] = [
-        (Init, &[Step::Return(Init)]),
-        (PreOp, &[Step::Return(PreOp)]),
-        (SafeOp, &[Step::Fetch, Step::Reconfigure, Step::Return(SafeOp)]),
-        (Op, &[Step::Fetch, Step::Reconfigure, Step::Return(Op)]),
+        (Init, &[Step::RecoverTo(Init)]),
+        (PreOp, &[Step::RecoverTo(PreOp)]),
+        (SafeOp, &[Step::RecoverToPreOp, Step::RecoverConfigure, Step::RecoverTo(SafeOp)]),
+        (Op, &[Step::RecoverToPreOp, Step::RecoverConfigure, Step::RecoverTo(Op)]),
     ];
     for (state, steps) in ways {
         let mut network = at(state);
-        network.lose(SlaveSet::first(2));
+        network.mark_lost(SlaveSet::first(2));
         assert!(network.request(state, 0, false));
         assert_eq!(walk(&mut network), steps, "{state}");
         assert!(network.lost().is_empty(), "{state}");
@@ -97,9 +97,9 @@ fn lost_slaves_come_back() {
 fn one_more_is_lost_after_the_others_came_back() {
     use MasterState::Op;
     let mut network = Network { failed: true, ..at(Op) };
-    network.lose(SlaveSet::first(1));
+    network.mark_lost(SlaveSet::first(1));
     assert!(network.request(Op, 0, false));
-    for step in [Step::Fetch, Step::Reconfigure, Step::Return(Op)] {
+    for step in [Step::RecoverToPreOp, Step::RecoverConfigure, Step::RecoverTo(Op)] {
         assert_eq!(network.next_step(), Some(step));
         network.begin(step);
         network.done(step);
@@ -107,14 +107,14 @@ fn one_more_is_lost_after_the_others_came_back() {
     assert_eq!(network.next_step(), Some(Step::Move(Op)), "the failure is acknowledged");
     network.begin(Step::Move(Op));
     let second = SlaveSet::first(2).difference(SlaveSet::first(1));
-    network.lose(second);
+    network.mark_lost(second);
     assert!(network.request(Op, 0, false));
     network.done(Step::Move(Op));
-    assert_eq!(network.next_step(), Some(Step::Fetch));
-    network.begin(Step::Fetch);
-    assert_eq!(network.returning(), second);
-    network.done(Step::Fetch);
-    assert_eq!(walk(&mut network), [Step::Reconfigure, Step::Return(Op)]);
+    assert_eq!(network.next_step(), Some(Step::RecoverToPreOp));
+    network.begin(Step::RecoverToPreOp);
+    assert_eq!(network.recovering(), second);
+    network.done(Step::RecoverToPreOp);
+    assert_eq!(walk(&mut network), [Step::RecoverConfigure, Step::RecoverTo(Op)]);
     assert_eq!((network.lost(), network.state_byte()), (SlaveSet::EMPTY, StateByte::reached(Op)));
 }
 
@@ -123,11 +123,11 @@ fn one_more_is_lost_after_the_others_came_back() {
 fn asking_again_forgets_no_refusal() {
     use MasterState::SafeOp;
     let mut network = at(SafeOp);
-    network.lose(SlaveSet::first(2));
+    network.mark_lost(SlaveSet::first(2));
     assert!(network.request(SafeOp, 0, false));
-    network.begin(Step::Fetch);
-    network.stays_away(1, false);
-    for step in [Step::Fetch, Step::Reconfigure, Step::Return(SafeOp)] {
+    network.begin(Step::RecoverToPreOp);
+    network.recovery_failed(1, false);
+    for step in [Step::RecoverToPreOp, Step::RecoverConfigure, Step::RecoverTo(SafeOp)] {
         assert!(network.request(SafeOp, 0, false));
         network.done(step);
     }
@@ -142,10 +142,10 @@ fn who_comes_back_with_others_has_half_of_the_time() {
     use MasterState::Op;
     for (slaves, patience) in [(1, None), (2, Some(500))] {
         let mut network = at(Op);
-        network.lose(SlaveSet::first(slaves));
+        network.mark_lost(SlaveSet::first(slaves));
         assert!(network.request(Op, 1000, false));
-        network.begin(Step::Fetch);
-        assert_eq!(network.patience(Step::Return(Op), 1000), patience, "{slaves}");
-        assert_eq!(network.patience(Step::Reconfigure, 1000), None, "{slaves}");
+        network.begin(Step::RecoverToPreOp);
+        assert_eq!(network.step_timeout(Step::RecoverTo(Op), 1000), patience, "{slaves}");
+        assert_eq!(network.step_timeout(Step::RecoverConfigure, 1000), None, "{slaves}");
     }
 }

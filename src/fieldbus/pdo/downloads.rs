@@ -1,4 +1,4 @@
-//! The SDOs that map a slave's process data and set its mode.
+//! The SDO downloads that map the process data of a slave and set its mode of operation.
 
 use super::ProcessData;
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
@@ -7,29 +7,29 @@ use crate::ethercat::AlStatus;
 use crate::fieldbus::Refusal;
 use crate::sk::DriveSync;
 
-/// Assignment of PDOs to sync manager 2.
+/// Assignment of RxPDOs to sync manager 2 (outputs).
 const RX_ASSIGNMENT: u16 = 0x1C12;
-/// Assignment of PDOs to sync manager 3.
+/// Assignment of TxPDOs to sync manager 3 (inputs).
 const TX_ASSIGNMENT: u16 = 0x1C13;
-/// The TxPDO.
+/// The TxPDO of the first axis.
 const TX_PDO: u16 = 0x1A00;
-/// \[OURS] The RxPDO of CSP; those of CSV and CST are the next ones, and those of a second axis are 16 further on, as in
-/// ETG.6010.
+/// \[OURS] The RxPDO of the first axis in CSP. Those of CSV and CST follow it, and those of a second axis are 16 higher, as
+/// in ETG.6010.
 const RX_PDO: u16 = 0x1600;
 const SECOND_AXIS_PDO_OFFSET: u16 = 0x10;
-/// Synchronization types of outputs and inputs.
+/// The objects with the synchronization types of outputs and inputs.
 const SYNC_TYPES: [u16; 2] = [0x1C32, 0x1C33];
 
 /// One SDO download.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Download {
-    /// Where.
+    /// The object that is written.
     pub object: ObjectAddress,
-    /// How many bytes.
+    /// How many bytes are written.
     pub size: SdoSize,
-    /// What.
+    /// The value that is written.
     pub value: u32,
-    /// A slave may do without the object, or have it as it is.
+    /// A slave may lack the object, or have it as a constant.
     optional: bool,
 }
 
@@ -40,14 +40,14 @@ impl Download {
         Self { object: ObjectAddress::new(index, sub), size, value, optional: false }
     }
 
-    /// Whether the slave may answer with that code and the rest is written all the same: it has no settings of
-    /// synchronisation, or fixed ones.
+    /// Whether the configuration goes on if the slave aborts this download with that abort code: the synchronization type is
+    /// an object that a slave may lack, or that may be read-only.
     pub const fn may_fail_with(&self, code: AbortCode) -> bool {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
     }
 
-    /// What a slave says by aborting this download; its number is 0. \[OURS] Of one that cannot map what its role needs, or has no
-    /// modes at all, it is told as of one that has other process data.
+    /// The refusal of a slave that has aborted this download, with 0 as its number. \[OURS] A slave that cannot map what its role
+    /// needs, or that has no modes of operation, is reported with the AL status code for other process data.
     pub const fn refused(&self, code: AbortCode) -> Refusal {
         let is_mode = self.object.index & !SECOND_AXIS_OFFSET == MODES_OF_OPERATION;
         if is_mode && !matches!(code, AbortCode::NO_OBJECT) {
@@ -58,18 +58,18 @@ impl Download {
     }
 }
 
-/// A slave is to be used in a mode in which its role has no process data; its number is 0.
+/// The refusal, with 0 as the number of the slave, for a role in a mode of operation that it has no process data for.
 pub const NO_SUCH_MODE: Refusal = Refusal {
     slave: 0,
     al_status: 0,
     abort: Some((ObjectAddress::new(MODES_OF_OPERATION, 0), AbortCode::VALUE_RANGE)),
 };
 
-/// Most downloads of one slave: a pulse module of two channels.
+/// The most downloads of one slave: a pulse module of two channels needs them.
 const DOWNLOADS_MAX: usize = 32;
 
-/// The downloads of one slave, in their order: the inputs are mapped, then the mode is written, then the outputs that it needs
-/// are mapped, so that a slave without a mode says so by 0x6060 \[OURS].
+/// The downloads of one slave, in their order: the inputs are mapped, then the mode is written, then the outputs for that mode
+/// are mapped. In this order a slave that lacks the mode aborts the download to 0x6060 and not one of the mapping \[OURS].
 #[derive(Clone, Copy, Debug)]
 pub struct Downloads {
     list: [Download; DOWNLOADS_MAX],
@@ -97,7 +97,7 @@ impl Downloads {
         downloads
     }
 
-    /// Maps the entries of each axis into a PDO and assigns them.
+    /// Maps the entries of each axis into a PDO, and assigns the PDOs to their sync manager.
     fn map<E: ExactSizeIterator<Item = u32>>(
         &mut self,
         assignment: u16,

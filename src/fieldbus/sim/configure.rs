@@ -1,15 +1,15 @@
-//! The board's SDOs on the way to SafeOP, done at once: how long they take is the job's matter.
+//! The SDOs of the board on the way to SafeOP, transferred at once. How long they take is up to the job.
 
 use crate::fieldbus::pdo::{self, ProcessData};
 use crate::fieldbus::{AlState, Refusal, Role, SlaveConfig};
 use crate::slave::{AlStatus, Slave};
 
-/// Maps a slave's process data and writes its mode, in PreOP. What is mapped then; `None`: it is not used. Of a pulse module is
-/// read how many axes it has.
+/// Maps the process data of a slave and writes its mode of operation, in PreOP. The process data that are mapped then; `None`:
+/// the slave is not used. Whether a pulse module has a second axis is read from it.
 ///
 /// # Errors
-/// Why it refuses, without its number: it is not in PreOP, or it has aborted a download. Nothing is mapped then, but of a slave
-/// that is not in PreOP.
+/// Why the slave refuses, with 0 as its number: it is not in PreOP, or it has aborted a download. After an aborted download
+/// nothing is mapped; a slave that is not in PreOP keeps its mapping.
 pub fn configure(slave: &mut dyn Slave, config: &SlaveConfig) -> Result<Option<ProcessData>, Refusal> {
     let SlaveConfig { role, sync } = *config;
     if slave.state() != AlState::PreOp {

@@ -1,4 +1,5 @@
-//! What scripts and tests hold on to of a simulated bus while it runs, from any thread: its cable, and where the shafts are.
+//! The handle by which scripts and tests reach a simulated bus while it runs, from any thread: its cable, and the true
+//! positions of its shafts.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -6,17 +7,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::fieldbus::cable::Cable;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns};
 
-/// Where the shafts really are.
+/// The true positions of all shafts, whatever their slaves report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shafts {
-    /// End of the cycle in which they were there, board time.
+    /// The end of the cycle in which they were there, board time.
     pub at: Ns,
     /// Slave n is `positions[n - 1]`, one entry for each axis, counts; `None`: no such axis.
     pub positions: [[Option<i64>; MAX_AXES]; MAX_SLAVES],
 }
 
-/// A handle on a [`super::SimBus`]; clones are handles on the same bus. What goes wrong on the bus is its [`Cable`]'s to say,
-/// whose functions it has too.
+/// A handle on a [`super::SimBus`]; clones are handles on the same bus. It has the functions of the [`Cable`] of the bus, by
+/// which things go wrong.
 #[derive(Clone)]
 pub struct SimHandle {
     cable: Cable,
@@ -55,7 +56,7 @@ impl SimHandle {
         *self.lock().positions.get(place)?.get(axis)?
     }
 
-    /// Keeps the shafts of a cycle, unless a thread is just reading those of the one before.
+    /// Keeps the positions at the end of a cycle, unless a thread is reading those of the cycle before at this moment.
     pub(super) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; MAX_AXES]>) {
         let Ok(mut shafts) = self.shafts.try_lock() else { return };
         shafts.at = at;
@@ -64,7 +65,7 @@ impl SimHandle {
         }
     }
 
-    /// A panic elsewhere leaves plain data behind, which is as good as before.
+    /// A thread that has panicked leaves plain data behind, which is still valid.
     fn lock(&self) -> MutexGuard<'_, Shafts> {
         self.shafts.lock().unwrap_or_else(PoisonError::into_inner)
     }

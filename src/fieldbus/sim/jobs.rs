@@ -1,4 +1,4 @@
-//! Jobs of the simulated bus: what they do, when, and how they fail.
+//! The jobs of the simulated bus: what they do, when they end, and how they fail.
 
 use super::configure::configure;
 use super::{SimBus, Station};
@@ -9,66 +9,66 @@ use crate::fieldbus::{
 };
 use crate::slave::AlStatus;
 
-/// A job under way. `due`: when its next part ends.
+/// A job under way. `due` is the time at which its next part ends.
 #[allow(clippy::large_enum_variant, reason = "there are two, and boxing it would allocate")]
-pub(super) enum Running {
+pub(super) enum RunningJob {
     Scan { due: Ns },
     Configure { config: BusConfig, next: u8, second_axes: SlaveSet, due: Ns },
     State { target: AlState, slaves: SlaveSet, due: Ns, deadline: Ns },
     Sdo { request: SdoRequest, due: Ns, deadline: Ns },
 }
 
-impl Running {
-    /// Whether an SDO may run beside it.
-    pub(super) const fn leaves_mailboxes(&self) -> bool {
+impl RunningJob {
+    /// Whether an SDO may run beside this job.
+    pub(super) const fn allows_sdo(&self) -> bool {
         matches!(self, Self::State { .. })
     }
 }
 
-/// How one part of a change of state went.
-enum Part {
-    /// Everybody is there.
+/// How far a change of state has come after one of its parts.
+enum Progress {
+    /// All slaves are in the target state.
     Done,
-    /// The next part takes so long.
+    /// Another part follows, which takes that long.
     Next(Ns),
     Refused(Refusal),
 }
 
 impl SimBus {
-    pub(super) fn begin(&self, job: Job, now: Ns) -> Running {
+    pub(super) fn begin(&self, job: Job, now: Ns) -> RunningJob {
         match job {
-            Job::Scan => Running::Scan {
-                due: now + self.timing.scan_ns + self.timing.scan_slave_ns * Ns::from(self.countable()),
+            Job::Scan => RunningJob::Scan {
+                due: now + self.timing.scan_ns + self.timing.scan_slave_ns * Ns::from(self.reachable_slaves()),
             },
             Job::Configure(config) => {
                 let due = now + self.timing.configure_slave_ns;
-                Running::Configure { config, next: 1, second_axes: SlaveSet::EMPTY, due }
+                RunningJob::Configure { config, next: 1, second_axes: SlaveSet::EMPTY, due }
             }
             Job::State { target, slaves, timeout_ns } => {
-                let due = now + self.next_change_ns(target, self.unsettled(target, slaves));
-                Running::State { target, slaves, due, deadline: now.saturating_add(timeout_ns) }
+                let due = now + self.next_change_ns(target, self.not_in_target_state(target, slaves));
+                RunningJob::State { target, slaves, due, deadline: now.saturating_add(timeout_ns) }
             }
             Job::Sdo(request) => {
                 let delay_ns = self.handle.sdo_delay_ns(request.slave);
                 let due = now.saturating_add(self.timing.sdo_ns).saturating_add(delay_ns);
-                Running::Sdo { request, due, deadline: now.saturating_add(request.timeout_ns) }
+                RunningJob::Sdo { request, due, deadline: now.saturating_add(request.timeout_ns) }
             }
         }
     }
 
-    pub(super) fn advance(&mut self, job: &mut Running, now: Ns) -> Option<JobDone> {
+    pub(super) fn advance(&mut self, job: &mut RunningJob, now: Ns) -> Option<JobDone> {
         match job {
-            Running::Scan { due } => (now >= *due).then(|| JobDone::Scan { found: self.scan() }),
-            Running::Configure { config, next, second_axes, due } => {
+            RunningJob::Scan { due } => (now >= *due).then(|| JobDone::Scan { found: self.scan() }),
+            RunningJob::Configure { config, next, second_axes, due } => {
                 while *next <= self.found {
-                    if !config.who.contains(*next) {
+                    if !config.selected.contains(*next) {
                         *next += 1;
                         continue;
                     }
                     if now < *due {
                         return None;
                     }
-                    match self.configure_slave(config, *next) {
+                    match self.configure_station(config, *next) {
                         Err(refusal) => return Some(JobDone::Configure(Err(refusal))),
                         Ok(true) => second_axes.insert(*next),
                         Ok(false) => {}
@@ -78,18 +78,18 @@ impl SimBus {
                 }
                 Some(JobDone::Configure(Ok(Configured { second_axes: *second_axes, ..Configured::default() })))
             }
-            Running::State { target, slaves, due, deadline } => {
+            RunningJob::State { target, slaves, due, deadline } => {
                 while now >= *due && *due <= *deadline {
                     match self.change_states(*target, *slaves) {
-                        Part::Done => return Some(JobDone::State(Ok(()))),
-                        Part::Refused(refusal) => return Some(JobDone::State(Err(refusal))),
-                        Part::Next(takes) => *due += takes,
+                        Progress::Done => return Some(JobDone::State(Ok(()))),
+                        Progress::Refused(refusal) => return Some(JobDone::State(Err(refusal))),
+                        Progress::Next(takes) => *due += takes,
                     }
                 }
-                let late = self.unsettled(*target, *slaves).iter().next().unwrap_or(1);
+                let late = self.not_in_target_state(*target, *slaves).iter().next().unwrap_or(1);
                 (now >= *deadline).then_some(JobDone::State(Err(Refusal { slave: late, al_status: 0, abort: None })))
             }
-            Running::Sdo { request, due, deadline } => {
+            RunningJob::Sdo { request, due, deadline } => {
                 if now >= *due && *due <= *deadline && self.has_mailbox(request.slave) {
                     return Some(JobDone::Sdo(self.transfer(request)));
                 }
@@ -98,33 +98,33 @@ impl SimBus {
         }
     }
 
-    /// Slaves that a frame counts on its way: a silent one too, it still passes frames.
-    fn countable(&self) -> u8 {
+    /// How many slaves a scan counts: those that frames reach, and a silent slave too, since frames still pass it.
+    fn reachable_slaves(&self) -> u8 {
         self.stations.len().min(MAX_SLAVES).min(self.handle.reach().into()) as u8
     }
 
     fn scan(&mut self) -> u8 {
-        self.found = self.countable();
+        self.found = self.reachable_slaves();
         self.lost = SlaveSet::EMPTY;
         self.outputs = Outputs::default();
-        self.held = false;
+        self.has_new_outputs = false;
         for slave in 1..=self.found {
             let answers = self.answers(slave);
             let station = self.station(slave);
-            (station.brought, station.process_data) = (AlState::Init, None);
+            (station.commanded, station.process_data) = (AlState::Init, None);
             if answers {
-                // Down is open to every slave; one that stays up all the same shows when it is to go up.
+                // Every slave can go to Init. If one does not, its state tells so as soon as a job wants it elsewhere.
                 let _ = station.slave.enter(AlState::Init);
             }
         }
         self.found
     }
 
-    /// Whether the slave is a pulse module of two channels.
-    fn configure_slave(&mut self, config: &BusConfig, slave: u8) -> Result<bool, Refusal> {
+    /// Configures one slave. Whether it is a pulse module of two channels.
+    fn configure_station(&mut self, config: &BusConfig, slave: u8) -> Result<bool, Refusal> {
         let wanted = &config.slaves[usize::from(slave) - 1];
         if !self.answers(slave) {
-            // Nobody waits for a slave that is not used (SK-4 [OURS]).
+            // A slave that is not used does not have to answer (SK-4 [OURS]).
             let unused = wanted.role == Role::Unused;
             return if unused { Ok(false) } else { Err(Refusal { slave, al_status: 0, abort: None }) };
         }
@@ -137,36 +137,36 @@ impl SimBus {
         Ok(configured.is_some_and(|data| data.axes() > 1))
     }
 
-    /// Slaves of the set that were found and are not where they shall be.
-    fn unsettled(&self, target: AlState, slaves: SlaveSet) -> SlaveSet {
-        let mut unsettled = SlaveSet::EMPTY;
+    /// The slaves of a set that were found and are not in the target state, or do not answer.
+    fn not_in_target_state(&self, target: AlState, slaves: SlaveSet) -> SlaveSet {
+        let mut not_in_target_state = SlaveSet::EMPTY;
         for slave in (1..=self.found).filter(|slave| slaves.contains(*slave)) {
             if !self.answers(slave) || self.lost.contains(slave) || self.state(slave) != target {
-                unsettled.insert(slave);
+                not_in_target_state.insert(slave);
             }
         }
-        unsettled
+        not_in_target_state
     }
 
-    /// The next change on the way: slaves go up step by step and together, the lowest first, and down at once. `None`:
-    /// nobody who has to move answers.
-    fn next_change(&self, target: AlState, unsettled: SlaveSet) -> Option<(AlState, AlState)> {
-        let moving = unsettled.iter().filter(|slave| self.answers(*slave));
+    /// The next transition on the way to the target state: slaves go up one state at a time and together, those in the lowest
+    /// state first; they go down in one transition. `None`: none of the slaves that have to change their state answers.
+    fn next_change(&self, target: AlState, not_in_target_state: SlaveSet) -> Option<(AlState, AlState)> {
+        let moving = not_in_target_state.iter().filter(|slave| self.answers(*slave));
         moving.map(|slave| self.state(slave)).min().map(|from| (from, above(from).min(target)))
     }
 
-    fn next_change_ns(&self, target: AlState, unsettled: SlaveSet) -> Ns {
-        match self.next_change(target, unsettled) {
-            Some((from, to)) => self.timing.change_ns(from, to, unsettled.len()),
+    fn next_change_ns(&self, target: AlState, not_in_target_state: SlaveSet) -> Ns {
+        match self.next_change(target, not_in_target_state) {
+            Some((from, to)) => self.timing.change_ns(from, to, not_in_target_state.len()),
             None => self.timing.retry_ns,
         }
     }
 
-    fn change_states(&mut self, target: AlState, slaves: SlaveSet) -> Part {
-        let unsettled = self.unsettled(target, slaves);
+    fn change_states(&mut self, target: AlState, slaves: SlaveSet) -> Progress {
+        let not_in_target_state = self.not_in_target_state(target, slaves);
         let mut refused = None;
-        if let Some((_, next)) = self.next_change(target, unsettled) {
-            for slave in unsettled.iter() {
+        if let Some((_, next)) = self.next_change(target, not_in_target_state) {
+            for slave in not_in_target_state.iter() {
                 let state = self.state(slave);
                 let to = if state >= target { target } else { next };
                 let waits = state < target && state >= next;
@@ -178,11 +178,11 @@ impl SimBus {
                 }
             }
         }
-        let unsettled = self.unsettled(target, slaves);
+        let not_in_target_state = self.not_in_target_state(target, slaves);
         match refused {
-            Some(refusal) => Part::Refused(refusal),
-            None if unsettled.is_empty() => Part::Done,
-            None => Part::Next(self.next_change_ns(target, unsettled)),
+            Some(refusal) => Progress::Refused(refusal),
+            None if not_in_target_state.is_empty() => Progress::Done,
+            None => Progress::Next(self.next_change_ns(target, not_in_target_state)),
         }
     }
 
@@ -192,11 +192,11 @@ impl SimBus {
         }
         let station = self.station(slave);
         station.slave.enter(state)?;
-        if state == AlState::Op && station.brought != AlState::Op {
-            // What was sent before it left OP is not meant for now.
+        if state == AlState::Op && station.commanded != AlState::Op {
+            // Outputs that were sent before the slave left OP must not act now.
             self.outputs.slaves[usize::from(slave) - 1] = [Default::default(); MAX_AXES];
         }
-        self.station(slave).brought = state;
+        self.station(slave).commanded = state;
         self.lost.remove(slave);
         Ok(())
     }
@@ -217,6 +217,7 @@ impl SimBus {
     }
 }
 
+/// The next higher AL state.
 const fn above(state: AlState) -> AlState {
     match state {
         AlState::Init => AlState::PreOp,

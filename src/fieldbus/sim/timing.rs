@@ -4,29 +4,29 @@ use crate::fieldbus::{AlState, Ns};
 
 /// Durations in board time.
 ///
-/// \[OURS] No source gives any but "takes many cycles, PreOP to SafeOP the longest" (SK-4): these are those of a small
+/// \[OURS] The only source is "takes many cycles, PreOP to SafeOP the longest" (SK-4). These are the durations of a small
 /// network of servo drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
-    /// Scan: link up, and counting the slaves.
+    /// Scan: until the link is up and the slaves are counted.
     pub scan_ns: Ns,
-    /// Scan: reading the identity of each slave.
+    /// Scan: reading the identity of one slave.
     pub scan_slave_ns: Ns,
-    /// Configure: the SDOs of each slave.
+    /// Configuration: the SDOs of one slave.
     pub configure_slave_ns: Ns,
-    /// Init to PreOP.
+    /// Change of state from Init to PreOP.
     pub to_preop_ns: Ns,
-    /// PreOP to SafeOP: the drives synchronise.
+    /// Change of state from PreOP to SafeOP, in which the drives synchronise.
     pub to_safeop_ns: Ns,
-    /// SafeOP to OP.
+    /// Change of state from SafeOP to OP.
     pub to_op_ns: Ns,
-    /// To a lower state, or to the one a slave is in.
+    /// Change to a lower state, or to the state that the slave is in.
     pub down_ns: Ns,
-    /// A change of state, on top: for each slave that changes.
+    /// What each slave that takes part adds to a change of state.
     pub change_slave_ns: Ns,
-    /// How often a slave that does not answer is asked again.
+    /// After how long a slave that does not answer is asked again.
     pub retry_ns: Ns,
-    /// An SDO transfer.
+    /// One SDO transfer.
     pub sdo_ns: Ns,
 }
 
@@ -49,7 +49,7 @@ impl Default for Timing {
 }
 
 impl Timing {
-    /// How long `slaves` slaves take for one change of state.
+    /// How long that many slaves take for one change of state.
     pub(super) const fn change_ns(&self, from: AlState, to: AlState, slaves: u8) -> Ns {
         let change = match (from, to) {
             (AlState::Init, AlState::PreOp) => self.to_preop_ns,

@@ -52,7 +52,7 @@ impl ScriptAction {
 
     fn apply(self, network: &Cable, board: &BoardHandle) {
         match self {
-            Self::Fault { slave, fault } => network.inflict(slave, fault),
+            Self::Fault { slave, fault } => network.apply_fault(slave, fault),
             Self::Cut(Some(slaves)) => network.cut_after(slaves),
             Self::Cut(None) => network.heal(),
             Self::Mute { slave, mute } => network.silence(slave, mute),
@@ -68,7 +68,7 @@ impl ScriptAction {
             }
             Self::Lose { slave, lost: true } => network.lose(slave),
             Self::Lose { slave, lost: false } => network.find(slave),
-            Self::Silent(silent) => board.mute(silent),
+            Self::Silent(silent) => board.suppress_reports(silent),
             Self::Full(full) => board.hold_fifo(full),
             Self::Inputs(bits) => board.set_local_inputs(bits),
         }

@@ -1,122 +1,120 @@
-//! Homing of an axis: the mode's wishes become a position demand, and home becomes the origin of its positions.
+//! How homing moves an axis: the velocity that a homing run asks for becomes a position demand, and the place where home was
+//! found becomes the origin of the position actual value. The homing methods are in [`homing`](crate::slave::homing).
 //!
-//! **No jump.** The plant's counts never change; what changes when home is attained is [`Axis::origin`], which object 0x6064 and its
-//! kin have on top. A target in process data that the master had made before it could see the new positions would be a
-//! jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it still brakes
-//! after the mode was left, nor from the first exchange after a home event or after the end of such braking; it holds
-//! where it is. The outputs of the exchange after that come from a master that has seen where the axis is.
+//! **The axis does not jump.** The counts of the shaft never change. When home is attained [`Axis::origin`] changes, which is
+//! added to them in 0x6064, 0x6062 and 0x607A. A target position that the master made before it could see the new positions
+//! would make the axis jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it
+//! still brakes after the mode was left, nor from the first exchange after home was attained or after such braking has ended;
+//! it holds where it is. The outputs of the exchange after that come from a master that has seen where the axis is.
 
-use super::{Axis, Demand, Motion, rounded};
+use super::measure::rounded;
+use super::{Axis, Demand, Motion};
 use crate::cia402::Mode;
 use crate::ethercat::Ns;
-use crate::slave::homing::{Homed, Homing, Shaft};
-use crate::slave::plant::Effort;
-use crate::slave::switches::{Input, Inputs, Switches, Travel};
+use crate::slave::homing::{HomePosition, Homing, Shaft};
+use crate::slave::plant::Setpoint;
+use crate::slave::switches::{Input, Inputs};
 
-/// So long a shaft does not move before it stands: where it turns it is still for a moment only \[OURS].
-const STILL_NS: Ns = 5_000_000;
+/// How long a shaft must not move to count as standing still: where it changes its direction it is at standstill for a moment,
+/// too \[OURS].
+const STANDSTILL_NS: Ns = 5_000_000;
 
 impl Axis {
-    /// The same axis with switches along its travel; one that was only made has none.
-    pub fn on(mut self, travel: &Travel, counts_per_turn: u32) -> Self {
-        self.switches = Switches::new(travel, counts_per_turn);
-        self.plant.set_stops(travel.stops);
-        self
-    }
-
-    /// The mode 6, for its error.
+    /// Homing mode, for the error that ended its last run.
     pub const fn homing(&self) -> &Homing {
         &self.homing
     }
 
-    /// Position actual value (0x6064), counts: the shaft's and the origin that homing has set.
+    /// Position actual value (0x6064), counts: that of the shaft plus the origin that homing has set.
     pub const fn position(&self) -> i64 {
         self.plant.position().wrapping_add(self.origin)
     }
 
-    /// The position actual value where the shaft's count is 0.
+    /// The position actual value where the count of the shaft is 0.
     pub const fn origin(&self) -> i64 {
         self.origin
     }
 
-    /// The switches as they are now, bits 0 to 2 of 0x60FD.
+    /// The states of the switches at the present position, bits 0 to 2 of 0x60FD.
     pub fn inputs(&self) -> Inputs {
         self.switches.read(self.plant.position())
     }
 
-    /// An input sticks, or works again.
+    /// Makes an input stick at a value; `None`: it works again.
     pub const fn stick(&mut self, input: Input, value: Option<bool>) {
         self.switches.stick(input, value);
     }
 
-    /// The shaft is jammed, or free again.
+    /// Jams the shaft, or frees it.
     pub const fn jam(&mut self, jammed: bool) {
         self.plant.jam(jammed);
     }
 
-    /// A target position has come by process data; see this file's head for the one that is not taken.
+    /// Takes the target position of process data, but for the one that the head of this file says is discarded.
     pub const fn take_target_position(&mut self, position: i32) {
-        if self.stale {
-            self.stale = false;
+        if self.skip_next_target {
+            self.skip_next_target = false;
         } else {
             self.targets.position = position;
         }
     }
 
-    /// `ns` pass in mode 6.
-    pub(super) fn home(&mut self, ns: Ns) {
+    /// `ns` pass in homing mode while the power stage follows.
+    pub(super) fn step_homing(&mut self, ns: Ns) {
         let from = self.plant.position();
         let moves = self.demand.velocity != 0.0 || self.plant.velocity().abs() > self.velocity_reached;
         let shaft = Shaft { position: from, moves };
         let word = self.machine.controlword();
         self.homing.command(word, shaft, &self.settings.homing, &self.switches);
         let Some((at, speed)) = self.homing.destination() else {
-            let way = self.glide(self.homing.velocity(), self.homing_ramp(), ns);
+            let way = self.ramp_demand(self.homing.velocity(), self.homing_ramp(), ns);
             return self.homing.pass(from, self.plant.position(), way, &self.switches);
         };
-        self.approach(at, speed, ns);
-        let is_there = self.demand.whole == at && self.plant.position() == at && self.stands();
-        if is_there && let Some(homed) = self.homing.arrive() {
-            self.come_home(homed);
+        self.run_to(at, speed, ns);
+        let has_arrived = self.demand.whole == at && self.plant.position() == at && self.is_standing_still();
+        if has_arrived && let Some(homed) = self.homing.arrive() {
+            self.set_origin_at_home(homed);
         }
     }
 
-    /// Following begins in mode 6: the demand is where the shaft is, to less than a count, so that nothing moves it.
+    /// The power stage begins to follow in homing mode: the demand is where the shaft is, to the fraction of a count, so that
+    /// the shaft does not move.
     pub(super) const fn hold_for_homing(&mut self) {
         self.demand.fraction = self.plant.fraction();
     }
 
-    /// The axis has stopped following, if it is in mode 6.
-    pub(super) fn leave_homing_unpowered(&mut self) {
+    /// The power stage follows no demand. In homing mode that ends a homing run.
+    pub(super) fn stop_homing_unpowered(&mut self) {
         if self.mode == Mode::Homing {
             self.homing.lose_power(self.machine.controlword());
         }
     }
 
-    /// `ns` pass after mode 6 was left in motion: the axis brakes. False: it stands, and nothing has passed.
+    /// `ns` pass after homing mode was left while the axis moved: it brakes. False: the axis stands still already, and no time
+    /// has passed.
     pub(super) fn brake_after_homing(&mut self, ns: Ns) -> bool {
-        if self.stands() {
+        if self.is_standing_still() {
             self.targets.position = self.position() as i32;
-            self.stale = true;
+            self.skip_next_target = true;
             return false;
         }
-        self.glide(0.0, self.homing.acceleration(), ns);
+        self.ramp_demand(0.0, self.homing.acceleration(), ns);
         true
     }
 
-    /// The shaft stands and the demand too, and has done so for a while.
-    pub(super) const fn stands(&self) -> bool {
-        self.still_ns >= STILL_NS
+    /// Whether shaft and demand have been at standstill for [`STANDSTILL_NS`].
+    pub(super) const fn is_standing_still(&self) -> bool {
+        self.standstill_ns >= STANDSTILL_NS
     }
 
-    /// Mode 6 begins: an axis that is still now has been so.
-    pub(super) fn begin_to_stand(&mut self) {
-        self.still_ns = if self.is_still() { STILL_NS } else { 0 };
+    /// Homing mode begins: an axis that is at standstill now is taken to have been so for long enough.
+    pub(super) fn reset_standstill(&mut self) {
+        self.standstill_ns = if self.is_still() { STANDSTILL_NS } else { 0 };
     }
 
-    /// `ns` have passed.
-    pub(super) fn note_stand(&mut self, ns: Ns) {
-        self.still_ns = if self.is_still() { self.still_ns.saturating_add(ns) } else { 0 };
+    /// Measures for how long the axis has been at standstill; `ns` have passed.
+    pub(super) fn track_standstill(&mut self, ns: Ns) {
+        self.standstill_ns = if self.is_still() { self.standstill_ns.saturating_add(ns) } else { 0 };
     }
 
     fn is_still(&self) -> bool {
@@ -124,7 +122,7 @@ impl Axis {
         self.plant.is_at_standstill() && !demanded
     }
 
-    /// 0x609A, or what 0x605D says of a halt.
+    /// The ramp in force, counts/s²: homing acceleration 0x609A, or during a halt what the halt option code 0x605D says.
     fn homing_ramp(&self) -> f64 {
         match self.homing.halt_option() {
             Some(2) => self.settings.quick_stop.into(),
@@ -133,20 +131,20 @@ impl Axis {
         }
     }
 
-    /// The demand comes nearer to a count, at most so fast, counts/s, and with the ramp of homing. It ends there to the
-    /// count, with nothing left.
-    fn approach(&mut self, at: i64, speed: f64, ns: Ns) {
+    /// Moves the demand towards the count `at`, with at most `speed` counts/s and the homing acceleration. It ends exactly at that
+    /// count, without a fraction.
+    fn run_to(&mut self, at: i64, speed: f64, ns: Ns) {
         let seconds = ns as f64 / 1e9;
         let ramp = self.homing.acceleration();
         let speed = speed.min(self.settings.max_velocity.into());
         let Demand { whole, fraction, velocity: from } = self.demand;
         let left = at.wrapping_sub(whole) as f64 - fraction;
         let most = ramp * seconds;
-        // What the ramp would stop within, and the speed would go, in this time.
+        // The rest of the way is so short that it is gone within this time, without exceeding ramp or speed.
         if left.abs() <= (most * seconds).min(speed * seconds) && from.abs() <= most {
-            self.plant.run(Effort::Position { from: whole, fraction, by: left }, ns);
+            self.plant.run(Setpoint::Position { from: whole, fraction, by: left }, ns);
             self.demand = Demand { whole: at, fraction: 0.0, velocity: 0.0 };
-            return self.watch_following_error(ns);
+            return self.monitor_following_error(ns);
         }
         // The greatest velocity at the end of this time from which the ramp still stops at the count: it solves
         // to^2 / 2a + (from + to) t / 2 = left.
@@ -154,31 +152,32 @@ impl Axis {
         let (way, now) = (left * towards, from * towards);
         let root = seconds * seconds * 0.25 + 2.0 / ramp * (way - now * seconds * 0.5);
         let wanted = if root > 0.0 { ramp * (root.sqrt() - seconds * 0.5) } else { 0.0 };
-        self.glide(wanted.clamp(0.0, speed) * towards, ramp, ns);
+        self.ramp_demand(wanted.clamp(0.0, speed) * towards, ramp, ns);
     }
 
-    /// The demand's velocity comes nearer to `wanted`, counts/s, by `ramp` counts/s² at most. The way it goes, counts.
-    fn glide(&mut self, wanted: f64, ramp: f64, ns: Ns) -> f64 {
+    /// Moves the demand for `ns`, its velocity changing towards `wanted`, counts/s, by at most `ramp`, counts/s². The distance,
+    /// counts.
+    fn ramp_demand(&mut self, wanted: f64, ramp: f64, ns: Ns) -> f64 {
         let seconds = ns as f64 / 1e9;
         let limit = f64::from(self.settings.max_velocity);
         let Demand { whole, fraction, velocity: from } = self.demand;
         let most = ramp * seconds;
         let to = wanted.clamp(-limit, limit).clamp(from - most, from + most);
         let by = (from + to) * 0.5 * seconds;
-        self.plant.run(Effort::Position { from: whole, fraction, by }, ns);
+        self.plant.run(Setpoint::Position { from: whole, fraction, by }, ns);
         self.move_demand(by);
-        // Rounded, as the shaft's count is: where it stands it is where it should be.
+        // Rounded as the position of the shaft is: at standstill both are the same count.
         let counts = rounded(self.demand.fraction);
         self.demand.whole = self.demand.whole.wrapping_add(counts);
         self.demand.fraction -= counts as f64;
         self.demand.velocity = to;
-        self.watch_following_error(ns);
+        self.monitor_following_error(ns);
         by
     }
 
-    /// The axis stands at home: from now on positions are counted from there.
-    fn come_home(&mut self, Homed { at, offset }: Homed) {
+    /// The axis stands at home: from now on its position actual value is the home offset there.
+    fn set_origin_at_home(&mut self, HomePosition { at, offset }: HomePosition) {
         self.origin = i64::from(offset).wrapping_sub(at);
-        self.stale = true;
+        self.skip_next_target = true;
     }
 }

@@ -1,13 +1,13 @@
 //! Complete access: all sub-indices of an object in one transfer (ETG.1000.6 5.6.2, ETG.1020 12.2).
 //!
-//! Of an object that has more than sub-index 0, that one takes 16 bits, the upper 8 of which are 0. \[OURS] As most slaves
-//! do: a value that can only be written is read as zeros, and what is sent to one that can only be read is left out.
+//! If an object has more than sub-index 0, sub-index 0 takes 16 bits of the transfer, of which the upper 8 are 0. \[OURS] As
+//! most slaves do, a write-only value is read as zeros, and what is sent for a read-only value is ignored.
 
 use super::object::DataType;
 use super::{Access, Device, Object, find, read_entry, write_entry};
 use crate::coe::{AbortCode, ObjectAddress};
 
-/// A sub-index, and where its value begins in the transfer.
+/// A sub-index, and where its value lies in the transfer.
 struct Part {
     at: ObjectAddress,
     access: Access,
@@ -35,14 +35,14 @@ fn rows<D: Device>(device: &D, index: u16) -> impl Iterator<Item = &'static Obje
     D::objects().iter().filter(move |row| row.index == index && row.only_if.is_none_or(|has| has(device)))
 }
 
-/// The first sub-index from `at.sub` on.
+/// The first sub-index from `at.sub` on, whose value begins at `offset`.
 fn part_from<D: Device>(device: &D, at: ObjectAddress, offset: usize) -> Option<Part> {
     let row = rows(device, at.index).find(|row| at.sub < row.first_sub.saturating_add(row.count))?;
     let at = ObjectAddress::new(at.index, at.sub.max(row.first_sub));
     Some(Part { at, access: row.access, offset, len: row.data.bytes().into() })
 }
 
-/// The part behind another one.
+/// The part that follows another one.
 fn part_behind<D: Device>(device: &D, part: &Part) -> Option<Part> {
     let next = ObjectAddress::new(part.at.index, part.at.sub.checked_add(1)?);
     let is_padded = part.at.sub == 0 && part_from(device, next, 0).is_some();

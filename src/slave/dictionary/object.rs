@@ -1,4 +1,4 @@
-//! One row of an object dictionary, written as a chain of constant functions.
+//! One row of an object dictionary, written as a chain of constant functions, and the tables that are made of rows.
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlState;
@@ -22,14 +22,14 @@ pub enum DataType {
     U32,
     /// INTEGER64.
     I64,
-    /// UNSIGNED64. Where a number is an `i64` it is the one with the same bits, so that a row of it has no range.
+    /// UNSIGNED64. Numbers are `i64` with the same bits here, so that a row of this type has no range.
     U64,
     /// VISIBLE_STRING, of any length.
     Text,
 }
 
 impl DataType {
-    /// Bytes of a value; 0: not fixed, a text is as long as it is.
+    /// The size of a value, bytes; 0 for a text, which has no fixed size.
     pub const fn bytes(self) -> u8 {
         match self {
             Self::Bool | Self::I8 | Self::U8 => 1,
@@ -40,7 +40,7 @@ impl DataType {
         }
     }
 
-    /// Bits of a value in process data: a BOOLEAN is one there (ETG.1000.6 5.6.7).
+    /// The size of a value in process data, bits: there a BOOLEAN is one bit (ETG.1000.6 5.6.7).
     pub const fn bits(self) -> u8 {
         match self {
             Self::Bool => 1,
@@ -48,7 +48,7 @@ impl DataType {
         }
     }
 
-    /// Least and greatest value.
+    /// The least and the greatest value.
     pub const fn range(self) -> (i64, i64) {
         match self {
             Self::Bool => (0, 1),
@@ -62,7 +62,7 @@ impl DataType {
         }
     }
 
-    /// The number that the low bytes of `bits` mean.
+    /// The number whose low bytes are in `bits`.
     pub(in crate::slave) const fn decode(self, bits: u64) -> i64 {
         match self {
             Self::Bool | Self::U8 => bits as u8 as i64,
@@ -75,7 +75,7 @@ impl DataType {
         }
     }
 
-    /// The number as it goes over the wire, zero-extended.
+    /// The bytes of a number as they are transferred, zero-extended.
     pub(super) const fn encode(self, number: i64) -> u64 {
         match self.bytes() {
             1 => number as u8 as u64,
@@ -86,35 +86,35 @@ impl DataType {
     }
 }
 
-/// Who may do what with an object.
+/// Whether an object can be read and written by SDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Read only.
+    /// The object can only be read.
     ReadOnly,
-    /// Read and write.
+    /// The object can be read and written.
     ReadWrite,
-    /// Write only.
+    /// The object can only be written.
     WriteOnly,
-    /// Read always; write only up to that AL state.
+    /// The object can always be read, and written up to this AL state.
     ReadWriteUpTo(AlState),
 }
 
-/// Which process data an object may be part of.
+/// The direction of a PDO, as the slave sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PdoDirection {
-    /// Master to slave.
+    /// RxPDO: outputs, from the master to the slave.
     Rx,
-    /// Slave to master.
+    /// TxPDO: inputs, from the slave to the master.
     Tx,
 }
 
-/// Says whether a value may be stored at an address.
+/// Checks whether a value may be stored at an address.
 type Accept<D> = fn(&D, ObjectAddress, i64) -> Result<(), AbortCode>;
 
 /// Writes a live value, or refuses.
 type Setter<D> = fn(&mut D, i64) -> Result<(), AbortCode>;
 
-/// Where a value is.
+/// Where the value of a row is kept.
 pub(super) enum Cell<D: 'static> {
     Stored { accept: Option<Accept<D>>, changed: Option<fn(&mut D)> },
     Live { get: fn(&D) -> i64, set: Option<Setter<D>> },
@@ -145,7 +145,7 @@ pub struct Object<D: 'static> {
     pub(super) max: i64,
     pub(super) default: i64,
     pub(super) only_if: Option<fn(&D) -> bool>,
-    /// How outputs write it, if otherwise than an SDO does.
+    /// How process data write the object; `None`: as an SDO does.
     pub(super) output: Option<fn(&mut D, i64)>,
     pub(super) cell: Cell<D>,
 }
@@ -179,7 +179,7 @@ impl<D> Object<D> {
         u64 U64 "UNSIGNED64";
     }
 
-    /// A read-only text.
+    /// A row with a read-only text.
     pub const fn text(index: u16, sub: u8, name: &'static str, text: fn(&D) -> &'static str) -> Self {
         let mut row = Self::row(index, sub, name, DataType::Text);
         row.cell = Cell::Text(text);
@@ -193,55 +193,55 @@ impl<D> Object<D> {
         Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, only_if, output, cell }
     }
 
-    /// The row stands for that many sub-indices, from its own on.
+    /// The row is for that many sub-indices, its own and those that follow.
     pub const fn array(mut self, count: u8) -> Self {
         self.count = count;
         self
     }
 
-    /// Only some devices of the table have the object: those that the function says.
+    /// Only those devices have the object for which the function is true.
     pub const fn only_if(mut self, has: fn(&D) -> bool) -> Self {
         self.only_if = Some(has);
         self
     }
 
-    /// Can be written.
+    /// The object can be written.
     pub const fn rw(mut self) -> Self {
         self.access = Access::ReadWrite;
         self
     }
 
-    /// Can be written, not read.
+    /// The object can be written and not read.
     pub const fn wo(mut self) -> Self {
         self.access = Access::WriteOnly;
         self
     }
 
-    /// Can be written up to that AL state.
+    /// The object can be written up to that AL state.
     pub const fn rw_up_to(mut self, highest: AlState) -> Self {
         self.access = Access::ReadWriteUpTo(highest);
         self
     }
 
-    /// May be mapped into an RxPDO.
+    /// The object may be mapped into an RxPDO.
     pub const fn rx(mut self) -> Self {
         self.pdo = Some(PdoDirection::Rx);
         self
     }
 
-    /// May be mapped into an RxPDO, and outputs reach the device by that function and not as an SDO does.
+    /// The object may be mapped into an RxPDO, and process data write it by that function instead of as an SDO does.
     pub const fn rx_by(mut self, output: fn(&mut D, i64)) -> Self {
         self.output = Some(output);
         self.rx()
     }
 
-    /// May be mapped into a TxPDO.
+    /// The object may be mapped into a TxPDO.
     pub const fn tx(mut self) -> Self {
         self.pdo = Some(PdoDirection::Tx);
         self
     }
 
-    /// The values a download may write, `min..=max`.
+    /// A download may write values in `min..=max`.
     pub const fn range(mut self, min: i64, max: i64) -> Self {
         self.min = min;
         self.max = max;
@@ -254,14 +254,14 @@ impl<D> Object<D> {
         self
     }
 
-    /// The value is in the device: `get` reads it. A live row cannot be written unless it has a
-    /// [`setter`](Self::setter) too.
+    /// The value is a field of the device that `get` reads. It cannot be written unless the row has a
+    /// [`setter`](Self::setter), too.
     pub const fn live(mut self, get: fn(&D) -> i64) -> Self {
         self.cell = Cell::Live { get, set: None };
         self
     }
 
-    /// How a live value is written; the function may refuse.
+    /// A live value is written by this function, which may refuse it.
     pub const fn setter(mut self, set: Setter<D>) -> Self {
         self.cell = match self.cell {
             Cell::Live { get, .. } => Cell::Live { get, set: Some(set) },
@@ -270,7 +270,7 @@ impl<D> Object<D> {
         self
     }
 
-    /// A check that a value must pass, besides its range, before it is stored.
+    /// A value has to pass this check, besides its range, before it is stored.
     pub const fn accept(mut self, accept: Accept<D>) -> Self {
         self.cell = match self.cell {
             Cell::Stored { changed, .. } => Cell::Stored { accept: Some(accept), changed },
@@ -279,7 +279,7 @@ impl<D> Object<D> {
         self
     }
 
-    /// What is to be done after a download has changed the stored value.
+    /// This function is called after a download has changed the stored value.
     pub const fn changed(mut self, changed: fn(&mut D)) -> Self {
         self.cell = match self.cell {
             Cell::Stored { accept, .. } => Cell::Stored { accept, changed: Some(changed) },
@@ -288,43 +288,43 @@ impl<D> Object<D> {
         self
     }
 
-    /// Address of the row's first sub-index.
+    /// The address of the first sub-index of the row.
     pub const fn address(&self) -> ObjectAddress {
         ObjectAddress::new(self.index, self.first_sub)
     }
 
-    /// Whether the row has that address.
+    /// Whether the row is for that address.
     pub const fn has(&self, at: ObjectAddress) -> bool {
         self.index == at.index && at.sub >= self.first_sub && at.sub - self.first_sub < self.count
     }
 
-    /// How many sub-indices the row stands for.
+    /// How many sub-indices the row is for.
     pub const fn count(&self) -> u8 {
         self.count
     }
 
-    /// Its name for people.
+    /// The name of the object in its profile.
     pub const fn name(&self) -> &'static str {
         self.name
     }
 
-    /// Its data type.
+    /// The data type of the object.
     pub const fn data_type(&self) -> DataType {
         self.data
     }
 
-    /// Who may do what.
+    /// Whether the object can be read and written.
     pub const fn access(&self) -> Access {
         self.access
     }
 
-    /// Which process data it may be part of.
+    /// The direction of the PDOs that the object may be mapped into; `None`: it cannot be mapped.
     pub const fn pdo(&self) -> Option<PdoDirection> {
         self.pdo
     }
 }
 
-/// How many rows the parts of a table have together: the `N` of [`join`].
+/// The number of rows of all parts of a table: the `N` of [`join`].
 pub const fn rows<D>(parts: &[&[Object<D>]]) -> usize {
     let (mut rows, mut n) = (0, 0);
     while n < parts.len() {
@@ -334,7 +334,7 @@ pub const fn rows<D>(parts: &[&[Object<D>]]) -> usize {
     rows
 }
 
-/// Rows that only some devices of the table have, see [`Object::only_if`].
+/// The same rows, for those devices only for which the function is true, see [`Object::only_if`].
 pub const fn only_if<D, const N: usize>(has: fn(&D) -> bool, mut rows: [Object<D>; N]) -> [Object<D>; N] {
     let mut n = 0;
     while n < N {
@@ -344,7 +344,7 @@ pub const fn only_if<D, const N: usize>(has: fn(&D) -> bool, mut rows: [Object<D
     rows
 }
 
-/// One table of several parts, in their order.
+/// One table made of several parts, in their order.
 ///
 /// # Panics
 /// If `N` is more than [`rows`]: in a constant, when compiling.
@@ -362,8 +362,8 @@ pub const fn join<D, const N: usize>(parts: &[&[Object<D>]]) -> [Object<D>; N] {
     table
 }
 
-/// Stops the compiler if a table is not in order: addresses ascend without overlap, ranges fit their types, defaults
-/// their ranges, and what can be written has a place for it.
+/// Checks a table when it is compiled: addresses ascend without overlap, ranges fit their data types, defaults fit their
+/// ranges, and every object that can be written has a place for its value.
 pub const fn check<D>(objects: &[Object<D>]) {
     let mut n = 0;
     let mut free_from = 0;

@@ -1,4 +1,4 @@
-//! Stored values of a device and the handles by which it reads them.
+//! The stored values of a device, and the slots by which it reads them.
 
 use std::marker::PhantomData;
 
@@ -6,13 +6,13 @@ use super::object::{Cell, DataType, Object};
 
 /// A type that a stored value can have.
 pub trait Value: Copy {
-    /// Its data type in a table.
+    /// The data type of the object.
     const DATA: DataType;
 
-    /// From the low bits.
+    /// The value with these low bits.
     fn from_bits(bits: u64) -> Self;
 
-    /// Zero-extended.
+    /// The bits of the value, zero-extended.
     fn to_bits(self) -> u64;
 }
 
@@ -55,7 +55,7 @@ impl Value for bool {
     }
 }
 
-/// Where a stored value of type `T` stands in [`Values`]; made by [`slot`].
+/// The place of a stored value of type `T` in [`Values`]; [`slot`] makes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot<T> {
     cell: u16,
@@ -82,23 +82,23 @@ pub const fn slot<D, T: Value>(objects: &[Object<D>], index: u16, sub: u8) -> Sl
     panic!("no such object")
 }
 
-/// The stored values of one device, one cell for each sub-index of its table. Allocates when it is made, never after.
+/// The stored values of one device, one cell for each sub-index of its table. They are allocated once, when they are made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Values(Box<[u64]>);
 
 impl Values {
-    /// The defaults of a table.
+    /// The default values of a table.
     pub fn new<D>(objects: &[Object<D>]) -> Self {
         let defaults = objects.iter().flat_map(|object| (0..object.count).map(|_| object.data.encode(object.default)));
         Self(defaults.collect())
     }
 
-    /// A value.
+    /// The value in a slot.
     pub fn get<T: Value>(&self, slot: Slot<T>) -> T {
         T::from_bits(self.0[usize::from(slot.cell)])
     }
 
-    /// Writes a value; for the device itself, which is bound neither by access nor by range.
+    /// Writes a value for the device itself, without checking access and range.
     pub fn set<T: Value>(&mut self, slot: Slot<T>, value: T) {
         self.0[usize::from(slot.cell)] = value.to_bits();
     }

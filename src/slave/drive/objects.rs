@@ -1,4 +1,4 @@
-//! The object dictionary of drives (CiA 402-2, ETG.1000.6). Positions in counts, speeds in counts/s.
+//! The object dictionary of servo drives and steppers (CiA 402-2, ETG.1000.6). Positions in counts, speeds in counts/s.
 
 use super::{Drive, DriveKind};
 use crate::cia402::Controlword;
@@ -9,14 +9,14 @@ use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::plant::Motor;
 use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
 
-/// 0x1018:2. \[OURS] "SERV".
+/// Product code, 0x1018:2, of a servo drive. \[OURS] "SERV".
 pub const PRODUCT_CODE: u32 = 0x5345_5256;
-/// 0x1018:2 of a stepper. \[OURS] "STEP".
+/// Product code, 0x1018:2, of a stepper. \[OURS] "STEP".
 pub const STEPPER_PRODUCT_CODE: u32 = 0x5354_4550;
-/// 0x1018:3.
+/// Revision, 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
 
-/// What a servo drive says of itself.
+/// The identity of a servo drive.
 const SERVO: Identity = Identity {
     // Device profile 402, servo drive.
     device_type: 0x0002_0192,
@@ -25,7 +25,7 @@ const SERVO: Identity = Identity {
     product_code: PRODUCT_CODE,
     revision: REVISION,
 };
-/// What a stepper says of itself.
+/// The identity of a stepper.
 const STEPPER: Identity = Identity {
     // Device profile 402, stepper.
     device_type: 0x0004_0192,
@@ -62,7 +62,7 @@ pub(super) const HOMING_SPEED_SWITCH: Slot<u32> = slot(OBJECTS, 0x6099, 1);
 pub(super) const HOMING_SPEED_ZERO: Slot<u32> = slot(OBJECTS, 0x6099, 2);
 pub(super) const HOMING_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x609A, 0);
 
-/// The table's defaults, and \[OURS] those that go by the motor.
+/// The default values of the table, and \[OURS] those that depend on the motor.
 pub(super) fn defaults(motor: &Motor) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = motor.counts_per_turn.max(1);
@@ -81,14 +81,14 @@ pub(super) fn defaults(motor: &Motor) -> Values {
 
 type Row = Object<Drive>;
 
-/// Every object. Those of profile modes are kept for what will use them; 0x605D, halt, acts in homing. 0x6098 takes any
-/// value: a method that there is not ends in a homing error when it is started \[OURS]. 0x60C2 is kept: the demand goes
-/// by the cycle as it is.
+/// The object dictionary. The objects of profile modes have no effect; 0x605D, halt, acts in homing. 0x6098 takes any value: a
+/// method that is not supported ends in a homing error when it is started \[OURS]. 0x60C2 has no effect, since the demand
+/// follows the actual cycle.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 3] = [&identity(), &synchronization(), CIA402];
 
-/// PDOs at power-on: for CSP, CSV and CST. \[OURS] That of CSP is assigned.
+/// The PDOs at power-on: for CSP, CSV and CST. \[OURS] The RxPDO of CSP is assigned.
 pub(super) const PDOS: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x6077_0010, 0x603F_0010]),
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020]),
@@ -185,7 +185,7 @@ const CIA402: &[Row] = &[
         .live(|drive| drive.axis.following_error().clamp(i32::MIN.into(), i32::MAX.into())),
     Row::u32(0x60FD, 0, "Digital inputs").tx().live(|drive| drive.axis.inputs().bits().into()),
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
-    // [OURS] They are wired to nothing, and cannot be mapped: a drive is no pulse module.
+    // [OURS] Digital outputs of a drive are not wired, and cannot be mapped.
     Row::u32(0x60FE, 1, "Physical outputs").rw(),
     Row::u32(0x60FE, 2, "Bit mask").rw(),
     Row::i32(0x60FF, 0, "Target velocity")

@@ -1,23 +1,23 @@
-//! Homing (CiA 402-2, mode 6): the drive looks for a place on its travel by switches and the index pulse.
+//! Homing (CiA 402-2, mode 6): the drive searches for a position on its travel by switches and the index pulse.
 //!
-//! [`method`] says what to look for; [`run`] is one search; [`Homing`] is the mode around it: start, halt,
-//! interruption, and bits 10, 12 and 13 of the statusword. Nothing here moves anything: an axis asks for the velocity
-//! that is wanted, moves its shaft, and tells how far it went.
+//! [`method`] says what a homing method searches for; [`run`] is one search; [`Homing`] is the mode around it: start, halt,
+//! interruption, and bits 10, 12 and 13 of the statusword. Nothing moves here: the axis reads which velocity a run asks for,
+//! moves its shaft, and reports how far the shaft has moved (`axis/homing.rs`).
 //!
-//! **What home is.** The count where the edge was seen, or the index pulse after it, to the count. The axis slows down
-//! past it and runs back to it, at 0x6099:2 and with 0x609A. When it stands there home is attained: from then on the
-//! position actual value is such that it is 0x607C there, and the statusword says so (OBS).
+//! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse after it. The axis brakes
+//! beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it stands there homing is
+//! attained: from then on the position actual value is 0x607C at that count, and the statusword shows it (OBS).
 //!
 //! **Decisions** \[OURS].
-//! - Bits 10, 12 and 13 stand as in the table of CiA 402-2 whenever the mode is 6, in every state of the drive.
+//! - Bits 10, 12 and 13 are those of the table in CiA 402-2 whenever the mode is 6, in every state of the drive.
 //! - 0x6098 to 0x609A and 0x607C are read when a run starts; a change meanwhile acts in the next run.
-//! - On the way back no switch is looked at: the run has been there before. A run that ends on the way back, however it
-//!   does, has changed no position.
-//! - Bit 4 falling ends a run (interrupted), and the next run begins anew. Halt (bit 8) brakes by 0x605D, and the run
-//!   goes on where it was when halt is taken back with bit 4 still set.
-//! - A run during which the power stage is taken away (fault, quick stop, disabled, no master) ends in a homing error.
-//! - A shaft that is slower than what bit 10 of CSV takes for reached may be started.
-//! - Every outcome stays until the next start or until the mode is left.
+//! - While the shaft runs back to home no switch is evaluated, since the shaft has been there before. A run that ends while
+//!   it runs back, for whatever reason, changes no position.
+//! - When bit 4 falls the run ends (interrupted), and the next run starts from the beginning. Halt (bit 8) brakes as 0x605D
+//!   says, and the run continues when halt is reset with bit 4 still set.
+//! - A run during which the power stage is switched off (fault, quick stop, disabled, no master) ends in a homing error.
+//! - A run may start with a shaft that moves more slowly than bit 10 of CSV requires for target reached.
+//! - Every result stays until the next start, or until the mode is left.
 
 pub mod method;
 pub mod run;
@@ -26,20 +26,20 @@ use super::switches::{Input, Switches};
 use crate::cia402::{Controlword, Statusword};
 use run::Run;
 
-/// What homing reads of a drive's objects, in counts, counts/s and counts/s².
+/// What homing reads from the objects of a drive, in counts, counts/s and counts/s².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HomingSettings {
-    /// 0x6098.
+    /// Homing method, 0x6098.
     pub method: i8,
-    /// 0x607C: the position actual value at home.
+    /// Home offset, 0x607C: the position actual value at home.
     pub offset: i32,
-    /// 0x6099:1, speed during the search for a switch.
+    /// Speed during search for switch, 0x6099:1.
     pub switch_speed: u32,
-    /// 0x6099:2, speed during the search for zero.
+    /// Speed during search for zero, 0x6099:2.
     pub zero_speed: u32,
-    /// 0x609A.
+    /// Homing acceleration, 0x609A.
     pub acceleration: u32,
-    /// 0x605D, halt option code.
+    /// Halt option code, 0x605D.
     pub halt_option: i16,
 }
 
@@ -47,90 +47,90 @@ pub struct HomingSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HomingError {
-    /// 0x6098 is none of the methods there are.
+    /// 0x6098 is a method that is not supported.
     #[error("homing method {0} is not supported; write one of 1..14, 17..30, 33, 34, 35, 37 to 0x6098")]
     UnsupportedMethod(i8),
     /// The method needs an input that is not wired.
     #[error("homing method {method} needs the {}, which is not wired; choose another method", .input.name())]
     NotWired {
-        /// The method.
+        /// The homing method.
         method: i8,
-        /// The input.
+        /// The input that is missing.
         input: Input,
     },
-    /// A limit switch that has no part in the method is active ahead, or was run into.
+    /// A limit switch that the method does not use is active in the direction of the run, or the shaft has reached it.
     #[error("the {} ended the search; check the home switch and where the run starts", .0.name())]
     WrongLimit(Input),
     /// Both limit switches are active at once.
     #[error("both limit switches are active; check their wiring")]
     BothLimits,
-    /// Nothing was found on a way that long \[OURS].
+    /// Home was not found within that many counts \[OURS].
     #[error("nothing was found on a way of {0} counts; check the switches")]
     TooFar(u64),
-    /// The shaft was moving at the start.
+    /// The shaft was moving when the run was started.
     #[error("the shaft was moving when homing was started; wait for statusword bit 10 first")]
     Moving,
     /// 0x6099:1, 0x6099:2 or 0x609A is 0.
     #[error("a homing speed or the homing acceleration is 0; write 0x6099:1, 0x6099:2 and 0x609A")]
     NoSpeed,
-    /// The power stage was taken away.
+    /// The power stage was switched off during the run.
     #[error("the drive left Operation enabled during homing; enable it and start again")]
     PowerLost,
 }
 
-/// Home has been found.
+/// The position where home was attained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Homed {
-    /// Where, in counts of the shaft.
+pub struct HomePosition {
+    /// Home, in counts of the shaft.
     pub at: i64,
-    /// The position actual value there.
+    /// The position actual value that this count has from now on.
     pub offset: i32,
 }
 
-/// Where a shaft is and whether it moves.
+/// The position of a shaft, and whether it moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shaft {
-    /// Counts.
+    /// The position, counts.
     pub position: i64,
-    /// It moves, or is asked to.
+    /// The shaft moves, or its demand does.
     pub moves: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// Not started, or interrupted.
+    /// No run was started, or the last one was interrupted.
     Idle,
     Searching(Run),
-    /// Home was seen at this count of the shaft, which runs back to it.
+    /// Home was found at this count, and the shaft runs back to it.
     Returning(i64),
     Attained,
     Failed(HomingError),
 }
 
-/// The mode.
+/// Homing mode of one axis.
 #[derive(Clone, Debug)]
 pub struct Homing {
     phase: Phase,
-    /// As they were at the last start.
+    /// The settings when the last run was started.
     settings: HomingSettings,
-    /// Bit 4 as it was last.
+    /// Bit 4 of the last controlword.
     start_bit: bool,
     halted: bool,
 }
 
 impl Homing {
-    /// A mode that has not been entered.
+    /// Homing mode before it was entered.
     pub const fn new(settings: HomingSettings) -> Self {
         Self { phase: Phase::Idle, settings, start_bit: false, halted: false }
     }
 
-    /// The mode is entered. A start bit that is set already starts nothing.
+    /// The mode is entered. Bit 4 has to rise to start a run: if it is set already no run starts.
     pub fn enter(&mut self, word: Controlword, settings: HomingSettings) {
         *self = Self::new(settings);
         self.start_bit = starts(word);
     }
 
-    /// The power stage follows no targets.
+    /// The power stage follows no demand: a run that is under way ends in a homing error.
     pub fn lose_power(&mut self, word: Controlword) {
         self.start_bit = starts(word);
         if let Phase::Searching(_) | Phase::Returning(_) = self.phase {
@@ -156,7 +156,7 @@ impl Homing {
         }
     }
 
-    /// The count that the shaft runs back to, and how fast at most, counts/s.
+    /// The count to which the shaft runs back, and the greatest speed, counts/s.
     pub fn destination(&self) -> Option<(i64, f64)> {
         match self.phase {
             Phase::Returning(at) if !self.halted => Some((at, self.settings.zero_speed.into())),
@@ -164,14 +164,14 @@ impl Homing {
         }
     }
 
-    /// The shaft stands where it was to run back to: home is attained.
-    pub fn arrive(&mut self) -> Option<Homed> {
+    /// The shaft has run back to home and stands there: homing is attained.
+    pub fn arrive(&mut self) -> Option<HomePosition> {
         let (at, _) = self.destination()?;
         self.phase = Phase::Attained;
-        Some(Homed { at, offset: self.settings.offset })
+        Some(HomePosition { at, offset: self.settings.offset })
     }
 
-    /// The velocity that is wanted in the search, counts/s.
+    /// The velocity that the search asks for, counts/s.
     pub fn velocity(&self) -> f64 {
         match &self.phase {
             Phase::Searching(run) if !self.halted => run.velocity(&self.settings),
@@ -179,17 +179,18 @@ impl Homing {
         }
     }
 
-    /// How fast it may change, counts/s² (0x609A).
+    /// The greatest change of that velocity, counts/s² (0x609A).
     pub fn acceleration(&self) -> f64 {
         self.settings.acceleration.into()
     }
 
-    /// 0x605D, while halt is what stops the axis.
+    /// The halt option code 0x605D while halt is commanded; `None`: it is not.
     pub fn halt_option(&self) -> Option<i16> {
         self.halted.then_some(self.settings.halt_option)
     }
 
-    /// The shaft went from one count to another, with `way` counts asked for. What was on the way is seen.
+    /// The shaft has moved from one count to another, while the demand moved by `way` counts: evaluates the switches and the
+    /// index pulse between them.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) {
         let Phase::Searching(run) = &mut self.phase else { return };
         match run.pass(from, to, way, switches) {
@@ -199,7 +200,7 @@ impl Homing {
         }
     }
 
-    /// Bits 10, 12 and 13 of the statusword (CiA 402-2, homing mode).
+    /// Bits 10, 12 and 13 of the statusword (CiA 402-2, homing mode). `stands`: the shaft stands still.
     pub fn status_bits(&self, stands: bool) -> u16 {
         let (bits, ended) = match self.phase {
             Phase::Idle => (0, true),
@@ -210,7 +211,7 @@ impl Homing {
         if ended && stands { bits | Statusword::TARGET_REACHED } else { bits }
     }
 
-    /// Why the last run ended without a home, until the next one starts.
+    /// The homing error of the last run, until the next one starts; `None`: there was none.
     pub fn error(&self) -> Option<HomingError> {
         match self.phase {
             Phase::Failed(error) => Some(error),

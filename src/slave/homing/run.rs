@@ -1,17 +1,18 @@
 //! One search for home.
 //!
-//! A run sees the travel as its method's plan does: mirrored methods see it in a mirror, so that every run sets out to
-//! the right where its switch is inactive.
+//! A run treats the travel as the plan of its method does: for a mirrored method directions and limit switches are exchanged, so
+//! that every run starts to the right where its switch is inactive.
 //!
-//! **Speeds** \[OURS]. A leg is fast until the edge is sought in it and the switch has been seen; from there on, and in
-//! the search for the index pulse, it is slow. A run whose first leg leads from outside the switch over the edge is
-//! fast up to the edge.
+//! **Speeds** \[OURS]. A run moves with the speed for switches (0x6099:1) until the switch has been active and the shaft moves in
+//! the direction in which the edge counts. From there on, and in the search for the index pulse, it moves with the speed for
+//! zero (0x6099:2). A run that reaches the edge in its first leg, from outside the switch, uses the speed for switches up to the
+//! edge.
 
-use super::method::{Direction, Edge, Method, Plan};
+use super::method::{Direction, Edge, Method, SearchPlan};
 use super::{HomingError, HomingSettings, Shaft};
 use crate::slave::switches::{Inputs, Switches};
 
-/// What a run looks for at present.
+/// What a run searches for at present.
 #[derive(Clone, Copy, Debug)]
 enum Sought {
     Edge(Edge),
@@ -23,24 +24,24 @@ enum Sought {
 pub struct Run {
     method: Method,
     sought: Sought,
-    /// The positive limit switch turns the run back, if it has not yet.
-    limit_turns: bool,
+    /// The positive limit switch will reverse the run; it does so once.
+    limit_reverses: bool,
     heading: Direction,
-    /// The first leg, if it began where the switch is inactive.
-    set_out: bool,
+    /// The run has not reversed yet, and began where the switch is inactive.
+    on_first_leg: bool,
     /// The switch has been active.
-    seen: bool,
-    /// The switches as they were last.
+    switch_seen: bool,
+    /// The switches at the last position.
     inputs: Inputs,
-    /// Counts gone so far.
-    way: f64,
+    /// The distance so far, counts.
+    distance: f64,
 }
 
 impl Run {
-    /// Sets out. `None`: home is where the shaft is.
+    /// Starts a run. `None`: home is the present position.
     ///
     /// # Errors
-    /// Why there is no way to set out; the shaft does not move then.
+    /// Why the run cannot start; the shaft does not move then.
     pub fn start(settings: &HomingSettings, shaft: Shaft, switches: &Switches) -> Result<Option<Self>, HomingError> {
         let code = settings.method;
         let method = Method::from_code(code).ok_or(HomingError::UnsupportedMethod(code))?;
@@ -50,16 +51,16 @@ impl Run {
         if let Some(input) = method.missing(|input| switches.is_wired(input)) {
             return Err(HomingError::NotWired { method: code, input });
         }
-        let inputs = seen_by(method, switches.read(shaft.position));
+        let inputs = as_planned(method, switches.read(shaft.position));
         let mut run = match method.plan {
-            Plan::Here => return Ok(None),
-            Plan::Index => Self::new(method, Sought::Index, inputs),
-            Plan::Edge { edge, limit_turns } => {
+            SearchPlan::Here => return Ok(None),
+            SearchPlan::Index => Self::new(method, Sought::Index, inputs),
+            SearchPlan::Edge { edge, limit_reverses } => {
                 let mut run = Self::new(method, Sought::Edge(edge), inputs);
-                run.seen = inputs.has(edge.switch);
-                run.set_out = !run.seen;
-                run.limit_turns = limit_turns;
-                if run.seen {
+                run.switch_seen = inputs.has(edge.switch);
+                run.on_first_leg = !run.switch_seen;
+                run.limit_reverses = limit_reverses;
+                if run.switch_seen {
                     run.heading = edge.from_within();
                 }
                 run
@@ -71,50 +72,60 @@ impl Run {
         if inputs.has_both_limits() {
             return Err(HomingError::BothLimits);
         }
-        // [OURS] A run that a limit would turn back, and that begins on it, begins turned.
-        if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_turns {
-            run.turn_at_limit();
+        // [OURS] A run that starts on the limit switch which would reverse it starts in the reverse direction.
+        if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_reverses {
+            run.reverse_at_limit();
         }
-        run.look_ahead()?;
+        run.check_limit_ahead()?;
         Ok(Some(run))
     }
 
     const fn new(method: Method, sought: Sought, inputs: Inputs) -> Self {
         let heading = Direction::Positive;
-        Self { method, sought, limit_turns: false, heading, set_out: false, seen: false, inputs, way: 0.0 }
+        Self {
+            method,
+            sought,
+            limit_reverses: false,
+            heading,
+            on_first_leg: false,
+            switch_seen: false,
+            inputs,
+            distance: 0.0,
+        }
     }
 
-    /// The velocity that is wanted, counts/s.
+    /// The velocity that the run asks for, counts/s.
     pub fn velocity(&self, settings: &HomingSettings) -> f64 {
         let slow = match self.sought {
             Sought::Index => true,
-            Sought::Edge(edge) => self.seen && !self.set_out && self.heading == edge.moving,
+            Sought::Edge(edge) => self.switch_seen && !self.on_first_leg && self.heading == edge.moving,
         };
         let speed = if slow { settings.zero_speed } else { settings.switch_speed };
         self.heading.mirrored_if(self.method.mirrored).sign() * f64::from(speed)
     }
 
-    /// The shaft went from one count to another, with `way` counts asked for. `Some`: home was there.
+    /// The shaft has moved from one count to another, while the demand moved by `way` counts. `Some`: the count of home.
     ///
     /// # Errors
-    /// Why the search is over.
+    /// Why the run ends without home.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Result<Option<i64>, HomingError> {
-        let is_new = seen_by(self.method, switches.read(from)) != self.inputs;
+        let is_new = as_planned(self.method, switches.read(from)) != self.inputs;
         let is_met = is_new || matches!(self.sought, Sought::Index) || switches.change_between(from, to);
-        if is_met && let Some(home) = self.look_along(from, to, switches)? {
+        if is_met && let Some(home) = self.scan_path(from, to, switches)? {
             return Ok(Some(home));
         }
-        self.way += way.abs();
-        if self.way > switches.search_limit() {
+        self.distance += way.abs();
+        if self.distance > switches.search_limit() {
             return Err(HomingError::TooFar(switches.search_limit() as u64));
         }
         Ok(None)
     }
 
-    /// What was on the way is seen, one thing after the other. `Some`: home was there.
-    fn look_along(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
+    /// Evaluates the switches and the index pulse at each count between two positions where one changes. `Some`: the count of
+    /// home.
+    fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
-        // Inputs may change while the shaft stands: as if it were on its way already.
+        // An input may change while the shaft stands still: that counts as if the shaft moved in the direction of the run.
         let moving = match to.cmp(&from) {
             std::cmp::Ordering::Less => Direction::Negative.mirrored_if(mirrored),
             std::cmp::Ordering::Equal => self.heading,
@@ -123,7 +134,7 @@ impl Run {
         let mut at = from;
         let mut index = false;
         loop {
-            if self.see(moving, seen_by(self.method, switches.read(at)), index)? {
+            if self.evaluate(moving, as_planned(self.method, switches.read(at)), index)? {
                 return Ok(Some(at));
             }
             let seeks_index = matches!(self.sought, Sought::Index);
@@ -133,10 +144,10 @@ impl Run {
         }
     }
 
-    /// The shaft is where a switch changes or the index pulse comes. True: home is here.
+    /// Evaluates the switches and the index pulse at one count. True: home is at this count.
     ///
-    /// \[OURS] What ends the search is looked at first, then the limit switches.
-    fn see(&mut self, moving: Direction, now: Inputs, index: bool) -> Result<bool, HomingError> {
+    /// \[OURS] Home is checked first, then the limit switches.
+    fn evaluate(&mut self, moving: Direction, now: Inputs, index: bool) -> Result<bool, HomingError> {
         let was = std::mem::replace(&mut self.inputs, now);
         if now.has_both_limits() {
             return Err(HomingError::BothLimits);
@@ -145,14 +156,14 @@ impl Run {
             Sought::Index if index => return Ok(true),
             Sought::Edge(edge) if was.has(edge.switch) != now.has(edge.switch) => {
                 let rises = now.has(edge.switch);
-                self.seen |= rises;
+                self.switch_seen |= rises;
                 match (moving == edge.moving, rises == edge.rises) {
-                    // On the ramp of a turn it is crossed before it is sought.
+                    // While the shaft still brakes to reverse it crosses the edge before the run searches for it.
                     (true, true) if self.heading != moving => {}
                     (true, true) if self.method.index => self.sought = Sought::Index,
                     (true, true) => return Ok(true),
-                    // From its other side.
-                    (false, false) => self.turn(edge.moving),
+                    // The edge was reached from its other side.
+                    (false, false) => self.reverse(edge.moving),
                     _ => {}
                 }
             }
@@ -160,29 +171,30 @@ impl Run {
         }
         for end in [Direction::Positive, Direction::Negative] {
             if now.has(end.limit()) && !was.has(end.limit()) {
-                self.run_into_limit(end)?;
+                self.limit_reached(end)?;
             }
         }
-        self.look_ahead()?;
+        self.check_limit_ahead()?;
         Ok(false)
     }
 
-    /// The limit switch at that end has become active.
-    fn run_into_limit(&mut self, end: Direction) -> Result<(), HomingError> {
+    /// The limit switch at that end of the travel has become active.
+    fn limit_reached(&mut self, end: Direction) -> Result<(), HomingError> {
         let Sought::Edge(edge) = self.sought else { return Err(self.wrong_limit(end)) };
-        let turns = matches!(self.method.plan, Plan::Edge { limit_turns: true, .. }) && end == Direction::Positive;
+        let turns =
+            matches!(self.method.plan, SearchPlan::Edge { limit_reverses: true, .. }) && end == Direction::Positive;
         match (turns, self.heading) {
             _ if edge.switch == end.limit() => {}
-            // It slows down after having turned.
+            // The run has reversed already, and the shaft still brakes.
             (true, Direction::Negative) => {}
-            (true, Direction::Positive) if self.limit_turns => self.turn_at_limit(),
+            (true, Direction::Positive) if self.limit_reverses => self.reverse_at_limit(),
             _ => return Err(self.wrong_limit(end)),
         }
         Ok(())
     }
 
-    /// No run goes on towards an active limit switch, unless that is what it looks for.
-    fn look_ahead(&self) -> Result<(), HomingError> {
+    /// A run does not continue towards an active limit switch, unless it searches for that switch.
+    fn check_limit_ahead(&self) -> Result<(), HomingError> {
         let sought = matches!(self.sought, Sought::Edge(edge) if edge.switch == self.heading.limit());
         if self.inputs.has(self.heading.limit()) && !sought {
             return Err(self.wrong_limit(self.heading));
@@ -190,14 +202,14 @@ impl Run {
         Ok(())
     }
 
-    const fn turn(&mut self, heading: Direction) {
+    const fn reverse(&mut self, heading: Direction) {
         self.heading = heading;
-        self.set_out = false;
+        self.on_first_leg = false;
     }
 
-    const fn turn_at_limit(&mut self) {
-        self.limit_turns = false;
-        self.turn(Direction::Negative);
+    const fn reverse_at_limit(&mut self) {
+        self.limit_reverses = false;
+        self.reverse(Direction::Negative);
     }
 
     fn wrong_limit(&self, end: Direction) -> HomingError {
@@ -205,7 +217,7 @@ impl Run {
     }
 }
 
-/// Switches as a method's plan sees them.
-const fn seen_by(method: Method, inputs: Inputs) -> Inputs {
+/// The switches as the plan of a method has them: for a mirrored method the limit switches are exchanged.
+const fn as_planned(method: Method, inputs: Inputs) -> Inputs {
     if method.mirrored { inputs.mirrored() } else { inputs }
 }

@@ -1,4 +1,4 @@
-//! The pulse module's object dictionary (CiA 402-2, ETG.6010). Positions in pulses, speeds in pulses/s.
+//! The object dictionary of pulse modules (CiA 402-2, ETG.6010). Positions in pulses, speeds in pulses/s.
 
 use super::{Channels, Hsp};
 use crate::cia402::{Controlword, SECOND_AXIS_OFFSET};
@@ -11,9 +11,9 @@ use crate::slave::plant::PulseTrain;
 use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
 
-/// 0x1018:2 of a module of one and of two channels. \[OURS] "HSP1", "HSP2".
+/// Product codes, 0x1018:2, of modules with one channel and with two. \[OURS] "HSP1", "HSP2".
 pub const PRODUCT_CODES: [u32; AXES_MAX] = [0x4853_5031, 0x4853_5032];
-/// 0x1018:3.
+/// Revision, 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
 
 const ONE: Identity = Identity {
@@ -36,7 +36,7 @@ pub(super) const fn identity_of(channels: Channels) -> &'static Identity {
 /// 0x6502: homing, CSP, CSV.
 const SUPPORTED_MODES: i64 = 1 << 5 | 1 << 7 | 1 << 8;
 
-/// Slots of an object of both axes.
+/// The slots of an object of both axes.
 macro_rules! of_each_axis {
     ($index:literal) => {
         of_each_axis!($index, 0)
@@ -61,8 +61,9 @@ const HOMING_SPEED_SWITCH: Slots<u32> = of_each_axis!(0x6099, 1);
 const HOMING_SPEED_ZERO: Slots<u32> = of_each_axis!(0x6099, 2);
 const HOMING_ACCELERATION: Slots<u32> = of_each_axis!(0x609A);
 
-/// The table's defaults, and \[OURS] those that go by the greatest rate: it is braked from in a tenth of a second, and by
-/// a quick stop in a hundredth. Homing goes by the turn: two a second, and a fifth of one in the search for zero.
+/// The default values of the table, and \[OURS] those that depend on the greatest rate: from that rate the channel brakes in a
+/// tenth of a second, and by a quick stop in a hundredth. Homing searches a switch with two turns a second, and zero with a fifth
+/// of a turn a second.
 pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = pulses_per_turn.max(5);
@@ -77,7 +78,7 @@ pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     values
 }
 
-/// What the axis of a channel works with. It has no following error.
+/// The settings of the axis of a channel. Its following error is not monitored.
 pub(super) fn settings(values: &Values, channel: usize) -> Settings {
     Settings {
         following_window: NO_FOLLOWING_WINDOW,
@@ -106,14 +107,14 @@ pub(super) fn settings(values: &Values, channel: usize) -> Settings {
 
 type Row = Object<Hsp>;
 
-/// Every object. 0x605D, halt, acts in homing. 0x6098 takes any value: a method that there is not ends in a homing error
-/// when it is started \[OURS].
+/// The object dictionary. 0x605D, halt, acts in homing. 0x6098 takes any value: a method that is not supported ends in a homing
+/// error when it is started \[OURS].
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 4] = [&identity(), &synchronization(), &channel::<0>(), &channel::<1>()];
 
-/// PDOs at power-on. \[OURS] Those of the second axis are 16 further on, as in ETG.6010; those of CSP are assigned.
-/// Of the digital lines the low 16 bits are used.
+/// The PDOs at power-on. \[OURS] Those of the second axis are 16 higher, as in ETG.6010; those of CSP are assigned. Of the digital
+/// inputs and outputs the low 16 bits are used.
 pub(super) const PDOS: &[Pdo<Hsp>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),
@@ -223,7 +224,7 @@ const fn channel<const N: usize>() -> [Row; 28] {
                 .changed(changed::<N>),
             Row::u32(index(0x60FD, N), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs().into()),
             Row::u8(index(0x60FE, N), 0, "Digital outputs").default(1),
-            // [OURS] Bits 16 to 31 have no line: they are ignored, and read as 0.
+            // [OURS] Bits 16 to 31 are not wired: they are ignored, and read as 0.
             Row::u32(index(0x60FE, N), 1, "Physical outputs")
                 .rw()
                 .rx()

@@ -1,15 +1,15 @@
-//! A train of pulses: what a stepper driver without feedback is commanded by.
+//! A train of pulses, as it commands a stepper driver without feedback.
 //!
-//! \[OURS] The position is the number of pulses sent. They follow the demand without an error, up to the greatest rate;
-//! a demand that is faster is caught up with at that rate. Nothing has to slow down: pulses begin and end at once.
+//! \[OURS] The position is the number of pulses sent. They follow the demand without an error, up to the greatest rate; after a
+//! faster demand they catch up at that rate. They need no ramp: pulses begin and end at once.
 
-use super::{Effort, at_most, carry, within};
+use super::{Setpoint, at_most, carry, clamp_to};
 use crate::ethercat::Ns;
 
-/// How pulses are made.
+/// The configuration of a train of pulses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PulseTrain {
-    /// Greatest rate, pulses/s; at least 1.
+    /// The greatest rate, pulses/s; at least 1.
     pub max_rate: u32,
 }
 
@@ -20,7 +20,7 @@ impl Default for PulseTrain {
     }
 }
 
-/// The plant.
+/// A train of pulses as the plant of an axis.
 #[derive(Clone, Debug)]
 pub struct Pulses {
     max_rate: f64,
@@ -32,33 +32,33 @@ pub struct Pulses {
 }
 
 impl Pulses {
-    /// A counter that stands at `position`.
+    /// A train of pulses that begins at `position`.
     pub fn new(train: &PulseTrain, position: i64) -> Self {
         let max_rate = f64::from(train.max_rate.max(1));
         Self { max_rate, limit: max_rate, whole: position, fraction: 0.0, velocity: 0.0, limited: false }
     }
 
-    /// A limit of the rate, pulses/s, on top of the train's own.
+    /// Sets a limit of the rate, pulses/s, which applies besides the greatest rate.
     pub fn set_limit(&mut self, rate: u32) {
         self.limit = at_most(f64::from(rate), self.max_rate);
     }
 
-    /// Pulses sent, those in the negative direction taken off.
+    /// The number of pulses sent, those in the negative direction subtracted.
     pub const fn position(&self) -> i64 {
         self.whole
     }
 
-    /// What the position is more than whole pulses, -0.5..=0.5.
+    /// The fraction of a pulse that the position has on top of its whole pulses, -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         self.fraction
     }
 
-    /// Rate, pulses/s.
+    /// The rate, pulses/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    /// Whether the limit of the rate was in force at the end of the last span.
+    /// Whether the limit of the rate was in force in the last span.
     pub const fn is_limited(&self) -> bool {
         self.limited
     }
@@ -68,22 +68,22 @@ impl Pulses {
         self.velocity == 0.0
     }
 
-    /// `ns` pass with that effort.
-    pub fn run(&mut self, effort: Effort, ns: Ns) {
+    /// `ns` pass with that setpoint.
+    pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         if ns == 0 {
             return;
         }
         let seconds = ns as f64 / 1e9;
-        let (asked, by, velocity) = match effort {
-            Effort::Coast | Effort::Torque(_) => (0.0, 0.0, 0.0),
-            Effort::Position { from, fraction, by } => {
+        let (asked, by, velocity) = match setpoint {
+            Setpoint::Coast | Setpoint::Torque(_) => (0.0, 0.0, 0.0),
+            Setpoint::Position { from, fraction, by } => {
                 // Both are near the counter, so the difference is exact.
                 let way = (from.wrapping_sub(self.whole) as f64 + (fraction - self.fraction)) + by;
-                let given = within(way, self.limit * seconds);
+                let given = clamp_to(way, self.limit * seconds);
                 (way, given, given / seconds)
             }
-            Effort::Velocity { from, to } => {
-                let (first, last) = (within(from, self.limit), within(to, self.limit));
+            Setpoint::Velocity { from, to } => {
+                let (first, last) = (clamp_to(from, self.limit), clamp_to(to, self.limit));
                 let asked = (from + to) * 0.5 * seconds;
                 (asked, (first + last) * 0.5 * seconds, last)
             }

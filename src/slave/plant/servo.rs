@@ -1,32 +1,31 @@
 //! The motor, its shaft and the load on it, with the drive's cascade of position and velocity loop.
 //!
-//! A rigid shaft with inertia, viscous friction and dry friction, driven by a torque that is limited. Time is cut into
-//! sub-steps of at most [`SUBSTEP_MAX_NS`], which the loops are stable at, so that a cycle may be as long as it likes.
-//! Dry friction is solved as the impulse that can at most stop the shaft, viscous friction implicitly: neither can
-//! make the shaft oscillate.
+//! The shaft is rigid and has inertia, viscous friction and dry friction; the torque that drives it is limited. Time is cut into
+//! sub-steps of at most [`SUBSTEP_MAX_NS`], at which the loops are stable, so that a cycle may have any length. Dry friction is
+//! solved as an impulse that can at most stop the shaft, viscous friction implicitly: neither can make the shaft oscillate.
 //!
-//! Positions are counts. They are kept as a whole `i64` and a fraction, so that an axis turns as long as it likes and
-//! is as fine far away as it is near 0; [`Servo::position`] is the whole part, rounded. All arithmetic is `+ - * /` of
-//! `f64` and conversions between `f64` and integers, which every target computes to the same bits.
+//! Positions are counts. They are kept as a whole `i64` and a fraction, so that an axis may turn in one direction for ever and
+//! its position is as precise far away as near 0; [`Servo::position`] is the whole part, rounded. All arithmetic is `+ - * /`
+//! of `f64` and conversions between `f64` and integers, which every target computes to the same bits.
 
 mod side_by_side;
 
 pub use side_by_side::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
-use super::{Effort, at_least, at_most, carry, within};
+use super::{Setpoint, at_least, at_most, carry, clamp_to};
 use crate::ethercat::Ns;
 
 /// \[OURS] The cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;
 
-/// \[OURS] Below this speed, counts/s, the drive's guess of the dry friction fades out, so that it does not push a shaft
-/// that stands at its target.
+/// \[OURS] Below this speed, counts/s, the drive compensates dry friction less and less, so that it does not push a shaft that
+/// stands at its target.
 const FRICTION_FADE: f64 = 10.0;
 
-/// \[OURS] A shaft slower than this, counts/s, stands still.
+/// \[OURS] A shaft slower than this, counts/s, counts as standing still.
 const STANDSTILL: f64 = 1.0;
 
-/// The shaft turns for ever.
+/// There are no end stops.
 const NO_STOPS: (i64, i64) = (i64::MIN, i64::MAX);
 
 /// A motor with its load, and the gains of its drive.
@@ -36,19 +35,19 @@ pub struct Motor {
     pub counts_per_turn: u32,
     /// Rated torque, mN m (0x6076).
     pub rated_torque: u32,
-    /// What the rated torque gives the motor with its load, counts/s²; at least 1.
+    /// The acceleration that the rated torque gives the motor with its load, counts/s²; at least 1.
     pub rated_acceleration: u32,
     /// Greatest torque, 0.1 % of rated.
     pub peak_torque: u16,
     /// Greatest speed, counts/s; at least 1.
     pub max_velocity: u32,
-    /// Torque that dry friction takes, 0.1 % of rated.
+    /// The torque that overcomes dry friction, 0.1 % of rated.
     pub dry_friction: u16,
-    /// Torque that viscous friction takes at the greatest speed, 0.1 % of rated.
+    /// The torque that overcomes viscous friction at the greatest speed, 0.1 % of rated.
     pub viscous_friction: u16,
     /// Gain of the position loop, 1/s; up to 1000.
     pub position_gain: u16,
-    /// Gain of the velocity loop, 1/s; up to 2000, and some times the position loop's.
+    /// Gain of the velocity loop, 1/s; up to 2000, and several times that of the position loop.
     pub velocity_gain: u16,
 }
 
@@ -71,8 +70,8 @@ impl Default for Motor {
 }
 
 impl Motor {
-    /// \[OURS] A stepper of NEMA 23 with an encoder, run in a closed loop, with twice its own inertia on the shaft: 10000
-    /// counts a turn, 2 N m, no more torque than the rated one, 3000 rpm.
+    /// \[OURS] A NEMA 23 stepper with an encoder, run in a closed loop, with twice its own inertia on the shaft: 10000 counts a
+    /// turn, 2 N m, no more torque than the rated one, 3000 rpm.
     pub const fn stepper() -> Self {
         Self {
             counts_per_turn: 10_000,
@@ -88,34 +87,34 @@ impl Motor {
     }
 }
 
-/// Constants of a span, kept while spans are equally long.
+/// The constants of a span of time. They are kept as long as spans have the same length.
 #[derive(Clone, Copy, Debug, Default)]
 struct Span {
     ns: Ns,
     substeps: u32,
-    /// One sub-step, seconds.
-    h: f64,
+    /// The length of a sub-step, seconds.
+    substep_s: f64,
     /// 1 / number of sub-steps.
     share: f64,
     /// 1 / length of the span, 1/s.
     rate: f64,
-    /// Speed change that the velocity loop asks for: taken off for each unit of speed,
+    /// The velocity loop asks for a change of speed in each sub-step: it subtracts this part of the actual speed,
     gain: f64,
-    /// and put on for each unit of speed wanted, with what viscous friction will take of it.
+    /// and adds this part of the demanded speed, which includes what viscous friction will take.
     gain_wanted: f64,
-    /// Greatest speed change that the torque allows.
+    /// The greatest change of speed in a sub-step that the torque allows.
     torque: f64,
-    /// Speed change that dry friction takes.
+    /// The change of speed in a sub-step that dry friction causes.
     friction: f64,
-    /// The part of it that the drive puts on, for each unit of speed wanted.
+    /// The part of the demanded speed that the drive adds to compensate dry friction, up to `friction`.
     friction_wanted: f64,
-    /// What viscous friction leaves of the speed.
+    /// The part of the speed that viscous friction leaves after a sub-step.
     decay: f64,
-    /// Torque, as a part of the rated one, for each unit of speed change.
+    /// The torque, as a part of the rated one, for each unit of change of speed.
     torque_per_change: f64,
 }
 
-/// The plant.
+/// A motor with its load as the plant of an axis.
 #[derive(Clone, Debug)]
 #[repr(C)] // What each cycle uses lies side by side, first.
 pub struct Servo {
@@ -127,7 +126,7 @@ pub struct Servo {
     jammed: bool,
     position_gain: f64,
     velocity_limit: f64,
-    /// Lowest and highest count that can be reached.
+    /// The lowest and the highest count that the shaft can reach.
     stops: (i64, i64),
     span: Span,
     acceleration: f64,
@@ -166,18 +165,18 @@ impl Servo {
         }
     }
 
-    /// End stops of the mechanics: the lowest and the highest count that the shaft can reach. It stops dead there.
+    /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. It stops there at once.
     pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
         self.stops = stops.unwrap_or(NO_STOPS);
     }
 
-    /// The shaft is jammed: it stands whatever the torque; or it is free again.
+    /// Jams the shaft, so that it does not move whatever the torque, or frees it.
     pub const fn jam(&mut self, jammed: bool) {
         self.jammed = jammed;
         self.span.ns = 0;
     }
 
-    /// Limits of the drive, on top of the motor's: speed in counts/s, torque in 0.1 % of rated.
+    /// Sets the limits of the drive, which apply besides those of the motor: speed in counts/s, torque in 0.1 % of rated.
     pub fn set_limits(&mut self, velocity: u32, torque: u16) {
         self.velocity_limit = at_most(f64::from(velocity), self.max_velocity);
         self.torque_limit = at_most(f64::from(torque) / 1000.0, self.peak_torque);
@@ -189,7 +188,7 @@ impl Servo {
         self.whole
     }
 
-    /// What the position is more than its whole counts, -0.5..=0.5.
+    /// The fraction of a count that the position has on top of its whole counts, -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         self.fraction
     }
@@ -214,25 +213,25 @@ impl Servo {
         -STANDSTILL < self.velocity && self.velocity < STANDSTILL
     }
 
-    /// The greatest torque as an acceleration, counts/s².
+    /// The acceleration that the greatest torque gives, counts/s².
     pub fn torque_as_acceleration(&self) -> f64 {
         self.torque_limit * self.acceleration
     }
 
-    /// `ns` pass with that effort. Spans of tens of milliseconds at most keep the fraction fine.
-    pub fn run(&mut self, effort: Effort, ns: Ns) {
+    /// `ns` pass with that setpoint. Spans of tens of milliseconds at most keep the fraction precise.
+    pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         if ns == 0 {
             return;
         }
         let span = self.span(ns);
-        match effort {
-            Effort::Coast => self.coast(&span),
-            Effort::Position { from, fraction, by } => {
+        match setpoint {
+            Setpoint::Coast => self.coast(&span),
+            Setpoint::Position { from, fraction, by } => {
                 // Both are near the shaft, so the difference is exact.
                 self.follow_position(&span, from.wrapping_sub(self.whole) as f64 + fraction, by);
             }
-            Effort::Velocity { from, to } => self.follow_velocity(&span, from, to),
-            Effort::Torque(torque) => self.give_torque(&span, torque),
+            Setpoint::Velocity { from, to } => self.follow_velocity(&span, from, to),
+            Setpoint::Torque(torque) => self.follow_torque(&span, torque),
         }
         self.settle();
     }
@@ -245,17 +244,17 @@ impl Servo {
         self.span
     }
 
-    /// A span has passed: whole counts are counted, and end stops stop the shaft.
+    /// Ends a span: moves whole counts out of the fraction, and stops the shaft at an end stop.
     #[inline]
     fn settle(&mut self) {
         carry(&mut self.whole, &mut self.fraction);
         if self.whole < self.stops.0 || self.whole > self.stops.1 {
-            self.hit_stop();
+            self.stop_at_end();
         }
     }
 
     #[cold]
-    fn hit_stop(&mut self) {
+    fn stop_at_end(&mut self) {
         self.whole = if self.whole < self.stops.0 { self.stops.0 } else { self.stops.1 };
         self.fraction = 0.0;
         self.velocity = 0.0;
@@ -264,21 +263,21 @@ impl Servo {
     fn span_of(&self, ns: Ns) -> Span {
         let substeps = ns.div_ceil(SUBSTEP_MAX_NS) as u32;
         let seconds = ns as f64 / 1e9;
-        let h = seconds / f64::from(substeps);
+        let substep_s = seconds / f64::from(substeps);
         Span {
             ns,
             substeps,
-            h,
+            substep_s,
             share: 1.0 / f64::from(substeps),
             rate: 1.0 / seconds,
-            gain: self.velocity_gain * h,
-            gain_wanted: (self.velocity_gain + self.viscous_rate) * h,
-            torque: self.torque_limit * self.acceleration * h,
-            friction: self.dry_friction * self.acceleration * h,
-            friction_wanted: self.dry_friction * self.acceleration * h / FRICTION_FADE,
-            // What is jammed takes all of the speed.
-            decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * h) },
-            torque_per_change: 1.0 / (self.acceleration * h),
+            gain: self.velocity_gain * substep_s,
+            gain_wanted: (self.velocity_gain + self.viscous_rate) * substep_s,
+            torque: self.torque_limit * self.acceleration * substep_s,
+            friction: self.dry_friction * self.acceleration * substep_s,
+            friction_wanted: self.dry_friction * self.acceleration * substep_s / FRICTION_FADE,
+            // A jam leaves no speed.
+            decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * substep_s) },
+            torque_per_change: 1.0 / (self.acceleration * substep_s),
         }
     }
 
@@ -289,7 +288,7 @@ impl Servo {
             if self.velocity == 0.0 {
                 return;
             }
-            self.push(span, 0.0);
+            self.substep(span, 0.0);
         }
     }
 
@@ -300,15 +299,15 @@ impl Servo {
         let (mut wanted, mut asked) = (0.0, 0.0);
         for _ in 0..span.substeps {
             wanted = feed_forward + self.position_gain * (demand - self.fraction);
-            asked = self.change_for(span, within(wanted, self.velocity_limit));
-            if by == 0.0 && self.velocity == 0.0 && within(asked, span.friction) == asked {
+            asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
+            if by == 0.0 && self.velocity == 0.0 && clamp_to(asked, span.friction) == asked {
                 // Friction holds the shaft, in this sub-step and so in all that follow.
                 break;
             }
-            self.push(span, within(asked, span.torque));
+            self.substep(span, clamp_to(asked, span.torque));
             demand += step;
         }
-        self.ran(span, asked, within(wanted, self.velocity_limit) != wanted);
+        self.finish_span(span, asked, clamp_to(wanted, self.velocity_limit) != wanted);
     }
 
     fn follow_velocity(&mut self, span: &Span, from: f64, to: f64) {
@@ -317,13 +316,13 @@ impl Servo {
         let mut asked = 0.0;
         for _ in 0..span.substeps {
             wanted += step;
-            asked = self.change_for(span, within(wanted, self.velocity_limit));
-            self.push(span, within(asked, span.torque));
+            asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
+            self.substep(span, clamp_to(asked, span.torque));
         }
-        self.ran(span, asked, within(wanted, self.velocity_limit) != wanted);
+        self.finish_span(span, asked, clamp_to(wanted, self.velocity_limit) != wanted);
     }
 
-    fn give_torque(&mut self, span: &Span, torque: f64) {
+    fn follow_torque(&mut self, span: &Span, torque: f64) {
         let target = torque / span.torque_per_change;
         let mut asked = 0.0;
         let mut too_fast = false;
@@ -332,27 +331,28 @@ impl Servo {
             let lowest = self.change_for(span, -self.velocity_limit);
             asked = at_least(at_most(target, highest), lowest);
             too_fast = asked != target;
-            self.push(span, within(asked, span.torque));
+            self.substep(span, clamp_to(asked, span.torque));
         }
-        self.ran(span, asked, too_fast);
+        self.finish_span(span, asked, too_fast);
     }
 
-    /// The velocity loop: the speed change to ask for, with what friction will take of it.
+    /// The velocity loop: the change of speed that it asks for in a sub-step, with the compensation of friction.
     fn change_for(&self, span: &Span, wanted: f64) -> f64 {
-        let dry = within(span.friction_wanted * wanted, span.friction);
+        let dry = clamp_to(span.friction_wanted * wanted, span.friction);
         (span.gain_wanted * wanted - span.gain * self.velocity) + dry
     }
 
-    /// One sub-step: the motor changes the speed, friction takes its part, the shaft moves.
+    /// One sub-step: the motor changes the speed, friction reduces it, the shaft moves.
     #[inline(always)]
-    fn push(&mut self, span: &Span, change: f64) {
+    fn substep(&mut self, span: &Span, change: f64) {
         let driven = self.velocity + change;
-        self.velocity = (driven - within(driven, span.friction)) * span.decay;
-        self.fraction += self.velocity * span.h;
+        self.velocity = (driven - clamp_to(driven, span.friction)) * span.decay;
+        self.fraction += self.velocity * span.substep_s;
     }
 
-    fn ran(&mut self, span: &Span, asked: f64, speed_limited: bool) {
-        let given = within(asked, span.torque);
+    /// Keeps the torque of the last sub-step, and whether it or the speed was limited.
+    fn finish_span(&mut self, span: &Span, asked: f64, speed_limited: bool) {
+        let given = clamp_to(asked, span.torque);
         self.torque = given * span.torque_per_change;
         self.limited = speed_limited || given != asked;
     }

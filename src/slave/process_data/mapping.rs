@@ -1,46 +1,47 @@
 //! The objects by which a master maps process data (ETG.1000.6 5.6.7.4): PDO mapping 0x1600..=0x17FF (RxPDO: outputs) and
 //! 0x1A00..=0x1BFF (TxPDO: inputs), and the assignment of PDOs to sync manager 2 (0x1C12) and 3 (0x1C13).
 //!
-//! Each is a list: sub-index 0 is the count, the items follow. An item of a PDO is `index << 16 | sub-index << 8 | bits`, or
-//! padding, of which only the bits are given; an item of an assignment is the index of a PDO. All are written in PreOP alone,
-//! in the usual order: count 0, then items, then the count. \[OURS] A PDO may be changed while it is assigned, since only
-//! going to SafeOP makes it count; and a count may be followed by another one than 0.
+//! Each of these objects is a list: sub-index 0 is the count, the items follow. An item of a PDO mapping is
+//! `index << 16 | sub-index << 8 | bits`, or padding, of which only the bits are given; an item of an assignment is the index of
+//! a PDO. All are written in PreOP alone, in the usual order: count 0, then the items, then the count. \[OURS] A PDO may be
+//! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced by
+//! another one than 0.
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::AlState;
 use crate::slave::dictionary::{PdoDirection, number_of, put_first};
 
-/// Entries of a PDO at most \[OURS].
+/// The most entries of a PDO \[OURS].
 pub const ENTRIES_MAX: usize = 12;
-/// PDOs of one direction that may be assigned at most \[OURS].
+/// The most PDOs of one direction that may be assigned \[OURS].
 pub const PDOS_MAX: usize = 4;
-/// Bytes of process data of one direction at most \[OURS].
+/// The most bytes of process data of one direction \[OURS].
 pub const IMAGE_BYTES_MAX: usize = 64;
 
 const RX_ASSIGNMENT: u16 = 0x1C12;
 const TX_ASSIGNMENT: u16 = 0x1C13;
 
-/// A PDO that a device has, as it is when the device is switched on.
+/// A PDO of a device at power-on.
 pub struct Pdo<D> {
-    /// Its index: 0x1600..=0x17FF or 0x1A00..=0x1BFF.
+    /// The index of the mapping object: 0x1600..=0x17FF or 0x1A00..=0x1BFF.
     pub index: u16,
-    /// Its entries, at most [`ENTRIES_MAX`].
+    /// The mapping entries, at most [`ENTRIES_MAX`].
     pub entries: &'static [u32],
-    /// Whether it is assigned then.
+    /// Whether the PDO is assigned at power-on.
     pub assigned: bool,
-    /// Moves it as long as it has these entries.
+    /// Copies the PDO as long as it has these entries.
     pub mover: Mover<D>,
 }
 
-/// Moves a whole PDO, which begins at the beginning of the image.
+/// Copies a whole PDO between the device and the beginning of an image.
 pub enum Mover<D> {
-    /// Outputs to the device.
+    /// Copies outputs from the image to the device.
     Outputs(fn(&mut D, &[u8])),
-    /// Inputs from the device.
+    /// Copies inputs from the device to the image.
     Inputs(fn(&D, &mut [u8])),
 }
 
-/// Which process data a PDO or an assignment is about.
+/// The direction of a PDO or of an assignment.
 const fn direction_of(index: u16) -> PdoDirection {
     match index {
         0x1600..=0x17FF | RX_ASSIGNMENT => PdoDirection::Rx,
@@ -48,15 +49,15 @@ const fn direction_of(index: u16) -> PdoDirection {
     }
 }
 
-/// One mapping object or assignment.
+/// One PDO mapping object or assignment object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::slave) struct List {
+pub(in crate::slave) struct MappingList {
     index: u16,
     count: u8,
     items: [u32; ENTRIES_MAX],
 }
 
-impl List {
+impl MappingList {
     fn new(index: u16, items: impl Iterator<Item = u32>) -> Self {
         let mut list = Self { index, count: 0, items: [0; ENTRIES_MAX] };
         for (place, item) in list.items.iter_mut().zip(items) {
@@ -78,12 +79,12 @@ impl List {
         if self.is_assignment() { 2 } else { 4 }
     }
 
-    /// The items that count.
+    /// The items that are in force: as many as the count says.
     fn items(&self) -> &[u32] {
         &self.items[..usize::from(self.count).min(ENTRIES_MAX)]
     }
 
-    /// The value at a sub-index, and how many bytes it has.
+    /// The value at a sub-index, and its size in bytes.
     fn value(&self, sub: u8) -> Option<(u32, usize)> {
         match sub {
             0 => Some((self.count.into(), 1)),
@@ -93,38 +94,38 @@ impl List {
     }
 }
 
-/// The mapping objects and assignments of a device.
+/// The PDO mapping objects and assignment objects of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Mapping(Box<[List]>);
+pub struct Mapping(Box<[MappingList]>);
 
 impl Mapping {
-    /// Those of a device that has these PDOs.
+    /// The mapping of a device with these PDOs at power-on.
     pub fn new<D>(pdos: &[Pdo<D>]) -> Self {
         let assignment = |index| {
             let assigned =
                 pdos.iter().filter(move |pdo| pdo.assigned && direction_of(pdo.index) == direction_of(index));
-            List::new(index, assigned.map(|pdo| pdo.index.into()))
+            MappingList::new(index, assigned.map(|pdo| pdo.index.into()))
         };
-        let lists = pdos.iter().map(|pdo| List::new(pdo.index, pdo.entries.iter().copied()));
+        let lists = pdos.iter().map(|pdo| MappingList::new(pdo.index, pdo.entries.iter().copied()));
         Self(lists.chain([RX_ASSIGNMENT, TX_ASSIGNMENT].map(assignment)).collect())
     }
 
-    fn list(&self, index: u16) -> Option<&List> {
+    fn list(&self, index: u16) -> Option<&MappingList> {
         self.0.iter().find(|list| list.index == index)
     }
 
-    /// Whether an object is one of these.
+    /// Whether the object with that index is a mapping or an assignment object.
     pub fn has(&self, index: u16) -> bool {
         self.list(index).is_some()
     }
 
-    /// The PDOs that are assigned in one direction, in their order: index and entries.
+    /// The PDOs that are assigned in one direction, in the order of their assignment: index and entries.
     pub(super) fn assigned(&self, direction: PdoDirection) -> impl Iterator<Item = (u16, &[u32])> {
         let assignment = match direction {
             PdoDirection::Rx => RX_ASSIGNMENT,
             PdoDirection::Tx => TX_ASSIGNMENT,
         };
-        let assigned = self.list(assignment).into_iter().flat_map(List::items);
+        let assigned = self.list(assignment).into_iter().flat_map(MappingList::items);
         let pdos = assigned.filter_map(|index| self.list(u16::try_from(*index).ok()?));
         pdos.map(|pdo| (pdo.index, pdo.items()))
     }
@@ -157,15 +158,15 @@ impl Mapping {
         }
     }
 
-    /// SDO download: the list as it is then, for [`Self::put`]. `may_map` says whether an entry may stand in a PDO of a
-    /// direction.
+    /// SDO download: the changed list, which [`Self::put`] puts in force. `may_map` says whether an entry may be mapped into a
+    /// PDO of a direction.
     ///
     /// # Errors
-    /// [`AbortCode::NO_SUB_INDEX`], [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] of a transfer
-    /// that has not the length of the value; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`]
-    /// of an item while the count is not 0; [`AbortCode::VALUE_HIGH`] of a count that is too high;
-    /// [`AbortCode::NOT_MAPPABLE`] and what `may_map` says of items; [`AbortCode::PDO_LENGTH`] of a PDO longer than
-    /// [`IMAGE_BYTES_MAX`]; [`AbortCode::PARAMETER_INCOMPATIBLE`] of a PDO that is assigned twice.
+    /// [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] for a transfer
+    /// of the wrong length; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`] for an item while the
+    /// count is not 0; [`AbortCode::VALUE_HIGH`] for a count that is too high; [`AbortCode::NOT_MAPPABLE`] and the codes of
+    /// `may_map` for items; [`AbortCode::PDO_LENGTH`] for a PDO longer than [`IMAGE_BYTES_MAX`];
+    /// [`AbortCode::PARAMETER_INCOMPATIBLE`] for a PDO that is assigned twice.
     pub(in crate::slave) fn written(
         &self,
         at: ObjectAddress,
@@ -173,7 +174,7 @@ impl Mapping {
         value: &[u8],
         state: AlState,
         may_map: impl Fn(PdoDirection, u32) -> Result<(), AbortCode>,
-    ) -> Result<List, AbortCode> {
+    ) -> Result<MappingList, AbortCode> {
         let mut list = *self.list(at.index).ok_or(AbortCode::NO_OBJECT)?;
         let in_preop = || if state == AlState::PreOp { Ok(()) } else { Err(AbortCode::DEVICE_STATE) };
         match scope {
@@ -198,7 +199,7 @@ impl Mapping {
             }
             SdoScope::Complete => {
                 if at.sub != 0 {
-                    // [OURS] Without the count nobody would know how many items are meant.
+                    // [OURS] Without sub-index 0 the number of items is not known.
                     return Err(AbortCode::UNSUPPORTED_ACCESS);
                 }
                 let (count, items) = value.split_at_checked(2).ok_or(AbortCode::LENGTH)?;
@@ -208,24 +209,24 @@ impl Mapping {
                 }
                 in_preop()?;
                 let items = items.chunks_exact(list.item_bytes()).map(|item| number_of(item) as u32);
-                list = List::new(list.index, items);
+                list = MappingList::new(list.index, items);
             }
         }
         self.check(&list, &may_map)?;
         Ok(list)
     }
 
-    /// Puts a list in the place of the one with its index.
-    pub(in crate::slave) fn put(&mut self, list: List) {
+    /// Replaces the list with the same index.
+    pub(in crate::slave) fn put(&mut self, list: MappingList) {
         if let Some(place) = self.0.iter_mut().find(|old| old.index == list.index) {
             *place = list;
         }
     }
 
-    /// Whether the items that count may stand there together.
+    /// Whether the items of a list are allowed together.
     fn check(
         &self,
-        list: &List,
+        list: &MappingList,
         may_map: &impl Fn(PdoDirection, u32) -> Result<(), AbortCode>,
     ) -> Result<(), AbortCode> {
         let items = list.items();
@@ -240,7 +241,7 @@ impl Mapping {
 
     fn check_item(
         &self,
-        list: &List,
+        list: &MappingList,
         item: u32,
         may_map: &impl Fn(PdoDirection, u32) -> Result<(), AbortCode>,
     ) -> Result<(), AbortCode> {
@@ -254,7 +255,7 @@ impl Mapping {
     }
 }
 
-fn count_of(list: &List, number: u32) -> Result<u8, AbortCode> {
+fn count_of(list: &MappingList, number: u32) -> Result<u8, AbortCode> {
     let count = u8::try_from(number).ok().filter(|count| usize::from(*count) <= list.items_max());
     count.ok_or(AbortCode::VALUE_HIGH)
 }

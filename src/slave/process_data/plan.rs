@@ -1,7 +1,7 @@
-//! The plan by which a cycle moves process data between an image of bytes and the objects of a device.
+//! The plan by which a cycle copies process data between a process image and the objects of a device.
 //!
-//! In an image the entries lie one behind the other, the lowest bit first, with no gap but padding; it ends with a whole
-//! byte (ETG.1000.6 5.6.7.4.7).
+//! In an image the mapped entries follow each other, the lowest bit first, without gaps but for padding; the image ends with a
+//! whole byte (ETG.1000.6 5.6.7.4.7).
 
 use std::fmt;
 
@@ -10,25 +10,25 @@ use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
 use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
 
-/// Objects that may be mapped in one direction at most, all PDOs together \[OURS].
+/// The most objects that may be mapped in one direction, in all PDOs together \[OURS].
 pub const MAPPED_MAX: usize = 32;
 
-/// One object that a cycle moves.
+/// One object that a cycle copies.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::slave) struct Move {
-    /// Its row and its cell, see [`Place`].
+pub(in crate::slave) struct EntryCopy {
+    /// Row and cell of the object, see [`Place`].
     row: u16,
     cell: u16,
-    /// Where it begins in the image, bits.
+    /// The bit of the image at which it begins.
     bit: u16,
-    /// How many bits it has.
+    /// Its length, bits.
     bits: u8,
 }
 
 /// One step of a plan.
 enum Step<D> {
-    Object(Move),
-    /// A PDO that is as it was when the device was switched on, and begins at that byte.
+    Object(EntryCopy),
+    /// A PDO that has the entries of power-on and begins at that byte.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
 }
@@ -41,14 +41,15 @@ impl<D> Clone for Step<D> {
 }
 impl<D> Copy for Step<D> {}
 
-/// The plan. It allocates when it is made, and never after.
+/// The copies that a cycle makes. A plan allocates when it is made, and never after.
 pub(in crate::slave) struct Plan<D> {
-    /// First those of the inputs, then those of the outputs.
+    /// The steps for the inputs, then those for the outputs.
     steps: Vec<Step<D>>,
+    /// How many of the steps are for the inputs.
     inputs: usize,
     input_bytes: usize,
     output_bytes: usize,
-    /// Some bits of the inputs are no object's.
+    /// Some bits of the input image belong to no object.
     has_padding: bool,
 }
 
@@ -72,17 +73,17 @@ impl<D> Default for Plan<D> {
     }
 }
 
-/// What a plan is compiled of an entry.
+/// What a mapping entry means.
 enum Entry {
     Padding,
     Object(Place),
 }
 
-/// Whether an object may be mapped, and where it is.
+/// The meaning of a mapping entry in a PDO of that direction.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::NOT_MAPPABLE`] also of an entry with another length
-/// than the object's (CiA 301 7.4.9.4).
+/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry with another length
+/// than the object has (CiA 301 7.4.9.4).
 fn entry<D: Device>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
     let (at, bits) = parts(entry);
     if bits == 0 {
@@ -97,13 +98,13 @@ fn entry<D: Device>(device: &D, direction: PdoDirection, entry: u32) -> Result<E
     if fits { Ok(Entry::Object(place)) } else { Err(AbortCode::NOT_MAPPABLE) }
 }
 
-/// The object that an entry is about, and how many bits it has.
+/// The address of the object in a mapping entry, and its length in bits.
 const fn parts(entry: u32) -> (ObjectAddress, u8) {
     let [bits, sub, low, high] = entry.to_le_bytes();
     (ObjectAddress::new(u16::from_le_bytes([low, high]), sub), bits)
 }
 
-/// Whether an entry may stand in a PDO of that direction.
+/// Whether a mapping entry is allowed in a PDO of that direction.
 ///
 /// # Errors
 /// As [`entry`].
@@ -112,23 +113,23 @@ pub(in crate::slave) fn may_map<D: Device>(device: &D, direction: PdoDirection, 
 }
 
 impl<D> Plan<D> {
-    /// A plan for nothing, with room for any.
+    /// A plan that copies nothing, with room for the steps of any mapping.
     pub(in crate::slave) fn with_room() -> Self {
         Self { steps: Vec::with_capacity(2 * MAPPED_MAX), ..Self::default() }
     }
 
-    /// How long the images of outputs and inputs are, bytes.
+    /// The lengths of the output image and of the input image, bytes.
     pub(in crate::slave) const fn lengths(&self) -> (u16, u16) {
         (self.output_bytes as u16, self.input_bytes as u16)
     }
 }
 
 impl<D: Planned> Plan<D> {
-    /// Makes this the plan of a mapping.
+    /// Compiles a mapping into this plan.
     ///
     /// # Errors
-    /// [`AlStatus::INVALID_INPUT_MAPPING`], [`AlStatus::INVALID_OUTPUT_MAPPING`]: an entry cannot be mapped, or it is more
-    /// than [`IMAGE_BYTES_MAX`] or [`MAPPED_MAX`]. The plan is then for nothing.
+    /// [`AlStatus::INVALID_INPUT_MAPPING`], [`AlStatus::INVALID_OUTPUT_MAPPING`]: an entry cannot be mapped, or the mapping
+    /// exceeds [`IMAGE_BYTES_MAX`] or [`MAPPED_MAX`]. The plan copies nothing then.
     pub(in crate::slave) fn compile(&mut self, device: &D, mapping: &Mapping) -> Result<(), AlStatus> {
         let mut steps = std::mem::take(&mut self.steps);
         steps.clear();
@@ -150,7 +151,7 @@ impl<D: Planned> Plan<D> {
         Ok(())
     }
 
-    /// Adds the steps of one direction. `None`: that is no mapping.
+    /// Adds the steps of one direction. `None`: the mapping is not valid.
     fn add(&mut self, device: &D, direction: PdoDirection, mapping: &Mapping) -> Option<Image> {
         let mut image = Image::default();
         for (index, entries) in mapping.assigned(direction) {
@@ -162,7 +163,7 @@ impl<D: Planned> Plan<D> {
                     Entry::Object(Place { row, cell }) => {
                         image.objects += 1;
                         let (row, cell, bit) = (row as u16, cell as u16, image.bits as u16);
-                        self.steps.push(Step::Object(Move { row, cell, bit, bits }));
+                        self.steps.push(Step::Object(EntryCopy { row, cell, bit, bits }));
                     }
                 }
                 image.bits += usize::from(bits);
@@ -179,7 +180,7 @@ impl<D: Planned> Plan<D> {
     }
 }
 
-/// The step of a PDO that is as it was when the device was switched on, and begins with a whole byte.
+/// One step for a whole PDO, if the PDO has the entries of power-on and begins with a whole byte.
 fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let pdo = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries)?;
     let step = match pdo.mover {
@@ -189,7 +190,7 @@ fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step
     bit.is_multiple_of(8).then_some(step)
 }
 
-/// The image of one direction while it is compiled.
+/// The image of one direction while its plan is compiled.
 #[derive(Default)]
 struct Image {
     bits: usize,
@@ -197,16 +198,16 @@ struct Image {
     padding: bool,
 }
 
-/// A device that moves process data by a plan.
+/// A device whose process data are copied by a plan.
 pub(in crate::slave) trait Planned: Device {
-    /// Its plan.
+    /// The plan in force.
     fn plan(&self) -> &Plan<Self>;
 
-    /// Its PDOs at power-on.
+    /// The PDOs at power-on.
     fn pdos() -> &'static [Pdo<Self>];
 }
 
-/// Puts what the device shows into the image of its inputs; an image that is too short stays as it is.
+/// Puts the inputs of the device into an image. An image that is too short stays as it is.
 pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
     let plan = device.plan();
     if image.len() < plan.input_bytes {
@@ -224,7 +225,7 @@ pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
     }
 }
 
-/// Hands the image of its outputs to the device; one that is too short is left out.
+/// Hands the outputs in an image to the device. An image that is too short is ignored.
 pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
     let plan = device.plan();
     if image.len() < plan.output_bytes {
@@ -239,11 +240,11 @@ pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
     }
 }
 
-/// Where an entry of whole bytes is in a table of objects, which begins at `bit` in its image; for a constant.
+/// The copy of a mapping entry of whole bytes that begins at `bit` of its image; for constants.
 ///
 /// # Panics
 /// If there is no such object, or it has another length: in a constant, when compiling.
-pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u32) -> Move {
+pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u32) -> EntryCopy {
     let (at, bits) = parts(entry);
     let (mut row, mut cell) = (0, 0);
     while !objects[row].has(at) {
@@ -252,11 +253,11 @@ pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u
     }
     cell += (at.sub - objects[row].address().sub) as u16;
     assert!(objects[row].data_type().bits() == bits && bits % 8 == 0, "the entry has not the object's length");
-    Move { row: row as u16, cell, bit: bit as u16, bits }
+    EntryCopy { row: row as u16, cell, bit: bit as u16, bits }
 }
 
-/// A PDO of outputs that a device has at power-on: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, assigned then
-/// or not. Its mover is straight code, since the compiler knows which objects it moves.
+/// An RxPDO that a device has at power-on: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` says that
+/// it is assigned. Its mover is straight code, since the compiler knows which objects it copies.
 macro_rules! rx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {
@@ -271,7 +272,7 @@ macro_rules! rx_pdo {
     };
 }
 
-/// The same of inputs.
+/// The same for a TxPDO.
 macro_rules! tx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {
@@ -286,7 +287,7 @@ macro_rules! tx_pdo {
     };
 }
 
-/// One call for each entry, with the bit at which it begins.
+/// Makes one call for each entry, with the bit at which the entry begins.
 macro_rules! each_entry {
     ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr,) => {};
     ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr, $entry:literal $($rest:literal)*) => {
@@ -301,21 +302,21 @@ macro_rules! each_entry {
 pub(in crate::slave) use {each_entry, rx_pdo, tx_pdo};
 
 #[inline(always)]
-pub(in crate::slave) fn put_object<D: Device>(device: &D, step: Move, image: &mut [u8]) {
+pub(in crate::slave) fn put_object<D: Device>(device: &D, step: EntryCopy, image: &mut [u8]) {
     let object = &D::objects()[usize::from(step.row)];
     put(image, step, number(device, object, step.cell.into()) as u64);
 }
 
 #[inline(always)]
-pub(in crate::slave) fn take_object<D: Device>(device: &mut D, step: Move, image: &[u8]) {
+pub(in crate::slave) fn take_object<D: Device>(device: &mut D, step: EntryCopy, image: &[u8]) {
     let object = &D::objects()[usize::from(step.row)];
     let number = object.data_type().decode(take(image, step));
     take_output(device, object, step.cell.into(), number);
 }
 
-/// Puts the lowest bits of a number into an image.
+/// Puts the low bits of a number into an image.
 #[inline(always)]
-fn put(image: &mut [u8], Move { bit, bits, .. }: Move, number: u64) {
+fn put(image: &mut [u8], EntryCopy { bit, bits, .. }: EntryCopy, number: u64) {
     let at = usize::from(bit / 8);
     match (bit % 8, bits) {
         (0, 16) => image[at..at + 2].copy_from_slice(&(number as u16).to_le_bytes()),
@@ -334,7 +335,7 @@ fn put_bits(image: &mut [u8], bit: usize, bits: u8, number: u64) {
 
 /// The bits of an image as a number.
 #[inline(always)]
-fn take(image: &[u8], Move { bit, bits, .. }: Move) -> u64 {
+fn take(image: &[u8], EntryCopy { bit, bits, .. }: EntryCopy) -> u64 {
     let at = usize::from(bit / 8);
     match (bit % 8, bits) {
         (0, 16) => u16::from_le_bytes([image[at], image[at + 1]]).into(),

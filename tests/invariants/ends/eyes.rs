@@ -207,8 +207,10 @@ impl Eyes {
             Break::Silence(slave) => self.network.silence(slave, true),
             Break::Power(slave) => self.network.lose(slave),
             Break::Alarm(slave) => {
-                self.network
-                    .inflict(slave, Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x8611, resettable: true } });
+                self.network.apply_fault(
+                    slave,
+                    Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x8611, resettable: true } },
+                );
             }
         }
         (seen.breaks_in, seen.is_broken) = (None, true);

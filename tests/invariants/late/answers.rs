@@ -76,7 +76,7 @@ impl Answers {
         let is_next = self.answered == n.checked_sub(1) && self.answered.is_some();
         self.answered = Some(n);
         let cycle = trace.cycle(n);
-        let unheard = around.lost().union(cycle.lost).union(cycle.deaf);
+        let unheard = around.lost().union(cycle.lost).union(cycle.without_outputs);
         let mark = shown_mark(trace, n);
         if mark != 0 && n >= trace.op && !unheard.contains(MARKER as u8) {
             let answer = report.slot(machine.size, MARKER);

@@ -157,7 +157,7 @@ impl Axes {
     /// An SV_OFF that was sent to a slave switches it off within what lies ahead and is answered late.
     fn stops(&mut self, trace: &Trace, units: &[Unit], entry: Option<&[(usize, SlaveCommand)]>) {
         let (cycle, n) = (trace.newest(), trace.passed() - 1);
-        let unreached = cycle.lost.union(cycle.deaf);
+        let unreached = cycle.lost.union(cycle.without_outputs);
         // How long the drive takes to stand is its own affair.
         let is_on = |slave: usize| {
             cycle.outputs.as_ref().is_some_and(|(_, outputs)| {

@@ -35,7 +35,7 @@ pub struct Ledger {
     is_blurred: bool,
     /// Commands sent to slaves that did not get them, and the bus has not named those yet: cycle, slave.
     unnamed: Vec<(usize, u8)>,
-    deaf: Vec<usize>,
+    without_outputs: Vec<usize>,
     /// Commands that their slaves have got and whose answer has not come: cycle, slaves.
     got: Vec<(usize, SlaveSet)>,
     /// Commands that must be counted as for lost slaves by now, and that may be.
@@ -117,7 +117,7 @@ impl Ledger {
                 assert!(mark > self.newest_mark, "entry {mark} is sent after {}", self.newest_mark);
                 self.newest_mark = mark;
                 self.sent += 1;
-                let unreached = cycle.lost.union(cycle.deaf);
+                let unreached = cycle.lost.union(cycle.without_outputs);
                 let got = self.entries[usize::from(mark) - 1].iter().filter(|(slave, command)| {
                     let unit = units.iter().find(|unit| unit.slave == *slave);
                     !unreached.contains(*slave as u8)
@@ -129,7 +129,8 @@ impl Ledger {
                 self.lost_at_most += u64::from(open.may.intersection(unreached).len());
                 self.got.push((n, open.may.difference(unreached)));
                 self.unnamed.extend(open.sure.intersection(cycle.lost).iter().map(|slave| (n, slave)));
-                self.deaf.extend(open.sure.intersection(cycle.deaf).difference(cycle.lost).iter().map(|_| n));
+                self.without_outputs
+                    .extend(open.sure.intersection(cycle.without_outputs).difference(cycle.lost).iter().map(|_| n));
             }
             Event::Answered { lost, .. } => {
                 let answered = trace.answered.expect("it was answered");
@@ -139,12 +140,12 @@ impl Ledger {
                 // One that has come back before the bus has named it was never lost for the board.
                 self.unnamed.retain(|sent| !named(sent) && (sent.0 >= answered || still.contains(sent.1)));
                 // Of a slave that is not in OP an answer tells no more than its own cycle.
-                self.lost_at_least += self.deaf.iter().filter(|n| **n == answered).count() as u64;
-                self.deaf.retain(|n| *n > answered);
+                self.lost_at_least += self.without_outputs.iter().filter(|n| **n == answered).count() as u64;
+                self.without_outputs.retain(|n| *n > answered);
                 // If the answer of a cycle is lost and in the next one a slave is not in OP, the board cannot know whether it
                 // still was.
                 let doubtful = self.got.extract_if(.., |(n, _)| *n <= answered).filter(|(n, _)| *n < answered);
-                let left = trace.cycle(answered).deaf;
+                let left = trace.cycle(answered).without_outputs;
                 self.lost_at_most += doubtful.map(|(_, got)| u64::from(got.intersection(left).len())).sum::<u64>();
             }
             Event::Cleared { newest_sent } => self.open.retain(|open| Some(open.id) <= *newest_sent),

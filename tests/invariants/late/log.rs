@@ -25,7 +25,7 @@ pub struct Cycle {
     pub outputs: Option<(u64, [SlaveOut; SLAVES])>,
     /// Slaves that have not got them, because they did not answer and because they were not in OP.
     pub lost: SlaveSet,
-    pub deaf: SlaveSet,
+    pub without_outputs: SlaveSet,
     pub inputs: [SlaveIn; SLAVES],
     /// Where the shafts were when the slaves measured these inputs, and where they are after the cycle.
     pub measured: [[Option<i64>; MAX_AXES]; SLAVES],
@@ -92,7 +92,7 @@ impl<B: Fieldbus> Fieldbus for Wire<B> {
             dt_ns: now - self.clock,
             outputs: self.sent.take().filter(|_| done.is_some()),
             lost: inputs.lost,
-            deaf: inputs.deaf,
+            without_outputs: inputs.without_outputs,
             inputs: first(&inputs.slaves),
             measured,
             shafts: first(&self.network.shafts().positions),
@@ -147,7 +147,7 @@ impl<B: Fieldbus> Fieldbus for Seam<B> {
                 return Some(done);
             }
             (JobDone::Configure(Ok(_)), Some(Job::Configure(config))) => {
-                for slave in config.who.iter().filter(|slave| usize::from(*slave) <= SLAVES) {
+                for slave in config.selected.iter().filter(|slave| usize::from(*slave) <= SLAVES) {
                     let Some(mode) = config.slaves[usize::from(slave) - 1].role.mode() else { continue };
                     for axis in 0..MAX_AXES {
                         note(&self.log, Event::Mode { slave, axis, mode: mode.code() });

@@ -214,7 +214,7 @@ fn ended_by_the_power_stage() {
                     bench
                         .rig
                         .drive
-                        .suffer(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } })
+                        .apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } })
                 )
             },
             DriveState::Fault,

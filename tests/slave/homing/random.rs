@@ -90,7 +90,7 @@ proptest! {
         bench.rig.write(0x609A, 0, SdoSize::Four, case.ramp);
         if let Some((input, value)) = case.stuck {
             let stuck = Fault::Stick { axis: 0, input: Some(input), value: Some(value) };
-            prop_assert!(bench.rig.drive.suffer(stuck));
+            prop_assert!(bench.rig.drive.apply_fault(stuck));
         }
         // A 20th for what the loops overshoot when a ramp ends, and the ramp for the while they lag.
         bench.way_limit = (case.fast.max(case.slow) as f64 * 1.05 + case.ramp as f64 * 4e-3) / 1000.0;

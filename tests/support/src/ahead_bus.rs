@@ -346,7 +346,7 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         if let Job::Configure(config) = job
             && self.how.honesty.disturbs
         {
-            let others = self.in_op.difference(config.who);
+            let others = self.in_op.difference(config.selected);
             if !others.is_empty() {
                 let leave = Job::State { target: AlState::SafeOp, slaves: others, timeout_ns: 1_000_000_000 };
                 self.start_inner(leave, now)?;

@@ -146,8 +146,8 @@ pub fn state(target: AlState, drives: u8) -> Job {
 
 pub fn configure(role: Role) -> Job {
     let slave = SlaveConfig { role, sync: DriveSync::DcSync };
-    let who = SlaveSet::first(MAX_SLAVES as u8);
-    Job::Configure(BusConfig { cycle: CycleTime::DEFAULT, who, slaves: [slave; MAX_SLAVES] })
+    let selected = SlaveSet::first(MAX_SLAVES as u8);
+    Job::Configure(BusConfig { cycle: CycleTime::DEFAULT, selected, slaves: [slave; MAX_SLAVES] })
 }
 
 pub fn sdo(slave: u8, index: u16, write: Option<(SdoSize, u32)>) -> Job {

@@ -3,12 +3,12 @@
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Close, Ecm, EcmError};
 use ecmsk::slave::dictionary::Access;
-use ecmsk::slave::{MakersObject, MakersType};
+use ecmsk::slave::{ManufacturerObject, ManufacturerType};
 
 /// Reads all readable objects with these indexes; nothing is written to the drive. `found` gets each object, `at` the
 /// index that is being read.
 ///
-/// SDO answers tell neither the size nor the access of an object. So all are [`MakersType::Any`] and `rw`, except
+/// SDO answers tell neither the size nor the access of an object. So all are [`ManufacturerType::Any`] and `rw`, except
 /// those that the drive reports as write-only.
 ///
 /// # Errors
@@ -17,7 +17,7 @@ pub fn read<E: From<EcmError>>(
     link: &str,
     slave: u8,
     indexes: &[std::ops::RangeInclusive<u16>],
-    mut found: impl FnMut(MakersObject) -> Result<(), E>,
+    mut found: impl FnMut(ManufacturerObject) -> Result<(), E>,
     mut at: impl FnMut(u16),
 ) -> Result<(), E> {
     let ecm = Ecm::open(link)?;
@@ -44,9 +44,10 @@ pub fn read<E: From<EcmError>>(
 }
 
 /// Reads one sub-index; `None` if it does not exist.
-fn upload(ecm: &Ecm, slave: u8, index: u16, sub: u8) -> Result<Option<MakersObject>, EcmError> {
+fn upload(ecm: &Ecm, slave: u8, index: u16, sub: u8) -> Result<Option<ManufacturerObject>, EcmError> {
     let address = ObjectAddress::new(index, sub);
-    let object = |access, bits| MakersObject { address, data: MakersType::Any, access, bits, name: String::new() };
+    let object =
+        |access, bits| ManufacturerObject { address, data: ManufacturerType::Any, access, bits, name: String::new() };
     match ecm.sdo_read::<u32>(slave, address) {
         Ok(bits) => Ok(Some(object(Access::ReadWrite, bits.into()))),
         Err(EcmError::SdoAborted { code: AbortCode::WRITE_ONLY, .. }) => Ok(Some(object(Access::WriteOnly, 0))),

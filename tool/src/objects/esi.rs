@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::slave::dictionary::Access;
-use ecmsk::slave::{MakersObject, MakersType};
+use ecmsk::slave::{ManufacturerObject, ManufacturerType};
 use roxmltree::{Document, Node};
 
 /// How many data types that refer to others are followed \[OURS].
@@ -50,7 +50,7 @@ pub struct Esi {
     /// The type of the device.
     pub device: String,
     /// The objects of the device.
-    pub objects: Vec<MakersObject>,
+    pub objects: Vec<ManufacturerObject>,
 }
 
 /// Reads the objects of a device; `wanted` is its type, its name or its product code.
@@ -123,7 +123,11 @@ struct Part {
     access: Option<Access>,
 }
 
-fn put_object(node: Node<'_, '_>, types: &Types<'_, '_>, objects: &mut Vec<MakersObject>) -> Result<(), EsiError> {
+fn put_object(
+    node: Node<'_, '_>,
+    types: &Types<'_, '_>,
+    objects: &mut Vec<ManufacturerObject>,
+) -> Result<(), EsiError> {
     let index = text(node, "Index").and_then(whole).and_then(|index| u16::try_from(index).ok());
     let index = index.ok_or_else(|| content(node, "an Object without an Index such as #x2000".into()))?;
     if index < FIRST_INDEX {
@@ -135,7 +139,7 @@ fn put_object(node: Node<'_, '_>, types: &Types<'_, '_>, objects: &mut Vec<Maker
     let info = child(node, "Info");
     let parts = parts_of(kind, types);
     if parts.is_empty() {
-        let (data, bits) = (makers_type(kind, types, 0), info.map_or(0, value_of));
+        let (data, bits) = (manufacturer_type(kind, types, 0), info.map_or(0, value_of));
         objects.push(object(ObjectAddress::new(index, 0), data, access, bits, name.trim().to_owned()));
         return Ok(());
     }
@@ -143,7 +147,7 @@ fn put_object(node: Node<'_, '_>, types: &Types<'_, '_>, objects: &mut Vec<Maker
     for (place, part) in parts.iter().enumerate() {
         let named = items.iter().find(|item| text(**item, "Name").map(str::trim) == Some(part.name.as_str()));
         let info = named.or(items.get(place)).and_then(|item| child(*item, "Info"));
-        let data = makers_type(&part.kind, types, 0);
+        let data = manufacturer_type(&part.kind, types, 0);
         let name = format!("{}: {}", name.trim(), part.name);
         let bits = info.map_or(0, value_of);
         objects.push(object(ObjectAddress::new(index, part.sub), data, part.access.unwrap_or(access), bits, name));
@@ -152,9 +156,15 @@ fn put_object(node: Node<'_, '_>, types: &Types<'_, '_>, objects: &mut Vec<Maker
 }
 
 /// An object; a value that does not fit its type is truncated to it.
-fn object(address: ObjectAddress, data: MakersType, access: Access, bits: u64, name: String) -> MakersObject {
+fn object(
+    address: ObjectAddress,
+    data: ManufacturerType,
+    access: Access,
+    bits: u64,
+    name: String,
+) -> ManufacturerObject {
     let width = u32::from(data.bytes().unwrap_or(8)) * 8;
-    MakersObject { address, data, access, bits: bits & (u64::MAX >> (64 - width)), name }
+    ManufacturerObject { address, data, access, bits: bits & (u64::MAX >> (64 - width)), name }
 }
 
 /// The sub-indexes of a record or an array, each once; none for a plain type.
@@ -191,30 +201,30 @@ fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
 
 /// The type for a data type of ETG.2000 and IEC 61131-3. Other types are replaced by those that they refer to, or
 /// chosen by their length.
-fn makers_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> MakersType {
+fn manufacturer_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> ManufacturerType {
     match kind.trim() {
-        "BOOL" | "BIT" => MakersType::Bool,
-        "SINT" | "INTEGER8" => MakersType::I8,
-        "USINT" | "BYTE" | "UNSIGNED8" => MakersType::U8,
-        "INT" | "INTEGER16" => MakersType::I16,
-        "UINT" | "WORD" | "UNSIGNED16" => MakersType::U16,
-        "DINT" | "INTEGER32" => MakersType::I32,
-        "UDINT" | "DWORD" | "UNSIGNED32" => MakersType::U32,
-        "REAL" => MakersType::F32,
-        "LINT" | "INTEGER64" => MakersType::I64,
-        "ULINT" | "LWORD" | "UNSIGNED64" => MakersType::U64,
-        "LREAL" => MakersType::F64,
-        text if text.starts_with("STRING") || text.contains("OF BYTE") => MakersType::Text,
-        bits if bits.starts_with("BIT") => MakersType::U8,
+        "BOOL" | "BIT" => ManufacturerType::Bool,
+        "SINT" | "INTEGER8" => ManufacturerType::I8,
+        "USINT" | "BYTE" | "UNSIGNED8" => ManufacturerType::U8,
+        "INT" | "INTEGER16" => ManufacturerType::I16,
+        "UINT" | "WORD" | "UNSIGNED16" => ManufacturerType::U16,
+        "DINT" | "INTEGER32" => ManufacturerType::I32,
+        "UDINT" | "DWORD" | "UNSIGNED32" => ManufacturerType::U32,
+        "REAL" => ManufacturerType::F32,
+        "LINT" | "INTEGER64" => ManufacturerType::I64,
+        "ULINT" | "LWORD" | "UNSIGNED64" => ManufacturerType::U64,
+        "LREAL" => ManufacturerType::F64,
+        text if text.starts_with("STRING") || text.contains("OF BYTE") => ManufacturerType::Text,
+        bits if bits.starts_with("BIT") => ManufacturerType::U8,
         other => {
             let definition = types.get(other).copied();
             match definition.and_then(|definition| text(definition, "BaseType")) {
-                Some(base) if depth < DEPTH_MAX => makers_type(base, types, depth + 1),
+                Some(base) if depth < DEPTH_MAX => manufacturer_type(base, types, depth + 1),
                 _ => match definition.and_then(|definition| text(definition, "BitSize")).and_then(whole) {
-                    Some(1..=8) => MakersType::U8,
-                    Some(9..=16) => MakersType::U16,
-                    Some(17..=32) => MakersType::U32,
-                    _ => MakersType::Any,
+                    Some(1..=8) => ManufacturerType::U8,
+                    Some(9..=16) => ManufacturerType::U16,
+                    Some(17..=32) => ManufacturerType::U32,
+                    _ => ManufacturerType::Any,
                 },
             }
         }

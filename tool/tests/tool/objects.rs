@@ -8,7 +8,7 @@ use ecmsk::fieldbus::AlState;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::slaves::ManufacturerObjectsSpec;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::slave::{Drive, DriveConfig, MakersObjects, Slave};
+use ecmsk::slave::{Drive, DriveConfig, ManufacturerObjects, Slave};
 
 const OBJECTS: &str = "\
 # objects of a drive
@@ -20,9 +20,9 @@ const OBJECTS: &str = "\
 0x6041:0 u16 rw 1 the drive has this itself
 ";
 
-fn drive(makers: MakersObjects) -> Drive {
+fn drive(makers: ManufacturerObjects) -> Drive {
     let mut drive = Drive::new(DriveConfig::default());
-    drive.give_makers_objects(makers);
+    drive.add_manufacturer_objects(makers);
     drive.enter(AlState::PreOp).expect("that is open");
     drive
 }
@@ -34,7 +34,7 @@ fn at(index: u16, sub: u8) -> ObjectAddress {
 /// SK-7.47 The objects of a file are read and written by the rules of CoE: size, access, what is not there.
 #[test]
 fn objects_of_a_file_follow_the_rules_of_coe() {
-    let mut drive = drive(MakersObjects::parse(OBJECTS).unwrap());
+    let mut drive = drive(ManufacturerObjects::parse(OBJECTS).unwrap());
     let read = |drive: &mut Drive, index, sub| drive.upload(at(index, sub)).map(|value| value.bits);
     assert_eq!(read(&mut drive, 0x2000, 0), Ok(0x12));
     assert_eq!(read(&mut drive, 0x2101, 1), Ok((-5i32) as u32));
@@ -64,7 +64,7 @@ fn objects_of_a_file_follow_the_rules_of_coe() {
 /// SK-7.48 `any`: what is written is read back, of any size; what was never written is 0; what lies elsewhere aborts.
 #[test]
 fn objects_any_stores_whatever_is_written() {
-    let mut drive = drive(MakersObjects::any());
+    let mut drive = drive(ManufacturerObjects::any());
     for (index, sub) in [(0x2000, 0), (0x5FFF, 255), (0x6093, 1), (0x2101, 3)] {
         assert_eq!(drive.upload(at(index, sub)).map(|value| value.bits), Ok(0));
         for (size, value) in [(SdoSize::Four, 0x1234_5678), (SdoSize::One, 0xAB)] {
@@ -81,7 +81,7 @@ fn objects_any_stores_whatever_is_written() {
 /// SK-7.48 A transfer that makes an object allocates nothing: it runs in the board's cycle.
 #[test]
 fn making_an_object_allocates_nothing() {
-    let mut drive = drive(MakersObjects::any());
+    let mut drive = drive(ManufacturerObjects::any());
     let allocated = allocation_counter::measure(|| {
         for sub in 0..100 {
             drive.download(at(0x2000, sub), SdoSize::Two, 1).expect("stored");
@@ -215,7 +215,7 @@ fn from_an_esi_file() {
                 "0x2200:2 u16 rw 0xC8 Gains: Elements 2",
             ]
         );
-        let objects = MakersObjects::parse(&ran.out).expect("what it prints is what a link takes");
+        let objects = ManufacturerObjects::parse(&ran.out).expect("what it prints is what a link takes");
         assert_eq!(objects.objects().len(), lines.len());
     }
 }

@@ -1,18 +1,18 @@
-//! Motors that follow positions, several at a time.
+//! Several motors that follow positions, computed together.
 //!
-//! Each sub-step of a motor waits for the one before, so that a processor is idle for most of the time that one motor
-//! takes; several side by side take little more time than one. Each gets the bits that [`Servo::run`] gives it: the same
-//! operations in the same order.
+//! Each sub-step of a motor needs the result of the one before, so that a processor waits for most of the time that one motor
+//! takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`] computes, by
+//! the same operations in the same order.
 
-use super::super::within;
+use super::super::clamp_to;
 use super::Servo;
 use crate::ethercat::Ns;
 
-/// Motors that are computed side by side: as many as a processor with two numbers in a register has work for while it
-/// waits for the results of the first.
+/// How many motors are computed together: as many as a processor with two numbers in a register can work on while it waits for
+/// the results of the first.
 pub const SIDE_BY_SIDE: usize = 8;
 
-/// A motor, and the position that it is to follow; see [`Effort::Position`](super::super::Effort::Position).
+/// A motor, and the position that it is to follow; see [`Setpoint::Position`](super::super::Setpoint::Position).
 #[derive(Debug)]
 pub struct Following<'a> {
     pub(in crate::slave) servo: &'a mut Servo,
@@ -24,7 +24,7 @@ pub struct Following<'a> {
 /// One number of each motor.
 type Each = [f64; SIDE_BY_SIDE];
 
-/// Numbers of the motors, kept number by number, so that one instruction works on those of several motors.
+/// The numbers of all motors, ordered by number and not by motor, so that one instruction works on several motors.
 #[derive(Default)]
 struct Motors {
     feed_forward: Each,
@@ -36,7 +36,7 @@ struct Motors {
     friction: Each,
     friction_wanted: Each,
     decay: Each,
-    h: Each,
+    substep_s: Each,
     step: Each,
     demand: Each,
     velocity: Each,
@@ -50,7 +50,7 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
     if ns == 0 {
         return;
     }
-    // A place without a motor computes zeros.
+    // Zeros are computed for a place without a motor.
     let mut of = Motors::default();
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
@@ -66,7 +66,7 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
         of.friction[n] = span.friction;
         of.friction_wanted[n] = span.friction_wanted;
         of.decay[n] = span.decay;
-        of.h[n] = span.h;
+        of.substep_s[n] = span.substep_s;
         of.step[n] = *by * span.share;
         of.demand[n] = from.wrapping_sub(servo.whole) as f64 + *fraction;
         of.velocity[n] = servo.velocity;
@@ -80,24 +80,24 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
         (servo.velocity, servo.fraction) = (of.velocity[n], of.fraction[n]);
         let wanted = of.wanted[n];
         let span = servo.span;
-        servo.ran(&span, of.asked[n], within(wanted, of.velocity_limit[n]) != wanted);
+        servo.finish_span(&span, of.asked[n], clamp_to(wanted, of.velocity_limit[n]) != wanted);
         servo.settle();
     }
 }
 
 impl Motors {
-    /// See `follow_position`, `change_for` and `push` of [`Servo`]. A shaft that friction holds is computed on: it gets
-    /// the same zeros again.
+    /// The same as in `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft that friction holds is computed all the
+    /// same: it gets the same zeros again.
     #[inline(always)]
     fn substep(&mut self) {
         for n in 0..SIDE_BY_SIDE {
             let wanted = self.feed_forward[n] + self.position_gain[n] * (self.demand[n] - self.fraction[n]);
-            let limited = within(wanted, self.velocity_limit[n]);
-            let dry = within(self.friction_wanted[n] * limited, self.friction[n]);
+            let limited = clamp_to(wanted, self.velocity_limit[n]);
+            let dry = clamp_to(self.friction_wanted[n] * limited, self.friction[n]);
             let asked = (self.gain_wanted[n] * limited - self.gain[n] * self.velocity[n]) + dry;
-            let driven = self.velocity[n] + within(asked, self.torque[n]);
-            self.velocity[n] = (driven - within(driven, self.friction[n])) * self.decay[n];
-            self.fraction[n] += self.velocity[n] * self.h[n];
+            let driven = self.velocity[n] + clamp_to(asked, self.torque[n]);
+            self.velocity[n] = (driven - clamp_to(driven, self.friction[n])) * self.decay[n];
+            self.fraction[n] += self.velocity[n] * self.substep_s[n];
             self.demand[n] += self.step[n];
             (self.wanted[n], self.asked[n]) = (wanted, asked);
         }
@@ -106,7 +106,7 @@ impl Motors {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::Effort;
+    use super::super::super::Setpoint;
     use super::super::Motor;
     use super::*;
 
@@ -153,7 +153,7 @@ mod tests {
                 });
                 let has_motor: [bool; SIDE_BY_SIDE] = std::array::from_fn(|_| dice.rand_range(0..5) > 0);
                 for n in (0..SIDE_BY_SIDE).filter(|n| has_motor[*n]) {
-                    alone[n].run(Effort::Position { from: demand[n], fraction: 0.25, by: by[n] }, ns);
+                    alone[n].run(Setpoint::Position { from: demand[n], fraction: 0.25, by: by[n] }, ns);
                 }
                 let mut motors = [const { None }; SIDE_BY_SIDE];
                 for (n, servo) in together.iter_mut().enumerate().filter(|(n, _)| has_motor[*n]) {

@@ -1,11 +1,11 @@
-//! Objects of a maker as a text: one a line, `INDEX:SUB TYPE ACCESS VALUE NAME`.
+//! The text format of manufacturer-specific objects: one object a line, `INDEX:SUB TYPE ACCESS VALUE NAME`.
 
-use super::{MakersObject, MakersObjects, MakersType};
+use super::{ManufacturerObject, ManufacturerObjects, ManufacturerType};
 use crate::coe::ObjectAddress;
 use crate::slave::dictionary::Access;
 
-/// Longest file of objects, bytes \[OURS]: some 50,000 lines.
-pub const MAKERS_BYTES_MAX: u64 = 4 << 20;
+/// The size of the largest file of objects, bytes \[OURS]: some 50,000 lines.
+pub const MANUFACTURER_FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// What a line looks like, for errors.
 const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u16 rw 0x0010 Motor code`";
@@ -14,18 +14,18 @@ const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {message}; {FORM}")]
 pub struct FormatError {
-    /// Where, from 1.
+    /// The line, from 1.
     pub line: usize,
     /// What is wrong and what is allowed.
     pub message: String,
 }
 
-impl MakersObjects {
+impl ManufacturerObjects {
     /// Reads a text of objects, one a line: `INDEX:SUB TYPE ACCESS VALUE NAME`.
     ///
     /// - `INDEX:SUB`: hexadecimal with 0x, or decimal: `0x2101:1`.
-    /// - `TYPE`: `bool`, `i8`, `u8`, `i16`, `u16`, `i32`, `u32`, `f32`, `i64`, `u64`, `f64`, `text`, or `any` where
-    ///   nobody knows the size.
+    /// - `TYPE`: `bool`, `i8`, `u8`, `i16`, `u16`, `i32`, `u32`, `f32`, `i64`, `u64`, `f64`, `text`, or `any` for a value of
+    ///   unknown size.
     /// - `ACCESS`: `ro`, `rw` or `wo`.
     /// - `VALUE`: a number; with 0x the bytes as they stand in an SDO. `-`: 0.
     /// - `NAME`: the rest of the line, for people; may be left out.
@@ -54,7 +54,7 @@ impl MakersObjects {
     }
 }
 
-fn object(text: &str) -> Result<MakersObject, String> {
+fn object(text: &str) -> Result<ManufacturerObject, String> {
     let (place, rest) = word(text);
     let (index, sub) = place.split_once(':').ok_or_else(|| format!("`{place}` is no INDEX:SUB, e.g. 0x2101:1"))?;
     let index = whole(index).and_then(|index| u16::try_from(index).ok());
@@ -63,10 +63,9 @@ fn object(text: &str) -> Result<MakersObject, String> {
         return Err(format!("`{place}` is no INDEX:SUB; allowed: 0x0000:0 to 0xFFFF:255"));
     };
     let (kind, rest) = word(rest);
-    let data = MakersType::ALL
-        .into_iter()
-        .find(|data| data.word() == kind)
-        .ok_or_else(|| format!("`{kind}` is no TYPE; allowed: {}", MakersType::ALL.map(MakersType::word).join(", ")))?;
+    let data = ManufacturerType::ALL.into_iter().find(|data| data.word() == kind).ok_or_else(|| {
+        format!("`{kind}` is no TYPE; allowed: {}", ManufacturerType::ALL.map(ManufacturerType::word).join(", "))
+    })?;
     let (access, rest) = word(rest);
     let access = match access {
         "ro" => Access::ReadOnly,
@@ -79,10 +78,10 @@ fn object(text: &str) -> Result<MakersObject, String> {
         let bytes = data.bytes().map_or("8 bytes at most".to_owned(), |bytes| format!("{bytes} bytes"));
         format!("`{value}` is no VALUE of type {}; allowed: a number of {bytes}, with 0x its bytes, or -", data.word())
     })?;
-    Ok(MakersObject { address: ObjectAddress::new(index, sub), data, access, bits, name: name.to_owned() })
+    Ok(ManufacturerObject { address: ObjectAddress::new(index, sub), data, access, bits, name: name.to_owned() })
 }
 
-/// The first word of a line and the rest.
+/// The first word of a line, and the rest of the line.
 fn word(text: &str) -> (&str, &str) {
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     (word, rest.trim_start())
@@ -96,8 +95,8 @@ fn whole(text: &str) -> Option<u64> {
     u64::from_str_radix(digits, radix).ok().filter(|_| plain)
 }
 
-/// The bytes of a value.
-fn bits(data: MakersType, value: &str) -> Option<u64> {
+/// The value as the bytes of an SDO; `None`: the text is no value of that data type.
+fn bits(data: ManufacturerType, value: &str) -> Option<u64> {
     let width = u32::from(data.bytes().unwrap_or(8)) * 8;
     let mask = u64::MAX >> (64 - width);
     if value == "-" {
@@ -106,14 +105,14 @@ fn bits(data: MakersType, value: &str) -> Option<u64> {
     let is_hex = value.starts_with("0x") || value.starts_with("0X");
     match data {
         _ if is_hex => whole(value).filter(|bits| bits & !mask == 0),
-        MakersType::F32 => value.parse::<f32>().ok().filter(|x| x.is_finite()).map(|x| x.to_bits().into()),
-        MakersType::F64 => value.parse::<f64>().ok().filter(|x| x.is_finite()).map(f64::to_bits),
-        MakersType::I8 | MakersType::I16 | MakersType::I32 | MakersType::I64 => {
+        ManufacturerType::F32 => value.parse::<f32>().ok().filter(|x| x.is_finite()).map(|x| x.to_bits().into()),
+        ManufacturerType::F64 => value.parse::<f64>().ok().filter(|x| x.is_finite()).map(f64::to_bits),
+        ManufacturerType::I8 | ManufacturerType::I16 | ManufacturerType::I32 | ManufacturerType::I64 => {
             let number = value.parse::<i64>().ok().filter(|_| !value.starts_with('+'))?;
             let half = i128::from(mask / 2) + 1;
             (-half..half).contains(&i128::from(number)).then_some(number as u64 & mask)
         }
-        MakersType::Bool => whole(value).filter(|bits| *bits <= 1),
+        ManufacturerType::Bool => whole(value).filter(|bits| *bits <= 1),
         _ => whole(value).filter(|bits| bits & !mask == 0),
     }
 }
@@ -160,11 +159,11 @@ mod tests {
             ("0x2000:0 bool rw 2", "no VALUE"),
             ("0x2000:0 f32 rw inf", "no VALUE"),
         ] {
-            let error = MakersObjects::parse(&format!("# remark\n\n{line}\n")).unwrap_err();
+            let error = ManufacturerObjects::parse(&format!("# remark\n\n{line}\n")).unwrap_err();
             assert!(error.line == 3 && error.message.contains(words), "{line}: {error}");
             assert!(error.to_string().starts_with("line 3: ") && error.to_string().contains("e.g. `0x2101:1"));
         }
-        let twice = MakersObjects::parse("0x2000:0 u8 rw 1\r\n0x2000:0 u8 rw 2\r\n").unwrap_err();
+        let twice = ManufacturerObjects::parse("0x2000:0 u8 rw 1\r\n0x2000:0 u8 rw 2\r\n").unwrap_err();
         assert!(twice.line == 2 && twice.message.contains("in line 1 already"), "{twice}");
     }
 }

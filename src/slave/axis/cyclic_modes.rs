@@ -1,27 +1,29 @@
-//! How an axis moves its plant: after the targets of CSP, CSV and CST, and to a stop on a ramp.
+//! How an axis moves its plant: after the targets of CSP, CSV and CST, and to a standstill on a ramp.
 
-use super::{Axis, Demand, FOLLOWING_ERROR, FollowingWindow, Motion, NO_FOLLOWING_WINDOW};
+use super::{Axis, Demand, Motion};
 use crate::ethercat::Ns;
-use crate::slave::plant::Effort;
-use crate::slave::state_machine::{DeviceFault, Ramp};
+use crate::slave::plant::Setpoint;
+use crate::slave::state_machine::Ramp;
 
 /// \[OURS] Bit 10 in CST: the torque is that near to its target, as a part of the rated one.
 const TORQUE_REACHED: f64 = 0.01;
 
 impl Axis {
+    /// CSP: `ns` pass out of the `left` in which the target position is reached.
     pub(super) fn follow_position(&mut self, ns: Ns, left: Ns) {
-        let effort = self.demand_position(ns, left);
-        self.plant.run(effort, ns);
+        let setpoint = self.demand_position(ns, left);
+        self.plant.run(setpoint, ns);
         self.followed_position(ns);
     }
 
-    /// The demand moves to the target, or as far as it comes in `ns` out of `left`. What the plant has to do for it.
-    pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Effort {
-        let demand = self.demand.whole.wrapping_add(self.origin);
+    /// Moves the demand to the target, or as far as it comes in `ns` out of `left`. The setpoint that the plant has to follow
+    /// for it.
+    pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Setpoint {
+        let demand = self.demand();
         let way = self.targets.position.wrapping_sub(demand as i32);
         let wanted = demand.wrapping_add(way.into());
         let allowed = self.limits.map_or(wanted, |(low, high)| wanted.clamp(low, high));
-        self.held_back = allowed != wanted;
+        self.position_limited = allowed != wanted;
         let target = allowed.wrapping_sub(self.origin);
         let Demand { whole, fraction, .. } = self.demand;
         let remaining = target.wrapping_sub(whole) as f64 - fraction;
@@ -31,14 +33,14 @@ impl Axis {
         } else {
             self.move_demand(by);
         }
-        self.reached = remaining == 0.0;
-        Effort::Position { from: whole, fraction, by }
+        self.target_reached = remaining == 0.0;
+        Setpoint::Position { from: whole, fraction, by }
     }
 
-    /// The plant has done that.
+    /// The plant has followed that setpoint for `ns`.
     pub(super) fn followed_position(&mut self, ns: Ns) {
-        self.reached &= self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
-        self.watch_following_error(ns);
+        self.target_reached &= self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
+        self.monitor_following_error(ns);
     }
 
     pub(super) fn move_demand(&mut self, by: f64) {
@@ -47,45 +49,32 @@ impl Axis {
         self.demand.fraction = moved - (moved as i64) as f64;
     }
 
-    /// CiA 402-2: outside the window for longer than the timeout is a fault. 0x6066 = 0: at once.
-    pub(super) fn watch_following_error(&mut self, ns: Ns) {
-        let FollowingWindow { counts, timeout_ms } = self.following;
-        let outside = self.following_error().unsigned_abs() > counts.into();
-        if !outside || counts == NO_FOLLOWING_WINDOW {
-            self.outside_ns = 0;
-            return;
-        }
-        self.outside_ns += ns;
-        if self.outside_ns > Ns::from(timeout_ms) * 1_000_000 {
-            self.machine.raise(DeviceFault { code: FOLLOWING_ERROR, resettable: true });
-        }
-    }
-
+    /// CSV: `ns` pass out of the `left` in which the target velocity is reached.
     pub(super) fn follow_velocity(&mut self, ns: Ns, left: Ns) {
         let target = f64::from(self.targets.velocity);
         let from = self.demand.velocity;
         let to = if ns == left { target } else { from + (target - from) * (ns as f64 / left as f64) };
-        self.plant.run(Effort::Velocity { from, to }, ns);
-        self.demand_here();
-        self.demand.velocity = to;
-        self.reached = (target - self.plant.velocity()).abs() <= self.velocity_reached;
+        self.run_velocity(from, to, ns);
+        self.target_reached = (target - self.plant.velocity()).abs() <= self.velocity_reached;
     }
 
+    /// CST: `ns` pass.
     pub(super) fn follow_torque(&mut self, ns: Ns) {
         let target = f64::from(self.targets.torque) / 1000.0;
-        self.plant.run(Effort::Torque(target), ns);
-        self.demand_here();
-        self.reached = (target - self.plant.torque()).abs() <= TORQUE_REACHED;
+        self.plant.run(Setpoint::Torque(target), ns);
+        self.set_demand_to_actual();
+        self.target_reached = (target - self.plant.torque()).abs() <= TORQUE_REACHED;
     }
 
+    /// `ns` pass while the state machine stops the motor: it brakes on that ramp, and is held once it stands.
     pub(super) fn brake(&mut self, ramp: Ramp, ns: Ns) {
         if self.motion == Motion::Hold {
             let Demand { whole, fraction, .. } = self.demand;
-            return self.plant.run(Effort::Position { from: whole, fraction, by: 0.0 }, ns);
+            return self.plant.run(Setpoint::Position { from: whole, fraction, by: 0.0 }, ns);
         }
         if self.motion != Motion::Brake {
             self.motion = Motion::Brake;
-            self.demand_here();
+            self.set_demand_to_actual();
         }
         let deceleration = match ramp {
             Ramp::SlowDown => f64::from(self.settings.slow_down),
@@ -101,11 +90,16 @@ impl Axis {
         } else {
             0.0
         };
-        self.plant.run(Effort::Velocity { from, to }, ns);
-        self.demand_here();
-        self.demand.velocity = to;
+        self.run_velocity(from, to, ns);
         if to == 0.0 && self.plant.is_at_standstill() {
             self.motion = Motion::Hold;
         }
+    }
+
+    /// The plant follows a velocity that changes evenly. The position demand stays where the shaft is.
+    fn run_velocity(&mut self, from: f64, to: f64, ns: Ns) {
+        self.plant.run(Setpoint::Velocity { from, to }, ns);
+        self.set_demand_to_actual();
+        self.demand.velocity = to;
     }
 }

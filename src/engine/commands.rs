@@ -1,7 +1,7 @@
 //! Executing a command frame: what each command does, and why one is rejected (SK-4).
 
-use super::sdo::Taken;
-use super::{CrcSwitches, Engine, Event, Head, HomingEnd, Reason, Rejection};
+use super::sdo::Accepted;
+use super::{CrcSwitches, Engine, Event, HomingEnd, Reason, Rejection, SlotHead};
 use crate::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::{
@@ -55,7 +55,7 @@ const fn state_bit(state: MasterState) -> u8 {
 }
 
 /// What became of a command that was not rejected.
-enum Done {
+enum Outcome {
     /// With the output image that the answer shows, for IO_WR.
     Executed(Option<u16>),
     /// The slave is homing.
@@ -64,7 +64,7 @@ enum Done {
 
 /// Whether a slave that is used like this takes the command in its slot.
 #[inline(always)]
-pub(super) const fn suits(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
+pub(super) const fn check_kind(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
     let id = command.id();
     let (takes, why_not) = match role {
         Role::Unused => (id.is_for(SlaveKind::None), Reason::NoSlave),
@@ -96,7 +96,7 @@ impl Engine {
     pub(super) fn execute(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
         let boots = self.boots;
-        if self.v.network.in_op() {
+        if self.volatile.network.in_op() {
             self.execute_queued_master(&frame.slot(size, 0), at);
         } else {
             self.execute_master(&frame.slot(size, 0), at);
@@ -141,9 +141,9 @@ impl Engine {
             // It has no answer, and all that would hold one is new.
             Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
-                self.v.master_id = id;
+                self.volatile.master_id = id;
                 if id != CommandId::GetStatus {
-                    self.v.master_result = result;
+                    self.volatile.master_result = result;
                 }
             }
             Err(reason) => self.reject(0, id, reason, at),
@@ -156,20 +156,20 @@ impl Engine {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}
             MasterCommand::SetState(target) => {
                 let deadline = at.saturating_add(self.config.state_timeout_ns);
-                if !self.v.network.request(target, deadline, self.is_declared_otherwise()) {
+                if !self.volatile.network.request(target, deadline, self.has_new_declarations()) {
                     return Err(Reason::WrongState);
                 }
             }
             MasterCommand::SetAxis { group, kinds } => {
                 let first = usize::from(group) * 8;
-                for (place, kind) in self.v.kinds.iter_mut().skip(first).zip(kinds) {
+                for (place, kind) in self.volatile.kinds.iter_mut().skip(first).zip(kinds) {
                     *place = kind;
                 }
-                let in_init = self.v.network.state() == Some(MasterState::Init);
-                return Ok(if in_init { 0 } else { self.v.network.found().into() });
+                let in_init = self.volatile.network.state() == Some(MasterState::Init);
+                return Ok(if in_init { 0 } else { self.volatile.network.found().into() });
             }
             MasterCommand::SetDc { cycle, shift } => {
-                self.v.cycle = cycle;
+                self.volatile.cycle = cycle;
                 if let DcShift::Other(data2) = shift {
                     self.log.push(Event::OddDcShift { at, data2 });
                 }
@@ -180,7 +180,7 @@ impl Engine {
             MasterCommand::SetFifo(FifoAction::Clear) => self.clear_fifo(),
             MasterCommand::SetFifo(FifoAction::Threshold(free)) => self.fifo.set_threshold(free),
             MasterCommand::LocalRead => return Ok(self.local_inputs.into()),
-            MasterCommand::LocalWrite(bits) => self.v.local_outputs = bits,
+            MasterCommand::LocalWrite(bits) => self.volatile.local_outputs = bits,
             MasterCommand::SoftReset => self.reset(),
         }
         Ok(0)
@@ -189,30 +189,30 @@ impl Engine {
     #[inline(always)]
     fn execute_slave(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
         if self.is_lost_in_op(slave) {
-            return self.pass_over_lost(slave, slot, at);
+            return self.execute_for_lost(slave, slot, at);
         }
-        let head = Head { id: slot.id, index: slot.index, output_image: None };
+        let head = SlotHead { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
-            self.v.heads[slave - 1] = head;
+            self.volatile.heads[slave - 1] = head;
             return;
         }
         let id = CommandId::from_code(slot.id);
         let done = match id {
             // Nearly every slot of a machine that moves holds this one: the compiler makes a short way of the same code.
             CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
-            _ => self.run_slot_of_others(slave, id, slot, at),
+            _ => self.run_other_slot(slave, id, slot, at),
         };
         match done {
-            Ok(Done::Executed(output_image)) => self.v.heads[slave - 1] = Head { output_image, ..head },
+            Ok(Outcome::Executed(output_image)) => self.volatile.heads[slave - 1] = SlotHead { output_image, ..head },
             // SK-3 [OURS]: byte 0 is the id of the command executed last, and this one was not executed.
-            Ok(Done::Ignored) => {
+            Ok(Outcome::Ignored) => {
                 self.commanded.remove(slave as u8);
             }
             Err(reason) => {
                 self.commanded.remove(slave as u8);
                 // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
-                if self.v.network.in_op() {
-                    self.v.heads[slave - 1] = Head::default();
+                if self.volatile.network.in_op() {
+                    self.volatile.heads[slave - 1] = SlotHead::default();
                 }
                 self.reject(slave, id, reason, at);
             }
@@ -220,7 +220,7 @@ impl Engine {
     }
 
     #[inline(always)]
-    fn run_slot(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Done, Reason> {
+    fn run_slot(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Outcome, Reason> {
         self.admit(id, SlotKind::Slave)?;
         let SlotCommand { command, .. } =
             SlotCommand::decode_as(id, slot, self.config.slot).map_err(Reason::BadArgument)?;
@@ -229,7 +229,7 @@ impl Engine {
     }
 
     #[inline(never)]
-    fn run_slot_of_others(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Done, Reason> {
+    fn run_other_slot(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Outcome, Reason> {
         let done = self.run_slot(slave, id, slot, at)?;
         if id == CommandId::DriveMode && slot.data2 > 1 {
             self.log.push(Event::OddDriveType { at, slave: slave as u8, data2: slot.data2 });
@@ -238,20 +238,20 @@ impl Engine {
     }
 
     #[inline(always)]
-    fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Done, Reason> {
+    fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Outcome, Reason> {
         if let SlaveCommand::DriveMode { mode, sync } = *command {
-            self.v.modes[slave - 1] = (mode, sync);
-            return Ok(Done::Executed(None));
+            self.volatile.modes[slave - 1] = (mode, sync);
+            return Ok(Outcome::Executed(None));
         }
-        suits(command, self.role(slave))?;
+        check_kind(command, self.role(slave))?;
         if command.id().is_ignored_while_homing() && self.ignores_motion(slave) {
-            return Ok(Done::Ignored);
+            return Ok(Outcome::Ignored);
         }
         match *command {
             SlaveCommand::IoWrite(bits) => {
-                self.end_walk();
-                self.v.axes[slave - 1][0].asked.out.outputs = bits;
-                return Ok(Done::Executed(Some(bits)));
+                self.end_output_test();
+                self.volatile.axes[slave - 1][0].requested.out.outputs = bits;
+                return Ok(Outcome::Executed(Some(bits)));
             }
             SlaveCommand::ServoOn => self.each_axis(slave, super::Axis::switch_on),
             SlaveCommand::ServoOff => {
@@ -259,9 +259,9 @@ impl Engine {
                 self.each_axis(slave, super::Axis::switch_off);
             }
             SlaveCommand::AlarmClear => self.each_axis(slave, super::Axis::clear_alarm),
-            SlaveCommand::Csp(motion) => self.aim(slave, Mode::Csp, &motion)?,
-            SlaveCommand::Csv(motion) => self.aim(slave, Mode::Csv, &motion)?,
-            SlaveCommand::Cst(torque) => self.aim(slave, Mode::Cst, &Motion::to(torque.into()))?,
+            SlaveCommand::Csp(motion) => self.set_targets(slave, Mode::Csp, &motion)?,
+            SlaveCommand::Csv(motion) => self.set_targets(slave, Mode::Csv, &motion)?,
+            SlaveCommand::Cst(torque) => self.set_targets(slave, Mode::Cst, &Motion::to(torque.into()))?,
             SlaveCommand::GoHome => self.go_home(slave)?,
             SlaveCommand::AbortHome => self.abort_home(at),
             SlaveCommand::GetStatus
@@ -269,18 +269,18 @@ impl Engine {
             | SlaveCommand::DriveMode { .. }
             | SlaveCommand::Other(_) => {}
         }
-        Ok(Done::Executed(None))
+        Ok(Outcome::Executed(None))
     }
 
     fn each_axis(&mut self, slave: usize, act: impl Fn(&mut super::Axis)) {
         let axes = self.axes(slave);
-        self.v.axes[slave - 1][..axes].iter_mut().for_each(act);
+        self.volatile.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
     /// CSP, CSV and CST are accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value; of a slave of
     /// two axes it is axis 1 that decides \[OURS].
-    pub(super) fn follows_in(&self, slave: usize, mode: Mode) -> Result<(), Reason> {
-        let right = self.role(slave).mode() == Some(mode) && self.v.modes_written[slave - 1][0] == mode.code();
+    pub(super) fn check_mode(&self, slave: usize, mode: Mode) -> Result<(), Reason> {
+        let right = self.role(slave).mode() == Some(mode) && self.volatile.modes_written[slave - 1][0] == mode.code();
         if right { Ok(()) } else { Err(Reason::WrongMode) }
     }
 
@@ -289,18 +289,18 @@ impl Engine {
     /// A command whose targets are discarded, one or both, counts once; its outputs are taken all the same: they have
     /// nothing to do with the power stage \[OURS].
     #[inline]
-    fn aim(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
-        self.follows_in(slave, mode)?;
-        let has_outputs = matches!(self.v.roles[slave - 1], Role::Hsp(_));
+    fn set_targets(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
+        self.check_mode(slave, mode)?;
+        let has_outputs = matches!(self.volatile.roles[slave - 1], Role::Hsp(_));
         let two_channels = self.carries_two_channels(slave);
-        let [first, second] = &mut self.v.axes[slave - 1];
-        let mut follows = first.aim(motion.first.target);
+        let [first, second] = &mut self.volatile.axes[slave - 1];
+        let mut follows = first.set_target(motion.first.target);
         if has_outputs {
-            first.asked.out.outputs = motion.first.outputs;
+            first.requested.out.outputs = motion.first.outputs;
         }
         if two_channels {
-            follows &= second.aim(motion.second.target);
-            second.asked.out.outputs = motion.second.outputs;
+            follows &= second.set_target(motion.second.target);
+            second.requested.out.outputs = motion.second.outputs;
         }
         if !follows {
             self.counters.discarded_before_enabled += 1;
@@ -316,11 +316,11 @@ impl Engine {
         let id = CommandId::from_code(slot.id);
         let done = self.admit(id, SlotKind::Sdo).and_then(|()| {
             let command = SdoCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
-            self.v.sdo.command(command)
+            self.volatile.sdo.command(command)
         });
         match done {
-            Ok(Taken::Repeats) => self.counters.sdo_repeated += 1,
-            Ok(Taken::New) => {
+            Ok(Accepted::Repeats) => self.counters.sdo_repeated += 1,
+            Ok(Accepted::New) => {
                 self.holds_mode_write(at);
             }
             Err(reason) => self.reject(self.config.slot.sdo_slot(), id, reason, at),
@@ -329,7 +329,7 @@ impl Engine {
 
     #[inline]
     pub(super) fn admit(&self, id: CommandId, slot: SlotKind) -> Result<(), Reason> {
-        admit_in(self.v.network.state(), id, slot)
+        admit_in(self.volatile.network.state(), id, slot)
     }
 
     pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {

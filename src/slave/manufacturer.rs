@@ -1,14 +1,14 @@
-//! Objects of a drive's maker: 0x2000 and others that programs write before they go on, and that no simulated slave has by
-//! itself. They have no effect: what is written is read back.
+//! Manufacturer-specific objects: those from 0x2000 on, and others that programs write at their start and that no simulated
+//! slave has by itself. They have no effect; what is written is read back.
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-//! use ecmsk::slave::{Drive, DriveConfig, MakersObjects, Slave};
+//! use ecmsk::slave::{Drive, DriveConfig, ManufacturerObjects, Slave};
 //! use ecmsk::ethercat::AlState;
 //!
 //! let text = "0x2101:1 u16 rw 0x0010 Motor code\n0x2102:0 i32 ro -5 Encoder offset\n";
 //! let mut drive = Drive::new(DriveConfig::default());
-//! drive.give_makers_objects(MakersObjects::parse(text).unwrap());
+//! drive.add_manufacturer_objects(ManufacturerObjects::parse(text).unwrap());
 //! drive.enter(AlState::PreOp).unwrap();
 //!
 //! let code = ObjectAddress::new(0x2101, 1);
@@ -26,12 +26,12 @@ use super::SdoValue;
 use super::dictionary::{Access, number_of, put_first};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 
-pub use format::{FormatError, MAKERS_BYTES_MAX};
+pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
 
-/// Data type of a maker's object. The board moves 4 bytes at most: of longer ones it reads the first 4, and it can write
-/// none.
+/// The data type of a manufacturer-specific object. The board transfers 4 bytes at most: of a longer value it reads the first
+/// 4, and it cannot write it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MakersType {
+pub enum ManufacturerType {
     /// `bool`, one byte.
     Bool,
     /// `i8`.
@@ -56,13 +56,13 @@ pub enum MakersType {
     F64,
     /// `text`, its first 8 bytes.
     Text,
-    /// `any`: 4 bytes at most, nobody knows how many, as an object that was read over the board. A write of 1, 2 and 4
-    /// bytes is taken.
+    /// `any`: a value of unknown size, as of an object that was read over the board, which shows 4 bytes at most. A write of any
+    /// size is accepted.
     Any,
 }
 
-impl MakersType {
-    /// All of them.
+impl ManufacturerType {
+    /// All data types.
     pub const ALL: [Self; 13] = [
         Self::Bool,
         Self::I8,
@@ -79,7 +79,7 @@ impl MakersType {
         Self::Any,
     ];
 
-    /// Its word in a file.
+    /// The keyword of the data type in a file.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Bool => "bool",
@@ -98,7 +98,7 @@ impl MakersType {
         }
     }
 
-    /// Bytes that it takes; `None`: nobody knows.
+    /// The size of a value, bytes; `None`: it is not fixed.
     pub const fn bytes(self) -> Option<u8> {
         match self {
             Self::Bool | Self::I8 | Self::U8 => Some(1),
@@ -109,7 +109,7 @@ impl MakersType {
         }
     }
 
-    /// Bytes that are read of it: of a text the 8 that are kept, and of what nobody knows 4.
+    /// How many bytes an upload gives: of a text the 8 that are kept, and of a value of unknown size 4.
     const fn shown_bytes(self) -> u8 {
         match self.bytes() {
             Some(bytes) => bytes,
@@ -119,23 +119,23 @@ impl MakersType {
     }
 }
 
-/// One object of a maker, or a sub-index of one.
+/// One sub-index of a manufacturer-specific object.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MakersObject {
-    /// Where it stands.
+pub struct ManufacturerObject {
+    /// Index and sub-index.
     pub address: ObjectAddress,
-    /// Its data type.
-    pub data: MakersType,
-    /// Who may do what with it; [`Access::ReadWriteUpTo`] is written `rw`.
+    /// The data type.
+    pub data: ManufacturerType,
+    /// Whether it can be read and written. A file shows [`Access::ReadWriteUpTo`] as `rw`.
     pub access: Access,
-    /// Its value, as the bytes stand in an SDO, the lowest first.
+    /// The value: the bytes of an SDO, the lowest first.
     pub bits: u64,
-    /// Its name for people; may be empty.
+    /// The name that people know it by; may be empty.
     pub name: String,
 }
 
-/// As a line of a file, see [`MakersObjects::parse`].
-impl fmt::Display for MakersObject {
+/// As a line of a file, see [`ManufacturerObjects::parse`].
+impl fmt::Display for ManufacturerObject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let access = match self.access {
             Access::ReadOnly => "ro",
@@ -152,37 +152,37 @@ impl fmt::Display for MakersObject {
     }
 }
 
-/// Objects that a slave of [`MakersObjects::any`] makes of writes \[OURS]: more than any start of a program writes.
+/// The most objects that [`ManufacturerObjects::any`] creates by writes \[OURS]: more than any program writes at its start.
 const MADE_MAX: usize = 4096;
 
-/// The objects of a maker that a slave has besides its own. An object that the slave has itself is not looked for here.
+/// The manufacturer-specific objects of a slave. An object of the same address in the dictionary of its kind has precedence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct MakersObjects {
-    /// In the order of their addresses.
-    objects: Vec<MakersObject>,
-    /// Every address of [`Self::ANY`] is one that can be read and written.
+pub struct ManufacturerObjects {
+    /// In ascending order of their addresses.
+    objects: Vec<ManufacturerObject>,
+    /// Every address of [`Self::ANY`] can be read and written.
     any: bool,
 }
 
-impl MakersObjects {
-    /// Indexes that [`Self::any`] takes: the maker's area (ETG.1000.6 table 63) and that of the device profiles, of whose
-    /// objects a simulated slave has only some (0x6093 it has not) \[OURS].
+impl ManufacturerObjects {
+    /// The indexes that [`Self::any`] accepts: the manufacturer-specific area (ETG.1000.6 table 63) and that of the device
+    /// profiles, of whose objects a simulated slave has only some (not 0x6093, for example) \[OURS].
     pub const ANY: [std::ops::RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x9FFF];
 
-    /// None.
+    /// No objects.
     pub const fn new() -> Self {
         Self { objects: Vec::new(), any: false }
     }
 
-    /// Whatever is read in [`Self::ANY`] is 0, and whatever is written there is stored, of any size. It is a leniency: a
-    /// real drive may answer with an abort code.
+    /// Every object in [`Self::ANY`] reads 0, and a write of any size is stored. A real drive may answer with an abort code
+    /// instead.
     pub fn any() -> Self {
         // A transfer does not allocate.
         Self { objects: Vec::with_capacity(MADE_MAX), any: true }
     }
 
-    /// Those objects; of two with one address the later one counts.
-    pub fn of(objects: impl IntoIterator<Item = MakersObject>) -> Self {
+    /// These objects. Of two with the same address the later one is kept.
+    pub fn of(objects: impl IntoIterator<Item = ManufacturerObject>) -> Self {
         let mut objects: Vec<_> = objects.into_iter().collect();
         objects.sort_by_key(|object| object.address);
         objects.reverse();
@@ -191,12 +191,12 @@ impl MakersObjects {
         Self { objects, any: false }
     }
 
-    /// The objects, in the order of their addresses.
-    pub fn objects(&self) -> &[MakersObject] {
+    /// The objects, in ascending order of their addresses.
+    pub fn objects(&self) -> &[ManufacturerObject] {
         &self.objects
     }
 
-    /// Whether any address of [`Self::ANY`] is taken.
+    /// Whether every address of [`Self::ANY`] is accepted.
     pub const fn takes_any(&self) -> bool {
         self.any
     }
@@ -231,7 +231,8 @@ impl MakersObjects {
         self.write(at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()], otherwise)
     }
 
-    /// SDO upload: the first bytes of the value go into `value`. How long the value is.
+    /// SDO upload: puts the first bytes of the value into `value`. The length of the whole value. `otherwise`: the abort code of
+    /// the slave's own dictionary, for an object that is not among these either.
     ///
     /// # Errors
     /// [`AbortCode::WRITE_ONLY`], [`AbortCode::NO_SUB_INDEX`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].
@@ -246,15 +247,15 @@ impl MakersObjects {
         match self.find(at) {
             Ok(place) if self.objects[place].access == Access::WriteOnly => Err(AbortCode::WRITE_ONLY),
             Ok(place) => {
-                let MakersObject { data, bits, .. } = self.objects[place];
+                let ManufacturerObject { data, bits, .. } = self.objects[place];
                 Ok(put_first(&bits.to_le_bytes()[..data.shown_bytes().into()], value))
             }
             Err(_) if self.is_any(at) => Ok(put_first(&[0; 4], value)),
-            Err(_) => Err(self.no_object(at, otherwise)),
+            Err(_) => Err(self.absent_code(at, otherwise)),
         }
     }
 
-    /// SDO download of a whole value. The order of the checks is that of
+    /// SDO download of a whole value; `otherwise` as for [`Self::read`]. The order of the checks is that of
     /// [`dictionary::write`](super::dictionary::write()).
     ///
     /// # Errors
@@ -277,11 +278,11 @@ impl MakersObjects {
                 if self.objects.len() >= MADE_MAX {
                     return Err(AbortCode::OUT_OF_MEMORY);
                 }
-                let (data, access, bits) = (MakersType::Any, Access::ReadWrite, number_of(value));
-                self.objects.insert(place, MakersObject { address: at, data, access, bits, name: String::new() });
+                let (data, access, bits) = (ManufacturerType::Any, Access::ReadWrite, number_of(value));
+                self.objects.insert(place, ManufacturerObject { address: at, data, access, bits, name: String::new() });
                 return Ok(());
             }
-            Err(_) => return Err(self.no_object(at, otherwise)),
+            Err(_) => return Err(self.absent_code(at, otherwise)),
         };
         let object = &mut self.objects[place];
         let most = usize::from(object.data.bytes().unwrap_or(8));
@@ -296,14 +297,14 @@ impl MakersObjects {
         }
     }
 
-    /// Nobody knows what other sub-indices such an object has.
+    /// Refuses complete access, since the other sub-indices of such an object are not known.
     fn one_entry(&self, at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
         let is_here = self.is_any(at) || self.objects.iter().any(|object| object.address.index == at.index);
         if scope == SdoScope::Complete && is_here { Err(AbortCode::COMPLETE_ACCESS) } else { Ok(()) }
     }
 
-    /// Why there is nothing at an address.
-    fn no_object(&self, at: ObjectAddress, otherwise: AbortCode) -> AbortCode {
+    /// The abort code for an address without an object.
+    fn absent_code(&self, at: ObjectAddress, otherwise: AbortCode) -> AbortCode {
         let has_index = self.objects.iter().any(|object| object.address.index == at.index);
         if has_index { AbortCode::NO_SUB_INDEX } else { otherwise }
     }

@@ -1,6 +1,6 @@
 //! The answer of a cycle: the axes' next steps, and the response frame (SK-2, SK-3).
 
-use super::{Engine, Head};
+use super::{Engine, SlotHead};
 use crate::fieldbus::{CycleDone, Role};
 use crate::sk::{
     CommandId, DriveResponse, HspAxis, HspResponse, IoResponse, MASTER_CYCLIC, MasterResponse, RawSlot, SlaveResponse,
@@ -9,51 +9,51 @@ use crate::sk::{
 impl Engine {
     /// A cycle has passed: `self.inputs` holds what the slaves sent.
     pub(super) fn complete(&mut self, done: &CycleDone) {
-        let carried = done.outputs.filter(|id| Some(*id) > self.heard && *id < self.next_output_id);
+        let carried = done.outputs.filter(|id| Some(*id) > self.newest_answered && *id < self.next_output_id);
         self.note_lost(done.at);
         self.count_unreached(carried);
         if let Some(id) = carried.filter(|id| *id >= self.op_from) {
             self.show_heads(id);
         }
-        if self.v.network.in_op() {
+        if self.volatile.network.in_op() {
             self.answer_axes();
             self.answer_homing(done);
             self.refresh_slave_slots();
             self.refresh_response();
-            self.note_short_answers(done);
+            self.note_working_counter(done);
         }
-        self.heard = carried.or(self.heard);
+        self.newest_answered = carried.or(self.newest_answered);
     }
 
     /// All of the response but the slaves' slots in OP.
     pub(super) fn refresh_response(&mut self) {
-        if !self.v.network.in_op() {
+        if !self.volatile.network.in_op() {
             self.refresh_heads();
         }
         let size = self.config.slot;
-        let sdo = *self.v.sdo.answer();
-        self.v.response.put(size, size.sdo_slot(), &sdo);
-        self.v.response.put(size, 0, &self.master_response().encode());
-        if self.v.switches.fill_responses {
-            self.v.response.fill_crc(size);
+        let sdo = *self.volatile.sdo.answer();
+        self.volatile.response.put(size, size.sdo_slot(), &sdo);
+        self.volatile.response.put(size, 0, &self.master_response().encode());
+        if self.volatile.switches.fill_responses {
+            self.volatile.response.fill_crc(size);
         }
     }
 
     fn master_response(&self) -> MasterResponse {
-        let op = self.v.network.in_op();
+        let op = self.volatile.network.in_op();
         MasterResponse {
-            id: if op { MASTER_CYCLIC } else { self.v.master_id.code() },
-            error: self.config.firmware.error_byte(self.v.crc_errors),
-            state: self.v.network.state_byte(),
-            result: self.v.master_result,
+            id: if op { MASTER_CYCLIC } else { self.volatile.master_id.code() },
+            error: self.config.firmware.error_byte(self.volatile.crc_errors),
+            state: self.volatile.network.state_byte(),
+            result: self.volatile.master_result,
             fifo_free: if op { self.fifo_free() } else { 0 },
             full_count: if op { self.fifo.full_count() } else { 0 },
         }
     }
 
     pub(super) fn answer_axes(&mut self) {
-        let lost = self.v.network.lost();
-        for slave in 1..usize::from(self.v.network.found()) + 1 {
+        let lost = self.volatile.network.lost();
+        for slave in 1..usize::from(self.volatile.network.found()) + 1 {
             if !lost.contains(slave as u8) {
                 self.answer_slave(slave);
             }
@@ -65,8 +65,8 @@ impl Engine {
         let Some(mode) = self.role(slave).mode() else { return };
         let (axes, at) = (self.axes(slave), self.last_passed);
         let n = slave - 1;
-        let answers = self.inputs.slaves[n].iter().zip(self.v.modes_written[n]);
-        for (axis, (input, written)) in self.v.axes[n].iter_mut().zip(answers).take(axes) {
+        let answers = self.inputs.slaves[n].iter().zip(self.volatile.modes_written[n]);
+        for (axis, (input, written)) in self.volatile.axes[n].iter_mut().zip(answers).take(axes) {
             axis.answer(at, input, mode, written);
         }
     }
@@ -74,21 +74,21 @@ impl Engine {
     /// In OP every slave's slot is refreshed in every cycle, whatever the command was; lost slots keep their values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
-        let lost = self.v.network.lost();
+        let lost = self.volatile.network.lost();
         for slave in 1..size.max_slaves() + 1 {
             if !lost.contains(slave as u8) {
                 let slot = self.slave_slot(slave);
-                self.v.response.put(size, slave, &slot);
+                self.volatile.response.put(size, slave, &slot);
             }
         }
     }
 
     fn slave_slot(&self, slave: usize) -> RawSlot {
-        let Head { id, index, output_image } = self.shown[slave - 1];
+        let SlotHead { id, index, output_image } = self.shown_heads[slave - 1];
         let role = self.role(slave);
         let input = &self.inputs.slaves[slave - 1];
         let mode = match role {
-            Role::Drive(_) | Role::Step(_) | Role::Hsp(_) => self.v.modes_written[slave - 1][0],
+            Role::Drive(_) | Role::Step(_) | Role::Hsp(_) => self.volatile.modes_written[slave - 1][0],
             Role::Io | Role::Unused => 0,
         };
         let index = self.config.firmware.byte_1(index, mode);
@@ -122,13 +122,13 @@ impl Engine {
     fn refresh_heads(&mut self) {
         let size = self.config.slot;
         for slave in 1..=size.max_slaves() {
-            let Head { id, index, .. } = self.v.heads[slave - 1];
-            let slot = self.v.response.slot(size, slave);
+            let SlotHead { id, index, .. } = self.volatile.heads[slave - 1];
+            let slot = self.volatile.response.slot(size, slave);
             // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: an IO slave shows 0, and nobody [OURS] as well.
             let is_drive_mode = id == CommandId::DriveMode.code();
             let mode = if is_drive_mode { self.declared_mode(slave) } else { slot.index };
             let index = self.config.firmware.byte_1(index, mode);
-            self.v.response.put(size, slave, &RawSlot { id, index, ..slot });
+            self.volatile.response.put(size, slave, &RawSlot { id, index, ..slot });
         }
     }
 }

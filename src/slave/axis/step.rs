@@ -1,0 +1,131 @@
+//! How time passes in an axis: a step is cut into slices, and in each the state machine says what the power stage does.
+
+use super::{Axis, Demand, Motion};
+use crate::cia402::Mode;
+use crate::ethercat::Ns;
+use crate::slave::plant::{Following, Plant, SUBSTEP_MAX_NS, Setpoint};
+use crate::slave::state_machine::Power;
+
+/// \[OURS] The state machine and the following error are looked at about that often; in shorter cycles once a cycle.
+const SLICE_NS: Ns = 1_000_000;
+/// \[OURS] The same in homing mode, so that a switch acts soon after the axis has reached it. Where it was is known to the count
+/// all the same.
+const HOMING_SLICE_NS: Ns = 2 * SUBSTEP_MAX_NS;
+
+impl Axis {
+    /// `dt_ns` pass, in which the targets are reached.
+    pub fn step(&mut self, dt_ns: Ns) {
+        let slice =
+            if self.mode == Mode::Homing { slice_of::<HOMING_SLICE_NS>(dt_ns) } else { slice_of::<SLICE_NS>(dt_ns) };
+        let mut left = dt_ns;
+        while left > 0 {
+            let ns = if left < 2 * slice { left } else { slice };
+            self.slice(ns, left);
+            left -= ns;
+        }
+        self.measure();
+    }
+
+    /// The first half of [`Axis::step`]. A motor that only has to follow a position is handed out, to be run for that time
+    /// together with the motors of other axes before the second half. `None`: all of the time has passed.
+    pub fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        self.motor_handed_out = false;
+        let one_slice = dt_ns > 0 && dt_ns < SLICE_NS + SLICE_NS / 2;
+        let follows = self.motion == Motion::Follow && matches!(self.mode, Mode::Csp);
+        if !one_slice || !follows || matches!(self.plant, Plant::Pulses(_)) {
+            self.step(dt_ns);
+            return None;
+        }
+        self.machine.step(dt_ns, self.has_stopped());
+        if self.machine.power() != Power::Follow {
+            self.run_power_stage(dt_ns, dt_ns);
+            self.measure();
+            return None;
+        }
+        self.motor_handed_out = true;
+        let setpoint = self.demand_position(dt_ns, dt_ns);
+        match (&mut self.plant, setpoint) {
+            (Plant::Servo(servo), Setpoint::Position { from, fraction, by }) => {
+                Some(Following { servo, from, fraction, by })
+            }
+            _ => None,
+        }
+    }
+
+    /// The second half of [`Axis::step`]; called after every [`Axis::begin_step`], whatever that has given.
+    pub fn end_step(&mut self, dt_ns: Ns) {
+        if std::mem::take(&mut self.motor_handed_out) {
+            self.followed_position(dt_ns);
+            self.measure();
+        }
+    }
+
+    /// `ns` pass out of the `left` in which the targets are reached.
+    fn slice(&mut self, ns: Ns, left: Ns) {
+        self.machine.step(ns, self.has_stopped());
+        self.run_power_stage(ns, left);
+        if self.mode == Mode::Homing || self.motion == Motion::BrakeAfterHoming {
+            self.track_standstill(ns);
+        }
+    }
+
+    fn run_power_stage(&mut self, ns: Ns, left: Ns) {
+        match self.machine.power() {
+            Power::Off => {
+                self.plant.run(Setpoint::Coast, ns);
+                self.motion = Motion::Off;
+                self.set_demand_to_actual();
+                self.stop_homing_unpowered();
+            }
+            Power::Follow => {
+                if self.motion != Motion::Follow {
+                    if self.motion == Motion::BrakeAfterHoming && self.brake_after_homing(ns) {
+                        return;
+                    }
+                    self.motion = Motion::Follow;
+                    self.set_demand_to_actual();
+                    if self.mode == Mode::Homing {
+                        self.hold_for_homing();
+                    }
+                }
+                match self.mode {
+                    Mode::Csv => self.follow_velocity(ns, left),
+                    Mode::Cst => self.follow_torque(ns),
+                    Mode::Homing => self.step_homing(ns),
+                    Mode::Csp => self.follow_position(ns, left),
+                }
+            }
+            Power::Stop(ramp) => {
+                self.brake(ramp, ns);
+                self.stop_homing_unpowered();
+            }
+        }
+    }
+
+    /// Whether the state machine may take the motor for stopped.
+    fn has_stopped(&self) -> bool {
+        match self.motion {
+            Motion::Off => self.plant.is_at_standstill(),
+            Motion::Hold => true,
+            Motion::Follow | Motion::Brake | Motion::BrakeAfterHoming => false,
+        }
+    }
+
+    /// The demand becomes the actual position and velocity of the shaft.
+    pub(super) fn set_demand_to_actual(&mut self) {
+        self.demand = Demand { whole: self.plant.position(), fraction: 0.0, velocity: self.plant.velocity() };
+        self.outside_ns = 0;
+        self.target_reached = false;
+        self.position_limited = false;
+    }
+}
+
+/// How long the slices of a step of `dt_ns` are: equally long, and as near to the usual length as that allows.
+const fn slice_of<const USUAL: Ns>(dt_ns: Ns) -> Ns {
+    // Most cycles are one slice, or two of homing, and divisions are a good part of the time that one takes.
+    match (dt_ns + USUAL / 2) / USUAL {
+        0 | 1 => dt_ns,
+        2 => dt_ns / 2,
+        slices => dt_ns / slices,
+    }
+}

@@ -102,7 +102,7 @@ impl Args {
     /// The board that the options, the environment or the configuration name.
     ///
     /// # Errors
-    /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
+    /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
     pub fn chosen(&self) -> Result<ChosenLink, BoardError> {
         Ok(ChosenLink::find(self.link.as_ref())?)
     }
@@ -115,7 +115,7 @@ impl Args {
     /// The link `uri`, with the recording of `--record` if there is one.
     ///
     /// # Errors
-    /// Why nothing can be recorded.
+    /// The recording cannot be made.
     pub fn with_record(&self, uri: &LinkUri) -> Result<LinkUri, BoardError> {
         match &self.record {
             None => Ok(uri.clone()),
@@ -140,7 +140,7 @@ impl Args {
 /// Checks a list of slaves that a server passes on to its clients, and returns it as it was written.
 ///
 /// # Errors
-/// What is wrong and what is allowed.
+/// The text is invalid; the error says what is wrong and what is allowed.
 pub fn slaves_words(text: &str) -> Result<String, String> {
     Network::parse(text).and_then(|_| checked_length(text))
 }
@@ -148,7 +148,7 @@ pub fn slaves_words(text: &str) -> Result<String, String> {
 /// Checks counts per unit that a server passes on to its clients, and returns them as they were written.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn units_words(text: &str) -> Result<String, String> {
     Scales::parse(text).and_then(|_| checked_length(text))
 }

@@ -219,7 +219,7 @@ impl Runs {
 /// Prints the notes on a recording after it was read; returns what it lacks.
 ///
 /// # Errors
-/// Why it could not be.
+/// The error with which reading has ended.
 pub fn tell(name: &str, source: &RecordedRun) -> Result<Option<String>, CompareError> {
     source.check()?;
     if source.is_size_assumed() {

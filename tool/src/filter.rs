@@ -21,7 +21,7 @@ impl Slots {
     /// Reads `3`, `3-5`, `ecm` or `sdo`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         match text.trim() {
             word if word.eq_ignore_ascii_case("ecm") => Ok(Self::Range(0, 0)),
@@ -62,7 +62,7 @@ impl Slaves {
     /// Reads `3` or `3-5`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         parse_range(text.trim(), 1..=MAX_SLAVES as u8)
             .map(|(first, last)| Self { first, last })
@@ -89,7 +89,7 @@ impl Command {
     /// Reads a name of UG17 1.8 in any case, or an id as `0x15`.
     ///
     /// # Errors
-    /// The names.
+    /// The text is no command; the error lists them.
     pub fn parse(text: &str) -> Result<Self, String> {
         let text = text.trim();
         let name = text.to_ascii_uppercase().replace('-', "_");
@@ -150,7 +150,7 @@ pub fn nanoseconds(seconds: f64) -> i64 {
 /// refused.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn parse_seconds(text: &str) -> Result<f64, String> {
     const UNITS: [(&str, f64); 4] = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("s", 1.0)];
     let text = text.trim();

@@ -24,7 +24,7 @@ fn args<T: clap::Args>(words: impl IntoIterator<Item = impl Into<OsString> + Clo
 /// The picture that `ecmsk plot` draws with these words, in the format of `-o`; no file is written.
 ///
 /// # Errors
-/// What `ecmsk plot` says.
+/// The errors of `ecmsk plot`.
 pub fn plot(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Vec<u8>, String> {
     plot::picture(&args(words)?).map_err(|error| error.to_string())
 }
@@ -32,7 +32,7 @@ pub fn plot(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Res
 /// What `ecmsk objects from-esi` prints of an ESI file that holds this text.
 ///
 /// # Errors
-/// What it says of a file that has no objects.
+/// The file has no objects.
 pub fn objects(text: &str, device: Option<&str>) -> Result<String, String> {
     objects::converted(text, Path::new("any"), device).map_err(|error| error.to_string())
 }
@@ -40,7 +40,7 @@ pub fn objects(text: &str, device: Option<&str>) -> Result<String, String> {
 /// What `ecmsk doctor FOLDER` prints, and what it prints with `--json`.
 ///
 /// # Errors
-/// What it says of a folder that cannot be read.
+/// The folder cannot be read.
 pub fn doctor(folder: &Path) -> Result<[String; 2], String> {
     doctor::of_folder(folder).map_err(|error| error.to_string())
 }
@@ -48,7 +48,7 @@ pub fn doctor(folder: &Path) -> Result<[String; 2], String> {
 /// The library that `ecmsk exec --library FILE` takes.
 ///
 /// # Errors
-/// What it says of a file that is none.
+/// The file is not a library.
 pub fn library(file: &Path) -> Result<PathBuf, String> {
     exec::find_library(Some(file), None).map_err(|error| error.to_string())
 }
@@ -57,7 +57,7 @@ pub fn library(file: &Path) -> Result<PathBuf, String> {
 /// not looked for.
 ///
 /// # Errors
-/// What `ecmsk run` says.
+/// The errors of `ecmsk run`.
 pub fn script(text: &str, words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<(), String> {
     script::play(text, &args(words)?, || Ok(Interrupt::default())).map_err(|error| error.to_string())
 }

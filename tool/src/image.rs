@@ -108,7 +108,7 @@ impl Image {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`ImageError`]; the text says what is wrong, and no next step.
+    /// [`ImageError`], whose text contains no next step.
     pub fn read(file: &Path) -> Result<Self, ImageError> {
         let mut bytes = Vec::new();
         File::open(file)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;

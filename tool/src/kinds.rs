@@ -33,7 +33,7 @@ impl KindList {
     /// lists of slaves give a mode or a travel, is ignored.
     ///
     /// # Errors
-    /// What is wrong and what is allowed.
+    /// The text is invalid; the error says what is wrong and what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut kinds = Vec::new();
         for item in text.split(',') {

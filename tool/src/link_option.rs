@@ -43,7 +43,7 @@ impl ChosenLink {
     /// The board of the option `link`, or else of the environment or a configuration file.
     ///
     /// # Errors
-    /// What is wrong with `ECMSK_LINK` or `ecmsk.toml`.
+    /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
     pub fn find(link: Option<&LinkUri>) -> Result<Self, ChoiceError> {
         if let Some(uri) = link {
             return Ok(Self { uri: uri.clone(), looked: None });

@@ -25,7 +25,7 @@ pub enum RecordError {
 /// The link with the key `record=`.
 ///
 /// # Errors
-/// The file has no folder, or no name that can stand in a link; the link has a recording already.
+/// The folder does not exist, the name cannot be written in a link, or the link has a recording already.
 pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> {
     let refuse = |reason: String| RecordError::File { file: file.to_owned(), reason };
     // A program may change its working directory before it opens the board.
@@ -43,7 +43,7 @@ pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> 
 /// Makes sure that the recording can be made. With `overwrite` an existing recording is removed.
 ///
 /// # Errors
-/// The file stays as it is.
+/// A file is there and is not removed.
 pub fn make_room(file: &Path, overwrite: bool) -> Result<(), RecordError> {
     record::make_room(file, overwrite).map_err(|error| {
         let hint = if overwrite { "" } else { ", and --overwrite is not given" };

@@ -63,7 +63,7 @@ impl Frames<Box<dyn Read>> {
     /// of a capture to read.
     ///
     /// # Errors
-    /// [`RecordError`] if it cannot be read or is no recording.
+    /// [`RecordError`] if the file cannot be read or is not a recording.
     pub fn open(file: &Path, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
         if file == Path::new(STDIN) {
             return Self::new(Box::new(std::io::stdin().lock()), "standard input", size, device);
@@ -80,7 +80,7 @@ impl<R: Read> Frames<R> {
     /// Reads from any source; `name` is its name in messages.
     ///
     /// # Errors
-    /// [`RecordError`] if it does not begin like a recording.
+    /// [`RecordError`] if its beginning is not that of a recording.
     pub fn new(source: R, name: &str, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
         let recording = Recording::new(source, name)?;
         let mut frames = Self {
@@ -244,7 +244,7 @@ pub fn note_left_out(whose: &str, skipped: &Skipped) {
 /// The board of a capture: the one asked for, or else the only one. `None` if the file is a recording.
 ///
 /// # Errors
-/// [`RecordError`], if there are none or several.
+/// [`RecordError`] if there is no board or more than one.
 pub fn board(file: &Path, asked: Option<Address>) -> Result<Option<Address>, RecordError> {
     match asked {
         Some(asked) => Ok(Some(asked)),
@@ -255,7 +255,7 @@ pub fn board(file: &Path, asked: Option<Address>) -> Result<Option<Address>, Rec
 /// Parses bus and address, such as `1.5`.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn parse_device(text: &str) -> Result<Address, String> {
     text.parse().map_err(|error: AddressError| error.to_string())
 }

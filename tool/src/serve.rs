@@ -130,7 +130,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
 /// The board to serve. It must be named, so that nobody serves a real board by forgetting an option.
 ///
 /// # Errors
-/// Nobody has named one, or what is named is none.
+/// No board is named, or the link is invalid.
 fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
     let chosen = ChosenLink::find(link).map_err(BoardError::from)?;
     if chosen.is_named() { Ok(chosen.uri) } else { Err(CliError::NothingToServe) }
@@ -144,7 +144,7 @@ fn no_thread(error: io::Error) -> ServeError {
 /// in any case.
 ///
 /// # Errors
-/// Standard output takes nothing.
+/// Standard output cannot be written to.
 fn announce(text: String) -> io::Result<()> {
     let (done, said) = mpsc::channel();
     // The thread is not joined, because its write may never end.

@@ -12,7 +12,7 @@ use super::error::say;
 /// Parses `12` or `16`.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn parse(text: &str) -> Result<SlotSize, String> {
     text.parse().ok().and_then(SlotSize::from_bytes).ok_or_else(|| "allowed: 12, 16".to_owned())
 }

@@ -19,7 +19,7 @@ static QUEUE: OnceLock<(Notes<Line>, Teller<Line>)> = OnceLock::new();
 /// written instead.
 ///
 /// # Errors
-/// The system gives no thread.
+/// The system provides no thread.
 pub fn queue() -> io::Result<()> {
     let notes = Notes::<Line>::default();
     let teller = Teller::start(&notes, |note| match note {

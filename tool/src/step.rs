@@ -56,7 +56,7 @@ impl Step {
     /// Checks the step before anything is sent.
     ///
     /// # Errors
-    /// Why it cannot be done on that network.
+    /// The network cannot carry out the step.
     pub fn check(&self, network: Option<&Config>) -> Result<(), BoardError> {
         let Some(network) = network else { return Ok(()) };
         match self {

@@ -22,7 +22,7 @@ impl Board {
     /// Makes sure that the network has what a step needs; with `--up` by bringing it up.
     ///
     /// # Errors
-    /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and what goes wrong on the way up.
+    /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and errors of bringing the network up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
         let found = self.ecm.state()?;
         let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
@@ -68,7 +68,7 @@ impl Board {
     /// Changes the state. On the way from PreOP to higher states the network is configured.
     ///
     /// # Errors
-    /// [`BoardError::UnknownNetwork`], and what the board says.
+    /// [`BoardError::UnknownNetwork`], and errors of the change of state.
     pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
         let change = |to: MasterState| {
             let done = self.run_interruptible(&format!("going to {to}"), |ecm| ecm.set_state(to));

@@ -17,7 +17,7 @@ impl Interrupt {
     /// Watches for signals from now on: SIGINT, SIGTERM and SIGHUP, on Windows the events of the console.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the operating system.
     pub fn watch() -> std::io::Result<Self> {
         let interrupt = Self::default();
         signals::note_once(&interrupt.signal, &interrupt.armed)?;

@@ -20,7 +20,7 @@ impl Board {
     /// Runs a call that may take long in a thread, so that Ctrl-C ends it, and shows progress after a second.
     ///
     /// # Errors
-    /// [`BoardError::Stopped`], else those of the work.
+    /// [`BoardError::Stopped`], and those of the call.
     pub fn run_interruptible<T: Send>(
         &self,
         what: &str,
@@ -29,7 +29,7 @@ impl Board {
         self.run_stoppable(what, work, None)
     }
 
-    /// As [`Board::run_interruptible`]; on Ctrl-C `stop` is called, which lets the work end by itself.
+    /// As [`Board::run_interruptible`], but on Ctrl-C `stop` is called, which makes the call end by itself.
     pub fn run_stoppable<T: Send>(
         &self,
         what: &str,

@@ -22,7 +22,7 @@ impl Network {
     /// Parses a list such as `drive*2,io,hsp:csv`.
     ///
     /// # Errors
-    /// What is wrong and what is allowed.
+    /// The text is invalid; the error says what is wrong and what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut slaves = Vec::new();
         for item in text.split(',') {
@@ -124,7 +124,7 @@ pub fn list(config: &Config) -> String {
 /// Parses the value of `--guard`.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn guard(text: &str) -> Result<Guard, String> {
     match (text, text.parse()) {
         ("off", _) => Ok(Guard::Off),
@@ -141,7 +141,7 @@ impl Scales {
     /// Parses `5000` or `1=5000,2=131072/360`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let item = |item: &str| {
             let (axis, number) = match item.split_once('=') {

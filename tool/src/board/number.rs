@@ -5,7 +5,7 @@ use std::time::Duration;
 /// Parses a time above 0: `0.5s`, `500ms`, `2` (seconds).
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn duration(text: &str) -> Result<Duration, String> {
     let (number, unit) = match text.strip_suffix("ms") {
         Some(number) => (number, 1e-3),
@@ -19,7 +19,7 @@ pub fn duration(text: &str) -> Result<Duration, String> {
 /// Parses a number above 0.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
     number.ok_or_else(|| "allowed: a number above 0".into())
@@ -28,7 +28,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
 /// Parses a position.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn position(text: &str) -> Result<f64, String> {
     let range = f64::from(i32::MIN)..=f64::from(i32::MAX);
     let number = text.parse::<f64>().ok().filter(|number| range.contains(number));
@@ -38,7 +38,7 @@ pub fn position(text: &str) -> Result<f64, String> {
 /// Parses a number that is 0 or more.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number >= 0.0);
     number.ok_or_else(|| "allowed: a number from 0".into())

@@ -156,7 +156,7 @@ impl Board {
     /// Closes the board and leaves the axes as `--close` says. `done` is the result of the steps.
     ///
     /// # Errors
-    /// [`BoardError`]: that of the step, if it failed.
+    /// The error of the steps, or else that of closing.
     pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
         let Self { ecm, reporter, close, .. } = self;
         reporter.clear();

@@ -18,7 +18,7 @@ impl SlaveList {
     /// Parses `1,2` or `all`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         if text.eq_ignore_ascii_case("all") {
             return Ok(Self::All);

@@ -6,7 +6,7 @@ use ecmsk::sk::{CommandId, Frame, MASTER_CYCLIC, MasterState, SlotSize, StateByt
 /// Parses `command` or `response`.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn parse(text: &str) -> Result<Dir, String> {
     match text {
         "command" => Ok(Dir::Write),

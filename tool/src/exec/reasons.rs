@@ -48,7 +48,7 @@ impl ReasonReader {
     /// Starts to follow an existing file.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the operating system.
     pub fn follow(file: &Path, mode: ReportMode) -> io::Result<Self> {
         let mut follower = Follower::new(File::open(file)?, mode);
         let ended = Arc::new(AtomicBool::new(false));

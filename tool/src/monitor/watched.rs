@@ -10,7 +10,7 @@ use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
 /// A board that has made no report for this long is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
 
-/// A report.
+/// A report with its time and slot size.
 #[derive(Clone, Debug)]
 struct Sample {
     at_ns: i64,
@@ -95,7 +95,7 @@ impl Watched {
         self.kinds.command(frame, size);
     }
 
-    /// A report.
+    /// Adds a report.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, size: SlotSize) {
         self.kinds.response(frame, size);
         self.counts.reports += 1;

@@ -12,7 +12,7 @@ use ecmsk::slave::{ManufacturerObject, ManufacturerType};
 /// those that the drive reports as write-only.
 ///
 /// # Errors
-/// [`EcmError`]: the slave does not answer any more, or whatever the board says; what `found` says.
+/// [`EcmError`], for example if the slave does not answer any more; errors of `found`.
 pub fn read<E: From<EcmError>>(
     link: &str,
     slave: u8,

@@ -117,7 +117,7 @@ pub const MAX_SLAVES: usize = 2 * MAX_AXES;
 /// Parses two axes, `1,2`.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn plane(text: &str) -> Result<[u8; 2], String> {
     let axes: Vec<u8> = text.split(',').map_while(|axis| axis.trim().parse().ok()).collect();
     match axes[..] {

@@ -20,7 +20,7 @@ impl Format {
     /// file.
     ///
     /// # Errors
-    /// Another ending: whoever asks for a JPEG is not to get SVG in it.
+    /// The ending is unknown: a file named as a JPEG must not contain SVG.
     pub fn of(file: &Path, option: &'static str) -> Result<Self, PlotError> {
         let Some(ending) = file.extension() else { return Ok(Self::Svg) };
         match ending.to_string_lossy().to_ascii_lowercase().as_str() {
@@ -33,7 +33,7 @@ impl Format {
     /// The bytes of the file in this format.
     ///
     /// # Errors
-    /// If it cannot be drawn.
+    /// The picture cannot be drawn.
     pub fn write(self, sheet: &Sheet) -> Result<Vec<u8>, PlotError> {
         match self {
             Self::Svg => svg::write(sheet).map(String::into_bytes),
@@ -46,7 +46,7 @@ impl Format {
 /// recordings.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The file cannot be used.
 pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<Format, PlotError> {
     let same = |recording: &&Path| {
         fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
@@ -60,7 +60,7 @@ pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<
 /// Writes a picture to a file, named by that option, which must not be one of the recordings.
 ///
 /// # Errors
-/// What is wrong with the file, or that it cannot be drawn.
+/// The file cannot be used, or the picture cannot be drawn.
 pub fn save(file: &Path, option: &'static str, recordings: &[&Path], sheet: &Sheet) -> Result<(), PlotError> {
     let bytes = check(file, option, recordings)?.write(sheet)?;
     fs::write(file, bytes).map_err(|source| PlotError::Write { file: file.to_owned(), option, source })

@@ -41,7 +41,7 @@ fn is_ignored(signal: i32) -> bool {
 /// From now on the number of a signal that comes is stored in `signal`.
 ///
 /// # Errors
-/// What the system says.
+/// Errors of the operating system.
 pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
     for number in asking() {
         flag::register_usize(number, Arc::clone(signal), number as usize)?;
@@ -52,7 +52,7 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
 /// As [`note`], but a signal that comes while `armed` is set ends the program at once. The first signal sets `armed`.
 ///
 /// # Errors
-/// What the system says.
+/// Errors of the operating system.
 pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Result<()> {
     for number in asking() {
         // The order matters: when the first signal comes, the flag that ends the program must not be set yet.
@@ -70,7 +70,7 @@ impl EndRequest {
     /// Watches for SIGINT, SIGTERM and SIGHUP from now on.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the operating system.
     pub fn watch() -> io::Result<Self> {
         Signals::new(asking()).map(Self)
     }

@@ -35,7 +35,7 @@ static WATCHERS: Mutex<Vec<Watcher>> = Mutex::new(Vec::new());
 /// From now on the number of an event that comes is stored in `signal`.
 ///
 /// # Errors
-/// What the system says.
+/// Errors of the operating system.
 pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
     watch(Watcher::Note { signal: Arc::clone(signal), armed: None })
 }
@@ -43,7 +43,7 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
 /// As [`note`], but an event that comes while `armed` is set ends the program at once. The first event sets `armed`.
 ///
 /// # Errors
-/// What the system says.
+/// Errors of the operating system.
 pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Result<()> {
     watch(Watcher::Note { signal: Arc::clone(signal), armed: Some(Arc::clone(armed)) })
 }
@@ -51,7 +51,7 @@ pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Resu
 /// Leaves events to the program that this one runs, which has the same console and gets them as well.
 ///
 /// # Errors
-/// What the system says.
+/// Errors of the operating system.
 pub fn leave_to_program() -> io::Result<()> {
     install()
 }
@@ -63,7 +63,7 @@ impl EndRequest {
     /// Watches for events from now on.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the operating system.
     pub fn watch() -> io::Result<Self> {
         let (sender, receiver) = mpsc::channel();
         watch(Watcher::Wait(sender))?;

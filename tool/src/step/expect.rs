@@ -49,7 +49,7 @@ fn inputs(text: &str) -> Result<(u8, u16), String> {
 
 impl Args {
     /// # Errors
-    /// A slave that is none, or of another kind.
+    /// A slave does not exist or is of another kind.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         match &self.verb {
             Verb::State { .. } => Ok(()),

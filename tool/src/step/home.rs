@@ -52,7 +52,7 @@ pub struct Args {
 
 impl Args {
     /// # Errors
-    /// A slave that is none or no axis, an offset that is no position of it.
+    /// A slave does not exist or has no axis, or the offset is not one of its positions.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for slave in SlaveList::axes(&self.axes, network, WHAT)? {
             if let Some(value) = self.offset {

@@ -40,7 +40,7 @@ impl Side {
 /// Parses 16 bits.
 ///
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn bits(text: &str) -> Result<u16, String> {
     let bits = whole(text).and_then(|number| u16::try_from(number).ok());
     bits.ok_or_else(|| "allowed: 0 to 0xFFFF".into())
@@ -48,7 +48,7 @@ pub fn bits(text: &str) -> Result<u16, String> {
 
 impl Args {
     /// # Errors
-    /// A slave that is no IO slave, outputs that the board has not got.
+    /// A slave is not an IO slave, or the board does not have these outputs.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         match self.side {
             Side::Slave(slave) => io_slave(network, WHAT, slave),

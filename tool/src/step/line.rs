@@ -26,7 +26,7 @@ impl Line {
     /// Parses a line.
     ///
     /// # Errors
-    /// What is wrong with it, and what may be written.
+    /// The line is invalid; the error says what may be written.
     pub fn parse(text: &str) -> Result<Self, String> {
         let text = text.split_once('#').map_or(text, |(text, _)| text);
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -56,7 +56,7 @@ impl Line {
     /// The text of `help` for these words.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// The words are no verb.
     pub fn help(words: &[&str]) -> Result<String, String> {
         let (mut at, rest) = command(words);
         match rest {

@@ -62,7 +62,7 @@ pub struct Args {
 
 impl Args {
     /// # Errors
-    /// A slave that is no axis in CSP, a target outside the wire's 32 bits, a speed that the guard refuses.
+    /// A slave has no axis in CSP, a target does not fit into 32 bits, or the guard would refuse the speed.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for (index, target) in self.targets.iter().enumerate() {
             let slave = target.slave;

@@ -25,7 +25,7 @@ impl Type {
     /// Parses `u8` to `i32`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let known = Self::ALL.into_iter().find(|(name, _)| name.eq_ignore_ascii_case(text));
         known.map(|(_, of)| of).ok_or_else(|| "allowed: u8, i8, u16, i16, u32, i32".into())
@@ -77,7 +77,7 @@ impl Value {
     /// Parses a decimal number or a hexadecimal one with 0x.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let number = whole(text).ok_or("allowed: a whole number, decimal or with 0x")?;
         Ok(Self { number, is_bits: text.starts_with("0x") || text.starts_with("0X") })
@@ -141,7 +141,7 @@ impl Object {
     /// Parses `0x6064`, `0x6099:1` or a name.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         if let Some((name, index, sub, of)) = KNOWN.into_iter().find(|(name, ..)| name.eq_ignore_ascii_case(text)) {
             return Ok(Self { address: ObjectAddress::new(index, sub), known: Some((name, of)) });

@@ -53,7 +53,7 @@ impl Profile {
     /// The motion from rest to rest over `length`, above 0.
     ///
     /// # Errors
-    /// Why there is no such way.
+    /// No motion can be calculated.
     pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
         let Limits { velocity, acceleration, jerk } = limits;
         // The times that the motion would take with only one of the limits.
@@ -69,7 +69,7 @@ impl Profile {
     /// acceleration and jerk are raised until it does not.
     ///
     /// # Errors
-    /// Why there is no such way.
+    /// No motion can be calculated.
     pub fn to_rest(from: PathPoint, mut limits: Limits, within: Duration) -> Result<Self, String> {
         for _ in 0..DOUBLINGS_MAX {
             let profile = Self::brake(from, limits)?;

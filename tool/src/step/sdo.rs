@@ -51,7 +51,7 @@ impl Which {
 
 impl Args {
     /// # Errors
-    /// A value without or outside its type.
+    /// The value has no type or does not fit it.
     pub fn check(&self) -> Result<(), BoardError> {
         let Verb::Write { which, value } = &self.verb else { return Ok(()) };
         let refused = |why, next: &str| BoardError::Refused { what: "sdo write".into(), why, next: next.into() };

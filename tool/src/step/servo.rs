@@ -42,7 +42,7 @@ impl What {
 
 impl Args {
     /// # Errors
-    /// A slave that is none or no axis.
+    /// A slave does not exist or has no axis.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         SlaveList::axes(&self.axes, network, self.verb.name()).map(|_| ())
     }

@@ -26,7 +26,7 @@ impl Args {
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
 /// # Errors
-/// What is allowed.
+/// The text is invalid; the error says what is allowed.
 pub fn parse(text: &str) -> Result<MasterState, String> {
     let state = STATES.into_iter().find(|state| state.name().eq_ignore_ascii_case(text));
     state.ok_or_else(|| "allowed: init, preop, safeop, op".into())

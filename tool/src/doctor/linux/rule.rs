@@ -28,7 +28,7 @@ pub enum RuleError {
 /// Writes the rule, unless there is a file already.
 ///
 /// # Errors
-/// [`RuleError`]; and that standard output takes no more.
+/// [`RuleError`], and an error of standard output.
 pub fn write(machine: &Machine) -> Result<(), CliError> {
     let file = machine.file(PLACE);
     if let Ok(there) = std::fs::read(&file) {

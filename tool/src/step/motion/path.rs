@@ -75,7 +75,7 @@ impl Path {
     /// A path whose limits are those of the axis that restricts it most.
     ///
     /// # Errors
-    /// Why there is no such way.
+    /// No motion can be calculated.
     pub fn new(axes: Vec<AxisPath>) -> Result<Self, String> {
         let length = axes.iter().map(|axis| axis.distance().abs()).fold(0.0, f64::max);
         let moving = || axes.iter().filter(|axis| axis.distance() != 0.0);

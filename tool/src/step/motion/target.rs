@@ -16,7 +16,7 @@ impl Target {
     /// Parses `AXIS=TARGET`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let read = |text: &str| {
             let (slave, value) = text.split_once('=')?;
@@ -31,7 +31,7 @@ impl Target {
 /// A target in counts. With units it is rounded to the nearest count; without units a fraction of a count is refused.
 ///
 /// # Errors
-/// What is no position.
+/// The target is no position.
 pub fn counts(what: &str, target: &Target, scale: Scale) -> Result<i32, BoardError> {
     if scale == Scale::COUNTS && target.value.fract() != 0.0 {
         let why = format!("{} of axis {} is no whole number of counts", target.value, target.slave);
@@ -61,7 +61,7 @@ impl Jerk {
     /// Parses a number or `off`.
     ///
     /// # Errors
-    /// What is allowed.
+    /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         if text == "off" {
             Ok(Self::Off)

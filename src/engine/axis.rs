@@ -1,49 +1,49 @@
-//! One CiA 402 axis as the board drives it: the walk of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets that
-//! never jump.
+//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets that
+//! hold an axis in place until it follows commands.
 
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
 use crate::cia402::{Controlword, DriveState, Mode};
 use crate::fieldbus::{AxisIn, AxisOut, Ns};
 
-/// Where the board wants the axis to be.
+/// The power stage as the last commands want it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Power {
-    /// Off, or fallen off by itself: the controlword stays at Disable voltage.
+    /// Off, by SV_OFF or because the drive has left Operation enabled by itself: the controlword stays at Disable voltage.
     #[default]
     Off,
-    /// SV_ON under way.
+    /// SV_ON is under way.
     SwitchingOn,
-    /// Operation enabled was reached; the controlword holds it.
+    /// Operation enabled was reached, and the controlword keeps it.
     On,
-    /// SV_OFF under way.
+    /// SV_OFF is under way.
     SwitchingOff,
-    /// SV_OFF under way, and an SV_ON has come after it.
+    /// SV_OFF is under way, and an SV_ON came after it.
     SwitchingOffThenOn,
 }
 
-/// What commands have requested of an axis, and how far its outputs have come with it.
+/// What commands have requested of an axis, and how far its outputs have got with it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisRequest {
     power: Power,
     fault_reset: FaultReset,
-    /// What goes to the drive, but for the fault reset and bit 4 of homing.
+    /// The outputs to the drive without bit 7 (fault reset) and bit 4 (homing start) of the controlword.
     pub(super) out: AxisOut,
 }
 
-/// Process data and walk of one axis.
+/// One axis as the board drives it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
-    /// The statusword said Operation enabled in the last cycle.
+    /// The statusword of the last cycle showed Operation enabled, in the mode of DRIVE_MODE.
     enabled: bool,
-    /// The statusword said Fault, or Fault reaction active, in the last cycle.
+    /// The statusword of the last cycle showed Fault or Fault reaction active.
     faulted: bool,
     pub(super) homing: AxisHoming,
 }
 
-/// What a SET_FIFO clear goes back to when it takes back entries that a bus has taken ahead, but for the phase of homing:
-/// that is kept of the few slaves that have one. It is small because it is kept in every cycle.
+/// The state of an axis to which a SET_FIFO clear returns when it takes back entries that a bus has taken ahead. It is recorded
+/// in every cycle and therefore small: the phase of homing is recorded only for the few slaves that have one.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -51,7 +51,7 @@ pub(super) struct AxisCheckpoint {
 }
 
 impl AxisCheckpoint {
-    /// Whether these outputs ask for nothing: no motor, no output.
+    /// Whether these outputs switch on no motor and no digital output.
     pub(super) fn is_at_rest(&self) -> bool {
         let AxisOut { controlword, outputs, .. } = self.requested.out;
         controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.requested.fault_reset.is_under_way()
@@ -59,11 +59,11 @@ impl AxisCheckpoint {
 }
 
 impl Axis {
-    /// SV_ON. A Fault is not reset by it, and a request made in Fault is not kept: it would start the motor on a later
-    /// ALM_CLR \[OURS].
+    /// SV_ON. It does not reset a fault, and in the state Fault it is not kept: else a later ALM_CLR would start the motor
+    /// \[OURS].
     ///
-    /// While an SV_OFF is under way it waits for its end \[OURS]: until then the statusword may still show Operation
-    /// enabled of a drive that is on its way down.
+    /// An SV_ON during an SV_OFF waits for its end \[OURS]: until then the statusword may still show Operation enabled while the
+    /// drive is switching off.
     pub(super) fn switch_on(&mut self) {
         self.requested.power = match self.requested.power {
             Power::On => Power::On,
@@ -79,8 +79,8 @@ impl Axis {
         }
     }
 
-    /// ALM_CLR: a fault reset. Without a fault it has no effect \[OURS]: bit 7 would hold up a walk, or a drive that is
-    /// on. It starts no motor: an axis in a fault has nothing under way.
+    /// ALM_CLR: a fault reset. Without a fault it has no effect \[OURS], since with bit 7 set a drive ignores the other bits of the
+    /// controlword. It starts no motor, since a fault has ended every SV_ON.
     pub(super) fn clear_alarm(&mut self) {
         if self.faulted {
             self.requested.fault_reset.request();
@@ -92,17 +92,17 @@ impl Axis {
         matches!(self.requested.power, Power::SwitchingOn | Power::SwitchingOffThenOn)
     }
 
-    /// Whether it follows targets now.
+    /// Whether the axis follows targets now.
     pub(super) fn follows(&self) -> bool {
         self.enabled && self.requested.power == Power::On
     }
 
-    /// Whether the drive is in Operation enabled by SV_ON, in whatever mode.
+    /// Whether SV_ON has brought the drive to Operation enabled, in whatever mode.
     pub(super) fn is_on(&self) -> bool {
         self.requested.power == Power::On
     }
 
-    /// The next set of outputs to the drive, the one with that id.
+    /// The outputs to the drive in the next set, which has that id.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -118,7 +118,7 @@ impl Axis {
         out
     }
 
-    /// Whether the next set of outputs has to differ from `last`, or may have to.
+    /// Whether the next set of outputs differs from `last`, or may do so.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
         let mut next = self.requested.out;
         if self.homing.start_bit() {
@@ -127,7 +127,7 @@ impl Axis {
         self.requested.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
     }
 
-    /// Takes a target if the axis follows targets now; false: it is not in Operation enabled by the board's own SV_ON.
+    /// Takes a target if the axis follows targets now. False: the axis is not in Operation enabled by SV_ON.
     pub(super) fn set_target(&mut self, target: i32) -> bool {
         let follows = self.follows();
         if follows {
@@ -136,11 +136,11 @@ impl Axis {
         follows
     }
 
-    /// The answer of the cycle at `at`: the next step of a walk, and the target that holds the axis where it is while it does not
-    /// follow. `written` is 0x6060 as it was written last.
+    /// Takes the inputs of the cycle at `at`: chooses the next controlword and, while the axis does not follow, the target that
+    /// holds it where it is. `written` is the value that was written to 0x6060 last.
     ///
-    /// Once enabled the last such target stays until the first motion command: a load that pulls does not take the
-    /// target along.
+    /// Once the axis is enabled the last such target stays until the first motion command, so that a load cannot move the axis
+    /// and its target with it.
     pub(super) fn answer(&mut self, at: Ns, input: &AxisIn, mode: Mode, written: u8) {
         let state = input.statusword.state();
         let in_mode = written == mode.code();
@@ -156,22 +156,23 @@ impl Axis {
         }
     }
 
-    /// Its slave is lost: nothing is under way any more, and no motor starts when it comes back. The target holds it
-    /// where it was measured last.
+    /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target holds the
+    /// axis where it was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let target = holding_target(input, mode);
         *self = Self::default();
         self.requested.out.target = target;
     }
 
-    /// What a clear goes back to if the outputs made last are the newest that were sent.
+    /// The state of the axis after the newest outputs, for [`Self::roll_back_to`].
     pub(super) const fn checkpoint(&self) -> AxisCheckpoint {
         AxisCheckpoint { requested: self.requested, homing_low_sets: self.homing.low_sets_left() }
     }
 
-    /// What was requested since `then` is taken back: SET_FIFO has cleared it. An axis that is off stays off: no motor starts
-    /// because of entries that went, not even for the time until the next answer \[OURS]. One that does not follow is held
-    /// where it was measured last, not where it was then. `homing`: where it was on its way home; `None`: it was not.
+    /// Takes back what was requested since `then`, because SET_FIFO has cleared those entries. An axis that is off stays off: no
+    /// motor starts because entries were cleared, not even for the time until the next answer \[OURS]. An axis that does not
+    /// follow its target is held where it was measured last, not where it was then. `homing`: the state of homing then; `None`:
+    /// the axis was not homing.
     pub(super) fn roll_back_to(&mut self, then: &AxisCheckpoint, homing: Option<&AxisHoming>) {
         let mut requested = then.requested;
         if self.requested.power == Power::Off {
@@ -184,6 +185,7 @@ impl Axis {
         self.homing.roll_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_low_sets)));
     }
 
+    /// Takes the next transition of SV_ON or SV_OFF that the state of the drive allows.
     fn follow_statusword(&mut self, state: Option<DriveState>) {
         use DriveState::*;
         let Some(state) = state else { return };
@@ -202,8 +204,8 @@ impl Axis {
                 (power, Controlword::DISABLE_VOLTAGE)
             }
             (Power::SwitchingOffThenOn, SwitchOnDisabled) => (Power::SwitchingOn, Controlword::SHUTDOWN),
-            // A fault ends a walk, and a drive that leaves Operation enabled by itself is not brought back by the
-            // board [OURS]: the motor starts by SV_ON alone.
+            // A fault ends SV_ON and SV_OFF, and the board does not enable a drive again that has left Operation enabled by
+            // itself [OURS]: only SV_ON starts a motor.
             _ => (Power::Off, Controlword::DISABLE_VOLTAGE),
         };
         self.requested.power = power;

@@ -1,20 +1,20 @@
-//! A board: the engine, the bus it drives, and the time it has reached. What a runner runs.
+//! A board: the engine, the bus that it drives, and the time that it has reached. Runners run boards.
 
 use super::partial_frames::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
 use crate::fieldbus::{Fieldbus, Ns};
 use crate::sk::Frame;
 
-/// Things that happen to a board and its network at given times.
+/// A script: what is done to a board and its network at given times.
 pub trait Script: Send {
-    /// A cycle begins at `now`: what is due by then is done, and told to `done`. Allocates nothing.
+    /// A cycle begins at `now`: does everything that is due by then and calls `done` for each part of it. Must not allocate.
     fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event));
 
-    /// Whether anything is left to do.
+    /// Whether nothing is left to do.
     fn is_over(&self) -> bool;
 }
 
-/// An EC01M with its network. Plain state: nothing happens to it but by these calls.
+/// An EC01M with its network. It is plain state, which changes only in these calls.
 pub struct Board {
     engine: Engine,
     bus: Box<dyn Fieldbus>,
@@ -28,12 +28,12 @@ pub struct Board {
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
     partial: Assembler,
-    /// Boots, and whether the host interface talked, when that was looked at last.
+    /// How often the board had booted and whether the host interface answered in the last cycle.
     seen: (u64, bool),
 }
 
 impl Board {
-    /// A board that is switched on now, at time 0.
+    /// A board at power-on, at time 0.
     pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>) -> Self {
         let engine = Engine::new(config, bus.pacing());
         let (next_cycle, seen) = (engine.period_ns(), (engine.boots(), engine.talks()));
@@ -53,27 +53,27 @@ impl Board {
         }
     }
 
-    /// The engine.
+    /// The engine of the board.
     pub const fn engine(&self) -> &Engine {
         &self.engine
     }
 
-    /// The engine, for what lies outside the wire.
+    /// The engine of the board, for what the wire does not reach.
     pub const fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }
 
-    /// What scripts and tests hold on to, from any thread.
+    /// The handle by which scripts and tests reach the board while it runs, from any thread.
     pub fn handle(&self) -> BoardHandle {
         self.handle.clone()
     }
 
-    /// What is to happen from now on, instead of what was to happen before; `None`: nothing.
+    /// Replaces the script; `None`: no script runs from now on.
     pub fn set_script(&mut self, script: Option<Box<dyn Script>>) {
         self.script = script;
     }
 
-    /// The bus.
+    /// The bus that the board drives.
     pub(super) fn bus(&self) -> &dyn Fieldbus {
         &*self.bus
     }
@@ -104,22 +104,22 @@ impl Board {
         self.cycles
     }
 
-    /// When the last report was made and the cycles without one since, while the board is silent and nothing is left of
-    /// a script that could change it: the cable before the first slave is cut, or the board was reports_suppressed.
+    /// When the last report was made and how many cycles have passed without one since, while the board makes no reports and no
+    /// script is left that could change that: the cable before the first slave is cut, or reports are suppressed.
     pub fn silence(&self) -> Option<(Ns, u64)> {
         let over = self.script.as_ref().is_none_or(|script| script.is_over());
         let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.silence_tolerance_ns();
         silent.then_some((self.last_report, self.silent_cycles))
     }
 
-    /// A command frame arrives at `at`; cycles due by then run first.
+    /// A command frame arrives at `at`. The cycles that are due by then run first.
     pub fn host(&mut self, frame: &Frame, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.engine.host(frame, at);
     }
 
-    /// Bytes of command frames arrive at `at`, in pieces of any length; cycles due by then run first. A frame counts from
-    /// its last byte on. What happens to one that stays incomplete: [`PartialFrames`].
+    /// Bytes of command frames arrive at `at`, in pieces of any length. The cycles that are due by then run first. A frame has
+    /// arrived with its last byte; [`PartialFrames`] says what happens to one that stays incomplete.
     pub fn bytes(&mut self, bytes: &[u8], at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.drop_late(self.now);
@@ -134,7 +134,7 @@ impl Board {
         }
     }
 
-    /// Nothing calls while no bytes come, so each cycle looks whether a frame stays incomplete for too long.
+    /// Drops a frame that has been incomplete for too long. Each cycle looks, since no call comes while no bytes come.
     fn drop_late(&mut self, now: Ns) {
         if self.engine.config().partial_frames == PartialFrames::Dropped
             && let Some(bytes) = self.partial.drop_late(now, INCOMPLETE_CYCLES * self.engine.period_ns())
@@ -143,8 +143,8 @@ impl Board {
         }
     }
 
-    /// SW_RESET resets all variables, so a frame under way is none any more, and when the interface talks again the first
-    /// byte begins a frame, whatever came while it did not (SK-4, SK-5 \[OURS]).
+    /// Drops an incomplete frame when the board has booted, and when the host interface answers again: the first byte after that
+    /// begins a frame, whatever came before (SK-4, SK-5 \[OURS]).
     fn forget_partial(&mut self) {
         let (boots, talks) = (self.engine.boots(), self.engine.talks());
         if (boots, talks) != self.seen {
@@ -155,7 +155,7 @@ impl Board {
         }
     }
 
-    /// Time passes until `to`: every cycle that is due runs.
+    /// Time passes until `to`, and every cycle that is due runs.
     pub fn advance(&mut self, to: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         while self.next_cycle <= to {
             self.cycle(report);
@@ -163,7 +163,7 @@ impl Board {
         self.now = self.now.max(to);
     }
 
-    /// The next cycle runs, at its time.
+    /// Runs the next cycle at the time when it is due.
     pub fn cycle(&mut self, report: &mut dyn FnMut(&Frame, Ns)) {
         let at = self.next_cycle;
         let reports = self.engine.counters().reports;
@@ -187,7 +187,7 @@ impl Board {
         }
     }
 
-    /// Lets a board boot: time passes until the host interface talks, at most `limit_ns`. Says whether it does.
+    /// Boots the board: time passes until the host interface answers, at most `limit_ns`. Whether it answers then.
     pub fn boot(&mut self, limit_ns: Ns) -> bool {
         let end = self.now + limit_ns;
         while !self.engine.talks() && self.next_cycle <= end {

@@ -1,4 +1,4 @@
-//! Executing a command frame: what each command does, and why one is rejected (SK-4).
+//! The commands of the board: what each does when its command frame is executed, and why one is rejected (SK-4).
 
 use super::sdo::Accepted;
 use super::{CrcSwitches, Engine, Event, HomingEnd, Reason, Rejection, SlotHead};
@@ -9,15 +9,15 @@ use crate::sk::{
     SlaveKind, SlotCommand, SlotKind,
 };
 
-/// The bit of a kind of slot in [`ADMITTED`].
+/// The bit for a kind of slot in [`ADMITTED`].
 const fn slot_bit(slot: SlotKind) -> u8 {
     1 << slot as u8
 }
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
-/// By code: the slots that a command belongs in, [`slot_bit`], and the states that allow it, [`state_bit`]. It is asked
-/// for every slot of every cycle.
+/// For each command code the slots that it belongs in, [`slot_bit`], and the states that allow it, [`state_bit`]. It is a table
+/// because it is needed for every slot in every cycle.
 static ADMITTED: [u8; 256] = {
     let mut admitted = [0; 256];
     let mut n = 0;
@@ -44,7 +44,7 @@ static ADMITTED: [u8; 256] = {
     admitted
 };
 
-/// Beside those of [`slot_bit`].
+/// The bit for a state in [`ADMITTED`]; other bits than those of [`slot_bit`].
 const fn state_bit(state: MasterState) -> u8 {
     match state {
         MasterState::Init => 1 << 4,
@@ -54,15 +54,15 @@ const fn state_bit(state: MasterState) -> u8 {
     }
 }
 
-/// What became of a command that was not rejected.
+/// What happened to a command that was not rejected.
 enum Outcome {
-    /// With the output image that the answer shows, for IO_WR.
+    /// The command was executed. The answer to IO_WR shows this output image.
     Executed(Option<u16>),
-    /// The slave is homing.
+    /// The command was ignored because the slave is homing.
     Ignored,
 }
 
-/// Whether a slave that is used like this takes the command in its slot.
+/// Whether a command is for slaves in that role.
 #[inline(always)]
 pub(super) const fn check_kind(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
     let id = command.id();
@@ -92,7 +92,7 @@ fn why_not_admitted(id: CommandId, slot: SlotKind) -> Reason {
 }
 
 impl Engine {
-    /// Executes all slots of a frame, in their order; nothing in one slot disturbs another.
+    /// Executes all slots of a frame in their order. A rejected command in one slot does not affect the others.
     pub(super) fn execute(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
         let boots = self.boots;
@@ -108,7 +108,7 @@ impl Engine {
         self.execute_sdo(&frame.slot(size, size.sdo_slot()), at);
     }
 
-    /// Executes the slaves' slots of a frame.
+    /// Executes the slots of the slaves.
     pub(super) fn execute_slaves(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
         let slots = frame.slots(size);
@@ -118,8 +118,8 @@ impl Engine {
         }
     }
 
-    /// Executes slot 0 of a FIFO entry: what acted on arrival does not act again. That an entry was sent may be known when
-    /// OP is over already; it allows then what OP allows.
+    /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. When it becomes known that the entry
+    /// was sent the network may have left OP; the commands that OP allows are executed all the same.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id.acts_on_arrival() {
@@ -138,7 +138,7 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
-            // It has no answer, and all that would hold one is new.
+            // SW_RESET has no answer: it has reset what would show one.
             Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.volatile.master_id = id;
@@ -150,7 +150,7 @@ impl Engine {
         }
     }
 
-    /// What bytes 4..7 of the answer show; SK-2 \[OURS]: 0 after a command without a result.
+    /// Executes a command of slot 0. The result, which bytes 4..7 of the answer show; SK-2 \[OURS]: 0 for a command without one.
     fn run_master(&mut self, command: &MasterCommand, at: Ns) -> Result<u32, Reason> {
         match *command {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}
@@ -198,7 +198,8 @@ impl Engine {
         }
         let id = CommandId::from_code(slot.id);
         let done = match id {
-            // Nearly every slot of a machine that moves holds this one: the compiler makes a short way of the same code.
+            // Nearly every slot of a machine in motion holds CSP: with a constant id the compiler makes faster code of the same
+            // function.
             CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
             _ => self.run_other_slot(slave, id, slot, at),
         };
@@ -277,17 +278,18 @@ impl Engine {
         self.volatile.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
-    /// CSP, CSV and CST are accepted only in the mode that DRIVE_MODE chose and while 0x6060 has that value; of a slave of
-    /// two axes it is axis 1 that decides \[OURS].
+    /// Whether CSP, CSV or CST is accepted: only in the mode that DRIVE_MODE chose, and while 0x6060 has that value. Of a slave
+    /// with two axes axis 1 decides \[OURS].
     pub(super) fn check_mode(&self, slave: usize, mode: Mode) -> Result<(), Reason> {
         let right = self.role(slave).mode() == Some(mode) && self.volatile.modes_written[slave - 1][0] == mode.code();
         if right { Ok(()) } else { Err(Reason::WrongMode) }
     }
 
-    /// Targets. A target for an axis 2 that is in another mode than axis 1 is discarded \[OURS].
+    /// Takes the targets and digital outputs of CSP, CSV or CST. A target for an axis 2 that is in another mode than axis 1 is
+    /// discarded \[OURS].
     ///
-    /// A command whose targets are discarded, one or both, counts once; its outputs are taken all the same: they have
-    /// nothing to do with the power stage \[OURS].
+    /// A command counts as discarded once, whether one target or both are. Its digital outputs are taken all the same, since they
+    /// do not depend on the power stage \[OURS].
     #[inline]
     fn set_targets(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
         self.check_mode(slave, mode)?;

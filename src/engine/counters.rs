@@ -1,4 +1,4 @@
-//! What happened to commands, counted, so that nothing is lost in silence.
+//! Counters and events: what happened to commands and slaves, since the wire does not show all of it.
 
 use std::fmt;
 
@@ -13,33 +13,33 @@ use crate::sk::{CommandId, Malformed};
 /// Why a command was not executed (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
-    /// The id is none of the 22.
+    /// The id is none of the 22 that the board knows.
     UnknownId,
-    /// The command does not belong into that kind of slot, or does not suit that kind of slave.
+    /// The command is not for that kind of slot, or not for that kind of slave.
     WrongSlot,
-    /// The state does not allow it.
+    /// The state of the network does not allow the command.
     WrongState,
-    /// An argument no guide allows.
+    /// The guides do not allow an argument.
     BadArgument(Malformed),
-    /// CSP, CSV or CST in another mode than DRIVE_MODE's or 0x6060's.
+    /// CSP, CSV or CST came in another mode than that of DRIVE_MODE or of 0x6060.
     WrongMode,
-    /// An SDO transfer is under way.
+    /// Another SDO transfer is under way.
     SdoBusy,
-    /// GO_HOME for a drive that is not in mode 6.
+    /// GO_HOME came for a drive that is not in homing mode.
     NotInHomingMode,
-    /// GO_HOME while another slave is homing.
+    /// GO_HOME came while another slave was homing.
     HomingElsewhere,
-    /// There is no slave at that place, or it is declared as none.
+    /// No slave has that number, or SET_AXIS has declared the slave as not used.
     NoSlave,
-    /// GO_HOME for a drive that is not in Operation enabled by SV_ON.
+    /// GO_HOME came for a drive that SV_ON has not brought to Operation enabled.
     NotEnabled,
 }
 
 impl Reason {
-    /// Kinds of reason.
+    /// How many kinds of reason there are.
     pub const KINDS: usize = 10;
 
-    /// Names of the kinds, in the order of [`Counters::rejected`].
+    /// The names of the kinds, in the order of [`Counters::rejected`].
     pub const NAMES: [&'static str; Self::KINDS] = [
         "unknown_id",
         "wrong_slot",
@@ -53,7 +53,7 @@ impl Reason {
         "not_enabled",
     ];
 
-    /// Index into [`Counters::rejected`].
+    /// The index into [`Counters::rejected`].
     pub const fn kind(self) -> usize {
         match self {
             Self::UnknownId => 0,
@@ -90,13 +90,13 @@ impl fmt::Display for Reason {
 /// A rejected command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejection {
-    /// When, in board time.
+    /// When it was rejected, in board time.
     pub at: Ns,
-    /// Slot it stood in.
+    /// The slot that held the command.
     pub slot: u8,
-    /// Its id.
+    /// The id of the command.
     pub id: CommandId,
-    /// Why.
+    /// Why it was rejected.
     pub reason: Reason,
 }
 
@@ -106,7 +106,7 @@ impl fmt::Display for Rejection {
     }
 }
 
-/// Counters of a board since it booted, outside the wire.
+/// The counters of a board since it was switched on. The wire does not show them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Command frames that arrived.
@@ -115,18 +115,18 @@ pub struct Counters {
     pub reports: u64,
     /// Commands rejected, by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],
-    /// Commands that came for a slave while it was homing, or while its mode was restored after that.
+    /// Commands that were ignored because their slave was homing, or because its mode was being restored after homing.
     pub ignored_homing: u64,
-    /// Times the mode after homing could not be written back: the drive has stayed in mode 6.
+    /// How often the mode of operation could not be restored after homing, so that the drive has stayed in homing mode.
     pub modes_not_restored: u64,
-    /// Targets that came before Operation enabled.
+    /// Commands whose targets were discarded because the axis was not in Operation enabled.
     pub discarded_before_enabled: u64,
-    /// Commands that did not reach their slave: it was lost already, was lost while they were on their way, or had left OP
-    /// before the others.
+    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP before the
+    /// others.
     pub for_lost: u64,
-    /// FIFO entries dropped by SET_FIFO 1 or by leaving OP.
+    /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
-    /// Frames that found the FIFO full.
+    /// Frames that were lost because the FIFO was full.
     pub full: u64,
     /// Frames with a wrong CRC.
     pub crc: u64,
@@ -134,13 +134,14 @@ pub struct Counters {
     pub incomplete: u64,
     /// FIFO entries executed.
     pub executed: u64,
-    /// Cycles in OP that took no entry: the FIFO was empty, or waited for its threshold.
+    /// Cycles in OP that took no entry, because the FIFO was empty or below its threshold.
     pub idle_cycles: u64,
-    /// SDO requests that repeat the one under way, as programs send them that poll: they are one with it, and nothing is lost.
+    /// SDO requests that repeat the one under way, as programs that poll send them. They are part of that transfer, and nothing is
+    /// lost.
     pub sdo_repeated: u64,
-    /// Cycles whose answers a bus that takes outputs ahead has lost: they made no report.
+    /// Cycles that made no report because a bus that takes outputs ahead has lost their answers.
     pub answers_lost: u64,
-    /// SDO transfers of the host that the slave has refused with an abort code, or that nobody answered in time.
+    /// SDO transfers of the host that the slave has aborted, or that were not answered in time.
     pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
     /// not among [`Counters::frames`].
@@ -148,25 +149,25 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// All rejections.
+    /// How many commands were rejected, for whatever reason.
     pub fn rejected_total(&self) -> u64 {
         self.rejected.iter().sum()
     }
 }
 
-/// Something that people may want to read, because the wire does not show it.
+/// Something that people may want to know and that the wire does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A command was not executed.
     Rejected(Rejection),
-    /// SET_DC came with a Data2 that no guide prints; it was accepted (SK-4 \[OURS]).
+    /// SET_DC had a Data2 that no guide mentions; it was accepted (SK-4 \[OURS]).
     OddDcShift {
         /// When, in board time.
         at: Ns,
         /// Data2.
         data2: u32,
     },
-    /// DRIVE_MODE came with a Data2 that no guide prints; it was taken for DC sync (SK-4 \[OURS]).
+    /// DRIVE_MODE had a Data2 that no guide mentions; it was taken for DC sync (SK-4 \[OURS]).
     OddDriveType {
         /// When, in board time.
         at: Ns,
@@ -189,8 +190,8 @@ pub enum Event {
         /// Slave, from 1.
         slave: u8,
     },
-    /// Fewer slaves answered a cycle in OP than should, and the bus does not name those that did not. Told once, until a
-    /// cycle is whole again.
+    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer. Logged once,
+    /// until the working counter is right again.
     WorkingCounter {
         /// When, in board time.
         at: Ns,
@@ -199,30 +200,29 @@ pub enum Event {
         /// What it is when every slave answers.
         expected: u16,
     },
-    /// A bus that takes outputs ahead has lost answers, because they were not polled in time; the slots showed none of
-    /// them.
+    /// A bus that takes outputs ahead has lost answers, because they were not polled in time. They made no report.
     AnswersLost {
         /// When, in board time.
         at: Ns,
         /// Cycles in a row.
         cycles: u32,
     },
-    /// A slave has left OP because the bus configured others; it comes back with them, with its motors and outputs off
-    /// (SK-4 \[OURS]).
+    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs off (SK-4
+    /// \[OURS]).
     SlaveDisturbed {
         /// When, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
     },
-    /// A change of state that failed has left a slave below the state of the others (SK-4 \[OURS]).
+    /// A change of state has failed and left a slave in a lower state than the others (SK-4 \[OURS]).
     SlaveLeft {
         /// When, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
     },
-    /// A change of state has failed (SK-4), and the state is 0x10 beside the last one that all slaves reached.
+    /// A change of state has failed (SK-4): the state byte is the last state that all slaves reached, plus 0x10.
     StateFailed {
         /// When, in board time.
         at: Ns,
@@ -237,10 +237,10 @@ pub enum Event {
         slave: u8,
         /// Its axis, from 0.
         axis: u8,
-        /// How.
+        /// How it ended.
         end: HomingEnd,
     },
-    /// The board could not write DRIVE_MODE's mode back after homing; the drive has stayed in mode 6 (SK-7 \[OURS]).
+    /// The board could not restore the mode of DRIVE_MODE after homing; the drive has stayed in homing mode (SK-7 \[OURS]).
     ModeNotRestored {
         /// When, in board time.
         at: Ns,
@@ -248,20 +248,20 @@ pub enum Event {
         slave: u8,
         /// Its axis, from 0.
         axis: u8,
-        /// What the newest try ended with.
+        /// The abort code of the last attempt.
         code: AbortCode,
     },
-    /// An SDO transfer of the host ended in an abort code, which stands in the SDO slot (SK-6).
+    /// An SDO transfer of the host was aborted; the abort code is in the SDO slot (SK-6).
     SdoAborted {
         /// When, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
-        /// What was to be read or written.
+        /// The object of the transfer.
         object: ObjectAddress,
-        /// Whether it was to be written.
+        /// True: a download; false: an upload.
         write: bool,
-        /// Why not.
+        /// The abort code.
         code: AbortCode,
     },
     /// A line of a script was carried out.
@@ -270,14 +270,14 @@ pub enum Event {
         at: Ns,
         /// The line, from 1.
         line: u32,
-        /// Its verb.
+        /// The verb of the line.
         verb: &'static str,
-        /// Its time is over, and what it did was taken back.
+        /// The time of the line is over, and its effect has ended.
         ended: bool,
     },
 }
 
-/// What to do about an object that a slave does not have.
+/// The advice for an object that a slave does not have.
 const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
                               slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
 
@@ -358,7 +358,7 @@ impl fmt::Display for Event {
     }
 }
 
-/// The last events.
+/// The newest events.
 #[derive(Clone, Debug)]
 pub(super) struct EventLog {
     ring: [Option<Event>; Self::KEPT],
@@ -366,7 +366,7 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
-    /// Events kept.
+    /// How many events are kept.
     const KEPT: usize = 32;
 
     pub(super) const fn new() -> Self {
@@ -378,12 +378,12 @@ impl EventLog {
         self.total += 1;
     }
 
-    /// Events so far.
+    /// How many events there were so far.
     pub(super) const fn total(&self) -> u64 {
         self.total
     }
 
-    /// Events from number `from` on that are still kept, oldest first.
+    /// The events from number `from` on that are still kept, oldest first.
     pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Event> {
         let oldest = self.total.saturating_sub(Self::KEPT as u64).max(from);
         (oldest..self.total).filter_map(|n| self.ring[(n % Self::KEPT as u64) as usize])

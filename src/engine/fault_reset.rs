@@ -1,22 +1,22 @@
 //! The pulse of ALM_CLR: bit 7 of the controlword rises, stays, and falls.
 
-/// Sets of outputs with the bit set, and the least number without it before it rises again \[OURS]: 2 ms at the shortest
-/// cycle, so that a drive that looks at its controlword more seldom than that sees the edge all the same.
+/// How many sets of outputs have the bit set, and the least number without it before it rises again \[OURS]: 2 ms at the shortest
+/// cycle, so that a drive that does not read its controlword in every cycle sees the edge all the same.
 const PULSE_SETS: u8 = 8;
 
 /// The bit in the set of outputs made last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
-    /// Clear, and free to rise.
+    /// The bit is clear and may rise.
     #[default]
     Clear,
-    /// Set, and so often more.
+    /// The bit is set, and will be in `more` further sets.
     Set { more: u8 },
-    /// Clear, and so often more before it may rise.
+    /// The bit is clear, and has to be in `more` further sets before it may rise.
     Resting { more: u8 },
 }
 
-/// The pulses of one axis.
+/// The fault reset pulses of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,
@@ -26,12 +26,12 @@ pub(super) struct FaultReset {
 }
 
 impl FaultReset {
-    /// ALM_CLR.
+    /// Requests a pulse, for ALM_CLR.
     pub(super) const fn request(&mut self) {
         self.requested = true;
     }
 
-    /// There is no fault (any more).
+    /// The drive shows no fault: no further pulse is needed.
     pub(super) const fn end(&mut self) {
         self.requested = false;
         if let Bit::Set { more } = &mut self.bit {
@@ -39,12 +39,12 @@ impl FaultReset {
         }
     }
 
-    /// Whether the bit is set, or still has to change.
+    /// Whether the bit is set, or will change.
     pub(super) const fn is_under_way(&self) -> bool {
         self.requested || !matches!(self.bit, Bit::Clear)
     }
 
-    /// The bit in the next set of outputs.
+    /// The bit for the next set of outputs.
     pub(super) const fn next_bit(&mut self) -> bool {
         self.bit = match self.bit {
             Bit::Clear if self.requested => {

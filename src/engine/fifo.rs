@@ -1,25 +1,25 @@
-//! The command FIFO of OP (SK-5): 160 frames, a threshold, a full count.
+//! The command FIFO of OP (SK-5): its depth ([`FIFO_ENTRIES`], 160 frames), its threshold and its full count.
 
 use std::collections::VecDeque;
 
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// Frames waiting for their cycle.
+/// The frames that wait for their cycle.
 ///
-/// The place that became free last is taken first: a program that keeps three entries waiting goes over three or four
-/// places again and again, and not over the memory of all 160.
+/// The place that became free last is used first: a program that keeps three entries waiting uses three or four places again
+/// and again, and not the memory of all 160.
 #[derive(Debug)]
 pub(super) struct CommandFifo {
-    /// As many as were in use at once so far. It has room for all there can be, as the other two have.
+    /// The places for frames, as many as were in use at once so far. These three have the capacity for the whole FIFO.
     places: Vec<Frame>,
-    /// The places of the entries, the next one first.
+    /// The places of the entries, the next one to execute first.
     waiting: VecDeque<u8>,
-    /// The places without one.
+    /// The places without an entry.
     vacant: Vec<u8>,
     threshold: u16,
     full_count: u16,
-    /// Nothing is taken out, whatever the threshold says.
+    /// No entries are taken out, whatever the threshold is.
     held: bool,
 }
 
@@ -38,22 +38,22 @@ impl CommandFifo {
         }
     }
 
-    /// Never more than [`FIFO_ENTRIES`].
+    /// The number of entries, at most [`FIFO_ENTRIES`].
     fn len(&self) -> u16 {
         self.waiting.len() as u16
     }
 
-    /// Entries that could still come, when `ahead` of those taken out have not been sent yet.
+    /// The free entries, when `ahead` of those that were taken out have not been sent yet.
     pub(super) fn free(&self, ahead: u16) -> u16 {
         FIFO_ENTRIES.saturating_sub(self.len() + ahead)
     }
 
-    /// The count of slot 0, bytes 10..11; wraps.
+    /// The full count, bytes 10..11 of slot 0; it wraps.
     pub(super) const fn full_count(&self) -> u16 {
         self.full_count
     }
 
-    /// Queues a frame, or raises the full count and says false.
+    /// Queues a frame. False: the FIFO is full, and the full count has risen.
     pub(super) fn push(&mut self, frame: &Frame, ahead: u16, firmware: Firmware, size: SlotSize) -> bool {
         if self.free(ahead) == 0 {
             self.full_count = self.full_count.wrapping_add(firmware.full_count_step(size));
@@ -69,7 +69,7 @@ impl CommandFifo {
         true
     }
 
-    /// The next entry to execute; `None` while there is none or the threshold holds it back.
+    /// Takes the next entry to execute out; `None`: the FIFO is empty, or the threshold is not reached.
     pub(super) fn take(&mut self, ahead: u16) -> Option<Frame> {
         if self.held || self.free(ahead) >= self.threshold {
             return None;
@@ -80,7 +80,7 @@ impl CommandFifo {
         Some(self.places[usize::from(place)].clone())
     }
 
-    /// Takes nothing out any more, or goes on; a fault on demand, which no command is.
+    /// Takes no entries out any more, or takes them again; a fault for scripts and tests.
     pub(super) const fn hold(&mut self, held: bool) {
         self.held = held;
     }
@@ -90,13 +90,13 @@ impl CommandFifo {
         self.threshold = free.min(FIFO_ENTRIES.into()) as u16;
     }
 
-    /// SW_RESET: as new. Says how many entries went.
+    /// SW_RESET: clears entries, threshold and full count. How many entries were dropped.
     pub(super) fn reset(&mut self) -> u16 {
         self.full_count = 0;
         self.clear()
     }
 
-    /// SET_FIFO 1: content and threshold go, the full count stays. Says how many entries went.
+    /// SET_FIFO 1: clears entries and threshold, not the full count. How many entries were dropped.
     pub(super) fn clear(&mut self) -> u16 {
         self.threshold = DEFAULT_THRESHOLD;
         let gone = self.len();

@@ -1,4 +1,4 @@
-//! The firmware that is modelled, and every difference between the two profiles (SK-3 \[OURS]: all else is as in 1.7).
+//! The two firmware versions that are modelled, and every difference between them (SK-3 \[OURS]: all else is as in 1.7).
 
 use crate::sk::SlotSize;
 
@@ -6,7 +6,7 @@ use crate::sk::SlotSize;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Firmware {
     /// 1.7: byte 1 of a slave's slot is the command index, the full count counts commands, the mode is restored after
-    /// homing, and only slaves that started together home together.
+    /// homing, and only slaves that were started in the same frame may be homing at the same time.
     #[default]
     V17,
     /// 1.5: byte 1 of a slave's slot is the drive's mode of operation, the full count counts 32-bit words, a drive stays
@@ -15,7 +15,7 @@ pub enum Firmware {
 }
 
 impl Firmware {
-    /// Byte 1 of slot 0. SK-2: the CRC error count; the 1.5 profile keeps 0 \[OURS].
+    /// Byte 1 of slot 0. SK-2: the CRC error count; 0 in firmware 1.5 \[OURS].
     pub(super) const fn error_byte(self, crc_errors: u8) -> u8 {
         match self {
             Self::V17 => crc_errors,
@@ -23,7 +23,7 @@ impl Firmware {
         }
     }
 
-    /// Byte 1 of a slave's slot. SK-3: the command index, in the 1.5 profile the mode.
+    /// Byte 1 of a slave's slot. SK-3: the command index, in firmware 1.5 the mode of operation.
     pub(super) const fn byte_1(self, index: u8, mode: u8) -> u8 {
         match self {
             Self::V17 => index,
@@ -40,7 +40,7 @@ impl Firmware {
         }
     }
 
-    /// Whether the board writes DRIVE_MODE's mode back after homing (UG17 2.1.18; struck out in UG15n).
+    /// Whether the board restores the mode of DRIVE_MODE after homing (UG17 2.1.18; struck out in UG15n).
     pub(super) const fn restores_mode(self) -> bool {
         matches!(self, Self::V17)
     }

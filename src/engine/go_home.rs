@@ -1,25 +1,25 @@
-//! GO_HOME, ABORT_HOME and all that ends homing (SK-7): the board's side, over all slaves.
+//! GO_HOME, ABORT_HOME and everything that ends homing (SK-7), for all slaves. The homing of one axis is in `homing.rs`.
 
 use super::homing::{Answer, HomingEnd, HomingEvent};
 use super::{Engine, Event, Reason};
 use crate::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
-/// Where a slave is on its way home.
+/// How far the homing of a slave has got.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum HomingPhase {
-    /// Not homing.
+    /// The slave is not homing.
     #[default]
     Idle,
-    /// GO_HOME was executed; at least one axis is not done.
+    /// GO_HOME was executed, and the homing of at least one axis has not ended.
     Homing,
-    /// Homing has ended, and DRIVE_MODE's mode is not back yet (firmware 1.7).
+    /// Homing has ended, and the mode of DRIVE_MODE is not restored yet (firmware 1.7).
     Restoring,
 }
 
 impl Engine {
-    /// Where a slave (from 1) is on its way home. Commands for one that is not [`HomingPhase::Idle`] count as ignored
-    /// while homing, but for SV_OFF, ALM_CLR and ABORT_HOME.
+    /// How far the homing of a slave (from 1) has got. Commands for a slave that is not [`HomingPhase::Idle`] are ignored, but for
+    /// SV_OFF, ALM_CLR and ABORT_HOME.
     pub fn homing_phase(&self, slave: u8) -> HomingPhase {
         let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.volatile.axes.get(n)) else {
             return HomingPhase::Idle;
@@ -34,7 +34,7 @@ impl Engine {
         if restoring && self.config.firmware.restores_mode() { HomingPhase::Restoring } else { HomingPhase::Idle }
     }
 
-    /// Slaves that are homing.
+    /// The slaves with an axis that is homing.
     pub(super) fn homing_slaves(&self) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
         if self.volatile.homing_active.is_empty() {
@@ -48,18 +48,18 @@ impl Engine {
         slaves
     }
 
-    /// Whether a command that would move a slave's axes is ignored because the slave is homing, and counts it.
+    /// Whether a command that moves axes is ignored because the slave is homing. Counts it if so.
     pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
         let ignored = self.homing_phase(slave as u8) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
         ignored
     }
 
-    /// GO_HOME for those of a slave's axes whose 0x6060 / 0x6860 is 6; of a module of two channels in 12-byte mode that is
-    /// axis 1 alone: there it moves no other (SK-3 \[OURS]).
+    /// GO_HOME for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module of two channels with 12-byte slots only axis 1
+    /// may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
     ///
-    /// SK-7 \[OURS]: one that is not in Operation enabled by SV_ON is rejected, and nothing is kept: no motor starts by
-    /// a later SV_ON because of it. If one of several axes is not, none starts.
+    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so that a
+    /// later SV_ON does not start homing. If one of several axes is not enabled, none starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.volatile.modes_written[slave - 1];
@@ -81,7 +81,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Whether any of these slaves is homing, as far as a program can tell.
+    /// Whether any of these slaves is homing, as far as a program can see in its reports.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
             let axes = &self.volatile.axes[usize::from(slave) - 1];
@@ -92,28 +92,28 @@ impl Engine {
         })
     }
 
-    /// ABORT_HOME, in any slave's slot.
+    /// ABORT_HOME in the slot of any slave: ends the homing of all slaves.
     pub(super) fn abort_home(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::Aborted, at);
         }
     }
 
-    /// Ends homing of all axes of a slave.
+    /// Ends the homing of all axes of a slave.
     pub(super) fn end_homing(&mut self, slave: usize, end: HomingEnd, at: Ns) {
         for axis in 0..MAX_AXES {
             self.end_homing_of_axis(slave, axis, end, at);
         }
     }
 
-    /// Ends homing of one axis.
+    /// Ends the homing of one axis.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
         if self.volatile.axes[slave - 1][axis].homing.end(end) {
             self.log.push(Event::HomingEnded { at, slave: slave as u8, axis: axis as u8, end });
         }
     }
 
-    /// What the answer of a cycle means for homing.
+    /// Takes the inputs of a cycle for all axes that are homing, or have not finished what follows it.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
         let (outputs_received, period_ns) = (self.newest_answered, self.period_ns());
         if self.volatile.homing_active.is_empty() {
@@ -141,7 +141,7 @@ impl Engine {
         }
     }
 
-    /// A slave that does not answer is not homing any more, and no mode can be written to it.
+    /// Ends the homing of a slave that is lost, and the attempts to restore its mode, since it takes no SDO.
     pub(super) fn end_homing_of_lost(&mut self, slave: usize, at: Ns) {
         self.end_homing(slave, HomingEnd::Lost, at);
         for axis in 0..MAX_AXES {
@@ -154,8 +154,8 @@ impl Engine {
         }
     }
 
-    /// OP is left: homing ends with it. The mode of those that were at it is written back in SafeOP; on a way up from a
-    /// lower state it is written anyway.
+    /// The network leaves OP, which ends all homing. The modes of operation are restored in SafeOP; on the way up from a lower
+    /// state they are written anyway.
     pub(super) fn leave_homing_with_op(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);

@@ -1,12 +1,12 @@
-//! What scripts and tests do to a board itself while it runs, from any thread. What happens on its network is the bus's
-//! to say.
+//! What scripts and tests do to the board itself while it runs, from any thread. For its network there is
+//! [`Cable`](crate::fieldbus::cable::Cable).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use super::Engine;
 
-/// Nobody has set the inputs.
+/// The value of `local_inputs` as long as no call has set them.
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
@@ -15,7 +15,7 @@ struct Shared {
     local_inputs: AtomicU8,
 }
 
-/// A handle on a [`super::Board`]; clones are handles on the same board. What is said here holds from its next cycle on.
+/// A handle on a [`super::Board`]; clones are handles on the same board. Calls take effect in its next cycle.
 #[derive(Clone)]
 pub struct BoardHandle(Arc<Shared>);
 
@@ -30,22 +30,22 @@ impl Default for BoardHandle {
 }
 
 impl BoardHandle {
-    /// The board makes no reports, while everything else goes on; or it makes them again.
-    pub fn suppress_reports(&self, reports_suppressed: bool) {
-        self.0.reports_suppressed.store(reports_suppressed, Ordering::Relaxed);
+    /// The board makes no reports, while everything else goes on, or it makes them again.
+    pub fn suppress_reports(&self, suppressed: bool) {
+        self.0.reports_suppressed.store(suppressed, Ordering::Relaxed);
     }
 
-    /// The board takes nothing out of its FIFO, so that it fills and full counts rise; or it goes on.
+    /// The board takes no entries out of its FIFO, so that it fills and the full count rises, or it takes them again.
     pub fn hold_fifo(&self, held: bool) {
         self.0.fifo_held.store(held, Ordering::Relaxed);
     }
 
-    /// Sets the chip's six inputs, bit k is input k (SK-8).
+    /// Sets the six inputs of the chip, bit k is input k (SK-8).
     pub fn set_local_inputs(&self, bits: u8) {
         self.0.local_inputs.store(bits & 0x3F, Ordering::Relaxed);
     }
 
-    /// A cycle begins.
+    /// Puts in force what was called since the last cycle.
     pub(super) fn apply(&self, engine: &mut Engine) {
         engine.suppress_reports(self.0.reports_suppressed.load(Ordering::Relaxed));
         engine.hold_fifo(self.0.fifo_held.load(Ordering::Relaxed));

@@ -13,7 +13,7 @@ use super::sync::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// Whether calls still do their work.
+/// Whether the interface is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Open,
@@ -33,7 +33,7 @@ struct Outbox {
     cancels: u64,
 }
 
-/// Both directions.
+/// The hand-over, in both directions.
 pub(super) struct Handover {
     inbox: Mutex<Inbox>,
     space: Condvar,
@@ -42,8 +42,8 @@ pub(super) struct Handover {
 }
 
 impl Handover {
-    /// Room for `room` frames between two visits of the runner, and for `queue` reports nobody has read. A full inbox
-    /// makes a writer wait, as a USB device that does not accept does.
+    /// A hand-over with room for `room` frames between two visits of the runner, and for `queue` reports that nobody has read. A
+    /// writer waits while the inbox is full, as on a USB device that does not accept data.
     pub(super) fn new(room: usize, queue: usize) -> Self {
         Self {
             inbox: Mutex::new(Inbox { frames: VecDeque::with_capacity(room), room, phase: Phase::Open, cancels: 0 }),
@@ -53,7 +53,7 @@ impl Handover {
         }
     }
 
-    /// Host: hands a frame over that arrives at `at`, waiting for its turn on the wire and for room until `end`.
+    /// Host: hands over a frame that arrives at `at`. Waits until `turn`, when the wire is free, and for room, both until `end`.
     pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;
@@ -74,7 +74,7 @@ impl Handover {
         Ok(())
     }
 
-    /// Host: the oldest report, waiting for one until `end`.
+    /// Host: takes the oldest report, and waits for one until `end`.
     pub(super) fn receive(&self, out: &mut Frame, end: Option<Instant>) -> Result<Report, Stop> {
         let mut outbox = lock(&self.outbox);
         let cancels = outbox.cancels;
@@ -91,7 +91,7 @@ impl Handover {
         }
     }
 
-    /// Runner: the oldest frame, if it arrives at `by` or before.
+    /// Runner: takes the oldest frame, if it arrives at `by` or before, and gives its time of arrival.
     pub(super) fn next_frame(&self, out: &mut Frame, by: Ns) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
         if inbox.frames.front().is_none_or(|(_, at)| *at > by) {
@@ -107,13 +107,13 @@ impl Handover {
         Some(at)
     }
 
-    /// Runner: a report was made.
+    /// Runner: hands over a report.
     pub(super) fn publish(&self, frame: &Frame, at: Ns) {
         lock(&self.outbox).reports.push(frame, at);
         self.news.notify_one();
     }
 
-    /// Ends every wait now and to come, in both directions. The first reason stays.
+    /// Ends all waits in both directions, and all later calls. The first reason stays.
     pub(super) fn end(&self, why: Stop) {
         for phase in [&mut lock(&self.inbox).phase, &mut lock(&self.outbox).phase] {
             if *phase == Phase::Open {
@@ -124,19 +124,19 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Ends the writes that wait now.
+    /// Cancels the writes that wait now.
     pub(super) fn cancel_writes(&self) {
         lock(&self.inbox).cancels += 1;
         self.space.notify_all();
     }
 
-    /// Ends the reads that wait now.
+    /// Cancels the reads that wait now.
     pub(super) fn cancel_reads(&self) {
         lock(&self.outbox).cancels += 1;
         self.news.notify_all();
     }
 
-    /// Whether calls still do their work.
+    /// Whether the interface is open.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match lock(&self.outbox).phase {
             Phase::Open => Ok(()),
@@ -144,7 +144,7 @@ impl Handover {
         }
     }
 
-    /// Reports dropped so far.
+    /// How many reports were dropped so far because nobody read them.
     pub(super) fn dropped(&self) -> u64 {
         lock(&self.outbox).reports.dropped()
     }
@@ -161,7 +161,7 @@ fn wait_until<'a, T>(
     })
 }
 
-/// Time until `end`; `None`: no end.
+/// The time until `end`; `None`: there is no limit.
 fn time_left(end: Option<Instant>) -> Result<Option<Duration>, Stop> {
     let left = end.map(|end| end.saturating_duration_since(Instant::now()));
     if left == Some(Duration::ZERO) { Err(Stop::Timeout) } else { Ok(left) }

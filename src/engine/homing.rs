@@ -1,41 +1,43 @@
-//! Homing of one axis (SK-7): bit 4 of the controlword, which of the drive's answers count, and when it is over.
+//! The homing of one axis (SK-7): bit 4 of the controlword, which statuswords of the drive count, and when homing has ended.
 //!
-//! **Which answers count** \[OURS]. Bits 10, 12 and 13 may still show an earlier homing, or another mode, when bit 4
-//! rises. The inputs of a cycle were measured before its outputs arrived, so the first answer that counts is the one
-//! after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. And "attained" or "error"
-//! is believed only when it cannot be an old one: of the answers that count one has shown bits 12 and 13 clear; or the
-//! drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4 reached it
-//! (so a drive that is home at once, by methods 35 and 37, is believed at once); or the same result has stood for
-//! [`RESULT_SETTLE_NS`]. The time before bit 4 counts from the end of the write of 0x6060 on, and begins anew whenever the drive
-//! shows one of the bits or is not enabled: a drive may take over a mode, and with it the result of an earlier homing, a
-//! little later than it says, and bit 12 of CSP ("follows") says nothing of home.
+//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or another mode.
+//! The inputs of a cycle were measured before its outputs arrived, so that the first statusword that counts is the one after
+//! the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. A result, attained or error, is
+//! accepted in three cases, in which it cannot be an old one:
+//! - A statusword that counts has shown bits 12 and 13 clear before.
+//! - The drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4 reached
+//!   it. So the result of a drive that is home at once, by methods 35 and 37, is accepted at once.
+//! - The same result was shown for [`RESULT_SETTLE_NS`].
 //!
-//! **What others may do meanwhile** \[OURS]. A drive that shows an old result when bit 4 rises leaves a doubt of that
-//! time, and the program that reads its slot has none: it sees bits 10 and 12 under GO_HOME and sends the next one. So for
-//! the rule of one homing at a time an axis has ended as soon as a report has shown GO_HOME with bits 10 and 12, or bit
-//! 13 ([`AxisHoming::seems_over`]): a drive that goes home a little longer than it said harms no other. Of a pulse module
-//! of two channels each axis counts by its own statusword; that of axis 2 is not in the slot, but 0x6841 can be read.
+//! The time before bit 4 counts from the end of the write of 0x6060, and starts again whenever the drive shows one of the bits
+//! or is not enabled: a drive may change its mode, and show the result of an earlier homing with it, a little later than it
+//! confirms, and in CSP bit 12 means that the drive follows its target.
 //!
-//! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive it is given time to stand; then
-//! outputs go that hold it where it stands, in the coordinate after the home event, and only when those have reached it,
-//! too, the mode may change: no target of before is there any more to jump to.
+//! **When the next homing may start** \[OURS]. While the board still waits for a result to settle, the program that reads the slot
+//! sees bits 10 and 12 under GO_HOME and sends the next GO_HOME. So for the rule of one homing at a time the homing of an axis
+//! has ended as soon as a report has shown GO_HOME with bits 10 and 12, or with bit 13 ([`AxisHoming::seems_over`]). Each axis of
+//! a pulse module of two channels counts by its own statusword; that of axis 2 is not in the slot, but 0x6841 can be read.
+//!
+//! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive, it gets time to come to a standstill. Then
+//! outputs with its actual position, in the coordinates after homing, hold it there. The mode may change only when these have
+//! reached it, too: so no target from before homing can make the axis jump.
 
 use std::fmt;
 
 use crate::cia402::{DriveState, Statusword};
 use crate::fieldbus::Ns;
 
-/// Sets of outputs with bit 4 clear, at least, before it rises again \[OURS]: 2 ms at the shortest cycle, so that a drive
-/// that looks at its controlword more seldom than that sees the edge all the same.
+/// The least number of sets of outputs with bit 4 clear before it rises again \[OURS]: 2 ms at the shortest cycle, so that a drive
+/// that does not read its controlword in every cycle sees the edge all the same.
 const START_BIT_LOW_SETS: u8 = 8;
 
-/// So long a drive has to show no result before bit 4, or one that it may have shown before, until that is believed
+/// How long a drive has to show no result before bit 4 rises, or the same result after it, until its result is accepted
 /// \[OURS].
 const RESULT_SETTLE_NS: Ns = 20_000_000;
-/// And in so many answers at least \[OURS].
+/// In how many answers it has to do so at least \[OURS].
 const RESULT_SETTLE_ANSWERS: u64 = 4;
 
-/// So long a drive may take to stand after homing was ended; it says so by bit 10 \[OURS].
+/// How long a drive may take to come to a standstill, which it shows by bit 10, after its homing was ended \[OURS].
 const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
 /// How the homing of an axis ended.
@@ -45,22 +47,22 @@ pub enum HomingEnd {
     Attained,
     /// Statusword bit 13: homing error.
     Error,
-    /// The drive has left Operation enabled: a fault, for example.
+    /// The drive has left Operation enabled, by a fault for example.
     NotEnabled,
-    /// SV_OFF.
+    /// SV_OFF was executed.
     ServoOff,
-    /// ABORT_HOME.
+    /// ABORT_HOME was executed.
     Aborted,
-    /// The host wrote 0x6060 (0x6860).
+    /// The host has written 0x6060 (0x6860).
     ModeWritten,
-    /// OP was left.
+    /// The network has left OP.
     LeftOp,
-    /// The slave no longer answers.
+    /// The slave is lost.
     Lost,
 }
 
 impl HomingEnd {
-    /// Whether it came by a FIFO entry, which a SET_FIFO clear can take back.
+    /// Whether a FIFO entry has ended homing, so that a SET_FIFO clear can take the end back.
     const fn is_from_fifo_entry(self) -> bool {
         matches!(self, Self::ServoOff | Self::Aborted)
     }
@@ -81,7 +83,7 @@ impl fmt::Display for HomingEnd {
     }
 }
 
-/// What a statusword says in homing mode.
+/// The result that a statusword shows in homing mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ShownResult {
     None,
@@ -110,98 +112,99 @@ const fn shows_no_result(Statusword(word): Statusword) -> bool {
 enum Phase {
     #[default]
     Idle,
-    /// GO_HOME was executed; bit 4 rises with the next outputs, or when it has rested.
+    /// GO_HOME was executed. Bit 4 rises as soon as it has been clear for long enough.
     Requested,
-    /// Bit 4 is set, since the outputs `first`.
+    /// Bit 4 is set since the outputs with the id `first`. The last `in_a_row` answers have shown `result`, and with `clear_seen`
+    /// a result is accepted at once.
     Running { first: u64, result: ShownResult, in_a_row: u64, clear_seen: bool },
-    /// Over; bit 4 is clear since the outputs `clear`, and the drive comes to a stand.
+    /// Homing has ended. Bit 4 is clear since the outputs with the id `clear`, and the drive comes to a standstill.
     Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
-    /// It stands; the outputs `there` hold it.
+    /// The drive stands still, and the outputs from the id `there` on hold it.
     Holding { end: HomingEnd, there: Option<u64> },
 }
 
-/// What an answer has brought.
+/// What the answer of a cycle has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HomingEvent {
-    /// Homing is over.
+    /// Homing has ended.
     Ended(HomingEnd),
-    /// After its end: the drive stands, and its target is there. The mode may change.
+    /// After the end the drive has come to a standstill and is held there. The mode may change.
     AtStandstill,
 }
 
-/// What came back in a cycle.
+/// The answer of an axis in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) statusword: Statusword,
-    /// The newest outputs that the slave had got before it measured this.
+    /// The id of the newest outputs that had reached the slave when it measured this.
     pub(super) outputs_received: Option<u64>,
-    /// Time from one answer to the next.
+    /// The time from one answer to the next.
     pub(super) period_ns: Ns,
 }
 
 impl Answer {
-    /// Whether it was measured after those outputs had come.
+    /// Whether the answer was measured after the outputs with that id had reached the slave.
     fn follows(&self, outputs: Option<u64>) -> bool {
         outputs.is_some() && self.outputs_received >= outputs
     }
 
-    /// Answers that take that long.
+    /// How many answers come in that time.
     fn in_time(&self, ns: Ns) -> u64 {
         ns.div_ceil(self.period_ns.max(1))
     }
 }
 
-/// Homing of one axis.
+/// The homing of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct AxisHoming {
     phase: Phase,
-    /// Sets of outputs with bit 4 clear that are still to come before it may rise.
+    /// How many sets of outputs have to have bit 4 clear before it may rise.
     low_sets_left: u8,
-    /// Answers in a row, before bit 4 came, that showed a drive in mode 6 without a result.
+    /// How many answers in a row have shown the drive in mode 6 without a result, before bit 4 rose.
     clear_answers: u64,
-    /// Answers of cycles before this time may be older than the mode.
+    /// Answers of cycles before this time may be from before the change to mode 6.
     mode_since: Ns,
-    /// The first outputs of the newest homing that the drive has ended.
+    /// The newest homing that no FIFO entry has ended: the id of its first outputs, and how it ended.
     ended: Option<(u64, HomingEnd)>,
 }
 
 impl AxisHoming {
-    /// Not homing, with so many sets of outputs to come before bit 4 may rise.
+    /// An axis that is not homing, with that many sets of outputs before bit 4 may rise.
     pub(super) const fn idle(low_sets_left: u8) -> Self {
         Self { phase: Phase::Idle, low_sets_left, clear_answers: 0, mode_since: 0, ended: None }
     }
 
-    /// Sets of outputs with bit 4 clear that are still to come before it may rise.
+    /// How many sets of outputs have to have bit 4 clear before it may rise.
     pub(super) const fn low_sets_left(&self) -> u8 {
         self.low_sets_left
     }
 
-    /// GO_HOME was executed and homing has not ended.
+    /// Whether GO_HOME was executed and homing has not ended.
     pub(super) const fn is_homing(&self) -> bool {
         matches!(self.phase, Phase::Requested | Phase::Running { .. })
     }
 
-    /// Homing has ended, and the mode must not change yet.
+    /// Whether homing has ended and the mode must not change yet.
     pub(super) const fn is_ending(&self) -> bool {
         matches!(self.phase, Phase::Braking { .. } | Phase::Holding { .. })
     }
 
-    /// There is nothing to do for it.
+    /// Whether the axis is not homing, and nothing of the last homing is left to do.
     pub(super) const fn is_idle(&self) -> bool {
         matches!(self.phase, Phase::Idle)
     }
 
-    /// There is nothing to do for it, and bit 4 may rise at once.
+    /// Whether the axis is idle and bit 4 may rise at once.
     pub(super) const fn is_at_rest(&self) -> bool {
         self.is_idle() && self.low_sets_left == 0
     }
 
-    /// GO_HOME.
+    /// Starts homing, for GO_HOME.
     pub(super) const fn start(&mut self) {
         self.phase = Phase::Requested;
     }
 
-    /// Ends homing, if it is under way; says whether it was.
+    /// Ends homing if it is under way. Whether it was.
     pub(super) const fn end(&mut self, end: HomingEnd) -> bool {
         if !self.is_homing() {
             return false;
@@ -217,20 +220,21 @@ impl AxisHoming {
         true
     }
 
-    /// After its end there is nothing to wait for: the slave is gone, or its mode has changed already.
+    /// Does not wait for a standstill after homing: the slave is lost, or its mode has changed already.
     pub(super) const fn skip_standstill(&mut self) {
         if self.is_ending() {
             self.phase = Phase::Idle;
         }
     }
 
-    /// 0x6060 was written by that time. Answers of cycles before it say nothing.
+    /// 0x6060 was written by that time. Answers of cycles before it are ignored.
     pub(super) const fn mode_written(&mut self, at: Ns) {
         self.clear_answers = 0;
         self.mode_since = at;
     }
 
-    /// The answer of the cycle at `at` while bit 4 is not up: whether the drive is in mode 6, enabled, and shows no result.
+    /// Takes the answer of the cycle at `at` while bit 4 is clear, to find out whether the drive, enabled and in mode 6, shows no
+    /// result.
     pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;
@@ -239,19 +243,19 @@ impl AxisHoming {
         self.clear_answers = if clear_answers && at >= self.mode_since { self.clear_answers + 1 } else { 0 };
     }
 
-    /// Whether a report has told the host that it is over: it has shown the outputs that carried bit 4, the newest of
-    /// them `shown`, with that statusword.
+    /// Whether a report has shown the host a result of this homing: the newest outputs in reports have the id `shown`, which
+    /// carried bit 4, and the statusword shows a result.
     pub(super) fn seems_over(&self, shown: Option<u64>, statusword: Statusword) -> bool {
         matches!(self.phase, Phase::Running { first, .. } if shown >= Some(first))
             && ShownResult::of(statusword) != ShownResult::None
     }
 
-    /// Bit 4 as the next outputs have it, if nothing changes.
+    /// Bit 4 in the next outputs, if nothing changes.
     pub(super) const fn start_bit(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Whether new outputs have to be made although they may be the same.
+    /// Whether the next outputs have to be sent even if they are the same as the last.
     pub(super) const fn is_under_way(&self) -> bool {
         self.low_sets_left > 0
             || matches!(
@@ -260,7 +264,7 @@ impl AxisHoming {
             )
     }
 
-    /// Bit 4 in the outputs with that id, the next ones.
+    /// Bit 4 in the next outputs, which have that id.
     pub(super) fn next_bit(&mut self, id: u64) -> bool {
         match &mut self.phase {
             Phase::Running { .. } => return true,
@@ -277,7 +281,7 @@ impl AxisHoming {
         false
     }
 
-    /// The answer of a cycle.
+    /// Takes the answer of a cycle. `Some`: what it has changed.
     pub(super) fn take_answer(&mut self, answer: &Answer) -> Option<HomingEvent> {
         let Statusword(word) = answer.statusword;
         let off = answer.statusword.state().is_some_and(|state| state != DriveState::OperationEnabled);
@@ -324,7 +328,7 @@ impl AxisHoming {
         }
     }
 
-    /// Outputs made since `then` are taken back: SET_FIFO has cleared their entries. What the drive has ended stays
+    /// Takes back what was done since `then`, because SET_FIFO has cleared those entries. A homing that the drive has ended stays
     /// ended.
     pub(super) fn roll_back_to(&mut self, then: &Self) {
         let braking = |end| Phase::Braking { end, clear: None, answers: 0 };

@@ -1,4 +1,5 @@
-//! What takes longer than a cycle: the engine's side of the bus's jobs.
+//! The jobs of the bus, which take longer than a cycle: which one the engine starts when, and what follows its end. Which steps a
+//! change of state needs is decided in `network.rs`.
 
 use super::network::Step;
 use super::restore::Restore;
@@ -11,16 +12,17 @@ use crate::fieldbus::{
 };
 use crate::sk::{DriveSync, MasterState, SlaveKind};
 
-/// What the bus is doing for the network.
+/// The job of the bus under way that is no SDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
+    /// The step that the job is for.
     pub(super) step: Step,
-    /// The bus gives it up then, if it is a change of state.
+    /// When the bus ends it as failed, if it is a change of state.
     until: Ns,
 }
 
-/// Whose SDO transfer the bus does. A host's runs beside a change of state (SK-6): a slave that is waited for does not
-/// keep the others from answering.
+/// Who has asked for the SDO transfer of the bus. A transfer of the host runs beside a change of state (SK-6), so that a slave
+/// that is slow to change its state does not block the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SdoOwner {
     Host,
@@ -36,7 +38,7 @@ const fn al_state(state: MasterState) -> AlState {
     }
 }
 
-/// The state that a step is on the way to.
+/// The state that a step leads to.
 const fn target_of(step: Step) -> MasterState {
     match step {
         Step::Scan | Step::Boot | Step::RecoverToPreOp => MasterState::PreOp,
@@ -45,7 +47,7 @@ const fn target_of(step: Step) -> MasterState {
     }
 }
 
-/// The axis whose mode of operation that object is.
+/// The axis whose mode of operation (0x6060, 0x6860) an object is; `None`: it is another object.
 pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
     const SECOND: u16 = MODES_OF_OPERATION + SECOND_AXIS_OFFSET;
     match (object.index, object.sub) {
@@ -56,7 +58,7 @@ pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
 }
 
 impl Engine {
-    /// Takes the ends of the jobs under way and starts the next ones.
+    /// Takes the ends of the jobs under way, and starts the next ones.
     pub(super) fn run_jobs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if std::mem::take(&mut self.cancel_job) && self.job.take().is_some() {
             bus.cancel_job();
@@ -77,7 +79,8 @@ impl Engine {
         }
     }
 
-    /// A change has its time (SK-4 \[OURS]: 10 s) whatever the bus does, and a way up that nobody wants any more ends.
+    /// Ends a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does, and cancels a job that no longer
+    /// leads to the target.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let late = self.volatile.network.deadline().is_some_and(|deadline| now >= deadline);
         if late {
@@ -92,7 +95,7 @@ impl Engine {
         }
     }
 
-    /// Starts the next step, when no transfer is under way: it may be one to a slave that is to be configured or moved.
+    /// Starts the next step if no SDO is under way, since that may be to a slave that the step configures or moves.
     fn start_step(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         while self.sdo_owner.is_none()
             && let Some(step) = self.volatile.network.next_step()
@@ -109,7 +112,7 @@ impl Engine {
             self.volatile.network.begin(step);
             let until = self.step_deadline(step, now);
             let Some(job) = self.network_job(step, until.saturating_sub(now)) else {
-                // Nobody has to move: the state is reached.
+                // No slave has to change its state: the state is reached.
                 self.step_done(step, now);
                 continue;
             };
@@ -125,19 +128,19 @@ impl Engine {
             return;
         }
         let Some(request) = self.volatile.sdo.waiting(self.config.sdo_timeout_ns) else { return };
-        // SK-6 [OURS]: a lost slave is not asked, even if it could answer again, nor one that was never found.
+        // SK-6 [OURS]: no transfer is started to a slave that is lost, even if it could answer again, or that was never found.
         if request.slave > self.volatile.network.found() || self.volatile.network.lost().contains(request.slave) {
             self.volatile.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
-        // While slaves are looked for or configured the bus is busy.
+        // The bus is busy during a scan and during a configuration.
         if self.sdo_owner.is_none() && bus.start(Job::Sdo(request), now).is_ok() {
             self.volatile.sdo.started();
             self.sdo_owner = Some(SdoOwner::Host);
         }
     }
 
-    /// When a step is given up.
+    /// When a step has failed.
     fn step_deadline(&self, step: Step, now: Ns) -> Ns {
         let change_ends = self.volatile.network.deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
         self.volatile
@@ -163,7 +166,7 @@ impl Engine {
         Some(Job::State { target: al_state(target), slaves, timeout_ns })
     }
 
-    /// Those of a set that are not lost.
+    /// The slaves of a set that are not lost.
     pub(super) fn present(&self, slaves: SlaveSet) -> SlaveSet {
         slaves.difference(self.volatile.network.lost())
     }
@@ -172,13 +175,14 @@ impl Engine {
         SlaveSet::first(self.volatile.network.found())
     }
 
-    /// Whether a move is one between PreOP and OP: slaves that are not used have no part in it.
+    /// Whether a change of state is one between PreOP and OP, in which slaves that are not used take no part.
     fn concerns_used_slaves_only(&self, to: MasterState) -> bool {
         let from = self.volatile.network.state();
         to > MasterState::PreOp || to == MasterState::PreOp && from > Some(MasterState::PreOp)
     }
 
-    /// SK-4 \[OURS]: a found slave declared as none stays in PreOP and is not waited for.
+    /// The slaves that are used. SK-4 \[OURS]: a slave that was found and is declared as not used stays in PreOP, and no change of
+    /// state waits for it.
     pub(super) fn used_slaves(&self) -> SlaveSet {
         let mut slaves = self.found_slaves();
         for slave in 1..=self.volatile.network.found() {
@@ -189,7 +193,8 @@ impl Engine {
         slaves
     }
 
-    /// Whether programs have declared something else than what the network was configured with, or is just being.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared something else than the network was configured with last, or is being
+    /// configured with now.
     pub(super) fn has_new_declarations(&self) -> bool {
         let otherwise = |n: usize| {
             (self.volatile.roles[n], self.volatile.syncs[n]) != (self.declared_role(n), self.volatile.modes[n].1)
@@ -198,7 +203,7 @@ impl Engine {
             || (0..usize::from(self.volatile.network.found())).any(otherwise)
     }
 
-    /// What SET_AXIS and DRIVE_MODE say of slave `n` (from 0).
+    /// The role that SET_AXIS and DRIVE_MODE declare for slave `n` (from 0).
     const fn declared_role(&self, n: usize) -> Role {
         let (mode, _) = self.volatile.modes[n];
         match self.volatile.kinds[n] {
@@ -210,33 +215,34 @@ impl Engine {
         }
     }
 
-    /// The mode that a slave (from 1) was given by DRIVE_MODE; 0 for one that is declared as one without a mode.
+    /// The mode of operation that DRIVE_MODE declares for a slave (from 1); 0 for a slave that is declared as a kind without one.
     pub(super) fn declared_mode(&self, slave: usize) -> u8 {
         self.declared_role(slave - 1).mode().map_or(0, |mode| mode.code())
     }
 
-    /// SK-7 \[OURS]: DRIVE_MODE 10 for an HSP and other than 8 for a STEP fail PreOP to SafeOP, whoever the slave is.
+    /// Why the network cannot be configured as declared; `None`: it can. SK-7 \[OURS]: mode 10 for an HSP, and any mode but 8 for a
+    /// STEP, fail the change from PreOP to SafeOP, whichever slave is declared so.
     fn lacks_process_data(&self) -> Option<StateFailure> {
         let lacking =
             (0..usize::from(self.volatile.network.found())).find(|n| !self.declared_role(*n).has_process_data());
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })
     }
 
-    /// The change under way ends where it is.
+    /// The change of state under way has failed.
     fn fail_state(&mut self, why: StateFailure, at: Ns) {
         self.volatile.network.fail();
         self.volatile.failure = Some(why);
         self.log.push(Event::StateFailed { at, why });
     }
 
-    /// What a slave's refusal means for a step.
+    /// The failure of a step because of a refusal.
     fn failure_of(&self, step: Step, refusal: Refusal) -> StateFailure {
         let kind = usize::from(refusal.slave).checked_sub(1).and_then(|n| self.volatile.kinds.get(n));
         let configuring = matches!(step, Step::Configure | Step::RecoverConfigure);
         StateFailure::of(refusal, configuring, target_of(step), kind.copied().unwrap_or_default())
     }
 
-    /// The network as programs declared it; from now on it is configured so.
+    /// The configuration of all slaves as declared, which is in force from now on.
     fn bus_config(&mut self) -> BusConfig {
         self.volatile.cycle_in_op = self.volatile.cycle;
         (self.volatile.roles, self.volatile.syncs) = ([Role::Unused; MAX_SLAVES], [DriveSync::DcSync; MAX_SLAVES]);
@@ -246,7 +252,7 @@ impl Engine {
         self.config_for(self.found_slaves())
     }
 
-    /// What the network was configured with, for these slaves.
+    /// The configuration in force, for these slaves.
     fn config_for(&self, selected: SlaveSet) -> BusConfig {
         let slaves =
             std::array::from_fn(|n| SlaveConfig { role: self.volatile.roles[n], sync: self.volatile.syncs[n] });
@@ -259,7 +265,7 @@ impl Engine {
                 Some(SdoOwner::Host) => self.sdo_done(result, now),
                 Some(SdoOwner::Restore(restore)) => {
                     self.restored(restore, result, now);
-                    // SK-6 [OURS]: a request that came during transfers of the board's own runs next.
+                    // SK-6 [OURS]: a request of the host that came during a transfer of the board runs next.
                     self.start_host_sdo(now, bus);
                 }
                 None => {}
@@ -300,7 +306,7 @@ impl Engine {
                 self.volatile.network.recovery_failed(refusal.slave, silent);
                 self.volatile.failure = Some(self.failure_of(step, refusal));
             }
-            // The change has got more time since: the step begins again.
+            // A new request has given the change more time meanwhile: the step starts again.
             (Step::Move(_), JobDone::State(Err(_)))
                 if now >= until && self.volatile.network.deadline().is_some_and(|deadline| deadline > until) => {}
             (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
@@ -310,7 +316,7 @@ impl Engine {
         }
     }
 
-    /// Nothing is asked of an axis that is none any more.
+    /// Sets which pulse modules have a second axis. Axes that no longer exist lose their requests and outputs.
     pub(super) fn set_second_axes(&mut self, second_axes: SlaveSet) {
         for slave in self.volatile.second_axes.difference(second_axes).iter().map(usize::from) {
             self.volatile.axes[slave - 1][1] = Axis::default();
@@ -332,30 +338,31 @@ impl Engine {
         }
         self.note_moved(step, now);
         if was_op != self.volatile.network.in_op() {
-            // OP begins and ends with an empty FIFO and with axes that ask for nothing.
+            // OP begins and ends with an empty FIFO, and with axes without requests.
             self.clear_fifo();
             self.leave_homing_with_op(now);
             self.drop_commanded();
             self.volatile.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
             if was_op && self.unconfirmed() > 0 {
-                // What lies ahead has not been executed.
+                // Commands whose outputs were not sent do not count as executed.
                 self.volatile.heads = self.shown_heads;
             }
             self.volatile.heads.iter_mut().for_each(SlotHead::outputs_off);
             self.shown_heads = self.volatile.heads;
         }
         if self.volatile.network.state() < Some(MasterState::SafeOp) {
-            // On the way up every mode is written.
+            // The next change to SafeOP writes every mode of operation.
             self.volatile.restores.cancel_all();
         }
         if !was_op && self.volatile.network.in_op() {
-            // What SafeOP has shown goes into the first outputs: they hold every axis where it is.
+            // The inputs of SafeOP make the targets of the first outputs: they hold every axis where it is.
             self.answer_axes();
             self.begin_op_outputs();
         }
     }
 
-    /// "At PreOP -> SafeOP the board writes DRIVE_MODE's value" to 0x6060.
+    /// These slaves were configured: the board has written the mode of DRIVE_MODE to 0x6060 ("At PreOP -> SafeOP the board
+    /// writes DRIVE_MODE's value").
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {
             self.volatile.restores.cancel_slave(slave as u8);

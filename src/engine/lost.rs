@@ -1,5 +1,5 @@
-//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
-//! Its slot keeps its values, what comes for it is counted, and the others go on.
+//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back. Its slot
+//! keeps its values, commands for it are counted and not executed, and the other slaves go on.
 
 use super::axis::AxisCheckpoint;
 use super::commands::check_kind;
@@ -10,21 +10,21 @@ use crate::cia402::Mode;
 use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
-/// Since when answers of each slave are newer than its newest move: those that a bus had still under way then say
-/// nothing of where it is.
+/// For each slave the time from which answers were measured after its last change of state. Older answers, which a bus may still
+/// deliver later, do not show whether it is in that state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 impl Engine {
-    /// Slaves that the outputs of the newest cycle have not reached. One that is declared as none is not in OP, and its
-    /// slot answers for nobody: it shows what came last, as that of an empty place does.
+    /// The used slaves that the outputs of the newest cycle have not reached. A slave that is not used is never in OP; its slot
+    /// shows the newest command, like the slot of a number without a slave.
     fn unreached(&self) -> SlaveSet {
         let unreached = self.inputs.lost.union(self.inputs.without_outputs);
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
-    /// The answer of a cycle has come, whose outputs were new ones if they are `carried`. Counts the commands that went
-    /// with them, and with those before them whose answers were lost, and have not reached their slaves; and of slaves
-    /// that the bus names as lost only now, though they have been for longer, those that went meanwhile.
+    /// Counts the commands that have not reached their slaves, when the answer of a cycle has come: those in its outputs
+    /// (`carried` is their id, if they were new ones), those in outputs before them whose answers were lost, and those that
+    /// were sent to lost slaves before the bus named them.
     pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
         let Inputs { lost, without_outputs, .. } = self.inputs;
         let lost_before = std::mem::replace(&mut self.lost_before, lost);
@@ -51,7 +51,7 @@ impl Engine {
         }
     }
 
-    /// Says once that slaves do not answer, while the bus does not name them.
+    /// Logs once that the working counter is too low, while the bus names no lost slave.
     pub(super) fn note_working_counter(&mut self, done: &CycleDone) {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let short = counted < expected && self.inputs.lost.is_empty();
@@ -61,10 +61,10 @@ impl Engine {
         self.working_counter_short = short;
     }
 
-    /// Slaves that are not in the network's state although no change moves any: one that failed has left them in a lower
-    /// one, while others refused it.
+    /// Slaves that are in a lower state than the network while no change of state is under way: a change that other slaves have
+    /// refused has left them there.
     fn left_behind(&self) -> SlaveSet {
-        // A bus says at the end of a Configure whom it has disturbed.
+        // The end of a Configure names the slaves that it has disturbed.
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
@@ -75,16 +75,17 @@ impl Engine {
         }
     }
 
-    /// The cable before the first slave is cut, and the bus passes no cycle that would say so.
+    /// The cable before the first slave is cut: all used slaves are lost. The bus has no cycle that could name them.
     pub(super) fn note_silence(&mut self, at: Ns) {
         self.inputs.lost = self.used_slaves();
         self.note_lost(at);
     }
 
-    /// Looks who did not answer the cycle that has passed, or has left the others.
+    /// Finds out which slaves are lost since the last cycle.
     ///
-    /// SK-4 \[OURS]: a change that fails on the way down may leave slaves below the state that it ends in. Those are lost
-    /// as well: nobody drives them, and they come back as lost ones do, configured again and with their outputs off.
+    /// SK-4 \[OURS]: a change to a lower state that fails may leave slaves below the state that the network ends in. These are
+    /// lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured again and with their
+    /// outputs off.
     pub(super) fn note_lost(&mut self, at: Ns) {
         if !self.volatile.network.notices_losses() {
             return;
@@ -109,7 +110,7 @@ impl Engine {
             let silent = self.inputs.lost.contains(slave);
             self.log.push(if silent { Event::SlaveLost { at, slave } } else { Event::SlaveLeft { at, slave } });
         }
-        // On the way down nobody waits for them: that step begins anew without them.
+        // A change to a lower state does not wait for lost slaves: the step starts again without them.
         if let Some(work) = self.job
             && let Step::Move(to) = work.step
             && Some(to) < self.volatile.network.state()
@@ -118,7 +119,7 @@ impl Engine {
         }
     }
 
-    /// Slaves that have left OP because the bus configured others: they come back with those, as lost ones do.
+    /// Slaves have left OP because the bus configured others. They come back to OP together with those.
     pub(super) fn note_disturbed(&mut self, disturbed: SlaveSet, at: Ns) {
         let disturbed = disturbed.intersection(self.used_slaves());
         for slave in self.present(disturbed).iter() {
@@ -128,14 +129,14 @@ impl Engine {
         self.volatile.network.mark_disturbed(disturbed);
     }
 
-    /// What was under way for a slave ends with its loss.
+    /// Ends everything that was under way for a slave that is lost.
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
         if self.volatile.network.in_op() {
-            // Commands that a bus had taken ahead do not reach it.
+            // Commands that the bus has taken and not sent do not reach the slave.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
-        // Its slot keeps its values; once it is back it shows what is really output.
+        // The slot keeps its values while the slave is lost. Once it is back the slot shows its true outputs.
         self.volatile.heads[slave - 1].outputs_off();
         self.shown_heads[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
@@ -145,7 +146,7 @@ impl Engine {
         }
     }
 
-    /// The report shows the commands behind the outputs with that id, but for slaves that they have not reached.
+    /// Shows in the report the commands of the outputs with that id, but for slaves that these have not reached.
     pub(super) fn show_heads(&mut self, id: u64) {
         let heads = &self.records.of(id).heads;
         let lost = self.volatile.network.lost().union(self.unreached());
@@ -160,14 +161,14 @@ impl Engine {
         }
     }
 
-    /// Whether what comes for a slave passes it over. Outside OP its settings are taken all the same.
+    /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can be changed all the same.
     pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
         let lost = self.volatile.network.lost();
         !lost.is_empty() && self.volatile.network.in_op() && lost.contains(slave as u8)
     }
 
-    /// A command for a lost slave: its slot keeps its values, so it is counted alone. What would be rejected anyway is.
-    /// SK-4 \[OURS]
+    /// A command for a lost slave: it is counted, and its slot keeps its values. A command that is not valid is rejected all the
+    /// same. SK-4 \[OURS]
     pub(super) fn execute_for_lost(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id == CommandId::GetStatus {
@@ -184,17 +185,17 @@ impl Engine {
             }
         });
         match right {
-            // It is for all slaves, wherever it stands.
+            // ABORT_HOME is for all slaves, whichever slot it is in.
             Ok(()) if id == CommandId::AbortHome => self.abort_home(at),
             Ok(()) => self.counters.for_lost += 1,
             Err(reason) => self.reject(slave, id, reason, at),
         }
     }
 
-    /// A command for a slave goes with the next outputs.
+    /// Notes that a command for a slave goes with the next outputs.
     pub(super) fn mark_commanded(&mut self, slave: usize) {
         if self.commanded.contains(slave as u8) {
-            // The bus was down when the one before was to go.
+            // The bus was down when the command before should have been sent.
             self.counters.for_lost += 1;
         }
         // One that is declared as none is not in OP, and nothing reaches it.
@@ -203,19 +204,19 @@ impl Engine {
         }
     }
 
-    /// The next outputs are none that carry what was executed: OP begins or ends.
+    /// Commands that were executed will not be sent, because OP begins or ends.
     pub(super) fn drop_commanded(&mut self) {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
 
-    /// Whether a step may begin. Lost slaves go to OP only when a bus that takes outputs ahead has none left from
-    /// before their loss: no motor starts and no output comes on by what was sent for another time \[OURS].
+    /// Whether a step may begin. Lost slaves return to OP only when a bus that takes outputs ahead has none left from before their
+    /// loss, so that old outputs switch on no motor and no digital output \[OURS].
     pub(super) fn may_begin_step(&mut self, step: Step) -> bool {
         if step != Step::RecoverTo(MasterState::Op) {
             return true;
         }
         let alone = self.present(self.used_slaves()).is_empty();
-        // A bus repeats the newest ones that it has sent, unless nobody was left in OP.
+        // A bus repeats the newest outputs that it has sent, unless no slave was left in OP.
         let oldest = if alone { self.unconfirmed_from } else { self.unconfirmed_from.saturating_sub(1) };
         let recovering = self.volatile.network.recovering();
         let at_rest = (oldest..self.next_output_id).all(|id| {
@@ -225,23 +226,23 @@ impl Engine {
                 axes[..used].iter().map(|axes| &axes[usize::from(slave) - 1]).all(AxisCheckpoint::is_at_rest)
             })
         });
-        // With nobody in OP a bus may send nothing, and there is nobody to take it from.
+        // With no slave in OP a bus may send no outputs, so that old ones never become sent. They can be cleared then.
         if alone && !at_rest {
             self.clear_ahead();
         }
         at_rest && !self.is_clearing()
     }
 
-    /// Cycles from this time on were after something that has ended by `now`.
+    /// The time from which cycles ran after something that has ended by `now`.
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,
-            // Its clock is not quite ours.
+            // The clock of the bus may differ from ours by a cycle.
             Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
         }
     }
 
-    /// A step has moved slaves.
+    /// A step has changed the state of slaves.
     pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
             Step::RecoverTo(to) if to > MasterState::PreOp => self.volatile.network.recovering(),
@@ -251,7 +252,7 @@ impl Engine {
         let answers_valid_from = self.answers_valid_from(now);
         who.iter().for_each(|slave| self.volatile.answers_valid_from[usize::from(slave) - 1] = answers_valid_from);
         if step == Step::RecoverTo(MasterState::Op) {
-            // What they measure now goes into their first outputs: those hold them where they are.
+            // Their present inputs make the targets of their first outputs, which hold them where they are.
             who.iter().for_each(|slave| self.answer_slave(slave.into()));
         }
     }

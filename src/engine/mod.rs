@@ -3,6 +3,24 @@
 //! [`Engine::host`] takes a command frame with the time of its arrival, [`Engine::cycle`] runs one EtherCAT cycle and
 //! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
 //! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
+//!
+//! | file | what it answers |
+//! | --- | --- |
+//! | `mod.rs` | the engine: what a command frame and a cycle do |
+//! | `commands.rs` | what each command of the board does, and why one is rejected |
+//! | `fifo.rs`, `partial_frames.rs` | how command frames wait for their cycle (the depth of the FIFO is `FIFO_ENTRIES` of `sk`), and how frames that arrive in pieces are put together |
+//! | `sdo.rs` | the SDO slot |
+//! | `outputs.rs`, `outputs_record.rs` | how commands become process data, which of them were sent, and what SET_FIFO takes back |
+//! | `response.rs` | how inputs become the response frame |
+//! | `axis.rs`, `fault_reset.rs` | SV_ON, SV_OFF, ALM_CLR and the targets of one axis |
+//! | `go_home.rs`, `homing.rs`, `restore.rs` | GO_HOME and ABORT_HOME, the homing of one axis, and its mode of operation afterwards |
+//! | `network.rs`, `jobs.rs`, `lost.rs`, `state_failure.rs` | SET_STATE: the steps from state to state, the jobs of the bus for them, lost slaves, and why a change has failed |
+//! | `volatile.rs`, `firmware.rs`, `test_mode.rs` | what SW_RESET resets, how firmware 1.5 differs from 1.7, and test mode |
+//! | `counters.rs`, `unexecuted.rs`, `snapshot.rs` | what people can see of a board beside the wire |
+//! | `board.rs`, `handle.rs` | the engine with its bus and its time, and what scripts and tests do to it |
+//! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `sync.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
+//!
+//! To add a command of the board: its id and its arguments in `sk/id.rs` and `sk/command`, what it does in `commands.rs`.
 
 mod axis;
 mod board;
@@ -61,16 +79,17 @@ use fifo::CommandFifo;
 use outputs_record::{OutputsHistory, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 
-/// What a board is, apart from what programs tell it.
+/// The configuration of a board: its pins and its firmware, and not what programs tell it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EngineConfig {
-    /// CONFIG2.
+    /// Pin CONFIG2: the size of a slot.
     pub slot: SlotSize,
-    /// Firmware.
+    /// The firmware that is modelled.
     pub firmware: Firmware,
-    /// CONFIG1 high: test mode (SK-4). The board goes to OP by itself and walks the outputs of all IO slaves.
+    /// Pin CONFIG1 is high: test mode (SK-4). The board goes to OP by itself and switches the outputs of all IO slaves on and
+    /// off in turn.
     pub test: bool,
-    /// CONFIG3: what becomes of command frames that do not arrive completely.
+    /// Pin CONFIG3: what happens to command frames that do not arrive completely.
     pub partial_frames: PartialFrames,
     /// How long a change of state may take. SK-4 \[OURS]: 10 s.
     pub state_timeout_ns: Ns,
@@ -91,55 +110,56 @@ impl Default for EngineConfig {
     }
 }
 
-/// The EC01M.
+/// The model of the EC01M.
 pub struct Engine {
     config: EngineConfig,
     pacing: Pacing,
-    /// Switches that the next boot takes over.
+    /// The CRC switches that SET_EX has set and the next boot puts in force.
     remembered: CrcSwitches,
     volatile: Volatile,
     fifo: CommandFifo,
-    /// What the bus does for the network; beside it a transfer may run.
+    /// The job of the bus under way that is no SDO.
     job: Option<jobs::NetworkJob>,
+    /// Who has asked for the SDO transfer under way. It may run beside a change of state.
     sdo_owner: Option<jobs::SdoOwner>,
     cancel_job: bool,
     cancel_sdo: bool,
     clearing: outputs::Clearing,
     outputs: Outputs,
-    /// The bus has not taken them, or they are not the newest that it has sent.
+    /// The bus has not taken `outputs`, or they are not the newest that it has sent.
     outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,
-    /// All outputs before these are known to be sent; what was cleared gives its ids back.
+    /// All outputs with a lower id are known to be sent. Ids of outputs that were cleared are used again.
     unconfirmed_from: u64,
-    /// The first outputs of this OP.
+    /// The id of the first outputs since OP was reached.
     op_from: u64,
-    /// The newest outputs that a polled cycle carried.
+    /// The id of the newest outputs that a polled cycle carried.
     newest_answered: Option<u64>,
     /// Slaves that the cycle answered before this one named as lost.
     lost_before: SlaveSet,
     /// Slaves that were homing when the frame under execution began.
     homing_before: SlaveSet,
-    /// What stood behind the outputs under way and behind the newest that were sent, by their id modulo the length.
+    /// The state behind the outputs that are not known to be sent, and behind the newest that were sent.
     records: OutputsHistory,
-    /// How OP began, for a clear before any outputs were sent.
+    /// The state when OP was reached, for a clear before any outputs of this OP were sent.
     op_start: Box<OutputsRecord>,
-    /// FIFO entries whose outputs are not known to be sent yet.
+    /// FIFO entries whose outputs are not known to be sent.
     entries_ahead: VecDeque<outputs::EntryAhead>,
-    /// Sets of outputs not known to be sent that can be kept track of.
+    /// The most sets of outputs that may be not known to be sent, since no more records are kept.
     unconfirmed_max: u64,
-    /// Slaves that a command of the entries executed since the newest outputs is for.
+    /// Slaves with a command that was executed and goes with the next outputs.
     commanded: SlaveSet,
-    /// Heads that the report shows: those of the newest outputs that were sent.
+    /// The heads of the slaves' slots in the report: those of the newest outputs that were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
-    /// When the bus would like the next cycle.
+    /// When the next cycle should run to stay in step with the distributed clocks.
     next_deadline: Option<Ns>,
-    /// Fewer slaves answered the newest cycle than should, and the bus names none that is lost.
+    /// The working counter of the newest cycle was too low, and the bus names no lost slave.
     working_counter_short: bool,
     local_inputs: u8,
-    /// The chip's outputs as the bus was told them last.
+    /// The outputs of the chip that the bus was told last.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -148,10 +168,10 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// A board that was just switched on, over a bus of that pacing.
+    /// A board at power-on, over a bus with that pacing.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // A cycle that we run is answered at once. Else some outputs are held, some were sent since the newest look, and
-        // some wait for their answer. A loss may be known as much later than an answer.
+        // A cycle of our runner is answered at once. A bus that owns its cycle holds some outputs, has sent some since it was
+        // polled last, and has not answered some. A lost slave may be named as late as an answer comes.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
@@ -196,28 +216,28 @@ impl Engine {
         }
     }
 
-    /// What the board is.
+    /// The configuration of the board.
     pub const fn config(&self) -> &EngineConfig {
         &self.config
     }
 
-    /// Whether the host interface talks: PreOP was reached since the board booted.
+    /// Whether the host interface answers: PreOP was reached since the board booted.
     pub const fn talks(&self) -> bool {
         self.volatile.network.talks()
     }
 
-    /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was open before a
-    /// boot is dead.
+    /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was opened before a boot has to
+    /// be opened again.
     pub const fn boots(&self) -> u64 {
         self.boots
     }
 
-    /// Byte 2 of slot 0.
+    /// The state of the network, byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
         self.volatile.network.state_byte()
     }
 
-    /// Why the state has failed; `None`: it has not.
+    /// Why a change of state has failed; `None`: none has.
     pub fn state_failure(&self) -> Option<StateFailure> {
         self.volatile.failure.filter(|_| self.state().is_failed())
     }
@@ -227,72 +247,73 @@ impl Engine {
         Leds::in_state(self.state())
     }
 
-    /// Slaves that are lost: they fell from SafeOP or OP, and no SET_STATE has brought them back (SK-4).
+    /// The lost slaves: they have left SafeOP or OP by themselves, and no SET_STATE has brought them back (SK-4).
     pub const fn lost(&self) -> SlaveSet {
         self.volatile.network.lost()
     }
 
-    /// Slaves found at boot.
+    /// How many slaves were found at boot.
     pub const fn slaves_found(&self) -> u8 {
         self.volatile.network.found()
     }
 
-    /// Time between two reports: the EtherCAT cycle in OP, the default cycle before (SK-9).
+    /// The time between two reports: the EtherCAT cycle in OP, the default cycle before (SK-9).
     pub const fn period_ns(&self) -> Ns {
         if self.volatile.network.in_op() { self.volatile.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
-    /// The longer one of the cycles in OP and before it.
+    /// The longer one of the cycle in OP and the default cycle before OP.
     pub(crate) fn longest_period_ns(&self) -> Ns {
         self.volatile.cycle.max(CycleTime::DEFAULT).ns()
     }
 
-    /// Free entries of the command FIFO, wherever the entries lie.
+    /// The free entries of the command FIFO. Entries whose outputs a bus has taken and not sent count as used.
     pub fn fifo_free(&self) -> u16 {
         self.fifo.free(self.entries_ahead.len() as u16)
     }
 
-    /// Counters since the board was switched on; SW_RESET does not touch them.
+    /// The counters since the board was switched on; SW_RESET does not reset them.
     pub const fn counters(&self) -> &Counters {
         &self.counters
     }
 
-    /// Events so far: rejections and other things that the wire does not show.
+    /// How many events there were so far: rejections and other things that the wire does not show.
     pub const fn events_total(&self) -> u64 {
         self.log.total()
     }
 
-    /// Events from number `from` on, oldest first; only the last 32 are kept.
+    /// The events from number `from` on, oldest first; only the last 32 are kept.
     pub fn events_since(&self, from: u64) -> impl Iterator<Item = Event> {
         self.log.since(from)
     }
 
-    /// The chip's six inputs, bit k is input k (SK-8).
+    /// Sets the six inputs of the chip, bit k is input k (SK-8).
     pub const fn set_local_inputs(&mut self, bits: u8) {
         self.local_inputs = bits & 0x3F;
     }
 
-    /// The chip's six outputs as LIO_WR wrote them.
+    /// The six outputs of the chip as LIO_WR has written them, bit k is output k.
     pub const fn local_outputs(&self) -> u8 {
         self.volatile.local_outputs
     }
 
-    /// Makes no reports any more, while everything else goes on; or makes them again. A fault on demand.
-    pub(super) const fn suppress_reports(&mut self, reports_suppressed: bool) {
-        self.reports_suppressed = reports_suppressed;
+    /// Makes no reports any more, while everything else goes on, or makes them again. A fault for scripts and tests.
+    pub(super) const fn suppress_reports(&mut self, suppressed: bool) {
+        self.reports_suppressed = suppressed;
     }
 
-    /// Takes nothing out of the FIFO any more, so that it fills; or goes on. A fault on demand: SW_RESET does not end it.
+    /// Takes no entries out of the FIFO any more, so that it fills, or takes them again. A fault for scripts and tests: SW_RESET
+    /// does not end it.
     pub(super) const fn hold_fifo(&mut self, held: bool) {
         self.fifo.hold(held);
     }
 
-    /// Puts down something that the wire does not show.
+    /// Logs an event.
     pub(crate) fn note(&mut self, event: Event) {
         self.log.push(event);
     }
 
-    /// A command frame has arrived completely.
+    /// Takes a command frame that has arrived completely at `at`.
     pub fn host(&mut self, frame: &Frame, at: Ns) {
         if !self.talks() {
             self.counters.while_booting += 1;
@@ -323,21 +344,20 @@ impl Engine {
         }
     }
 
-    /// Of a command frame only the first `bytes` bytes came, and no more are waited for.
+    /// Counts a command frame that was dropped because only its first `bytes` bytes came in time.
     fn frame_incomplete(&mut self, bytes: usize, at: Ns) {
         self.counters.incomplete += 1;
         self.log.push(Event::Incomplete { at, bytes: bytes as u16 });
     }
 
-    /// A boot has cut off a command frame on its way.
+    /// Counts a command frame whose rest is lost because the board has booted meanwhile.
     fn frame_cut_off(&mut self) {
         self.counters.incomplete += 1;
     }
 
-    /// Runs one cycle at `now`: the bus's jobs, FIFO entries, process data, and the report, which goes to `report` with
-    /// the time it belongs to. Says whether a cycle of the bus passed at all: with the cable cut before the first
-    /// slave none does. In OP there is no report then; before OP the board makes its reports by its own cycle, whatever
-    /// the bus does (SK-9).
+    /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report` with the time
+    /// of its cycle. Whether a cycle of the bus has passed: with the cable cut before the first slave none does. In OP there
+    /// is no report then; before OP the board makes its reports in its own cycle, whatever the bus does (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         if let Some(bits) = bus.local_inputs() {
             self.set_local_inputs(bits);
@@ -368,7 +388,7 @@ impl Engine {
             if self.is_bus_silent(now) {
                 self.note_silence(now);
             }
-            // A board that boots has nobody to read it: a boot is hundreds of cycles.
+            // While the board boots nobody can read the response, and a boot takes hundreds of cycles.
             if self.talks() {
                 self.refresh_response();
             }
@@ -381,8 +401,8 @@ impl Engine {
         passed
     }
 
-    /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, half a period
-    /// sooner or later at most \[OURS].
+    /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, at most half a period
+    /// sooner or later \[OURS].
     pub(super) fn next_cycle(&mut self, now: Ns) -> Ns {
         let period = self.period_ns();
         let planned = now + period;
@@ -397,8 +417,9 @@ impl Engine {
         }
     }
 
-    /// Time without a cycle of the bus that is no silence. A bus that owns its cycle passes none in some of ours: by its
-    /// phase, by jitter, and when the cycle changes \[OURS: two of its longest cycles], and answers come later still.
+    /// How long no cycle of the bus may pass before the cable counts as cut. A bus that owns its cycle has no cycle in some of
+    /// ours, by its phase, by jitter, and when the length of the cycle changes \[OURS: two of the longest cycles], and answers
+    /// come later still.
     pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,
@@ -411,8 +432,8 @@ impl Engine {
         now - self.last_passed > self.silence_tolerance_ns()
     }
 
-    /// SW_RESET: all variables but the switches of SET_EX, which take effect now. The interface talks again when the
-    /// boot has reached PreOP.
+    /// SW_RESET: resets all variables but the CRC switches of SET_EX, which take effect now. The host interface answers again when
+    /// the boot has reached PreOP.
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.clear_ahead();
@@ -430,8 +451,7 @@ impl Engine {
         self.clear_ahead();
     }
 
-    /// How many axes a slave has in its role: those that SV_ON, SV_OFF and ALM_CLR act on, whatever the size of a slot
-    /// \[OURS].
+    /// How many axes SV_ON, SV_OFF and ALM_CLR act on: all that the slave has in its role, whatever the size of a slot \[OURS].
     fn axes(&self, slave: usize) -> usize {
         match self.role(slave) {
             Role::Io | Role::Unused => 0,
@@ -440,12 +460,13 @@ impl Engine {
         }
     }
 
-    /// Whether a slave's slot carries two channels (SK-3): in 12-byte mode a module of two moves axis 1 only \[OURS].
+    /// Whether the slot of a slave carries two channels (SK-3): with 12-byte slots a module of two channels moves axis 1 only
+    /// \[OURS].
     fn carries_two_channels(&self, slave: usize) -> bool {
         self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }
 
-    /// Whether commands for that slave's slot have somebody to go to.
+    /// The role of a slave (from 1) as the network was configured; unused if there is no slave with that number.
     fn role(&self, slave: usize) -> Role {
         if slave <= usize::from(self.volatile.network.found()) { self.volatile.roles[slave - 1] } else { Role::Unused }
     }

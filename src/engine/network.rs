@@ -1,61 +1,62 @@
-//! The network's state (SK-4): boot, changes on the recovery up and down, failures, lost slaves. Decides which job the bus
-//! does next.
+//! The state of the network (SK-4): boot, changes of state, failures, and the recovery of lost slaves. It decides which step
+//! comes next; `jobs.rs` runs the job of the bus for it.
 
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
 
-/// A step of boot or of a change: what the bus is asked to do.
+/// A step of boot or of a change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Look for slaves.
+    /// Find the slaves, at boot.
     Scan,
-    /// Bring all slaves found to PreOP, at boot.
+    /// Bring all slaves that were found to PreOP, at boot.
     Boot,
-    /// Map process data, on the recovery from PreOP to SafeOP.
+    /// Map the process data, before the change from PreOP to SafeOP.
     Configure,
     /// Bring the slaves to that state.
     Move(MasterState),
-    /// Bring lost ones to PreOP, wherever they have fallen.
+    /// Bring lost slaves to PreOP, whichever state they are in.
     RecoverToPreOp,
-    /// Map the process data of those.
+    /// Map the process data of those slaves again.
     RecoverConfigure,
-    /// Bring those to the state that the others are in.
+    /// Bring those slaves to the state of the network.
     RecoverTo(MasterState),
 }
 
-/// So long lost slaves are waited for together, until those that do not answer are left behind \[OURS]: a slave that is
-/// silent for so long ends an SDO, too.
+/// How long the recovery waits for all lost slaves together, until it goes on without those that do not answer \[OURS]. It is the
+/// time after which an SDO fails, too.
 const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
-/// And so long each time after that: who answers is there already \[OURS].
+/// How long it waits each time after that, since slaves that answer have done so by then \[OURS].
 const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
 
-/// How far the lost slaves have come on their recovery back.
+/// How far the recovery of lost slaves has got.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Recovery {
     #[default]
     EntryAhead,
     InPreOp,
     Configured,
-    /// They are back. Who was lost since then waits for the next SET_STATE.
+    /// The slaves are back. Those that were lost since then wait for the next SET_STATE.
     Done,
 }
 
-/// A change under recovery.
+/// A change of state under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Change {
     target: MasterState,
     deadline: Ns,
-    /// Its Configure has op_start, with what was declared then.
+    /// [`Step::Configure`] has begun, with the declarations of that time.
     configuring: bool,
     configured: bool,
-    /// Something else was declared since: all begin in PreOP again.
+    /// Something else was declared since, so that all slaves have to start in PreOP again.
     declared_anew: bool,
     recovery: Recovery,
-    /// Lost slaves that it still has to bring back: those that were lost when it began, but for those that have refused.
+    /// The lost slaves that the change still has to bring back: those that were lost when the recovery began, without those that
+    /// have refused; `None`: it has not begun.
     to_recover: Option<SlaveSet>,
-    /// Those of them that the others do not wait for: they have not answered in this round.
+    /// The slaves among them that have not answered in this round, so that the others go on without them.
     unanswered: SlaveSet,
-    /// Some lost slave has refused.
+    /// A lost slave has refused.
     refused: bool,
 }
 
@@ -75,25 +76,25 @@ impl Change {
     }
 }
 
-/// Where the network is and where it goes.
+/// The state of the network and the change under way.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Network {
-    /// The last state that all slaves reached; `None` before the first.
+    /// The last state that all slaves have reached; `None`: none yet since the boot.
     reached: Option<MasterState>,
     failed: bool,
     found: u8,
     scanned: bool,
-    /// PreOP was reached since the board booted: USB and SPI talk.
+    /// PreOP was reached since the board booted, so that USB and SPI answer.
     talks: bool,
     change: Option<Change>,
-    /// Slaves that did not stay where the network is.
+    /// The slaves that have left the state of the network by themselves.
     lost: SlaveSet,
-    /// Those of them that the change under recovery brings back together now.
+    /// The slaves among them that the change under way is bringing back now.
     recovering: SlaveSet,
 }
 
 impl Step {
-    /// Whether lost slaves begin their recovery back with it.
+    /// Whether it is the first step of a recovery.
     fn begins_recovery(self) -> bool {
         match self {
             Self::RecoverToPreOp => true,
@@ -104,7 +105,7 @@ impl Step {
 }
 
 impl Network {
-    /// The state by which commands are allowed.
+    /// The state that decides which commands are allowed.
     pub(super) const fn state(&self) -> Option<MasterState> {
         self.reached
     }
@@ -113,7 +114,7 @@ impl Network {
         matches!(self.reached, Some(MasterState::Op))
     }
 
-    /// Byte 2 of slot 0.
+    /// The state as byte 2 of slot 0 shows it.
     pub(super) const fn state_byte(&self) -> StateByte {
         match self.reached {
             Some(state) if !self.failed && self.lost.is_empty() => StateByte::reached(state),
@@ -122,28 +123,28 @@ impl Network {
         }
     }
 
-    /// Whether the host interface is up.
+    /// Whether the host interface answers.
     pub(super) const fn talks(&self) -> bool {
         self.talks
     }
 
-    /// Slaves found at boot.
+    /// How many slaves were found at boot.
     pub(super) const fn found(&self) -> u8 {
         self.found
     }
 
-    /// Slaves that are lost.
+    /// The slaves that are lost.
     pub(super) const fn lost(&self) -> SlaveSet {
         self.lost
     }
 
-    /// Those of them that the change under recovery brings back together now.
+    /// The lost slaves that the change under way is bringing back now.
     pub(super) const fn recovering(&self) -> SlaveSet {
         self.recovering
     }
 
-    /// Whether slaves that do not answer now are lost: in OP always. In SafeOP too, but on the recovery up to OP: that change
-    /// has its time for them. Below SafeOP nothing is exchanged that would be missed, and the next change finds out.
+    /// Whether slaves that do not answer now are lost. In OP they always are, and in SafeOP except during a change to OP, which
+    /// waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change of state finds out.
     /// SK-4 \[OURS]
     pub(super) fn notices_losses(&self) -> bool {
         match self.reached {
@@ -153,13 +154,13 @@ impl Network {
         }
     }
 
-    /// Slaves are lost, until a SET_STATE brings them back.
+    /// Marks slaves as lost, until a SET_STATE brings them back.
     pub(super) fn mark_lost(&mut self, slaves: SlaveSet) {
         self.lost = self.lost.union(slaves);
     }
 
-    /// Slaves have fallen from the network's state because others were configured, which are on their recovery back: these go
-    /// with them.
+    /// Marks slaves as lost that have left the state of the network because others were configured in a recovery. The same
+    /// recovery brings them back.
     pub(super) fn mark_disturbed(&mut self, slaves: SlaveSet) {
         if slaves.is_empty() {
             return;
@@ -173,9 +174,9 @@ impl Network {
 
     /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
     ///
-    /// A request during a change replaces its target, and with `new_declarations` what is to be configured. One that
-    /// replaces nothing does not give the change more time \[OURS]: a program that asks in every frame shall see a failure,
-    /// too. A request for the state the network is in acknowledges a failure. Every accepted one brings lost slaves back.
+    /// A request during a change replaces its target, and with `new_declarations` the configuration, too. A request that changes
+    /// nothing does not give the change more time \[OURS], so that a program that sends SET_STATE in every frame sees a failure,
+    /// too. A request for the present state acknowledges a failure. Every request that is accepted brings lost slaves back.
     pub(super) fn request(&mut self, target: MasterState, deadline: Ns, new_declarations: bool) -> bool {
         let Some(state) = self.reached else { return false };
         if state == MasterState::Init && target > MasterState::PreOp {
@@ -187,7 +188,7 @@ impl Network {
         let new = Change::to(target, deadline);
         self.change = Some(match self.change {
             Some(change) if change.configuring && new_declarations => Change { declared_anew: true, ..new },
-            // Who was lost since others came back comes back as well.
+            // Slaves that were lost since the others came back come back, too.
             Some(change) if change.target == target && change.recovery == Recovery::Done && !self.lost.is_empty() => {
                 Change { recovery: Recovery::EntryAhead, to_recover: None, refused: false, ..change }
             }
@@ -200,20 +201,20 @@ impl Network {
         true
     }
 
-    /// What the bus is to do next; `None`: nothing.
+    /// The next step; `None`: there is nothing to do.
     pub(super) fn next_step(&self) -> Option<Step> {
         let Some(state) = self.reached else {
             return Some(if self.scanned { Step::Boot } else { Step::Scan });
         };
         let change = self.change?;
         Some(match (state, change.target) {
-            // Nobody waits for the lost ones on the recovery down: they follow [OURS].
+            // A change to a lower state does not wait for lost slaves: they are recovered after it [OURS].
             (from, to) if to < from => Step::Move(to),
             (from, _) if !self.lost.is_empty() && change.recovery != Recovery::Done => {
                 Self::recovery_step(from, change.recovery)
             }
             (from, to) if to == from => Step::Move(to),
-            // Some slaves may have gone further than others: all begin where all have been [OURS].
+            // Some slaves may be in a higher state than others: all start again in the state that all have reached [OURS].
             (from, change_to) if self.failed || change.declared_anew && change_to > from => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
             (MasterState::PreOp, _) if !change.configured => Step::Configure,
@@ -244,10 +245,10 @@ impl Network {
         }
     }
 
-    /// How long a step is waited for, of the time that the change has left; `None`: as long as that.
+    /// How long a step may take, when the change has `left` until its deadline; `None`: until the deadline.
     ///
-    /// A dead slave does not keep those back that could come \[OURS]: who does not answer is left behind, the others come
-    /// back without it, and then it is asked again while there is time.
+    /// A slave that does not answer does not delay the recovery of the others \[OURS]: they come back without it, and then it is
+    /// asked again until the deadline.
     pub(super) fn step_timeout(&self, step: Step, left: Ns) -> Option<Ns> {
         let change = self.change?;
         let alone = change.to_recover.is_some_and(|to_recover| to_recover.len() <= 1);
@@ -261,7 +262,7 @@ impl Network {
         }
     }
 
-    /// A slave does not come back with the others: it says nothing, or it refuses and is not asked again.
+    /// A slave does not come back with the others: it has not answered (`silent`), or it has refused and is not asked again.
     pub(super) fn recovery_failed(&mut self, slave: u8, silent: bool) {
         let Some(change) = &mut self.change else { return };
         if !self.recovering.contains(slave) {
@@ -284,7 +285,7 @@ impl Network {
         }
     }
 
-    /// Whether the step under recovery no longer leads to the target: the recovery up was given up.
+    /// Whether the step under way no longer leads to the target, because another state was requested.
     pub(super) fn is_obsolete(&self, step: Step) -> bool {
         match (step, self.change, self.reached) {
             (Step::Configure, Some(change), Some(state)) => change.target <= state,
@@ -298,7 +299,7 @@ impl Network {
         }
     }
 
-    /// When the change under recovery has failed.
+    /// When the change under way has failed; `None`: there is none.
     pub(super) fn deadline(&self) -> Option<Ns> {
         self.change.map(|change| change.deadline)
     }
@@ -309,7 +310,7 @@ impl Network {
         self.failed = found == 0;
     }
 
-    /// A step ended well. Says what was reached, if a state was.
+    /// A step has succeeded. `Some`: the state that all slaves have reached with it.
     pub(super) fn done(&mut self, step: Step) -> Option<MasterState> {
         let state = match step {
             Step::Scan => return None,
@@ -349,7 +350,7 @@ impl Network {
         Some(state)
     }
 
-    /// Lost slaves are back in the network's state.
+    /// Lost slaves are back in the state of the network.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
         let to_recover = change.to_recover.map_or(SlaveSet::EMPTY, |to_recover| to_recover.difference(self.recovering));
@@ -372,8 +373,8 @@ impl Network {
         }
     }
 
-    /// A step failed, or the change took too long: it ends where it is, without retries. At boot the board looks for
-    /// slaves again.
+    /// A step has failed, or the change took too long: the change ends where it is, without another attempt. At boot the board
+    /// scans again.
     pub(super) fn fail(&mut self) {
         self.failed = true;
         self.change = None;

@@ -1,16 +1,16 @@
-//! Outputs on their way: from the command FIFO into the process image, to the bus, and back again when SET_FIFO clears
-//! what a bus has taken ahead.
+//! Outputs: from the entries of the command FIFO into the process image and to the bus, and how they are taken back when SET_FIFO
+//! clears what a bus has taken ahead and not sent.
 //!
-//! **What was sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. Entries count as
-//! executed, and what they hold for the board itself acts, when their outputs are known to be sent.
+//! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When the outputs
+//! of an entry are known to be sent, the entry counts as executed, and the part of it that is for the board itself acts.
 //!
-//! **How much lies ahead** can only be estimated: every cycle since the newest one polled has taken one set, if one had been
-//! pushed by then. That estimate decides what is worth pushing, never what was sent.
+//! **How many sets of outputs a bus holds** can only be estimated: every cycle since the newest polled one has taken one set, if
+//! one had been pushed by then. The estimate decides how many sets are pushed, never which were sent.
 //!
-//! **An axis that is being switched on** is held where it was measured last. Outputs that lie ahead hold it where it was
-//! before that: one that sags while its brake opens would be pulled back to there when it is enabled, however deep the bus
-//! is. So while an axis is on its way to Operation enabled hardly anything is pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
-//! [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow targets, which are not to stand still for it.
+//! **An axis that is being switched on** is held where it was measured last. Outputs that a bus holds have an older position: an
+//! axis that sags while its brake opens would be pulled back to it when it is enabled. So while an axis is being switched on only
+//! a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow
+//! targets, so that these do not stop.
 
 use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
@@ -19,33 +19,32 @@ use crate::cia402::Mode;
 use crate::fieldbus::{Cleared, CycleDone, Fieldbus, Ns, Outputs, Pacing, SlaveSet};
 use crate::sk::RawSlot;
 
-/// Sets of outputs that may lie ahead while an axis is being switched on and none follows targets \[OURS].
+/// How many sets of outputs a bus may hold while an axis is being switched on and no axis follows targets \[OURS].
 const AHEAD_MAX_SWITCHING_ON: u64 = 1;
-/// And while others follow targets \[OURS]: enough that a look which is a few cycles late leaves no gap in their motion.
+/// The same while other axes follow targets \[OURS]: enough to leave no gap in their motion when the runner is a few cycles late.
 const AHEAD_MAX_BESIDE_MOTION: u64 = 4;
 
-/// Whether what lies ahead is being thrown away. Nothing is pushed meanwhile.
+/// Whether outputs that a bus has taken and not sent are being cleared. No outputs are pushed meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Clearing {
     Idle,
-    /// With the next cycle.
+    /// The clear starts with the next cycle.
     Requested,
-    /// The bus is at it.
+    /// The bus is clearing.
     Running,
 }
 
-/// A FIFO entry on its way.
+/// A FIFO entry whose outputs were pushed and are not known to be sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntryAhead {
-    /// The outputs that carry it.
+    /// The id of the outputs that carry it.
     id: u64,
-    /// What of it acts when they are sent, and not before: `None` once it has.
-    held: Option<DeferredSlots>,
+    /// The slots of the entry that act only when the outputs are sent; `None`: they have acted.
+    deferred: Option<DeferredSlots>,
 }
 
-/// What a FIFO entry holds for the board itself: the chip's inputs and outputs, and the SDO slot. On a bus that takes
-/// outputs ahead it acts with the entry's outputs (SK-5): with what it stands beside, and not at all if a clear takes it
-/// back.
+/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that takes outputs ahead they act
+/// when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeferredSlots {
     pub(super) master: RawSlot,
@@ -53,7 +52,7 @@ pub(super) struct DeferredSlots {
 }
 
 impl Engine {
-    /// Hands the bus what it takes: one FIFO entry in each set of outputs.
+    /// Pushes as many sets of outputs as the bus takes, each with the commands of one FIFO entry.
     pub(super) fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.is_clearing() {
             return;
@@ -64,7 +63,7 @@ impl Engine {
             if ahead >= most || self.unconfirmed() >= self.unconfirmed_max {
                 return;
             }
-            let (has_entry, held) = self.take_entry(now);
+            let (has_entry, deferred) = self.take_entry(now);
             // A bus that owns its cycle repeats the last outputs by itself.
             let repeats = self.pacing != Pacing::Runner && (ahead > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
@@ -80,20 +79,20 @@ impl Engine {
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
-                // The cable was cut this moment: what was executed goes with the next outputs.
+                // The cable was cut just now: the commands that were executed go with the next outputs.
                 self.counters.executed += u64::from(has_entry);
-                self.run_deferred(held, now);
+                self.run_deferred(deferred, now);
                 return;
             }
             self.next_output_id += 1;
             self.commanded = SlaveSet::EMPTY;
             if has_entry {
-                self.entries_ahead.push_back(EntryAhead { id, held });
+                self.entries_ahead.push_back(EntryAhead { id, deferred });
             }
         }
     }
 
-    /// Executes the next entry, if there is one to take; what of it does not act yet is handed back.
+    /// Executes the next FIFO entry. Whether there was one, and the slots of it that act later.
     fn take_entry(&mut self, now: Ns) -> (bool, Option<DeferredSlots>) {
         let Some(entry) = self.fifo.take(self.entries_ahead.len() as u16) else { return (false, None) };
         let size = self.config.slot;
@@ -105,24 +104,25 @@ impl Engine {
         (true, Some(DeferredSlots { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
     }
 
-    fn run_deferred(&mut self, held: Option<DeferredSlots>, at: Ns) {
-        let Some(DeferredSlots { master, sdo }) = held else { return };
+    /// Executes the slots of an entry that had to wait until its outputs were sent.
+    fn run_deferred(&mut self, deferred: Option<DeferredSlots>, at: Ns) {
+        let Some(DeferredSlots { master, sdo }) = deferred else { return };
         let shown = (self.volatile.master_id, self.volatile.master_result);
         self.execute_queued_master(&master, at);
         self.execute_sdo(&sdo, at);
         if !self.volatile.network.in_op() {
-            // Known to be sent when OP is over already: slot 0 answers what has come since.
+            // The network has left OP before it was known that the entry was sent: slot 0 answers newer commands.
             (self.volatile.master_id, self.volatile.master_result) = shown;
         }
     }
 
-    /// Sets of outputs pushed that are not known to be sent.
+    /// How many sets of outputs were pushed and are not known to be sent.
     pub(super) const fn unconfirmed(&self) -> u64 {
         self.next_output_id - self.unconfirmed_from
     }
 
-    /// Sets of outputs that the bus seems to hold: each cycle since the newest one polled has taken the oldest set that had
-    /// been pushed by then.
+    /// How many sets of outputs the bus holds by estimate: each cycle since the newest polled one has taken the oldest set that
+    /// had been pushed by then.
     fn estimated_ahead(&self, now: Ns) -> u64 {
         if self.pacing == Pacing::Runner {
             return self.unconfirmed();
@@ -139,7 +139,7 @@ impl Engine {
         0
     }
 
-    /// Sets of outputs that may lie ahead.
+    /// How many sets of outputs the bus may hold now.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.volatile.network.found());
         let axes = || self.volatile.axes[..found].iter().enumerate();
@@ -155,30 +155,32 @@ impl Engine {
         }
     }
 
-    /// The outputs before that id have been sent: their entries are executed. Says how many entries those are.
+    /// The outputs below that id were sent, so that their entries are executed. How many entries these are.
     fn confirm_sent(&mut self, unconfirmed_from: u64, at: Ns) -> u64 {
         let mut entries = 0;
-        while let Some(EntryAhead { held, .. }) = self.entries_ahead.pop_front_if(|ahead| ahead.id < unconfirmed_from) {
+        while let Some(EntryAhead { deferred, .. }) =
+            self.entries_ahead.pop_front_if(|ahead| ahead.id < unconfirmed_from)
+        {
             entries += 1;
-            self.run_deferred(held, at);
+            self.run_deferred(deferred, at);
         }
         self.unconfirmed_from = self.unconfirmed_from.max(unconfirmed_from);
         self.counters.executed += entries;
         entries
     }
 
-    /// SW_RESET: entries whose outputs are on their way do nothing any more for the board itself.
+    /// SW_RESET: slots of pushed entries that have not acted yet never act.
     pub(super) fn drop_deferred(&mut self) {
-        self.entries_ahead.iter_mut().for_each(|ahead| ahead.held = None);
+        self.entries_ahead.iter_mut().for_each(|ahead| ahead.deferred = None);
     }
 
-    /// Whether the axes ask for something else than the outputs pushed last.
+    /// Whether the outputs of the axes differ from those that were pushed last.
     fn outputs_changed(&self) -> bool {
         let axes = self.volatile.axes.iter().zip(&self.outputs.slaves).take(self.volatile.network.found().into());
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// A cycle has passed: what it says of outputs that were sent.
+    /// Takes from a cycle that has passed which outputs were sent.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
@@ -191,7 +193,7 @@ impl Engine {
         }
     }
 
-    /// OP begins: its first outputs are the next ones.
+    /// OP begins: the next outputs are its first ones.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;
@@ -209,7 +211,8 @@ impl Engine {
         self.clearing != Clearing::Idle
     }
 
-    /// What the bus has taken and not sent is to go. One clear that is under way is enough: nothing was pushed since.
+    /// Requests a clear of the outputs that the bus has taken and not sent. A clear that is under way is enough, since no outputs
+    /// were pushed since it began.
     pub(super) fn clear_ahead(&mut self) {
         if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {
             self.clearing = Clearing::Requested;
@@ -230,14 +233,14 @@ impl Engine {
         }
     }
 
-    /// The outputs that were not sent are gone: their entries count as cleared, the axes are checkpoint as by the newest
-    /// outputs that were sent, and the next ones have the ids that come after those.
+    /// The outputs that were not sent are cleared, and so are their entries. The axes return to their state at the newest outputs
+    /// that were sent, and the next outputs get the ids that follow those.
     fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
         let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unconfirmed_from, self.next_output_id);
         self.confirm_sent(next, at);
         self.counters.cleared += self.entries_ahead.len() as u64;
         self.entries_ahead.clear();
-        // What was pushed in an earlier OP has nothing to do with this one.
+        // Outputs that were pushed before OP was left are not taken back.
         let takes_back = self.volatile.network.in_op() && self.next_output_id > next.max(self.op_from);
         self.next_output_id = next;
         self.op_from = self.op_from.min(next);
@@ -246,7 +249,7 @@ impl Engine {
         }
     }
 
-    /// Goes back to how the newest outputs that were sent have left it.
+    /// Returns to the state at the newest outputs that were sent.
     fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
             Some(newest) if newest >= self.op_from => self.records.of(newest),
@@ -272,7 +275,7 @@ impl Engine {
     }
 }
 
-/// Copies the axes' outputs to the process image, and what stands behind them to `executed`.
+/// Copies the outputs of the axes to the process image, and their state to `record`.
 fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut OutputsRecord) {
     let Outputs { id, slaves } = outputs;
     let [first, second] = &mut record.axes;
@@ -293,7 +296,7 @@ fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut 
     }
 }
 
-/// How many axes of a slave's outputs something can be asked of; what lies behind them stays zero.
+/// How many axes in the outputs of a slave are used; the outputs of the others stay zero.
 pub(super) const fn used_axes(second_axes: SlaveSet, slave: u8) -> usize {
     1 + second_axes.contains(slave) as usize
 }

@@ -20,8 +20,8 @@ enum Bit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,
-    /// An ALM_CLR whose pulse has not op_start. One that comes during a pulse makes another one after it \[OURS]: the
-    /// drive may be ready for it only then.
+    /// An ALM_CLR came whose pulse has not begun. One that comes during a pulse makes another pulse after it \[OURS], since the
+    /// drive may not be ready for a reset before.
     requested: bool,
 }
 

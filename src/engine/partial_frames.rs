@@ -1,32 +1,32 @@
-//! Command frames that arrive piece by piece, put together (CONFIG3, SK-5).
+//! Command frames that arrive in pieces, put together (CONFIG3, SK-5).
 //!
-//! A frame that does not arrive completely is none: it is counted as incomplete and as nothing else, takes no FIFO entry
-//! and raises no CRC error count. What of it comes after it was dropped begins the next frame \[OURS]: with checking on,
-//! that one fails its CRC, and so do those after it until the bytes pause for 100 cycles.
+//! A frame that does not arrive completely is counted as incomplete and not executed: it takes no FIFO entry and raises no CRC
+//! error count. Bytes of it that come after it was dropped begin the next frame \[OURS]: with CRC checking on, that frame fails
+//! its CRC, and so do those after it until no bytes come for 100 cycles.
 
 use crate::fieldbus::Ns;
 use crate::sk::{Frame, SlotSize};
 
-/// "A command frame that does not arrive completely within 100 cycles is dropped" (UG17 1.3.4). The cycles are those of
-/// the time when that is found out \[OURS]: of the EtherCAT cycle in OP, of the default cycle before.
+/// "A command frame that does not arrive completely within 100 cycles is dropped" (UG17 1.3.4). The cycles are those in force when
+/// the frame is dropped \[OURS]: EtherCAT cycles in OP, default cycles before.
 pub const INCOMPLETE_CYCLES: u64 = 100;
 
-/// CONFIG3: what becomes of a command frame that does not arrive completely.
+/// Pin CONFIG3: what happens to a command frame that does not arrive completely.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum PartialFrames {
-    /// High or floating: after [`INCOMPLETE_CYCLES`] it is dropped.
+    /// CONFIG3 is high or floating: the frame is dropped after [`INCOMPLETE_CYCLES`].
     #[default]
     Dropped,
-    /// Low: the rest is waited for.
+    /// CONFIG3 is low: the board waits for the rest of the frame.
     Awaited,
 }
 
-/// The frame under way.
+/// The command frame of which bytes are still missing.
 #[derive(Debug)]
 pub(super) struct Assembler {
     frame: Frame,
     filled: usize,
-    /// When its first byte came.
+    /// When the first byte of the frame came.
     began: Ns,
 }
 
@@ -35,7 +35,7 @@ impl Assembler {
         Self { frame: Frame::new(), filled: 0, began: 0 }
     }
 
-    /// Takes those bytes that belong to the frame under way and says how many they were.
+    /// Takes those bytes that belong to the frame. How many they were.
     pub(super) fn take(&mut self, bytes: &[u8], at: Ns, size: SlotSize) -> usize {
         if self.filled == 0 {
             self.began = at;
@@ -46,7 +46,7 @@ impl Assembler {
         taken
     }
 
-    /// The frame, once it is complete; the next one begins.
+    /// The frame once it is complete. The next byte then begins another frame.
     pub(super) fn complete(&mut self, size: SlotSize) -> Option<&Frame> {
         if self.filled < size.frame_len() {
             return None;
@@ -55,12 +55,12 @@ impl Assembler {
         Some(&self.frame)
     }
 
-    /// The next byte begins a frame. Says whether bytes of another one are forgotten with it.
+    /// Drops an incomplete frame, so that the next byte begins a frame. Whether there was one.
     pub(super) fn forget(&mut self) -> bool {
         std::mem::take(&mut self.filled) > 0
     }
 
-    /// Drops a frame of which some bytes have come, if its first one came longer ago than `limit_ns`; says how many.
+    /// Drops an incomplete frame whose first byte came longer ago than `limit_ns`. `Some`: how many of its bytes had come.
     pub(super) fn drop_late(&mut self, now: Ns, limit_ns: Ns) -> Option<usize> {
         let late = self.filled > 0 && now - self.began > limit_ns;
         late.then(|| std::mem::take(&mut self.filled))

@@ -1,20 +1,20 @@
-//! What the runner's thread asks of the operating system: exact sleeps, and optionally priority and locked memory.
+//! What the thread of the runner needs from the operating system: exact sleeps, and if configured, priority and locked memory.
 
 #[cfg(target_os = "linux")]
 use std::num::NonZeroU64;
 use std::time::{Duration, Instant};
 
-/// Wishes that the system may refuse; a refusal is a warning, not an error.
+/// Settings that the system may refuse. A refusal is a warning, not an error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealTime {
-    /// SCHED_FIFO priority of the runner's thread, 1..=99.
+    /// The SCHED_FIFO priority of the runner's thread, 1..=99; `None`: it has no real-time priority.
     pub priority: Option<u8>,
-    /// Lock the process's memory (mlockall), so that no page fault delays a cycle.
+    /// Whether the memory of the process is locked (mlockall), so that no page fault delays a cycle.
     pub lock_memory: bool,
 }
 
 impl RealTime {
-    /// Applies the wishes to the calling thread. The texts are warnings: what was refused and what to do.
+    /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
     #[cfg(target_os = "linux")]
     pub(super) fn apply(self) -> Vec<String> {
         use rustix::mm::{MlockAllFlags, mlockall};
@@ -23,8 +23,8 @@ impl RealTime {
             set_thread_priority_and_policy, thread_native_id,
         };
 
-        // An ordinary thread may sleep 50 us longer than it asked for; this one asks for its exact time. No right is
-        // needed for that, and a system without it is just less exact.
+        // An ordinary thread may sleep 50 us longer than it asked for; this one asks for its exact time. That needs no
+        // privilege, and if it fails sleeps are just less exact.
         let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
         let mut warnings = Vec::new();
         if let Some(priority) = self.priority {
@@ -52,7 +52,7 @@ impl RealTime {
         warnings
     }
 
-    /// Applies the wishes to the calling thread. The texts are warnings: what was refused and what to do.
+    /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
     #[cfg(not(target_os = "linux"))]
     pub(super) fn apply(self) -> Vec<String> {
         let asked = [("priority", self.priority.is_some()), ("lock_memory", self.lock_memory)];
@@ -64,12 +64,12 @@ impl RealTime {
     }
 }
 
-/// How fast the runner's clock goes, in billionths of the machine's: 1..=1 000 000 000.
+/// The speed of the runner's clock in billionths of that of the machine's clock, 1..=1 000 000 000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate(u32);
 
 impl Default for Rate {
-    /// As fast as the machine's.
+    /// The speed of the machine's clock.
     fn default() -> Self {
         Self::billionths(Self::ONE)
     }
@@ -78,7 +78,7 @@ impl Default for Rate {
 impl Rate {
     const ONE: u32 = 1_000_000_000;
 
-    /// That many billionths of the machine's rate; 0 counts as 1, and more than a billion as one.
+    /// That many billionths of the speed of the machine's clock; 0 counts as 1, and more than a billion as a billion.
     pub const fn billionths(billionths: u32) -> Self {
         Self(match billionths {
             0 => 1,
@@ -87,7 +87,7 @@ impl Rate {
         })
     }
 
-    /// A span of the machine's time on the runner's clock, rounded down.
+    /// Converts a span of the machine's time to the runner's clock, rounded down.
     pub(crate) fn slowed(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;
@@ -95,7 +95,8 @@ impl Rate {
         nanos(span.as_nanos() * u128::from(self.0) / u128::from(Self::ONE))
     }
 
-    /// A span of the runner's clock in the machine's time, rounded up: when it has passed there, it has passed here.
+    /// Converts a span of the runner's clock to the machine's time, rounded up: when it has passed on the machine, it has passed on
+    /// the runner's clock, too.
     pub(super) fn real(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;
@@ -108,7 +109,7 @@ fn nanos(nanos: u128) -> Duration {
     Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
-/// The clock of the runner, and absolute sleeps on it. All times but [`Clock::instant`]'s result are its own.
+/// The clock of the runner, and absolute sleeps on it. All times but the result of [`Clock::instant`] are on this clock.
 pub(super) struct Clock {
     rate: Rate,
     #[cfg(target_os = "linux")]
@@ -130,12 +131,12 @@ impl Clock {
         self.rate
     }
 
-    /// Time since the start.
+    /// The time since the start.
     pub(super) fn now(&self) -> Duration {
         self.rate.slowed(self.start.elapsed())
     }
 
-    /// That time since the start, as an instant.
+    /// The instant of the machine at that time since the start.
     pub(super) fn instant(&self, at: Duration) -> Instant {
         self.start + self.rate.real(at)
     }

@@ -1,23 +1,23 @@
-//! Reports nobody has read yet: the newest are kept, the oldest go first and are counted (LIB, as Windows does).
+//! The queue of reports that nobody has read: the newest are kept, the oldest are dropped and counted (LIB, as Windows does).
 
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// A report as a reader gets it.
+/// What a reader gets with each report.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Report {
-    /// When it was made, in board time.
+    /// When the report was made, in board time.
     pub at: Ns,
-    /// Its number since the host interface was opened, from 0.
+    /// The number of the report since the host interface was opened, from 0.
     pub sequence: u64,
-    /// Reports dropped so far because nobody read them.
+    /// How many reports were dropped so far because nobody read them.
     pub dropped: u64,
 }
 
-/// A ring of reports; allocates when it is made and never again.
+/// A ring of reports. It allocates when it is made and never again.
 pub(super) struct ReportQueue {
     ring: Vec<(Frame, Ns)>,
-    /// Sequence number of the oldest one kept.
+    /// The number of the oldest report that is kept.
     first: u64,
     len: usize,
     dropped: u64,
@@ -32,7 +32,7 @@ impl ReportQueue {
         self.len == 0
     }
 
-    /// Reports dropped so far.
+    /// How many reports were dropped so far.
     pub(super) const fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -49,7 +49,7 @@ impl ReportQueue {
         self.len += 1;
     }
 
-    /// The oldest one.
+    /// Takes the oldest report.
     pub(super) fn pop(&mut self, out: &mut Frame) -> Option<Report> {
         if self.is_empty() {
             return None;

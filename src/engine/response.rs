@@ -1,4 +1,4 @@
-//! The answer of a cycle: the axes' next steps, and the response frame (SK-2, SK-3).
+//! The inputs of a cycle: the axes take them, and the response frame is made of them (SK-2, SK-3).
 
 use super::{Engine, SlotHead};
 use crate::fieldbus::{CycleDone, Role};
@@ -7,7 +7,7 @@ use crate::sk::{
 };
 
 impl Engine {
-    /// A cycle has passed: `self.inputs` holds what the slaves sent.
+    /// A cycle has passed, and `self.inputs` holds what the slaves have sent.
     pub(super) fn complete(&mut self, done: &CycleDone) {
         let carried = done.outputs.filter(|id| Some(*id) > self.newest_answered && *id < self.next_output_id);
         self.note_lost(done.at);
@@ -25,7 +25,7 @@ impl Engine {
         self.newest_answered = carried.or(self.newest_answered);
     }
 
-    /// All of the response but the slaves' slots in OP.
+    /// Refreshes the response, but for the slots of slaves in OP.
     pub(super) fn refresh_response(&mut self) {
         if !self.volatile.network.in_op() {
             self.refresh_heads();
@@ -51,6 +51,7 @@ impl Engine {
         }
     }
 
+    /// All axes take the inputs of the cycle, but for those of lost slaves.
     pub(super) fn answer_axes(&mut self) {
         let lost = self.volatile.network.lost();
         for slave in 1..usize::from(self.volatile.network.found()) + 1 {
@@ -71,7 +72,8 @@ impl Engine {
         }
     }
 
-    /// In OP every slave's slot is refreshed in every cycle, whatever the command was; lost slots keep their values.
+    /// Refreshes the slots of all slaves in OP, in every cycle and whatever the commands were. The slots of lost slaves keep their
+    /// values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
         let lost = self.volatile.network.lost();
@@ -118,13 +120,13 @@ impl Engine {
         }
     }
 
-    /// Outside OP a slot shows the id and index of its last command and keeps the rest.
+    /// Refreshes the slots of slaves outside OP: they show id and index of the last command and keep the rest.
     fn refresh_heads(&mut self) {
         let size = self.config.slot;
         for slave in 1..=size.max_slaves() {
             let SlotHead { id, index, .. } = self.volatile.heads[slave - 1];
             let slot = self.volatile.response.slot(size, slave);
-            // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: an IO slave shows 0, and nobody [OURS] as well.
+            // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: 0 for an IO slave, and for a number without a slave [OURS].
             let is_drive_mode = id == CommandId::DriveMode.code();
             let mode = if is_drive_mode { self.declared_mode(slave) } else { slot.index };
             let index = self.config.firmware.byte_1(index, mode);

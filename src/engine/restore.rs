@@ -1,4 +1,4 @@
-//! The mode after homing (SK-7, firmware 1.7): SDO transfers of the board's own that write DRIVE_MODE's mode back.
+//! The mode of operation after homing (SK-7, firmware 1.7): the board restores the mode of DRIVE_MODE by SDO transfers of its own.
 
 use super::homing::HomingEnd;
 use super::jobs::{SdoOwner, mode_object};
@@ -8,21 +8,22 @@ use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
-/// A transfer that fails is tried so often \[OURS]; then the drive stays in mode 6, which is counted and logged.
-const TRIES: u8 = 3;
+/// How often a transfer is attempted \[OURS]. If all attempts fail the drive stays in homing mode, which is counted and logged.
+const ATTEMPTS_MAX: u8 = 3;
 
-/// The axis whose mode is written.
+/// The axis whose mode is restored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Restore {
     slave: u8,
     axis: usize,
 }
 
-/// Modes to be written back.
+/// The modes that have to be restored.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Restores {
+    /// The slaves whose axis has to get its mode back, for each axis.
     due: [SlaveSet; MAX_AXES],
-    /// Transfers that failed, of those that are due.
+    /// How many transfers have failed, for each axis that is due.
     failed: [[u8; MAX_AXES]; MAX_SLAVES],
     running: Option<Restore>,
 }
@@ -32,17 +33,17 @@ impl Restores {
         Self { due: [SlaveSet::EMPTY; MAX_AXES], failed: [[0; MAX_AXES]; MAX_SLAVES], running: None }
     }
 
-    /// Whether one for that slave is due or under way.
+    /// Whether a mode of that slave has to be restored, or a transfer for it is under way.
     pub(super) fn concern(&self, slave: u8) -> bool {
         self.due.iter().any(|due| due.contains(slave)) || self.running.is_some_and(|running| running.slave == slave)
     }
 
-    /// Whatever is not under way is not done any more.
+    /// Cancels everything but the transfer under way.
     pub(super) fn cancel_all(&mut self) {
         *self = Self { running: self.running, ..Self::new() };
     }
 
-    /// As [`Self::cancel_all`], of one slave.
+    /// As [`Self::cancel_all`], for one slave.
     pub(super) fn cancel_slave(&mut self, slave: u8) {
         (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
     }
@@ -58,20 +59,20 @@ impl Restores {
 }
 
 impl Engine {
-    /// Homing of that axis has ended, and its mode may change.
+    /// The homing of that axis has ended and its mode may change: the mode is to be restored.
     pub(super) fn restore_later(&mut self, slave: usize, axis: usize) {
         if self.config.firmware.restores_mode() {
             self.volatile.restores.due[axis].insert(slave as u8);
         }
     }
 
-    /// Starts the next transfer, if one is due: of those that have failed least often, and not before all axes of its
-    /// slave are done.
+    /// Starts the next transfer that is due: one of those that have failed least often, and only when no axis of its slave is
+    /// homing any more.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
         }
-        // A lost slave takes nothing.
+        // A lost slave takes no SDO.
         let not_yet = self.homing_slaves().union(self.volatile.network.lost());
         let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));
@@ -93,7 +94,7 @@ impl Engine {
         }
     }
 
-    /// The transfer under way has ended.
+    /// The transfer for that axis has ended.
     pub(super) fn restored(&mut self, restore: Restore, result: Result<u32, AbortCode>, now: Ns) {
         self.volatile.restores.running = None;
         match result {
@@ -101,34 +102,34 @@ impl Engine {
                 self.volatile.modes_written[usize::from(restore.slave) - 1][restore.axis] = mode as u8;
                 self.volatile.restores.cancel(restore);
             }
-            // On the way up the mode is written anyway.
+            // The next change to SafeOP writes the mode anyway.
             Err(_) if self.volatile.network.state() < Some(MasterState::SafeOp) => {
                 self.volatile.restores.cancel(restore)
             }
             Err(code) => {
                 let failures = self.volatile.restores.failures(restore);
                 *failures += 1;
-                if *failures >= TRIES {
+                if *failures >= ATTEMPTS_MAX {
                     self.give_up_restore(restore, code, now);
                 }
             }
         }
     }
 
-    /// A host's write of a mode of operation went well: it is the mode that counts.
+    /// The host has written a mode of operation by SDO, which replaces the mode that was to be restored.
     pub(super) fn mode_written(&mut self, slave: u8, axis: usize, mode: u8, now: Ns) {
         self.volatile.modes_written[usize::from(slave) - 1][axis] = mode;
         self.volatile.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
-        // The mode has changed: there is nothing to wait for, and nothing to write back.
+        // The mode has changed already: a standstill is not waited for, and no mode is restored.
         let since = self.answers_valid_from(now);
         let homing = &mut self.volatile.axes[usize::from(slave) - 1][axis].homing;
         homing.skip_standstill();
         homing.mode_written(since);
     }
 
-    /// Whether the host's transfer that waits has to wait on: it writes the mode of an axis that was homing, which it
-    /// ends, and that axis does not stand yet.
+    /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not come to a
+    /// standstill after homing. Such a transfer ends homing.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self
             .volatile
@@ -142,7 +143,7 @@ impl Engine {
         self.volatile.axes[slave - 1][axis].homing.is_ending()
     }
 
-    /// A slave is lost: nothing can be written to it.
+    /// Gives up restoring a mode of a slave that is lost.
     pub(super) fn give_up_restore_of_lost(&mut self, slave: u8, axis: usize, now: Ns) {
         let restore = Restore { slave, axis };
         if self.volatile.restores.due[axis].contains(slave) && self.volatile.restores.running != Some(restore) {

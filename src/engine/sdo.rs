@@ -5,12 +5,12 @@ use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Ns, SdoRequest};
 use crate::sk::{CommandId, RawSlot, SdoCommand, SdoResponse};
 
-/// A transfer the host asked for.
+/// A transfer that the host has requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SdoTransfer {
     pub(super) slave: u8,
     pub(super) object: ObjectAddress,
-    /// Size, and the value as it stood in Data2.
+    /// `None`: an upload. `Some`: a download of that size, and the value as it was in Data2.
     pub(super) write: Option<(SdoSize, u32)>,
 }
 
@@ -23,15 +23,15 @@ impl SdoTransfer {
     }
 }
 
-/// What became of a request that was not rejected.
+/// What happened to a request that was not rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Accepted {
     New,
-    /// It is the one that waits or runs already.
+    /// The same transfer waits or runs already.
     Repeats,
 }
 
-/// What stands in the slot, and what is under way.
+/// The SDO slot of the response, and the transfer of the host under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoSlot {
     answer: RawSlot,
@@ -44,13 +44,13 @@ impl SdoSlot {
         Self { answer: RawSlot::ZERO, waiting: None, running: None }
     }
 
-    /// The slot of a response.
+    /// The SDO slot of the response.
     pub(super) const fn answer(&self) -> &RawSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 \[OURS]: a request while another one is under way is rejected; one that repeats it is
-    /// one with it: programs that poll send it in every frame.
+    /// Takes a command of the host. SK-6 \[OURS]: a request is rejected while another transfer is under way. A request that repeats
+    /// the transfer under way is part of it, since programs that poll send it in every frame.
     pub(super) fn command(&mut self, command: SdoCommand) -> Result<Accepted, Reason> {
         let transfer = match command {
             SdoCommand::Read { slave, object } => SdoTransfer { slave, object, write: None },
@@ -69,28 +69,28 @@ impl SdoSlot {
         }
     }
 
-    /// The transfer that waits, if one does.
+    /// The transfer that waits to be started; `None`: none does.
     pub(super) fn waiting(&self, timeout_ns: Ns) -> Option<SdoRequest> {
         let SdoTransfer { slave, object, write } = self.waiting?;
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
     }
 
-    /// Slave and object of the transfer that waits, if it is a write.
+    /// Slave and object of the transfer that waits, if it is a download.
     pub(super) fn waiting_write(&self) -> Option<(u8, ObjectAddress)> {
         self.waiting.filter(|transfer| transfer.write.is_some()).map(|transfer| (transfer.slave, transfer.object))
     }
 
-    /// The transfer that waits is under way now.
+    /// The transfer that waited was started.
     pub(super) fn started(&mut self) {
         self.running = self.waiting.take();
     }
 
-    /// The transfer under way has ended; says which it was.
+    /// The transfer under way has ended: puts its answer into the slot. Which transfer it was.
     pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
-            // The answer to a write repeats Data2 as it was sent: programs compare all of it (LIB, habits).
+            // The answer to a download repeats all bytes of Data2 as they were sent, since programs compare them (LIB, habits).
             Ok(read) => {
                 let value = transfer.write.map_or(read, |(_, value)| value);
                 SdoResponse::Done { id, slave, object, value }.encode()

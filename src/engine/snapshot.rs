@@ -1,4 +1,4 @@
-//! What can be seen of a board without asking it: its LEDs, its BUSY pin, and what it knows of its network.
+//! What can be seen of a board beside the wire: its LEDs, its BUSY pin, and what it knows of its network.
 
 use super::{Board, StateFailure};
 use crate::fieldbus::{Ns, SlaveSet};
@@ -7,14 +7,14 @@ use crate::sk::{MasterState, StateByte};
 /// The two LEDs that show the state (UG17 1.3.2, SK-11).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Leds {
-    /// On in SafeOP, and when something is wrong.
+    /// On in SafeOP, and when a change of state has failed or a slave is lost.
     pub yellow: bool,
-    /// On in OP, and when something is wrong.
+    /// On in OP, and when a change of state has failed or a slave is lost.
     pub green: bool,
 }
 
 impl Leds {
-    /// The LEDs in a state. While the network is initialising both are off \[OURS]: no guide says.
+    /// The LEDs in a state. While the network is initialising both are off \[OURS], since no guide says it.
     pub const fn in_state(state: StateByte) -> Self {
         let (yellow, green) = match state.state() {
             _ if state.is_failed() => (true, true),
@@ -29,32 +29,32 @@ impl Leds {
 /// A board at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Snapshot {
-    /// When, in board time.
+    /// The time of the snapshot, board time.
     pub at: Ns,
-    /// Byte 2 of slot 0.
+    /// The state of the network, byte 2 of slot 0.
     pub state: StateByte,
-    /// Why the state has failed; `None`: it has not.
+    /// Why a change of state has failed; `None`: none has.
     pub failure: Option<StateFailure>,
-    /// The BUSY pin while nothing is exchanged: high until the first PreOP since the board booted. A host on SPI sees
-    /// it, or, without looking at it, zeros (SK-4, SK-10).
+    /// The BUSY pin between two exchanges: high until the first PreOP since the board booted. A host on SPI that does not look at
+    /// it reads zeros then (SK-4, SK-10).
     pub busy: bool,
-    /// The LEDs of the state.
+    /// The LEDs that show the state.
     pub leds: Leds,
-    /// LEDR1, power: on as long as there is a board.
+    /// LEDR1, power: always on.
     pub power: bool,
-    /// The network socket's yellow LED, 100 Mbit/s: frames come back, so there is a link. A bus that is only a model of
-    /// one cannot say more.
+    /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus does not tell more about
+    /// its link.
     pub link: bool,
-    /// The network socket's green LED flashes: traffic. There is some in every cycle while there is a link.
+    /// The green LED of the network socket flashes: traffic. There is traffic in every cycle while there is a link.
     pub traffic: bool,
-    /// Slaves found at boot.
+    /// How many slaves were found at boot.
     pub slaves_found: u8,
-    /// Slaves that are lost.
+    /// The slaves that are lost.
     pub lost: SlaveSet,
-    /// The slave whose clock the others follow: the first one with distributed clocks; `None`: none has, or the bus does
-    /// not say.
+    /// The slave with the reference clock: the first one with distributed clocks; `None`: no slave has, or the bus does not
+    /// know.
     pub reference_clock: Option<u8>,
-    /// The chip's six outputs, bit k is output k.
+    /// The six outputs of the chip, bit k is output k.
     pub local_outputs: u8,
 }
 

@@ -1,5 +1,5 @@
-//! Why the network is not in the state that it was asked to go to: what byte 2 of slot 0 shows as 0x10 beside the last
-//! state that all slaves reached, 0x12 most often.
+//! Why the network is not in the state that was requested. Byte 2 of slot 0 shows only that it is not: it is 0x10 plus the last
+//! state that all slaves have reached, 0x12 most often.
 
 use std::fmt;
 
@@ -7,21 +7,21 @@ use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Refusal;
 use crate::sk::{MasterState, SlaveKind, StateByte};
 
-/// What the board knows of a change of state that has failed, or of a slave that has fallen. The wire shows nothing of it.
+/// Why a change of state has failed, or which slave has left its state. The wire does not show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StateFailure {
     /// No slave was found.
     NoSlave,
-    /// A slave has refused the process data of what it is declared as, on the way from PreOP to SafeOP: the usual cause is
-    /// a slave that no SET_AXIS has declared, and that counts as IO then.
+    /// A slave has refused the process data for its declared kind, in the change from PreOP to SafeOP. The usual cause is a slave
+    /// that no SET_AXIS has declared, which counts as IO.
     Declared {
         /// Slave, from 1.
         slave: u8,
-        /// What SET_AXIS says it is; IO if none said anything.
+        /// The kind that SET_AXIS has declared; IO if none has.
         kind: SlaveKind,
-        /// Its AL status code (ETG.1000.6 table 11), 0 if it said none.
+        /// The AL status code (ETG.1000.6 table 11), 0 if there was none.
         al_status: u16,
-        /// The SDO that it aborted, if it was one.
+        /// The SDO that the slave has aborted; `None`: it has aborted none.
         abort: Option<(ObjectAddress, AbortCode)>,
     },
     /// DRIVE_MODE has given a slave a mode in which its kind has no process data (SK-7): CST to an HSP, another one than CSP
@@ -29,29 +29,29 @@ pub enum StateFailure {
     Mode {
         /// Slave, from 1.
         slave: u8,
-        /// What SET_AXIS says it is.
+        /// The kind that SET_AXIS has declared.
         kind: SlaveKind,
     },
     /// A slave has refused a state.
     Refused {
         /// Slave, from 1.
         slave: u8,
-        /// The state.
+        /// The state that it has refused.
         target: MasterState,
-        /// Its AL status code (ETG.1000.6 table 11).
+        /// The AL status code (ETG.1000.6 table 11).
         al_status: u16,
     },
-    /// A slave did not answer, or was not there in time.
+    /// A slave has not answered, or has not reached the state in time.
     Silent {
         /// Slave, from 1.
         slave: u8,
     },
-    /// The change took longer than a change may.
+    /// The change of state took too long.
     Late {
-        /// The state that was on its way.
+        /// The state that was to be reached next.
         target: MasterState,
     },
-    /// A slave fell from SafeOP or OP.
+    /// A slave has left SafeOP or OP by itself.
     Lost {
         /// Slave, from 1.
         slave: u8,
@@ -59,7 +59,7 @@ pub enum StateFailure {
 }
 
 impl StateFailure {
-    /// Of a job of the bus that a slave has ended; `kind` is what that slave is declared as.
+    /// The failure when a slave has made a job of the bus fail; `kind` is the declared kind of that slave.
     pub(super) const fn of(refusal: Refusal, configuring: bool, target: MasterState, kind: SlaveKind) -> Self {
         let Refusal { slave, al_status, abort } = refusal;
         match (al_status, abort, configuring) {
@@ -69,7 +69,7 @@ impl StateFailure {
         }
     }
 
-    /// The slave that it is about, from 1; `None`: none in particular.
+    /// The slave that has caused the failure, from 1; `None`: no slave in particular has.
     pub const fn slave(&self) -> Option<u8> {
         match *self {
             Self::Declared { slave, .. }
@@ -81,15 +81,15 @@ impl StateFailure {
         }
     }
 
-    /// What to say beside a state byte wherever one is shown: this reason if there is one, else what such a byte means on
-    /// any board ([`StateByte::explanation`]). `None`: the state has not failed.
+    /// The text to show beside a state byte: this reason if it is known, else the general meaning of such a byte
+    /// ([`StateByte::explanation`]). `None`: the state has not failed.
     pub fn explain(state: StateByte, why: Option<&Self>) -> Option<String> {
         let general = state.explanation()?;
         Some(why.map_or_else(|| general.to_owned(), Self::to_string))
     }
 }
 
-/// A kind's name and its nibble.
+/// The name of a kind, and its nibble in SET_AXIS.
 struct Kind(SlaveKind);
 
 impl fmt::Display for Kind {
@@ -143,7 +143,7 @@ impl fmt::Display for StateFailure {
     }
 }
 
-/// An AL status code with its words.
+/// An AL status code and its meaning.
 struct Status(u16);
 
 impl fmt::Display for Status {

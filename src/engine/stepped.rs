@@ -1,5 +1,5 @@
-//! The runner of virtual time: it passes by the host's calls alone, so hours pass in seconds and one calling thread
-//! sees the same bytes every time.
+//! The runner with virtual time: time passes only in the calls of the host, so that hours pass in seconds and a single calling
+//! thread gets the same bytes every time.
 
 use std::time::Duration;
 
@@ -10,24 +10,24 @@ use super::reports::{Report, ReportQueue};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// A read on a virtual clock that looks without waiting costs this much of the board's time \[OURS]: one USB
-/// microframe. Else a program that polls would stop the clock.
+/// How much board time a read takes that does not wait \[OURS]: one USB microframe. Without it no time would pass for a program
+/// that polls.
 const POLL_READ_NS: Ns = 125_000;
 
-/// Time that passes until other threads' calls come in between \[OURS]: some hundred cycles, which take less than a
-/// millisecond.
+/// How much time [`Stepped::pass`] lets pass before calls of other threads may run in between \[OURS]: some hundred cycles, which
+/// take less than a millisecond.
 const PASS_STEP_NS: Ns = 100_000_000;
 
-/// What a call on a stepped or threaded board can end with.
+/// Why a call on a stepped or threaded board has ended without result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// The limit has passed.
+    /// The time limit of the call has passed.
     Timeout,
-    /// No cycle passes: silent since, for that many cycles.
+    /// The board makes no reports, and nothing is left that could change that.
     Silent {
-        /// Board time of the last report.
+        /// When the last report was made, board time.
         since: Ns,
-        /// Cycles without one.
+        /// How many cycles have passed without a report since.
         cycles: u64,
     },
     /// The board has booted since the interface was opened.
@@ -39,7 +39,7 @@ pub enum Stop {
 }
 
 struct State {
-    /// `None` once closed.
+    /// `None`: the interface was closed.
     board: Option<Board>,
     reports: ReportQueue,
     boots: u64,
@@ -47,8 +47,8 @@ struct State {
 
 /// A board on virtual time.
 ///
-/// Its lock is one that is handed on in turn when threads wait for it: no call here waits for anything else, so a thread
-/// that only reads could keep a writer out for ever.
+/// Its lock is a fair one, which waiting threads get in turn: no call here waits for anything but the lock, so that with an unfair
+/// lock a thread that only reads could keep a writer out for ever.
 pub struct Stepped {
     state: Mutex<State>,
     host_ns: Ns,
@@ -65,7 +65,7 @@ impl Stepped {
         self.state.lock()
     }
 
-    /// Hands a frame over; says when it arrived.
+    /// Hands over a frame. When it has arrived, board time.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`]; the frame was not taken.
@@ -82,11 +82,11 @@ impl Stepped {
         Ok(at)
     }
 
-    /// The oldest report not read yet. Time passes until there is one, at most `limit`; `None`: no limit.
+    /// The oldest report that was not read yet. Time passes until there is one, at most `limit`; `None`: no limit.
     ///
     /// # Errors
-    /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing else can happen
-    /// while one waits; [`Stop::Rebooted`]; [`Stop::Closed`].
+    /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes while this call
+    /// waits; [`Stop::Rebooted`]; [`Stop::Closed`].
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;
@@ -112,8 +112,8 @@ impl Stepped {
         }
     }
 
-    /// Lets that much time pass and says what time it is then; reports made meanwhile are kept as if nobody had read. Other
-    /// threads' calls come in between.
+    /// Lets that much time pass. The board time then. Reports that are made meanwhile are queued like any others. Calls of other
+    /// threads may run in between.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -136,12 +136,12 @@ impl Stepped {
         let to = board.now().saturating_add(time);
         board.advance(to, &mut |frame, at| reports.push(frame, at));
         let (now, is_same_boot) = (board.now(), board.engine().boots() == *boots);
-        // Whoever waits for the board has it next.
+        // A thread that waits for the lock gets it next.
         MutexGuard::unlock_fair(state);
         if is_same_boot { Ok(now) } else { Err(Stop::Rebooted) }
     }
 
-    /// Whether the interface is still there; no time passes.
+    /// Whether the interface is open. No time passes.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -150,13 +150,13 @@ impl Stepped {
         alive(board, *boots).map(|_| ())
     }
 
-    /// Looks at the board and at the reports dropped so far; `None` once closed.
+    /// Calls `look` with the board and the number of reports dropped so far; `None`: the interface was closed.
     pub fn look<T>(&self, look: impl FnOnce(&Board, u64) -> T) -> Option<T> {
         let state = self.lock();
         state.board.as_ref().map(|board| look(board, state.reports.dropped()))
     }
 
-    /// Closes the interface and gives the board back, once.
+    /// Closes the interface. The board; `None`: the interface was closed before.
     pub fn close(&self) -> Option<Board> {
         self.lock().board.take()
     }

@@ -1,32 +1,32 @@
-//! TestPhase mode (CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and walks the outputs of all IO
-//! slaves until a host writes some.
+//! Test mode (pin CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and switches the outputs of all IO slaves
+//! on and off in turn until a host writes outputs.
 
 use super::Engine;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::MasterState;
 
-/// All outputs of all IO slaves are on for so long at the beginning of each round. SK-4 \[OURS]: 2 s.
+/// How long all outputs of all IO slaves are on at the beginning of each round. SK-4 \[OURS]: 2 s.
 pub const ALL_ON_NS: Ns = 2_000_000_000;
-/// Then each output is on alone for so long, slave by slave from output 0 on; then the next round begins \[OURS].
+/// How long each output is on alone after that, slave by slave from output 0 on, before the next round begins \[OURS].
 pub const ONE_ON_NS: Ns = 250_000_000;
-/// Outputs of an IO slave.
+/// How many outputs an IO slave has.
 const OUTPUTS: u64 = 16;
 
-/// Where the test is.
+/// How far the output test has got.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum TestPhase {
     /// The board has not reached PreOP since it booted.
     #[default]
     Booting,
-    /// It was asked for OP once; whenever it is in OP the walk begins anew.
+    /// The board has requested OP once. Whenever it is in OP the test starts from the beginning.
     Waiting,
-    /// The walk goes on since then.
-    Walking(Ns),
+    /// The test runs since this time.
+    Running(Ns),
     /// A host has written outputs.
     Over,
 }
 
-/// The outputs of the `n`-th (from 0) of `slaves` IO slaves, that long after the walk began.
+/// The outputs of the `n`-th (from 0) of `slaves` IO slaves, that long after the test began.
 fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
     let round_ns = ALL_ON_NS + slaves * OUTPUTS * ONE_ON_NS;
     match (elapsed_ns % round_ns).checked_sub(ALL_ON_NS) {
@@ -39,21 +39,21 @@ fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
 }
 
 impl Engine {
-    /// A cycle of a board in test mode.
+    /// Runs one cycle of the output test.
     pub(super) fn run_test(&mut self, now: Ns) {
         let in_op = self.volatile.network.in_op();
         match self.volatile.test {
             TestPhase::Booting if self.talks() => {
                 self.volatile.test = TestPhase::Waiting;
-                // PreOP accepts it.
+                // PreOP accepts every state.
                 self.volatile.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
             TestPhase::Waiting if in_op => {
-                self.volatile.test = TestPhase::Walking(now);
+                self.volatile.test = TestPhase::Running(now);
                 self.write_test_outputs(0);
             }
-            TestPhase::Walking(since) if in_op => self.write_test_outputs(now - since),
-            TestPhase::Walking(_) => self.volatile.test = TestPhase::Waiting,
+            TestPhase::Running(since) if in_op => self.write_test_outputs(now - since),
+            TestPhase::Running(_) => self.volatile.test = TestPhase::Waiting,
             TestPhase::Booting | TestPhase::Waiting | TestPhase::Over => {}
         }
     }
@@ -63,7 +63,7 @@ impl Engine {
         self.write_outputs(|n| image(n, slaves, elapsed_ns));
     }
 
-    /// A host writes outputs: the walk is over, and what it had switched on goes off \[OURS].
+    /// A host writes outputs: the test ends, and the outputs that it has switched on go off \[OURS].
     pub(super) fn end_output_test(&mut self) {
         if self.config.test && self.volatile.test != TestPhase::Over {
             self.volatile.test = TestPhase::Over;

@@ -1,4 +1,4 @@
-//! The runner of the real clock: a thread that runs cycles at absolute deadlines.
+//! The runner with real time: a thread that runs the cycles at absolute deadlines.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,32 +13,32 @@ use super::{Board, Counters, Event, Snapshot};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// The runner looks for frames at least this often, however long the cycle is; closing takes no longer either.
+/// How often the runner takes frames from the inbox at least, however long the cycle is. Closing takes no longer either.
 const VISIT_INTERVAL: Duration = Duration::from_millis(5);
-/// Frames a host can hand over between two visits: more than can come in that time.
+/// How many frames a host can hand over between two visits of the runner: more than can come in that time.
 const INBOX_FRAMES: usize = 256;
-/// A host that was away longer than this (suspended, stopped in a debugger) does not get the cycles back: the board's
-/// time leaves the whole gap out, and it is counted \[OURS]. A machine that is too slow for its cycles gets there again
-/// and again, and its board goes on all the same, slower than its clock.
+/// The longest delay whose cycles are caught up on. After a longer one (a machine that was suspended, a process stopped in a
+/// debugger) the board's time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow for its cycles has
+/// such gaps again and again, and its board runs more slowly than the clock.
 const CATCH_UP_MAX: Duration = Duration::from_secs(1);
-/// A write that may not wait waits for its turn on the wire all the same, but no longer than one USB microframe of the
-/// board's time \[OURS]: two writes in a row are no failure.
+/// How long a write that must not wait may wait all the same until the wire is free: one USB microframe of board time \[OURS], so
+/// that two writes in a row do not fail.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
-/// Events kept for the host's log between two looks.
+/// How many events are kept for the log of the host between two calls.
 const EVENTS_KEPT: usize = 32;
 
 /// How late the runner's cycles began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lateness {
-    /// Cycles run.
+    /// How many cycles have run.
     pub cycles: u64,
-    /// The latest begin, nanoseconds of the machine after its deadline.
+    /// The greatest delay of a cycle after its deadline, nanoseconds of machine time.
     pub worst_ns: u64,
-    /// Board time that was left out because the host was away, nanoseconds.
+    /// How much board time was skipped because the runner was late, nanoseconds.
     pub skipped_ns: u64,
 }
 
-/// What the runner shows of the board, besides reports.
+/// What other threads can see of the board besides reports.
 struct BoardView {
     counters: Counters,
     snapshot: Snapshot,
@@ -75,14 +75,14 @@ impl Shared {
     }
 }
 
-/// When writes arrive.
+/// The times at which frames arrive.
 #[derive(Default)]
 struct Writes {
-    /// When the next one may, on the clock.
+    /// When the next frame may arrive, on the runner's clock.
     next: Duration,
-    /// The newest arrival, in board time; none is told before it while nothing more is left out.
+    /// The newest arrival, board time. No later frame arrives before it, unless more time was skipped since.
     newest: Ns,
-    /// What the board's time had left out then.
+    /// How much board time was skipped by then.
     skipped: Ns,
 }
 
@@ -98,11 +98,11 @@ pub struct Threaded {
 }
 
 impl Threaded {
-    /// Opens the board's host interface and starts its thread. A write takes `host_ns`, and the newest `queue` reports
-    /// are kept. The board's time passes at that rate of the machine's; limits of calls are the machine's time.
+    /// Opens the host interface of the board and starts its thread. A write takes `host_ns`, and the newest `queue` reports are
+    /// kept. Board time passes at that rate of machine time; the limits of calls are machine time.
     ///
     /// # Errors
-    /// The system's, if it gives no thread; the board is lost then.
+    /// The error of the system if it starts no thread; the board is dropped then.
     pub fn start(board: Board, host_ns: Ns, queue: usize, real_time: RealTime, rate: Rate) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(&board, queue));
         let clock = Arc::new(Clock::start(rate));
@@ -127,8 +127,8 @@ impl Threaded {
         })
     }
 
-    /// Hands a frame over, waiting at most `limit` (but 125 us at least) for the frames before it and for room; says
-    /// when it arrived, in board time.
+    /// Hands over a frame. Waits at most `limit`, but at least 125 us, for the frames before it and for room. When the frame has
+    /// arrived, board time.
     ///
     /// # Errors
     /// [`Stop`]; the frame was not taken.
@@ -142,10 +142,11 @@ impl Threaded {
             if limit.is_none_or(|limit| rate.real(arrival - now) <= limit) {
                 writes.next = arrival + self.host;
             }
-            // Without what the board's time has left out.
+            // Board time does not include what was skipped.
             let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
             let at = self.zero + (arrival.as_nanos() as Ns).saturating_sub(skipped);
-            // A write in a gap was told a time that the board's has not got to: none is to follow it.
+            // A write during a gap got a time that the board reaches only later, since the gap was skipped: it does not delay
+            // later writes.
             let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
             writes.newest = newest.max(at);
             (arrival, writes.newest)
@@ -155,7 +156,7 @@ impl Threaded {
         Ok(at)
     }
 
-    /// The oldest report not read yet, waiting at most `limit` for one; `None`: no limit.
+    /// The oldest report that was not read yet. Waits at most `limit` for one; `None`: no limit.
     ///
     /// # Errors
     /// [`Stop`].
@@ -163,7 +164,7 @@ impl Threaded {
         self.shared.handover.receive(out, limit.and_then(end_after))
     }
 
-    /// Whether the interface is still there; waits for nothing.
+    /// Whether the interface is open. Does not wait.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -171,34 +172,34 @@ impl Threaded {
         self.shared.handover.check()
     }
 
-    /// Ends the writes that wait now.
+    /// Cancels the writes that wait now.
     pub fn cancel_writes(&self) {
         self.shared.handover.cancel_writes();
     }
 
-    /// Ends the reads that wait now.
+    /// Cancels the reads that wait now.
     pub fn cancel_reads(&self) {
         self.shared.handover.cancel_reads();
     }
 
-    /// Counters of the board as of its last cycle, and the reports dropped so far.
+    /// The counters of the board after its last cycle, and the number of reports dropped so far.
     pub fn counters(&self) -> (Counters, u64) {
         let shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
         (shown.counters, self.shared.handover.dropped())
     }
 
-    /// The board as of its last cycle.
+    /// The snapshot of the board after its last cycle.
     pub fn snapshot(&self) -> Snapshot {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
     }
 
-    /// Takes the events since the last look; with the counters and the time of the board's last cycle.
+    /// Takes the events since the last call, with the counters and the time of the board's last cycle.
     pub fn take_events(&self) -> (Vec<Event>, Counters, Ns) {
         let mut shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
         (shown.events.drain(..).collect(), shown.counters, shown.now)
     }
 
-    /// How late cycles were so far.
+    /// How late the cycles were so far.
     pub fn lateness(&self) -> Lateness {
         Lateness {
             cycles: self.shared.cycles.load(Ordering::Relaxed),
@@ -207,7 +208,7 @@ impl Threaded {
         }
     }
 
-    /// Ends every wait, stops the thread and gives the board back, once.
+    /// Ends every wait and stops the thread. The board; `None`: the runner was closed before.
     pub fn close(&self) -> Option<Board> {
         self.shared.handover.end(Stop::Closed);
         self.shared.stop.store(true, Ordering::Release);
@@ -222,12 +223,12 @@ impl Drop for Threaded {
     }
 }
 
-/// When a wait ends that begins now; `None`: later than a clock can say.
+/// The end of a wait that begins now; `None`: it is later than an instant can hold.
 fn end_after(limit: Duration) -> Option<Instant> {
     Instant::now().checked_add(limit)
 }
 
-/// No call waits for a thread that is gone, whatever ended it.
+/// Ends all waits when the thread ends, even by a panic, so that no call waits for ever.
 struct EndOnExit<'a>(&'a Handover);
 
 impl Drop for EndOnExit<'_> {
@@ -236,13 +237,13 @@ impl Drop for EndOnExit<'_> {
     }
 }
 
-/// The thread: visits the inbox, runs the cycles that are due, sleeps until the next.
+/// The loop of the thread: takes frames from the inbox, runs the cycles that are due, sleeps until the next one.
 fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let boots = board.engine().boots();
     let zero = board.now();
     let cycles = board.cycles();
     let mut frame = Frame::new();
-    // Gaps that the board's time left out: how much later than its own time the clock is.
+    // The gaps that board time has skipped: by so much it is behind the clock.
     let mut skipped = Duration::ZERO;
     let mut now = Duration::ZERO;
     let rate = clock.rate();
@@ -253,14 +254,13 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         now = clock.now();
         let late = now.saturating_sub(due);
         if late > catch_up_max {
-            // The next cycle is due now. Were any of the gap left to catch up on, the next look would find it too long
-            // again.
+            // The next cycle is due now. Any rest of the gap would count as too long again in the next turn of the loop.
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
         }
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
-        // Cycles to catch up on run in parts, with a visit after each.
+        // Cycles are caught up on in parts, and frames are taken after each part.
         let part = board_now.min(board.next_cycle() + between_visits.as_nanos() as Ns);
         take_frames(&mut board, part, board_now, shared, &mut frame);
         if now >= due {
@@ -273,13 +273,13 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             shared.handover.end(Stop::Rebooted);
         }
     }
-    // A frame that was accepted before the end has arrived.
+    // Frames that were accepted before the end arrive all the same.
     let now = board.now();
     take_frames(&mut board, now, now, shared, &mut frame);
     board
 }
 
-/// Of the frames in the inbox those arrive that came by `until`; all, if that is the board's present time.
+/// Takes the frames that have come by `until` from the inbox; all frames if `until` is the present time of the board.
 fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, frame: &mut Frame) {
     let by = if until == board_now { Ns::MAX } else { until };
     while let Some(at) = shared.handover.next_frame(frame, by) {
@@ -288,7 +288,7 @@ fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, fra
     }
 }
 
-/// Copies counters and new events out, if nobody is looking at them right now.
+/// Copies counters, snapshot and new events for other threads, unless one of them is reading them at this moment.
 fn publish_view(board: &Board, shared: &Shared) {
     let Ok(mut shown) = shared.shown.try_lock() else { return };
     let engine = board.engine();

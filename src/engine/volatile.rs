@@ -1,4 +1,4 @@
-//! What a board forgets at SW_RESET: all that programs told it, but for the switches of SET_EX.
+//! The state of a board that SW_RESET resets: everything that programs have told it, but for the CRC switches of SET_EX.
 
 use super::axis::Axis;
 use super::network::Network;
@@ -9,56 +9,57 @@ use crate::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 
-/// The switches of SET_EX.
+/// The CRC switches of SET_EX.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CrcSwitches {
     pub(super) check_commands: bool,
     pub(super) fill_responses: bool,
 }
 
-/// SK-1 \[OURS]: the factory setting.
+/// The factory setting of the CRC switches, SK-1 \[OURS].
 pub(super) const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
 
-/// What a slave's slot shows of the command executed last.
+/// What the slot of a slave shows of the command that was executed last.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlotHead {
     pub(super) id: u8,
     pub(super) index: u8,
-    /// The command was IO_WR: Data1 of the answer is this output image.
+    /// After IO_WR the output image that Data1 of the answer shows; `None`: it was another command.
     pub(super) output_image: Option<u16>,
 }
 
 impl SlotHead {
-    /// The slave's outputs are off, whatever was written last.
+    /// The outputs of the slave are off, whatever IO_WR has written last.
     pub(super) fn outputs_off(&mut self) {
         self.output_image = self.output_image.map(|_| 0);
     }
 }
 
-/// What a board forgets at SW_RESET.
+/// The state of a board that SW_RESET resets.
 pub(super) struct Volatile {
     pub(super) switches: CrcSwitches,
     pub(super) kinds: [SlaveKind; MAX_SLAVES],
     pub(super) modes: [(Mode, DriveSync); MAX_SLAVES],
     pub(super) cycle: CycleTime,
     pub(super) network: Network,
-    /// What went wrong last.
+    /// The newest failure of a change of state.
     pub(super) failure: Option<StateFailure>,
-    /// Cycle, roles and synchronisation as they were configured on the way to SafeOP.
+    /// Cycle, roles and synchronization types in force: as they were configured in the last change to SafeOP.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
-    /// Pulse modules of two channels among them.
+    /// The pulse modules of two channels among the slaves.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
     pub(super) answers_valid_from: lost::AnswersValidFrom,
     pub(super) test: test_mode::TestPhase,
-    /// 0x6060 (0x6860) as the board or a host's SDO wrote it last.
+    /// The value that the board or an SDO of the host has written to 0x6060 (0x6860) last.
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     pub(super) axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
-    /// Slaves with an axis that is homing, or not done with what follows; and perhaps some that have just been.
+    /// The slaves with an axis that is homing, or for which something of homing is left to do. Slaves that have just finished may
+    /// still be in the set.
     pub(super) homing_active: SlaveSet,
-    /// Modes that the board has to write back after homing.
+    /// The modes of operation that the board has to restore after homing.
     pub(super) restores: Restores,
     /// Byte 0 and bytes 4..7 of slot 0 outside OP.
     pub(super) master_id: CommandId,

@@ -4,7 +4,7 @@
 //! A new command of the board begins here, with a row of the table. Four places follow:
 //!
 //! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in JSON;
-//! - `engine/execute.rs`: what the board does;
+//! - `engine/commands.rs`: what the board does;
 //! - `tests/engine/commands.rs` and `docs/rules/board.md`: the guide's table, and the rule.
 //!
 //! The compiler names the first two, and tests the others. What else depends on a command, such as the kind of slave that a

@@ -6,7 +6,7 @@ fn at(state: MasterState) -> Network {
     Network { reached: Some(state), found: 1, scanned: true, talks: true, ..Network::default() }
 }
 
-/// SK-4: the steps of every recovery from one state to another.
+/// SK-4: the steps of every way from one state to another.
 #[test]
 fn every_way_is_walked_step_by_step() {
     use MasterState::*;
@@ -44,7 +44,7 @@ fn walk(network: &mut Network) -> Vec<Step> {
     steps
 }
 
-/// SK-4.64 A target that is replaced by the state the network is in: what was op_start is led back.
+/// SK-4.64 A target that is replaced by the state the network is in: what was begun is led back.
 #[test]
 fn the_state_of_before_is_asked_for_again() {
     let mut network = at(MasterState::PreOp);
@@ -54,7 +54,7 @@ fn the_state_of_before_is_asked_for_again() {
     assert_eq!(walk(&mut network), [Step::Move(MasterState::PreOp)]);
 }
 
-/// SK-4.75 What was declared during the configuration is configured, however often the target is replaced: the recovery
+/// SK-4.75 What was declared during the configuration is configured, however often the target is replaced: the way
 /// up begins at PreOP again.
 #[test]
 fn new_settings_are_remembered_with_another_target() {

@@ -6,15 +6,14 @@ mod objects;
 use std::slice;
 
 use super::axis::{Axis, Settings};
+use super::axis_objects::AxisModel;
 use super::device::{Base, Model};
-use super::dictionary::{Object, Values};
-use super::homing::HomingSettings;
+use super::dictionary::Object;
 use super::plant::Motor;
 use super::process_data::Pdo;
-use super::state_machine::{OptionCodes, TransitionTimes};
+use super::state_machine::TransitionTimes;
 use super::switches::Travel;
 use crate::cia402::Mode;
-use crate::coe::AbortCode;
 
 pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 
@@ -89,7 +88,8 @@ impl Drive {
     pub fn new(config: DriveConfig) -> Self {
         let DriveConfig { name, serial, kind, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
-        let axis = Axis::new(&motor, times, settings(&values), position).with_travel(&travel, motor.counts_per_turn);
+        let axis =
+            Axis::new(&motor, times, objects::settings(&values), position).with_travel(&travel, motor.counts_per_turn);
         Self {
             base: Base::new(name, serial, objects::identity_of(kind), values, objects::pdos_of(kind)),
             kind,
@@ -102,47 +102,18 @@ impl Drive {
     pub const fn axis(&self) -> &Axis {
         &self.axis
     }
-
-    /// Gives the axis its settings after an object that it reads was written.
-    fn settings_changed(&mut self) {
-        self.axis.apply_settings(settings(&self.base.values));
-    }
-
-    fn set_mode(&mut self, code: i64) -> Result<(), AbortCode> {
-        match (u8::try_from(code).ok().and_then(Mode::from_code), self.kind) {
-            (Some(mode @ (Mode::Homing | Mode::Csp)), _) | (Some(mode @ (Mode::Csv | Mode::Cst)), DriveKind::Servo) => {
-                self.axis.set_mode(mode);
-                Ok(())
-            }
-            _ => Err(AbortCode::VALUE_RANGE),
-        }
-    }
 }
 
-fn settings(values: &Values) -> Settings {
-    use objects::*;
-    Settings {
-        following_window: values.get(FOLLOWING_WINDOW),
-        following_timeout_ms: values.get(FOLLOWING_TIMEOUT),
-        position_limits: (values.get(MIN_POSITION), values.get(MAX_POSITION)),
-        max_velocity: values.get(MAX_VELOCITY),
-        max_torque: values.get(MAX_TORQUE),
-        slow_down: values.get(PROFILE_DECELERATION),
-        quick_stop: values.get(QUICK_STOP_DECELERATION),
-        options: OptionCodes {
-            quick_stop: values.get(QUICK_STOP_OPTION),
-            shutdown: values.get(SHUTDOWN_OPTION),
-            disable_operation: values.get(DISABLE_OPTION),
-            fault_reaction: values.get(FAULT_OPTION),
-        },
-        homing: HomingSettings {
-            method: values.get(HOMING_METHOD),
-            offset: values.get(HOME_OFFSET),
-            switch_speed: values.get(HOMING_SPEED_SWITCH),
-            zero_speed: values.get(HOMING_SPEED_ZERO),
-            acceleration: values.get(HOMING_ACCELERATION),
-            halt_option: values.get(HALT_OPTION),
-        },
+impl AxisModel for Drive {
+    fn has_mode(&self, mode: Mode) -> bool {
+        match mode {
+            Mode::Homing | Mode::Csp => true,
+            Mode::Csv | Mode::Cst => self.kind == DriveKind::Servo,
+        }
+    }
+
+    fn settings(&self, _axis: usize) -> Settings {
+        objects::settings(&self.base.values)
     }
 }
 
@@ -163,10 +134,12 @@ impl Model for Drive {
         &mut self.base
     }
 
+    #[inline]
     fn axes(&self) -> &[Axis] {
         slice::from_ref(&self.axis)
     }
 
+    #[inline]
     fn axes_mut(&mut self) -> &mut [Axis] {
         slice::from_mut(&mut self.axis)
     }

@@ -10,7 +10,8 @@
 mod objects;
 
 use super::AXES_MAX;
-use super::axis::Axis;
+use super::axis::{Axis, Settings};
+use super::axis_objects::AxisModel;
 use super::device::{Base, Model};
 use super::dictionary::Object;
 use super::lines::Lines;
@@ -19,7 +20,6 @@ use super::process_data::Pdo;
 use super::state_machine::TransitionTimes;
 use super::switches::Travel;
 use crate::cia402::Mode;
-use crate::coe::AbortCode;
 use crate::ethercat::Ns;
 
 pub use objects::{PRODUCT_CODES, REVISION};
@@ -123,20 +123,15 @@ impl Hsp {
     pub const fn outputs(&self, channel: usize) -> u16 {
         self.lines[channel].outputs()
     }
+}
 
-    /// Gives the axis of a channel its settings after an object that it reads was written.
-    fn settings_changed(&mut self, channel: usize) {
-        self.axes[channel].apply_settings(objects::settings(&self.base.values, channel));
+impl AxisModel for Hsp {
+    fn has_mode(&self, mode: Mode) -> bool {
+        mode != Mode::Cst
     }
 
-    fn set_mode(&mut self, channel: usize, code: i64) -> Result<(), AbortCode> {
-        match u8::try_from(code).ok().and_then(Mode::from_code) {
-            Some(mode @ (Mode::Homing | Mode::Csp | Mode::Csv)) => {
-                self.axes[channel].set_mode(mode);
-                Ok(())
-            }
-            _ => Err(AbortCode::VALUE_RANGE),
-        }
+    fn settings(&self, axis: usize) -> Settings {
+        objects::settings(&self.base.values, axis)
     }
 }
 
@@ -163,10 +158,12 @@ impl Model for Hsp {
         &mut self.base
     }
 
+    #[inline]
     fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
+    #[inline]
     fn axes_mut(&mut self) -> &mut [Axis] {
         &mut self.axes
     }

@@ -9,6 +9,7 @@
 //! | `manufacturer/`, `manufacturer.rs` | manufacturer-specific objects that are read from a file |
 //! | `process_data/`, `process_data.rs` | how objects are mapped into PDOs, and how a cycle moves them |
 //! | `axis/`, `axis.rs` | how an axis follows its targets: modes of operation, following error, statusword |
+//! | `axis_objects.rs` | which objects every axis has, and which settings it reads from them |
 //! | `state_machine.rs` | the states and transitions of CiA 402 |
 //! | `homing/` | homing: `method.rs` the homing methods (0x6098), `run.rs` one search for home, `mod.rs` the mode around it |
 //! | `switches.rs` | limit switches, home switch, index pulse and end stops along the travel of an axis |
@@ -23,6 +24,7 @@
 
 pub mod al;
 pub mod axis;
+mod axis_objects;
 pub mod device;
 pub mod dictionary;
 pub mod drive;

@@ -344,7 +344,7 @@ pub const fn only_if<D, const N: usize>(has: fn(&D) -> bool, mut rows: [Object<D
     rows
 }
 
-/// One table made of several parts, in their order.
+/// One table made of several parts, in ascending order of the addresses.
 ///
 /// # Panics
 /// If `N` is more than [`rows`]: in a constant, when compiling.
@@ -353,7 +353,13 @@ pub const fn join<D, const N: usize>(parts: &[&[Object<D>]]) -> [Object<D>; N] {
     let (mut part, mut row, mut n) = (0, 0, 0);
     while n < N {
         if row < parts[part].len() {
-            table[n] = parts[part][row];
+            let new = parts[part][row];
+            let mut place = n;
+            while place > 0 && new.precedes(&table[place - 1]) {
+                table[place] = table[place - 1];
+                place -= 1;
+            }
+            table[place] = new;
             (row, n) = (row + 1, n + 1);
         } else {
             (part, row) = (part + 1, 0);
@@ -390,6 +396,10 @@ pub const fn check<D>(objects: &[Object<D>]) {
 }
 
 impl<D> Object<D> {
+    const fn precedes(&self, other: &Self) -> bool {
+        self.index < other.index || self.index == other.index && self.first_sub < other.first_sub
+    }
+
     const fn is_live(&self) -> bool {
         matches!(self.cell, Cell::Live { .. })
     }

@@ -1,0 +1,190 @@
+//! The objects that every CiA 402 axis has, whichever kind of device it is part of: their rows in the object dictionary, and the
+//! settings that an axis reads from them.
+//!
+//! To add an object of all axes: a row in [`axis_objects`]; if it changes how the axis works, a slot in [`AxisSlots`], too.
+
+use super::axis::{NO_FOLLOWING_WINDOW, Settings, rounded};
+use super::device::Model;
+use super::dictionary::{Object, Slot, Values, slot};
+use super::homing::HomingSettings;
+use super::state_machine::OptionCodes;
+use crate::cia402::{Controlword, Mode, SECOND_AXIS_OFFSET};
+use crate::coe::AbortCode;
+
+/// A kind of device with CiA 402 axes.
+pub(super) trait AxisModel: Model {
+    /// Whether its axes have that mode of operation.
+    fn has_mode(&self, mode: Mode) -> bool;
+
+    /// The settings of an axis (from 0), as the stored values have them.
+    fn settings(&self, axis: usize) -> Settings;
+}
+
+/// The index of an object of axis `N` (from 0), of which `of_axis_1` is that of the first axis.
+pub(super) const fn index<const N: usize>(of_axis_1: u16) -> u16 {
+    of_axis_1 + SECOND_AXIS_OFFSET * N as u16
+}
+
+/// Gives axis `N` its settings after an object that it reads was written.
+pub(super) fn changed<M: AxisModel, const N: usize>(device: &mut M) {
+    let settings = device.settings(N);
+    device.axes_mut()[N].apply_settings(settings);
+}
+
+fn set_mode<M: AxisModel, const N: usize>(device: &mut M, code: i64) -> Result<(), AbortCode> {
+    let mode = u8::try_from(code).ok().and_then(Mode::from_code).filter(|mode| device.has_mode(*mode));
+    device.axes_mut()[N].set_mode(mode.ok_or(AbortCode::VALUE_RANGE)?);
+    Ok(())
+}
+
+/// A row with a ramp, counts/s².
+const fn ramp<M: AxisModel, const N: usize>(of_axis_1: u16, name: &'static str) -> Object<M> {
+    Object::u32(index::<N>(of_axis_1), 0, name).rw().rx().range(1, u32::MAX as i64).default(1).changed(changed::<M, N>)
+}
+
+/// The objects of axis `N` (from 0). 0x605D, halt, acts in homing. 0x6098 takes any value: a method that is not supported ends in
+/// a homing error when it is started \[OURS].
+pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 23] {
+    [
+        Object::u16(index::<N>(0x603F), 0, "Error code")
+            .tx()
+            .live(|device: &M| device.axes()[N].measured().error_code.into()),
+        Object::u16(index::<N>(0x6040), 0, "Controlword")
+            .rw()
+            .rx()
+            .live(|device: &M| device.axes()[N].machine().controlword().0.into())
+            .setter(|device: &mut M, word| {
+                device.axes_mut()[N].machine_mut().command(Controlword(word as u16));
+                Ok(())
+            }),
+        Object::u16(index::<N>(0x6041), 0, "Statusword")
+            .tx()
+            .live(|device: &M| device.axes()[N].measured().statusword.0.into()),
+        Object::i16(index::<N>(0x605A), 0, "Quick stop option code")
+            .rw()
+            .range(0, 8)
+            .default(2)
+            .changed(changed::<M, N>),
+        Object::i16(index::<N>(0x605B), 0, "Shutdown option code").rw().range(0, 1).changed(changed::<M, N>),
+        Object::i16(index::<N>(0x605C), 0, "Disable operation option code")
+            .rw()
+            .range(0, 1)
+            .default(1)
+            .changed(changed::<M, N>),
+        Object::i16(index::<N>(0x605D), 0, "Halt option code").rw().range(1, 4).default(1).changed(changed::<M, N>),
+        Object::i16(index::<N>(0x605E), 0, "Fault reaction option code")
+            .rw()
+            .range(0, 4)
+            .default(2)
+            .changed(changed::<M, N>),
+        Object::i8(index::<N>(0x6060), 0, "Modes of operation")
+            .rw()
+            .rx()
+            .live(|device: &M| device.axes()[N].mode().code().into())
+            .setter(set_mode::<M, N>),
+        Object::i8(index::<N>(0x6061), 0, "Modes of operation display")
+            .tx()
+            .live(|device: &M| device.axes()[N].mode().code().into()),
+        Object::i32(index::<N>(0x6062), 0, "Position demand value").tx().live(|device: &M| device.axes()[N].demand()),
+        Object::i32(index::<N>(0x6064), 0, "Position actual value")
+            .tx()
+            .live(|device: &M| device.axes()[N].measured().position.into()),
+        Object::i32(index::<N>(0x606C), 0, "Velocity actual value")
+            .tx()
+            .live(|device: &M| rounded(device.axes()[N].plant().velocity())),
+        Object::i32(index::<N>(0x607A), 0, "Target position")
+            .rw()
+            .rx_by(|device: &mut M, position| device.axes_mut()[N].take_target_position(position as i32))
+            .live(|device: &M| device.axes()[N].targets().position.into())
+            .setter(|device: &mut M, position| {
+                device.axes_mut()[N].targets_mut().position = position as i32;
+                Ok(())
+            }),
+        Object::i32(index::<N>(0x607C), 0, "Home offset").rw().changed(changed::<M, N>),
+        Object::u32(index::<N>(0x607F), 0, "Max profile velocity").rw().rx().changed(changed::<M, N>),
+        ramp::<M, N>(0x6084, "Profile deceleration"),
+        ramp::<M, N>(0x6085, "Quick stop deceleration"),
+        Object::i8(index::<N>(0x6098), 0, "Homing method").rw().rx().default(35).changed(changed::<M, N>),
+        Object::u8(index::<N>(0x6099), 0, "Homing speeds").default(2),
+        Object::u32(index::<N>(0x6099), 1, "Speed during search for switch").rw().rx().changed(changed::<M, N>),
+        Object::u32(index::<N>(0x6099), 2, "Speed during search for zero").rw().rx().changed(changed::<M, N>),
+        ramp::<M, N>(0x609A, "Homing acceleration"),
+    ]
+}
+
+/// The target velocity of axis `N` (from 0), for devices with CSV.
+pub(super) const fn target_velocity<M: AxisModel, const N: usize>() -> Object<M> {
+    Object::i32(index::<N>(0x60FF), 0, "Target velocity")
+        .rw()
+        .rx()
+        .live(|device: &M| device.axes()[N].targets().velocity.into())
+        .setter(|device: &mut M, velocity| {
+            device.axes_mut()[N].targets_mut().velocity = velocity as i32;
+            Ok(())
+        })
+}
+
+/// Where the stored values of [`axis_objects`] are.
+pub(super) struct AxisSlots {
+    pub(super) max_velocity: Slot<u32>,
+    pub(super) slow_down: Slot<u32>,
+    pub(super) quick_stop: Slot<u32>,
+    pub(super) homing_speed_switch: Slot<u32>,
+    pub(super) homing_speed_zero: Slot<u32>,
+    pub(super) homing_acceleration: Slot<u32>,
+    homing_method: Slot<i8>,
+    home_offset: Slot<i32>,
+    halt_option: Slot<i16>,
+    quick_stop_option: Slot<i16>,
+    shutdown_option: Slot<i16>,
+    disable_option: Slot<i16>,
+    fault_option: Slot<i16>,
+}
+
+impl AxisSlots {
+    /// The slots of axis `N` (from 0) in a table; for constants.
+    pub(super) const fn of<D, const N: usize>(objects: &[Object<D>]) -> Self {
+        Self {
+            max_velocity: slot(objects, index::<N>(0x607F), 0),
+            slow_down: slot(objects, index::<N>(0x6084), 0),
+            quick_stop: slot(objects, index::<N>(0x6085), 0),
+            homing_speed_switch: slot(objects, index::<N>(0x6099), 1),
+            homing_speed_zero: slot(objects, index::<N>(0x6099), 2),
+            homing_acceleration: slot(objects, index::<N>(0x609A), 0),
+            homing_method: slot(objects, index::<N>(0x6098), 0),
+            home_offset: slot(objects, index::<N>(0x607C), 0),
+            halt_option: slot(objects, index::<N>(0x605D), 0),
+            quick_stop_option: slot(objects, index::<N>(0x605A), 0),
+            shutdown_option: slot(objects, index::<N>(0x605B), 0),
+            disable_option: slot(objects, index::<N>(0x605C), 0),
+            fault_option: slot(objects, index::<N>(0x605E), 0),
+        }
+    }
+
+    /// The settings that these values give an axis, without position limits and monitoring of the following error.
+    pub(super) fn settings(&self, values: &Values) -> Settings {
+        Settings {
+            following_window: NO_FOLLOWING_WINDOW,
+            following_timeout_ms: 0,
+            position_limits: (0, 0),
+            max_velocity: values.get(self.max_velocity),
+            max_torque: 0,
+            slow_down: values.get(self.slow_down),
+            quick_stop: values.get(self.quick_stop),
+            options: OptionCodes {
+                quick_stop: values.get(self.quick_stop_option),
+                shutdown: values.get(self.shutdown_option),
+                disable_operation: values.get(self.disable_option),
+                fault_reaction: values.get(self.fault_option),
+            },
+            homing: HomingSettings {
+                method: values.get(self.homing_method),
+                offset: values.get(self.home_offset),
+                switch_speed: values.get(self.homing_speed_switch),
+                zero_speed: values.get(self.homing_speed_zero),
+                acceleration: values.get(self.homing_acceleration),
+                halt_option: values.get(self.halt_option),
+            },
+        }
+    }
+}

@@ -96,7 +96,7 @@ impl Engine {
     pub(super) fn execute(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
         let boots = self.boots;
-        if self.volatile.network.in_op() {
+        if self.network().in_op() {
             self.execute_queued_master(&frame.slot(size, 0), at);
         } else {
             self.execute_master(&frame.slot(size, 0), at);
@@ -165,8 +165,8 @@ impl Engine {
                 for (place, kind) in self.volatile.kinds.iter_mut().skip(first).zip(kinds) {
                     *place = kind;
                 }
-                let in_init = self.volatile.network.state() == Some(MasterState::Init);
-                return Ok(if in_init { 0 } else { self.volatile.network.found().into() });
+                let in_init = self.network().state() == Some(MasterState::Init);
+                return Ok(if in_init { 0 } else { self.network().found().into() });
             }
             MasterCommand::SetDc { cycle, shift } => {
                 self.volatile.cycle = cycle;
@@ -212,7 +212,7 @@ impl Engine {
             Err(reason) => {
                 self.commanded.remove(slave as u8);
                 // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
-                if self.volatile.network.in_op() {
+                if self.network().in_op() {
                     self.volatile.heads[slave - 1] = SlotHead::default();
                 }
                 self.reject(slave, id, reason, at);
@@ -331,7 +331,7 @@ impl Engine {
 
     #[inline]
     pub(super) fn admit(&self, id: CommandId, slot: SlotKind) -> Result<(), Reason> {
-        admit_in(self.volatile.network.state(), id, slot)
+        admit_in(self.network().state(), id, slot)
     }
 
     pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {

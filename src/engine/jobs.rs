@@ -82,13 +82,13 @@ impl Engine {
     /// Ends a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does, and cancels a job that no longer
     /// leads to the target.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
-        let late = self.volatile.network.deadline().is_some_and(|deadline| now >= deadline);
+        let late = self.network().deadline().is_some_and(|deadline| now >= deadline);
         if late {
             let target = self.job.map_or(MasterState::PreOp, |work| target_of(work.step));
             self.fail_state(StateFailure::Late { target }, now);
         }
         if let Some(NetworkJob { step, .. }) = self.job
-            && (late || self.volatile.network.is_obsolete(step))
+            && (late || self.network().is_obsolete(step))
         {
             bus.cancel_job();
             self.job = None;
@@ -98,7 +98,7 @@ impl Engine {
     /// Starts the next step if no SDO is under way, since that may be to a slave that the step configures or moves.
     fn start_step(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         while self.sdo_owner.is_none()
-            && let Some(step) = self.volatile.network.next_step()
+            && let Some(step) = self.network().next_step()
         {
             if step == Step::Configure
                 && let Some(why) = self.lacks_process_data()
@@ -129,7 +129,7 @@ impl Engine {
         }
         let Some(request) = self.volatile.sdo.waiting(self.config.sdo_timeout_ns) else { return };
         // SK-6 [OURS]: no transfer is started to a slave that is lost, even if it could answer again, or that was never found.
-        if request.slave > self.volatile.network.found() || self.volatile.network.lost().contains(request.slave) {
+        if request.slave > self.network().found() || self.network().lost().contains(request.slave) {
             self.volatile.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
@@ -142,7 +142,7 @@ impl Engine {
 
     /// When a step has failed.
     fn step_deadline(&self, step: Step, now: Ns) -> Ns {
-        let change_ends = self.volatile.network.deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
+        let change_ends = self.network().deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
         self.volatile
             .network
             .step_timeout(step, change_ends.saturating_sub(now))
@@ -156,9 +156,9 @@ impl Engine {
             Step::Boot => (MasterState::PreOp, self.found_slaves()),
             Step::Move(to) if self.concerns_used_slaves_only(to) => (to, self.present(self.used_slaves())),
             Step::Move(to) => (to, self.present(self.found_slaves())),
-            Step::RecoverToPreOp => (MasterState::PreOp, self.volatile.network.recovering()),
-            Step::RecoverConfigure => return Some(Job::Configure(self.config_for(self.volatile.network.recovering()))),
-            Step::RecoverTo(to) => (to, self.volatile.network.recovering()),
+            Step::RecoverToPreOp => (MasterState::PreOp, self.network().recovering()),
+            Step::RecoverConfigure => return Some(Job::Configure(self.config_for(self.network().recovering()))),
+            Step::RecoverTo(to) => (to, self.network().recovering()),
         };
         if slaves.is_empty() {
             return None;
@@ -168,16 +168,16 @@ impl Engine {
 
     /// The slaves of a set that are not lost.
     pub(super) fn present(&self, slaves: SlaveSet) -> SlaveSet {
-        slaves.difference(self.volatile.network.lost())
+        slaves.difference(self.network().lost())
     }
 
     fn found_slaves(&self) -> SlaveSet {
-        SlaveSet::first(self.volatile.network.found())
+        SlaveSet::first(self.network().found())
     }
 
     /// Whether a change of state is one between PreOP and OP, in which slaves that are not used take no part.
     fn concerns_used_slaves_only(&self, to: MasterState) -> bool {
-        let from = self.volatile.network.state();
+        let from = self.network().state();
         to > MasterState::PreOp || to == MasterState::PreOp && from > Some(MasterState::PreOp)
     }
 
@@ -185,7 +185,7 @@ impl Engine {
     /// state waits for it.
     pub(super) fn used_slaves(&self) -> SlaveSet {
         let mut slaves = self.found_slaves();
-        for slave in 1..=self.volatile.network.found() {
+        for slave in 1..=self.network().found() {
             if self.volatile.roles[usize::from(slave) - 1] == Role::Unused {
                 slaves.remove(slave);
             }
@@ -199,8 +199,7 @@ impl Engine {
         let otherwise = |n: usize| {
             (self.volatile.roles[n], self.volatile.syncs[n]) != (self.declared_role(n), self.volatile.modes[n].1)
         };
-        self.volatile.cycle_in_op != self.volatile.cycle
-            || (0..usize::from(self.volatile.network.found())).any(otherwise)
+        self.volatile.cycle_in_op != self.volatile.cycle || (0..usize::from(self.network().found())).any(otherwise)
     }
 
     /// The role that SET_AXIS and DRIVE_MODE declare for slave `n` (from 0).
@@ -223,8 +222,7 @@ impl Engine {
     /// Why the network cannot be configured as declared; `None`: it can. SK-7 \[OURS]: mode 10 for an HSP, and any mode but 8 for a
     /// STEP, fail the change from PreOP to SafeOP, whichever slave is declared so.
     fn lacks_process_data(&self) -> Option<StateFailure> {
-        let lacking =
-            (0..usize::from(self.volatile.network.found())).find(|n| !self.declared_role(*n).has_process_data());
+        let lacking = (0..usize::from(self.network().found())).find(|n| !self.declared_role(*n).has_process_data());
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })
     }
 
@@ -246,7 +244,7 @@ impl Engine {
     fn bus_config(&mut self) -> BusConfig {
         self.volatile.cycle_in_op = self.volatile.cycle;
         (self.volatile.roles, self.volatile.syncs) = ([Role::Unused; MAX_SLAVES], [DriveSync::DcSync; MAX_SLAVES]);
-        for n in 0..usize::from(self.volatile.network.found()) {
+        for n in 0..usize::from(self.network().found()) {
             (self.volatile.roles[n], self.volatile.syncs[n]) = (self.declared_role(n), self.volatile.modes[n].1);
         }
         self.config_for(self.found_slaves())
@@ -288,7 +286,7 @@ impl Engine {
                 JobDone::Configure(Ok(Configured { second_axes, disturbed })),
             ) => {
                 let others = match step {
-                    Step::RecoverConfigure => self.volatile.second_axes.difference(self.volatile.network.recovering()),
+                    Step::RecoverConfigure => self.volatile.second_axes.difference(self.network().recovering()),
                     _ => SlaveSet::EMPTY,
                 };
                 self.set_second_axes(others.union(second_axes));
@@ -308,7 +306,7 @@ impl Engine {
             }
             // A new request has given the change more time meanwhile: the step starts again.
             (Step::Move(_), JobDone::State(Err(_)))
-                if now >= until && self.volatile.network.deadline().is_some_and(|deadline| deadline > until) => {}
+                if now >= until && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
             (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
                 self.fail_state(self.failure_of(step, refusal), now);
             }
@@ -326,10 +324,10 @@ impl Engine {
     }
 
     fn step_done(&mut self, step: Step, now: Ns) {
-        let was_op = self.volatile.network.in_op();
+        let was_op = self.network().in_op();
         match step {
             Step::Configure => self.modes_configured(self.found_slaves()),
-            Step::RecoverConfigure => self.modes_configured(self.volatile.network.recovering()),
+            Step::RecoverConfigure => self.modes_configured(self.network().recovering()),
             _ => {}
         }
         self.volatile.network.done(step);
@@ -337,7 +335,7 @@ impl Engine {
             self.volatile.failure = None;
         }
         self.note_moved(step, now);
-        if was_op != self.volatile.network.in_op() {
+        if was_op != self.network().in_op() {
             // OP begins and ends with an empty FIFO, and with axes without requests.
             self.clear_fifo();
             self.leave_homing_with_op(now);
@@ -350,11 +348,11 @@ impl Engine {
             self.volatile.heads.iter_mut().for_each(SlotHead::outputs_off);
             self.shown_heads = self.volatile.heads;
         }
-        if self.volatile.network.state() < Some(MasterState::SafeOp) {
+        if self.network().state() < Some(MasterState::SafeOp) {
             // The next change to SafeOP writes every mode of operation.
             self.volatile.restores.cancel_all();
         }
-        if !was_op && self.volatile.network.in_op() {
+        if !was_op && self.network().in_op() {
             // The inputs of SafeOP make the targets of the first outputs: they hold every axis where it is.
             self.answer_axes();
             self.begin_op_outputs();

@@ -68,7 +68,7 @@ impl Engine {
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
-        match self.volatile.network.state() {
+        match self.network().state() {
             Some(MasterState::Op) => self.inputs.without_outputs,
             Some(MasterState::SafeOp) => self.inputs.without_inputs,
             _ => SlaveSet::EMPTY,
@@ -87,14 +87,14 @@ impl Engine {
     /// lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured again and with their
     /// outputs off.
     pub(super) fn note_lost(&mut self, at: Ns) {
-        if !self.volatile.network.notices_losses() {
+        if !self.network().notices_losses() {
             return;
         }
         let gone = self.inputs.lost.union(self.left_behind());
         if gone.is_empty() {
             return;
         }
-        let mut newly_lost = gone.intersection(self.used_slaves()).difference(self.volatile.network.lost());
+        let mut newly_lost = gone.intersection(self.used_slaves()).difference(self.network().lost());
         for slave in newly_lost.iter() {
             if at < self.volatile.answers_valid_from[usize::from(slave) - 1] {
                 newly_lost.remove(slave);
@@ -113,7 +113,7 @@ impl Engine {
         // A change to a lower state does not wait for lost slaves: the step starts again without them.
         if let Some(work) = self.job
             && let Step::Move(to) = work.step
-            && Some(to) < self.volatile.network.state()
+            && Some(to) < self.network().state()
         {
             self.cancel_job = true;
         }
@@ -132,7 +132,7 @@ impl Engine {
     /// Ends everything that was under way for a slave that is lost.
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
-        if self.volatile.network.in_op() {
+        if self.network().in_op() {
             // Commands that the bus has taken and not sent do not reach the slave.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
@@ -149,7 +149,7 @@ impl Engine {
     /// Shows in the report the commands of the outputs with that id, but for slaves that these have not reached.
     pub(super) fn show_heads(&mut self, id: u64) {
         let heads = &self.records.of(id).heads;
-        let lost = self.volatile.network.lost().union(self.unreached());
+        let lost = self.network().lost().union(self.unreached());
         if lost.is_empty() {
             self.shown_heads = *heads;
             return;
@@ -163,8 +163,8 @@ impl Engine {
 
     /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can be changed all the same.
     pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
-        let lost = self.volatile.network.lost();
-        !lost.is_empty() && self.volatile.network.in_op() && lost.contains(slave as u8)
+        let lost = self.network().lost();
+        !lost.is_empty() && self.network().in_op() && lost.contains(slave as u8)
     }
 
     /// A command for a lost slave: it is counted, and its slot keeps its values. A command that is not valid is rejected all the
@@ -198,8 +198,8 @@ impl Engine {
             // The bus was down when the command before should have been sent.
             self.counters.for_lost += 1;
         }
-        // One that is declared as none is not in OP, and nothing reaches it.
-        if self.volatile.network.in_op() && self.role(slave) != Role::Unused {
+        // A slave that is declared as none is not in OP, and nothing reaches it.
+        if self.network().in_op() && self.role(slave) != Role::Unused {
             self.commanded.insert(slave as u8);
         }
     }
@@ -218,7 +218,7 @@ impl Engine {
         let alone = self.present(self.used_slaves()).is_empty();
         // A bus repeats the newest outputs that it has sent, unless no slave was left in OP.
         let oldest = if alone { self.unconfirmed_from } else { self.unconfirmed_from.saturating_sub(1) };
-        let recovering = self.volatile.network.recovering();
+        let recovering = self.network().recovering();
         let at_rest = (oldest..self.next_output_id).all(|id| {
             let axes = &self.records.of(id).axes;
             recovering.iter().all(|slave| {
@@ -245,7 +245,7 @@ impl Engine {
     /// A step has changed the state of slaves.
     pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
-            Step::RecoverTo(to) if to > MasterState::PreOp => self.volatile.network.recovering(),
+            Step::RecoverTo(to) if to > MasterState::PreOp => self.network().recovering(),
             Step::Move(to) if to > MasterState::PreOp => self.used_slaves(),
             _ => return,
         };

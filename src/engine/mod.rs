@@ -223,7 +223,7 @@ impl Engine {
 
     /// Whether the host interface answers: PreOP was reached since the board booted.
     pub const fn talks(&self) -> bool {
-        self.volatile.network.talks()
+        self.network().talks()
     }
 
     /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was opened before a boot has to
@@ -234,7 +234,7 @@ impl Engine {
 
     /// The state of the network, byte 2 of slot 0.
     pub const fn state(&self) -> StateByte {
-        self.volatile.network.state_byte()
+        self.network().state_byte()
     }
 
     /// Why a change of state has failed; `None`: none has.
@@ -249,17 +249,17 @@ impl Engine {
 
     /// The lost slaves: they have left SafeOP or OP by themselves, and no SET_STATE has brought them back (SK-4).
     pub const fn lost(&self) -> SlaveSet {
-        self.volatile.network.lost()
+        self.network().lost()
     }
 
     /// How many slaves were found at boot.
     pub const fn slaves_found(&self) -> u8 {
-        self.volatile.network.found()
+        self.network().found()
     }
 
     /// The time between two reports: the EtherCAT cycle in OP, the default cycle before (SK-9).
     pub const fn period_ns(&self) -> Ns {
-        if self.volatile.network.in_op() { self.volatile.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
+        if self.network().in_op() { self.volatile.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
     /// The longer one of the cycle in OP and the default cycle before OP.
@@ -326,7 +326,7 @@ impl Engine {
             self.counters.crc += 1;
             return;
         }
-        if !self.volatile.network.in_op() {
+        if !self.network().in_op() {
             return self.execute(frame, at);
         }
         // SK-5 [OURS]: these three act on arrival, before queueing and also when the FIFO is full.
@@ -367,10 +367,10 @@ impl Engine {
         if self.config.test {
             self.run_test(now);
         }
-        if self.volatile.network.in_op() {
+        if self.network().in_op() {
             self.push_outputs(now, bus);
         }
-        let (in_op, mut passed) = (self.volatile.network.in_op(), false);
+        let (in_op, mut passed) = (self.network().in_op(), false);
         while let Some(done) = bus.poll(now, &mut self.inputs) {
             passed = true;
             self.note_confirmed(&done);
@@ -466,9 +466,14 @@ impl Engine {
         self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }
 
+    /// The state of the network.
+    const fn network(&self) -> &network::Network {
+        &self.volatile.network
+    }
+
     /// The role of a slave (from 1) as the network was configured; unused if there is no slave with that number.
     fn role(&self, slave: usize) -> Role {
-        if slave <= usize::from(self.volatile.network.found()) { self.volatile.roles[slave - 1] } else { Role::Unused }
+        if slave <= usize::from(self.network().found()) { self.volatile.roles[slave - 1] } else { Role::Unused }
     }
 }
 

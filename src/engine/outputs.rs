@@ -110,7 +110,7 @@ impl Engine {
         let shown = (self.volatile.master_id, self.volatile.master_result);
         self.execute_queued_master(&master, at);
         self.execute_sdo(&sdo, at);
-        if !self.volatile.network.in_op() {
+        if !self.network().in_op() {
             // The network has left OP before it was known that the entry was sent: slot 0 answers newer commands.
             (self.volatile.master_id, self.volatile.master_result) = shown;
         }
@@ -141,7 +141,7 @@ impl Engine {
 
     /// How many sets of outputs the bus may hold now.
     fn ahead_max(&self) -> u64 {
-        let found = usize::from(self.volatile.network.found());
+        let found = usize::from(self.network().found());
         let axes = || self.volatile.axes[..found].iter().enumerate();
         let rises = |(n, axes): (usize, &[super::Axis; 2])| {
             axes.iter().any(super::Axis::is_switching_on) && self.volatile.roles[n].mode() == Some(Mode::Csp)
@@ -176,7 +176,7 @@ impl Engine {
 
     /// Whether the outputs of the axes differ from those that were pushed last.
     fn outputs_changed(&self) -> bool {
-        let axes = self.volatile.axes.iter().zip(&self.outputs.slaves).take(self.volatile.network.found().into());
+        let axes = self.volatile.axes.iter().zip(&self.outputs.slaves).take(self.network().found().into());
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
@@ -184,10 +184,10 @@ impl Engine {
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
-        if entries == 0 && self.volatile.network.in_op() {
+        if entries == 0 && self.network().in_op() {
             self.counters.idle_cycles += 1;
         }
-        if done.answers_lost > 0 && self.volatile.network.in_op() {
+        if done.answers_lost > 0 && self.network().in_op() {
             self.counters.answers_lost += u64::from(done.answers_lost);
             self.log.push(Event::AnswersLost { at: done.at, cycles: done.answers_lost });
         }
@@ -241,7 +241,7 @@ impl Engine {
         self.counters.cleared += self.entries_ahead.len() as u64;
         self.entries_ahead.clear();
         // Outputs that were pushed before OP was left are not taken back.
-        let takes_back = self.volatile.network.in_op() && self.next_output_id > next.max(self.op_from);
+        let takes_back = self.network().in_op() && self.next_output_id > next.max(self.op_from);
         self.next_output_id = next;
         self.op_from = self.op_from.min(next);
         if takes_back {
@@ -255,7 +255,7 @@ impl Engine {
             Some(newest) if newest >= self.op_from => self.records.of(newest),
             _ => &*self.op_start,
         };
-        let lost = self.volatile.network.lost();
+        let lost = self.network().lost();
         self.volatile.test = sent.test;
         // What was pushed last is gone, and what was sent before it may be what no axis asks for any more.
         self.outputs_left = true;

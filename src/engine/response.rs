@@ -15,7 +15,7 @@ impl Engine {
         if let Some(id) = carried.filter(|id| *id >= self.op_from) {
             self.show_heads(id);
         }
-        if self.volatile.network.in_op() {
+        if self.network().in_op() {
             self.answer_axes();
             self.answer_homing(done);
             self.refresh_slave_slots();
@@ -27,7 +27,7 @@ impl Engine {
 
     /// Refreshes the response, but for the slots of slaves in OP.
     pub(super) fn refresh_response(&mut self) {
-        if !self.volatile.network.in_op() {
+        if !self.network().in_op() {
             self.refresh_heads();
         }
         let size = self.config.slot;
@@ -40,11 +40,11 @@ impl Engine {
     }
 
     fn master_response(&self) -> MasterResponse {
-        let op = self.volatile.network.in_op();
+        let op = self.network().in_op();
         MasterResponse {
             id: if op { MASTER_CYCLIC } else { self.volatile.master_id.code() },
             error: self.config.firmware.error_byte(self.volatile.crc_errors),
-            state: self.volatile.network.state_byte(),
+            state: self.network().state_byte(),
             result: self.volatile.master_result,
             fifo_free: if op { self.fifo_free() } else { 0 },
             full_count: if op { self.fifo.full_count() } else { 0 },
@@ -53,8 +53,8 @@ impl Engine {
 
     /// All axes take the inputs of the cycle, but for those of lost slaves.
     pub(super) fn answer_axes(&mut self) {
-        let lost = self.volatile.network.lost();
-        for slave in 1..usize::from(self.volatile.network.found()) + 1 {
+        let lost = self.network().lost();
+        for slave in 1..usize::from(self.network().found()) + 1 {
             if !lost.contains(slave as u8) {
                 self.answer_slave(slave);
             }
@@ -76,7 +76,7 @@ impl Engine {
     /// values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
-        let lost = self.volatile.network.lost();
+        let lost = self.network().lost();
         for slave in 1..size.max_slaves() + 1 {
             if !lost.contains(slave as u8) {
                 let slot = self.slave_slot(slave);

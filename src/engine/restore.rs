@@ -73,7 +73,7 @@ impl Engine {
             return;
         }
         // A lost slave takes no SDO.
-        let not_yet = self.homing_slaves().union(self.volatile.network.lost());
+        let not_yet = self.homing_slaves().union(self.network().lost());
         let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));
         let ready = due.filter(|restore| !not_yet.contains(restore.slave));
@@ -103,9 +103,7 @@ impl Engine {
                 self.volatile.restores.cancel(restore);
             }
             // The next change to SafeOP writes the mode anyway.
-            Err(_) if self.volatile.network.state() < Some(MasterState::SafeOp) => {
-                self.volatile.restores.cancel(restore)
-            }
+            Err(_) if self.network().state() < Some(MasterState::SafeOp) => self.volatile.restores.cancel(restore),
             Err(code) => {
                 let failures = self.volatile.restores.failures(restore);
                 *failures += 1;

@@ -41,7 +41,7 @@ fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
 impl Engine {
     /// Runs one cycle of the output test.
     pub(super) fn run_test(&mut self, now: Ns) {
-        let in_op = self.volatile.network.in_op();
+        let in_op = self.network().in_op();
         match self.volatile.test {
             TestPhase::Booting if self.talks() => {
                 self.volatile.test = TestPhase::Waiting;
@@ -72,9 +72,9 @@ impl Engine {
     }
 
     fn write_outputs(&mut self, image: impl Fn(u64) -> u16) {
-        let lost = self.volatile.network.lost();
+        let lost = self.network().lost();
         let mut n = 0;
-        for slave in 1..=usize::from(self.volatile.network.found()) {
+        for slave in 1..=usize::from(self.network().found()) {
             if self.role(slave) != Role::Io {
                 continue;
             }
@@ -86,6 +86,6 @@ impl Engine {
     }
 
     fn io_slaves(&self) -> impl Iterator<Item = usize> {
-        (1..=usize::from(self.volatile.network.found())).filter(|slave| self.role(*slave) == Role::Io)
+        (1..=usize::from(self.network().found())).filter(|slave| self.role(*slave) == Role::Io)
     }
 }

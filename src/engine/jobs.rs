@@ -143,10 +143,8 @@ impl Engine {
     /// When a step has failed.
     fn step_deadline(&self, step: Step, now: Ns) -> Ns {
         let change_ends = self.network().deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
-        self.volatile
-            .network
-            .step_timeout(step, change_ends.saturating_sub(now))
-            .map_or(change_ends, |ns| change_ends.min(now + ns))
+        let timeout = self.network().step_timeout(step, change_ends.saturating_sub(now));
+        timeout.map_or(change_ends, |ns| change_ends.min(now + ns))
     }
 
     fn network_job(&mut self, step: Step, timeout_ns: Ns) -> Option<Job> {

@@ -33,7 +33,7 @@ const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Recovery {
     #[default]
-    EntryAhead,
+    NotBegun,
     InPreOp,
     Configured,
     /// The slaves are back. Those that were lost since then wait for the next SET_STATE.
@@ -68,7 +68,7 @@ impl Change {
             configuring: false,
             configured: false,
             declared_anew: false,
-            recovery: Recovery::EntryAhead,
+            recovery: Recovery::NotBegun,
             to_recover: None,
             unanswered: SlaveSet::EMPTY,
             refused: false,
@@ -168,7 +168,7 @@ impl Network {
         self.mark_lost(slaves);
         if let Some(change) = &mut self.change {
             self.recovering = self.recovering.union(slaves);
-            change.to_recover = Some(change.to_recover.unwrap_or(SlaveSet::EMPTY).union(slaves));
+            change.to_recover = Some(change.to_recover.unwrap_or_default().union(slaves));
         }
     }
 
@@ -190,7 +190,7 @@ impl Network {
             Some(change) if change.configuring && new_declarations => Change { declared_anew: true, ..new },
             // Slaves that were lost since the others came back come back, too.
             Some(change) if change.target == target && change.recovery == Recovery::Done && !self.lost.is_empty() => {
-                Change { recovery: Recovery::EntryAhead, to_recover: None, refused: false, ..change }
+                Change { recovery: Recovery::NotBegun, to_recover: None, refused: false, ..change }
             }
             Some(change) if change.target == target => change,
             Some(Change { configuring, configured, declared_anew, .. }) => {
@@ -226,7 +226,7 @@ impl Network {
     fn recovery_step(state: MasterState, recovery: Recovery) -> Step {
         match recovery {
             _ if state <= MasterState::PreOp => Step::RecoverTo(state),
-            Recovery::EntryAhead => Step::RecoverToPreOp,
+            Recovery::NotBegun => Step::RecoverToPreOp,
             Recovery::InPreOp => Step::RecoverConfigure,
             Recovery::Configured | Recovery::Done => Step::RecoverTo(state),
         }
@@ -278,7 +278,7 @@ impl Network {
         let nobody_left = to_recover.is_empty();
         self.recovering.remove(slave);
         if self.recovering.is_empty() {
-            (change.recovery, change.unanswered) = (Recovery::EntryAhead, SlaveSet::EMPTY);
+            (change.recovery, change.unanswered) = (Recovery::NotBegun, SlaveSet::EMPTY);
             if nobody_left {
                 self.fail();
             }
@@ -310,28 +310,21 @@ impl Network {
         self.failed = found == 0;
     }
 
-    /// A step has succeeded. `Some`: the state that all slaves have reached with it.
-    pub(super) fn done(&mut self, step: Step) -> Option<MasterState> {
+    /// A step has succeeded.
+    pub(super) fn done(&mut self, step: Step) {
         let state = match step {
-            Step::Scan => return None,
+            Step::Scan => return,
             Step::Configure => {
                 if let Some(change) = &mut self.change {
                     change.configured = true;
                 }
-                return None;
+                return;
             }
-            Step::RecoverToPreOp => {
-                self.set_recovery(Recovery::InPreOp);
-                return None;
-            }
-            Step::RecoverConfigure => {
-                self.set_recovery(Recovery::Configured);
-                return None;
-            }
+            Step::RecoverToPreOp => return self.set_recovery(Recovery::InPreOp),
+            Step::RecoverConfigure => return self.set_recovery(Recovery::Configured),
             Step::RecoverTo(state) => {
                 self.lost = self.lost.difference(self.recovering);
-                self.recovered(state);
-                return None;
+                return self.recovered(state);
             }
             Step::Boot => MasterState::PreOp,
             Step::Move(to) => to,
@@ -347,16 +340,15 @@ impl Network {
             Some(change) => (change.configuring, change.configured, change.declared_anew) = (false, false, false),
             None => {}
         }
-        Some(state)
     }
 
     /// Lost slaves are back in the state of the network.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
-        let to_recover = change.to_recover.map_or(SlaveSet::EMPTY, |to_recover| to_recover.difference(self.recovering));
+        let to_recover = change.to_recover.unwrap_or_default().difference(self.recovering);
         change.to_recover = Some(to_recover);
         if !to_recover.is_empty() {
-            (change.recovery, change.unanswered) = (Recovery::EntryAhead, SlaveSet::EMPTY);
+            (change.recovery, change.unanswered) = (Recovery::NotBegun, SlaveSet::EMPTY);
             return;
         }
         change.recovery = Recovery::Done;

@@ -129,14 +129,9 @@ impl Engine {
     /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not come to a
     /// standstill after homing. Such a transfer ends homing.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
-        let Some((slave, axis)) = self
-            .volatile
-            .sdo
-            .waiting_write()
-            .and_then(|(slave, object)| mode_object(object).map(|axis| (usize::from(slave), axis)))
-        else {
-            return false;
-        };
+        let waiting = self.volatile.sdo.waiting_write();
+        let written = waiting.and_then(|(slave, object)| Some((usize::from(slave), mode_object(object)?)));
+        let Some((slave, axis)) = written else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
         self.volatile.axes[slave - 1][axis].homing.is_ending()
     }

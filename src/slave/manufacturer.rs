@@ -22,9 +22,8 @@ mod format;
 
 use std::fmt;
 
-use super::SdoValue;
 use super::dictionary::{Access, number_of, put_first};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
 
@@ -196,39 +195,12 @@ impl ManufacturerObjects {
         &self.objects
     }
 
-    /// Whether every address of [`Self::ANY`] is accepted.
-    pub const fn takes_any(&self) -> bool {
-        self.any
-    }
-
     fn find(&self, at: ObjectAddress) -> Result<usize, usize> {
         self.objects.binary_search_by_key(&at, |object| object.address)
     }
 
     fn is_any(&self, at: ObjectAddress) -> bool {
         self.any && Self::ANY.iter().any(|range| range.contains(&at.index))
-    }
-
-    /// SDO upload of at most 4 bytes of an object that the slave does not have itself, whose own answer is `otherwise`.
-    ///
-    /// # Errors
-    /// As [`Self::read`].
-    pub fn upload(&self, at: ObjectAddress, otherwise: AbortCode) -> Result<SdoValue, AbortCode> {
-        SdoValue::of(|value| self.read(at, SdoScope::Entry, value, otherwise))
-    }
-
-    /// SDO download of at most 4 bytes to an object that the slave does not have itself, whose own answer is `otherwise`.
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    pub fn download(
-        &mut self,
-        at: ObjectAddress,
-        size: SdoSize,
-        value: u32,
-        otherwise: AbortCode,
-    ) -> Result<(), AbortCode> {
-        self.write(at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()], otherwise)
     }
 
     /// SDO upload: puts the first bytes of the value into `value`. The length of the whole value. `otherwise`: the abort code of

@@ -118,11 +118,6 @@ impl Plant {
         }
     }
 
-    /// Whether a limit of torque or speed was in force at the end of the last span.
-    pub const fn is_limited(&self) -> bool {
-        either!(self, it => it.is_limited())
-    }
-
     /// Whether the shaft stands still.
     pub const fn is_at_standstill(&self) -> bool {
         either!(self, it => it.is_at_standstill())

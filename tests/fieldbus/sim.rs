@@ -11,8 +11,6 @@ use support::fieldbus_rig::{Bench, MS, SECOND, configure, sdo, set, state};
 
 use AlState::*;
 
-/// A change fails with the slave that refuses, at once, or with the one that says nothing, after the timeout; the
-/// SK-6.7 A slave that does not answer ends the transfer in a timeout, when its time is over: absent, in Init, silent,
 /// The working counter: 3 for a slave in OP, 1 in SafeOP, nothing below.
 #[test]
 fn working_counter() {

@@ -1,4 +1,4 @@
-//! A slave that is no device of ours and has only what it must: what the others have, it does without.
+//! A slave that implements only the required functions of [`Slave`]: what the default functions answer.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, Ns};
@@ -32,7 +32,7 @@ impl Slave for Least {
     fn step(&mut self, _: Ns) {}
 }
 
-/// A script that wants a fault, a stuck switch, a jam or forced inputs of it is told that it has no such axis.
+/// It refuses every fault of an axis or a channel, since it has none.
 #[test]
 fn it_has_no_axis_and_no_channel() {
     let mut slave = Least;
@@ -43,7 +43,7 @@ fn it_has_no_axis_and_no_channel() {
     assert_eq!(slave.shaft(0), None);
 }
 
-/// UG15 DC reference clock: most slaves could be it.
+/// A slave has distributed clocks by default, as most slaves have (UG15, DC reference clock).
 #[test]
 fn it_has_distributed_clocks() {
     assert!(Least.has_dc());

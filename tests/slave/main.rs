@@ -1,4 +1,6 @@
-//! The simulated slaves, each by itself: their objects and states, what they do with process data, how they move.
+//! The simulated slaves, each without a network: their objects, states and process data, and how they move.
+//!
+//! `rig.rs` is a drive with a master, `homing/bench.rs` one in homing mode, and `wired.rs` configures any slave as the board does.
 
 mod dictionary;
 mod drive;

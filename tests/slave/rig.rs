@@ -1,4 +1,4 @@
-//! A simulated drive by itself, with a master that walks it through its states cycle by cycle.
+//! A simulated drive without a network, and a master that takes it through the states of CiA 402 cycle by cycle.
 
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -19,7 +19,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A drive in OP, not yet switched on.
+    /// A drive in OP with its power stage off.
     pub fn in_op(config: DriveConfig, mode: Mode, cycle_ns: Ns) -> Self {
         let role = match config.kind {
             DriveKind::Servo => Role::Drive(mode),
@@ -66,7 +66,7 @@ impl Rig {
         panic!("{state} was not reached: {:04X}", self.seen.statusword.0);
     }
 
-    /// One cycle: process data, then time.
+    /// One cycle: exchanges process data, then lets the time of the cycle pass.
     pub fn cycle(&mut self) -> AxisIn {
         let mut inputs = [AxisIn::default(); MAX_AXES];
         exchange(&mut self.drive, &self.data, Some(&[self.out, AxisOut::default()]), &mut inputs);
@@ -75,7 +75,7 @@ impl Rig {
         self.seen
     }
 
-    /// Cycles for that long, at least one.
+    /// Runs cycles for that time, at least one.
     pub fn run_for(&mut self, ns: Ns) {
         for _ in 0..ns.div_ceil(self.cycle_ns) {
             self.cycle();

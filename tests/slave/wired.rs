@@ -1,4 +1,4 @@
-//! A slave as the simulated bus has it: configured as the board does, with words instead of images.
+//! A slave as the simulated bus has it: configured by the SDOs of the board, with process data as fields instead of images.
 
 use ecmsk::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use ecmsk::fieldbus::sim;
@@ -16,12 +16,12 @@ pub fn configure(slave: &mut impl Slave, config: &SlaveConfig) -> Result<(), Ref
     sim::configure(slave, config).map(|_| ())
 }
 
-/// Configures a slave that has that role, and says what is mapped.
+/// Configures a slave for that role. The process data that are mapped then.
 pub fn map(slave: &mut impl Slave, role: Role) -> ProcessData {
     sim::configure(slave, &config(role)).expect("it has the role").expect("it is used")
 }
 
-/// Process data of a cycle.
+/// Exchanges the process data of one cycle.
 pub fn exchange(slave: &mut impl Slave, data: &ProcessData, outputs: Option<&SlaveOut>, inputs: &mut SlaveIn) {
     let (mut sent, mut answer) = ([0xA5; IMAGE_BYTES_MAX], [0xA5; IMAGE_BYTES_MAX]);
     let sent = outputs.map(|outputs| data.put_outputs(outputs, &mut sent));

@@ -1,4 +1,4 @@
-//! A drive in mode 6 with a master that sends it its own position, and what must hold in every cycle.
+//! A drive in homing mode, a master that sends it its actual position as target, and what must hold in every cycle.
 
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::SdoSize;
@@ -13,7 +13,7 @@ pub const TURN: i64 = 1 << 17;
 pub const FAST: i64 = 4 * TURN;
 pub const SLOW: i64 = TURN;
 pub const RAMP: i64 = 200 * TURN;
-/// What is left of a ramp, a lag and an overshoot: a 50th of the speed, and what the ramp adds in 2 ms.
+/// How much faster than its set speed the shaft may be in a cycle, for its overshoot: a 50th.
 const SPEED_MARGIN: f64 = 1.02;
 
 pub const NEGATIVE_LIMIT: i64 = -200_000;
@@ -35,7 +35,7 @@ pub fn travel(home: HomeSwitch) -> Travel {
     }
 }
 
-/// Statusword bits 13, 12 and 10 as the table of CiA 402-2 prints them.
+/// Statusword bits 13, 12 and 10, by the table of homing mode in CiA 402-2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bits {
     Running,
@@ -62,16 +62,16 @@ impl Bits {
 
 pub struct Bench {
     pub rig: Rig,
-    /// Position actual value less the shaft's count, when it last changed.
+    /// The position actual value minus the count of the shaft, after its last change.
     pub origin: i32,
-    /// How often it changed.
+    /// How often `origin` has changed.
     pub steps: u32,
-    /// Greatest way of the shaft in a cycle, counts.
+    /// The greatest distance of the shaft in a cycle, counts.
     pub way_limit: f64,
 }
 
 impl Bench {
-    /// In Operation enabled and mode 6, with the speeds of the tests.
+    /// A drive in Operation enabled and homing mode, with the speeds of the tests.
     pub fn new(travel: Travel, start: i64) -> Self {
         let mut bench = Self::in_csp(travel, start);
         bench.set_mode(Mode::Homing);
@@ -100,8 +100,8 @@ impl Bench {
         self.rig.write(0x6098, 0, SdoSize::One, method.into());
     }
 
-    /// A cycle of a master that sends the position it saw last. The shaft never jumps; its count and the position
-    /// actual value keep their distance, but for the one cycle in which homing is attained.
+    /// One cycle, in which the master sends the actual position of the cycle before. Checks that the shaft does not jump, and that
+    /// the origin of its position changes only in the cycle in which homing is attained.
     pub fn cycle(&mut self) -> Bits {
         let (shaft, attained) = (self.shaft(), self.is_attained());
         self.rig.out.target = self.rig.seen.position;
@@ -127,7 +127,7 @@ impl Bench {
         self.rig.out.controlword = Controlword(Controlword::ENABLE_OPERATION.0 | bits);
     }
 
-    /// Bit 4 falls and rises.
+    /// Lets bit 4 of the controlword fall and rise.
     pub fn start(&mut self, method: i8) {
         self.set_method(method);
         self.controlword(0);
@@ -135,7 +135,7 @@ impl Bench {
         self.controlword(Controlword::HOMING_START);
     }
 
-    /// Homes; the count of the shaft at home, and the first direction.
+    /// Runs homing to its end. The count of the shaft at home, and the direction in which it moved first.
     pub fn home(&mut self, method: i8) -> Outcome {
         self.start(method);
         let (start, mut first) = (self.shaft(), '.');
@@ -158,7 +158,7 @@ impl Bench {
         panic!("method {method} does not end");
     }
 
-    /// Where the shaft was when homing was attained, if 0x607C is 0.
+    /// The count of the shaft at home, if 0x607C is 0.
     pub fn home_count(&self) -> i64 {
         -i64::from(self.origin)
     }
@@ -189,10 +189,10 @@ impl Bench {
     }
 }
 
-/// How a run began and ended.
+/// How a homing run began and ended.
 #[derive(Debug, PartialEq)]
 pub struct Outcome {
-    /// `+`, `-`, or `.`: it never moved.
+    /// The direction in which the shaft moved first, `+` or `-`; `.`: it has not moved.
     pub first: char,
     pub end: Result<i64, HomingError>,
 }
